@@ -1,0 +1,154 @@
+"""The skeleton as a rooted tree of nodes: what the graph stage makes and the traits read."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+__all__ = ["Skeleton", "rooted_order"]
+
+
+@dataclass
+class Skeleton:
+    """A rooted tree of skeleton nodes, parents before children.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n_nodes, 3), float64
+        Node positions in `unit`, in the frame named `frame`.
+    parent : ndarray of shape (n_nodes,), int64
+        Index of each node's parent, always smaller than the node's own; -1 for node 0, the root.
+    radius : ndarray of shape (n_nodes,), float64
+        Radius of the wood around the node, in `unit`.
+    label : ndarray of shape (n_nodes,), int64
+        Class of the node (`cherrypicker.classes.Label`).
+    fields : dict of str to ndarray of shape (n_nodes,)
+        Further quantities of a node. The graph stage writes ``n_points`` (int, original points
+        that its radius rests on), ``arc_deg`` (float, how much of the circumference they cover),
+        ``residual`` (float, robust spread of their distance to the fitted surface, in `unit`)
+        and ``gap`` (int, 1 where the edge to the parent bridges missing data).
+    unit, frame : str
+        As in the cloud that the skeleton was made from.
+    """
+
+    points: np.ndarray
+    parent: np.ndarray
+    radius: np.ndarray
+    label: np.ndarray
+    fields: dict = field(default_factory=dict)
+    unit: str = "m"
+    frame: str = "metric"
+
+    def __post_init__(self):
+        self.points = np.asarray(self.points, dtype=np.float64)
+        self.parent = np.asarray(self.parent, dtype=np.int64)
+        self.radius = np.asarray(self.radius, dtype=np.float64)
+        self.label = np.asarray(self.label, dtype=np.int64)
+        n_nodes = len(self.points)
+        if self.points.shape != (n_nodes, 3) or n_nodes == 0:
+            raise ValueError(f"points must have shape (n > 0, 3), got {self.points.shape}")
+        for name in ("parent", "radius", "label"):
+            if getattr(self, name).shape != (n_nodes,):
+                raise ValueError(f"{name} must have shape ({n_nodes},)")
+        ids = np.arange(n_nodes)
+        if self.parent[0] != -1 or (self.parent[1:] < 0).any() or (self.parent >= ids).any():
+            raise ValueError("node 0 must be the root (parent -1), parents before children")
+
+    def __len__(self):
+        return len(self.points)
+
+    @property
+    def edge_length(self):
+        """Length of each node's edge to its parent, (n_nodes,) float64, 0 for the root."""
+        length = np.zeros(len(self))
+        steps = self.points[1:] - self.points[self.parent[1:]]
+        length[1:] = np.linalg.norm(steps, axis=1)
+        return length
+
+    @property
+    def n_children(self):
+        """Number of children of each node, (n_nodes,) int64."""
+        return np.bincount(self.parent[1:], minlength=len(self))
+
+    @property
+    def degree(self):
+        """Number of edges of each node, (n_nodes,) int64."""
+        degree = self.n_children
+        degree[1:] += 1
+        return degree
+
+    def children(self):
+        """Children of each node: a list of n_nodes int64 arrays, in increasing order."""
+        order = np.argsort(self.parent[1:], kind="stable") + 1
+        return np.split(order, np.cumsum(self.n_children)[:-1])
+
+    def distance_to_root(self):
+        """Length of the way along the skeleton from each node to the root, (n_nodes,) float64."""
+        distance = self.edge_length
+        for node in range(1, len(self)):
+            distance[node] += distance[self.parent[node]]
+        return distance
+
+    def reach(self):
+        """Length of the longest way from each node up to a tip, (n_nodes,) float64."""
+        length, reach = self.edge_length, np.zeros(len(self))
+        for node in range(len(self) - 1, 0, -1):
+            parent = self.parent[node]
+            reach[parent] = max(reach[parent], reach[node] + length[node])
+        return reach
+
+    def select(self, keep):
+        """Skeleton of the nodes in `keep` (bool mask, closed under parents), order kept."""
+        keep = np.asarray(keep, dtype=bool)
+        if not keep[0] or (keep[1:] & ~keep[self.parent[1:]]).any():
+            raise ValueError("keep must hold the root and every kept node's parent")
+        new_id = np.cumsum(keep) - 1
+        parent = self.parent[keep]
+        parent[1:] = new_id[parent[1:]]
+        return Skeleton(
+            self.points[keep],
+            parent,
+            self.radius[keep],
+            self.label[keep],
+            {name: values[keep] for name, values in self.fields.items()},
+            self.unit,
+            self.frame,
+        )
+
+
+def rooted_order(n_nodes, edges, root):
+    """Order the nodes of a tree from its root, parents before children.
+
+    Parameters
+    ----------
+    n_nodes : int
+    edges : ndarray of shape (n_nodes - 1, 2), int
+        Undirected edges of a tree over all nodes.
+    root : int
+
+    Returns
+    -------
+    order : ndarray of shape (n_nodes,), int64
+        Old node ids, depth first (a path's nodes follow one another), the root first.
+    parent : ndarray of shape (n_nodes,), int64
+        Parent of each node in the new order, -1 for the root.
+
+    Raises
+    ------
+    ValueError
+        If the edges are not a tree over all nodes.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import depth_first_order
+
+    edges = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
+    if len(edges) != n_nodes - 1:
+        raise ValueError(f"a tree of {n_nodes} nodes has {n_nodes - 1} edges, got {len(edges)}")
+    graph = coo_matrix((np.ones(len(edges)), edges.T), shape=(n_nodes, n_nodes)).tocsr()
+    order, predecessor = depth_first_order(graph, root, directed=False)
+    if len(order) != n_nodes:
+        raise ValueError(f"edges reach {len(order)} of {n_nodes} nodes from the root")
+    new_id = np.empty(n_nodes, dtype=np.int64)
+    new_id[order] = np.arange(n_nodes)
+    parent = np.full(n_nodes, -1, dtype=np.int64)
+    parent[1:] = new_id[predecessor[order[1:]]]
+    return order.astype(np.int64), parent
