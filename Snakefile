@@ -1,0 +1,36 @@
+from snakemake.utils import min_version
+
+min_version("9.0")
+
+
+configfile: "config/config.yaml"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/import.smk"
+include: "workflow/rules/sparse.smk"
+include: "workflow/rules/dense.smk"
+include: "workflow/rules/restore.smk"
+include: "workflow/rules/sky.smk"
+include: "workflow/rules/denoise.smk"
+include: "workflow/rules/scale.smk"
+include: "workflow/rules/segmentation.smk"
+include: "workflow/rules/skeleton.smk"
+include: "workflow/rules/traits.smk"
+include: "workflow/rules/report.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        expand("results/{tree}/report.html", tree=TREES),
+        "results/traits.csv",
+        "results/summary.html",
+
+
+onsuccess:
+    write_summary()
+
+
+onerror:
+    write_summary()

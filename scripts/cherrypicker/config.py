@@ -1,0 +1,144 @@
+"""The configuration: schema, defaults, precedence, and errors that name the key."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import yaml
+from jsonschema import Draft202012Validator
+
+from cherrypicker.errors import StageError
+
+
+def load_schema(path: str | os.PathLike) -> dict:
+    """Read the configuration's JSON schema from YAML."""
+    return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+
+
+def read_config_file(path: str | os.PathLike) -> dict:
+    """Read a YAML config; an empty file is an empty config.
+
+    Raises
+    ------
+    StageError
+        If the file is missing, no YAML, or no mapping.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise StageError(f"the config file cannot be read ({error.strerror})", file=path) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise StageError(f"the config file is no valid YAML ({error})", file=path) from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise StageError("the config file must hold keys and values", file=path)
+    return content
+
+
+def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None) -> dict:
+    """Merge config layers, later ones winning, fill in the defaults and validate.
+
+    Parameters
+    ----------
+    schema : mapping
+        JSON schema with a default for every key.
+    *layers : mapping
+        From the weakest to the strongest: ``config.yaml``, the tree's own file, the command line.
+        Numbers and booleans that arrive as strings are read as such.
+    source : str, optional
+        What to name in an error.
+
+    Returns
+    -------
+    dict
+        Every key of the schema with a valid value.
+
+    Raises
+    ------
+    StageError
+        For an unknown key (naming the nearest valid one) or a value out of bounds.
+    """
+    merged: dict = {}
+    for layer in layers:
+        _merge(merged, layer)
+    _check_keys(schema, merged, (), source)
+    resolved = _fill(schema, merged)
+    errors = sorted(Draft202012Validator(schema).iter_errors(resolved), key=lambda e: list(e.path))
+    if errors:
+        key = ".".join(str(part) for part in errors[0].absolute_path)
+        raise StageError(f"{key}: {errors[0].message}", file=source, key=key)
+    return resolved
+
+
+def lookup(config: Mapping, key: str) -> object:
+    """Return the value of a dotted key, ``denoise.std_ratio`` for instance."""
+    value: object = config
+    for part in key.split("."):
+        value = value[part]
+    return value
+
+
+def _merge(target: dict, layer: Mapping) -> None:
+    for key, value in layer.items():
+        if isinstance(value, Mapping) and isinstance(target.get(key), dict):
+            _merge(target[key], value)
+        else:
+            target[key] = copy.deepcopy(value)
+
+
+def _check_keys(schema: Mapping, values: Mapping, path: tuple, source: str | None) -> None:
+    known = schema.get("properties")
+    if known is None or schema.get("additionalProperties", True) is not False:
+        return
+    for key, value in values.items():
+        if key not in known:
+            name = ".".join((*path, str(key)))
+            near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)
+            hint = f"; did you mean {'.'.join((*path, near[0]))!r}?" if near else ""
+            raise StageError(f"unknown config key {name!r}{hint}", file=source, key=name)
+        if isinstance(value, Mapping):
+            _check_keys(known[key], value, (*path, str(key)), source)
+
+
+def _fill(schema: Mapping, value: object) -> object:
+    """Return ``value`` with defaults filled in and strings read as the type that is asked for."""
+    if schema.get("type") == "object" and "properties" in schema:
+        value = {} if value is None else value
+        if not isinstance(value, Mapping):
+            return value
+        filled = dict(value)
+        for key, subschema in schema["properties"].items():
+            if key in filled or "default" in subschema:
+                filled[key] = _fill(
+                    subschema, filled.get(key, copy.deepcopy(subschema.get("default")))
+                )
+        return filled
+    if isinstance(value, Mapping) and isinstance(schema.get("additionalProperties"), Mapping):
+        return {key: _fill(schema["additionalProperties"], item) for key, item in value.items()}
+    if isinstance(value, list) and isinstance(schema.get("items"), Mapping):
+        return [_fill(schema["items"], item) for item in value]
+    return _read_string(schema, value)
+
+
+def _read_string(schema: Mapping, value: object) -> object:
+    types = schema.get("type", [])
+    types = [types] if isinstance(types, str) else types
+    if isinstance(value, str) and "string" not in types and types:
+        try:
+            parsed = yaml.safe_load(value)
+        except yaml.YAMLError:
+            return value
+        if isinstance(parsed, str):
+            try:
+                parsed = float(parsed)
+            except ValueError:
+                return value
+        return _read_string(schema, parsed)
+    if isinstance(value, float) and value.is_integer() and "integer" in types:
+        return int(value)
+    return value

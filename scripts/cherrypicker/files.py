@@ -1,0 +1,103 @@
+"""Atomic writes and JSON, the same bytes for the same content."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
+    """Yield a temporary path beside ``path`` that takes its place if the block succeeds.
+
+    The temporary name keeps the suffix, since many writers choose their format by it. A killed or
+    failing writer leaves no half file under the final name.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: str | os.PathLike, text: str) -> None:
+    """Write UTF-8 text atomically with Unix line ends."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_json(path: str | os.PathLike, content: object) -> None:
+    """Write ``content`` as indented JSON, NumPy numbers and arrays as plain ones.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, which JSON cannot hold.
+    """
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False, default=_plain)
+    write_text(path, text + "\n")
+
+
+def read_json(path: str | os.PathLike) -> dict:
+    """Read a JSON object; a missing or broken file is a :class:`StageError`."""
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise StageError("the file is missing", file=path) from error
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise StageError(f"not valid JSON ({error})", file=path) from error
+    if not isinstance(content, dict):
+        raise StageError(f"expected a JSON object, got {type(content).__name__}", file=path)
+    return content
+
+
+def write_npz(path: str | os.PathLike, **arrays: np.ndarray) -> None:
+    """Write arrays to an uncompressed NPZ atomically; equal arrays give equal bytes."""
+    for name, array in arrays.items():
+        if np.asarray(array).dtype == object:
+            raise ValueError(f"array {name!r} has dtype object, which NPZ would have to pickle")
+    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
+        np.savez(stream, **arrays)
+
+
+def read_npz(path: str | os.PathLike, required: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
+    """Read every array of an NPZ without unpickling anything.
+
+    Raises
+    ------
+    StageError
+        If the file is missing, no NPZ, holds pickled objects, or lacks a required array.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except FileNotFoundError as error:
+        raise StageError("the file is missing", file=path) from error
+    except (ValueError, OSError, EOFError, AttributeError) as error:
+        raise StageError(f"not a readable NPZ of plain arrays ({error})", file=path) from error
+    except Exception as error:  # zipfile.BadZipFile and zlib.error share no base of their own
+        raise StageError(f"not a readable NPZ of plain arrays ({error})", file=path) from error
+    missing = [name for name in required if name not in arrays]
+    if missing:
+        raise StageError(f"array(s) {', '.join(missing)} missing", file=path)
+    return arrays
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise TypeError(f"cannot write {type(value).__name__} as JSON")

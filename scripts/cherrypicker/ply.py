@@ -1,0 +1,207 @@
+"""Vertex tables in PLY: ASCII, little- and big-endian in, little-endian out.
+
+Own code, because the kept readers drop what the data contract needs: Open3D loses labels and other
+scalar fields, and none checks the vertex count against the file.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+_TYPES = {
+    "char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "uint32": "u4",
+    "float": "f4",
+    "float32": "f4",
+    "double": "f8",
+    "float64": "f8",
+}
+_NAMES = {
+    "i1": "char",
+    "u1": "uchar",
+    "i2": "short",
+    "u2": "ushort",
+    "i4": "int",
+    "u4": "uint",
+    "f4": "float",
+    "f8": "double",
+}
+_MAX_HEADER_BYTES = 1 << 20
+
+
+class PlyError(ValueError):
+    """The file is not a PLY that holds what its header promises."""
+
+
+@dataclass
+class _Element:
+    name: str
+    count: int
+    properties: list[tuple[str, str]]
+    has_list: bool = False
+
+
+def read_ply_header(path: str | os.PathLike) -> tuple[str, list[_Element], list[str], int]:
+    """Return format, elements, comments and the byte offset of the body.
+
+    Raises
+    ------
+    PlyError
+        If the header is not that of a PLY file.
+    """
+    with open(path, "rb") as stream:
+        head = stream.read(_MAX_HEADER_BYTES)
+    end = head.find(b"end_header")
+    if not head.startswith(b"ply") or end < 0:
+        raise PlyError("not a PLY file (no 'ply' ... 'end_header')")
+    newline = head.find(b"\n", end)
+    offset = newline + 1 if newline >= 0 else len(head)
+    encoding, elements, comments = "", [], []
+    for raw in head[:end].decode("latin-1").splitlines()[1:]:
+        words = raw.split()
+        try:
+            if not words:
+                continue
+            if words[0] == "format":
+                encoding = words[1]
+            elif words[0] == "comment":
+                comments.append(" ".join(words[1:]))
+            elif words[0] == "element":
+                elements.append(_Element(words[1], int(words[2]), []))
+            elif words[0] == "property":
+                if words[1] == "list":
+                    elements[-1].has_list = True
+                else:
+                    elements[-1].properties.append((words[2], _TYPES[words[1]]))
+        except (IndexError, ValueError, KeyError) as error:
+            raise PlyError(f"broken PLY header line {raw.strip()!r}") from error
+    if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
+        raise PlyError(f"unknown PLY format {encoding!r}")
+    return encoding, elements, comments, offset
+
+
+def vertex_properties(path: str | os.PathLike) -> list[str]:
+    """Return the names of the vertex properties, reading the header only."""
+    _, elements, _, _ = read_ply_header(path)
+    return [
+        name for element in elements if element.name == "vertex" for name, _ in element.properties
+    ]
+
+
+def read_ply_vertices(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Read the vertex element, property by property.
+
+    Returns
+    -------
+    columns : dict of str to ndarray of shape (n_vertices,)
+        In the file's order and types, native byte order.
+    comments : list of str
+        The header's comment lines.
+
+    Raises
+    ------
+    PlyError
+        If the vertex element is missing, not the first, or shorter than promised.
+    """
+    encoding, elements, comments, offset = read_ply_header(path)
+    if not elements or elements[0].name != "vertex":
+        raise PlyError("the PLY's first element is not 'vertex'")
+    vertex = elements[0]
+    if vertex.has_list:
+        raise PlyError("the PLY's vertices have a list property, which a point cloud cannot have")
+    if not vertex.properties or vertex.count < 0:
+        raise PlyError("the PLY's vertices have no properties")
+    names = [name for name, _ in vertex.properties]
+    if len(set(names)) != len(names):
+        raise PlyError("the PLY's vertices have a property twice")
+    if encoding == "ascii":
+        return _read_ascii(path, vertex, offset), comments
+    order = "<" if encoding == "binary_little_endian" else ">"
+    dtype = np.dtype([(name, order + kind) for name, kind in vertex.properties])
+    available = max(os.path.getsize(path) - offset, 0) // dtype.itemsize
+    if available < vertex.count:
+        raise PlyError(
+            f"the header promises {vertex.count:,} vertices, the file holds {available:,}"
+        )
+    table = np.fromfile(path, dtype=dtype, count=vertex.count, offset=offset)
+    columns = {name: table[name].astype(kind) for name, kind in vertex.properties}
+    return columns, comments
+
+
+def write_ply_vertices(
+    path: str | os.PathLike,
+    columns: dict[str, np.ndarray],
+    comments: list[str] | None = None,
+    edges: np.ndarray | None = None,
+) -> None:
+    """Write a vertex table, and optionally edges, as binary little-endian PLY.
+
+    Parameters
+    ----------
+    path : path-like
+    columns : dict of str to ndarray of shape (n_vertices,)
+        Numeric columns; booleans become uchar, 64-bit integers int.
+    comments : list of str, optional
+    edges : ndarray of shape (n_edges, 2), optional
+        Vertex rows, written as the PLY element ``edge``.
+    """
+    kinds = {name: _kind_of(name, values) for name, values in columns.items()}
+    n_vertices = len(next(iter(columns.values())))
+    table = np.empty(n_vertices, dtype=[(name, "<" + kind) for name, kind in kinds.items()])
+    for name, values in columns.items():
+        table[name] = values
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {line}" for line in comments or []]
+    lines.append(f"element vertex {n_vertices}")
+    lines += [f"property {_NAMES[kind]} {name}" for name, kind in kinds.items()]
+    if edges is not None:
+        lines += [f"element edge {len(edges)}", "property int vertex1", "property int vertex2"]
+    lines.append("end_header")
+    with open(path, "wb") as stream:
+        stream.write(("\n".join(lines) + "\n").encode("ascii", errors="replace"))
+        stream.write(table.tobytes())
+        if edges is not None:
+            stream.write(np.ascontiguousarray(edges, dtype="<i4").tobytes())
+
+
+def _read_ascii(path, vertex: _Element, offset: int) -> dict[str, np.ndarray]:
+    n_columns = len(vertex.properties)
+    with open(path, "rb") as stream:
+        stream.seek(offset)
+        try:
+            table = np.loadtxt(stream, max_rows=vertex.count, ndmin=2) if vertex.count else None
+        except ValueError as error:
+            raise PlyError(f"broken ASCII vertex table ({error})") from error
+    if table is None:
+        table = np.empty((0, n_columns))
+    if table.shape != (vertex.count, n_columns):
+        raise PlyError(
+            f"the header promises {vertex.count:,} vertices of {n_columns} values, "
+            f"the file holds {table.shape[0]:,} of {table.shape[1]}"
+        )
+    return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(vertex.properties)}
+
+
+def _kind_of(name: str, values: np.ndarray) -> str:
+    dtype = np.asarray(values).dtype
+    if dtype.kind == "b":
+        return "u1"
+    if dtype in (np.int64, np.uint64):
+        return "i4"
+    kind = dtype.kind + str(dtype.itemsize)
+    if kind not in _NAMES:
+        raise TypeError(f"column {name!r} has dtype {dtype}, which PLY cannot hold")
+    return kind

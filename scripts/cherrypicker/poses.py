@@ -1,0 +1,140 @@
+"""Camera poses of undistorted pinhole photos."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_npz, write_npz
+
+_SHAPES = {"cam_from_world": (3, 4), "K": (3, 3), "width": (), "height": ()}
+
+
+@dataclass
+class Poses:
+    """Poses and intrinsics of the registered photos.
+
+    Attributes
+    ----------
+    names : ndarray of shape (n_photos,), str
+        Photo file names.
+    cam_from_world : ndarray of shape (n_photos, 3, 4), float64
+        COLMAP's convention: x right, y down, z forward.
+    K : ndarray of shape (n_photos, 3, 3), float64
+        Intrinsics of the undistorted pinhole, px; pixel centres lie at (0.5, 0.5).
+    width, height : ndarray of shape (n_photos,), int
+        Size of the undistorted photo, px.
+    """
+
+    names: np.ndarray
+    cam_from_world: np.ndarray
+    K: np.ndarray
+    width: np.ndarray
+    height: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.names = np.asarray(self.names, dtype=str)
+        self.cam_from_world = np.asarray(self.cam_from_world, dtype=np.float64)
+        self.K = np.asarray(self.K, dtype=np.float64)
+        self.width = np.asarray(self.width, dtype=np.int64)
+        self.height = np.asarray(self.height, dtype=np.int64)
+        for name, shape in _SHAPES.items():
+            actual = getattr(self, name).shape
+            if actual != (len(self.names), *shape):
+                raise ValueError(
+                    f"{name} must have shape {(len(self.names), *shape)}, got {actual}"
+                )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def rotations(self) -> np.ndarray:
+        """Rotations cam from world, (n_photos, 3, 3)."""
+        return self.cam_from_world[:, :, :3]
+
+    @property
+    def centers(self) -> np.ndarray:
+        """Camera centres in the world, (n_photos, 3)."""
+        return -np.einsum("nji,nj->ni", self.rotations, self.cam_from_world[:, :, 3])
+
+    @property
+    def forward(self) -> np.ndarray:
+        """Unit viewing directions in the world, (n_photos, 3)."""
+        return self.rotations[:, 2, :]
+
+    @property
+    def up(self) -> np.ndarray:
+        """Unit directions of the image's top edge in the world, (n_photos, 3)."""
+        return -self.rotations[:, 1, :]
+
+    def select(self, index: np.ndarray) -> Poses:
+        """Return the photos of a boolean mask or an index array."""
+        arrays = {name: getattr(self, name)[index] for name in ("names", *_SHAPES)}
+        return Poses(**arrays)
+
+    def transformed(
+        self, scale: float = 1.0, rotation: np.ndarray | None = None, translation=(0.0, 0.0, 0.0)
+    ) -> Poses:
+        """Return the poses in the world ``x' = scale * R x + t``."""
+        rotation = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
+        centers = scale * self.centers @ rotation.T + np.asarray(translation, dtype=np.float64)
+        rotations = self.rotations @ rotation.T
+        offsets = -np.einsum("nij,nj->ni", rotations, centers)
+        return replace(
+            self, cam_from_world=np.concatenate([rotations, offsets[:, :, None]], axis=2)
+        )
+
+    def project(self, points: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray]:
+        """Project world points into undistorted photo ``i``.
+
+        Returns
+        -------
+        uv : ndarray of shape (n_points, 2)
+            Pixel coordinates, centres at (0.5, 0.5); NaN at depth zero.
+        depth : ndarray of shape (n_points,)
+            Depth along the optical axis, negative behind the camera.
+        """
+        in_camera = points @ self.rotations[i].T + self.cam_from_world[i, :, 3]
+        depth = in_camera[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            homogeneous = in_camera @ self.K[i].T
+            uv = homogeneous[:, :2] / homogeneous[:, 2:]
+        return uv, depth
+
+
+def read_poses(path: str | os.PathLike) -> Poses:
+    """Read a poses NPZ.
+
+    Raises
+    ------
+    StageError
+        If the file is missing, holds pickled objects, lacks an array, has wrong shapes, no photo
+        or values that are not finite.
+    """
+    arrays = read_npz(path, required=("names", *_SHAPES))
+    try:
+        poses = Poses(**{name: arrays[name] for name in ("names", *_SHAPES)})
+    except ValueError as error:
+        raise StageError(str(error), file=path) from error
+    if len(poses) == 0:
+        raise StageError("no photo has a pose", file=path)
+    if not (np.isfinite(poses.cam_from_world).all() and np.isfinite(poses.K).all()):
+        raise StageError("a pose or an intrinsic is not finite", file=path)
+    return poses
+
+
+def write_poses(path: str | os.PathLike, poses: Poses) -> None:
+    """Write poses as NPZ, atomically.
+
+    Raises
+    ------
+    StageError
+        If there is no pose: an empty result is never passed on.
+    """
+    if len(poses) == 0:
+        raise StageError("nothing to write: no photo has a pose", file=path)
+    write_npz(path, names=poses.names, **{name: getattr(poses, name) for name in _SHAPES})

@@ -1,0 +1,67 @@
+"""Progress of long loops, with the time left, on the console and in the log."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+
+logger = logging.getLogger(__name__)
+
+
+class Progress:
+    """Report about every ten percent of a loop of known length.
+
+    Parameters
+    ----------
+    total : int
+        Number of steps.
+    what : str
+        What is being counted, "depth maps" for instance.
+    min_interval_s : float, default 5.0
+        Least time between two reports, seconds.
+    """
+
+    def __init__(self, total: int, what: str, min_interval_s: float = 5.0):
+        self.total = max(int(total), 1)
+        self.what = what
+        self.min_interval_s = min_interval_s
+        self.done = 0
+        self._lock = threading.Lock()
+        self._start = self._last_time = time.monotonic()
+        self._last_tenth = 0
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if exception[0] is None:
+            took = time.monotonic() - self._start
+            logger.info("%s: %d done in %s", self.what, self.done, _duration(took))
+
+    def step(self, n: int = 1) -> None:
+        """Count ``n`` further steps as done."""
+        with self._lock:
+            self.done += n
+            now = time.monotonic()
+            tenth = 10 * self.done // self.total
+            if tenth == self._last_tenth or self.done >= self.total:
+                return
+            if now - self._last_time < self.min_interval_s:
+                return
+            self._last_tenth, self._last_time = tenth, now
+            left = (now - self._start) / self.done * (self.total - self.done)
+        logger.info(
+            "%s: %d of %d (%d %%), %s left",
+            self.what,
+            self.done,
+            self.total,
+            100 * self.done // self.total,
+            _duration(left),
+            extra={"console": True},
+        )
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -1,0 +1,119 @@
+import dataclasses
+import re
+import sys
+from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+
+PROJECT = Path(workflow.basedir)
+LIBRARY = PROJECT / "scripts"
+if str(LIBRARY) not in sys.path:
+    sys.path.insert(0, str(LIBRARY))
+
+from cherrypicker.code_inputs import imported_modules
+from cherrypicker.config import load_schema, lookup as lookup_key, read_config_file, resolve_config
+from cherrypicker.errors import StageError
+from cherrypicker.photos import PHOTO_SUFFIXES
+from cherrypicker.summary import summarise
+from cherrypicker.trees import TREE_PATTERN, read_trees
+
+
+wildcard_constraints:
+    tree=TREE_PATTERN,
+
+
+SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+
+
+def read_batch():
+    """Read the config and the table of trees; what is wrong there stops the run at once."""
+    command_line = workflow.config_settings.config or {}
+    try:
+        settings = resolve_config(SCHEMA, config, source="config/config.yaml")
+        trees = {row.tree: row for row in read_trees(settings["trees"])}
+        settings_of = {}
+        for name, row in trees.items():
+            own = read_config_file(row.config) if row.config else {}
+            settings_of[name] = resolve_config(
+                SCHEMA, config, own, command_line, source=row.config or "config/config.yaml"
+            )
+    except StageError as error:
+        raise WorkflowError(error.describe())
+    return settings, trees, settings_of
+
+
+SETTINGS, TREES, SETTINGS_OF = read_batch()
+LATE_TREES = [name for name, row in TREES.items() if not row.is_photo_scan]
+LABELLED_TREES = [name for name in LATE_TREES if TREES[name].has_labelled_cloud()]
+UNLABELLED_TREES = [name for name in LATE_TREES if name not in LABELLED_TREES]
+
+
+def any_of(names):
+    """Return a wildcard constraint that matches these trees only."""
+    return "|".join(map(re.escape, names)) or "(?!)"
+
+
+def cfg(key):
+    """Return a params function: the value of one config key for the tree at hand."""
+
+    def value_for(wildcards):
+        return lookup_key(SETTINGS_OF.get(wildcards.get("tree"), SETTINGS), key)
+
+    lookup_key(SETTINGS, key)
+    return value_for
+
+
+def row(column):
+    """Return a params function: the tree's cell in ``trees.tsv``, empty where there is none."""
+    return lambda wildcards: getattr(TREES[wildcards.tree], column)
+
+
+def code(script):
+    """Return the library modules that a stage script imports, for its rule to watch."""
+    return imported_modules(LIBRARY / f"{script}.py", LIBRARY)
+
+
+def resource(path):
+    """Return the path of a file that the project ships below ``resources/``."""
+    return str(PROJECT / "resources" / path)
+
+
+def photos_of(wildcards):
+    """Return the tree's photos; none where the folder is missing, which the stage reports."""
+    folder = Path(TREES[wildcards.tree].photos)
+    if not folder.is_dir():
+        return []
+    return sorted(
+        str(path)
+        for path in folder.iterdir()
+        if path.suffix.lower() in PHOTO_SUFFIXES and not path.name.startswith(".")
+    )
+
+
+def cloud_of(wildcards):
+    """Return the tree's ready cloud; none where it is missing, which the stage reports."""
+    path = TREES[wildcards.tree].cloud
+    return [path] if Path(path).is_file() else []
+
+
+def photo_only(*paths):
+    """Return an input function: these files for a tree from photos, none for a ready cloud."""
+
+    def inputs(wildcards):
+        if not TREES[wildcards.tree].is_photo_scan:
+            return []
+        files = [path.format(tree=wildcards.tree) for path in paths]
+        return files[0] if len(files) == 1 else files
+
+    return inputs
+
+
+def write_summary():
+    """Write the batch's table and page, also after failures."""
+    summarise(
+        [dataclasses.asdict(tree) for tree in TREES.values()],
+        "results",
+        "logs",
+        "results/traits.csv",
+        "results/summary.html",
+    )
