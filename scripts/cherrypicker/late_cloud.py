@@ -153,6 +153,8 @@ def _read_text(path: Path) -> PointCloud:
     n_header = 0
     while n_header < len(lines) and lines[n_header] and not _is_point(lines[n_header], delimiter):
         n_header += 1
+    if not any(lines[n_header:]):
+        raise StageError("not rows of x y z numbers", file=path)
     try:
         table = np.loadtxt(
             path, delimiter=delimiter, skiprows=n_header, ndmin=2, encoding="utf-8-sig"

@@ -1,0 +1,44 @@
+# `make demo` and `make test` set everything up in .venv and run; both can be repeated.
+PYTHON ?= python3
+VENV := .venv
+# A requirements file that pins torch; GPU users give their own.
+TORCH ?= envs/torch.txt
+PIP_OPTIONS ?=
+PYTEST_OPTIONS ?=
+
+REQUIREMENTS := $(TORCH) envs/requirements.txt envs/constraints.txt
+
+.PHONY: install demo test check lint format clean
+
+install: $(VENV)/.installed
+
+$(VENV)/.installed: $(REQUIREMENTS) envs/install_system_packages.sh
+	sh envs/install_system_packages.sh
+	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check $(PIP_OPTIONS) \
+		-r $(TORCH) -r envs/requirements.txt -c envs/constraints.txt
+	$(VENV)/bin/python -c "import cv2, open3d, pycolmap, torch, torch_geometric"
+	touch $@
+
+demo: install
+	$(VENV)/bin/snakemake
+
+test: install
+	$(VENV)/bin/python -m pytest -m "not slow and not demo" $(PYTEST_OPTIONS)
+
+# The demo's results against its ground truth, after `make demo`.
+check: install
+	$(VENV)/bin/python -m pytest -m demo
+
+lint: install
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/snakefmt --check Snakefile workflow
+	$(VENV)/bin/snakemake --lint
+
+format: install
+	$(VENV)/bin/ruff format
+	$(VENV)/bin/snakefmt Snakefile workflow
+
+clean:
+	rm -rf results/* logs benchmarks .snakemake

@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import write_npz
+from cherrypicker.poses import Poses, read_poses, write_poses
+
+
+@pytest.fixture
+def poses():
+    rotations = Rotation.random(4, random_state=1).as_matrix()
+    offsets = np.random.default_rng(1).normal(size=(4, 3, 1))
+    K = np.tile([[800.0, 0, 320], [0, 800, 240], [0, 0, 1]], (4, 1, 1))
+    names = [f"photo_{i}.jpg" for i in range(4)]
+    return Poses(names, np.concatenate([rotations, offsets], 2), K, [640] * 4, [480] * 4)
+
+
+def test_round_trip(poses, tmp_path):
+    write_poses(tmp_path / "p.npz", poses)
+    back = read_poses(tmp_path / "p.npz")
+    assert list(back.names) == list(poses.names)
+    np.testing.assert_array_equal(back.cam_from_world, poses.cam_from_world)
+
+
+def test_a_point_on_the_optical_axis_hits_the_principal_point(poses):
+    point = poses.centers[2] + 3.0 * poses.forward[2]
+    uv, depth = poses.project(point[None], 2)
+    np.testing.assert_allclose(uv, [[320, 240]], atol=1e-9)
+    np.testing.assert_allclose(depth, [3.0])
+
+
+def test_projection_is_kept_by_a_similarity(poses):
+    rotation = Rotation.from_euler("xyz", [0.3, -1.0, 2.0]).as_matrix()
+    points = np.random.default_rng(2).normal(size=(20, 3))
+    moved = poses.transformed(2.5, rotation, [1, 2, 3])
+    uv, depth = poses.project(points, 1)
+    uv_moved, depth_moved = moved.project(2.5 * points @ rotation.T + [1, 2, 3], 1)
+    np.testing.assert_allclose(uv_moved, uv, rtol=1e-6)
+    np.testing.assert_allclose(depth_moved, 2.5 * depth, rtol=1e-9)
+
+
+def test_the_top_of_the_image_is_up(poses):
+    above = poses.centers[0] + 5 * poses.forward[0] + 0.5 * poses.up[0]
+    uv, _ = poses.project(above[None], 0)
+    assert uv[0, 1] < 240
+
+
+def test_pickled_objects_are_refused(tmp_path):
+    np.savez(tmp_path / "p.npz", names=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(StageError, match="not a readable NPZ"):
+        read_poses(tmp_path / "p.npz")
+
+
+def test_a_missing_array_is_named(poses, tmp_path):
+    write_npz(tmp_path / "p.npz", names=poses.names, K=poses.K)
+    with pytest.raises(StageError, match="cam_from_world"):
+        read_poses(tmp_path / "p.npz")

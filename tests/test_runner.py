@@ -1,0 +1,105 @@
+"""The runner as Snakemake and the command line use it: scripts in processes of their own."""
+
+import json
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from cherrypicker.code_inputs import imported_modules
+
+SCRIPT = """
+import argparse, logging, os, sys
+sys.path.insert(0, {library!r})
+from types import SimpleNamespace
+from cherrypicker.errors import StageError
+from cherrypicker.progress import Progress
+from cherrypicker.runner import run, stage_parser
+
+class Named(list):
+    def __init__(self, **named):
+        super().__init__(named.values())
+        self.named = named
+    def items(self):
+        return self.named.items()
+
+def main(cloud, out, *, threads, k, missing="default"):
+    os.write(1, b"native output\\n")
+    if k == 1:
+        raise StageError("no wood found", file=cloud, key="segment.k")
+    if k == 2:
+        raise ZeroDivisionError("oops")
+    logging.getLogger("cherrypicker.x").warning("look here")
+    open(out, "w").write(f"{{threads}} {{k}} {{missing}}")
+
+parser = stage_parser("Demo.")
+for name in ("--cloud", "--out", "--k"):
+    parser.add_argument(name, required=True)
+parser.add_argument("--threads", type=int, default=1)
+parser.add_argument("--missing", default="default")
+snakemake = SimpleNamespace(
+    rule="segment_cloud", wildcards=dict(tree="T1"), log=["logs/x.log"], threads=2,
+    resources=dict(gpu=0), input=Named(cloud="a.ply", code=["b.py"]), output=Named(out="o.txt"),
+    params=Named(k={k}),
+)
+run(main, parser, snakemake)
+"""
+
+
+@pytest.fixture
+def run_script(project, tmp_path):
+    def run(k):
+        script = tmp_path / "script.py"
+        script.write_text(textwrap.dedent(SCRIPT.format(library=str(project / "scripts"), k=k)))
+        return subprocess.run(
+            [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+
+    return run
+
+
+def test_success_writes_the_output_and_leaves_no_status(run_script, tmp_path):
+    done = run_script(0)
+    assert done.returncode == 0
+    assert (tmp_path / "o.txt").read_text() == "2 0 default"
+    assert not list((tmp_path / "logs/status").rglob("*.json"))
+    assert "native output" in (tmp_path / "logs/x.log").read_text()
+    assert done.stderr.strip() == "[T1 segment_cloud] look here"
+
+
+def test_a_stage_error_is_one_line_and_a_status(run_script, tmp_path):
+    done = run_script(1)
+    assert done.returncode == 1
+    (line,) = done.stderr.strip().splitlines()
+    for part in ("tree=T1", "rule=segment_cloud", "no wood found", "a.ply", "segment.k", "x.log"):
+        assert part in line
+    status = json.loads((tmp_path / "logs/status/T1/segment_cloud.json").read_text())
+    assert status["state"] == "failed"
+    assert (status["cause"], status["file"]) == ("no wood found", "a.ply")
+    assert "Traceback" in (tmp_path / "logs/x.log").read_text()
+
+
+def test_a_bug_is_one_line_too_and_keeps_its_traceback(run_script, tmp_path):
+    done = run_script(2)
+    assert done.returncode == 1
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "unexpected ZeroDivisionError: oops" in done.stderr
+    assert "ZeroDivisionError" in (tmp_path / "logs/x.log").read_text()
+
+
+def test_the_code_of_a_stage_is_found_through_its_imports(project):
+    library = project / "scripts"
+    files = imported_modules(library / "import_cloud.py", library)
+    names = {file.removeprefix(f"{library}/cherrypicker/") for file in files}
+    assert {"late_cloud.py", "pointcloud.py", "ply.py", "runner.py", "errors.py"} <= names
+    assert "trees.py" not in names
+
+
+def test_every_stage_script_explains_itself(project):
+    scripts = sorted((project / "scripts").glob("*.py"))
+    assert scripts
+    for script in scripts:
+        head = script.read_text()
+        assert head.startswith('"""'), script
+        assert "python scripts/" in head.split('"""')[1], f"{script.name} shows no example command"
