@@ -1,0 +1,212 @@
+"""The batch's table and page: every tree with its traits, or with the stage and cause of failure.
+
+Called by Snakemake's ``onsuccess`` and ``onerror`` handlers inside the main process, so nothing
+heavy is imported here and no single broken file may keep the other trees from being listed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+from cherrypicker.files import write_text
+
+__all__ = ["STATUS_ORDER", "TRAIT_COLUMNS", "TreeResult", "collect_results", "summarise"]
+
+TRAIT_COLUMNS = (
+    "height_m",
+    "trunk_diameter_m",
+    "trunk_height_m",
+    "tcsa_cm2",
+    "crown_width_m",
+    "crown_volume_m3",
+    "total_length_m",
+    "n_junctions",
+    "n_tips",
+)
+_SPREAD_COLUMNS = ("height_m_se", "trunk_diameter_m_se", "tcsa_cm2_se")
+_CSV_COLUMNS = (
+    "tree",
+    "status",
+    "failed_stage",
+    "cause",
+    "change",
+    "date",
+    "series",
+    "unit",
+    *TRAIT_COLUMNS,
+    *_SPREAD_COLUMNS,
+    "flags",
+)
+STATUS_ORDER = ("failed", "interrupted", "not run", "done")
+# Their failure says nothing against traits.json, which was finished before they started.
+_AFTER_TRAITS = frozenset({"report_tree", "summarise_batch"})
+
+
+@dataclass
+class TreeResult:
+    """What the batch knows of one scan.
+
+    Attributes
+    ----------
+    tree, date, series : str
+        From the table of trees; empty where not given.
+    status : str
+        ``done``, ``failed``, ``interrupted`` (a stage was killed) or ``not run``.
+    traits : dict
+        Content of ``traits.json``; empty where there is none or where it is out of date.
+    stage, cause, file, key, log : str
+        Of the failure; empty without one.
+    report, thumbnail : str
+        Paths below the results folder; empty where the file is missing.
+    """
+
+    tree: str
+    date: str = ""
+    series: str = ""
+    status: str = "not run"
+    traits: dict = field(default_factory=dict)
+    stage: str = ""
+    cause: str = ""
+    file: str = ""
+    key: str = ""
+    log: str = ""
+    report: str = ""
+    thumbnail: str = ""
+
+    @property
+    def unit(self) -> str:
+        """``m`` or ``arbitrary``; empty without traits."""
+        return str(self.traits.get("unit", "")) if self.traits else ""
+
+    @property
+    def flags(self) -> list[str]:
+        """Quality warnings of the traits."""
+        flags = self.traits.get("flags", [])
+        return [str(flag) for flag in flags] if isinstance(flags, list) else [str(flags)]
+
+
+def summarise(trees, results_dir, logs_dir, out_csv, out_html) -> None:
+    """Write the table and the page over all trees of the batch.
+
+    Files are only touched when their content changes, so that writing them after every run does
+    not make anything out of date.
+
+    Parameters
+    ----------
+    trees : list of dict
+        Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used.
+    results_dir, logs_dir : path-like
+        ``results`` and ``logs`` of the run.
+    out_csv, out_html : path-like
+        Table and page to write.
+    """
+    from cherrypicker.report.summary_page import summary_html
+
+    results = collect_results(trees, results_dir, logs_dir)
+    _write_if_changed(out_csv, summary_csv(results))
+    _write_if_changed(out_html, summary_html(results))
+
+
+def collect_results(trees, results_dir, logs_dir) -> list[TreeResult]:
+    """Return one :class:`TreeResult` a row of the table, in the table's order."""
+    results_dir, logs_dir = Path(results_dir), Path(logs_dir)
+    return [_result_of(row, results_dir, logs_dir) for row in trees]
+
+
+def summary_csv(results: list[TreeResult]) -> str:
+    """Return the batch's table as CSV with a header, one row a tree in the table's order."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(_CSV_COLUMNS)
+    for result in results:
+        numbers = [_number(result.traits.get(name)) for name in (*TRAIT_COLUMNS, *_SPREAD_COLUMNS)]
+        row = [result.tree, result.status, result.stage, result.cause, result.key]
+        row += [result.date, result.series, result.unit, *numbers, "; ".join(result.flags)]
+        writer.writerow(row)
+    return stream.getvalue()
+
+
+def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
+    tree = str(row["tree"])
+    result = TreeResult(tree, str(row.get("date") or ""), str(row.get("series") or ""))
+    folder = results_dir / tree
+    for name, path in (("report", "report.html"), ("thumbnail", "figures/thumbnail.png")):
+        if (folder / path).is_file():
+            setattr(result, name, f"{tree}/{path}")
+    traits_path = folder / "traits.json"
+    traits, problem = _read_object(traits_path)
+    record = _failure(logs_dir / "status" / tree, traits_path if traits else None)
+    if record is None and problem:
+        record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
+    if record is None:
+        if traits:
+            result.status, result.traits = "done", traits
+        return result
+    result.status = "interrupted" if record.get("state") == "running" else "failed"
+    result.stage = str(record.get("rule") or "")
+    result.cause = str(record.get("cause") or "")
+    if result.status == "interrupted":
+        result.cause = "the stage was stopped before it finished (killed, or out of memory)"
+    for name in ("file", "key", "log"):
+        setattr(result, name, str(record.get(name) or ""))
+    if result.stage in _AFTER_TRAITS and traits:
+        result.traits = traits
+    return result
+
+
+def _failure(status_dir: Path, traits_path: Path | None) -> dict | None:
+    """Return the record of the stage that keeps this tree from being done, the earliest failed.
+
+    A record that is older than the tree's traits belongs to a stage that the tree no longer needs.
+    """
+    records = []
+    for path in sorted(status_dir.glob("*.json")) if status_dir.is_dir() else []:
+        record, problem = _read_object(path)
+        if problem:
+            record = {"rule": path.stem, "state": "failed", "cause": problem, "file": str(path)}
+        record.setdefault("rule", path.stem)
+        is_later = traits_path is None or path.stat().st_mtime >= traits_path.stat().st_mtime
+        if is_later or record["rule"] in _AFTER_TRAITS:
+            records.append((record.get("state") == "running", _time(record, path), record))
+    return min(records, key=lambda item: item[:2])[2] if records else None
+
+
+def _time(record: dict, path: Path) -> float:
+    try:
+        return datetime.strptime(str(record.get("time")), "%Y-%m-%dT%H:%M:%S%z").timestamp()
+    except ValueError:
+        return path.stat().st_mtime
+
+
+def _read_object(path: Path) -> tuple[dict, str]:
+    """Return a JSON object and what is wrong with it; ({}, "") where there is no file."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}, ""
+    except (OSError, ValueError) as error:
+        return {}, f"{path.name} is not readable ({' '.join(str(error).split())})"
+    if not isinstance(content, dict) or not content:
+        return {}, f"{path.name} holds no JSON object"
+    return content, ""
+
+
+def _number(value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return ""
+    return str(value) if isinstance(value, int) else f"{value:.6g}"
+
+
+def _write_if_changed(path, text: str) -> None:
+    path = Path(path)
+    try:
+        is_same = path.read_text(encoding="utf-8") == text
+    except (OSError, UnicodeDecodeError):
+        is_same = False
+    if not is_same:
+        write_text(path, text)
