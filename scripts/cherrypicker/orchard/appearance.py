@@ -1,0 +1,186 @@
+"""Colours of the orchard's surfaces (linear albedo) and the light that falls on them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cherrypicker.orchard.noise import fbm, spots
+
+__all__ = [
+    "Light",
+    "bark_color",
+    "encode_srgb",
+    "ground_color",
+    "image_color",
+    "make_light",
+    "surface_color",
+    "wood_color",
+]
+
+
+@dataclass(frozen=True)
+class Light:
+    """Sun and sky. `sun_direction` points to the sun; colours are linear RGB factors."""
+
+    sky: str
+    sun_direction: np.ndarray
+    sun: np.ndarray
+    ambient_top: np.ndarray
+    ambient_bottom: np.ndarray
+
+    def shade(self, albedo, normals, lit=1.0):
+        """Radiance of a surface: albedo (N, 3), unit normals (N, 3), share of sun (N,) or scalar."""
+        facing = np.clip(normals @ self.sun_direction, 0.0, 1.0) * lit
+        up = 0.5 + 0.5 * normals[:, 2:3]
+        ambient = up * self.ambient_top + (1.0 - up) * self.ambient_bottom
+        return albedo * (facing[:, None] * self.sun + ambient)
+
+
+SKIES = {
+    # sun, sun colour, ambient from above, ambient from below, elevation range in degrees
+    "clear": (1.45, (1.0, 0.95, 0.86), (0.62, 0.70, 0.84), (0.42, 0.40, 0.36), (30, 48)),
+    "broken": (1.05, (1.0, 0.96, 0.90), (0.80, 0.84, 0.92), (0.48, 0.46, 0.43), (28, 50)),
+    "overcast": (0.22, (1.0, 1.0, 1.0), (1.18, 1.20, 1.24), (0.66, 0.65, 0.63), (35, 60)),
+}
+
+
+def make_light(rng, sky=None):
+    """Draw a light; `sky` is one of "clear", "broken", "overcast" (random by default)."""
+    if sky is None:
+        sky = str(rng.choice(list(SKIES)))
+    strength, tint, top, bottom, elevation = SKIES[sky]
+    azimuth, e = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(*elevation))
+    direction = np.array([np.cos(e) * np.cos(azimuth), np.cos(e) * np.sin(azimuth), np.sin(e)])
+    return Light(sky, direction, strength * np.array(tint), np.array(top), np.array(bottom))
+
+
+def encode_srgb(linear):
+    """Linear light to sRGB in [0, 1], clipped."""
+    x = np.clip(linear, 0.0, 1.0)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def _mix(a, b, t):
+    t = np.clip(t, 0.0, 1.0)[:, None]
+    return a * (1.0 - t) + b * t
+
+
+def bark_color(rest, radius, seed):
+    """Albedo of cherry bark: grey-brown with bands, lenticels across the stem, cracks, lichen.
+
+    Parameters
+    ----------
+    rest : ndarray of shape (N, 3)
+        Positions on the straightened axes (x, y across, z along), m.
+    radius : ndarray of shape (N,)
+        Local radius, m: old wood is grey and cracked, young wood red-brown and smooth.
+    seed : int
+        Seed of the tree's bark; it also draws the hue.
+
+    Returns
+    -------
+    ndarray of shape (N, 3)
+        Linear RGB.
+    """
+    rng = np.random.default_rng([int(seed), 31])
+    seed = int(rng.integers(1 << 30))
+    grey = np.array([0.23, 0.195, 0.165]) * rng.uniform(0.8, 1.25)
+    brown = np.array([0.25, 0.155, 0.105]) * rng.uniform(0.8, 1.2)
+    lichen = np.array([0.50, 0.52, 0.36]) * rng.uniform(0.8, 1.1)
+    yellow = np.array([0.55, 0.44, 0.10])
+    old = np.clip((radius - 0.004) / 0.02, 0.0, 1.0)
+
+    color = _mix(
+        brown, grey, 0.25 + 0.55 * old + 1.1 * (fbm(rest * 14, octaves=3, seed=seed) - 0.5)
+    )
+    bands = fbm(rest * np.array([25, 25, 95]), octaves=4, gain=0.75, seed=seed + 11)
+    color = color * (0.30 + 1.40 * bands)[:, None]
+    strength, tint = spots(rest * np.array([80, 80, 230]), density=0.45, seed=seed + 23)
+    color = _mix(color, np.array([0.46, 0.37, 0.27]), 1.6 * strength * (0.3 + 0.7 * tint))
+    crack = np.abs(fbm(rest * np.array([110, 110, 45]), octaves=3, seed=seed + 37) - 0.5)
+    color = color * (1.0 - 0.75 * (old * np.clip(1.0 - crack / 0.06, 0, 1)))[:, None]
+    patch = fbm(rest * 9, octaves=2, seed=seed + 51)
+    strength, tint = spots(rest * 70, density=0.55, seed=seed + 61)
+    cover = np.clip(3.5 * strength, 0, 1) * np.clip((patch - 0.40) / 0.15, 0, 1)
+    lichens = np.where((tint > 0.8)[:, None], yellow, lichen * (0.6 + 0.7 * tint)[:, None])
+    return np.clip(_mix(color, lichens, 0.85 * cover), 0.01, 0.8)
+
+
+def wood_color(rest, seed, base=(0.36, 0.29, 0.20)):
+    """Albedo of a weathered wooden post: streaks along it, knots, dirt."""
+    streak = fbm(rest * np.array([90, 90, 6]), octaves=4, gain=0.6, seed=seed)
+    dirt = fbm(rest * 12, octaves=5, gain=0.7, seed=seed + 7)
+    knots, _ = spots(rest * np.array([9, 9, 6]), density=0.3, seed=seed + 17)
+    tone = (0.45 + 0.75 * streak) * (0.55 + 0.9 * dirt) * (1.0 - 0.6 * knots)
+    return np.clip(np.asarray(base) * tone[:, None], 0.01, 0.8)
+
+
+def ground_color(xy, seed):
+    """Albedo of the orchard floor: grass alleys, a bare strip along the row, pebbles, dead leaves.
+
+    Parameters
+    ----------
+    xy : ndarray of shape (N, 2)
+        Position, m; the row runs along x.
+    seed : int
+        Seed of the floor; it also draws the mix of grass and soil.
+
+    Returns
+    -------
+    ndarray of shape (N, 3)
+        Linear RGB.
+    """
+    rng = np.random.default_rng([int(seed), 41])
+    s = int(rng.integers(1 << 30))
+    bare, strip = rng.uniform(0.25, 0.55), rng.uniform(0.4, 0.9)
+    green = np.array([0.125, 0.170, 0.050]) * rng.uniform(0.8, 1.2)
+    dry = np.array([0.33, 0.28, 0.13]) * rng.uniform(0.8, 1.1)
+    earth = np.array([0.190, 0.135, 0.090]) * rng.uniform(0.75, 1.25)
+    p = np.column_stack([xy, np.zeros(len(xy))])
+
+    tone = fbm(p * 2.5, octaves=5, gain=0.7, seed=s)
+    fine = fbm(p * 42, octaves=4, gain=0.8, seed=s + 11)
+    # blades: noise stretched along two crossing directions, chosen patch by patch
+    u, v = (p[:, 0] + 0.6 * p[:, 1]), (p[:, 1] - 0.6 * p[:, 0])
+    zero = np.zeros(len(p))
+    blades_a = fbm(np.column_stack([220 * u, 38 * v, zero]), octaves=2, gain=0.7, seed=s + 23)
+    blades_b = fbm(np.column_stack([34 * u, 200 * v, zero]), octaves=2, gain=0.7, seed=s + 29)
+    pick = fbm(p * 18, octaves=1, seed=s + 31) > 0.5
+    blades = np.where(pick, blades_a, blades_b)
+    grass = _mix(green, dry, 1.7 * (tone - 0.36)) * (0.10 + 1.25 * blades + 0.55 * fine)[:, None]
+    soil = earth * (0.15 + 0.9 * fine + 0.8 * tone)[:, None]
+    cover = np.clip((bare - fbm(p * 1.6, octaves=5, gain=0.65, seed=s + 41)) / 0.05, -4, 4)
+    cover = cover + 5.0 * (1.0 - np.abs(xy[:, 1]) / strip)
+    color = _mix(grass, soil, 0.5 + 0.4 * cover + 1.2 * (blades - 0.5))
+    for cells, density, seed_, low, high in (
+        (26.0, 0.18, s + 53, (0.16, 0.15, 0.14), (0.48, 0.46, 0.42)),  # pebbles
+        (60.0, 0.22, s + 59, (0.05, 0.045, 0.04), (0.36, 0.30, 0.22)),  # clods and straw
+        (15.0, 0.28, s + 67, (0.16, 0.085, 0.04), (0.42, 0.25, 0.11)),  # dead leaves
+    ):
+        strength, tint = spots(p * cells, density=density, seed=seed_, flat=True)
+        spot = np.asarray(low) + tint[:, None] * (np.asarray(high) - np.asarray(low))
+        color = _mix(color, spot * (0.55 + 0.9 * fine)[:, None], 5.0 * strength)
+    return np.clip(color, 0.006, 0.8)
+
+
+def image_color(image, uv):
+    """Nearest texel of an image (H, W, 3) linear at uv (N, 2); v runs up; outside is clamped."""
+    height, width = image.shape[:2]
+    column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
+    row = np.clip(((1.0 - uv[:, 1]) * height).astype(int), 0, height - 1)
+    return image[row, column]
+
+
+def surface_color(material, attributes, n):
+    """Albedo (n, 3) of points on an object from its material and interpolated attributes."""
+    kind = material["kind"]
+    if kind == "bark":
+        return bark_color(attributes["rest"], attributes["radius"], material["seed"])
+    if kind == "wood":
+        return wood_color(attributes["rest"], material["seed"], material["color"])
+    if kind == "image":
+        return image_color(material["image"], attributes["uv"])
+    if kind == "plain":
+        dirt = fbm(attributes["rest"] * 20, octaves=4, gain=0.65, seed=material["seed"])
+        return np.asarray(material["color"]) * np.ones((n, 1)) * (0.72 + 0.5 * dirt)[:, None]
+    raise ValueError(f"unknown material kind {kind!r}")

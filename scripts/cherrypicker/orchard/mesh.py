@@ -1,0 +1,277 @@
+"""Triangle meshes of the orchard's things: branch tubes, boards, boxes, rings, the ground."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+__all__ = [
+    "NO_TREE",
+    "Mesh",
+    "SceneObject",
+    "box",
+    "cylinder",
+    "ground_disc",
+    "join",
+    "quad_board",
+    "ring",
+    "tree_mesh",
+]
+
+NO_TREE = 255
+
+
+@dataclass
+class Mesh:
+    """Triangles with per-vertex attributes.
+
+    Attributes
+    ----------
+    vertices : ndarray of shape (V, 3), float64
+        Positions, m.
+    faces : ndarray of shape (F, 3), int32
+        Vertex indices, counter-clockwise seen from outside.
+    attributes : dict of str to ndarray of shape (V, ...)
+        What the texture needs (`rest`, `uv`) and what the truth needs (`axis`, `radius`).
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    attributes: dict = field(default_factory=dict)
+
+    def moved(self, offset, rotation=None):
+        """The mesh turned by a 3x3 rotation and then moved."""
+        vertices = self.vertices if rotation is None else self.vertices @ np.asarray(rotation).T
+        return Mesh(vertices + np.asarray(offset), self.faces, dict(self.attributes))
+
+    def face_areas(self):
+        """Area of each triangle, shape (F,), m2."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+@dataclass
+class SceneObject:
+    """A mesh with its class and its look.
+
+    Attributes
+    ----------
+    name : str
+    label : int
+        Class of all of it; a tree's wood takes its class from the axis instead.
+    mesh : Mesh
+    material : dict
+        `kind` (bark, wood, image, plain) and what that kind needs, see `surface_color`.
+    tree : int
+        0 the target, 1.. neighbours, 255 no tree.
+    """
+
+    name: str
+    label: int
+    mesh: Mesh
+    material: dict
+    tree: int = NO_TREE
+
+
+def join(meshes):
+    """Concatenate meshes that have the same attributes."""
+    offsets = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
+    return Mesh(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.faces + o for m, o in zip(meshes, offsets)]).astype(np.int32),
+        {k: np.concatenate([m.attributes[k] for m in meshes]) for k in meshes[0].attributes},
+    )
+
+
+def _frames(tangents):
+    """Two unit vectors across each tangent, transported along the curve without twist."""
+    normals = np.empty_like(tangents)
+    t = tangents[0]
+    ref = np.array([1.0, 0.0, 0.0]) if abs(t[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
+    n = np.cross(t, ref)
+    for i, t in enumerate(tangents):
+        n = n - t * (n @ t)
+        n = n / np.linalg.norm(n)
+        normals[i] = n
+    return normals, np.cross(tangents, normals)
+
+
+def _tube(points, radii, tangents, sides, arclength, rest_offset):
+    """One tube with a rounded end. `rest` is the point on the straightened axis."""
+    u, v = _frames(tangents)
+    # two shrinking rows past the last node round the tip off
+    tip, r, t = points[-1], radii[-1], tangents[-1]
+    points = np.vstack([points, tip + 0.6 * r * t, tip + r * t])
+    radii = np.append(radii, [0.8 * r, 0.02 * r])
+    arclength = np.append(arclength, arclength[-1] + np.array([0.6 * r, r]))
+    u, v = np.vstack([u, u[-1:], u[-1:]]), np.vstack([v, v[-1:], v[-1:]])
+    angle = np.arange(sides) * 2 * np.pi / sides
+    c, s = np.cos(angle), np.sin(angle)
+    across = c[None, :, None] * u[:, None] + s[None, :, None] * v[:, None]  # (n, sides, 3)
+    vertices = points[:, None] + radii[:, None, None] * across
+    rest = np.empty_like(vertices)
+    rest[..., 0], rest[..., 1] = radii[:, None] * c, radii[:, None] * s
+    rest[..., 2] = arclength[:, None]
+    row = np.arange(len(points) - 1)[:, None] * sides
+    a, b = row + np.arange(sides), row + (np.arange(sides) + 1) % sides
+    faces = np.stack(
+        [np.stack([a, b, b + sides], -1), np.stack([a, b + sides, a + sides], -1)], axis=2
+    )
+    n = len(points) * sides
+    return vertices.reshape(n, 3), faces.reshape(-1, 3), rest.reshape(n, 3) + rest_offset
+
+
+def tree_mesh(tree, *, row_step=0.01, side_step=0.006, max_sides=48, min_sides=8):
+    """Tubes of all axes of a tree.
+
+    Parameters
+    ----------
+    tree : Tree
+        The grown tree.
+    row_step : float, default 0.01
+        Spacing of the rows along an axis, m; rows are resampled by linear interpolation.
+    side_step : float, default 0.006
+        Wanted width of a facet around the axis, m.
+    max_sides, min_sides : int
+        Bounds of the number of facets.
+
+    Returns
+    -------
+    Mesh
+        Attributes `rest` (V, 3) (position on the straightened axis, shifted per axis, for
+        textures), `axis` (V,) int32, `radius` (V,) and `s` (V,) arc length.
+    """
+    rng = np.random.default_rng([tree.bark_seed, 23])
+    parts = []
+    for i, axis in enumerate(tree.axes):
+        s, tangents = axis.arclength, axis.tangents
+        rows = np.linspace(0, s[-1], max(int(np.ceil(s[-1] / row_step)), 2) + 1)
+
+        def at(values, s=s, rows=rows):
+            columns = np.atleast_2d(values.T)
+            return np.stack([np.interp(rows, s, c) for c in columns], axis=-1)
+
+        radii = at(axis.radii)[:, 0]
+        along = at(tangents)
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        circumference = 2 * np.pi * float(np.mean(axis.radii))
+        sides = int(np.clip(round(circumference / side_step), min_sides, max_sides))
+        vertices, faces, rest = _tube(
+            at(axis.points), radii, along, sides, rows, rng.uniform(-50, 50, 3)
+        )
+        n = len(vertices)
+        attributes = {
+            "rest": rest,
+            "axis": np.full(n, i, np.int32),
+            "radius": np.repeat(np.append(radii, radii[[-1, -1]]), sides),
+            "s": np.repeat(np.append(rows, rows[[-1, -1]]), sides),
+        }
+        parts.append(Mesh(vertices, faces.astype(np.int32), attributes))
+    return join(parts)
+
+
+def _grid_faces(rows, columns, wrap):
+    r = np.arange(rows - 1)[:, None] * columns
+    c = np.arange(columns if wrap else columns - 1)
+    a, b = r + c, r + (c + 1) % columns
+    faces = np.stack(
+        [np.stack([a, b, b + columns], -1), np.stack([a, b + columns, a + columns], -1)]
+    )
+    return np.moveaxis(faces, 0, 2).reshape(-1, 3).astype(np.int32)
+
+
+def ground_disc(height, *, outer=40.0, rings=90, sectors=128):
+    """A disc around the origin, fine near it and coarse far off.
+
+    Parameters
+    ----------
+    height : callable
+        z (n,) of positions xy (n, 2), m.
+    outer : float, default 40
+        Radius, m.
+    rings, sectors : int
+        Resolution.
+
+    Returns
+    -------
+    Mesh
+        No attributes.
+    """
+    radius = 0.01 + (outer - 0.01) * np.linspace(0, 1, rings) ** 2.0
+    angle = np.arange(sectors) * 2 * np.pi / sectors
+    xy = np.stack(
+        [radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)], axis=-1
+    ).reshape(-1, 2)
+    vertices = np.column_stack([xy, height(xy)])
+    faces = _grid_faces(rings, sectors, wrap=True)
+    centre = np.array([[0, 0, height(np.zeros((1, 2)))[0]]])
+    fan = np.stack(
+        [
+            np.full(sectors, len(vertices)),
+            np.arange(sectors),
+            (np.arange(sectors) + 1) % sectors,
+        ],
+        axis=1,
+    )
+    return Mesh(np.vstack([vertices, centre]), np.vstack([faces, fan]).astype(np.int32))
+
+
+def cylinder(base, top, radius, *, sides=32, rows=16):
+    """A closed cylinder between two points, with `rest` coordinates for its texture."""
+    base, top = np.asarray(base, float), np.asarray(top, float)
+    s = np.linspace(0, np.linalg.norm(top - base), rows)
+    t = np.repeat([(top - base) / s[-1]], rows, axis=0)
+    points = base + s[:, None] * t
+    vertices, faces, rest = _tube(points, np.full(rows, radius), t, sides, s, base * 7.3)
+    return Mesh(vertices, faces.astype(np.int32), {"rest": rest})
+
+
+def ring(points, radii, *, sides=48):
+    """An open sleeve around a stem: shape (n, 3) points, (n,) radii, both m."""
+    t = np.gradient(points, axis=0)
+    t /= np.linalg.norm(t, axis=1, keepdims=True)
+    s = np.linspace(0, np.linalg.norm(points[-1] - points[0]), len(points))
+    # the rims bend in to the bark so that no gap shows
+    points = np.vstack([points[:1], points, points[-1:]])
+    radii = np.concatenate([[0.8 * radii[0]], radii, [0.8 * radii[-1]]])
+    t, s = np.vstack([t[:1], t, t[-1:]]), np.concatenate([s[:1], s, s[-1:]])
+    u, v = _frames(t)
+    angle = np.arange(sides) * 2 * np.pi / sides
+    across = np.cos(angle)[None, :, None] * u[:, None] + np.sin(angle)[None, :, None] * v[:, None]
+    vertices = (points[:, None] + radii[:, None, None] * across).reshape(-1, 3)
+    rest = np.column_stack([vertices[:, :2], np.repeat(s, sides)]) * 1.0
+    return Mesh(vertices, _grid_faces(len(points), sides, wrap=True), {"rest": rest})
+
+
+def quad_board(width, height, thickness):
+    """A board in the x-y plane, its front face up at z = 0 with `uv` from (0, 0) to (1, 1).
+
+    u runs along x and v along y; the other five faces have uv (-1, -1).
+    """
+    x, y = width / 2, height / 2
+    front = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
+    uv = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    back = box((width, height, thickness), skip_top=True).moved((0, 0, -thickness / 2))
+    return join(
+        [
+            Mesh(front, np.array([[0, 1, 2], [0, 2, 3]], np.int32), {"uv": uv, "rest": front}),
+            Mesh(
+                back.vertices,
+                back.faces,
+                {"uv": np.full((len(back.vertices), 2), -1.0), "rest": back.attributes["rest"]},
+            ),
+        ]
+    )
+
+
+def box(size, *, skip_top=False):
+    """A box centred on the origin with `rest` coordinates; `skip_top` leaves out the +z face."""
+    h = np.asarray(size, float) / 2
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * h
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    if skip_top:
+        quads = quads[:5]
+    vertices = np.concatenate([corners[list(q)] for q in quads])
+    first = 4 * np.arange(len(quads))[:, None, None]
+    faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+    uv = np.tile([[0.0, 0], [1, 0], [1, 1], [0, 1]], (len(quads), 1))
+    return Mesh(vertices, faces.astype(np.int32), {"rest": vertices.copy(), "uv": uv})

@@ -1,0 +1,135 @@
+"""Seeded lattice noise that never repeats: the source of every texture of the orchard.
+
+The same functions colour the rendered photos and the sampled clouds, so that a network trained
+on the clouds sees the bark and the ground that the photos show.
+"""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["fbm", "spots"]
+
+
+@njit(cache=True, inline="always")
+def _hash(i, j, k, seed):
+    """Mix three lattice coordinates and a seed into a number in [0, 1)."""
+    # numba widens products of 32-bit integers: every step is cut back to 32 bits
+    h = np.uint32(np.uint32(seed) * np.uint32(0x9E3779B1))
+    h = np.uint32(h ^ np.uint32(np.uint32(i) * np.uint32(0x85EBCA6B)))
+    h = np.uint32((h ^ (h >> np.uint32(15))) * np.uint32(0x2C1B3C6D))
+    h = np.uint32(h ^ np.uint32(np.uint32(j) * np.uint32(0xC2B2AE35)))
+    h = np.uint32((h ^ (h >> np.uint32(12))) * np.uint32(0x297A2D39))
+    h = np.uint32(h ^ np.uint32(np.uint32(k) * np.uint32(0x27D4EB2F)))
+    h = np.uint32((h ^ (h >> np.uint32(15))) * np.uint32(0x165667B1))
+    h = np.uint32(h ^ (h >> np.uint32(13)))
+    return np.float64(h) / 4294967296.0
+
+
+@njit(cache=True)
+def _value(x, y, z, seed):
+    """Value noise at one point, in [0, 1]."""
+    i, j, k = np.floor(x), np.floor(y), np.floor(z)
+    fx, fy, fz = x - i, y - j, z - k
+    fx, fy, fz = fx * fx * (3 - 2 * fx), fy * fy * (3 - 2 * fy), fz * fz * (3 - 2 * fz)
+    a, b, c = np.int64(i), np.int64(j), np.int64(k)
+    lo = (_hash(a, b, c, seed) * (1 - fx) + _hash(a + 1, b, c, seed) * fx) * (1 - fy) + (
+        _hash(a, b + 1, c, seed) * (1 - fx) + _hash(a + 1, b + 1, c, seed) * fx
+    ) * fy
+    if fz == 0.0:
+        return lo
+    hi = (_hash(a, b, c + 1, seed) * (1 - fx) + _hash(a + 1, b, c + 1, seed) * fx) * (1 - fy) + (
+        _hash(a, b + 1, c + 1, seed) * (1 - fx) + _hash(a + 1, b + 1, c + 1, seed) * fx
+    ) * fy
+    return lo * (1 - fz) + hi * fz
+
+
+@njit(cache=True)
+def _fbm(points, octaves, gain, seed, out):
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        amplitude, total, norm = 1.0, 0.0, 0.0
+        for octave in range(octaves):
+            total += amplitude * (_value(x, y, z, seed + octave) - 0.5)
+            norm += amplitude * amplitude
+            amplitude *= gain
+            # a factor off 2 and a shift keep the lattices of the octaves apart
+            x, y = 2.03 * x + 17.1, 2.03 * y + 5.3
+            if z != 0.0:
+                z = 2.03 * z + 9.7
+        out[n] = min(max(0.5 + total / np.sqrt(norm), 0.0), 1.0)
+
+
+@njit(cache=True)
+def _spots(points, density, seed, flat, strength, tint):
+    depth = 0 if flat else 1
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        i, j, k = np.int64(np.floor(x)), np.int64(np.floor(y)), np.int64(np.floor(z))
+        best, best_tint = 0.0, 0.0
+        for a in range(i - 1, i + 2):
+            for b in range(j - 1, j + 2):
+                for c in range(k - depth, k + depth + 1):
+                    if _hash(a, b, c, seed) >= density:
+                        continue
+                    dx = x - a - _hash(a, b, c, seed + 1)
+                    dy = y - b - _hash(a, b, c, seed + 2)
+                    dz = 0.0 if flat else z - c - _hash(a, b, c, seed + 3)
+                    radius = 0.25 + 0.55 * _hash(a, b, c, seed + 4)
+                    value = 1.0 - np.sqrt(dx * dx + dy * dy + dz * dz) / radius
+                    if value > best:
+                        best, best_tint = value, _hash(a, b, c, seed + 5)
+        strength[n] = best
+        tint[n] = best_tint
+
+
+def fbm(points, *, octaves=4, gain=0.55, seed=0):
+    """Fractal value noise (several octaves of lattice noise, not periodic).
+
+    Parameters
+    ----------
+    points : array_like of shape (N, 3)
+        Positions in lattice cells (metres times the cells per metre wanted). A third coordinate
+        of exactly 0 gives the cheaper two-dimensional noise.
+    octaves : int, default 4
+        Number of octaves, each about twice as fine as the one before.
+    gain : float, default 0.55
+        Amplitude of an octave relative to the one before.
+    seed : int, default 0
+        Seed of the lattice.
+
+    Returns
+    -------
+    ndarray of shape (N,), float64
+        Values in [0, 1] with mean 0.5.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    out = np.empty(len(points))
+    _fbm(points, int(octaves), float(gain), int(seed), out)
+    return out
+
+
+def spots(points, *, density=0.5, seed=0, flat=False):
+    """Randomly placed round spots: lichen, lenticels, pebbles, leaves.
+
+    Parameters
+    ----------
+    points : array_like of shape (N, 3)
+        Positions in cells; a cell holds at most one spot, of radius 0.25 to 0.8 cells.
+    density : float, default 0.5
+        Share of the cells that hold a spot.
+    seed : int, default 0
+        Seed of the lattice.
+    flat : bool, default False
+        Ignore the third coordinate (spots on a plane).
+
+    Returns
+    -------
+    strength : ndarray of shape (N,), float64
+        1 in the middle of a spot, falling to 0 at its rim and outside.
+    tint : ndarray of shape (N,), float64
+        A random number in [0, 1) of the spot that covers the point, 0 outside.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    strength, tint = np.empty(len(points)), np.empty(len(points))
+    _spots(points, float(density), int(seed), bool(flat), strength, tint)
+    return strength, tint

@@ -1,0 +1,261 @@
+"""Lay an orchard scene out: target tree, neighbours, ground, sign, markers, calibration, roof.
+
+Frame: metres, z up, the row along x, the target's stem foot at the origin on the ground.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cherrypicker.classes import Label
+from cherrypicker.orchard.appearance import make_light
+from cherrypicker.orchard.boards import board_on_post, checker_cube, marker_object, stem_ring
+from cherrypicker.orchard.growth import HABITS, grow_tree
+from cherrypicker.orchard.mesh import SceneObject, cylinder, join, quad_board, tree_mesh
+from cherrypicker.orchard.noise import fbm
+
+__all__ = ["Scene", "generate_scene"]
+
+DICTIONARIES = ("DICT_4X4_50", "DICT_5X5_100", "DICT_6X6_250", "DICT_APRILTAG_36h11")
+
+
+@dataclass
+class Scene:
+    """An orchard scene.
+
+    Attributes
+    ----------
+    seed : int
+    trees : list of Tree
+        The target first.
+    offsets : ndarray of shape (n_trees, 3)
+        Stem feet, m.
+    objects : list of SceneObject
+        All that is neither a tree nor the ground.
+    markers : list of dict
+        `dictionary`, `id`, `side_m`, `corners` (4, 3) in the order of OpenCV (clockwise from
+        the marker's top left).
+    light : Light
+    ground_seed : int
+    ground_relief_m : tuple of float
+        Amplitudes of the gentle and of the fine relief, m.
+    options : dict
+        What was asked for, for the record.
+    """
+
+    seed: int
+    trees: list
+    offsets: np.ndarray
+    objects: list
+    markers: list
+    light: object
+    ground_seed: int
+    ground_relief_m: tuple
+    options: dict = field(default_factory=dict)
+
+    @property
+    def target(self):
+        """The tree that the cameras look at."""
+        return self.trees[0]
+
+    def ground_height(self, xy):
+        """Ground level z (N,) at positions xy (N, 2), m; 0 at the target's stem."""
+        return _ground_height(xy, self.ground_seed, self.ground_relief_m)
+
+    def tree_objects(self, **resolution):
+        """One bark object per tree, meshed at the resolution asked for (see `tree_mesh`)."""
+        made = []
+        for i, (tree, offset) in enumerate(zip(self.trees, self.offsets)):
+            mesh = tree_mesh(tree, **resolution).moved(offset)
+            material = {"kind": "bark", "seed": tree.bark_seed}
+            made.append(SceneObject(f"tree{i}", int(Label.BRANCH), mesh, material, i))
+        return made
+
+
+def _ground_height(xy, seed, relief):
+    def level(at):
+        p = np.column_stack([at, np.zeros(len(at))])
+        gentle = fbm(p * 0.35 + 100.0, octaves=2, gain=0.4, seed=seed + 3) - 0.5
+        fine = fbm(p * 5.0, octaves=3, gain=0.5, seed=seed + 5) - 0.5
+        return relief[0] * gentle + relief[1] * fine
+
+    return level(np.asarray(xy, float)) - level(np.zeros((1, 2)))[0]
+
+
+def _around(rng, low, high, avoid=None, spread=0.9):
+    """A random place at a distance in [low, high] whose azimuth keeps off those in `avoid`."""
+    avoid = [] if avoid is None else avoid
+    for _ in range(50):
+        azimuth = rng.uniform(-np.pi, np.pi)
+        if all(abs(np.angle(np.exp(1j * (azimuth - a)))) > spread for a in avoid):
+            break
+    avoid.append(azimuth)
+    return rng.uniform(low, high) * np.array([np.cos(azimuth), np.sin(azimuth)]), azimuth
+
+
+def _roof(rng, seed):
+    """Two panels of translucent foil over the row."""
+    z, pitch = rng.uniform(2.9, 3.6), np.radians(rng.uniform(12, 28))
+    width = rng.uniform(1.1, 1.7)
+    panels = []
+    for sign in (-1, 1):
+        c, s = np.cos(sign * pitch), np.sin(sign * pitch)
+        turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+        middle = (0, -sign * width / 2 * c, z - abs(s) * width / 2)
+        panels.append(quad_board(7.0, width, 0.004).moved(middle, turn))
+    tone = rng.uniform(0.35, 0.6) * np.array([0.95, 1.0, 1.05])
+    material = {"kind": "plain", "seed": seed + 5, "color": tuple(tone)}
+    return SceneObject("roof", int(Label.ROOF), join(panels), material)
+
+
+def _post(rng, seed, ground, xy):
+    height, radius = rng.uniform(1.5, 2.4), rng.uniform(0.018, 0.038)
+    z = ground(xy[None])[0]
+    lean = rng.normal(size=2) * 0.01
+    mesh = cylinder((*xy, z - 0.05), (*(xy + lean), z + height), radius, rows=60)
+    color = ((0.36, 0.29, 0.20), (0.30, 0.27, 0.24), (0.42, 0.36, 0.24))[rng.integers(3)]
+    material = {"kind": "wood", "seed": seed + 9, "color": color}
+    return SceneObject("support_post", int(Label.SUPPORT_POST), mesh, material)
+
+
+def _plant_neighbours(rng, seed, n, spacing, ground, habit):
+    trees, offsets = [], []
+    for i in range(n):
+        side = (-1) ** i
+        x = side * (1 + i // 2) * spacing * rng.uniform(0.93, 1.07)
+        xy = np.array([x, rng.normal() * 0.06])
+        trees.append(grow_tree(seed * 97 + 13 + i, habit, density=rng.uniform(0.7, 1.0)))
+        offsets.append([*xy, ground(xy[None])[0] - 0.01])
+    return trees, offsets
+
+
+def generate_scene(
+    seed,
+    *,
+    habit=None,
+    height=None,
+    trunk_radius=None,
+    density=1.0,
+    sky=None,
+    neighbours=None,
+    row_spacing=None,
+    markers=None,
+    sign=None,
+    ring=None,
+    cube=None,
+    post=None,
+    roof=None,
+):
+    """Lay out a random orchard scene; every option left at None is drawn from the seed.
+
+    Parameters
+    ----------
+    seed : int
+        Equal arguments give an equal scene.
+    habit : {"leader", "spindle", "vase"}, optional
+        Form of the trees.
+    height, trunk_radius : float, optional
+        Of the target, m.
+    density : float, default 1
+        How closely the target's laterals and twigs stand.
+    sky : {"clear", "broken", "overcast"}, optional
+        Light.
+    neighbours : int, optional
+        Number of other trees in the row (0 to 2 by default).
+    row_spacing : float, optional
+        Distance between the trees of the row, m (2.2 to 3.8 by default).
+    markers : list of dict, optional
+        `dictionary`, `id`, `side_m` and optionally `pose` ("lying" or "standing"), `xy`,
+        `azimuth` (rad, of the marker's own up), `tilt` (rad, of a lying board). One random
+        marker by default, [] for none.
+    sign, ring, cube, post, roof : bool, optional
+        Whether the scene has a sign, a white calibration ring on the stem, a checker cube, a
+        support post beside the stem, a roof of foil.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ValueError
+        If the habit is not known.
+    """
+    options = {k: v for k, v in locals().items() if k != "seed" and v is not None}
+    rng = np.random.default_rng([int(seed), 1])
+    # all draws happen whatever the options say, so that one option does not reshuffle the rest
+    drawn = {
+        "habit": str(rng.choice(sorted(HABITS))),
+        "neighbours": int(rng.integers(0, 3)),
+        "row_spacing": rng.uniform(2.2, 3.8),
+        "sign": rng.random() < 0.7,
+        "ring": rng.random() < 0.5,
+        "cube": rng.random() < 0.25,
+        "post": rng.random() < 0.4,
+        "roof": rng.random() < 0.2,
+    }
+    given = {
+        "habit": habit, "neighbours": neighbours, "row_spacing": row_spacing, "sign": sign,
+        "ring": ring, "cube": cube, "post": post, "roof": roof,
+    }  # fmt: skip
+    pick = {k: drawn[k] if given[k] is None else given[k] for k in drawn}
+    relief = (rng.uniform(0.04, 0.20), rng.uniform(0.015, 0.05))
+    ground_seed = int(rng.integers(1 << 30))
+
+    def ground(xy):
+        return _ground_height(xy, ground_seed, relief)
+
+    light = make_light(np.random.default_rng([int(seed), 2]), sky)
+    target = grow_tree(
+        seed, pick["habit"], height=height, trunk_radius=trunk_radius, density=density
+    )
+    others, offsets = _plant_neighbours(
+        np.random.default_rng([int(seed), 3]), int(seed), pick["neighbours"],
+        pick["row_spacing"], ground, pick["habit"],
+    )  # fmt: skip
+    objects, truth = _place_objects(
+        np.random.default_rng([int(seed), 4]), int(seed), pick, markers, target, ground
+    )
+    return Scene(
+        int(seed), [target, *others], np.array([[0.0, 0.0, 0.0], *offsets]), objects, truth,
+        light, ground_seed, relief, {**options, **{k: pick[k] for k in drawn}},
+    )  # fmt: skip
+
+
+def _place_objects(rng, seed, pick, markers, target, ground):
+    taken, objects, truth = [], [], []
+    if markers is None:
+        markers = [
+            {
+                "dictionary": str(rng.choice(DICTIONARIES)),
+                "id": int(rng.integers(0, 50)),
+                "side_m": float(rng.choice([0.10, 0.15, 0.20, 0.25])),
+                "pose": str(rng.choice(["lying", "standing"])),
+            }
+        ]
+    if pick["post"]:
+        side = rng.choice([-1, 1])
+        xy = np.array([side * rng.uniform(0.10, 0.22), rng.normal() * 0.03])
+        taken.append(np.arctan2(xy[1], xy[0]))
+        objects.append(_post(rng, seed, ground, xy))
+    for spec in markers:
+        xy, azimuth = _around(rng, 0.45, 0.95, taken)
+        xy = np.asarray(spec.get("xy", xy), float)
+        spec = {
+            "pose": "lying", "tilt": rng.uniform(0, 0.25),
+            "azimuth": azimuth + np.pi + rng.normal() * 0.4, **spec,
+        }  # fmt: skip
+        made, marker = marker_object(spec, xy, ground(xy[None])[0], seed)
+        objects.extend(made)
+        truth.append(marker)
+    if pick["sign"]:
+        xy, azimuth = _around(rng, 0.6, 1.5, taken, spread=0.6)
+        objects.extend(board_on_post(rng, seed, xy, azimuth, ground(xy[None])[0]))
+    if pick["cube"]:
+        xy, _ = _around(rng, 0.4, 1.1, taken, spread=0.6)
+        objects.append(checker_cube(rng, seed, xy, ground(xy[None])[0]))
+    if pick["ring"]:
+        objects.append(stem_ring(rng, seed, target.axes[0]))
+    if pick["roof"]:
+        objects.append(_roof(rng, seed))
+    return objects, truth
