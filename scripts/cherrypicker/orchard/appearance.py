@@ -29,7 +29,7 @@ class Light:
     ambient_bottom: np.ndarray
 
     def shade(self, albedo, normals, lit=1.0):
-        """Radiance of a surface: albedo (N, 3), unit normals (N, 3), share of sun (N,) or scalar."""
+        """Radiance of albedo (N, 3) with unit normals (N, 3); `lit` is the share of sun."""
         facing = np.clip(normals @ self.sun_direction, 0.0, 1.0) * lit
         up = 0.5 + 0.5 * normals[:, 2:3]
         ambient = up * self.ambient_top + (1.0 - up) * self.ambient_bottom

@@ -101,7 +101,7 @@ class Axis:
 
 @dataclass
 class Skeleton:
-    """Exact skeleton: ids (n,), parents (n,) (-1 root), points (n, 3) m, radii (n,) m, orders, labels."""
+    """Exact skeleton: per node the parent (-1 root), position and radius (m), order, label."""
 
     parents: np.ndarray
     points: np.ndarray

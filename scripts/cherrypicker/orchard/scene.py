@@ -238,12 +238,12 @@ def _place_objects(rng, seed, pick, markers, target, ground):
         xy = np.array([side * rng.uniform(0.10, 0.22), rng.normal() * 0.03])
         taken.append(np.arctan2(xy[1], xy[0]))
         objects.append(_post(rng, seed, ground, xy))
-    for spec in markers:
+    for wanted in markers:
         xy, azimuth = _around(rng, 0.45, 0.95, taken)
-        xy = np.asarray(spec.get("xy", xy), float)
+        xy = np.asarray(wanted.get("xy", xy), float)
         spec = {
             "pose": "lying", "tilt": rng.uniform(0, 0.25),
-            "azimuth": azimuth + np.pi + rng.normal() * 0.4, **spec,
+            "azimuth": azimuth + np.pi + rng.normal() * 0.4, **wanted,
         }  # fmt: skip
         made, marker = marker_object(spec, xy, ground(xy[None])[0], seed)
         objects.extend(made)
