@@ -1,0 +1,250 @@
+"""What the camera poses alone say about a scene: the point looked at, and which way is up.
+
+A photo may be stored in any of four quarter turns (COLMAP ignores the EXIF orientation), so an
+image's own "up" is trusted only up to such a turn; the turns are chosen by consensus of all photos,
+with EXIF as a hint.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# Right and up of the photographer in camera axes (x right, y down) for each quarter turn of the
+# stored image. 0: as stored; 1: EXIF 6, up is the image's left; 2: upside down, EXIF 3; 3: EXIF 8.
+_RIGHT_AXES = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+_UP_AXES = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+# Rows: the turn that EXIF states (none or upright, 1, 2, 3). A mild preference that decides where
+# geometry cannot, as for a ring of level portrait photos; the tag may be missing or wrong.
+_TURN_COST = np.array(
+    [
+        [0.0, 0.12, 0.5, 0.15],
+        [0.15, 0.0, 0.3, 0.5],
+        [0.3, 0.3, 0.0, 0.3],
+        [0.15, 0.5, 0.3, 0.0],
+    ]
+)
+_TURN_OF_EXIF = {1: 0, 6: 1, 3: 2, 8: 3}
+_ROLL_SCALE_DEG = 8.0
+_PITCH_SCALE_DEG = 45.0
+# Photographers share habits: no number of photos makes the vertical better than this.
+_UP_FLOOR_DEG = 0.25
+
+
+@dataclass(frozen=True)
+class CameraUp:
+    """Vertical direction that the camera rolls agree on.
+
+    Attributes
+    ----------
+    up : ndarray of shape (3,)
+        Unit vector, world frame.
+    turns : ndarray of shape (n_cameras,), int
+        Quarter turn of each photo, 0 stored upright, 1 EXIF 6, 2 upside down, 3 EXIF 8.
+    covariance : ndarray of shape (3, 3)
+        Of `up` in rad^2, zero along `up` itself; large where the views do not determine it.
+    roll_std_deg : float
+        Robust spread of the camera rolls about `up`, degrees.
+    cost : float
+        Mean robust disagreement in [0, 1]; below 0.3 the cameras agree well.
+    """
+
+    up: np.ndarray
+    turns: np.ndarray
+    covariance: np.ndarray
+    roll_std_deg: float
+    cost: float
+
+
+def unit(vectors):
+    """Scale vectors of shape (..., 3) to length one."""
+    vectors = np.asarray(vectors, float)
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+
+
+def angle_deg(a, b):
+    """Angle between two vectors in degrees, precise near zero."""
+    a, b = unit(a), unit(b)
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def tangent_basis(direction):
+    """Two unit vectors, shape (2, 3), that span the plane orthogonal to `direction`."""
+    direction = unit(direction)
+    helper = np.eye(3)[np.argmin(np.abs(direction))]
+    first = unit(np.cross(direction, helper))
+    return np.stack([first, np.cross(direction, first)])
+
+
+def look_at_point(poses, points):
+    """Point that the cameras look at: robust least-squares intersection of the viewing axes.
+
+    Parallel axes (a row of photos along a hedge) leave the depth open; a weak pull towards the
+    depth at which each camera sees the cloud closes it.
+
+    Parameters
+    ----------
+    poses : Poses
+    points : ndarray of shape (n_points, 3)
+        The cloud, in the frame of the poses.
+
+    Returns
+    -------
+    point : ndarray of shape (3,)
+    distance : float
+        Median distance of the cameras to it: the unit of thresholds where no scale is known.
+    """
+    centers, axes = poses.centers, poses.forward
+    prior = _mean_seen_point(poses, points)
+    projectors = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # (N, 3, 3)
+    weights = np.ones(len(centers))
+    point = prior
+    for _ in range(20):
+        pull = 0.01 * weights.sum()
+        left = np.einsum("n,nij->ij", weights, projectors) + pull * np.eye(3)
+        right = np.einsum("n,nij,nj->i", weights, projectors, centers) + pull * prior
+        new_point = np.linalg.solve(left, right)
+        offsets = new_point - centers
+        distances = np.linalg.norm(np.einsum("nij,nj->ni", projectors, offsets), axis=1)
+        # An axis that meets the point behind its camera says nothing about where the camera looks.
+        behind = np.einsum("ni,ni->n", offsets, axes) <= 0
+        scale = max(1.5 * np.median(distances), 1e-3 * np.median(np.linalg.norm(offsets, axis=1)))
+        weights = np.where(behind, 0.05, 1.0 / (1.0 + (distances / scale) ** 2))
+        if np.linalg.norm(new_point - point) < 1e-9 * np.median(np.linalg.norm(offsets, axis=1)):
+            break
+        point = new_point
+    return new_point, float(np.median(np.linalg.norm(new_point - centers, axis=1)))
+
+
+def _mean_seen_point(poses, points, n_sample=4000):
+    """Median over the cameras of the axis point at the depth of what the photo's middle shows."""
+    step = max(1, len(points) // n_sample)
+    sample = np.asarray(points)[::step]
+    seen = []
+    for index in range(len(poses.names)):
+        pixels, depth = poses.project(sample, index)
+        size = np.array([poses.width[index], poses.height[index]])
+        central = (depth > 0) & np.all(np.abs(pixels - size / 2) < size / 4, axis=1)
+        if central.sum() >= 5:
+            seen.append(poses.centers[index] + np.median(depth[central]) * poses.forward[index])
+    return np.median(seen, axis=0) if seen else np.median(sample, axis=0)
+
+
+def turns_from_exif(orientations):
+    """Quarter turns, shape (n,), that EXIF orientations (1 to 8) state; mirrored count as 1."""
+    return np.array([_TURN_OF_EXIF.get(int(value), 0) for value in orientations], int)
+
+
+def roll_costs(poses, directions, stated_turns=None):
+    """How badly each photo fits each hypothetical up direction, at its best quarter turn.
+
+    A level photo has its right axis orthogonal to up (roll) and its up axis not too far from up
+    (pitch); the second term rejects the horizontal directions to which the image axes of a level
+    ring of cameras are orthogonal as well.
+
+    Parameters
+    ----------
+    poses : Poses
+    directions : ndarray of shape (n_directions, 3)
+    stated_turns : ndarray of shape (n_cameras,), int, optional
+        As :func:`turns_from_exif` gives them; all 0 without.
+
+    Returns
+    -------
+    costs : ndarray of shape (n_directions, n_cameras)
+        In [0, 1), robust.
+    turns : ndarray of shape (n_directions, n_cameras), int
+    """
+    right, up = photographer_axes(poses)
+    directions = unit(np.atleast_2d(directions))
+    sin_roll = np.einsum("nki,hi->hnk", right, directions)
+    cos_pitch = np.einsum("nki,hi->hnk", up, directions)
+    roll = np.degrees(np.arcsin(np.clip(np.abs(sin_roll), 0, 1)))
+    pitch = np.degrees(np.arccos(np.clip(cos_pitch, -1, 1)))
+    squared = (roll / _ROLL_SCALE_DEG) ** 2 + (pitch / _PITCH_SCALE_DEG) ** 2
+    misfit = squared / (1.0 + squared)
+    if stated_turns is None:
+        stated_turns = np.zeros(len(right), int)
+    costs = misfit + _TURN_COST[stated_turns] * (1.0 - misfit)
+    return costs.min(axis=2), costs.argmin(axis=2)
+
+
+def photographer_axes(poses):
+    """Right and up axes of every photo under each quarter turn, in the world frame.
+
+    Returns
+    -------
+    right, up : ndarray of shape (n_cameras, 4, 3)
+    """
+    world_from_cam = np.transpose(poses.cam_from_world[:, :, :3], (0, 2, 1))
+    right = np.einsum("nij,kj->nki", world_from_cam, _RIGHT_AXES)
+    up = np.einsum("nij,kj->nki", world_from_cam, _UP_AXES)
+    return right, up
+
+
+def camera_up(poses, *, stated_turns=None, start=None, seed=0):
+    """Estimate the vertical from the camera rolls.
+
+    Every photo contributes its horizontal axis (image x, or y for a portrait photo stored
+    sideways), which ought to be orthogonal to up whatever the pitch. A roll bias that all photos of
+    a ring share cancels out.
+
+    Parameters
+    ----------
+    poses : Poses
+    stated_turns : ndarray of shape (n_cameras,), int, optional
+        Quarter turns according to EXIF.
+    start : ndarray of shape (3,), optional
+        Take the solution near this direction (a ground normal, sign included); else search all.
+    seed : int, default 0
+
+    Returns
+    -------
+    CameraUp
+    """
+    if start is None:
+        hypotheses = _up_hypotheses(poses, np.random.default_rng(seed))
+        costs, _ = roll_costs(poses, hypotheses, stated_turns)
+        start = hypotheses[np.argmin(costs.mean(axis=1))]
+    direction = unit(start)
+    right_axes, _ = photographer_axes(poses)
+    rows = np.arange(len(right_axes))
+    for _ in range(15):
+        costs, turns = roll_costs(poses, direction, stated_turns)
+        right = right_axes[rows, turns[0]]
+        direction, covariance, spread = _solve_vertical(right, direction)
+    costs, turns = roll_costs(poses, direction, stated_turns)
+    return CameraUp(direction, turns[0], covariance, spread, float(costs.mean()))
+
+
+def _up_hypotheses(poses, rng, n_pairs=400):
+    """Candidate verticals: cross products of two photos' axes, and the axes, both signs."""
+    right_axes, up_axes = photographer_axes(poses)
+    n = len(right_axes)
+    first, second = rng.integers(n, size=n_pairs), rng.integers(n, size=n_pairs)
+    turns = rng.integers(4, size=(2, n_pairs))
+    cross = np.cross(right_axes[first, turns[0]], right_axes[second, turns[1]])
+    cross = cross[np.linalg.norm(cross, axis=1) > 0.05]
+    mean_up = up_axes[:, 0].mean(axis=0, keepdims=True)
+    candidates = unit(np.concatenate([mean_up, up_axes.reshape(-1, 3), cross]))
+    return np.concatenate([candidates, -candidates])
+
+
+def _solve_vertical(right, direction):
+    """One robust Gauss-Newton step for the direction orthogonal to the `right` axes."""
+    basis = tangent_basis(direction)
+    residuals = np.arcsin(np.clip(right @ direction, -1, 1))
+    # The median of |roll| also feels a shared bias, which is then part of the uncertainty.
+    spread = max(1.4826 * np.median(np.abs(residuals)), np.radians(0.2))
+    weights = 1.0 / (1.0 + (residuals / (2.5 * spread)) ** 2) ** 2
+    rows = right @ basis.T  # (N, 2)
+    information = (rows * weights[:, None]).T @ rows
+    # A photo series from one side leaves the tilt towards it open: the ridge keeps the start there.
+    ridge = 1e-3 * len(right) * np.eye(2)
+    step = np.linalg.solve(information + ridge, -(rows * weights[:, None]).T @ residuals)
+    values, vectors = np.linalg.eigh(information)
+    effective = max(weights.sum(), 1.0)
+    inflate = spread**2 * (1.0 + 4.0 / effective)
+    variances = inflate / np.maximum(values, 1e-6) + np.radians(_UP_FLOOR_DEG) ** 2
+    axes = vectors.T @ basis
+    covariance = np.einsum("k,ki,kj->ij", variances, axes, axes)
+    return unit(direction + step @ basis), covariance, float(np.degrees(spread))

@@ -1,0 +1,42 @@
+"""Crop the aligned cloud to the region of interest and choose the target tree.
+
+Reads aligned.ply and aligned_poses.npz, writes cropped.ply and crop.json. Example:
+
+    python scripts/crop_roi.py --cloud aligned.ply --poses aligned_poses.npz \
+        --cropped cropped.ply --report crop.json
+"""
+
+from cherrypicker.crop import crop_roi
+from cherrypicker.files import write_json
+from cherrypicker.pointcloud import read_cloud, write_cloud
+from cherrypicker.poses import read_poses
+from cherrypicker.runner import run, stage_parser
+
+
+def main(cloud, poses, cropped, report, *, margin_fraction, target_xy, seed):
+    """Load, crop, save."""
+    aligned = read_cloud(cloud)
+    result = crop_roi(
+        aligned.points,
+        read_poses(poses),
+        margin_fraction=margin_fraction,
+        target_xy=target_xy,
+        seed=seed,
+    )
+    write_cloud(cropped, aligned.select(result.keep))
+    write_json(report, result.report)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--cloud", required=True, help="aligned cloud, PLY")
+parser.add_argument("--poses", required=True, help="aligned poses, NPZ")
+parser.add_argument("--cropped", required=True, help="cropped cloud to write")
+parser.add_argument("--report", required=True, help="JSON of target, box and other stems to write")
+parser.add_argument(
+    "--margin_fraction", type=float, default=0.0, help="widens the box, in its extents, each side"
+)
+parser.add_argument(
+    "--target_xy", type=float, nargs=2, help="the target's stem in the aligned frame"
+)
+parser.add_argument("--seed", type=int, default=0)
+run(main, parser, globals().get("snakemake"))

@@ -1,0 +1,59 @@
+rule align_cloud:
+    input:
+        cloud="results/{tree}/cloud.ply",
+        poses="results/{tree}/poses.npz",
+        photos=photos_of,
+        code=code("align_cloud"),
+    output:
+        aligned=ensure("results/{tree}/aligned.ply", non_empty=True),
+        aligned_poses=ensure("results/{tree}/aligned_poses.npz", non_empty=True),
+        report="results/{tree}/align.json",
+    log:
+        "logs/align_cloud/{tree}.log",
+    benchmark:
+        "benchmarks/align_cloud/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=20,
+        gpu=0,
+    params:
+        ground_distance_fraction=cfg("align.ground_distance_fraction"),
+        n_planes=cfg("align.n_planes"),
+        up_from=cfg("align.up_from"),
+        seed=cfg("seed"),
+    message:
+        "{wildcards.tree}: turn the cloud upright, the ground to z = 0"
+    script:
+        "../../scripts/align_cloud.py"
+
+
+rule crop_roi:
+    input:
+        cloud="results/{tree}/aligned.ply",
+        poses="results/{tree}/aligned_poses.npz",
+        code=code("crop_roi"),
+    output:
+        cropped=ensure("results/{tree}/cropped.ply", non_empty=True),
+        report="results/{tree}/crop.json",
+    log:
+        "logs/crop_roi/{tree}.log",
+    benchmark:
+        "benchmarks/crop_roi/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=20,
+        gpu=0,
+    params:
+        margin_fraction=cfg("crop.margin_fraction"),
+        target_xy=cfg("crop.target_xy"),
+        seed=cfg("seed"),
+    message:
+        "{wildcards.tree}: crop to the region of interest"
+    script:
+        "../../scripts/crop_roi.py"
