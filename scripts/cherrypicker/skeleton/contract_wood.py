@@ -1,0 +1,169 @@
+"""From a labelled cloud to the contracted points of the target tree's wood."""
+
+import logging
+
+import numpy as np
+
+from cherrypicker.classes import CLASS_NAMES, Label
+from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton.contraction import contract_points
+from cherrypicker.skeleton.sampling import thin_to_limit
+from cherrypicker.skeleton.stem_gap import fill_stem_gaps
+from cherrypicker.skeleton.wood import select_target_wood
+
+__all__ = ["class_weights", "contract_wood"]
+
+logger = logging.getLogger(__name__)
+
+FEWEST_WOOD = 50
+SELECTION_FACTOR = 4  # the selection may look at this many times the points of the contraction
+
+
+def class_weights(labels, weights):
+    """Lambda of each point's class.
+
+    Parameters
+    ----------
+    labels : ndarray of shape (n_points,), int
+    weights : dict of str to float
+        Class name to lambda; classes that are not named weigh 1.
+
+    Returns
+    -------
+    ndarray of shape (n_points,), float64
+
+    Raises
+    ------
+    StageError
+        If a name is no class or a weight is not positive.
+    """
+    number = {name: index for index, name in CLASS_NAMES.items()}
+    table = np.ones(256)
+    for name, weight in weights.items():
+        if name not in number:
+            raise StageError(
+                f"unknown class {name!r} (known: {', '.join(number)})", key="contract.weights"
+            )
+        if not weight > 0:
+            raise StageError(f"the weight of {name} must be positive", key="contract.weights")
+        table[number[name]] = weight
+    return table[np.asarray(labels, dtype=np.int64)]
+
+
+def contract_wood(
+    cloud,
+    *,
+    classes=(1, 2),
+    weights=None,
+    method="slbc",
+    options=None,
+    voxel_size_m=0.008,
+    max_points=40_000,
+    target_xy=None,
+    gap_m=0.15,
+    stem_gap_m=0.6,
+):
+    """Choose the target's wood, thin it and contract it.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        With the field ``label``, z up.
+    classes : sequence of int, default (1, 2)
+        Classes that enter.
+    weights : dict of str to float, optional
+        Lambda by class name, trunk 10 by default; unnamed classes weigh 1.
+    method : {"slbc", "lbc"}
+    options : ContractionOptions, optional
+    voxel_size_m : float, default 0.008
+        Voxel that the wood is thinned to, enlarged until `max_points` are left.
+    max_points : int, default 40000
+    target_xy : array-like of 2 floats, optional
+        Where the target stands (trees from photos). With it, wood at the border of the cloud is
+        taken to come from trees outside.
+    gap_m, stem_gap_m : float
+        See `select_target_wood`.
+
+    Returns
+    -------
+    contracted : PointCloud
+        With the fields ``label`` and ``source`` (row in `cloud`).
+    report : dict
+
+    Raises
+    ------
+    StageError
+        If there is too little wood or the contraction fails.
+    """
+    labels = np.asarray(cloud["label"])
+    rows = np.flatnonzero(np.isin(labels, list(classes)))
+    names = ", ".join(CLASS_NAMES.get(int(index), str(index)) for index in classes)
+    if len(rows) < FEWEST_WOOD:
+        raise StageError(
+            f"the cloud holds {len(rows)} points of the classes to contract ({names})",
+            key="contract.classes (or segment.*, scripts that label the cloud)",
+        )
+    weight_of = class_weights(np.arange(256), weights if weights is not None else {"trunk": 10.0})
+    rows, base, wood_report = _target_rows(
+        cloud.points, labels, rows, voxel_size_m, max_points, target_xy, gap_m, stem_gap_m
+    )
+    points, source, _, size = thin_to_limit(
+        cloud.points[rows], voxel_size_m, max_points, labels[rows]
+    )
+    source = rows[source]
+    label = labels[source]
+    logger.info(
+        "thinned %s to %s points (voxels of %.1f mm)",
+        f"{len(rows):,}",
+        f"{len(points):,}",
+        1000 * size,
+    )
+    filler = fill_stem_gaps(points, label, base, spacing=size, stem_gap_m=stem_gap_m)
+    entering = np.vstack([points, filler])
+    entering_weight = np.concatenate(
+        [weight_of[label], np.full(len(filler), weight_of[Label.TRUNK])]
+    )
+    result = contract_points(entering, entering_weight if method == "slbc" else None, options)
+    contracted = PointCloud(
+        result.points[: len(points)],
+        fields={"label": label.astype(np.uint8), "source": source.astype(np.int32)},
+        frame=cloud.frame,
+        unit=cloud.unit,
+    )
+    report = {
+        "unit": cloud.unit,
+        "base": [round(float(value), 6) for value in base],
+        "method": method,
+        "voxel_size": float(size),
+        "n_contracted": len(points),
+        "n_filled": len(filler),
+        "mass_ratio": [round(value, 6) for value in result.mass_ratio],
+        "stop": result.stop,
+        "wood": wood_report,
+    }
+    return contracted, report
+
+
+def _target_rows(points, labels, rows, size, max_points, target_xy, gap_m, stem_gap_m):
+    """Rows of the cloud that are the target's wood, its base and the report."""
+    thin, source, member, _ = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
+    box = None
+    if target_xy is not None:
+        low, high = np.quantile(points[:, :2], [0.0005, 0.9995], axis=0)
+        box = np.stack([low, high])
+    wood = select_target_wood(
+        thin,
+        labels[rows][source],
+        ground=points[labels == Label.GROUND],
+        target_xy=target_xy,
+        box=box,
+        gap_m=gap_m,
+        stem_gap_m=stem_gap_m,
+    )
+    rows = rows[wood.keep[member]]
+    if len(rows) < FEWEST_WOOD:
+        raise StageError(
+            f"only {len(rows)} wood points belong to the target tree", key="crop.target_xy"
+        )
+    return rows, wood.base, wood.report

@@ -1,0 +1,52 @@
+"""From contracted points to the rooted skeleton with radii."""
+
+import logging
+
+import numpy as np
+
+from cherrypicker.skeleton.graph import auto_spacing, spanning_tree
+from cherrypicker.skeleton.radius import fit_radii
+
+__all__ = ["extract_skeleton"]
+
+logger = logging.getLogger(__name__)
+
+
+def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, base=None):
+    """Sample, connect and root the contracted points, and measure the radii.
+
+    Parameters
+    ----------
+    contracted : PointCloud
+        With the fields ``label`` and ``source``.
+    cloud : PointCloud
+        The labelled cloud that `source` points into.
+    method : {"tree", "mst"}
+    spacing_m : float, default 0.01
+    k : int, default 12
+    base : array-like of 3 floats, optional
+        Base of the stem.
+
+    Returns
+    -------
+    Skeleton
+
+    Raises
+    ------
+    StageError
+        If there are too few points for a graph.
+    """
+    labels = np.asarray(contracted["label"])
+    spacing = auto_spacing(contracted.points, spacing_m)
+    skeleton, _ = spanning_tree(contracted.points, labels, spacing_m=spacing, k=k, base=base)
+    skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
+    surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
+    moved = np.linalg.norm(contracted.points - cloud.points[contracted["source"]], axis=1)
+    skeleton = fit_radii(
+        skeleton,
+        surface,
+        spacing=spacing,
+        max_radius=max(3 * spacing, 1.5 * float(np.quantile(moved, 0.99))),
+        recentre=False,
+    )
+    return skeleton

@@ -1,0 +1,132 @@
+"""The plain graph: a minimum spanning tree over sampled skeleton points (paper, Sec. Graph)."""
+
+import logging
+
+import numpy as np
+from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from cherrypicker.errors import StageError
+from cherrypicker.skeleton.model import Skeleton, rooted_order
+from cherrypicker.skeleton.neighbors import component_links, knn_edges, sparse_graph
+from cherrypicker.skeleton.sampling import farthest_point_sample
+
+__all__ = ["FEWEST_NODES", "auto_spacing", "find_root", "spanning_tree"]
+
+logger = logging.getLogger(__name__)
+
+FEWEST_NODES = 3
+MOST_SAMPLES = 20_000
+FOOT_SHARE = 0.05  # of the height: how far above its lowest point the stem's foot is looked for
+
+
+def auto_spacing(points, spacing_m):
+    """Sampling distance: what is asked for, or more where that gives too many samples."""
+    extent = float(np.ptp(points, axis=0).max())
+    if extent <= 0:
+        raise StageError("all contracted points coincide", key="contract.preset")
+    return max(spacing_m, extent / MOST_SAMPLES)
+
+
+def find_root(points, labels, base=None):
+    """Row of the point that the tree is rooted in: the foot of the stem.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+        Skeleton points, z up.
+    labels : ndarray of shape (n_points,), int
+    base : array-like of 3 floats, optional
+        Where the stem stands; among the low points the nearest to its x/y is taken.
+
+    Returns
+    -------
+    int
+    """
+    rows = np.flatnonzero(labels == 1)
+    rows = rows if len(rows) else np.arange(len(points))
+    height = float(np.ptp(points[:, 2])) or 1.0
+    if base is None:
+        return int(rows[np.argmin(points[rows, 2])])
+    base = np.asarray(base, dtype=np.float64)
+    aside = np.linalg.norm(points[rows, :2] - base[:2], axis=1)
+    rows = rows[aside <= max(3 * aside.min(), FOOT_SHARE * height)]
+    return int(rows[np.argmin(points[rows, 2])])
+
+
+def spanning_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
+    """Farthest point sampling and the minimum spanning tree, rooted at the stem base.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Contracted points.
+    labels : ndarray of shape (n_points,), int
+    spacing_m : float, default 0.01
+        Every point lies within this distance of a sample.
+    k : int, default 12
+        Neighbours of a sample in the graph; the shortest links between its components are
+        added, so that it is always connected.
+    base : array-like of 3 floats, optional
+        See `find_root`.
+
+    Returns
+    -------
+    Skeleton
+        With zero radii; ``fields["gap"]`` marks the links added between components.
+    nearest : ndarray of shape (n_points,), int64
+        Node that each point is nearest to.
+
+    Raises
+    ------
+    StageError
+        If there are too few points or they coincide.
+    """
+    spacing = auto_spacing(points, spacing_m)
+    first = find_root(points, labels, base)
+    samples, nearest = farthest_point_sample(points, spacing, first=first)
+    if len(samples) < FEWEST_NODES:
+        raise StageError(
+            f"{len(samples)} skeleton samples are too few for a graph", key="graph.spacing_m"
+        )
+    nodes = points[samples]
+    edges = knn_edges(nodes, k)
+    links = component_links(nodes, edges)
+    edges = np.vstack([edges, links]).astype(np.int64)
+    length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
+    tree = minimum_spanning_tree(sparse_graph(len(nodes), edges, length)).tocoo()
+    pairs = np.stack([tree.row, tree.col], axis=1)
+    order, parent = rooted_order(len(nodes), pairs, 0)
+    label = _majority_label(labels, nearest, len(nodes))[order]
+    gap = _long_edges(nodes[order], parent, spacing)
+    skeleton = Skeleton(nodes[order], parent, np.zeros(len(nodes)), label, {"gap": gap})
+    new_id = np.empty(len(nodes), dtype=np.int64)
+    new_id[order] = np.arange(len(nodes))
+    logger.info("%d samples every %.1f mm, %d links added", len(nodes), 1e3 * spacing, len(links))
+    return skeleton, new_id[nearest]
+
+
+def _long_edges(points, parent, spacing):
+    """Flag of the edges that bridge missing data: no sample lies within 3 spacings."""
+    length = np.zeros(len(points))
+    length[1:] = np.linalg.norm(points[1:] - points[parent[1:]], axis=1)
+    return (length > 3 * spacing).astype(np.int64)
+
+
+def _majority_label(labels, nearest, n_nodes):
+    """Most frequent class of the points nearest to each node (the smaller id on a tie)."""
+    classes, column = np.unique(labels, return_inverse=True)
+    votes = np.zeros((n_nodes, len(classes)), dtype=np.int64)
+    np.add.at(votes, (nearest, column), 1)
+    label = classes[np.argmax(votes, axis=1)].astype(np.int64)
+    empty = votes.sum(axis=1) == 0
+    if empty.any():
+        filled = np.flatnonzero(~empty)
+        label[empty] = label[filled[0]]
+    return label
+
+
+def nearest_nodes(nodes, points):
+    """Nearest node of each point and its distance."""
+    distance, nearest = cKDTree(nodes).query(points)
+    return nearest, distance

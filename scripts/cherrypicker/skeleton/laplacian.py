@@ -1,0 +1,106 @@
+"""The linear algebra of the contraction: cotangent Laplacian, semantic weights, one solve."""
+
+import numpy as np
+import robust_laplacian
+from scipy.sparse import diags
+from scipy.sparse.linalg import splu
+
+__all__ = ["cotangent_laplacian", "semantic_row_weights", "solve_contraction"]
+
+
+def cotangent_laplacian(points, *, n_neighbors=30, mollify_factor=1e-5):
+    """Cotangent Laplacian of a point cloud from its intrinsic Delaunay triangulations.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    n_neighbors : int, default 30
+        Neighbours of a point in its local triangulation; lowered for tiny clouds.
+    mollify_factor : float, default 1e-5
+        Relative length that robust-laplacian adds to degenerate edges.
+
+    Returns
+    -------
+    L : scipy.sparse.csr_matrix of shape (n_points, n_points)
+        Weak Laplacian, positive semi-definite (positive diagonal, rows sum to 0).
+    mass : ndarray of shape (n_points,)
+        Diagonal of the lumped mass matrix M: the area around each point.
+
+    Raises
+    ------
+    RuntimeError
+        If the triangulation fails (from robust-laplacian).
+
+    References
+    ----------
+    Sharp, Crane: A Laplacian for Nonmanifold Triangle Meshes. SGP 2020.
+    """
+    n_neighbors = min(n_neighbors, len(points) - 1)
+    L, M = robust_laplacian.point_cloud_laplacian(
+        np.ascontiguousarray(points, dtype=np.float64),
+        mollify_factor=mollify_factor,
+        n_neighbors=n_neighbors,
+    )
+    L = L.tocsr()
+    L.sort_indices()
+    return L, M.diagonal()
+
+
+def semantic_row_weights(L, weights):
+    """Diagonal of the semantic weighting S: one weight a row of L.
+
+    A point whose neighbours in L all have its class keeps its class's weight; one with a
+    neighbour of another class takes the smallest weight among the classes present (the paper's
+    S_ij, which knows two classes, for any number of them).
+
+    Parameters
+    ----------
+    L : scipy.sparse.csr_matrix of shape (n_points, n_points)
+    weights : ndarray of shape (n_points,), float64
+        Lambda of each point's class.
+
+    Returns
+    -------
+    ndarray of shape (n_points,), float64
+    """
+    weights = np.asarray(weights, dtype=np.float64)
+    smallest = weights.copy()
+    filled = np.flatnonzero(np.diff(L.indptr))  # reduceat would read across an empty row
+    if len(filled):
+        of_row = np.minimum.reduceat(weights[L.indices], L.indptr[filled])
+        smallest[filled] = np.minimum(smallest[filled], of_row)
+    return smallest
+
+
+def solve_contraction(L, w_l, w_h, points):
+    """Least-squares solution of [W_L L; W_H] C' = [0; W_H C] (paper, Eq. lbc).
+
+    The normal equations (L^T W_L^2 L + W_H^2) C' = W_H^2 C are symmetric positive definite, so
+    one sparse factorisation without pivoting serves x, y and z.
+
+    Parameters
+    ----------
+    L : scipy.sparse matrix of shape (n_points, n_points)
+    w_l, w_h : ndarray of shape (n_points,)
+        Diagonals of S W_L and W_H.
+    points : ndarray of shape (n_points, 3)
+
+    Returns
+    -------
+    ndarray of shape (n_points, 3), float64
+        May hold non-finite values where the system is ill-conditioned.
+
+    Raises
+    ------
+    RuntimeError
+        If the factorisation meets a singular matrix (from SuperLU).
+    """
+    weighted = diags(w_l) @ L
+    A = (weighted.T @ weighted + diags(w_h**2)).tocsc()
+    factor = splu(
+        A,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return factor.solve((w_h**2)[:, None] * points)

@@ -1,0 +1,121 @@
+"""Neighbour graphs of point sets and the links that make them connected."""
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+__all__ = ["component_links", "components", "knn_edges", "sparse_graph"]
+
+FIRST_K = 16
+
+
+def knn_edges(points, k, max_distance=np.inf):
+    """Undirected edges from each point to its `k` nearest neighbours.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+    k : int
+    max_distance : float, optional
+
+    Returns
+    -------
+    edges : ndarray of shape (n_edges, 2), int64
+        Each once, the smaller row first, sorted.
+    """
+    k = min(k, len(points) - 1)
+    if k < 1:
+        return np.empty((0, 2), dtype=np.int64)
+    distance, neighbor = cKDTree(points).query(points, k=k + 1, distance_upper_bound=max_distance)
+    rows = np.repeat(np.arange(len(points)), k + 1)
+    pairs = np.stack([rows, neighbor.ravel()], axis=1)[np.isfinite(distance.ravel())]
+    pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
+    return np.unique(pairs, axis=0).astype(np.int64)
+
+
+def sparse_graph(n_nodes, edges, weights):
+    """Symmetric CSR matrix of an edge list; a weight of 0 becomes the smallest positive one."""
+    weights = np.maximum(np.asarray(weights, dtype=np.float64), 1e-12)
+    rows = np.concatenate([edges[:, 0], edges[:, 1]])
+    columns = np.concatenate([edges[:, 1], edges[:, 0]])
+    matrix = coo_matrix((np.tile(weights, 2), (rows, columns)), shape=(n_nodes, n_nodes))
+    return matrix.tocsr()
+
+
+def components(n_nodes, edges):
+    """Component of each node, (n_nodes,) int, and the number of components."""
+    n_components, member = connected_components(
+        sparse_graph(n_nodes, edges, np.ones(len(edges))), directed=False
+    )
+    return member, n_components
+
+
+def component_links(points, edges, max_distance=np.inf):
+    """Shortest links that join the components of a graph (Borůvka's rounds).
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+    edges : ndarray of shape (n_edges, 2), int
+    max_distance : float, optional
+        Components farther apart than this stay apart.
+
+    Returns
+    -------
+    links : ndarray of shape (n_links, 2), int64
+        With them the graph is connected (as far as `max_distance` allows). They belong to the
+        minimum spanning tree of the components under the distance of their nearest points.
+    """
+    tree, links = cKDTree(points), np.empty((0, 2), dtype=np.int64)
+    while True:
+        member, n_components = components(len(points), np.vstack([edges, links]))
+        if n_components == 1:
+            return links
+        found = _nearest_foreign(points, tree, member, n_components)
+        found = found[found[:, 0] <= max_distance]
+        if not len(found):
+            return links
+        pairs = np.sort(found[:, 1:].astype(np.int64), axis=1)
+        pairs, first = np.unique(pairs, axis=0, return_index=True)
+        length = found[first, 0]
+        # ties could close a cycle: take the links shortest first, by a small Kruskal
+        parent = np.arange(n_components)
+
+        def top(item, parent=parent):
+            while parent[item] != item:
+                parent[item] = parent[parent[item]]
+                item = parent[item]
+            return item
+
+        taken = []
+        for a, b in pairs[np.lexsort((pairs[:, 1], pairs[:, 0], length))]:
+            one, other = top(member[a]), top(member[b])
+            if one != other:
+                parent[one] = other
+                taken.append((a, b))
+        links = np.vstack([links, taken])
+
+
+def _nearest_foreign(points, tree, member, n_components):
+    """Rows (distance, point, foreign point): each small component's shortest way out."""
+    sizes = np.bincount(member, minlength=n_components)
+    largest = int(np.argmax(sizes))
+    asking = np.flatnonzero(member != largest)
+    k = min(FIRST_K, len(points))
+    distance, neighbor = tree.query(points[asking], k=k)
+    foreign = member[neighbor] != member[asking][:, None]
+    distance = np.where(foreign, distance, np.inf)
+    best = np.argmin(distance, axis=1)
+    rows = np.arange(len(asking))
+    table = np.stack([distance[rows, best], asking, neighbor[rows, best]], axis=1)
+    order = np.lexsort((table[:, 2], table[:, 1], table[:, 0], member[asking]))
+    table, owner = table[order], member[asking][order]
+    found, first = table[np.unique(owner, return_index=True)[1]], np.unique(owner)
+    for index in np.flatnonzero(~np.isfinite(found[:, 0])):  # k neighbours, all its own
+        inside = np.flatnonzero(member == first[index])
+        outside = np.flatnonzero(member != first[index])
+        distance, neighbor = cKDTree(points[outside]).query(points[inside])
+        nearest = int(np.argmin(distance))
+        found[index] = distance[nearest], inside[nearest], outside[neighbor[nearest]]
+    return found

@@ -1,0 +1,120 @@
+"""Thinning of point sets: one representative a voxel, and farthest point sampling."""
+
+import numba
+import numpy as np
+
+__all__ = ["farthest_point_sample", "median_spacing", "thin_to_limit", "voxel_thin"]
+
+
+def voxel_thin(points, size, groups=None):
+    """Thin points to one a voxel and group.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+    size : float
+        Voxel edge in the unit of `points`.
+    groups : ndarray of shape (n_points,), int, optional
+        Points of different groups (classes) in one voxel stay apart.
+
+    Returns
+    -------
+    means : ndarray of shape (n_kept, 3), float64
+        Mean position of the points of each voxel: it averages the noise of the surface.
+    source : ndarray of shape (n_kept,), int64
+        Row of the point nearest to each mean, increasing.
+    member : ndarray of shape (n_points,), int64
+        Row in `means` that each point went into.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    shape = cells.max(axis=0) + 1
+    key = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+    if groups is not None:
+        groups = np.asarray(groups, dtype=np.int64)
+        key = key * (groups.max() + 1) + groups
+    _, member = np.unique(key, return_inverse=True)
+    count = np.bincount(member)
+    means = np.stack([np.bincount(member, column) / count for column in points.T], axis=1)
+    offset = np.square(points - means[member]).sum(axis=1)
+    by_offset = np.lexsort((offset, member))
+    source = by_offset[np.concatenate([[0], np.cumsum(count)[:-1]])]
+    order = np.argsort(source)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return means[order], source[order], rank[member]
+
+
+def thin_to_limit(points, size, max_points, groups=None):
+    """`voxel_thin` with voxels of `size`, enlarged until at most `max_points` are left.
+
+    Returns
+    -------
+    means, source, member : ndarray
+        As `voxel_thin`.
+    size : float
+        The voxel edge that was used.
+    """
+    while True:
+        means, source, member = voxel_thin(points, size, groups)
+        if len(means) <= max_points:
+            return means, source, member, size
+        # points lie on surfaces, so their number falls with the square of the voxel size
+        size *= max(1.05, float(np.sqrt(len(means) / max_points)))
+
+
+def median_spacing(points, tree):
+    """Median distance of a point to its nearest neighbour, from a k-d tree of the points."""
+    distance, _ = tree.query(points, k=2)
+    return float(np.median(distance[:, 1]))
+
+
+def farthest_point_sample(points, spacing, *, first=0, max_samples=None):
+    """Sample points greedily, each the farthest from those before, until `spacing` covers all.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    spacing : float
+        Stop when every point lies within this distance of a sample.
+    first : int, default 0
+        Row of the first sample.
+    max_samples : int, optional
+
+    Returns
+    -------
+    samples : ndarray of shape (n_samples,), int64
+        Rows of the samples, in the order they were taken. Ties go to the lowest row.
+    nearest : ndarray of shape (n_points,), int64
+        Position in `samples` of each point's nearest sample.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    limit = len(points) if max_samples is None else min(max_samples, len(points))
+    return _farthest(points, float(spacing), int(first), limit)
+
+
+@numba.njit(cache=True)
+def _farthest(points, spacing, first, limit):
+    n_points = len(points)
+    samples = np.empty(limit, dtype=np.int64)
+    nearest = np.zeros(n_points, dtype=np.int64)
+    distance = np.full(n_points, np.inf)
+    current, n_samples = first, 0
+    while n_samples < limit:
+        samples[n_samples] = current
+        worst, worst_row = -1.0, -1
+        for row in range(n_points):
+            dx = points[row, 0] - points[current, 0]
+            dy = points[row, 1] - points[current, 1]
+            dz = points[row, 2] - points[current, 2]
+            squared = dx * dx + dy * dy + dz * dz
+            if squared < distance[row]:
+                distance[row] = squared
+                nearest[row] = n_samples
+            if distance[row] > worst:
+                worst, worst_row = distance[row], row
+        n_samples += 1
+        if worst <= spacing * spacing:
+            break
+        current = worst_row
+    return samples[:n_samples], nearest

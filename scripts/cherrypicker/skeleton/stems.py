@@ -1,0 +1,121 @@
+"""Stem bases: where the trees of a cloud stand."""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import label as label_cells
+from scipy.spatial import cKDTree
+
+__all__ = ["Stem", "find_stems", "ground_height"]
+
+logger = logging.getLogger(__name__)
+
+# Shares of the height of the wood: they hold for a potted plant and for a forest tree alike.
+SLICE_LOW, SLICE_HIGH = 0.02, 0.18
+CELL = 0.02
+REACHES_DOWN_TO = 0.07
+LEAST_EXTENT = 0.5
+SAME_STEM = 0.10
+FEWEST_POINTS = 8
+
+
+@dataclass
+class Stem:
+    """A stem base.
+
+    Attributes
+    ----------
+    base : ndarray of shape (3,), float64
+        Centre of the lowest part of the stem.
+    rows : ndarray of int64
+        Rows of the points of the stem within the slice that it was found in.
+    """
+
+    base: np.ndarray
+    rows: np.ndarray
+
+
+def ground_height(xy, ground, fallback):
+    """Height of the ground below positions.
+
+    Parameters
+    ----------
+    xy : ndarray of shape (n_points, 2)
+    ground : ndarray of shape (n_ground, 3)
+        Ground points; may be empty.
+    fallback : float
+        Height where there is no ground at all.
+
+    Returns
+    -------
+    ndarray of shape (n_points,), float64
+        Median height of the nearest ground points.
+    """
+    if len(ground) < FEWEST_POINTS:
+        return np.full(len(xy), fallback)
+    stride = max(1, len(ground) // 50_000)
+    ground = ground[::stride]
+    k = min(15, len(ground))
+    _, nearest = cKDTree(ground[:, :2]).query(xy, k=k)
+    return np.median(ground[nearest.reshape(len(xy), -1), 2], axis=1)
+
+
+def find_stems(points, ground=None):
+    """Find the stems that stand in a cloud of wood (z up).
+
+    A stem is a compact cluster, seen from above, of the wood in a slice low above the ground,
+    that reaches down to the ground and fills at least half of the slice's height.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Wood points.
+    ground : ndarray of shape (n_ground, 3), optional
+
+    Returns
+    -------
+    list of Stem
+        Most points first; empty where nothing looks like a stem.
+    """
+    ground = np.empty((0, 3)) if ground is None else ground
+    height = points[:, 2] - ground_height(points[:, :2], ground, points[:, 2].min())
+    full = float(np.quantile(height, 0.995))
+    if full <= 0:
+        return []
+    rows = np.flatnonzero((height > SLICE_LOW * full) & (height < SLICE_HIGH * full))
+    if len(rows) < FEWEST_POINTS:
+        return []
+    cluster = _cluster_from_above(points[rows, :2], CELL * full)
+    found = []
+    for index in range(cluster.max() + 1):
+        own = rows[cluster == index]
+        low, high = np.quantile(height[own], [0.02, 0.98])
+        tall = high - low >= LEAST_EXTENT * (SLICE_HIGH - SLICE_LOW) * full
+        if len(own) >= FEWEST_POINTS and tall and low <= REACHES_DOWN_TO * full:
+            foot = own[height[own] <= low + 0.03 * full]
+            found.append(Stem(np.median(points[foot], axis=0), own))
+    found.sort(key=lambda stem: -len(stem.rows))
+    return _merge_close(points, height, found, SAME_STEM * full)
+
+
+def _cluster_from_above(xy, cell):
+    """Connected cells (8 neighbours) of an x/y grid: the cluster of each point."""
+    cells = np.floor((xy - xy.min(axis=0)) / cell).astype(np.int64)
+    grid = np.zeros(cells.max(axis=0) + 1, dtype=bool)
+    grid[cells[:, 0], cells[:, 1]] = True
+    member, _ = label_cells(grid, structure=np.ones((3, 3)))
+    return member[cells[:, 0], cells[:, 1]] - 1
+
+
+def _merge_close(points, height, stems, distance):
+    """Join stems that stand closer than `distance`: they rise from one root."""
+    merged = []
+    for stem in stems:
+        for other in merged:
+            if np.linalg.norm(stem.base[:2] - other.base[:2]) < distance:
+                other.rows = np.sort(np.concatenate([other.rows, stem.rows]))
+                break
+        else:
+            merged.append(stem)
+    return merged

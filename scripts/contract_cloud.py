@@ -1,0 +1,91 @@
+"""Contract the wood of the target tree to its skeleton points (LBC or S-LBC).
+
+Reads segmented.ply (and, for a tree from photos, target.json), writes contracted.ply and
+contract.json. Example:
+
+    python scripts/contract_cloud.py --segmented segmented.ply --contracted contracted.ply \
+        --report contract.json --method slbc
+"""
+
+from cherrypicker.files import read_json, write_json
+from cherrypicker.pointcloud import read_cloud, write_cloud
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.skeleton.contract_wood import contract_wood
+from cherrypicker.skeleton.contraction import preset_options
+
+
+def main(
+    segmented,
+    contracted,
+    report,
+    *,
+    target=None,
+    classes=(1, 2),
+    weights=None,
+    method="slbc",
+    preset="default",
+    voxel_size_m=0.008,
+    max_points=40_000,
+    gap_m=0.15,
+    stem_gap_m=0.6,
+    **constants,
+):
+    """Load, contract, save."""
+    cloud = read_cloud(segmented, required=("label",))
+    points, details = contract_wood(
+        cloud,
+        classes=classes,
+        weights=weights,
+        method=method,
+        options=preset_options(preset, **constants),
+        voxel_size_m=voxel_size_m,
+        max_points=max_points,
+        target_xy=read_json(target)["target_xy"] if target else None,
+        gap_m=gap_m,
+        stem_gap_m=stem_gap_m,
+    )
+    write_cloud(contracted, points)
+    write_json(report, {"preset": preset, **details})
+
+
+def weight(text):
+    """Parse one ``class:lambda``."""
+    name, value = text.split(":")
+    return name, float(value)
+
+
+class Weights(dict):
+    """The weights of the command line as one dict."""
+
+    def __init__(self, text):
+        super().__init__(weight(part) for part in text.split(","))
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--segmented", required=True, help="labelled cloud")
+parser.add_argument("--target", default=None, help="target.json of a tree from photos")
+parser.add_argument("--contracted", required=True, help="contracted points, PLY")
+parser.add_argument("--report", required=True, help="what was cut, and how it went, JSON")
+parser.add_argument("--classes", type=int, nargs="+", default=[1, 2], help="classes that enter")
+parser.add_argument("--weights", type=Weights, default=None, help="as trunk:10,branch:1")
+parser.add_argument("--method", choices=["lbc", "slbc"], default="slbc")
+parser.add_argument("--preset", choices=["paper", "default"], default="default")
+parser.add_argument("--voxel_size_m", type=float, default=0.008)
+parser.add_argument("--max_points", type=int, default=40_000)
+parser.add_argument("--gap_m", type=float, default=0.15)
+parser.add_argument("--stem_gap_m", type=float, default=0.6)
+for constant in (
+    "initial_contraction",
+    "initial_attraction",
+    "amplification",
+    "max_contraction",
+    "max_attraction",
+    "min_weight",
+    "termination_ratio",
+    "termination_move",
+    "mollify_factor",
+):
+    parser.add_argument(f"--{constant}", type=float, default=None, help="the preset's if left out")
+for constant in ("max_iterations", "n_neighbors"):
+    parser.add_argument(f"--{constant}", type=int, default=None, help="the preset's if left out")
+run(main, parser, globals().get("snakemake"))

@@ -1,0 +1,66 @@
+"""Make the skeleton and the topology graph from the contracted points.
+
+Reads contracted.ply, contract.json and segmented.ply, writes skeleton.graphml, skeleton.ply,
+skeleton.swc and topology.graphml. Example:
+
+    python scripts/extract_graph.py --contracted contracted.ply --contract_report contract.json \
+        --segmented segmented.ply --skeleton_graph skeleton.graphml --skeleton_ply skeleton.ply \
+        --skeleton_swc skeleton.swc --topology topology.graphml
+"""
+
+from cherrypicker.files import read_json
+from cherrypicker.pointcloud import read_cloud
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.skeleton import (
+    axes,
+    fold,
+    node_order,
+    write_skeleton_graphml,
+    write_skeleton_ply,
+    write_skeleton_swc,
+    write_topology_graphml,
+)
+from cherrypicker.skeleton.extract import extract_skeleton
+
+
+def main(
+    contracted,
+    segmented,
+    skeleton_graph,
+    skeleton_ply,
+    skeleton_swc,
+    topology,
+    *,
+    contract_report=None,
+    method="tree",
+    spacing_m=0.01,
+    n_neighbors=12,
+):
+    """Load, extract, save."""
+    skeleton = extract_skeleton(
+        read_cloud(contracted, required=("label", "source")),
+        read_cloud(segmented, required=("label",)),
+        method=method,
+        spacing_m=spacing_m,
+        k=n_neighbors,
+        base=read_json(contract_report)["base"] if contract_report else None,
+    )
+    axis_list = axes(skeleton)
+    write_skeleton_ply(skeleton_ply, skeleton, node_order(skeleton, axis_list))
+    write_skeleton_swc(skeleton_swc, skeleton)
+    write_topology_graphml(topology, fold(skeleton, axis_list))
+    write_skeleton_graphml(skeleton_graph, skeleton)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--contracted", required=True, help="contracted points, PLY")
+parser.add_argument("--segmented", required=True, help="labelled cloud that they come from")
+parser.add_argument("--contract_report", default=None, help="contract.json, for the stem's base")
+parser.add_argument("--skeleton_graph", required=True, help="skeleton.graphml")
+parser.add_argument("--skeleton_ply", required=True, help="skeleton.ply")
+parser.add_argument("--skeleton_swc", required=True, help="skeleton.swc")
+parser.add_argument("--topology", required=True, help="topology.graphml")
+parser.add_argument("--method", choices=["tree", "mst"], default="tree")
+parser.add_argument("--spacing_m", type=float, default=0.01, help="distance between nodes")
+parser.add_argument("--n_neighbors", type=int, default=12, help="neighbours of a node")
+run(main, parser, globals().get("snakemake"))

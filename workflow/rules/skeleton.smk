@@ -1,0 +1,78 @@
+# From the labelled cloud to the skeleton and its graphs.
+
+
+rule contract_cloud:
+    input:
+        segmented="results/{tree}/segmented.ply",
+        target=photo_only("results/{tree}/target.json"),
+        code=code("contract_cloud"),
+    output:
+        contracted=ensure("results/{tree}/contracted.ply", non_empty=True),
+        report="results/{tree}/contract.json",
+    log:
+        "logs/contract_cloud/{tree}.log",
+    benchmark:
+        "benchmarks/contract_cloud/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+        runtime=60,
+        gpu=0,
+    params:
+        classes=cfg("contract.classes"),
+        weights=cfg("contract.weights"),
+        method=cfg("contract.method"),
+        preset=cfg("contract.preset"),
+        voxel_size_m=cfg("contract.voxel_size_m"),
+        max_points=cfg("contract.max_points"),
+        gap_m=cfg("contract.gap_m"),
+        stem_gap_m=cfg("contract.stem_gap_m"),
+        initial_contraction=cfg("contract.initial_contraction"),
+        initial_attraction=cfg("contract.initial_attraction"),
+        amplification=cfg("contract.amplification"),
+        max_contraction=cfg("contract.max_contraction"),
+        max_attraction=cfg("contract.max_attraction"),
+        min_weight=cfg("contract.min_weight"),
+        termination_ratio=cfg("contract.termination_ratio"),
+        termination_move=cfg("contract.termination_move"),
+        max_iterations=cfg("contract.max_iterations"),
+        n_neighbors=cfg("contract.n_neighbors"),
+        mollify_factor=cfg("contract.mollify_factor"),
+    message:
+        "{wildcards.tree}: contract the wood to its skeleton points"
+    script:
+        "../../scripts/contract_cloud.py"
+
+
+rule extract_graph:
+    input:
+        contracted="results/{tree}/contracted.ply",
+        contract_report="results/{tree}/contract.json",
+        segmented="results/{tree}/segmented.ply",
+        code=code("extract_graph"),
+    output:
+        skeleton_graph=ensure("results/{tree}/skeleton.graphml", non_empty=True),
+        skeleton_ply=ensure("results/{tree}/skeleton.ply", non_empty=True),
+        skeleton_swc=ensure("results/{tree}/skeleton.swc", non_empty=True),
+        topology=ensure("results/{tree}/topology.graphml", non_empty=True),
+    log:
+        "logs/extract_graph/{tree}.log",
+    benchmark:
+        "benchmarks/extract_graph/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+        runtime=30,
+        gpu=0,
+    params:
+        method=cfg("graph.method"),
+        spacing_m=cfg("graph.spacing_m"),
+        n_neighbors=cfg("graph.n_neighbors"),
+    message:
+        "{wildcards.tree}: connect the skeleton and measure its radii"
+    script:
+        "../../scripts/extract_graph.py"
