@@ -1,0 +1,23 @@
+"""Traits of a tree: trunk diameters, height, crown, lengths and branches, with uncertainties."""
+
+from cherrypicker.traits.branches import BRANCH_COLUMNS, branch_rows, branches_csv
+from cherrypicker.traits.measure import measure_traits
+from cherrypicker.traits.stem_fit import ConeFit, fit_cone, search_circle
+from cherrypicker.traits.trunk import TrunkDiameter, measure_diameter
+from cherrypicker.traits.wood import Foot, Support, find_foot, find_support
+
+__all__ = [
+    "BRANCH_COLUMNS",
+    "ConeFit",
+    "Foot",
+    "Support",
+    "TrunkDiameter",
+    "branch_rows",
+    "branches_csv",
+    "find_foot",
+    "find_support",
+    "fit_cone",
+    "measure_diameter",
+    "measure_traits",
+    "search_circle",
+]

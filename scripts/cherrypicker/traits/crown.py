@@ -1,0 +1,153 @@
+"""Height and crown of a tree from its wood points, with bootstrap samples of each.
+
+Extremes of a cloud (its top, its hull) can only shrink when points are drawn again, so the
+bootstrap is smoothed: a drawn point moves by the local point spacing, the scale on which the
+surface is known.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+__all__ = ["Crown", "crown_of", "measure_crown", "robust_top"]
+
+_TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
+_MAX_POINTS = 20_000
+
+
+@dataclass
+class Crown:
+    """Extent of a tree's wood, in the cloud's unit.
+
+    Attributes
+    ----------
+    top : float
+        z of the highest wood.
+    width : float
+        Mean of the widest horizontal extent of the crown and the extent across it.
+    volume : float
+        Volume of the crown's convex hull.
+    """
+
+    top: float
+    width: float
+    volume: float
+
+
+def robust_top(z):
+    """z of the third highest point (of the highest with fewer points)."""
+    rank = min(_TOP_RANK, len(z))
+    return float(np.partition(z, len(z) - rank)[len(z) - rank])
+
+
+def crown_of(skeleton, axis_owner, wood, supported):
+    """Wood points of the crown: everything but the trunk below its first junction.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    axis_owner : ndarray of shape (n_nodes,), int64
+        Axis of each node, 0 is the trunk.
+    wood : ndarray of shape (n_wood, 3), float64
+    supported : ndarray of shape (n_wood,), bool
+
+    Returns
+    -------
+    ndarray of shape (n_wood,), bool
+        None set where the tree has no junction.
+    """
+    junctions = np.flatnonzero((skeleton.n_children > 1) & (axis_owner == 0))
+    if not len(junctions):
+        return np.zeros(len(wood), dtype=bool)
+    is_clear_stem = np.zeros(len(skeleton), dtype=bool)
+    node = junctions.min()  # parents come before children: the lowest along the trunk
+    while node >= 0:
+        is_clear_stem[node] = True
+        node = skeleton.parent[node]
+    _, nearest = cKDTree(skeleton.points).query(wood)
+    return supported & ~is_clear_stem[nearest]
+
+
+def measure_crown(tree_points, crown_points, *, n_bootstrap, rng):
+    """Measure top, crown width and volume, and the same of resampled points.
+
+    Parameters
+    ----------
+    tree_points : ndarray of shape (n, 3), float64
+        Supported wood points of the whole tree.
+    crown_points : ndarray of shape (m, 3), float64
+        Those of the crown; may be empty.
+    n_bootstrap : int
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    crown : Crown
+    samples : ndarray of shape (n_bootstrap, 3), float64
+        Top, width and volume of each bootstrap sample.
+    """
+    crown = Crown(robust_top(tree_points[:, 2]), *_extent(crown_points))
+    top_points = _upper(tree_points)
+    shell = _thin(crown_points, rng)
+    top_spacing, shell_spacing = _spacing(top_points), _spacing(shell)
+    samples = np.empty((n_bootstrap, 3))
+    for i in range(n_bootstrap):
+        drawn = rng.integers(0, len(top_points), len(top_points))
+        z = top_points[drawn, 2] + top_spacing[drawn] * rng.standard_normal(len(drawn)) / 2
+        samples[i, 0] = robust_top(z)
+        if len(shell):
+            drawn = rng.integers(0, len(shell), len(shell))
+            jitter = shell_spacing[drawn, None] * rng.standard_normal((len(drawn), 3)) / 2
+            samples[i, 1:] = _extent(shell[drawn] + jitter)
+        else:
+            samples[i, 1:] = 0.0
+    # The shell is thinned to the points that can matter; its own bias is taken off.
+    for column, value in enumerate((crown.top, crown.width, crown.volume)):
+        samples[:, column] += value - np.median(samples[:, column])
+    return crown, samples
+
+
+def _upper(points):
+    """Points that can become the top: the highest 500."""
+    return points[np.argsort(-points[:, 2], kind="stable")[:500]]
+
+
+def _thin(points, rng):
+    """Points near the convex hull in many directions: what decides width and volume."""
+    if len(points) < 200:
+        return points
+    if len(points) > _MAX_POINTS * 10:
+        points = points[rng.choice(len(points), _MAX_POINTS * 10, replace=False)]
+    directions = rng.standard_normal((128, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    reach = points @ directions.T
+    outermost = np.argpartition(-reach, 12, axis=0)[:12]
+    return points[np.unique(outermost)]
+
+
+def _spacing(points):
+    if len(points) < 2:
+        return np.zeros(len(points))
+    distance = cKDTree(points).query(points, k=2)[0][:, 1]
+    return np.minimum(distance, 3 * np.median(distance))
+
+
+def _extent(points):
+    """Width and convex volume; zeros where the points span no volume."""
+    if len(points) < 4:
+        return 0.0, 0.0
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return _width(points[:, :2]), 0.0
+    return _width(points[hull.vertices, :2]), float(hull.volume)
+
+
+def _width(flat):
+    """Mean of the widest horizontal extent and the extent at right angles to it."""
+    angle = np.radians(np.arange(180.0))
+    along = flat @ np.vstack([np.cos(angle), np.sin(angle)])
+    extent = along.max(axis=0) - along.min(axis=0)
+    widest = int(np.argmax(extent))
+    return float((extent[widest] + extent[(widest + 90) % 180]) / 2)

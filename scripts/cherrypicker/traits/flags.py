@@ -1,0 +1,118 @@
+"""Quality warnings of a tree's traits: "name: sentence", in a fixed order."""
+
+import numpy as np
+
+from cherrypicker.report.text import unit_name
+
+__all__ = ["quality_flags", "scan_flags"]
+
+_LOW_ARC_DEG = 240.0
+_LOW_CONFIDENCE = 0.6
+_ROUGH = 0.12  # share of the radius that the points scatter
+_FEW_PHOTOS = 0.9
+_LOOSE_SCALE = 0.01
+
+
+def quality_flags(trunk, wanted_height, missing, foot, support, crown_width, confidence, unit):
+    """Warnings that follow from the measurement itself.
+
+    Parameters
+    ----------
+    trunk : TrunkDiameter
+    wanted_height : float
+        Height at which the diameter was asked for.
+    missing : list of float
+        Further heights at which the trunk has no diameter.
+    foot : Foot
+    support : Support
+    crown_width : float
+    confidence : float or None
+        Median confidence of the wood labels.
+    unit : str
+        ``m`` or ``arbitrary``.
+
+    Returns
+    -------
+    list of str
+    """
+    length = unit_name(unit)
+    flags = []
+    if trunk.source == "skeleton":
+        flags.append(
+            "trunk_not_measured: no circle fits the stem points, the trunk diameter is the "
+            "skeleton's and has no uncertainty"
+        )
+    elif trunk.arc_deg < _LOW_ARC_DEG:
+        flags.append(
+            f"arc_coverage_low: points cover {trunk.arc_deg:.0f} of 360 degrees of the trunk at "
+            f"height {trunk.height:.2f} {length}"
+        )
+    if trunk.source == "points" and trunk.residual > _ROUGH * trunk.diameter / 2:
+        flags.append(
+            f"trunk_rough: points scatter by {trunk.residual:.4f} {length} around the trunk's "
+            f"surface, {200 * trunk.residual / trunk.diameter:.0f} % of its radius"
+        )
+    if abs(trunk.height - wanted_height) > 1e-6:
+        flags.append(
+            f"trunk_height_moved: the trunk diameter was taken at height {trunk.height:.2f} "
+            f"{length}, not {wanted_height:.2f}"
+        )
+    if missing:
+        heights = ", ".join(f"{height:.2f}" for height in missing)
+        flags.append(f"no_diameter: the trunk has no measurable diameter at {heights} {length}")
+    flags += _shape_flags(foot, support, crown_width, confidence, length)
+    return flags
+
+
+def _shape_flags(foot, support, crown_width, confidence, length):
+    flags = []
+    if foot.source == "wood":
+        flags.append("no_ground: no ground around the stem, its foot is its lowest points")
+    elif foot.gap > 0.1:
+        flags.append(f"foot_hidden: the lowest stem points lie {foot.gap:.2f} {length} up")
+    if len(support.gaps):
+        flags.append(
+            f"gaps_bridged: the skeleton bridges {len(support.gaps)} gap(s) without points, the "
+            f"longest {np.max(support.gaps):.2f} {length}"
+        )
+    if support.n_stray:
+        flags.append(
+            f"stray_pieces: {support.n_stray} piece(s) of skeleton beyond gaps, "
+            f"{support.stray_length:.2f} {length} in all, do not count for height and crown"
+        )
+    if crown_width == 0:
+        flags.append("no_crown: the tree has no junction, crown width and volume are 0")
+    if confidence is not None and confidence < _LOW_CONFIDENCE:
+        flags.append(f"labels_uncertain: the median confidence of the wood is {confidence:.2f}")
+    return flags
+
+
+def scan_flags(unit, *, scale=None, sparse=None, crop=None):
+    """Warnings that earlier stages left in their reports.
+
+    Parameters
+    ----------
+    unit : str
+        ``m`` or ``arbitrary``.
+    scale, sparse, crop : dict, optional
+        ``scale.json``, ``sfm/report.json`` and ``crop.json`` where the scan has them.
+
+    Returns
+    -------
+    list of str
+    """
+    flags = []
+    if unit != "m":
+        flags.append("unscaled: the scan has no scale, all lengths are in arbitrary units")
+    if scale and scale.get("scale") and scale.get("scale_std"):
+        share = scale["scale_std"] / scale["scale"]
+        if share > _LOOSE_SCALE:
+            flags.append(f"scale_uncertain: the scale's standard error is {100 * share:.1f} %")
+    if sparse:
+        n_photos, n_registered = sparse.get("n_photos"), sparse.get("n_registered")
+        if n_photos and n_registered is not None and n_registered < _FEW_PHOTOS * n_photos:
+            flags.append(f"few_photos: {n_registered} of {n_photos} photos registered")
+    others = (crop or {}).get("other_stems") or []
+    if others:
+        flags.append(f"second_tree: {len(others)} other stem(s) stand in the region of interest")
+    return flags

@@ -1,0 +1,214 @@
+"""All traits of one tree, with uncertainties and quality warnings."""
+
+import logging
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.skeleton import axes, axis_of_node
+from cherrypicker.traits.branches import branch_rows
+from cherrypicker.traits.crown import crown_of, measure_crown
+from cherrypicker.traits.flags import quality_flags, scan_flags
+from cherrypicker.traits.trunk import measure_near, stem_of
+from cherrypicker.traits.wood import find_foot, find_support, wood_mask
+
+__all__ = ["measure_traits"]
+
+logger = logging.getLogger(__name__)
+
+_MIN_WOOD_POINTS = 10
+
+
+def measure_traits(
+    skeleton,
+    cloud,
+    topology=None,
+    *,
+    trunk_height=0.30,
+    trunk_heights=(0.5, 1.0, 1.3),
+    slab_half_height=0.10,
+    min_points=60,
+    min_arc_deg=120.0,
+    max_gap=0.10,
+    min_stray=0.30,
+    n_bootstrap=200,
+    scale=None,
+    sparse=None,
+    crop=None,
+    seed=0,
+):
+    """Measure a tree's traits on its skeleton and its original points.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    cloud : PointCloud
+        The segmented cloud, z up, in the skeleton's frame and unit, with a ``label`` field.
+    topology : Topology, optional
+        Counts junctions and tips; the skeleton's own without it.
+    trunk_height : float, default 0.30
+        Height over the stem's foot of ``trunk_diameter_m``.
+    trunk_heights : sequence of float
+        Further heights, for ``trunk_diameters``.
+    slab_half_height, min_points, min_arc_deg
+        See `cherrypicker.traits.trunk.measure_diameter`.
+    max_gap, min_stray
+        See `cherrypicker.traits.wood.find_support`.
+    n_bootstrap : int, default 200
+        Resamplings behind each uncertainty.
+    scale, sparse, crop : dict, optional
+        ``scale.json``, ``sfm/report.json`` and ``crop.json`` of a scan from photos; the scale's
+        standard error enters every uncertainty.
+    seed : int, default 0
+
+    Returns
+    -------
+    traits : dict
+        Content of ``traits.json``.
+    rows : list of dict
+        Content of ``branches.csv``.
+
+    Raises
+    ------
+    StageError
+        If the skeleton has no edge or the cloud no wood.
+    """
+    if len(skeleton) < 2:
+        raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
+    labels = cloud["label"]
+    is_wood = wood_mask(labels)
+    wood = cloud.points[is_wood]
+    if len(wood) < _MIN_WOOD_POINTS:
+        raise StageError(
+            f"{len(wood)} points are labelled trunk or branch, {_MIN_WOOD_POINTS} are needed",
+            key="segment",
+        )
+    rng = np.random.default_rng(seed)
+    axis_list = axes(skeleton)
+    foot = find_foot(skeleton, cloud.points, labels)
+    support = find_support(skeleton, wood, max_gap=max_gap, min_stray=min_stray)
+    if not support.point.any():
+        raise StageError("no wood point lies near the skeleton", key="graph")
+    logger.info(
+        "foot at z = %.3f (%s); %s of %s wood points near the skeleton (%.1f %%)",
+        foot.point[2],
+        foot.source,
+        f"{support.point.sum():,}",
+        f"{len(wood):,}",
+        100 * support.point.mean(),
+    )
+
+    options = {
+        "half_height": slab_half_height,
+        "min_points": min_points,
+        "min_arc_deg": min_arc_deg,
+        "n_bootstrap": n_bootstrap,
+        "rng": rng,
+    }
+    stem = stem_of(skeleton, axis_list[0].nodes, foot)
+    trunk = measure_near(stem, wood, trunk_height, **options)
+    further = {height: _measured(stem, wood, height, options) for height in sorted(trunk_heights)}
+    crown_points = wood[crown_of(skeleton, axis_of_node(skeleton, axis_list), wood, support.point)]
+    crown, samples = measure_crown(
+        wood[support.point], crown_points, n_bootstrap=n_bootstrap, rng=rng
+    )
+    error = _scale_samples(scale, cloud.unit, n_bootstrap, rng)
+    rows = branch_rows(skeleton, axis_list, foot.point[2])
+    confidence = float(np.median(cloud["confidence"][is_wood])) if "confidence" in cloud else None
+
+    traits = {"unit": cloud.unit}
+    _add(traits, "height_m", crown.top - foot.point[2], samples[:, 0] - foot.point[2], error)
+    _add(traits, "trunk_diameter_m", trunk.diameter, trunk.samples, error)
+    traits["trunk_height_m"] = _rounded(trunk.height)
+    area = np.pi / 4 * 1e4
+    _add(traits, "tcsa_cm2", area * trunk.diameter**2, area * trunk.samples**2, error, power=2)
+    _add(traits, "crown_width_m", crown.width, samples[:, 1], error)
+    _add(traits, "crown_volume_m3", crown.volume, samples[:, 2], error, power=3)
+    traits |= _counts(skeleton, topology, rows)
+    found = {height: item for height, item in further.items() if item is not None}
+    traits["trunk_diameters"] = {f"{h:.2f}": _rounded(item.diameter) for h, item in found.items()}
+    traits["trunk_diameters_se"] = {
+        f"{h:.2f}": _rounded(_spread(item, error)) for h, item in found.items()
+    }
+    traits["trunk_sections"] = [_section(item) for item in (trunk, *found.values())]
+    traits["foot"] = [_rounded(value) for value in foot.point]
+    traits["crown_volume_method"] = "convex hull"
+    missing = [height for height, item in further.items() if item is None]
+    traits["flags"] = scan_flags(cloud.unit, scale=scale, sparse=sparse, crop=crop) + quality_flags(
+        trunk, trunk_height, missing, foot, support, crown.width, confidence, cloud.unit
+    )
+    for flag in traits["flags"]:
+        logger.info("flag: %s", flag)
+    return traits, rows
+
+
+def _measured(stem, wood, height, options):
+    """The diameter at a further height; None where the trunk does not reach it or no fit holds."""
+    if height > stem.height[-1] - 0.02:
+        return None
+    found = measure_near(stem, wood, height, max_shift=0.0, **options)
+    return found if found.source == "points" else None
+
+
+def _counts(skeleton, topology, rows):
+    n_children = skeleton.n_children
+    lengths, counts = {}, {}
+    for row in rows:
+        order = str(row["order"])
+        lengths[order] = lengths.get(order, 0.0) + row["length_m"]
+        counts[order] = counts.get(order, 0) + 1
+    n_junctions = int((n_children[1:] > 1).sum())
+    n_tips = int((n_children == 0).sum())
+    return {
+        "total_length_m": _rounded(float(skeleton.edge_length.sum())),
+        "n_junctions": n_junctions if topology is None else topology.n_junctions,
+        "n_tips": n_tips if topology is None else topology.n_tips,
+        "length_by_order_m": {
+            order: _rounded(lengths[order]) for order in sorted(lengths, key=int)
+        },
+        "n_branches_by_order": {order: counts[order] for order in sorted(counts, key=int)},
+    }
+
+
+def _scale_samples(scale, unit, n_samples, rng):
+    """Factors by which the scale may be wrong, (n_samples,); ones where its error is unknown."""
+    draw = rng.standard_normal(n_samples)
+    if unit != "m" or not scale or not scale.get("scale") or not scale.get("scale_std"):
+        return np.ones(n_samples)
+    return 1.0 + draw * scale["scale_std"] / scale["scale"]
+
+
+def _add(traits, name, value, samples, error, power=1):
+    """Enter a trait with its standard error and 90 % interval, where there are samples."""
+    traits[name] = _rounded(float(value))
+    if len(samples) < 20:
+        return
+    spread = samples * error[: len(samples)] ** power
+    traits[f"{name}_se"] = _rounded(float(spread.std(ddof=1)))
+    low, high = np.quantile(spread, [0.05, 0.95])
+    traits[f"{name}_ci90"] = [_rounded(float(min(low, value))), _rounded(float(max(high, value)))]
+
+
+def _spread(item, error):
+    if len(item.samples) < 20:
+        return 0.0
+    return float((item.samples * error[: len(item.samples)]).std(ddof=1))
+
+
+def _section(item):
+    """What a diameter rests on, for the report and for whoever doubts it."""
+    return {
+        "height_m": _rounded(item.height),
+        "diameter_m": _rounded(item.diameter),
+        "center": [_rounded(value) for value in item.center],
+        "axis": [_rounded(value) for value in item.axis],
+        "arc_deg": item.arc_deg,
+        "residual_m": _rounded(item.residual),
+        "n_points": item.n_points,
+        "source": item.source,
+    }
+
+
+def _rounded(value):
+    """Six decimals: a micrometre in metric results, and a file that people can read."""
+    return round(float(value), 6)

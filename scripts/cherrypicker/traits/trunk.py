@@ -1,0 +1,240 @@
+"""Diameters of the trunk at given heights, measured on the original points.
+
+The skeleton only says where the stem is; radius and centre come from the labelled surface points
+of a slab across the stem's local axis, so that a leaning stem is cut at right angles. Points of
+other classes (calibration ring, post, sign) are left out; those that the network missed are
+outliers of the robust fit.
+"""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.traits.stem_fit import bootstrap_radii, fit_cone, search_circle, steady_levels
+
+__all__ = ["Stem", "TrunkDiameter", "measure_diameter", "stem_of"]
+
+logger = logging.getLogger(__name__)
+
+_MAX_POINTS = 4000
+_LYING_DEG = 60.0
+_RECUT_DEG = 2.0
+
+
+@dataclass
+class Stem:
+    """The trunk's skeleton as a function of height.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n, 3), float64
+        Polyline from the foot to the trunk's end.
+    radius : ndarray of shape (n,), float64
+    height : ndarray of shape (n,), float64
+        Height over the foot (along the stem, for a lying one), increasing.
+    is_lying : bool
+        The stem leans more than 60 degrees: heights run along it.
+    """
+
+    points: np.ndarray
+    radius: np.ndarray
+    height: np.ndarray
+    is_lying: bool
+
+    def at(self, height):
+        """Point on the stem at a height, clipped to its ends."""
+        return np.array([np.interp(height, self.height, axis) for axis in self.points.T])
+
+    def direction(self, height, span):
+        """Unit direction of the stem around a height, over `span` below and above it."""
+        low = max(height - span, self.height[0])
+        high = min(height + span, self.height[-1])
+        low, high = (low, high) if high > low else (self.height[0], self.height[-1])
+        heights = np.linspace(low, high, 9)
+        samples = np.array([self.at(h) for h in heights])
+        slope = np.polyfit(heights, samples, 1)[0]
+        norm = np.linalg.norm(slope)
+        return slope / norm if norm > 0 else np.array([0.0, 0.0, 1.0])
+
+    def radius_around(self, height, span=0.15):
+        """Median skeleton radius within `span` of a height."""
+        near = np.abs(self.height - height) <= span
+        if not near.any():
+            near = np.abs(self.height - height) == np.abs(self.height - height).min()
+        return float(np.median(self.radius[near]))
+
+
+@dataclass
+class TrunkDiameter:
+    """A measured diameter and what it rests on; lengths in the cloud's unit.
+
+    Attributes
+    ----------
+    height : float
+        Height over the foot at which it was measured.
+    diameter : float
+    samples : ndarray of shape (n_bootstrap,), float64
+        Bootstrap diameters; empty when the skeleton's radius had to stand in.
+    center, axis : ndarray of shape (3,)
+        Centre of the section and unit direction of the stem there.
+    arc_deg, residual, n_points : float, float, int
+        Arc covered, robust standard deviation of the points around the surface, points used.
+    source : str
+        ``points`` or ``skeleton``.
+    """
+
+    height: float
+    diameter: float
+    samples: np.ndarray
+    center: np.ndarray
+    axis: np.ndarray
+    arc_deg: float
+    residual: float
+    n_points: int
+    source: str
+
+
+def stem_of(skeleton, trunk_nodes, foot):
+    """Return the :class:`Stem` along the trunk's nodes (root first) over the foot."""
+    points, radius = skeleton.points[trunk_nodes], skeleton.radius[trunk_nodes]
+    rise = points[-1] - points[0]
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    is_lying = len(points) > 1 and rise[2] < np.cos(np.radians(_LYING_DEG)) * steps.sum()
+    height = np.concatenate([[0.0], np.cumsum(steps)]) if is_lying else points[:, 2] - foot.point[2]
+    # A noisy stem may dip; only nodes that rise above all before them define heights.
+    rises = np.concatenate([[True], height[1:] > np.maximum.accumulate(height)[:-1]])
+    points, radius, height = points[rises], radius[rises], height[rises]
+    if not is_lying and height[0] > 0.01:
+        points = np.vstack([[points[0, 0], points[0, 1], foot.point[2]], points])
+        radius, height = np.concatenate([radius[:1], radius]), np.concatenate([[0.0], height])
+    return Stem(points, radius, height, bool(is_lying))
+
+
+def measure_diameter(stem, wood, height, *, half_height, min_points, min_arc_deg, n_bootstrap, rng):
+    """Measure the stem's diameter at a height on the points around it.
+
+    Parameters
+    ----------
+    stem : Stem
+    wood : ndarray of shape (n_wood, 3), float64
+        Points labelled trunk or branch.
+    height : float
+        Height over the foot, in the cloud's unit.
+    half_height : float
+        Half the height of the slab of points used.
+    min_points, min_arc_deg : int, float
+        Fewer points or less arc than this make no measurement.
+    n_bootstrap : int
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    TrunkDiameter
+
+    Raises
+    ------
+    StageError
+        If too few points, too little arc, or no circle is there.
+    """
+    guess = stem.radius_around(height)
+    half_height = min(half_height, max(height - 0.02, 0.5 * half_height))
+    center, axis = stem.at(height), stem.direction(height, max(half_height, 2 * guess))
+    fit, local, frame = _fit_section(wood, center, axis, guess, half_height, min_points, rng)
+    tilt = np.array([fit.parameters[3], fit.parameters[4], 1.0])
+    if np.linalg.norm(tilt[:2]) > np.tan(np.radians(_RECUT_DEG)):
+        # The points know the axis better than the skeleton: cut again, at right angles to it.
+        center, axis = center + fit.parameters[:2] @ frame[:2], tilt @ frame
+        axis /= np.linalg.norm(axis)
+        fit, local, frame = _fit_section(wood, center, axis, guess, half_height, min_points, rng)
+    if fit.n_inliers < min_points or fit.arc_deg < min_arc_deg:
+        raise StageError(
+            f"{fit.n_inliers} points over {fit.arc_deg:.0f} degrees fit a stem at height "
+            f"{height:.2f}, {min_points} over {min_arc_deg:.0f} needed"
+        )
+    if not 0.25 * guess <= fit.radius <= 4.0 * guess + 0.01:
+        raise StageError(f"the stem fitted at height {height:.2f} is far from its skeleton")
+    return TrunkDiameter(
+        height,
+        2.0 * fit.radius,
+        2.0 * bootstrap_radii(local, fit, n_bootstrap, rng),
+        center + fit.parameters[:2] @ frame[:2],
+        axis,
+        fit.arc_deg,
+        fit.sigma,
+        fit.n_inliers,
+        "points",
+    )
+
+
+def _fit_section(wood, center, axis, guess, half_height, min_points, rng):
+    """Fit a cone to the slab of wood across `axis` at `center`: fit, its points and its frame."""
+    local, frame = _slab(wood, center, axis, half_height, 3.0 * guess + 0.03)
+    if len(local) < min_points:
+        raise StageError(f"{len(local)} stem points around z = {center[2]:.2f}, not {min_points}")
+    if len(local) > _MAX_POINTS:
+        local = local[rng.choice(len(local), _MAX_POINTS, replace=False)]
+    tolerance = np.clip(0.15 * guess, 0.002, 0.02)
+    radius_range = (0.3 * guess, 2.5 * guess + 0.01)
+    circle = search_circle(local[:, :2], tolerance, radius_range, rng)
+    fit = fit_cone(local, circle)
+    steady = steady_levels(local, fit)
+    if not steady.all():
+        local = local[steady]
+        fit = fit_cone(local, search_circle(local[:, :2], tolerance, radius_range, rng))
+    return fit, local, frame
+
+
+def diameter_from_skeleton(stem, height):
+    """A diameter from the skeleton's radius, for a stem whose points allow no fit."""
+    height = float(np.clip(height, stem.height[0], stem.height[-1]))
+    return TrunkDiameter(
+        height,
+        2.0 * stem.radius_around(height),
+        np.zeros(0),
+        stem.at(height),
+        stem.direction(height, 0.1),
+        0.0,
+        0.0,
+        0,
+        "skeleton",
+    )
+
+
+def measure_near(stem, wood, height, *, max_shift=0.2, step=0.05, **options):
+    """Measure at a height or, where that fails, at the nearest height where it works.
+
+    Returns
+    -------
+    TrunkDiameter
+        From the skeleton's radius (``source`` tells) where no height within `max_shift` works.
+    """
+    end = stem.height[-1] if stem.is_lying else max(stem.height[-1] - 0.02, 0.0)
+    shifts = [0.0]
+    for i in range(1, int(round(max_shift / step)) + 1):
+        shifts += [i * step, -i * step]
+    wanted = min(height, end)  # a trunk that ends below is searched downwards from its end
+    for shift in shifts:
+        at = wanted + shift
+        if at > end or at < min(0.05, 0.5 * end):
+            continue
+        try:
+            return measure_diameter(stem, wood, at, **options)
+        except StageError as error:
+            logger.info("no trunk diameter: %s", error.cause)
+    return diameter_from_skeleton(stem, wanted)
+
+
+def _slab(points, center, axis, half_height, reach):
+    """Points of a slab across `axis` in its frame (u, v, w), and the frame's rows in the world."""
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    u = np.cross(axis, helper)
+    u /= np.linalg.norm(u)
+    frame = np.vstack([u, np.cross(axis, u), axis])
+    box = np.hypot(half_height, reach)
+    near = (np.abs(points - center) <= box).all(axis=1)
+    local = (points[near] - center) @ frame.T
+    inside = np.abs(local[:, 2]) <= half_height
+    inside &= np.hypot(local[:, 0], local[:, 1]) <= reach
+    return local[inside], frame

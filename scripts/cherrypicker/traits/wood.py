@@ -1,0 +1,208 @@
+"""What of the cloud and the skeleton is wood of this tree: its foot, its gaps, its stray pieces."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label
+
+__all__ = ["Foot", "Support", "densify", "find_foot", "find_support", "wood_mask"]
+
+_SAMPLE_M = 0.01
+_GROUND_REACH_M = 0.6
+_MIN_GROUND_POINTS = 50
+_MAX_FOOT_STEP_M = 0.5
+
+
+@dataclass
+class Foot:
+    """Where the stem meets the ground.
+
+    Attributes
+    ----------
+    point : ndarray of shape (3,)
+        In the cloud's frame and unit; heights are measured from its z.
+    source : str
+        ``ground`` (a plane fitted to the ground around the stem) or ``wood`` (the lowest stem
+        points, where no ground was seen).
+    gap : float
+        Height of the lowest wood at the stem over the foot, in the cloud's unit.
+    """
+
+    point: np.ndarray
+    source: str
+    gap: float
+
+
+@dataclass
+class Support:
+    """Which parts of a skeleton, and which wood points, belong to the tree beyond doubt.
+
+    Attributes
+    ----------
+    node : ndarray of shape (n_nodes,), bool
+        False for pieces that hang on a bridged gap and are too small to be a branch.
+    point : ndarray of shape (n_wood,), bool
+        Wood points near a supported node's piece of skeleton that do not float alone.
+    gaps : ndarray of shape (n_gaps,), float64
+        Lengths of the stretches that run through no wood points, in the skeleton's unit.
+    n_stray, stray_length : int, float
+        Pieces left out, and their length.
+    """
+
+    node: np.ndarray
+    point: np.ndarray
+    gaps: np.ndarray
+    n_stray: int
+    stray_length: float
+
+
+def wood_mask(labels):
+    """Points of trunk or branch, (n_points,) bool."""
+    return (labels == Label.TRUNK) | (labels == Label.BRANCH)
+
+
+def find_foot(skeleton, points, labels):
+    """Find the stem's foot: the ground below the root, or else the lowest points of the stem.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    points : ndarray of shape (n_points, 3), float64
+        Whole labelled cloud, z up.
+    labels : ndarray of shape (n_points,), uint8
+
+    Returns
+    -------
+    Foot
+    """
+    root = skeleton.points[0]
+    near_root = np.linalg.norm(skeleton.points - root, axis=1) < _GROUND_REACH_M
+    radius = float(np.median(skeleton.radius[near_root]))
+    wood = points[wood_mask(labels)]
+    beside = np.hypot(*(wood[:, :2] - root[:2]).T) < max(3.0 * radius, 0.05)
+    beside &= np.abs(wood[:, 2] - root[2]) < _MAX_FOOT_STEP_M
+    low = float(np.quantile(wood[beside, 2], 0.01)) if beside.any() else float(root[2])
+    ground = points[labels == Label.GROUND]
+    away = np.hypot(*(ground[:, :2] - root[:2]).T)
+    ground = ground[(away > 1.3 * radius) & (away < max(_GROUND_REACH_M, 5.0 * radius))]
+    level = _ground_level(ground, root[:2])
+    if level is None or abs(level - low) > _MAX_FOOT_STEP_M:
+        return Foot(np.array([root[0], root[1], low]), "wood", 0.0)
+    return Foot(np.array([root[0], root[1], level]), "ground", max(low - level, 0.0))
+
+
+def _ground_level(ground, at):
+    """Height of a robust plane through the ground points at `at`; None with too few around it."""
+    if len(ground) < _MIN_GROUND_POINTS:
+        return None
+    offset = ground[:, :2] - at
+    sector = ((np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5) * 8).astype(int) % 8
+    count = np.bincount(sector, minlength=8)
+    if (count > 0).sum() < 4:
+        return float(np.median(ground[:, 2]))
+    design = np.column_stack([np.ones(len(ground)), offset])
+    balance = 1.0 / np.sqrt(count[sector])
+    weights, plane = balance, np.zeros(3)
+    for _ in range(15):
+        root_weights = np.sqrt(weights)[:, None]
+        plane = np.linalg.lstsq(
+            design * root_weights, ground[:, 2] * root_weights[:, 0], rcond=None
+        )[0]
+        residual = ground[:, 2] - design @ plane
+        sigma = max(1.4826 * np.median(np.abs(residual)), 1e-4)
+        weights = balance * (1.0 - np.clip(np.abs(residual) / (4.685 * sigma), 0, 1) ** 2) ** 2
+    return float(plane[0])
+
+
+def densify(skeleton, step):
+    """Sample every edge of a skeleton at most `step` apart.
+
+    Returns
+    -------
+    points : ndarray of shape (n_samples, 3), float64
+    node : ndarray of shape (n_samples,), int64
+        The edge's upper node (the root for its own sample).
+    radius : ndarray of shape (n_samples,), float64
+    spacing : ndarray of shape (n_samples,), float64
+        Length of skeleton that the sample stands for.
+    """
+    nodes = np.arange(1, len(skeleton))
+    length = skeleton.edge_length[1:]
+    count = np.maximum(np.ceil(length / step).astype(int), 1)
+    node = np.repeat(nodes, count)
+    start = np.repeat(np.cumsum(count) - count, count)
+    share = (np.arange(len(node)) - start + 1.0) / np.repeat(count, count)
+    parent = skeleton.parent[node]
+    points = skeleton.points[parent] + share[:, None] * (
+        skeleton.points[node] - skeleton.points[parent]
+    )
+    radius = (1 - share) * skeleton.radius[parent] + share * skeleton.radius[node]
+    spacing = np.repeat(length / count, count)
+    return (
+        np.vstack([skeleton.points[:1], points]),
+        np.concatenate([[0], node]),
+        np.concatenate([skeleton.radius[:1], radius]),
+        np.concatenate([[0.0], spacing]),
+    )
+
+
+def find_support(skeleton, wood, *, max_gap, min_stray, reach=0.03, min_neighbours=4):
+    """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    wood : ndarray of shape (n_wood, 3), float64
+        Points labelled trunk or branch.
+    max_gap : float
+        Stretches without wood points longer than this are gaps; in the skeleton's unit.
+    min_stray : float
+        Pieces of skeleton beyond a gap shorter than this in all do not count as the tree's.
+    reach : float, default 0.03
+        A wood point supports the skeleton within 1.5 radii or this distance.
+    min_neighbours : int, default 4
+        Wood points needed within `reach` of a point for it not to float alone.
+
+    Returns
+    -------
+    Support
+    """
+    samples, owner, radius, spacing = densify(skeleton, _SAMPLE_M)
+    tree = cKDTree(wood)
+    distance = tree.query(samples)[0]
+    near = distance <= np.maximum(1.5 * radius, reach)
+    bare = np.zeros(len(skeleton))  # bare length of each node's edge to its parent
+    np.add.at(bare, owner[~near], spacing[~near])
+    length = skeleton.edge_length
+    run = np.zeros(len(skeleton))  # length of the bare stretch that ends at the node
+    for node in range(1, len(skeleton)):
+        if bare[node] > 0.5 * length[node]:
+            run[node] = bare[node] + run[skeleton.parent[node]]
+    children_bare = np.zeros(len(skeleton), dtype=bool)
+    children_bare[skeleton.parent[1:][run[1:] > 0]] = True
+    is_gap = (run > max_gap) & ~children_bare
+    beyond = np.zeros(
+        len(skeleton)
+    )  # length of skeleton from the node upwards, bare parts left out
+    for node in range(len(skeleton) - 1, 0, -1):
+        beyond[skeleton.parent[node]] += beyond[node] + length[node] - bare[node]
+    kept = np.ones(len(skeleton), dtype=bool)
+    stray = np.flatnonzero(is_gap & (beyond < min_stray))
+    kept[stray] = False
+    for node in range(1, len(skeleton)):
+        kept[node] &= kept[skeleton.parent[node]]
+    close, sample = cKDTree(samples).query(wood)
+    allowed = np.maximum(2.0 * radius[sample], reach)
+    point = kept[owner[sample]] & (close <= allowed)
+    point[point] &= _has_neighbours(tree, wood[point], reach, min_neighbours)
+    return Support(kept, point, run[is_gap], len(stray), float(beyond[stray].sum()))
+
+
+def _has_neighbours(tree, points, reach, n_neighbours):
+    if len(points) == 0:
+        return np.zeros(0, dtype=bool)
+    n_asked = min(n_neighbours + 1, tree.n)
+    distance = tree.query(points, k=[n_asked])[0][:, 0]
+    return distance <= reach

@@ -1,0 +1,40 @@
+# Traits of a tree from its graphs and its labelled cloud.
+
+
+rule measure_traits:
+    input:
+        skeleton="results/{tree}/skeleton.graphml",
+        topology="results/{tree}/topology.graphml",
+        segmented="results/{tree}/segmented.ply",
+        scale=photo_only("results/{tree}/scale.json"),
+        sparse=photo_only("results/{tree}/sfm/report.json"),
+        crop=photo_only("results/{tree}/crop.json"),
+        code=code("measure_traits"),
+    output:
+        traits=ensure("results/{tree}/traits.json", non_empty=True),
+        branches=ensure("results/{tree}/branches.csv", non_empty=True),
+    log:
+        "logs/measure_traits/{tree}.log",
+    benchmark:
+        "benchmarks/measure_traits/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=20,
+        gpu=0,
+    params:
+        trunk_height=cfg("traits.trunk_height_m"),
+        trunk_heights=cfg("traits.trunk_heights_m"),
+        slab_half_height=cfg("traits.slab_half_height_m"),
+        min_points=cfg("traits.min_points"),
+        min_arc_deg=cfg("traits.min_arc_deg"),
+        max_gap=cfg("traits.max_gap_m"),
+        min_stray=cfg("traits.min_stray_m"),
+        n_bootstrap=cfg("traits.n_bootstrap"),
+        seed=cfg("seed"),
+    message:
+        "{wildcards.tree}: measure the traits"
+    script:
+        "../../scripts/measure_traits.py"
