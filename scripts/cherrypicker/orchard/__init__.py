@@ -4,5 +4,3 @@ from cherrypicker.orchard.sampling import AsSeen, sample_scene
 from cherrypicker.orchard.scene import Scene, generate_scene
 
 __all__ = ["AsSeen", "Scene", "generate_scene", "sample_scene"]
-
-GENERATOR_VERSION = 1

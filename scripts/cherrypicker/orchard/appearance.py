@@ -157,7 +157,9 @@ def ground_color(xy, seed):
         (60.0, 0.22, s + 59, (0.05, 0.045, 0.04), (0.36, 0.30, 0.22)),  # clods and straw
         (15.0, 0.28, s + 67, (0.16, 0.085, 0.04), (0.42, 0.25, 0.11)),  # dead leaves
     ):
-        strength, tint = spots(p * cells, density=density, seed=seed_, flat=True)
+        # the fine noise frays the rims
+        frayed = p * cells + 0.55 * np.column_stack([fine - 0.5, blades - 0.5, zero])
+        strength, tint = spots(frayed, density=density, seed=seed_, flat=True)
         spot = np.asarray(low) + tint[:, None] * (np.asarray(high) - np.asarray(low))
         color = _mix(color, spot * (0.55 + 0.9 * fine)[:, None], 5.0 * strength)
     return np.clip(color, 0.006, 0.8)

@@ -125,13 +125,16 @@ def _sign_image(rng):
     return (np.asarray(plate) / 255.0) ** 2.2 * 0.85
 
 
-def board_on_post(rng, seed, xy, azimuth, ground_z):
-    """A sign on a short post, readable from outside; a list of two objects of class sign."""
-    width = rng.uniform(0.18, 0.42)
+def board_on_post(rng, seed, spec, azimuth, ground_z):
+    """A sign on a short post, readable from outside; a list of two objects of class sign.
+
+    `spec` has `xy`, and may have `width` and `top` (height of the plate's middle), all m.
+    """
+    drawn_width, drawn_top = rng.uniform(0.15, 0.36), rng.uniform(0.3, 0.8)
+    width, top = spec.get("width", drawn_width), spec.get("top", drawn_top)
     height = width * rng.uniform(0.6, 0.75)
-    top = rng.uniform(0.35, 0.9)
     rotation = _turn(azimuth + np.pi + rng.normal() * 0.3, np.pi / 2 - rng.uniform(0, 0.3))
-    centre = np.array([*xy, ground_z + top])
+    centre = np.array([*spec["xy"], ground_z + top])
     plate = quad_board(width, height, 0.006).moved(centre, rotation)
     foot = centre - 0.018 * rotation[:, 2]
     post = cylinder((foot[0], foot[1], ground_z - 0.05), foot, 0.013, sides=12)

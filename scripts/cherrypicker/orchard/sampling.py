@@ -169,9 +169,15 @@ def _ground(rng, scene, density, extent):
     return (np.column_stack([xy, z]), normals, albedo, labels, np.full(n, 0.05), NO_TREE)
 
 
+def _area_within(mesh, extent):
+    """Area (m2) of the faces that lie within `extent` of the z axis."""
+    middle = mesh.vertices[mesh.faces].mean(1)
+    return mesh.face_areas()[np.hypot(middle[:, 0], middle[:, 1]) < extent].sum()
+
+
 def _surface(rng, scene, n_points, extent, ground_share):
     """All surfaces, sized to about n_points; a dict of joined arrays."""
-    wood_area = sum(t.mesh.face_areas().sum() for t in scene.tree_objects())
+    wood_area = sum(_area_within(t.mesh, extent) for t in scene.tree_objects())
     other_area = sum(
         min(t.mesh.face_areas().sum(), 0.6 if t.label != Label.ROOF else 4.0) for t in scene.objects
     )

@@ -170,7 +170,8 @@ def generate_scene(
         marker by default, [] for none.
     sign, ring, cube, post, roof : bool, optional
         Whether the scene has a sign, a white calibration ring on the stem, a checker cube, a
-        support post beside the stem, a roof of foil.
+        support post beside the stem, a roof of foil. `sign` may also be a dict with `xy`, `width`
+        and `top` (m).
 
     Returns
     -------
@@ -249,8 +250,11 @@ def _place_objects(rng, seed, pick, markers, target, ground):
         objects.extend(made)
         truth.append(marker)
     if pick["sign"]:
-        xy, azimuth = _around(rng, 0.6, 1.5, taken, spread=0.6)
-        objects.extend(board_on_post(rng, seed, xy, azimuth, ground(xy[None])[0]))
+        xy, azimuth = _around(rng, 0.6, 1.2, taken, spread=0.6)
+        spec = {"xy": xy, **(pick["sign"] if isinstance(pick["sign"], dict) else {})}
+        azimuth = np.arctan2(spec["xy"][1], spec["xy"][0])
+        level = ground(np.asarray(spec["xy"], float)[None])[0]
+        objects.extend(board_on_post(rng, seed, spec, azimuth, level))
     if pick["cube"]:
         xy, _ = _around(rng, 0.4, 1.1, taken, spread=0.6)
         objects.append(checker_cube(rng, seed, xy, ground(xy[None])[0]))

@@ -1,0 +1,96 @@
+"""Where the photographer stands: rings of cameras around the target tree."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cherrypicker.poses import Poses
+
+__all__ = ["CameraModel", "Ring", "look_at", "ring_poses"]
+
+FULL_FRAME_DIAGONAL_MM = 43.27
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A pinhole camera; `sensor_diagonal_mm` only sets the focal length that EXIF names."""
+
+    width: int = 800
+    height: int = 1200
+    focal_px: float = 1050.0
+    make: str = "Cherry"
+    model: str = "Orchard One"
+    sensor_diagonal_mm: float = 9.5
+
+    @property
+    def K(self):
+        """Intrinsics (3, 3), px, pixel centres at (0.5, 0.5)."""
+        return np.array(
+            [[self.focal_px, 0, self.width / 2], [0, self.focal_px, self.height / 2], [0, 0, 1]]
+        )
+
+    @property
+    def focal_mm(self):
+        """Focal length on the camera's own sensor, mm."""
+        return self.focal_px / np.hypot(self.width, self.height) * self.sensor_diagonal_mm
+
+    @property
+    def focal_35mm(self):
+        """Equivalent focal length on full frame by the diagonals, mm."""
+        return self.focal_px / np.hypot(self.width, self.height) * FULL_FRAME_DIAGONAL_MM
+
+
+@dataclass(frozen=True)
+class Ring:
+    """`n` cameras at a height, at `radius` from the stem, aimed at `aim` above its foot (m)."""
+
+    n: int
+    height: float
+    radius: float
+    aim: float
+    phase: float = 0.0
+
+
+def look_at(center, target, roll=0.0):
+    """Pose (3, 4) cam from world (x right, y down, z forward) of a camera that looks at a point."""
+    forward = np.asarray(target, float) - center
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    c, s = np.cos(roll), np.sin(roll)
+    rotation = np.stack([c * right + s * down, c * down - s * right, forward])
+    return np.column_stack([rotation, -rotation @ center])
+
+
+def ring_poses(rings, camera, *, seed, ground=None):
+    """Poses of all photos, in shooting order, with a photographer's small irregularities.
+
+    Parameters
+    ----------
+    rings : list of Ring
+    camera : CameraModel
+    seed : int
+    ground : callable, optional
+        Ground level z (n,) at xy (n, 2); heights count from it. 0 everywhere by default.
+
+    Returns
+    -------
+    Poses
+        Names IMG_0001.jpg and so on.
+    """
+    rng = np.random.default_rng([int(seed), 61])
+    poses = []
+    for ring in rings:
+        for i in range(ring.n):
+            azimuth = ring.phase + 2 * np.pi * i / ring.n + np.radians(rng.normal() * 1.2)
+            radius = ring.radius + rng.normal() * 0.05
+            xy = radius * np.array([np.cos(azimuth), np.sin(azimuth)])
+            level = 0.0 if ground is None else ground(xy[None])[0]
+            center = np.array([*xy, level + ring.height + rng.normal() * 0.03])
+            target = np.array([0.0, 0.0, ring.aim]) + rng.normal(size=3) * 0.03
+            poses.append(look_at(center, target, np.radians(rng.normal() * 1.2)))
+    n = len(poses)
+    names = [f"IMG_{i + 1:04d}.jpg" for i in range(n)]
+    sizes = np.full(n, camera.width), np.full(n, camera.height)
+    return Poses(np.array(names), np.array(poses), np.repeat([camera.K], n, axis=0), *sizes)

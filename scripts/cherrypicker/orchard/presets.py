@@ -1,0 +1,68 @@
+"""Named scenes: the two demo trees and a held-out one."""
+
+from cherrypicker.orchard.cameras import CameraModel, Ring
+
+__all__ = ["PRESETS"]
+
+PRESETS = {
+    "cherry_leader": {
+        "scene": {
+            "seed": 2101, "habit": "leader", "height": 2.2, "trunk_radius": 0.036,
+            "density": 0.85, "sky": "broken", "neighbours": 2, "row_spacing": 3.7,
+            "sign": True, "ring": True, "cube": False, "post": False, "roof": False,
+            "markers": [
+                {"dictionary": "DICT_4X4_50", "id": 7, "side_m": 0.25, "pose": "lying",
+                 "xy": (0.12, -0.60), "azimuth": 1.75, "tilt": 0.18},
+            ],
+        },
+        "camera": CameraModel(),
+        "rings": [
+            Ring(20, 1.10, 2.40, 1.02),
+            Ring(20, 1.90, 2.35, 1.05, 0.16),
+            Ring(8, 0.55, 2.30, 1.12, 0.3),
+        ],
+    },
+    "cherry_vase": {
+        "scene": {
+            "seed": 2208, "habit": "vase", "height": 2.05, "trunk_radius": 0.045,
+            "density": 0.7, "sky": "overcast", "neighbours": 1, "row_spacing": 3.8,
+            "sign": {"xy": (-0.95, -0.55), "top": 0.38, "width": 0.22},
+            "ring": False, "cube": True, "post": False, "roof": False,
+            "markers": [
+                {"dictionary": "DICT_5X5_100", "id": 23, "side_m": 0.22, "pose": "lying",
+                 "xy": (-0.58, 0.37), "azimuth": -0.5, "tilt": 0.12},
+                {"dictionary": "DICT_5X5_100", "id": 24, "side_m": 0.15, "pose": "standing",
+                 "xy": (0.75, 0.45), "azimuth": -2.6},
+            ],
+        },
+        "camera": CameraModel(focal_px=1000.0, model="Orchard Two", sensor_diagonal_mm=7.8),
+        "rings": [
+            Ring(20, 1.05, 2.55, 1.06, 0.05),
+            Ring(20, 1.85, 2.50, 1.12, 0.2),
+            Ring(8, 0.60, 2.45, 1.15, 0.1),
+        ],
+    },
+    "heldout": {
+        "scene": {
+            "seed": 3307, "habit": "spindle", "height": 2.5, "trunk_radius": 0.04,
+            "density": 0.8, "sky": "clear", "neighbours": 2, "row_spacing": 3.4,
+            "sign": True, "ring": False, "cube": False, "post": True, "roof": False,
+            "markers": [
+                {"dictionary": "DICT_APRILTAG_36h11", "id": 5, "side_m": 0.28, "pose": "lying",
+                 "xy": (0.3, 0.68), "azimuth": -1.9, "tilt": 0.15},
+            ],
+        },
+        "camera": CameraModel(width=1200, height=800, focal_px=860.0, model="Orchard Three",
+                              sensor_diagonal_mm=28.2),
+        "rings": [
+            Ring(20, 1.0, 2.75, 1.10),
+            Ring(20, 1.7, 2.75, 1.10, 0.16),
+            Ring(20, 2.3, 2.6, 1.05, 0.08),
+        ],
+    },
+    "small": {
+        "scene": {"seed": 4403, "sky": "broken", "neighbours": 2},
+        "camera": CameraModel(width=600, height=400, focal_px=480.0, model="Orchard Small"),
+        "rings": [Ring(20, 1.0, 2.7, 1.1, 0.0), Ring(20, 1.8, 2.6, 1.1, 0.15)],
+    },
+}  # fmt: skip
