@@ -14,6 +14,7 @@ from cherrypicker.code_inputs import imported_modules
 from cherrypicker.config import load_schema, lookup as lookup_key, read_config_file, resolve_config
 from cherrypicker.errors import StageError
 from cherrypicker.photos import PHOTO_SUFFIXES
+from cherrypicker.stale_lock import claim_lock
 from cherrypicker.summary import summarise
 from cherrypicker.trees import TREE_PATTERN, read_trees
 
@@ -117,3 +118,7 @@ def write_summary():
         "results/traits.csv",
         "results/summary.html",
     )
+
+
+if workflow.is_main_process:
+    claim_lock()
