@@ -1,0 +1,6 @@
+"""Structure from motion with COLMAP: features, matching, mapping, what went wrong with which photo.
+
+``features`` and ``matching`` fill a COLMAP database, ``mapping`` turns it into a model over several
+attempts that ``policies`` defines and ``agreement`` judges, ``diagnosis`` explains each photo and
+``export`` writes what later stages read.
+"""

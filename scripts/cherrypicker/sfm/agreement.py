@@ -1,0 +1,142 @@
+"""How well a model agrees with the pairwise matches that it was, or was not, built from.
+
+A model whose ring of cameras is bent fits its own tracks: it has dropped the matches that
+contradict it. The verified two-view matches remember them, those that close the ring above all. So
+every verified pair of photos is judged by its epipolar error under the model's poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+# A pair agrees if most of its matches do.
+_PAIR_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class VerifiedPair:
+    """Matches of two photos that a two-view geometry supports.
+
+    Attributes
+    ----------
+    first, second : int
+        COLMAP's photo ids.
+    pixels1, pixels2 : ndarray of shape (n, 2), float64
+        Positions of the matches, px.
+    """
+
+    first: int
+    second: int
+    pixels1: np.ndarray
+    pixels2: np.ndarray
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Verdict of the verified pairs on a model.
+
+    Attributes
+    ----------
+    n_pairs : int
+        Verified pairs of which both photos are registered.
+    pairs : float
+        Share of them most of whose matches fit the model's epipolar geometry.
+    matches : float
+        Share of all their matches that fit.
+    median_error_px : float
+        Median over the pairs of the median Sampson error, px.
+    worst : tuple of (int, int, float)
+        The pair with the largest median error: two photo ids and that error in px.
+    """
+
+    n_pairs: int
+    pairs: float
+    matches: float
+    median_error_px: float
+    worst: tuple[int, int, float]
+
+
+def read_verified_pairs(database: Path, min_inliers: int = 30) -> list[VerifiedPair]:
+    """Read the pairs of photos with at least ``min_inliers`` verified matches."""
+    with pycolmap.Database.open(database) as opened:
+        pair_ids, geometries = opened.read_two_view_geometries()
+        pixels: dict[int, np.ndarray] = {}
+        pairs = []
+        for pair_id, geometry in zip(pair_ids, geometries):
+            matches = np.array(geometry.inlier_matches, dtype=np.int64).reshape(-1, 2)
+            if len(matches) < min_inliers:
+                continue
+            ids = pycolmap.pair_id_to_image_pair(pair_id)
+            for image_id in ids:
+                if image_id not in pixels:
+                    keypoints = np.array(opened.read_keypoints(image_id)[:, :2], dtype=np.float64)
+                    pixels[image_id] = keypoints
+            first, second = (pixels[i][matches[:, k]] for k, i in enumerate(ids))
+            pairs.append(VerifiedPair(*ids, first, second))
+    return pairs
+
+
+def measure_agreement(
+    model: pycolmap.Reconstruction, pairs: list[VerifiedPair], max_error_px: float
+) -> Agreement:
+    """Judge a model by the verified pairs among its registered photos.
+
+    Parameters
+    ----------
+    model : pycolmap.Reconstruction
+    pairs : list of VerifiedPair
+    max_error_px : float
+        Largest Sampson error of a match that fits, px.
+
+    Returns
+    -------
+    Agreement
+        Of no pair at all: shares of 0.
+    """
+    medians, shares, n_matches, ids = [], [], [], []
+    for pair in pairs:
+        errors = epipolar_errors(model, pair)
+        if errors is None:
+            continue
+        medians.append(np.median(errors))
+        shares.append(np.mean(errors <= max_error_px))
+        n_matches.append(len(errors))
+        ids.append((pair.first, pair.second))
+    if not medians:
+        return Agreement(0, 0.0, 0.0, float("inf"), (0, 0, 0.0))
+    worst = int(np.argmax(medians))
+    return Agreement(
+        n_pairs=len(medians),
+        pairs=float(np.mean(np.array(shares) > _PAIR_SHARE)),
+        matches=float(np.average(shares, weights=n_matches)),
+        median_error_px=float(np.median(medians)),
+        worst=(*ids[worst], float(medians[worst])),
+    )
+
+
+def epipolar_errors(model: pycolmap.Reconstruction, pair: VerifiedPair) -> np.ndarray | None:
+    """Return the Sampson errors of a pair's matches in px, None where a photo has no pose."""
+    if pair.first not in model.images or pair.second not in model.images:
+        return None
+    images = [model.images[i] for i in (pair.first, pair.second)]
+    if not all(image.has_pose for image in images):
+        return None
+    cameras = [model.cameras[image.camera_id] for image in images]
+    rays = [
+        np.asarray(camera.cam_from_img(pixels), dtype=np.float64).reshape(-1, 2)
+        for camera, pixels in zip(cameras, (pair.pixels1, pair.pixels2))
+    ]
+    x1, x2 = (np.concatenate([ray, np.ones((len(ray), 1))], axis=1) for ray in rays)
+    second_from_first = images[1].cam_from_world() * images[0].cam_from_world().inverse()
+    E = np.array(pycolmap.essential_matrix_from_pose(second_from_first))
+    lines2, lines1 = x1 @ E.T, x2 @ E
+    residuals = np.einsum("ni,ni->n", x2, lines2)
+    gradients = (lines2[:, :2] ** 2).sum(axis=1) + (lines1[:, :2] ** 2).sum(axis=1)
+    focal = np.mean([camera.mean_focal_length() for camera in cameras])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = focal * np.abs(residuals) / np.sqrt(gradients)
+    return np.where(np.isfinite(errors), errors, np.inf)

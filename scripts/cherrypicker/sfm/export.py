@@ -1,0 +1,47 @@
+"""Write a model as later stages read it: COLMAP's binary files and the undistorted poses."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from cherrypicker.poses import Poses
+
+MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin", "frames.bin", "rigs.bin")
+
+
+def undistorted_poses(model: pycolmap.Reconstruction) -> Poses:
+    """Return the registered photos as undistorted pinholes, sorted by name.
+
+    The pinhole is the one that ``pycolmap.undistort_camera`` makes with its default options, which
+    the dense stage's undistortion uses, too.
+    """
+    images = sorted(
+        (image for image in model.images.values() if image.has_pose), key=lambda each: each.name
+    )
+    pinholes = {
+        camera_id: pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), camera)
+        for camera_id, camera in model.cameras.items()
+    }
+    cameras = [pinholes[image.camera_id] for image in images]
+    return Poses(
+        names=np.array([image.name for image in images], dtype=str),
+        cam_from_world=np.array([image.cam_from_world().matrix() for image in images]),
+        K=np.array([camera.calibration_matrix() for camera in cameras]),
+        width=np.array([camera.width for camera in cameras]),
+        height=np.array([camera.height for camera in cameras]),
+    )
+
+
+def write_model(model: pycolmap.Reconstruction, folder: str | os.PathLike) -> None:
+    """Write the five binary files of a model, each renamed into place when all are there."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".model.", dir=folder) as temporary:
+        model.write_binary(temporary)
+        for name in MODEL_FILES:
+            (Path(temporary) / name).replace(folder / name)

@@ -1,0 +1,287 @@
+"""From verified matches to one model, in several attempts if need be."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pycolmap
+
+from cherrypicker.progress import Progress
+from cherrypicker.sfm.agreement import Agreement, measure_agreement, read_verified_pairs
+from cherrypicker.sfm.database import image_ids
+from cherrypicker.sfm.matching import verification_options
+from cherrypicker.sfm.policies import (
+    Policy,
+    first_policy,
+    further_policies,
+    global_options,
+    incremental_options,
+)
+
+logger = logging.getLogger(__name__)
+
+# A later attempt replaces an earlier one only if its score is better by this.
+_SCORE_MARGIN = 0.01
+
+
+@dataclass(frozen=True)
+class MappingOptions:
+    """How the model is built; the keys of the config's ``sfm`` section say the same.
+
+    Attributes
+    ----------
+    mapper : {"incremental", "global"}
+    wanted_fraction : float
+        Share of the photos below which other ways are tried.
+    wanted_agreement : float
+        Share of the verified pairs that must fit the model, or other ways are tried.
+    max_attempts : int
+    max_error_px : float
+        Largest epipolar error that matching allowed, px.
+    min_inliers : int
+        Least matches of a verified pair.
+    """
+
+    mapper: str = "incremental"
+    wanted_fraction: float = 0.95
+    wanted_agreement: float = 0.9
+    max_attempts: int = 4
+    max_error_px: float = 4.0
+    min_inliers: int = 15
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """The largest model of one attempt.
+
+    Attributes
+    ----------
+    policy : Policy
+    model : pycolmap.Reconstruction or None
+        None where nothing registered.
+    agreement : Agreement or None
+    other_models : tuple of tuple of str
+        Photo names of the smaller models.
+    n_photos : int
+        Photos in the database.
+    """
+
+    policy: Policy
+    model: pycolmap.Reconstruction | None
+    agreement: Agreement | None
+    other_models: tuple[tuple[str, ...], ...]
+    n_photos: int
+
+    @property
+    def n_registered(self) -> int:
+        return 0 if self.model is None else self.model.num_reg_images()
+
+    @property
+    def fraction(self) -> float:
+        return self.n_registered / max(self.n_photos, 1)
+
+    @property
+    def score(self) -> float:
+        """Share of photos times share of matches that the model explains."""
+        return 0.0 if self.agreement is None else self.fraction * self.agreement.matches
+
+
+def map_photos(
+    database: Path,
+    photos: Path,
+    scratch: Path,
+    options: MappingOptions,
+    *,
+    seed: int = 0,
+    threads: int = 1,
+) -> list[Attempt]:
+    """Build a model; where it lacks photos or contradicts the matches, try other ways.
+
+    Parameters
+    ----------
+    database : Path
+        Database with verified matches. COLMAP changes it: pass a copy.
+    photos : Path
+        Folder of the photos, for the colours of the points.
+    scratch : Path
+        Folder for temporary files.
+    options : MappingOptions
+    seed : int
+    threads : int
+
+    Returns
+    -------
+    list of Attempt
+        The chosen one first, the others in the order tried.
+    """
+    pairs = read_verified_pairs(database)
+    with pycolmap.Database.open(database) as opened:
+        has_exif_focal = any(cam.has_prior_focal_length for cam in opened.read_all_cameras())
+    attempts = [
+        _attempt(
+            first_policy(options.mapper), database, photos, scratch, options, pairs, seed, threads
+        )
+    ]
+    if not _good_enough(attempts[0], options):
+        further = further_policies(
+            options.mapper,
+            options.max_error_px,
+            too_few=attempts[0].fraction < options.wanted_fraction,
+            has_exif_focal=has_exif_focal,
+        )
+        for policy in further[: options.max_attempts - 1]:
+            logger.warning("%s; trying again: %s", _complaint(attempts[-1], options), policy.reason)
+            attempts.append(
+                _attempt(policy, database, photos, scratch, options, pairs, seed, threads)
+            )
+            if _good_enough(attempts[-1], options):
+                break
+    best = attempts[0]
+    for attempt in attempts[1:]:
+        if attempt.score > best.score + _SCORE_MARGIN:
+            best = attempt
+    if len(attempts) > 1:
+        logger.warning("kept the model of attempt '%s': %s", best.policy.name, _verdict(best))
+    return [best, *(attempt for attempt in attempts if attempt is not best)]
+
+
+def _good_enough(attempt: Attempt, options: MappingOptions) -> bool:
+    return (
+        attempt.agreement is not None
+        and attempt.fraction >= options.wanted_fraction
+        and attempt.agreement.pairs >= options.wanted_agreement
+    )
+
+
+def _verdict(attempt: Attempt) -> str:
+    if attempt.model is None:
+        return "no photo registered"
+    return (
+        f"{attempt.n_registered} of {attempt.n_photos} photos registered, "
+        f"{100 * attempt.agreement.pairs:.0f} % of {attempt.agreement.n_pairs} verified pairs fit, "
+        f"{attempt.model.compute_mean_reprojection_error():.2f} px"
+    )
+
+
+def _complaint(attempt: Attempt, options: MappingOptions) -> str:
+    if attempt.model is None or attempt.fraction < options.wanted_fraction:
+        return (
+            f"only {attempt.n_registered} of {attempt.n_photos} photos registered "
+            f"(sfm.wanted_registered_fraction {options.wanted_fraction:g})"
+        )
+    return (
+        f"only {100 * attempt.agreement.pairs:.0f} % of {attempt.agreement.n_pairs} verified pairs "
+        f"fit the model, which may be bent (sfm.wanted_pair_agreement {options.wanted_agreement:g})"
+    )
+
+
+def _attempt(
+    policy: Policy,
+    database: Path,
+    photos: Path,
+    scratch: Path,
+    options: MappingOptions,
+    pairs: list,
+    seed: int,
+    threads: int,
+) -> Attempt:
+    """Run one policy on a database of its own and keep the largest model."""
+    logger.info("mapping attempt '%s': %s", policy.name, policy.reason)
+    folder = scratch / policy.name
+    folder.mkdir()
+    working = folder / "database.db"
+    shutil.copyfile(database, working)
+    if not policy.trust_exif_focal:
+        forget_focal_lengths(working)
+    if policy.recheck_error_px > 0:
+        _verify_again(working, policy.recheck_error_px, options.min_inliers, seed, threads)
+    pycolmap.set_random_seed(seed)
+    run = _run_incremental if policy.mapper == "incremental" else _run_global
+    models = run(policy, working, photos, folder, seed, threads)
+    n_photos = len(image_ids(working))
+    working.unlink()
+    models = sorted(models, key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
+    if not models:
+        attempt = Attempt(policy, None, None, (), n_photos)
+    else:
+        agreement = measure_agreement(models[0], pairs, options.max_error_px)
+        others = tuple(registered_names(each) for each in models[1:])
+        attempt = Attempt(policy, models[0], agreement, others, n_photos)
+    logger.info("attempt '%s': %s", policy.name, _verdict(attempt))
+    return attempt
+
+
+def registered_names(model: pycolmap.Reconstruction) -> tuple[str, ...]:
+    """Return the names of the photos that have a pose, sorted."""
+    return tuple(sorted(image.name for image in model.images.values() if image.has_pose))
+
+
+def forget_focal_lengths(database: Path) -> None:
+    """Set every focal length to COLMAP's guess without EXIF, 1.2 times the longer side."""
+    factor = pycolmap.ImageReaderOptions().default_focal_length_factor
+    with pycolmap.Database.open(database) as opened:
+        for camera in opened.read_all_cameras():
+            params = list(camera.params)
+            for index in camera.focal_length_idxs():
+                params[index] = factor * max(camera.width, camera.height)
+            camera.params = params
+            camera.has_prior_focal_length = False
+            opened.update_camera(camera)
+
+
+def _verify_again(
+    database: Path, max_error_px: float, min_inliers: int, seed: int, threads: int
+) -> None:
+    with pycolmap.Database.open(database) as opened:
+        pair_ids, geometries = opened.read_two_view_geometries()
+        for pair_id, geometry in zip(pair_ids, geometries):
+            if len(geometry.inlier_matches):  # keeps what guided matching added
+                first, second = pycolmap.pair_id_to_image_pair(pair_id)
+                if opened.exists_matches(first, second):
+                    opened.delete_matches(first, second)
+                opened.write_matches(first, second, geometry.inlier_matches)
+        opened.clear_two_view_geometries()
+    verifier = pycolmap.GeometricVerifierOptions()
+    verifier.num_threads = threads
+    pycolmap.geometric_verification(
+        database,
+        verifier,
+        two_view_geometry_options=verification_options(max_error_px, min_inliers, seed),
+    )
+
+
+def _run_incremental(policy, database, photos, folder, seed, threads) -> list:
+    with Progress(len(image_ids(database)), "photos registered") as bar:
+        models = pycolmap.incremental_mapping(
+            database,
+            photos,
+            folder,
+            incremental_options(policy, seed, threads),
+            next_image_callback=_stepper(bar),
+        )
+    return list(models.values())
+
+
+def _stepper(bar: Progress) -> Callable[[], None]:
+    def step() -> None:
+        if bar.done < bar.total:  # photos tried twice, or in two models, count once
+            bar.step()
+
+    return step
+
+
+def _run_global(policy, database, photos, folder, seed, threads) -> list:
+    with pycolmap.Database.open(database) as opened:
+        calibrated = all(camera.has_prior_focal_length for camera in opened.read_all_cameras())
+    if not calibrated:
+        calibration = pycolmap.ViewGraphCalibrationOptions()
+        calibration.random_seed = seed
+        pycolmap.calibrate_view_graph(database, calibration)
+    models = pycolmap.global_mapping(
+        database, photos, folder, global_options(seed, threads, photos)
+    )
+    return list(models.values())

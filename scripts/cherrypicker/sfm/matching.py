@@ -1,0 +1,280 @@
+"""Match the features of photo pairs and verify them by two-view geometry."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from cherrypicker.errors import StageError
+from cherrypicker.progress import Progress
+from cherrypicker.sfm.database import (
+    copy_database,
+    image_ids,
+    publish_database,
+    rename_images,
+    scratch_folder,
+    watched_table,
+)
+from cherrypicker.sfm.guided import guided_matches, read_features
+from cherrypicker.sfm.pairs import (
+    exhaustive_pairs,
+    global_descriptors,
+    retrieval_pairs,
+    sequential_pairs,
+    unique_pairs,
+)
+
+logger = logging.getLogger(__name__)
+
+N_GLOBAL_FEATURES = 2000
+
+
+@dataclass(frozen=True)
+class MatchingOptions:
+    """How photos are matched; the keys of the config's ``sfm`` section say the same.
+
+    Attributes
+    ----------
+    pairing : {"auto", "exhaustive", "retrieval", "sequential", "vocab_tree"}
+        ``auto`` is exhaustive up to ``exhaustive_max_photos``, else the vocabulary tree where a
+        path is given, else retrieval.
+    exhaustive_max_photos : int
+    retrieval_neighbors : int
+        Most similar photos that each photo is matched with.
+    sequential_overlap : int
+        Next photos in name order that each photo is matched with.
+    vocab_tree_path : str
+        COLMAP's vocabulary tree (faiss format), empty for none.
+    max_ratio : float
+        Ratio test: largest best to second best descriptor angle.
+    max_error_px : float
+        Largest epipolar error of a match, px.
+    min_inliers : int
+        Least matches of a verified pair.
+    guided : bool
+        Search again along the epipolar lines of each verified pair.
+    """
+
+    pairing: str = "auto"
+    exhaustive_max_photos: int = 80
+    retrieval_neighbors: int = 30
+    sequential_overlap: int = 8
+    vocab_tree_path: str = ""
+    max_ratio: float = 0.8
+    max_error_px: float = 4.0
+    min_inliers: int = 15
+    guided: bool = True
+
+
+def match_features(
+    features: str | os.PathLike,
+    database: str | os.PathLike,
+    options: MatchingOptions | None = None,
+    *,
+    seed: int = 0,
+    threads: int = 1,
+) -> dict:
+    """Copy the database of features and add matches and two-view geometries.
+
+    Parameters
+    ----------
+    features : path-like
+        Database that :func:`cherrypicker.sfm.features.extract_features` wrote.
+    database : path-like
+        Database to write.
+    options : MatchingOptions, optional
+    seed : int
+    threads : int
+
+    Returns
+    -------
+    dict
+        ``pairing``, ``n_pairs`` compared and ``n_verified``.
+
+    Raises
+    ------
+    StageError
+        If no pair of photos can be verified, or the vocabulary tree is missing.
+    """
+    options = options or MatchingOptions()
+    pycolmap.set_random_seed(seed)
+    with scratch_folder(database) as scratch:
+        working = copy_database(features, scratch / "database.db")
+        pairing = _choose_pairing(options, len(image_ids(working)))
+        if pairing == "vocab_tree":
+            _match_by_vocabulary_tree(working, options, seed, threads)
+        else:
+            pairs = _choose_pairs(working, pairing, options, seed)
+            _match_pairs(working, pairs, options, seed, threads)
+        if options.guided:
+            add_guided_matches(working, options, threads)
+        with pycolmap.Database.open(working) as opened:
+            _, n_inliers = opened.read_two_view_geometry_num_inliers()
+        n_pairs, n_verified = (
+            len(n_inliers),
+            int(np.sum(np.array(n_inliers) >= options.min_inliers)),
+        )
+        if n_verified == 0:
+            raise StageError(
+                f"no two of {len(image_ids(working))} photos match (no overlap, or blurred?)",
+                file=features,
+                key="photos in trees.tsv, sfm.max_features or sfm.max_match_ratio",
+            )
+        logger.info("%s matching: %d pairs compared, %d verified", pairing, n_pairs, n_verified)
+        publish_database(working, database)
+    return {"pairing": pairing, "n_pairs": n_pairs, "n_verified": n_verified}
+
+
+def verification_options(max_error_px: float, min_inliers: int, seed: int):
+    """Return COLMAP's options of two-view verification with a fixed seed."""
+    options = pycolmap.TwoViewGeometryOptions()
+    options.min_num_inliers = min_inliers
+    options.ransac.max_error = max_error_px
+    options.ransac.random_seed = seed
+    return options
+
+
+def add_guided_matches(database: Path, options: MatchingOptions, threads: int = 1) -> int:
+    """Replace the matches of each verified pair by guided ones where that gives more.
+
+    Returns
+    -------
+    int
+        Number of matches added over all pairs.
+    """
+    with pycolmap.Database.open(database) as opened:
+        pair_ids, geometries = opened.read_two_view_geometries()
+        todo = [
+            (pycolmap.pair_id_to_image_pair(pair_id), geometry)
+            for pair_id, geometry in zip(pair_ids, geometries)
+            if len(geometry.inlier_matches) >= options.min_inliers
+        ]
+        wanted = sorted({image_id for pair, _ in todo for image_id in pair})
+        features = {image_id: read_features(opened, image_id) for image_id in wanted}
+        before = after = 0
+        max_distance = pycolmap.SiftMatchingOptions().max_distance
+
+        def search(item):
+            (first, second), geometry = item
+            return guided_matches(
+                features[first],
+                features[second],
+                geometry,
+                max_error_px=options.max_error_px,
+                max_ratio=options.max_ratio,
+                max_distance=max_distance,
+            )
+
+        with Progress(len(todo), "pairs matched again, guided") as bar:
+            for ((first, second), geometry), found in zip(todo, _in_order(search, todo, threads)):
+                n_before = len(geometry.inlier_matches)
+                before, after = before + n_before, after + max(n_before, len(found))
+                if len(found) > n_before:
+                    geometry.inlier_matches = found
+                    opened.update_two_view_geometry(first, second, geometry)
+                bar.step()
+    logger.info(
+        "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(todo), f"{after:,}"
+    )
+    return after - before
+
+
+def _in_order(function, items: list, threads: int) -> Iterator:
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(function, items)
+
+
+def _choose_pairing(options: MatchingOptions, n_photos: int) -> str:
+    if options.pairing == "vocab_tree" and not options.vocab_tree_path:
+        raise StageError("pairing vocab_tree needs the file of a tree", key="sfm.vocab_tree_path")
+    if options.pairing != "auto":
+        return options.pairing
+    if n_photos <= options.exhaustive_max_photos:
+        return "exhaustive"
+    chosen = "vocab_tree" if options.vocab_tree_path else "retrieval"
+    logger.info(
+        "%d photos are more than sfm.exhaustive_max_photos = %d: %s matching",
+        n_photos,
+        options.exhaustive_max_photos,
+        chosen,
+    )
+    return chosen
+
+
+def _choose_pairs(
+    database: Path, pairing: str, options: MatchingOptions, seed: int
+) -> list[tuple[str, str]]:
+    """Return pairs of photo names; retrieval adds the neighbours in name order."""
+    ids = image_ids(database)
+    names = list(ids)
+    if pairing == "exhaustive":
+        pairs = exhaustive_pairs(len(names))
+    else:
+        pairs = sequential_pairs(len(names), options.sequential_overlap)
+    if pairing == "retrieval":
+        with pycolmap.Database.open(database) as opened:
+            descriptors = [
+                np.array(opened.read_descriptors(ids[name]).data[-N_GLOBAL_FEATURES:])
+                for name in names
+            ]
+        vectors = global_descriptors(descriptors, seed)
+        pairs = unique_pairs(pairs, retrieval_pairs(vectors, options.retrieval_neighbors))
+    n_all = len(names) * (len(names) - 1) // 2
+    logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
+    return [(names[i], names[j]) for i, j in pairs]
+
+
+def _matcher_options(options: MatchingOptions, threads: int):
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    matching.num_threads = threads
+    matching.sift.max_ratio = options.max_ratio
+    return matching
+
+
+def _match_pairs(database: Path, pairs, options: MatchingOptions, seed: int, threads: int) -> None:
+    """Match named pairs. COLMAP's list of pairs is split at blanks: names are numbers meanwhile."""
+    names = list(image_ids(database))
+    aliases = {name: f"photo{i:06d}" for i, name in enumerate(names)}
+    listing = database.with_name("pairs.txt")
+    listing.write_text("".join(f"{aliases[a]} {aliases[b]}\n" for a, b in pairs), encoding="utf-8")
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = listing
+    rename_images(database, aliases)
+    with watched_table(database, "two_view_geometries", len(pairs), "pairs of photos matched"):
+        pycolmap.match_image_pairs(
+            database,
+            _matcher_options(options, threads),
+            pairing,
+            verification_options(options.max_error_px, options.min_inliers, seed),
+            device=pycolmap.Device.cpu,
+        )
+    rename_images(database, {alias: name for name, alias in aliases.items()})
+
+
+def _match_by_vocabulary_tree(
+    database: Path, options: MatchingOptions, seed: int, threads: int
+) -> None:
+    tree = Path(options.vocab_tree_path)
+    if not tree.is_file():
+        raise StageError("the vocabulary tree is missing", file=tree, key="sfm.vocab_tree_path")
+    pairing = pycolmap.VocabTreePairingOptions()
+    pairing.vocab_tree_path = tree
+    pairing.num_images = options.retrieval_neighbors
+    pairing.num_threads = threads
+    n_expected = len(image_ids(database)) * options.retrieval_neighbors
+    with watched_table(database, "two_view_geometries", n_expected, "pairs of photos matched"):
+        pycolmap.match_vocabtree(
+            database,
+            _matcher_options(options, threads),
+            pairing,
+            verification_options(options.max_error_px, options.min_inliers, seed),
+            device=pycolmap.Device.cpu,
+        )

@@ -1,0 +1,137 @@
+"""Which photos to match with which: all, neighbours in name order, or those that look alike."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+
+logger = logging.getLogger(__name__)
+
+N_WORDS = 64
+N_TRAINING_DESCRIPTORS = 60_000
+N_KMEANS_ITERATIONS = 12
+
+
+def exhaustive_pairs(n_photos: int) -> np.ndarray:
+    """Return every pair of photos, (n_pairs, 2) int64 with the first index smaller."""
+    return np.stack(np.triu_indices(n_photos, 1), axis=1)
+
+
+def sequential_pairs(n_photos: int, overlap: int) -> np.ndarray:
+    """Pair each photo with its next ``overlap`` ones, and with those 2, 4, 8 ... places on.
+
+    The order is taken as closed, since an orbit ends where it began.
+
+    Parameters
+    ----------
+    n_photos : int
+    overlap : int
+
+    Returns
+    -------
+    ndarray of shape (n_pairs, 2), int64
+        Unique, the first index smaller.
+    """
+    powers = 2 ** np.arange(int(np.log2(max(n_photos, 2))) + 1)
+    steps = np.unique(np.concatenate([np.arange(1, overlap + 1), powers]))
+    first = np.repeat(np.arange(n_photos), len(steps))
+    second = (first + np.tile(steps, n_photos)) % n_photos
+    return unique_pairs(np.stack([first, second], axis=1))
+
+
+def retrieval_pairs(vectors: np.ndarray, n_neighbors: int) -> np.ndarray:
+    """Pair each photo with those whose global descriptors are the most alike.
+
+    Parameters
+    ----------
+    vectors : ndarray of shape (n_photos, n_dimensions)
+        Unit global descriptors, as :func:`global_descriptors` makes them.
+    n_neighbors : int
+
+    Returns
+    -------
+    ndarray of shape (n_pairs, 2), int64
+        Unique, the first index smaller.
+    """
+    similarity = vectors @ vectors.T
+    np.fill_diagonal(similarity, -np.inf)
+    n_neighbors = min(n_neighbors, len(vectors) - 1)
+    nearest = np.argsort(-similarity, axis=1, kind="stable")[:, :n_neighbors]
+    first = np.repeat(np.arange(len(vectors)), n_neighbors)
+    return unique_pairs(np.stack([first, nearest.ravel()], axis=1))
+
+
+def unique_pairs(*pairs: np.ndarray) -> np.ndarray:
+    """Merge pairs, smaller index first, without repeats and pairs of a photo with itself."""
+    merged = np.sort(np.concatenate(pairs), axis=1)
+    return np.unique(merged[merged[:, 0] != merged[:, 1]], axis=0).astype(np.int64)
+
+
+def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.ndarray:
+    """Describe each photo by one vector (VLAD [1]_) over words learned from these photos.
+
+    A vocabulary tree trained on other photos has to be downloaded; a few words learned from the
+    scene's own features tell its photos apart as well, and are free.
+
+    Parameters
+    ----------
+    descriptors : sequence of ndarray of shape (n_features, 128), uint8
+        SIFT descriptors (square-rooted, L1-normalised) of each photo.
+    seed : int
+
+    Returns
+    -------
+    ndarray of shape (n_photos, n_words * 128), float32
+        Unit vectors; zero for a photo without features.
+
+    References
+    ----------
+    .. [1] Arandjelovic, Zisserman, "All about VLAD", CVPR 2013.
+    """
+    rng = np.random.default_rng(seed)
+    per_photo = max(N_TRAINING_DESCRIPTORS // max(len(descriptors), 1), 1)
+    training = np.concatenate(
+        [
+            _as_unit(each[rng.permutation(len(each))[:per_photo]])
+            for each in descriptors
+            if len(each)
+        ]
+    )
+    words = _kmeans(training, min(N_WORDS, len(training)), rng)
+    return np.stack([_vlad(_as_unit(each), words) for each in descriptors])
+
+
+def _as_unit(descriptors: np.ndarray) -> np.ndarray:
+    values = descriptors.astype(np.float32)
+    return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-6)
+
+
+def _kmeans(points: np.ndarray, k: int, rng: np.random.Generator) -> np.ndarray:
+    """Lloyd's algorithm; an empty cluster takes a random point."""
+    centers = points[rng.choice(len(points), k, replace=False)]
+    for _ in range(N_KMEANS_ITERATIONS):
+        members = _one_hot(points, centers)
+        counts = members.sum(axis=0)
+        centers = (members.T @ points) / np.maximum(counts, 1)[:, None]
+        empty = np.flatnonzero(counts == 0)
+        centers[empty] = points[rng.choice(len(points), len(empty))]
+    return centers
+
+
+def _one_hot(points: np.ndarray, centers: np.ndarray) -> np.ndarray:
+    """Membership of each point in its nearest centre, (n_points, k) float32."""
+    distances = (centers**2).sum(axis=1) - 2.0 * points @ centers.T
+    return np.eye(len(centers), dtype=np.float32)[np.argmin(distances, axis=1)]
+
+
+def _vlad(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
+    """Sum the residuals to the nearest word; normalise each word's sum, then the whole."""
+    if not len(descriptors):
+        return np.zeros(words.size, dtype=np.float32)
+    members = _one_hot(descriptors, words)
+    residuals = members.T @ descriptors - members.sum(axis=0)[:, None] * words
+    residuals /= np.maximum(np.linalg.norm(residuals, axis=1, keepdims=True), 1e-6)
+    vector = residuals.ravel()
+    return vector / max(np.linalg.norm(vector), 1e-6)

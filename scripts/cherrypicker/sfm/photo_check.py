@@ -1,0 +1,194 @@
+"""Look at each photo before COLMAP does: readable, how large, taken with which camera."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from PIL import ExifTags, Image, UnidentifiedImageError
+
+from cherrypicker.errors import StageError
+from cherrypicker.photos import exif_orientation, read_photo
+from cherrypicker.progress import Progress
+
+logger = logging.getLogger(__name__)
+
+MIN_PHOTOS = 3
+PHOTOS_COLUMN = "photos in trees.tsv"
+
+
+@dataclass(frozen=True)
+class PhotoInfo:
+    """One photo of the folder.
+
+    Attributes
+    ----------
+    path : Path
+    width, height : int
+        Stored size, px (EXIF orientation not applied); 0 where unreadable.
+    camera : str
+        Maker and model by EXIF, empty where not given.
+    focal_mm : float
+        Focal length by EXIF, 0 where not given.
+    orientation : int
+        EXIF orientation, 1 to 8. Pixels are used as stored.
+    problem : str
+        Why the photo is left out, empty for a good one.
+    digest : str
+        Hash of the file, to find copies.
+    """
+
+    path: Path
+    width: int = 0
+    height: int = 0
+    camera: str = ""
+    focal_mm: float = 0.0
+    orientation: int = 1
+    problem: str = ""
+    digest: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.path.name
+
+
+def check_photos(
+    photos: Sequence[str | os.PathLike],
+    *,
+    folder: str | os.PathLike = "",
+    skip_unreadable: bool = False,
+    threads: int = 1,
+) -> list[PhotoInfo]:
+    """Decode every photo and read its EXIF tags.
+
+    COLMAP itself accepts a truncated JPEG and fills the rest with grey, so it is no judge.
+
+    Parameters
+    ----------
+    photos : sequence of path-like
+        Photos of one folder.
+    folder : path-like
+        Folder named in errors.
+    skip_unreadable : bool, default False
+        Leave an unreadable photo out instead of failing.
+    threads : int, default 1
+        Photos decoded at a time.
+
+    Returns
+    -------
+    list of PhotoInfo
+        Sorted by name; those left out have a ``problem``.
+
+    Raises
+    ------
+    StageError
+        If there is no photo, one is unreadable, photos lie in several folders, or fewer than
+        three usable ones are left.
+    """
+    paths = sorted((Path(photo) for photo in photos), key=lambda path: path.name)
+    if not paths:
+        raise StageError(
+            "no photo found in the folder (.jpg, .jpeg, .png, .tif, .tiff)",
+            file=folder or None,
+            key=PHOTOS_COLUMN,
+        )
+    if len({path.parent for path in paths}) > 1:
+        raise StageError("the photos lie in several folders", file=paths[0], key=PHOTOS_COLUMN)
+    with Progress(len(paths), "photos checked") as bar, ThreadPoolExecutor(threads) as pool:
+        infos = []
+        for info in pool.map(_check_photo, paths):
+            infos.append(info)
+            bar.step()
+    unreadable = [info for info in infos if info.problem]
+    if unreadable and not skip_unreadable:
+        more = f" (and {len(unreadable) - 1} more)" if len(unreadable) > 1 else ""
+        raise StageError(
+            f"the photo {unreadable[0].name}{more} is {unreadable[0].problem}",
+            file=unreadable[0].path,
+            key=f"{PHOTOS_COLUMN} or sfm.skip_unreadable",
+        )
+    for info in unreadable:
+        logger.warning("%s is left out: %s", info.name, info.problem)
+    infos = _mark_copies(infos)
+    n_usable = sum(not info.problem for info in infos)
+    if n_usable < MIN_PHOTOS:
+        raise StageError(
+            f"{n_usable} usable photo(s) of {len(infos)}, at least {MIN_PHOTOS} are needed",
+            file=folder or paths[0].parent,
+            key=PHOTOS_COLUMN,
+        )
+    return infos
+
+
+def group_by_camera(infos: Sequence[PhotoInfo], camera_mode: str) -> list[list[PhotoInfo]]:
+    """Group usable photos that share one camera calibration.
+
+    Photos share a camera only if stored size, EXIF model and EXIF focal length are the same. The
+    EXIF orientation does not matter: the stored pixels are the sensor's either way.
+
+    Parameters
+    ----------
+    infos : sequence of PhotoInfo
+    camera_mode : {"folder", "auto", "per_image"}
+        ``auto`` shares a camera only where EXIF names it.
+
+    Returns
+    -------
+    list of list of PhotoInfo
+        In order of the first photo of each group.
+    """
+    groups: dict[tuple, list[PhotoInfo]] = {}
+    for info in infos:
+        if info.problem:
+            continue
+        key = (info.width, info.height, info.camera, round(info.focal_mm, 2))
+        if camera_mode == "per_image" or (camera_mode == "auto" and not info.camera):
+            key = (*key, info.name)
+        groups.setdefault(key, []).append(info)
+    return list(groups.values())
+
+
+def _check_photo(path: Path) -> PhotoInfo:
+    try:
+        height, width = read_photo(path).shape[:2]
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        camera, focal_mm = _exif_camera(path)
+    except StageError as error:
+        return PhotoInfo(path, problem=f"unreadable: {error.cause}")
+    except Image.DecompressionBombError as error:
+        return PhotoInfo(path, problem=f"unreadable: {error}")
+    return PhotoInfo(
+        path, width, height, camera, focal_mm, exif_orientation(path), problem="", digest=digest
+    )
+
+
+def _exif_camera(path: Path) -> tuple[str, float]:
+    """Return camera name and focal length in mm; broken EXIF data count as none."""
+    try:
+        with Image.open(path) as image:
+            exif = image.getexif()
+            details = exif.get_ifd(ExifTags.IFD.Exif)
+            words = [str(exif.get(tag, "")).strip("\0 ") for tag in (0x010F, 0x0110)]
+            focal = float(details.get(ExifTags.Base.FocalLength) or 0.0)
+    except (OSError, UnidentifiedImageError, ValueError, TypeError, SyntaxError, ZeroDivisionError):
+        return "", 0.0
+    return " ".join(word for word in words if word), focal if 0.0 < focal < 1e4 else 0.0
+
+
+def _mark_copies(infos: list[PhotoInfo]) -> list[PhotoInfo]:
+    """Keep the first of byte-equal photos: a second one adds nothing but a zero baseline."""
+    first: dict[str, str] = {}
+    marked = []
+    for info in infos:
+        original = first.setdefault(info.digest, info.name) if info.digest else info.name
+        if original != info.name and not info.problem:
+            logger.warning("%s is left out: a copy of %s", info.name, original)
+            marked.append(replace(info, problem=f"a copy of {original}"))
+        else:
+            marked.append(info)
+    return marked

@@ -1,0 +1,180 @@
+"""The sparse stage: map the photos, judge the outcome, report on every photo."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json, write_json
+from cherrypicker.poses import write_poses
+from cherrypicker.sfm.database import copy_database, scratch_folder
+from cherrypicker.sfm.diagnosis import diagnose_photos
+from cherrypicker.sfm.export import undistorted_poses, write_model
+from cherrypicker.sfm.mapping import Attempt, MappingOptions, map_photos
+
+logger = logging.getLogger(__name__)
+
+
+def reconstruct_sparse(
+    database: str | os.PathLike,
+    photos: Sequence[str | os.PathLike],
+    listing: str | os.PathLike,
+    model_folder: str | os.PathLike,
+    report: str | os.PathLike,
+    poses: str | os.PathLike,
+    options: MappingOptions | None = None,
+    *,
+    min_registered_fraction: float = 0.5,
+    seed: int = 0,
+    threads: int = 1,
+) -> dict:
+    """Map the photos and write model, poses and report.
+
+    Parameters
+    ----------
+    database : path-like
+        Database with verified matches.
+    photos : sequence of path-like
+        Photos of one folder.
+    listing : path-like
+        What :func:`cherrypicker.sfm.features.extract_features` listed.
+    model_folder : path-like
+        Folder for COLMAP's binary files.
+    report : path-like
+        JSON report, also written when too few photos register.
+    poses : path-like
+        NPZ of the registered photos' undistorted poses.
+    options : MappingOptions, optional
+    min_registered_fraction : float
+        Least share of the usable photos that must register.
+    seed : int
+    threads : int
+
+    Returns
+    -------
+    dict
+        The content of the report.
+
+    Raises
+    ------
+    StageError
+        If nothing registers, or less than ``min_registered_fraction``.
+    """
+    options = options or MappingOptions()
+    if not photos:
+        raise StageError("no photo found in the folder", key="photos in trees.tsv")
+    found = read_json(listing)
+    with scratch_folder(Path(model_folder)) as scratch:
+        working = copy_database(database, scratch / "database.db")
+        attempts = map_photos(
+            working, Path(photos[0]).parent, scratch, options, seed=seed, threads=threads
+        )
+        best = attempts[0]
+        explained = diagnose_photos(
+            working, found, best.model, best.other_models, min_inliers=options.min_inliers
+        )
+    content = _report(best, attempts, explained)
+    write_json(report, content)
+    _log_missing(explained)
+    _enforce(content, min_registered_fraction, Path(photos[0]).parent)
+    write_model(best.model, model_folder)
+    write_poses(poses, undistorted_poses(best.model))
+    logger.info(
+        "%d of %d photos registered, %s points, mean track %.1f, reprojection error %.2f px",
+        content["n_registered"],
+        content["n_photos"],
+        f"{content['n_points']:,}",
+        content["mean_track_length"],
+        content["mean_reprojection_error_px"],
+    )
+    return content
+
+
+def _report(best: Attempt, attempts: Sequence[Attempt], explained: dict) -> dict:
+    n_usable = best.n_photos
+    report = {
+        "n_photos": len(explained),
+        "n_usable": n_usable,
+        "n_registered": best.n_registered,
+        "registered_fraction": best.fraction,
+        "n_points": 0,
+        "mean_track_length": 0.0,
+        "mean_reprojection_error_px": None,
+        "mapper": best.policy.mapper,
+        "attempt": best.policy.name,
+        "attempts": [_describe_attempt(attempt) for attempt in attempts],
+        "cameras": [],
+        "photos": explained,
+    }
+    if best.model is not None:
+        report |= {
+            "n_points": best.model.num_points3D(),
+            "mean_track_length": best.model.compute_mean_track_length(),
+            "mean_reprojection_error_px": best.model.compute_mean_reprojection_error(),
+            "pair_agreement": best.agreement.pairs,
+            "match_agreement": best.agreement.matches,
+            "cameras": _describe_cameras(best.model),
+        }
+    return report
+
+
+def _describe_attempt(attempt: Attempt) -> dict:
+    described = {
+        "name": attempt.policy.name,
+        "what": attempt.policy.reason,
+        "mapper": attempt.policy.mapper,
+        "n_registered": attempt.n_registered,
+        "n_other_models": len(attempt.other_models),
+    }
+    if attempt.agreement is not None:
+        described |= {
+            "pair_agreement": attempt.agreement.pairs,
+            "match_agreement": attempt.agreement.matches,
+            "median_error_px": attempt.agreement.median_error_px,
+            "mean_reprojection_error_px": attempt.model.compute_mean_reprojection_error(),
+        }
+    return described
+
+
+def _describe_cameras(model) -> list[dict]:
+    used = sorted({image.camera_id for image in model.images.values() if image.has_pose})
+    return [
+        {
+            "model": model.cameras[i].model_name,
+            "width": model.cameras[i].width,
+            "height": model.cameras[i].height,
+            "params": np.asarray(model.cameras[i].params).tolist(),
+            "params_info": model.cameras[i].params_info,
+        }
+        for i in used
+    ]
+
+
+def _log_missing(explained: dict) -> None:
+    missing = {
+        name: facts["reason"] for name, facts in explained.items() if not facts["registered"]
+    }
+    for name, reason in missing.items():
+        logger.info("not registered: %s: %s", name, reason)
+    if missing:
+        logger.warning("%d of %d photos are not in the model", len(missing), len(explained))
+
+
+def _enforce(content: dict, least: float, folder: Path) -> None:
+    """Fail where too little registered, naming the most frequent kind of reason."""
+    if content["n_registered"] and content["registered_fraction"] >= least:
+        return
+    missing = [facts["reason"] for facts in content["photos"].values() if not facts["registered"]]
+    kinds = [reason.split(":")[0].split("(")[0].strip() for reason in missing]
+    common = max(sorted(set(kinds)), key=kinds.count)
+    raise StageError(
+        f"{content['n_registered']} of {content['n_usable']} photos registered, "
+        f"{100 * least:g} % are required; most frequent reason: {common}",
+        file=folder,
+        key="photos in trees.tsv, sfm.min_registered_fraction or sfm.max_features",
+    )
