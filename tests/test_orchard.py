@@ -118,8 +118,12 @@ def test_exact_cloud_lies_on_the_wood():
     wood = cloud.select(cloud["tree"] == 0)
     skeleton = scene.target.skeleton()
     distance, node = cKDTree(skeleton.points).query(wood.points)
-    # facets and the centimetre between nodes leave a few millimetres
-    assert np.quantile(np.abs(distance - skeleton.radii[node]), 0.98) < 0.006
+    gap = distance - skeleton.radii[node]
+    # facets and the centimetre between nodes leave a few millimetres; at a junction the nearest
+    # node may be the child's, which starts inside the parent
+    assert np.median(np.abs(gap)) < 0.001
+    assert np.quantile(gap, 0.01) > -0.003
+    assert np.quantile(gap, 0.95) < 0.006
     assert set(np.unique(wood["label"])) == {Label.TRUNK, Label.BRANCH}
     ground = cloud["label"] == Label.GROUND
     level = scene.ground_height(cloud.points[ground][:, :2])

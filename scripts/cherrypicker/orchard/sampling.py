@@ -112,6 +112,16 @@ def _inside_parent(tree, points, axis):
     return (parents[axis] >= 0) & (across < 0.98 * r) & (lengthwise < reach)
 
 
+def _inside_sibling(tree, points, s):
+    """Points near an axis' start that lie inside another axis of the same fork."""
+    skeleton = tree.skeleton()
+    near = np.flatnonzero(s < 0.12)
+    distance, node = cKDTree(skeleton.points).query(points[near], k=24, workers=1)
+    inside = np.zeros(len(points), bool)
+    inside[near] = (distance < 0.9 * skeleton.radii[node]).any(1)
+    return inside
+
+
 def _wood(rng, scene, density, extent):
     parts = []
     for thing in scene.tree_objects():
@@ -119,7 +129,9 @@ def _wood(rng, scene, density, extent):
         n = rng.poisson(density * thing.mesh.face_areas().sum())
         points, normals, attributes = _on_mesh(rng, thing.mesh, n)
         axis = attributes["axis"]
-        keep = ~_inside_parent(tree, points - scene.offsets[thing.tree], axis)
+        local = points - scene.offsets[thing.tree]
+        keep = ~_inside_parent(tree, local, axis)
+        keep &= ~_inside_sibling(tree, local, attributes["s"])
         keep &= np.hypot(points[:, 0], points[:, 1]) < extent
         labels = np.array([int(a.label) for a in tree.axes], np.uint8)[axis]
         albedo = surface_color(
