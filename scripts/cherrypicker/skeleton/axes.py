@@ -76,10 +76,37 @@ class _Tree:
     """A skeleton with what every junction asks for, computed once."""
 
     def __init__(self, skeleton):
-        self.radius = skeleton.radius
+        self.radius, self.points = skeleton.radius, skeleton.points
+        self.parent = skeleton.parent
         self.children = skeleton.children()
         self.length = skeleton.edge_length
         self.ahead = skeleton.reach() + self.length  # from a node's parent up to its farthest tip
+
+    def straightness(self, node, candidates):
+        """Cosine of the turn from the stretch before a junction into each child."""
+        reach = max(3 * self.radius[node], 3 * self.length[node])
+        before = self.points[node] - self.points[self._walk(node, reach, self._down)]
+        after = np.array([self.points[self._walk(c, reach, self._up)] for c in candidates])
+        after = after - self.points[node]
+        norm = np.linalg.norm(before) * np.linalg.norm(after, axis=1)
+        return after @ before / np.maximum(norm, 1e-12)
+
+    def _walk(self, node, reach, step):
+        travelled = 0.0
+        while travelled < reach:
+            following = step(node)
+            if following < 0:
+                break
+            travelled += self.length[max(node, following)]
+            node = following
+        return node
+
+    def _down(self, node):
+        return self.parent[node]
+
+    def _up(self, node):
+        children = self.children[node]
+        return children[np.argmax(self.ahead[children])] if len(children) else -1
 
     def radius_ahead(self, node, skip, window):
         """Median radius over a stretch of `window`, `skip` past the fork, on the longest way up."""
@@ -106,14 +133,15 @@ class _Tree:
 
 
 def _heir(tree, node):
-    """Child that the axis goes on into: the thickest, among similar ones the farthest reaching."""
+    """Child that the axis goes on into: the thickest; among similar ones far reach and straight."""
     candidates = tree.children[node]
     if len(candidates) == 1:
         return candidates[0]
     skip = tree.radius[node]
     radius = np.array([tree.radius_ahead(child, skip, 2 * skip) for child in candidates])
     similar = radius >= SIMILAR_RADIUS * radius.max()
-    return candidates[np.argmax(np.where(similar, tree.ahead[candidates], -1.0))]
+    score = tree.ahead[candidates] * (1.2 + tree.straightness(node, candidates))
+    return candidates[np.argmax(np.where(similar, score, -1.0))]
 
 
 def _trunk_goes_on(tree, nodes, heir, trunk_keeps):

@@ -6,6 +6,7 @@ import numpy as np
 
 from cherrypicker.skeleton.graph import auto_spacing, spanning_tree
 from cherrypicker.skeleton.radius import fit_radii
+from cherrypicker.skeleton.refine import prune_spurs, refine_skeleton, taper_skeleton
 
 __all__ = ["extract_skeleton"]
 
@@ -42,11 +43,12 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
     moved = np.linalg.norm(contracted.points - cloud.points[contracted["source"]], axis=1)
-    skeleton = fit_radii(
-        skeleton,
-        surface,
-        spacing=spacing,
-        max_radius=max(3 * spacing, 1.5 * float(np.quantile(moved, 0.99))),
-        recentre=False,
-    )
-    return skeleton
+    max_radius = max(3 * spacing, 1.5 * float(np.quantile(moved, 0.99)))
+    radii = {"spacing": spacing, "max_radius": max_radius, "recentre": False}
+    skeleton = fit_radii(skeleton, surface, **radii)
+    if method == "mst":
+        return skeleton
+    skeleton = fit_radii(prune_spurs(skeleton, spacing), surface, **radii)
+    skeleton = refine_skeleton(skeleton, surface, spacing)
+    skeleton = fit_radii(skeleton, surface, **radii)
+    return taper_skeleton(skeleton)

@@ -2,6 +2,7 @@
 
 import logging
 
+import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -11,6 +12,8 @@ logger = logging.getLogger(__name__)
 
 FEWEST_POINTS = 5
 ARC_SECTORS = 24
+LEAST_ARC = 150.0  # a circle on less of the circumference says little about its centre
+MOST_SLICE_POINTS = 600
 
 
 def local_tangents(skeleton, reach):
@@ -87,7 +90,7 @@ def assign_surface(skeleton, surface, step):
 
 
 def fit_circle(xy, weights=None):
-    """Algebraic least-squares circle (Pratt's constraint is not needed at arcs this wide).
+    """Algebraic least-squares circle.
 
     Parameters
     ----------
@@ -100,47 +103,108 @@ def fit_circle(xy, weights=None):
     radius : float
         NaN where the points lie on a line.
     """
-    w = np.ones(len(xy)) if weights is None else weights
-    shift = np.average(xy, axis=0, weights=w)
-    local = xy - shift
-    A = np.column_stack([2 * local, np.ones(len(xy))]) * np.sqrt(w)[:, None]
-    b = np.square(local).sum(axis=1) * np.sqrt(w)
-    normal = A.T @ A
-    scale = np.trace(normal[:2, :2])
-    if scale <= 0 or abs(np.linalg.det(normal[:2, :2])) < 1e-8 * scale**2:
-        return shift, np.nan
-    a, c, d = np.linalg.solve(normal, A.T @ b)
-    return shift + (a, c), float(np.sqrt(max(d + a * a + c * c, 0.0)))
+    xy = np.ascontiguousarray(xy, dtype=np.float64)
+    weights = np.ones(len(xy)) if weights is None else np.asarray(weights, dtype=np.float64)
+    x, y, radius = _circle(xy[:, 0].copy(), xy[:, 1].copy(), weights)
+    return np.array([x, y]), radius
 
 
-def _basis(tangent):
-    """Two unit vectors across a direction."""
-    helper = np.eye(3)[np.argmin(np.abs(tangent))]
-    u = np.cross(tangent, helper)
-    u /= np.linalg.norm(u)
-    return u, np.cross(tangent, u)
+@numba.njit(cache=True)
+def _circle(x, y, w):
+    """Weighted algebraic circle: centre x, centre y, radius (NaN if the points are in line)."""
+    total = w.sum()
+    mx, my = (w * x).sum() / total, (w * y).sum() / total
+    u, v = x - mx, y - my
+    q = u * u + v * v
+    suu, svv, suv = (w * u * u).sum(), (w * v * v).sum(), (w * u * v).sum()
+    suq, svq = (w * u * q).sum() / 2, (w * v * q).sum() / 2
+    determinant = suu * svv - suv * suv
+    trace = suu + svv
+    if trace <= 0 or determinant < 1e-8 * trace * trace:
+        return mx, my, np.nan
+    a = (suq * svv - svq * suv) / determinant
+    b = (svq * suu - suq * suv) / determinant
+    return mx + a, my + b, np.sqrt(a * a + b * b + (w * q).sum() / total)
 
 
-def _robust_circle(xy, n_rounds=8):
+@numba.njit(cache=True)
+def _robust_circle(x, y, n_rounds):
     """Circle with Tukey weights: outliers and a neighbour's points lose their say."""
-    centre, radius = fit_circle(xy)
+    cx, cy, radius = _circle(x, y, np.ones(len(x)))
     for _ in range(n_rounds):
         if not np.isfinite(radius):
             break
-        off = np.abs(np.linalg.norm(xy - centre, axis=1) - radius)
+        off = np.abs(np.sqrt((x - cx) ** 2 + (y - cy) ** 2) - radius)
         limit = 4.0 * max(1.4826 * np.median(off), 1e-9)
-        weights = np.square(np.clip(1 - np.square(off / limit), 0, None))
+        weights = np.maximum(1 - (off / limit) ** 2, 0.0) ** 2
         if np.count_nonzero(weights) < FEWEST_POINTS:
             break
-        centre, radius = fit_circle(xy, weights)
-    return centre, radius
+        cx, cy, radius = _circle(x, y, weights)
+    return cx, cy, radius
 
 
-def _arc_deg(xy):
+@numba.njit(cache=True)
+def _arc_deg(x, y):
     """Part of the circumference that points around the origin cover, degrees."""
-    angle = np.arctan2(xy[:, 1], xy[:, 0])
-    sector = np.floor((angle + np.pi) / (2 * np.pi) * ARC_SECTORS).astype(np.int64) % ARC_SECTORS
-    return 360.0 * len(np.unique(sector)) / ARC_SECTORS
+    seen = np.zeros(ARC_SECTORS, dtype=np.bool_)
+    for row in range(len(x)):
+        turn = (np.arctan2(y[row], x[row]) + np.pi) / (2 * np.pi)
+        seen[int(turn * ARC_SECTORS) % ARC_SECTORS] = True
+    return 360.0 * seen.sum() / ARC_SECTORS
+
+
+@numba.njit(cache=True)
+def _fit_slice(x, y):
+    """Radius, centre x, centre y, covered arc and residual of one slice around the origin."""
+    away = np.sqrt(x * x + y * y)
+    simple = np.median(away)
+    spread = 1.4826 * np.median(np.abs(away - simple))
+    if len(x) >= 3 * FEWEST_POINTS:
+        cx, cy, radius = _robust_circle(x, y, 6)
+        if np.isfinite(radius) and radius > 0:
+            arc = _arc_deg(x - cx, y - cy)
+            off = np.abs(np.sqrt((x - cx) ** 2 + (y - cy) ** 2) - radius)
+            residual = 1.4826 * np.median(off)
+            shift = np.sqrt(cx * cx + cy * cy)
+            sound = arc >= LEAST_ARC and radius <= 1.6 * simple and shift <= 1.2 * simple
+            if sound and residual <= 0.35 * radius and residual <= 1.05 * spread:
+                return radius, cx, cy, arc, residual
+    return simple, 0.0, 0.0, _arc_deg(x, y), spread
+
+
+@numba.njit(cache=True)
+def _fit_nodes(surface, start, window, window_start, nodes, tangents):
+    """`_fit_slice` at every node; rows of `surface` are sorted by their node."""
+    n_nodes = len(nodes)
+    fits = np.full((n_nodes, 5), np.nan)
+    centres = nodes.copy()
+    counts = np.zeros(n_nodes, dtype=np.int64)
+    for node in range(n_nodes):
+        n_rows = 0
+        for near in window[window_start[node] : window_start[node + 1]]:
+            n_rows += start[near + 1] - start[near]
+        counts[node] = n_rows
+        if n_rows < FEWEST_POINTS:
+            continue
+        stride = 1 + n_rows // MOST_SLICE_POINTS
+        t = tangents[node]
+        helper = np.zeros(3)
+        helper[np.argmin(np.abs(t))] = 1.0
+        u = np.cross(t, helper)
+        u /= np.sqrt((u * u).sum())
+        v = np.cross(t, u)
+        x, y = np.empty(n_rows), np.empty(n_rows)
+        filled = 0
+        for near in window[window_start[node] : window_start[node + 1]]:
+            for row in range(start[near], start[near + 1], stride):
+                offset = surface[row] - nodes[node]
+                x[filled] = (offset * u).sum()
+                y[filled] = (offset * v).sum()
+                filled += 1
+        radius, cx, cy, arc, residual = _fit_slice(x[:filled], y[:filled])
+        fits[node] = radius, cx, cy, arc, residual
+        centres[node] += cx * u + cy * v
+    return fits, centres, counts
 
 
 def fit_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001, recentre=True):
@@ -178,20 +242,12 @@ def fit_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001, rec
     first_guess = _first_radii(distance[order], start, spacing)
     reach = np.clip(1.5 * first_guess, 1.5 * spacing, None)
     tangents = local_tangents(skeleton, 2 * reach)
-    radius, centre = np.full(n_nodes, np.nan), skeleton.points.copy()
-    n_points, arc, residual = np.zeros(n_nodes, int), np.zeros(n_nodes), np.zeros(n_nodes)
-    windows = _windows(skeleton, reach)
-    for node in range(n_nodes):
-        rows = np.concatenate([order[start[near] : start[near + 1]] for near in windows[node]])
-        if len(rows) < FEWEST_POINTS:
-            continue
-        u, v = _basis(tangents[node])
-        offset = surface[rows] - skeleton.points[node]
-        fit = _fit_node(np.stack([offset @ u, offset @ v], axis=1))
-        radius[node], shift, arc[node], residual[node] = fit
-        n_points[node] = len(rows)
-        if recentre:
-            centre[node] += shift[0] * u + shift[1] * v
+    window, window_start = _windows(skeleton, reach)
+    fits, centres, n_points = _fit_nodes(
+        surface[order], start, window, window_start, skeleton.points, tangents
+    )
+    radius, arc, residual = fits[:, 0], np.nan_to_num(fits[:, 3]), np.nan_to_num(fits[:, 4])
+    centre = centres if recentre else skeleton.points
     radius = np.maximum(_fill_along_paths(skeleton, radius), least_radius)
     fields = dict(skeleton.fields, n_points=n_points, arc_deg=arc, residual=residual)
     return type(skeleton)(
@@ -208,7 +264,7 @@ def _first_radii(distance, start, spacing):
 
 
 def _windows(skeleton, reach):
-    """Nodes within `reach` of each node along its path, down and up without forks."""
+    """Nodes within `reach` of each node along its path, down and up without forks, as CSR rows."""
     length, parent, children = skeleton.edge_length, skeleton.parent, skeleton.children()
     windows = []
     for node in range(len(skeleton)):
@@ -226,23 +282,8 @@ def _windows(skeleton, reach):
                 break
             own.append(front)
         windows.append(own)
-    return windows
-
-
-def _fit_node(xy):
-    """Radius, shift of the centre, covered arc and residual of one slice."""
-    away = np.linalg.norm(xy, axis=1)
-    simple = float(np.median(away))
-    spread = float(1.4826 * np.median(np.abs(away - simple)))
-    centre, radius = _robust_circle(xy) if len(xy) >= 3 * FEWEST_POINTS else (np.zeros(2), np.nan)
-    if np.isfinite(radius) and radius > 0:
-        arc = _arc_deg(xy - centre)
-        around = np.linalg.norm(xy - centre, axis=1)
-        off = float(1.4826 * np.median(np.abs(around - radius)))
-        sound = arc >= 150 and radius <= 1.6 * simple and np.linalg.norm(centre) <= 1.2 * simple
-        if sound and off <= 0.35 * radius and off <= 1.05 * spread:
-            return radius, centre, arc, off
-    return simple, np.zeros(2), _arc_deg(xy), spread
+    start = np.concatenate([[0], np.cumsum([len(own) for own in windows])])
+    return np.concatenate(windows).astype(np.int64), start.astype(np.int64)
 
 
 def _fill_along_paths(skeleton, radius):
