@@ -86,6 +86,6 @@ def with_uncertainty(value, error, power, decimals, unit, *, is_cm2=False) -> st
         value, error, decimals = value / 1e4, None if error is None else error / 1e4, 5
     text = f"{value:,.{decimals}f}"
     if isinstance(error, int | float) and math.isfinite(error) and error > 0:
-        digits = max(decimals, min(6, 1 - math.floor(math.log10(error))))
+        digits = max(decimals, min(decimals + 1, 1 - math.floor(math.log10(error))))
         text = f"{value:,.{digits}f} ± {error:,.{digits}f}"
     return f"{text} {name}"

@@ -1,0 +1,181 @@
+"""The report of one tree: a single HTML file that needs no network."""
+
+import base64
+import csv
+import io
+from pathlib import Path
+
+import jinja2
+
+import cherrypicker
+from cherrypicker.errors import StageError
+from cherrypicker.report.figures import DPI, order_color
+from cherrypicker.report.stages import branch_section, scan_sections, stage_warnings
+from cherrypicker.report.text import STYLE, TRAIT_ROWS, unit_name, with_uncertainty
+from cherrypicker.report.viewer import viewer_data
+
+__all__ = ["TEMPLATE_FILES", "read_branches", "render_report"]
+
+_FOLDER = Path(__file__).resolve().parent
+TEMPLATE_FILES = (_FOLDER / "report.html.j2", _FOLDER / "viewer.js")
+_FILES = (
+    "traits.json",
+    "branches.csv",
+    "skeleton.graphml",
+    "topology.graphml",
+    "skeleton.swc",
+    "skeleton.ply",
+    "segmented.ply",
+    "contracted.ply",
+)
+
+
+def read_branches(path):
+    """Read ``branches.csv`` as a list of dicts of numbers.
+
+    Raises
+    ------
+    StageError
+        If the file is missing or a cell is no number.
+    """
+    try:
+        with open(path, encoding="utf-8", newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        whole = ("branch_id", "parent_id", "order")
+        return [
+            {key: int(value) if key in whole else float(value) for key, value in row.items()}
+            for row in rows
+        ]
+    except (OSError, ValueError, TypeError) as error:
+        raise StageError(f"not a readable table of branches ({error})", file=path) from error
+
+
+def render_report(
+    about, traits, branches, cloud, skeleton, figures, scan, foot, *, options, seed=0
+):
+    """Render the report.
+
+    Parameters
+    ----------
+    about : dict
+        ``tree``, ``date`` and ``series``.
+    traits : dict
+        Content of ``traits.json``.
+    branches : list of dict
+        Rows of ``branches.csv``.
+    cloud : PointCloud
+        The segmented cloud.
+    skeleton : Skeleton
+    figures : list of tuple (bytes or Figure, str)
+        PNG and caption of the figures that every tree has.
+    scan : dict
+        See `cherrypicker.report.stages.scan_sections`.
+    foot : ndarray of shape (3,)
+    options : dict
+        ``viewer_points``, ``figure_width_px``, ``n_examples``.
+    seed : int, default 0
+
+    Returns
+    -------
+    str
+        The page. All text from data is escaped.
+    """
+    unit = traits.get("unit", cloud.unit)
+    tree = {"cloud": cloud, "skeleton": skeleton, "foot": foot}
+    width_px = options["figure_width_px"]
+    sections = scan_sections(scan, tree, width_px=width_px, n_examples=options["n_examples"])
+    sections.append(branch_section(branches, unit))
+    for item in sections:
+        item["figures"] = [_embedded(figure, text, width_px) for figure, text in item["figures"]]
+    loader = jinja2.FileSystemLoader(_FOLDER)
+    viewer = viewer_data(cloud, skeleton, n_points=options["viewer_points"], seed=seed)
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=False
+    )
+    reports = [scan.get(name) for name in ("sparse", "align", "crop", "scale", "contract")]
+    return environment.get_template("report.html.j2").render(
+        tree=about["tree"],
+        lead=_lead(about, unit, scan),
+        warnings=[str(flag) for flag in traits.get("flags", [])] + stage_warnings(*reports),
+        traits=_trait_rows(traits, unit),
+        orders=_order_rows(traits),
+        diameters=_diameter_rows(traits, unit),
+        foot_source=_foot_source(traits),
+        scale_note=_scale_note(unit, scan),
+        unit=unit_name(unit),
+        has_color=cloud.colors is not None,
+        viewer=viewer,
+        n_shown=f"{viewer['n_shown']:,}",
+        n_points=f"{len(cloud):,}",
+        figures=[_embedded(figure, text, width_px) for figure, text in figures],
+        stages=sections,
+        files=_FILES,
+        version=cherrypicker.__version__,
+        style=STYLE,
+        script=(_FOLDER / "viewer.js").read_text(encoding="utf-8"),
+    )
+
+
+def _embedded(figure, caption, width_px):
+    if not isinstance(figure, bytes):
+        stream = io.BytesIO()
+        width = min(width_px, 1.5 * DPI * figure.get_size_inches()[0])
+        figure.savefig(stream, format="png", dpi=width / figure.get_size_inches()[0])
+        figure = stream.getvalue()
+    return {"data": base64.b64encode(figure).decode("ascii"), "caption": caption}
+
+
+def _lead(about, unit, scan):
+    lead = [about[name] for name in ("date", "series") if about.get(name)]
+    lead.append("from photos" if scan.get("sparse") else "from a ready point cloud")
+    lead.append("in metres" if unit == "m" else "without a scale: lengths in arbitrary units")
+    return lead
+
+
+def _trait_rows(traits, unit):
+    rows = []
+    for name, title, power, decimals in TRAIT_ROWS:
+        is_cm2 = name.endswith("_cm2")
+        value, error = traits.get(name), traits.get(f"{name}_se")
+        interval = traits.get(f"{name}_ci90")
+        ends = [
+            with_uncertainty(end, None, power, decimals, unit, is_cm2=is_cm2).split(" ")[0]
+            for end in interval or ()
+        ]
+        shown = with_uncertainty(value, error, power, decimals, unit, is_cm2=is_cm2)
+        rows.append({"name": title, "value": shown, "interval": " to ".join(ends)})
+    return rows
+
+
+def _order_rows(traits):
+    lengths = traits.get("length_by_order_m", {})
+    counts = traits.get("n_branches_by_order", {})
+    return [
+        {
+            "order": order,
+            "count": counts.get(order, ""),
+            "length": f"{lengths[order]:.2f}",
+            "color": order_color(int(order)),
+        }
+        for order in sorted(lengths, key=int)
+    ]
+
+
+def _diameter_rows(traits, unit):
+    errors = traits.get("trunk_diameters_se", {})
+    return [
+        {"height": height, "value": with_uncertainty(value, errors.get(height), 1, 4, unit)}
+        for height, value in traits.get("trunk_diameters", {}).items()
+    ]
+
+
+def _foot_source(traits):
+    lowest = any(str(flag).startswith("no_ground") for flag in traits.get("flags", []))
+    return "its lowest points" if lowest else "the ground around it"
+
+
+def _scale_note(unit, scan):
+    scale = scan.get("scale") or {}
+    if unit == "m" and scale.get("scale_std"):
+        return ", with the scale's error"
+    return ""

@@ -1,0 +1,226 @@
+"""Figures of the stages that only a scan from photos goes through; they live inside the report."""
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from PIL import Image, UnidentifiedImageError
+
+from cherrypicker.classes import Label
+from cherrypicker.report.figures import (
+    DPI,
+    cloud_colors,
+    show_points,
+    tree_box,
+    view_grid,
+)
+from cherrypicker.report.raster import side_views
+from cherrypicker.traits.wood import wood_mask
+
+__all__ = [
+    "alignment_figure",
+    "camera_figure",
+    "contraction_figure",
+    "denoise_figure",
+    "example_figure",
+    "removed_points",
+]
+
+_RED = "#d02020"
+_TILE_PX = 420
+
+
+def camera_figure(poses, cloud, target, width_px):
+    """Where the registered photos were taken, from above and from the front.
+
+    Parameters
+    ----------
+    poses : Poses
+        In the cloud's frame.
+    cloud : PointCloud
+    target : ndarray of shape (3,)
+        The stem's foot.
+    width_px : int
+    """
+    centers = poses.centers
+    reach = 0.12 * np.median(np.linalg.norm(centers - target, axis=1))
+    box = np.vstack([centers, centers + reach * poses.forward, target[None]])
+    views = side_views(box, margin=0.08, kinds=("top", "front"))
+    title = f"{len(poses)} registered photos"
+    figure, panels = view_grid(views, cloud.unit, width_px, title)
+    colors = cloud_colors(cloud)
+    for panel in panels:
+        axes_, view, _ = panel
+        show_points(panel, cloud.points, colors, size=1)
+        start, _ = view.flatten(centers)
+        end, _ = view.flatten(centers + reach * poses.forward)
+        axes_.add_collection(LineCollection(np.stack([start, end], axis=1), colors=_RED, lw=1))
+        axes_.scatter(*start.T, s=14, color=_RED, zorder=3)
+        axes_.scatter(*view.flatten(target[None])[0].T, marker="+", s=60, color="k", zorder=4)
+    return figure
+
+
+def alignment_figure(aligned, poses, box, width_px):
+    """The aligned cloud with z = 0 and the box that was kept.
+
+    Parameters
+    ----------
+    aligned : PointCloud
+    poses : Poses
+        In the aligned frame.
+    box : dict or None
+        ``x`` and ``y`` limits, as in ``crop.json``.
+    width_px : int
+    """
+    middle = np.vstack([np.quantile(aligned.points, [0.02, 0.98], axis=0), poses.centers])
+    views = side_views(middle, margin=0.1, kinds=("front", "side", "top"))
+    figure, panels = view_grid(views, "arbitrary", width_px, "Aligned cloud and region of interest")
+    colors = cloud_colors(aligned)
+    for panel in panels:
+        axes_, view, _ = panel
+        show_points(panel, aligned.points, colors, size=1)
+        axes_.scatter(*view.flatten(poses.centers)[0].T, s=5, color=_RED, zorder=3)
+        if view.name != "top":
+            axes_.axhline(0, color="#2368a8", lw=1)
+        if not box:
+            continue
+        if view.name == "top":
+            (x0, x1), (y0, y1) = box["x"], box["y"]
+            corner = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, color="#2368a8", lw=1.2)
+            axes_.add_patch(corner)
+        else:
+            for limit in box["x" if view.name == "front" else "y"]:
+                axes_.axvline(limit, color="#2368a8", lw=1, ls=":")
+    return figure
+
+
+def removed_points(before, after):
+    """Rows of `before` that are not in `after`, by exact single-precision coordinates.
+
+    Parameters
+    ----------
+    before, after : PointCloud
+
+    Returns
+    -------
+    ndarray of shape (len(before),), bool
+    """
+    keys = [
+        np.ascontiguousarray(cloud.points.astype("<f4")).view([("", "<f4")] * 3).ravel()
+        for cloud in (before, after)
+    ]
+    return ~np.isin(keys[0], keys[1])
+
+
+def denoise_figure(cropped, denoised, width_px):
+    """What the filters removed, over what they kept."""
+    removed = removed_points(cropped, denoised)
+    views = side_views(denoised.points, margin=0.04, kinds=("front", "top"))
+    title = (
+        f"Denoising removed {removed.sum():,} of {len(cropped):,} points "
+        f"({removed.mean():.1%}), drawn in red"
+    )
+    figure, panels = view_grid(views, "arbitrary", width_px, title)
+    colors = 0.35 + 0.65 * cloud_colors(denoised)
+    for panel in panels:
+        show_points(panel, denoised.points, colors, size=1)
+        if removed.any():
+            flat, _ = panel[1].flatten(cropped.points[removed][:: 1 + removed.sum() // 50_000])
+            panel[0].scatter(*flat.T, s=0.6, color=_RED, linewidths=0, zorder=2)
+    return figure
+
+
+def contraction_figure(cloud, contracted, skeleton, width_px):
+    """The contracted points over the wood they came from."""
+    wood = cloud.points[wood_mask(cloud["label"])]
+    views = side_views(tree_box(cloud, skeleton), kinds=("front", "side"))
+    figure, panels = view_grid(views, cloud.unit, width_px, "Contracted points over the wood")
+    labels = contracted["label"] if "label" in contracted else np.full(len(contracted), 2)
+    for panel in panels:
+        show_points(panel, wood, (0.82,) * 3)
+        for label, color in ((Label.BRANCH, "#1c6b34"), (Label.TRUNK, "#8a2f10")):
+            chosen = contracted.points[labels == label]
+            chosen = chosen[:: 1 + len(chosen) // 60_000]
+            flat, _ = panel[1].flatten(chosen)
+            panel[0].scatter(*flat.T, s=1.2, color=color, linewidths=0, zorder=2)
+    return figure
+
+
+def example_figure(photos, sky_folder, depth_of, n_examples):
+    """Photos with their sky masks and depth maps.
+
+    Parameters
+    ----------
+    photos : list of Path
+        Registered photos.
+    sky_folder : Path or None
+        Folder of masks ``{stem}.png``.
+    depth_of : callable or None
+        Returns a depth map (height, width), 0 where unknown, or None, for a photo's name.
+    n_examples : int
+
+    Returns
+    -------
+    Figure or None
+        None where no photo can be read.
+    """
+    picked = [photos[i] for i in np.linspace(0, len(photos) - 1, n_examples + 2).astype(int)[1:-1]]
+    rows = []
+    for path in dict.fromkeys(picked):
+        photo = _thumbnail(path)
+        if photo is None:
+            continue
+        tiles = [(path.name, photo, {})]
+        mask = _thumbnail(sky_folder / f"{path.stem}.png", photo.size) if sky_folder else None
+        if mask is not None:
+            tiles.append(("sky mask", _tinted(photo, mask), {}))
+        depth = depth_of(path.name) if depth_of else None
+        if depth is not None:
+            tiles.append(("depth map", *_depth_tile(depth)))
+        rows.append(tiles)
+    if not rows:
+        return None
+    n_columns = max(len(tiles) for tiles in rows)
+    tile = rows[0][0][1]
+    width = 4.4 * n_columns
+    height = 4.4 * tile.size[1] / tile.size[0] + 0.3
+    figure = Figure(figsize=(width, height * len(rows)), dpi=DPI, layout="constrained")
+    grid = figure.subplots(len(rows), n_columns, squeeze=False)
+    for panels, tiles in zip(grid, rows, strict=True):
+        for panel in panels:
+            panel.set_axis_off()
+        for panel, (title, image, style) in zip(panels, tiles, strict=False):
+            panel.imshow(image, interpolation="nearest", **style)
+            # Names come from the user's files: no mathtext in them
+            panel.set_title(title, fontsize=9, parse_math=False)
+    return figure
+
+
+def _thumbnail(path, size=None):
+    """The image at tile size, as stored (EXIF orientation not applied); None if unreadable."""
+    try:
+        with Image.open(path) as image:
+            image.draft("RGB", (2 * _TILE_PX, 2 * _TILE_PX))
+            mode = "RGB" if size is None else "L"
+            if size is None:
+                scale = _TILE_PX / max(image.size)
+                size = tuple(max(int(side * scale), 1) for side in image.size)
+            return image.convert(mode).resize(size)
+    except (OSError, UnidentifiedImageError, ValueError, SyntaxError):
+        return None
+
+
+def _tinted(photo, mask):
+    image = np.asarray(photo, dtype=np.float32) / 255.0
+    sky = (np.asarray(mask, dtype=np.float32) / 255.0)[..., None]
+    return np.clip(image * (1 - 0.6 * sky) + 0.6 * sky * np.array([0.1, 0.35, 0.95]), 0, 1)
+
+
+def _depth_tile(depth):
+    step = max(max(depth.shape) // (2 * _TILE_PX), 1)
+    depth = depth[::step, ::step]
+    known = depth[depth > 0]
+    if not len(known):
+        return np.zeros((*depth.shape, 3)), {}
+    low, high = np.quantile(known, [0.02, 0.95])
+    return np.where(depth > 0, depth, np.nan), {"cmap": "viridis_r", "vmin": low, "vmax": high}

@@ -1,0 +1,247 @@
+"""What the report says about each stage: facts, tables and figures from the stages' own reports.
+
+Stages that a tree did not go through have no section; a report that lacks a fact is shown without.
+"""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.report.stage_figures import (
+    alignment_figure,
+    camera_figure,
+    contraction_figure,
+    denoise_figure,
+    example_figure,
+)
+from cherrypicker.report.text import unit_name
+
+__all__ = ["branch_section", "scan_sections", "stage_warnings"]
+
+logger = logging.getLogger(__name__)
+
+
+def section(name, facts=(), tables=(), figures=()):
+    """A section of the page; facts without a value are left out."""
+    return {
+        "name": name,
+        "facts": [(key, value) for key, value in facts if value not in (None, "")],
+        "tables": [table for table in tables if table["rows"]],
+        "figures": [(figure, caption) for figure, caption in figures if figure is not None],
+    }
+
+
+def table(caption, head, rows, *, is_open=False):
+    """A table that the reader can open."""
+    return {"caption": caption, "head": head, "rows": rows, "open": is_open}
+
+
+def stage_warnings(*reports):
+    """Warnings that stages wrote into their reports, each once."""
+    found = []
+    for report in reports:
+        lines = (report or {}).get("warnings") or []
+        found += [str(line) for line in lines if str(line) not in found]
+    return found
+
+
+def scan_sections(scan, tree, *, width_px, n_examples):
+    """Sections on everything between the photos and the traits.
+
+    Parameters
+    ----------
+    scan : dict
+        Loaded inputs by name; absent ones are missing or None: ``sparse``, ``align``, ``crop``,
+        ``denoise``, ``scale``, ``contract`` (dicts), ``poses``, ``aligned_poses`` (Poses),
+        ``aligned``, ``cropped``, ``denoised``, ``contracted`` (PointCloud), ``photos`` (list of
+        Path), ``sky_folder``, ``dense_folder`` (Path).
+    tree : dict
+        ``cloud``, ``skeleton`` and ``foot`` (ndarray of shape (3,)).
+    width_px, n_examples : int
+
+    Returns
+    -------
+    list of dict
+    """
+    sections = []
+    if scan.get("sparse"):
+        sections.append(_sparse(scan, tree, width_px))
+    if scan.get("photos") and n_examples:
+        sections.append(_examples(scan, n_examples))
+    if scan.get("align"):
+        sections.append(_aligned(scan, width_px))
+    if scan.get("denoise"):
+        sections.append(_denoised(scan, width_px))
+    if scan.get("scale"):
+        sections.append(_scaled(scan["scale"]))
+    if scan.get("contracted") is not None:
+        sections.append(_contracted(scan, tree, width_px))
+    return sections
+
+
+def branch_section(rows, unit):
+    """The table of axes, the longest first within an order."""
+    name = unit_name(unit)
+    head = ["axis", "parent", "order"]
+    head += [f"{what} [{name}]" for what in ("length", "chord", "base diameter", "tip diameter")]
+    head += ["insertion angle [°]", "azimuth [°]", f"base height [{name}]"]
+    ordered = sorted(rows, key=lambda row: (row["order"], -row["length_m"]))
+    lines = [
+        [
+            row["branch_id"],
+            row["parent_id"] if row["parent_id"] >= 0 else "–",
+            row["order"],
+            f"{row['length_m']:.3f}",
+            f"{row['chord_m']:.3f}",
+            f"{row['base_diameter_m']:.4f}",
+            f"{row['tip_diameter_m']:.4f}",
+            f"{row['insertion_angle_deg']:.1f}",
+            f"{row['azimuth_deg']:.1f}",
+            f"{row['base_height_m']:.3f}",
+        ]
+        for row in ordered
+    ]
+    return section("Axes", tables=[table(f"{len(rows)} axes", head, lines)])
+
+
+def _sparse(scan, tree, width_px):
+    report = scan["sparse"]
+    facts = [
+        ("Photos registered", f"{report.get('n_registered')} of {report.get('n_photos')}"),
+        ("Sparse points", _count(report.get("n_points"))),
+        ("Mean track length", _number(report.get("mean_track_length"), 1)),
+        ("Mean reprojection error", _number(report.get("mean_reprojection_error_px"), 2, " px")),
+        ("Mapper", report.get("mapper")),
+    ]
+    photos = report.get("photos") or {}
+    missing = [
+        [name, info.get("reason", ""), info.get("n_features", ""), info.get("n_matches", "")]
+        for name, info in sorted(photos.items())
+        if not info.get("registered")
+    ]
+    head = ["photo", "reason", "features", "matches"]
+    tables = [table(f"{len(missing)} photos are not registered", head, missing, is_open=True)]
+    figures = []
+    if scan.get("poses") is not None:
+        figure = camera_figure(scan["poses"], tree["cloud"], tree["foot"], width_px)
+        figures.append((figure, "Registered photos and the way they look; the cross is the stem."))
+    return section("Photos and sparse model", facts, tables, figures)
+
+
+def _examples(scan, n_examples):
+    registered = set(scan["poses"].names) if scan.get("poses") is not None else set()
+    photos = [path for path in scan["photos"] if path.name in registered] or scan["photos"]
+    dense = scan.get("dense_folder")
+    figure = example_figure(
+        photos, scan.get("sky_folder"), _depth_reader(dense) if dense else None, n_examples
+    )
+    caption = "Example photos with their sky masks (blue) and depth maps (near is bright)."
+    return section("Sky and depth", figures=[(figure, caption)])
+
+
+def _depth_reader(folder):
+    from cherrypicker.mvs.workspace import read_map
+
+    def depth_of(name):
+        for kind in ("geometric", "photometric"):
+            path = Path(folder) / "stereo" / "depth_maps" / f"{name}.{kind}.bin"
+            if path.is_file():
+                try:
+                    return read_map(path)
+                except StageError as error:
+                    logger.warning("depth map left out: %s", error.describe())
+        return None
+
+    return depth_of
+
+
+def _aligned(scan, width_px):
+    report, crop = scan["align"], scan.get("crop") or {}
+    facts = [
+        ("Up decided by", report.get("up_from")),
+        ("Up to the ground's normal", _number(report.get("up_to_ground_deg"), 2, "°")),
+        ("Up to the cameras' up", _number(report.get("up_to_cameras_deg"), 2, "°")),
+        ("Stems found", report.get("n_stems")),
+        ("Target found by", crop.get("target_source")),
+        ("Points kept by the crop", _kept(crop.get("n_kept"), crop.get("n_points"))),
+    ]
+    figures = []
+    if scan.get("aligned") is not None and scan.get("aligned_poses") is not None:
+        figure = alignment_figure(scan["aligned"], scan["aligned_poses"], crop.get("box"), width_px)
+        figures.append((figure, "Aligned cloud: ground at z = 0, the box that was kept, cameras."))
+    return section("Alignment and crop", facts, figures=figures)
+
+
+def _denoised(scan, width_px):
+    report = scan["denoise"]
+    facts = [
+        ("Removed as outliers", _kept(report.get("n_removed_statistical"), report.get("n_input"))),
+        ("Points of a sky colour", _count(report.get("n_sky_colored"))),
+        ("of these spared by the photos", _count(report.get("n_kept_by_photos"))),
+        ("Removed as sky", _kept(report.get("n_removed_sky"), report.get("n_input"))),
+        ("Left", _kept(report.get("n_output"), report.get("n_input"))),
+    ]
+    figures = []
+    if scan.get("cropped") is not None and scan.get("denoised") is not None:
+        figure = denoise_figure(scan["cropped"], scan["denoised"], width_px)
+        figures.append((figure, "Points that the filters removed (red)."))
+    return section("Denoising", facts, figures=figures)
+
+
+def _scaled(scale):
+    is_metric = scale.get("unit", "m") == "m"
+    value, spread = scale.get("scale"), scale.get("scale_std")
+    shown = _number(value, 6) if is_metric else "none: lengths are in arbitrary units"
+    if is_metric and value and spread:
+        shown = f"{value:.6g} ± {spread:.2g} m per unit ({100 * spread / value:.2f} %)"
+    facts = [
+        ("Scale", shown),
+        ("From", scale.get("mode")),
+        ("Photos with a marker", scale.get("n_images")),
+        ("Rays", scale.get("n_rays")),
+    ]
+    rows = []
+    for marker in scale.get("markers") or []:
+        sides = [float(side) for side in marker.get("side_lengths") or []]
+        rows.append(
+            [
+                marker.get("id"),
+                _number(marker.get("side_m") or marker.get("side_length_m"), 4),
+                ", ".join(f"{side:.5g}" for side in sides),
+                _number(marker.get("rms_px") or marker.get("rms_reprojection_px"), 3),
+                marker.get("n_inliers", marker.get("inliers", "")),
+            ]
+        )
+    head = ["marker", "side [m]", "sides in the model's units", "RMS error [px]", "inlier rays"]
+    return section("Scale", facts, [table(f"{len(rows)} marker(s)", head, rows, is_open=True)])
+
+
+def _contracted(scan, tree, width_px):
+    report = scan.get("contract") or {}
+    facts = [
+        ("Method", report.get("method")),
+        ("Preset", report.get("preset")),
+        ("Iterations", report.get("n_iterations") or report.get("iterations")),
+        ("Contracted points", _count(len(scan["contracted"]))),
+    ]
+    facts = [(name, value) for name, value in facts if not isinstance(value, dict | list)]
+    figure = contraction_figure(tree["cloud"], scan["contracted"], tree["skeleton"], width_px)
+    return section("Contraction", facts, figures=[(figure, "Contracted points over the wood.")])
+
+
+def _number(value, decimals, unit=""):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        return None
+    return f"{value:,.{decimals}f}{unit}"
+
+
+def _count(value):
+    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else None
+
+
+def _kept(part, whole):
+    if not isinstance(part, int) or not isinstance(whole, int) or not whole:
+        return None
+    return f"{part:,} of {whole:,} ({100 * part / whole:.1f} %)"

@@ -1,0 +1,134 @@
+"""Data of the interactive 3D view: a thinned cloud and the skeleton as base64 text.
+
+Positions are 16-bit steps of the cloud's box (0.1 mm in a box of 6 m), colours and labels bytes,
+so that 150 thousand points take 2 MB in the page.
+"""
+
+import base64
+import json
+
+import numpy as np
+
+from cherrypicker.classes import CLASS_COLORS, CLASS_NAMES
+from cherrypicker.report.figures import cloud_colors, order_color
+from cherrypicker.skeleton import axes, node_order
+from cherrypicker.traits.wood import wood_mask
+
+__all__ = ["pick_points", "viewer_data"]
+
+_WOOD_SHARE = 0.7
+_STEPS = 65535
+
+
+def pick_points(labels, n_most, rng):
+    """Choose points to show, wood before the rest, in increasing order.
+
+    Parameters
+    ----------
+    labels : ndarray of shape (n_points,), uint8
+    n_most : int
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray of int64
+    """
+    wood = np.flatnonzero(wood_mask(labels))
+    rest = np.flatnonzero(~wood_mask(labels))
+    n_wood = min(len(wood), max(int(_WOOD_SHARE * n_most), n_most - len(rest)))
+    n_rest = min(len(rest), n_most - n_wood)
+    picked = np.concatenate(
+        [rng.choice(wood, n_wood, replace=False), rng.choice(rest, n_rest, replace=False)]
+    )
+    return np.sort(picked.astype(np.int64))
+
+
+def viewer_data(cloud, skeleton, *, n_points, seed=0):
+    """Return the view's data as text for the page.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        With labels.
+    skeleton : Skeleton
+    n_points : int
+        Most points shown.
+    seed : int, default 0
+
+    Returns
+    -------
+    dict
+        ``meta`` (JSON text, safe inside a script element), ``positions``, ``colors``, ``labels``,
+        ``edges`` (base64), ``classes`` (id, name and CSS colour of the classes shown), ``orders``
+        (order and CSS colour), ``n_shown``.
+    """
+    shown = cloud.select(pick_points(cloud["label"], n_points, np.random.default_rng(seed)))
+    low, high = shown.points.min(axis=0), shown.points.max(axis=0)
+    span = np.maximum(high - low, 1e-6)
+    positions = np.rint((shown.points - low) / span * _STEPS).astype("<u2")
+    colors = np.clip(np.rint(cloud_colors(shown) * 255), 0, 255).astype(np.uint8)
+    labels = shown["label"].astype(np.uint8)
+    present = [int(label) for label in np.unique(labels)]
+    unknown = [label for label in present if label not in CLASS_COLORS]
+    if unknown:
+        labels = np.where(np.isin(labels, unknown), 255, labels).astype(np.uint8)
+        present = [int(label) for label in np.unique(labels)]
+    orders = node_order(skeleton, axes(skeleton))
+    box = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
+    meta = {
+        "low": low.tolist(),
+        "span": span.tolist(),
+        "center": ((box[0] + box[1]) / 2).tolist(),
+        "reach": float(max(np.linalg.norm(box[1] - box[0]) / 2, 1e-3)),
+        "has_color": cloud.colors is not None,
+        "labels": present,
+        "label_colors": [list(map(float, CLASS_COLORS[label])) for label in present],
+        "order_colors": [_rgb(order_color(order)) for order in range(7)],
+    }
+    return {
+        "meta": json.dumps(meta).replace("<", "\\u003c"),
+        "positions": _base64(positions),
+        "colors": _base64(colors),
+        "labels": _base64(labels),
+        "edges": _base64(_edges(skeleton, orders)),
+        "classes": [
+            {
+                "id": label,
+                "name": CLASS_NAMES[label].replace("_", " "),
+                "color": _css(CLASS_COLORS[label]),
+            }
+            for label in present
+        ],
+        "orders": [
+            {"order": int(order), "color": order_color(order)} for order in np.unique(orders)
+        ],
+        "n_shown": len(shown),
+    }
+
+
+def _edges(skeleton, orders):
+    """Both ends with radius, then the order, (n_edges, 9) float32."""
+    end = np.arange(1, len(skeleton))
+    start = skeleton.parent[1:]
+    return np.column_stack(
+        [
+            skeleton.points[start],
+            # A junction's radius is the thicker axis's
+            np.where(orders[start] == orders[end], skeleton.radius[start], skeleton.radius[end]),
+            skeleton.points[end],
+            skeleton.radius[end],
+            orders[end],
+        ]
+    ).astype("<f4")
+
+
+def _base64(array):
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
+
+
+def _rgb(color):
+    return [int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+
+
+def _css(color):
+    return "#" + "".join(f"{round(255 * float(value)):02x}" for value in color)

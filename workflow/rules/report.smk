@@ -1,0 +1,130 @@
+# The report of a tree and the table of the batch.
+
+
+rule report_tree:
+    input:
+        traits="results/{tree}/traits.json",
+        branches="results/{tree}/branches.csv",
+        skeleton="results/{tree}/skeleton.graphml",
+        topology="results/{tree}/topology.graphml",
+        segmented="results/{tree}/segmented.ply",
+        contracted="results/{tree}/contracted.ply",
+        contract_report="results/{tree}/contract.json",
+        sparse=photo_only("results/{tree}/sfm/report.json"),
+        align_report=photo_only("results/{tree}/align.json"),
+        crop_report=photo_only("results/{tree}/crop.json"),
+        denoise_report=photo_only("results/{tree}/denoise.json"),
+        scale=photo_only("results/{tree}/scale.json"),
+        metric_poses=photo_only("results/{tree}/metric_poses.npz"),
+        aligned=photo_only("results/{tree}/aligned.ply"),
+        aligned_poses=photo_only("results/{tree}/aligned_poses.npz"),
+        cropped=photo_only("results/{tree}/cropped.ply"),
+        denoised=photo_only("results/{tree}/denoised.ply"),
+        sky_colors=photo_only("results/{tree}/sky_colors.npz"),
+        depth=photo_only("results/{tree}/dense/depth.json"),
+        photos=lambda wildcards: photo_only(*photos_of(wildcards))(wildcards),
+        code=code("report_tree"),
+        template=[
+            str(PROJECT / "scripts/cherrypicker/report/report.html.j2"),
+            str(PROJECT / "scripts/cherrypicker/report/viewer.js"),
+        ],
+    output:
+        report=report(
+            ensure("results/{tree}/report.html", non_empty=True),
+            caption="../report/tree.rst",
+            category="Trees",
+            labels={"tree": "{tree}", "what": "report"},
+        ),
+        cloud_figure=report(
+            "results/{tree}/figures/cloud.png",
+            caption="../report/cloud.rst",
+            category="Trees",
+            labels={"tree": "{tree}", "what": "cloud"},
+        ),
+        label_figure=report(
+            "results/{tree}/figures/labels.png",
+            caption="../report/labels.rst",
+            category="Trees",
+            labels={"tree": "{tree}", "what": "classes"},
+        ),
+        skeleton_figure=report(
+            "results/{tree}/figures/skeleton.png",
+            caption="../report/skeleton.rst",
+            category="Trees",
+            labels={"tree": "{tree}", "what": "skeleton"},
+        ),
+        topology_figure=report(
+            "results/{tree}/figures/topology.png",
+            caption="../report/topology.rst",
+            category="Trees",
+            labels={"tree": "{tree}", "what": "topology"},
+        ),
+        trunk_figure=report(
+            "results/{tree}/figures/trunk.png",
+            caption="../report/trunk.rst",
+            category="Trees",
+            labels={"tree": "{tree}", "what": "trunk sections"},
+        ),
+        thumbnail_figure="results/{tree}/figures/thumbnail.png",
+    log:
+        "logs/report_tree/{tree}.log",
+    benchmark:
+        "benchmarks/report_tree/{tree}.tsv"
+    conda:
+        "../../envs/report.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=20,
+        gpu=0,
+    params:
+        tree=row("tree"),
+        date=row("date"),
+        series=row("series"),
+        viewer_points=cfg("report.viewer_points"),
+        figure_width_px=cfg("report.figure_width_px"),
+        n_examples=cfg("report.n_examples"),
+        seed=cfg("seed"),
+    message:
+        "{wildcards.tree}: write the report"
+    script:
+        "../../scripts/report_tree.py"
+
+
+rule summarise_batch:
+    input:
+        traits=expand("results/{tree}/traits.json", tree=TREES),
+        reports=expand("results/{tree}/report.html", tree=TREES),
+        code=code("summarise_batch"),
+    output:
+        table=report(
+            ensure("results/traits.csv", non_empty=True),
+            caption="../report/traits.rst",
+            category="Batch",
+            labels={"what": "traits"},
+        ),
+        page=report(
+            ensure("results/summary.html", non_empty=True),
+            caption="../report/summary.rst",
+            category="Batch",
+            labels={"what": "summary"},
+        ),
+    log:
+        "logs/summarise_batch.log",
+    benchmark:
+        "benchmarks/summarise_batch.tsv"
+    conda:
+        "../../envs/report.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+        gpu=0,
+    params:
+        trees=list(TREES),
+        dates=[TREES[tree].date for tree in TREES],
+        series=[TREES[tree].series for tree in TREES],
+    message:
+        "Summarise the batch"
+    script:
+        "../../scripts/summarise_batch.py"
