@@ -130,9 +130,9 @@ def board_on_post(rng, seed, spec, azimuth, ground_z):
 
     `spec` has `xy`, and may have `width` and `top` (height of the plate's middle), all m.
     """
-    drawn_width, drawn_top = rng.uniform(0.15, 0.36), rng.uniform(0.3, 0.8)
+    drawn_width, shape, drawn_top = rng.uniform([0.18, 0.6, 0.35], [0.42, 0.75, 0.9])
     width, top = spec.get("width", drawn_width), spec.get("top", drawn_top)
-    height = width * rng.uniform(0.6, 0.75)
+    height = width * shape
     rotation = _turn(azimuth + np.pi + rng.normal() * 0.3, np.pi / 2 - rng.uniform(0, 0.3))
     centre = np.array([*spec["xy"], ground_z + top])
     plate = quad_board(width, height, 0.006).moved(centre, rotation)
