@@ -7,6 +7,7 @@ import numpy as np
 from cherrypicker.skeleton.graph import auto_spacing, spanning_tree
 from cherrypicker.skeleton.radius import fit_radii
 from cherrypicker.skeleton.refine import prune_spurs, refine_skeleton, taper_skeleton
+from cherrypicker.skeleton.solver import solve_tree
 
 __all__ = ["extract_skeleton"]
 
@@ -39,7 +40,8 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     """
     labels = np.asarray(contracted["label"])
     spacing = auto_spacing(contracted.points, spacing_m)
-    skeleton, _ = spanning_tree(contracted.points, labels, spacing_m=spacing, k=k, base=base)
+    connect = spanning_tree if method == "mst" else solve_tree
+    skeleton = connect(contracted.points, labels, spacing_m=spacing, k=k, base=base)
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
     moved = np.linalg.norm(contracted.points - cloud.points[contracted["source"]], axis=1)

@@ -4,14 +4,13 @@ import logging
 
 import numpy as np
 from scipy.sparse.csgraph import minimum_spanning_tree
-from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.neighbors import component_links, knn_edges, sparse_graph
 from cherrypicker.skeleton.sampling import farthest_point_sample
 
-__all__ = ["FEWEST_NODES", "auto_spacing", "find_root", "spanning_tree"]
+__all__ = ["FEWEST_NODES", "auto_spacing", "find_root", "majority_label", "spanning_tree"]
 
 logger = logging.getLogger(__name__)
 
@@ -74,8 +73,6 @@ def spanning_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
     -------
     Skeleton
         With zero radii; ``fields["gap"]`` marks the links added between components.
-    nearest : ndarray of shape (n_points,), int64
-        Node that each point is nearest to.
 
     Raises
     ------
@@ -97,13 +94,11 @@ def spanning_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
     tree = minimum_spanning_tree(sparse_graph(len(nodes), edges, length)).tocoo()
     pairs = np.stack([tree.row, tree.col], axis=1)
     order, parent = rooted_order(len(nodes), pairs, 0)
-    label = _majority_label(labels, nearest, len(nodes))[order]
+    label = majority_label(labels, nearest, len(nodes))[order]
     gap = _long_edges(nodes[order], parent, spacing)
     skeleton = Skeleton(nodes[order], parent, np.zeros(len(nodes)), label, {"gap": gap})
-    new_id = np.empty(len(nodes), dtype=np.int64)
-    new_id[order] = np.arange(len(nodes))
     logger.info("%d samples every %.1f mm, %d links added", len(nodes), 1e3 * spacing, len(links))
-    return skeleton, new_id[nearest]
+    return skeleton
 
 
 def _long_edges(points, parent, spacing):
@@ -113,7 +108,7 @@ def _long_edges(points, parent, spacing):
     return (length > 3 * spacing).astype(np.int64)
 
 
-def _majority_label(labels, nearest, n_nodes):
+def majority_label(labels, nearest, n_nodes):
     """Most frequent class of the points nearest to each node (the smaller id on a tie)."""
     classes, column = np.unique(labels, return_inverse=True)
     votes = np.zeros((n_nodes, len(classes)), dtype=np.int64)
@@ -124,9 +119,3 @@ def _majority_label(labels, nearest, n_nodes):
         filled = np.flatnonzero(~empty)
         label[empty] = label[filled[0]]
     return label
-
-
-def nearest_nodes(nodes, points):
-    """Nearest node of each point and its distance."""
-    distance, nearest = cKDTree(nodes).query(points)
-    return nearest, distance

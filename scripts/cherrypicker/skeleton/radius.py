@@ -287,16 +287,29 @@ def _windows(skeleton, reach):
 
 
 def _fill_along_paths(skeleton, radius):
-    """Radii of nodes without points: from the nearest node towards the root, else above."""
-    radius = radius.copy()
+    """Radii of nodes without points, between the nearest ones known below and above."""
     known = np.isfinite(radius)
-    if not known.any():
-        return np.zeros(len(radius))
-    for node in range(len(radius) - 1, 0, -1):  # give the parents without points a child's
-        above = skeleton.parent[node]
-        if np.isfinite(radius[node]) and not np.isfinite(radius[above]):
-            radius[above] = radius[node]
+    if known.all() or not known.any():
+        return np.where(known, radius, 0.0)
+    length, parent, reach = skeleton.edge_length, skeleton.parent, skeleton.reach()
+    below, to_below = radius.copy(), np.where(known, 0.0, np.inf)
+    above, to_above = radius.copy(), np.where(known, 0.0, np.inf)
+    longest = np.full(len(radius), -1.0)
+    for node in range(len(radius) - 1, 0, -1):  # the longest way up decides what lies above
+        up = parent[node]
+        if (
+            not known[up]
+            and np.isfinite(to_above[node])
+            and reach[node] + length[node] > longest[up]
+        ):
+            longest[up] = reach[node] + length[node]
+            above[up], to_above[up] = above[node], to_above[node] + length[node]
     for node in range(1, len(radius)):
-        if not np.isfinite(radius[node]):
-            radius[node] = radius[skeleton.parent[node]]
-    return np.where(np.isfinite(radius), radius, np.nanmedian(radius))
+        if not known[node]:
+            below[node] = below[parent[node]]
+            to_below[node] = to_below[parent[node]] + length[node]
+    lower = np.where(np.isfinite(to_below), 1 / np.maximum(to_below, 1e-9), 0.0)
+    upper = np.where(np.isfinite(to_above), 1 / np.maximum(to_above, 1e-9), 0.0)
+    total = np.maximum(lower + upper, 1e-30)
+    filled = (lower * np.nan_to_num(below) + upper * np.nan_to_num(above)) / total
+    return np.where(known, radius, filled)
