@@ -11,6 +11,7 @@ from PIL import Image, UnidentifiedImageError
 from cherrypicker.errors import StageError
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+_ORIENTATION = 0x0112
 
 
 def list_photos(folder: str | os.PathLike) -> list[Path]:
@@ -52,6 +53,8 @@ def read_photo(path: str | os.PathLike) -> np.ndarray:
     """
     try:
         with Image.open(path) as image:
+            if image.format == "TIFF":  # Pillow would turn its pixels on loading
+                image.getexif().pop(_ORIENTATION, None)
             if image.mode in ("I;16", "I;16B", "I;16L", "I"):
                 grey = np.asarray(image).astype(np.float64) / 257.0
                 return np.repeat(
@@ -70,7 +73,7 @@ def exif_orientation(path: str | os.PathLike) -> int:
     """Return the EXIF orientation, 1 (upright) to 8; 1 where none is given."""
     try:
         with Image.open(path) as image:
-            orientation = int(image.getexif().get(0x0112, 1))
+            orientation = int(image.getexif().get(_ORIENTATION, 1))
     except (OSError, UnidentifiedImageError, ValueError, TypeError):
         return 1
     return orientation if 1 <= orientation <= 8 else 1

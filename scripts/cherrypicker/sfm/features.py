@@ -86,11 +86,10 @@ def extract_features(
     with scratch_folder(database) as scratch:
         working = scratch / "features.db"
         pycolmap.Database.open(working).close()
+        for group in groups:
+            _import_group(working, group, camera_model)
         with watched_table(working, "descriptors", sum(map(len, groups)), "features of photos"):
-            for group in groups:
-                _extract_group(
-                    working, group, camera_model, max_features, max_image_size_px, threads
-                )
+            _extract(working, groups, max_features, max_image_size_px, threads)
         counts = feature_counts(working)
         if not any(counts.values()):
             raise StageError(
@@ -104,9 +103,20 @@ def extract_features(
     return content
 
 
-def _extract_group(database, group, camera_model, max_features, max_image_size_px, threads) -> None:
+def _import_group(database: Path, group: Sequence[PhotoInfo], camera_model: str) -> None:
+    """Enter a group's photos and camera in order: threads would number them as they finish."""
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = camera_model
+    pycolmap.import_images(
+        database,
+        group[0].path.parent,
+        camera_mode=pycolmap.CameraMode.SINGLE,
+        image_names=[info.name for info in group],
+        options=reader,
+    )
+
+
+def _extract(database, groups, max_features, max_image_size_px, threads) -> None:
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
     options.num_threads = threads
@@ -114,10 +124,9 @@ def _extract_group(database, group, camera_model, max_features, max_image_size_p
     options.sift.max_num_features = max_features
     pycolmap.extract_features(
         database,
-        group[0].path.parent,
-        image_names=[info.name for info in group],
-        camera_mode=pycolmap.CameraMode.SINGLE,
-        reader_options=reader,
+        groups[0][0].path.parent,
+        image_names=[info.name for group in groups for info in group],
+        camera_mode=pycolmap.CameraMode.PER_IMAGE,  # not heeded: the photos have cameras already
         extraction_options=options,
         device=pycolmap.Device.cpu,
     )

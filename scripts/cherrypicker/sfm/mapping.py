@@ -261,15 +261,16 @@ def _run_incremental(policy, database, photos, folder, seed, threads) -> list:
             photos,
             folder,
             incremental_options(policy, seed, threads),
-            next_image_callback=_stepper(bar),
+            initial_image_pair_callback=_stepper(bar, 2),
+            next_image_callback=_stepper(bar, 1),
         )
     return list(models.values())
 
 
-def _stepper(bar: Progress) -> Callable[[], None]:
+def _stepper(bar: Progress, n_photos: int) -> Callable[[], None]:
     def step() -> None:
-        if bar.done < bar.total:  # photos tried twice, or in two models, count once
-            bar.step()
+        # Photos tried twice, or in two models, count once.
+        bar.step(min(n_photos, bar.total - bar.done))
 
     return step
 

@@ -96,7 +96,7 @@ def match_features(
     Returns
     -------
     dict
-        ``pairing``, ``n_pairs`` compared and ``n_verified``.
+        ``pairing``, ``n_pairs`` that share features and ``n_verified``.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def match_features(
                 file=features,
                 key="photos in trees.tsv, sfm.max_features or sfm.max_match_ratio",
             )
-        logger.info("%s matching: %d pairs compared, %d verified", pairing, n_pairs, n_verified)
+        logger.info("%s: %d pairs share features, %d verified", pairing, n_pairs, n_verified)
         publish_database(working, database)
     return {"pairing": pairing, "n_pairs": n_pairs, "n_verified": n_verified}
 

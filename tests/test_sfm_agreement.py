@@ -1,0 +1,64 @@
+"""A bent model is found out by the verified pairs; policies follow the kind of failure."""
+
+import numpy as np
+import pycolmap
+import pytest
+
+from cherrypicker.sfm.agreement import measure_agreement, read_verified_pairs
+from cherrypicker.sfm.policies import first_policy, further_policies
+
+
+@pytest.fixture(scope="module")
+def ring(tmp_path_factory):
+    """A synthetic model and the database of its matches."""
+    path = tmp_path_factory.mktemp("ring") / "database.db"
+    pycolmap.set_random_seed(1)
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, 10
+    options.num_points3D = 150
+    with pycolmap.Database.open(path) as database:
+        model = pycolmap.synthesize_dataset(options, database)
+    return model, path
+
+
+def test_a_true_model_agrees(ring):
+    model, path = ring
+    agreement = measure_agreement(model, read_verified_pairs(path), 2.0)
+    assert agreement.n_pairs > 5
+    assert agreement.pairs == 1.0
+    assert agreement.matches > 0.99
+    assert agreement.median_error_px < 0.1
+
+
+def test_a_bent_model_does_not(ring):
+    model, path = ring
+    pairs = read_verified_pairs(path)
+    bent = pycolmap.Reconstruction(model)
+    for i, image_id in enumerate(sorted(bent.reg_image_ids())):
+        image = bent.images[image_id]
+        turn = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.0, 0.02 * i, 0.0])), np.zeros(3))
+        image.frame.rig_from_world = turn * image.frame.rig_from_world
+    agreement = measure_agreement(bent, pairs, 2.0)
+    assert agreement.pairs < 0.7
+    assert agreement.worst[2] > 5.0
+
+
+def test_pairs_of_unregistered_photos_do_not_count(ring):
+    model, path = ring
+    empty = measure_agreement(pycolmap.Reconstruction(), read_verified_pairs(path), 2.0)
+    assert empty.n_pairs == 0
+    assert empty.pairs == 0.0
+    few = read_verified_pairs(path, min_inliers=10**6)
+    assert few == []
+
+
+def test_policies_follow_the_failure():
+    assert first_policy("global").mapper == "global"
+    missing = further_policies("incremental", 4.0, too_few=True, has_exif_focal=True)
+    assert missing[0].mapper == "global"
+    assert missing[-1].trust_exif_focal is False
+    bent = further_policies("incremental", 4.0, too_few=False, has_exif_focal=False)
+    assert bent[0].recheck_error_px == 2.0
+    assert all(policy.trust_exif_focal for policy in bent)
+    names = [policy.name for policy in missing]
+    assert len(set(names)) == len(names)

@@ -1,0 +1,63 @@
+"""Which photos are matched with which."""
+
+import numpy as np
+
+from cherrypicker.sfm.pairs import (
+    exhaustive_pairs,
+    global_descriptors,
+    retrieval_pairs,
+    sequential_pairs,
+    unique_pairs,
+)
+
+
+def test_exhaustive_pairs_are_all_pairs():
+    pairs = exhaustive_pairs(7)
+    assert len(pairs) == 21
+    assert (pairs[:, 0] < pairs[:, 1]).all()
+
+
+def test_sequential_pairs_close_the_ring():
+    pairs = {tuple(pair) for pair in sequential_pairs(20, 2).tolist()}
+    assert {(0, 1), (0, 2), (0, 19), (1, 19)} <= pairs
+    assert {(0, 4), (0, 8), (0, 16)} <= pairs, "quadratic overlap"
+    assert (0, 5) not in pairs
+    assert len(sequential_pairs(3, 8)) == 3, "no pair twice, none with itself"
+
+
+def test_unique_pairs_merge():
+    merged = unique_pairs(np.array([[1, 0], [2, 2]]), np.array([[0, 1], [1, 2]]))
+    assert merged.tolist() == [[0, 1], [1, 2]]
+
+
+def ring_descriptors(n_photos, rng, n_visible=300, n_features=2000):
+    """Descriptors of photos of a ring, each of which sees a window of the ring's features."""
+    scene = rng.gamma(0.6, 40.0, (n_features, 128))
+    step = n_features // n_photos
+    for i in range(n_photos):
+        seen = scene[np.arange(i * step, i * step + n_visible) % n_features]
+        yield np.clip(seen + rng.normal(0, 4, seen.shape), 0, 255).astype(np.uint8)
+
+
+def test_retrieval_finds_the_neighbours_on_a_ring():
+    descriptors = list(ring_descriptors(20, np.random.default_rng(1)))
+    vectors = global_descriptors(descriptors, seed=3)
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, rtol=1e-5)
+    pairs = retrieval_pairs(vectors, 4)
+    gaps = np.abs(pairs[:, 0] - pairs[:, 1])
+    gaps = np.minimum(gaps, 20 - gaps)
+    assert np.mean(gaps <= 2) > 0.85
+    assert {(0, 1), (0, 19)} <= {tuple(pair) for pair in pairs.tolist()}
+
+
+def test_a_photo_without_features_is_like_none():
+    descriptors = [*ring_descriptors(5, np.random.default_rng(1)), np.empty((0, 128), np.uint8)]
+    vectors = global_descriptors(descriptors)
+    assert not vectors[-1].any()
+    assert np.isfinite(vectors).all()
+
+
+def test_equal_seed_gives_equal_descriptors():
+    descriptors = list(ring_descriptors(6, np.random.default_rng(1)))
+    first, second = (global_descriptors(descriptors, seed=5) for _ in range(2))
+    np.testing.assert_array_equal(first, second)

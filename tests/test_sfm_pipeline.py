@@ -1,0 +1,224 @@
+"""The three steps on rendered photos whose cameras are known."""
+
+import json
+import shutil
+import sqlite3
+from contextlib import closing
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+from sfm_scene import FOCAL, centers_of, similarity_errors, texture, write_orbit
+
+from cherrypicker.errors import StageError
+from cherrypicker.poses import read_poses
+from cherrypicker.sfm.export import MODEL_FILES
+from cherrypicker.sfm.features import extract_features
+from cherrypicker.sfm.mapping import MappingOptions, forget_focal_lengths
+from cherrypicker.sfm.matching import MatchingOptions, match_features
+from cherrypicker.sfm.sparse import reconstruct_sparse
+
+N_GOOD = 9
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    """An orbit, a blank photo and one of something else, with features and matches."""
+    folder = tmp_path_factory.mktemp("scan with blanks")
+    photos, poses = write_orbit(folder / "photos", N_GOOD, span_deg=130.0)
+    blank = folder / "photos" / "x_blank.jpg"
+    cv2.imwrite(str(blank), np.full((240, 320, 3), 128, np.uint8))
+    stranger = folder / "photos" / "y_stranger.jpg"
+    cv2.imwrite(str(stranger), texture(np.random.default_rng(99), 320)[:240])
+    photos += [blank, stranger]
+    extract_features(photos, folder / "features.db", folder / "photos.json", max_features=800)
+    result = match_features(folder / "features.db", folder / "database.db")
+    return {"folder": folder, "photos": photos, "poses": poses, "matching": result}
+
+
+@pytest.fixture(scope="module")
+def model(scan):
+    folder = scan["folder"]
+    report = reconstruct_sparse(
+        folder / "database.db",
+        scan["photos"],
+        folder / "photos.json",
+        folder / "model",
+        folder / "report.json",
+        folder / "poses.npz",
+        MappingOptions(wanted_fraction=0.8),
+    )
+    return {**scan, "report": report}
+
+
+def test_good_photos_register_where_they_were(model):
+    poses = read_poses(model["folder"] / "poses.npz")
+    assert list(poses.names) == sorted(poses.names)
+    assert list(poses.names) == [path.name for path in model["photos"][:N_GOOD]]
+    errors = similarity_errors(poses.centers, centers_of(model["poses"]))
+    assert errors.max() < 0.03 * 3.5
+    np.testing.assert_allclose(poses.K[:, 0, 0], FOCAL, rtol=0.05)
+
+
+def test_poses_are_those_of_colmaps_undistortion(model, tmp_path):
+    pycolmap.undistort_images(
+        tmp_path, model["folder"] / "model", model["folder"] / "photos", output_type="COLMAP"
+    )
+    undistorted = pycolmap.Reconstruction(tmp_path / "sparse")
+    poses = read_poses(model["folder"] / "poses.npz")
+    for image in undistorted.images.values():
+        camera = undistorted.cameras[image.camera_id]
+        i = list(poses.names).index(image.name)
+        assert (poses.width[i], poses.height[i]) == (camera.width, camera.height)
+        np.testing.assert_allclose(poses.K[i], camera.calibration_matrix())
+        np.testing.assert_allclose(poses.cam_from_world[i], image.cam_from_world().matrix())
+
+
+def test_model_has_the_five_files(model):
+    found = {path.name for path in (model["folder"] / "model").iterdir()}
+    assert found == set(MODEL_FILES)
+
+
+def test_report_tells_why_photos_are_missing(model):
+    report = json.loads((model["folder"] / "report.json").read_text())
+    assert report["n_photos"] == N_GOOD + 2
+    assert report["n_registered"] == N_GOOD
+    assert report["photos"]["x_blank.jpg"]["reason"].startswith("too few features")
+    assert report["photos"]["y_stranger.jpg"]["reason"].startswith("no match")
+    good = report["photos"][model["photos"][0].name]
+    assert good["registered"] and good["reason"] == "" and good["n_points"] > 50
+    assert 0 < report["mean_reprojection_error_px"] < 1
+    assert report["pair_agreement"] > 0.9
+
+
+def test_too_few_registered_is_an_error_with_the_key(model, tmp_path):
+    arguments = (
+        model["folder"] / "database.db",
+        model["photos"],
+        model["folder"] / "photos.json",
+        tmp_path / "model",
+        tmp_path / "report.json",
+        tmp_path / "poses.npz",
+        MappingOptions(wanted_fraction=0.5),
+    )
+    with pytest.raises(StageError, match="9 of 11") as caught:
+        reconstruct_sparse(*arguments, min_registered_fraction=0.9)
+    assert "sfm.min_registered_fraction" in caught.value.key
+    assert (tmp_path / "report.json").is_file(), "the report explains the failure"
+    assert not (tmp_path / "poses.npz").exists()
+
+
+def test_equal_input_gives_equal_databases(scan, tmp_path):
+    folder = scan["folder"]
+    extract_features(
+        scan["photos"],
+        tmp_path / "features.db",
+        tmp_path / "photos.json",
+        max_features=800,
+        threads=2,
+    )
+    assert (tmp_path / "features.db").read_bytes() == (folder / "features.db").read_bytes()
+    match_features(folder / "features.db", tmp_path / "database.db", threads=2)
+    assert (tmp_path / "database.db").read_bytes() == (folder / "database.db").read_bytes()
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "database.db",
+        "features.db",
+        "photos.json",
+    ]
+
+
+def test_wrong_exif_focal_length_is_survived(scan, tmp_path):
+    database = tmp_path / "database.db"
+    shutil.copy(scan["folder"] / "features.db", database)
+    with pycolmap.Database.open(database) as opened:
+        for camera in opened.read_all_cameras():
+            camera.params = [4 * FOCAL, *camera.params[1:]]
+            camera.has_prior_focal_length = True
+            opened.update_camera(camera)
+    match_features(database, tmp_path / "matched.db")
+    reconstruct_sparse(
+        tmp_path / "matched.db",
+        scan["photos"],
+        scan["folder"] / "photos.json",
+        tmp_path / "model",
+        tmp_path / "report.json",
+        tmp_path / "poses.npz",
+        MappingOptions(wanted_fraction=0.8),
+    )
+    poses = read_poses(tmp_path / "poses.npz")
+    assert len(poses) == N_GOOD
+    np.testing.assert_allclose(poses.K[:, 0, 0], FOCAL, rtol=0.08)
+
+
+def test_forget_focal_lengths(scan, tmp_path):
+    database = tmp_path / "features.db"
+    shutil.copy(scan["folder"] / "features.db", database)
+    forget_focal_lengths(database)
+    with pycolmap.Database.open(database) as opened:
+        camera = opened.read_all_cameras()[0]
+    assert not camera.has_prior_focal_length
+    assert camera.focal_length == pytest.approx(1.2 * 320)
+
+
+def test_guided_matching_adds_matches(scan, tmp_path):
+    database = tmp_path / "plain.db"
+    match_features(scan["folder"] / "features.db", database, MatchingOptions(guided=False))
+    totals = []
+    for path in (database, scan["folder"] / "database.db"):
+        with closing(sqlite3.connect(path)) as connection:
+            totals.append(
+                connection.execute("SELECT SUM(rows) FROM two_view_geometries").fetchone()[0]
+            )
+    assert totals[1] > 1.1 * totals[0]
+
+
+def test_nothing_matches(tmp_path):
+    rng = np.random.default_rng(5)
+    photos = []
+    for i in range(3):
+        photos.append(tmp_path / f"{i}.png")
+        cv2.imwrite(str(photos[-1]), texture(rng, 200))
+    extract_features(photos, tmp_path / "f.db", tmp_path / "l.json", max_features=300)
+    with pytest.raises(StageError, match="no two of 3 photos match"):
+        match_features(tmp_path / "f.db", tmp_path / "m.db")
+    assert not (tmp_path / "m.db").exists()
+
+
+def test_featureless_photos(tmp_path):
+    photos = []
+    for i in range(3):
+        photos.append(tmp_path / f"{i}.png")
+        cv2.imwrite(str(photos[-1]), np.full((60, 80, 3), 40 + i, np.uint8))
+    with pytest.raises(StageError, match="no photo shows any feature"):
+        extract_features(photos, tmp_path / "f.db", tmp_path / "l.json")
+
+
+def test_broken_inputs_are_named(tmp_path):
+    with pytest.raises(StageError, match="missing") as caught:
+        match_features(tmp_path / "none.db", tmp_path / "m.db")
+    assert caught.value.file.endswith("none.db")
+    (tmp_path / "text.db").write_text("no database" * 100)
+    with pytest.raises(StageError, match="not a COLMAP database"):
+        match_features(tmp_path / "text.db", tmp_path / "m.db")
+    assert [path.name for path in tmp_path.iterdir()] == ["text.db"]
+
+
+def test_vocabulary_tree_must_exist(scan, tmp_path):
+    for path in ("", str(tmp_path / "tree.bin")):
+        with pytest.raises(StageError) as caught:
+            match_features(
+                scan["folder"] / "features.db",
+                tmp_path / "m.db",
+                MatchingOptions(pairing="vocab_tree", vocab_tree_path=path),
+            )
+        assert caught.value.key == "sfm.vocab_tree_path"
+
+
+def test_retrieval_pairing_beyond_the_limit(scan, tmp_path):
+    options = MatchingOptions(
+        exhaustive_max_photos=5, retrieval_neighbors=3, sequential_overlap=1, guided=False
+    )
+    result = match_features(scan["folder"] / "features.db", tmp_path / "m.db", options)
+    assert result["pairing"] == "retrieval"
+    assert N_GOOD - 1 <= result["n_verified"] <= scan["matching"]["n_verified"]
