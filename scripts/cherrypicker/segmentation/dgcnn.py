@@ -1,0 +1,321 @@
+"""Deep graph convolutional network for point labels (DGCNN, Wang et al. 2019).
+
+The layers are torch-geometric's ``EdgeConv`` with max aggregation. Its ``DynamicEdgeConv`` needs a
+compiled extra, so the neighbour graphs are built outside (`cherrypicker.segmentation.spheres`) from
+the coordinates and stay fixed. Where DGCNN reaches far through neighbours in feature space, the
+graphs here are taken at several scales (neighbours among all points, among a quarter, a sixteenth).
+"""
+
+import logging
+from pathlib import Path
+
+import numba
+import numpy as np
+import torch
+from torch import nn
+from torch_geometric.nn import EdgeConv
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import atomic_path
+
+logger = logging.getLogger(__name__)
+
+N_CLASSES = 7
+N_FEATURES = 10  # RGB, colour flag, global xyz, normalised xyz
+CHECKPOINT_FORMAT = "cherrypicker-dgcnn-1"
+
+
+def choose_device(threads, gpu):
+    """Set the number of threads and name the device to compute on.
+
+    Parameters
+    ----------
+    threads : int
+        For torch and numba alike.
+    gpu : int
+        GPUs that the rule was given; 0 means the CPU even where a GPU is there.
+
+    Returns
+    -------
+    {"cpu", "cuda"}
+    """
+    torch.set_num_threads(threads)
+    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    if gpu and not torch.cuda.is_available():
+        logger.warning("a GPU was granted but torch finds none; computing on the CPU")
+    return "cuda" if gpu and torch.cuda.is_available() else "cpu"
+
+
+@numba.njit(parallel=True, cache=True)
+def _gather_max(values, neighbors, out, arg):
+    n_points, k = neighbors.shape
+    n_channels = values.shape[1]
+    for i in numba.prange(n_points):
+        j = neighbors[i, 0]
+        for c in range(n_channels):
+            out[i, c] = values[j, c]
+            arg[i, c] = j
+        for q in range(1, k):
+            j = neighbors[i, q]
+            for c in range(n_channels):
+                larger = values[j, c] > out[i, c]
+                out[i, c] = values[j, c] if larger else out[i, c]
+                arg[i, c] = j if larger else arg[i, c]
+
+
+@numba.njit(parallel=True, cache=True)
+def _scatter_max(grad, arg, out, n_blocks):
+    # Each thread owns a block of channels, so the sums have one fixed order.
+    n_points, n_channels = grad.shape
+    for block in numba.prange(n_blocks):
+        first = block * n_channels // n_blocks
+        last = (block + 1) * n_channels // n_blocks
+        for i in range(n_points):
+            for c in range(first, last):
+                out[arg[i, c], c] += grad[i, c]
+
+
+class _NeighborMax(torch.autograd.Function):
+    """Channel-wise maximum over the neighbours, ``out[i, c] = max_q values[neighbors[i, q], c]``.
+
+    On a CPU the gathered (N, k, C) array is never made, which is twelve times as fast as torch.
+    """
+
+    @staticmethod
+    def forward(ctx, values, neighbors):
+        if values.is_cuda:
+            gathered = values[neighbors]  # (N, k, C)
+            out, which = gathered.max(dim=1)
+            arg = neighbors.gather(1, which)
+        else:
+            shape = (len(neighbors), values.shape[1])
+            out_np, arg_np = np.empty(shape, np.float32), np.empty(shape, np.int32)
+            values_np = np.ascontiguousarray(values.detach().numpy())
+            _gather_max(values_np, neighbors.numpy(), out_np, arg_np)
+            out, arg = torch.from_numpy(out_np), torch.from_numpy(arg_np)
+        ctx.save_for_backward(arg)
+        ctx.n_values = len(values)
+        ctx.mark_non_differentiable(arg)
+        return out
+
+    @staticmethod
+    def backward(ctx, grad):
+        (arg,) = ctx.saved_tensors
+        if grad.is_cuda:
+            out = grad.new_zeros(ctx.n_values, grad.shape[1])
+            return out.scatter_add_(0, arg.long(), grad), None
+        out = np.zeros((ctx.n_values, grad.shape[1]), np.float32)
+        _scatter_max(np.ascontiguousarray(grad.numpy()), arg.numpy(), out, 8)
+        return torch.from_numpy(out), None
+
+
+class LinearEdgeConv(EdgeConv):
+    """``EdgeConv`` whose edge function is one linear layer, computed without the edges.
+
+    With ``h(x_i, x_j - x_i) = A x_i + B (x_j - x_i) + b`` the maximum over the neighbours j is
+    ``(A - B) x_i + b + max_j(B x_j)``: one product a point in place of one an edge. The result
+    equals ``EdgeConv`` with the same weights (a test holds the two against each other); the
+    non-linearity, monotone, follows the aggregation.
+    """
+
+    def __init__(self, in_channels, out_channels):
+        super().__init__(nn.Linear(2 * in_channels, out_channels), aggr="max")
+        self.in_channels = in_channels
+
+    def forward(self, x, neighbors):
+        """Features (N, C_in) and neighbour indices (N, k) int to features (N, C_out)."""
+        of_self, of_offset = self.nn.weight.split(self.in_channels, dim=1)
+        center = torch.nn.functional.linear(x, of_self - of_offset, self.nn.bias)
+        offset = torch.nn.functional.linear(x, of_offset)
+        return center + _NeighborMax.apply(offset, neighbors)
+
+    def forward_edges(self, x, neighbors):
+        """The same by torch-geometric's message passing over explicit edges (slow)."""
+        target = torch.arange(len(neighbors)).repeat_interleave(neighbors.shape[1])
+        source = neighbors.reshape(-1).long()
+        return super().forward(x, torch.stack([source, target]))
+
+
+class _Block(nn.Module):
+    """EdgeConv, a layer per point, and a skip connection."""
+
+    def __init__(self, width):
+        super().__init__()
+        self.conv = LinearEdgeConv(width + 3, width)
+        self.conv_norm = nn.BatchNorm1d(width)
+        self.point = nn.Linear(width, width)
+        self.point_norm = nn.BatchNorm1d(width)
+
+    def forward(self, h, positions, neighbors):
+        # The coordinates enter every layer, so that each scale sees true offsets.
+        edge = self.conv(torch.cat([h, positions], dim=1), neighbors)
+        edge = nn.functional.leaky_relu(self.conv_norm(edge), 0.1)
+        return nn.functional.leaky_relu(h + self.point_norm(self.point(edge)), 0.1)
+
+
+class Dgcnn(nn.Module):
+    """Point labels from spherical samples.
+
+    Parameters
+    ----------
+    width : int
+        Channels of the EdgeConv layers.
+    embedding : int
+        Channels of the per-sphere descriptor, a maximum over the points of a sphere.
+    scales : sequence of int
+        Graph that each EdgeConv layer uses: 0 all points, 1 a quarter of them, 2 a sixteenth.
+    k : int
+        Neighbours a point in each graph.
+    """
+
+    def __init__(self, width=64, embedding=256, scales=(0, 0, 1, 1, 2, 2), k=16):
+        super().__init__()
+        self.settings = {
+            "width": int(width),
+            "embedding": int(embedding),
+            "scales": [int(s) for s in scales],
+            "k": int(k),
+        }
+        self.stem = nn.Sequential(
+            nn.Linear(N_FEATURES, width), nn.BatchNorm1d(width), nn.LeakyReLU(0.1)
+        )
+        self.blocks = nn.ModuleList(_Block(width) for _ in scales)
+        # What the head sees: the features after the last layer of each scale.
+        self._last_of_scale = [
+            i for i in range(len(scales)) if i + 1 == len(scales) or scales[i + 1] != scales[i]
+        ]
+        joined = width * len(self._last_of_scale)
+        self.embed = nn.Sequential(
+            nn.Linear(joined, embedding), nn.BatchNorm1d(embedding), nn.LeakyReLU(0.1)
+        )
+        hidden = 2 * width
+        self.head_point = nn.Linear(joined, hidden)
+        self.head_sphere = nn.Linear(embedding, hidden, bias=False)
+        self.head = nn.Sequential(
+            nn.BatchNorm1d(hidden),
+            nn.LeakyReLU(0.1),
+            nn.Dropout(0.2),
+            nn.Linear(hidden, width),
+            nn.BatchNorm1d(width),
+            nn.LeakyReLU(0.1),
+            nn.Linear(width, N_CLASSES),
+        )
+
+    def forward(self, features, graphs, sizes):
+        """Log-probabilities of a batch of spheres.
+
+        Parameters
+        ----------
+        features : Tensor of shape (N, 10)
+            All spheres' points one after another; the last three columns are the normalised xyz.
+        graphs : list of Tensor of shape (N, k), int
+            Neighbour indices into the N rows, one tensor a scale.
+        sizes : list of int
+            Points of each sphere; they sum to N.
+
+        Returns
+        -------
+        Tensor of shape (N, 7)
+            Log-probabilities, for the negative log-likelihood loss.
+        """
+        positions = features[:, -3:]
+        h = self.stem(features)
+        levels = []
+        for i, (block, scale) in enumerate(zip(self.blocks, self.settings["scales"])):
+            h = block(h, positions, graphs[scale])
+            if i in self._last_of_scale:
+                levels.append(h)
+        joined = torch.cat(levels, dim=1)
+        embedded = self.embed(joined)
+        sphere = torch.stack([part.amax(dim=0) for part in embedded.split(sizes)])
+        context = self.head_sphere(sphere)
+        repeats = torch.tensor(sizes, device=features.device)
+        logits = self.head(self.head_point(joined) + context.repeat_interleave(repeats, dim=0))
+        return nn.functional.log_softmax(logits, dim=1)
+
+
+def collate(spheres):
+    """Join spheres into one batch for `Dgcnn.forward`.
+
+    Parameters
+    ----------
+    spheres : list of (features, graphs)
+        Features (n, 10) float32 and one (n, k) int32 neighbour array a scale.
+
+    Returns
+    -------
+    features : Tensor of shape (N, 10)
+    graphs : list of Tensor of shape (N, k), int32
+    sizes : list of int
+    """
+    sizes = [len(features) for features, _ in spheres]
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int32)
+    features = torch.from_numpy(np.concatenate([features for features, _ in spheres]))
+    n_scales = len(spheres[0][1])
+    graphs = [
+        torch.from_numpy(
+            np.concatenate([graphs[s] + start for (_, graphs), start in zip(spheres, starts)])
+        )
+        for s in range(n_scales)
+    ]
+    return features, graphs, sizes
+
+
+def save_weights(path, network, sampling, meta=None):
+    """Write a network's weights with all that inference needs.
+
+    Parameters
+    ----------
+    path : str or Path
+    network : Dgcnn
+    sampling : dict
+        ``voxel_size_m``, ``sphere_radius_m``, ``sphere_points`` the network was trained at.
+    meta : dict, optional
+        Plain values for the model card (epochs, seeds, metrics).
+    """
+    state = {name: tensor.detach().cpu() for name, tensor in network.state_dict().items()}
+    content = {
+        "format": CHECKPOINT_FORMAT,
+        "settings": network.settings,
+        "sampling": dict(sampling),
+        "meta": dict(meta or {}),
+        "state": state,
+    }
+    with atomic_path(path) as temporary:
+        torch.save(content, temporary)
+
+
+def load_weights(path, key="segment.weights"):
+    """Read a file written by `save_weights`.
+
+    Parameters
+    ----------
+    path : str or Path
+    key : str
+        Config key to name when the file cannot be used.
+
+    Returns
+    -------
+    network : Dgcnn
+        In evaluation mode, on the CPU.
+    sampling : dict
+    meta : dict
+
+    Raises
+    ------
+    StageError
+        The file is missing, unreadable, or not one of ours.
+    """
+    if not Path(path).is_file():
+        raise StageError("the segmentation weights are missing", file=path, key=key)
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # torch raises several unrelated types on a damaged file
+        raise StageError(
+            f"the segmentation weights cannot be read ({type(error).__name__})", file=path, key=key
+        ) from error
+    if not isinstance(content, dict) or content.get("format") != CHECKPOINT_FORMAT:
+        raise StageError("not a file of segmentation weights", file=path, key=key)
+    network = Dgcnn(**content["settings"])
+    network.load_state_dict(content["state"])
+    return network.eval(), content["sampling"], content["meta"]

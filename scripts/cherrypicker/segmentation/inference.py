@@ -1,0 +1,255 @@
+"""Labels for every point of a metric cloud."""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import CLASS_NAMES, Label
+from cherrypicker.errors import StageError
+from cherrypicker.progress import Progress
+from cherrypicker.segmentation.dgcnn import N_CLASSES, collate, load_weights
+from cherrypicker.segmentation.refine import clean_trunk, smooth_probabilities
+from cherrypicker.segmentation.spheres import (
+    cover,
+    features_of,
+    neighbor_graphs,
+    tree_frame,
+    voxel_mean,
+    voxel_sample,
+)
+from cherrypicker.segmentation.support_post import split_support_post
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How a cloud is cut for the network; lengths in metres of the tree's frame.
+
+    Attributes
+    ----------
+    voxel_size_m : float
+    max_points : int
+        Points that enter the voxel sampling; a larger cloud is thinned at random.
+    reference_height_m : float
+        Taller clouds are shrunk to this height for the network alone.
+    sphere_radius_m : float
+    sphere_points : int
+    min_visits : int
+        Spheres that see each point at least.
+    batch_spheres : int
+    """
+
+    voxel_size_m: float = 0.02
+    max_points: int = 4_000_000
+    reference_height_m: float = 3.5
+    sphere_radius_m: float = 0.7
+    sphere_points: int = 2048
+    min_visits: int = 2
+    batch_spheres: int = 16
+
+
+def predict_spheres(network, points, colors, sampling, *, seed, device="cpu"):
+    """Mean class probabilities over overlapping spheres.
+
+    Parameters
+    ----------
+    network : Dgcnn
+        In evaluation mode.
+    points : ndarray of shape (n, 3), float64
+        Sampled points in the tree's frame.
+    colors : ndarray of shape (n, 3) or None
+    sampling : Sampling
+    seed : int
+    device : str
+
+    Returns
+    -------
+    ndarray of shape (n, 7), float32
+        Rows sum to 1.
+    """
+    rng = np.random.default_rng(seed)
+    total = np.zeros((len(points), N_CLASSES), np.float32)
+    visits = np.zeros(len(points), np.int32)
+    k = network.settings["k"]
+    n_scales = max(network.settings["scales"]) + 1
+    network = network.to(device)
+    batch, rows = [], []
+
+    def flush():
+        features, graphs, sizes = collate(batch)
+        graphs = [graph if device == "cpu" else graph.long().to(device) for graph in graphs]
+        with torch.inference_mode():
+            result = network(features.to(device), graphs, sizes).exp().cpu().numpy()
+        for indices, part in zip(rows, np.split(result, np.cumsum(sizes)[:-1])):
+            total[indices] += part  # the indices of one sphere are distinct
+            visits[indices] += 1
+        batch.clear()
+        rows.clear()
+
+    goal = sampling.min_visits * len(points)
+    with Progress(goal, "sampled points segmented") as bar:
+        done = 0
+        for center, indices in cover(
+            points, sampling.sphere_radius_m, sampling.sphere_points, sampling.min_visits, rng
+        ):
+            part = points[indices]
+            part_colors = None if colors is None else colors[indices]
+            features = features_of(part, part_colors, center, sampling.sphere_radius_m)
+            batch.append((features, neighbor_graphs(part, k, n_scales)))
+            rows.append(indices)
+            if len(batch) == sampling.batch_spheres:
+                flush()
+                now = int(np.minimum(visits, sampling.min_visits).sum())
+                bar.step(now - done)
+                done = now
+        if batch:
+            flush()
+        bar.step(goal - done)
+    logger.info(
+        "every sampled point was seen %.1f times on average (at least %d)",
+        visits.mean(),
+        visits.min(),
+    )
+    return total / visits[:, None]
+
+
+def sample_cloud(cloud, sampling, rng):
+    """Voxel sample of a cloud in the tree's frame.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+    sampling : Sampling
+    rng : numpy.random.Generator
+        Chooses the points of a cloud above ``max_points``.
+
+    Returns
+    -------
+    points : ndarray of shape (n, 3), float64
+    colors : ndarray of shape (n, 3) or None
+    frame : TreeFrame
+    """
+    chosen = np.arange(len(cloud))
+    if len(cloud) > sampling.max_points:
+        chosen = np.sort(rng.choice(len(cloud), sampling.max_points, replace=False))
+        logger.info(
+            "thinned to %s of %s points (segment.max_points)",
+            f"{len(chosen):,}",
+            f"{len(cloud):,}",
+        )
+    frame = tree_frame(cloud.points[chosen], sampling.reference_height_m)
+    if frame.scale < 1:
+        logger.info(
+            "the cloud is taller than %.1f m; the network sees it at %.0f %% of its size",
+            sampling.reference_height_m,
+            100 * frame.scale,
+        )
+    points, inverse, counts = voxel_sample(frame.apply(cloud.points[chosen]), sampling.voxel_size_m)
+    colors = None
+    if cloud.colors is not None:
+        colors = voxel_mean(np.asarray(cloud.colors[chosen], np.float64), inverse, counts)
+    logger.info(
+        "sampled %s points on %.3f m voxels of %s",
+        f"{len(points):,}",
+        sampling.voxel_size_m / frame.scale,
+        f"{len(cloud):,}",
+    )
+    return points, colors, frame
+
+
+def propagate(points, sampled, probabilities, k=3):
+    """Probabilities of any points from the nearest sampled ones, weighted by inverse distance.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3)
+    sampled : ndarray of shape (m, 3)
+        In the same frame.
+    probabilities : ndarray of shape (m, n_classes)
+    k : int
+
+    Returns
+    -------
+    ndarray of shape (n, n_classes), float32
+    """
+    k = min(k, len(sampled))
+    distance, nearest = cKDTree(sampled).query(points, k=k)
+    distance, nearest = distance.reshape(len(points), k), nearest.reshape(len(points), k)
+    weight = 1.0 / (distance + 1e-6)
+    weight /= weight.sum(axis=1, keepdims=True)
+    out = np.zeros((len(points), probabilities.shape[1]), np.float32)
+    for j in range(k):
+        out += weight[:, j : j + 1].astype(np.float32) * probabilities[nearest[:, j]]
+    return out
+
+
+def segment_cloud(cloud, weights, *, sampling, smoothing, post, seed=0, device="cpu"):
+    """Label every point of a cloud (paper, section Point Cloud Segmentor).
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        z up; colours may be absent.
+    weights : str or Path
+        File of `cherrypicker.segmentation.dgcnn.save_weights`.
+    sampling : Sampling
+    smoothing : cherrypicker.segmentation.refine.Smoothing
+    post : cherrypicker.segmentation.support_post.PostModel or None
+        None leaves the support post in the trunk class.
+    seed : int
+    device : str
+
+    Returns
+    -------
+    PointCloud
+        The same points in the same order with fields ``label`` (uint8) and ``confidence``
+        (float32, the probability of the label).
+
+    Raises
+    ------
+    StageError
+        The cloud is empty or tiny, the weights cannot be used, or no wood was found.
+    """
+    network, trained_at, _ = load_weights(weights)
+    if len(cloud) < network.settings["k"]:
+        raise StageError(f"the cloud has {len(cloud)} points, too few to segment")
+    if abs(trained_at["voxel_size_m"] / sampling.voxel_size_m - 1) > 0.5:
+        logger.warning(
+            "segment.voxel_size_m is %.3f, the weights were trained at %.3f",
+            sampling.voxel_size_m,
+            trained_at["voxel_size_m"],
+        )
+    rng = np.random.default_rng(seed)
+    points, colors, frame = sample_cloud(cloud, sampling, rng)
+    probabilities = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
+    probabilities = smooth_probabilities(points, probabilities, smoothing)
+    probabilities = clean_trunk(points, probabilities, smoothing)
+    full = propagate(frame.apply(cloud.points), points, probabilities)
+    labels = full.argmax(axis=1).astype(np.uint8)
+    confidence = full.max(axis=1).clip(0.0, 1.0).astype(np.float32)
+    if not np.isin(labels, (Label.TRUNK, Label.BRANCH)).any():
+        found = ", ".join(CLASS_NAMES[int(c)] for c in np.unique(labels))
+        raise StageError(
+            f"no point was labelled trunk or branch (found: {found})",
+            key="segment.weights or segment.voxel_size_m",
+        )
+    if post is not None:
+        labels = split_support_post(cloud.points, labels, frame, post)
+    _log_counts(labels, confidence)
+    return cloud.with_fields(label=labels, confidence=confidence)
+
+
+def _log_counts(labels, confidence):
+    for label in np.unique(labels):
+        chosen = labels == label
+        logger.info(
+            "%-16s %12s points (%.1f %%), mean confidence %.2f",
+            CLASS_NAMES[int(label)],
+            f"{int(chosen.sum()):,}",
+            100 * chosen.mean(),
+            confidence[chosen].mean(),
+        )

@@ -1,0 +1,86 @@
+"""Confusion matrix and the measures the paper reports (total IoU, F1 per class)."""
+
+import numpy as np
+
+from cherrypicker.classes import CLASS_NAMES
+
+
+def confusion_matrix(truth, predicted, n_classes=7):
+    """Count points by true class (rows) and predicted class (columns).
+
+    Parameters
+    ----------
+    truth, predicted : ndarray of shape (n_points,), int
+        Rows whose truth lies outside 0 .. n_classes - 1 (unlabelled) are left out.
+    n_classes : int
+
+    Returns
+    -------
+    ndarray of shape (n_classes, n_classes), int64
+
+    Raises
+    ------
+    ValueError
+        The arrays differ in shape, or a prediction at a counted row is no class.
+    """
+    truth, predicted = np.asarray(truth, np.int64), np.asarray(predicted, np.int64)
+    if truth.shape != predicted.shape:
+        raise ValueError(f"truth {truth.shape} and predicted {predicted.shape} differ in shape")
+    counted = (truth >= 0) & (truth < n_classes)
+    truth, predicted = truth[counted], predicted[counted]
+    if len(predicted) and (predicted.min() < 0 or predicted.max() >= n_classes):
+        raise ValueError(f"predictions must lie in 0 .. {n_classes - 1}")
+    cells = np.bincount(truth * n_classes + predicted, minlength=n_classes**2)
+    return cells.reshape(n_classes, n_classes)
+
+
+def scores(confusion):
+    """Measures of a confusion matrix.
+
+    Parameters
+    ----------
+    confusion : ndarray of shape (n_classes, n_classes)
+
+    Returns
+    -------
+    dict
+        ``accuracy``, ``total_iou`` (over all points at once), ``mean_iou`` (over the classes that
+        occur in truth or prediction), and ``classes``: name to ``iou``, ``precision``, ``recall``,
+        ``f1`` and ``n_points`` of the truth. A measure without a denominator is None.
+    """
+    confusion = np.asarray(confusion, np.float64)
+    hit = np.diag(confusion)
+    in_truth, in_prediction = confusion.sum(axis=1), confusion.sum(axis=0)
+    union = in_truth + in_prediction - hit
+
+    def ratio(part, whole):
+        return float(part / whole) if whole > 0 else None
+
+    classes = {}
+    for c in range(len(confusion)):
+        classes[CLASS_NAMES[c]] = {
+            "iou": ratio(hit[c], union[c]),
+            "precision": ratio(hit[c], in_prediction[c]),
+            "recall": ratio(hit[c], in_truth[c]),
+            "f1": ratio(2 * hit[c], in_truth[c] + in_prediction[c]),
+            "n_points": int(in_truth[c]),
+        }
+    ious = [entry["iou"] for entry in classes.values() if entry["iou"] is not None]
+    return {
+        "accuracy": ratio(hit.sum(), confusion.sum()),
+        "total_iou": ratio(hit.sum(), union.sum()),
+        "mean_iou": float(np.mean(ious)) if ious else None,
+        "classes": classes,
+    }
+
+
+def score_table(result):
+    """One line of text a class, for logs and the model card."""
+    lines = [f"{'class':<17}{'IoU':>7}{'prec.':>7}{'recall':>7}{'F1':>7}{'points':>10}"]
+    for name, entry in result["classes"].items():
+        cells = "".join(
+            f"{'-' if entry[m] is None else format(entry[m], '.3f'):>7}"
+            for m in ("iou", "precision", "recall", "f1")
+        )
+        lines.append(f"{name:<17}{cells}{entry['n_points']:>10,}")
+    return "\n".join(lines)

@@ -1,0 +1,223 @@
+"""Voxel sampling and overlapping spheres, the network's view of a cloud.
+
+The cloud is sampled on voxels, then cut into spheres of one radius with a fixed number of points
+at most (paper: "a slightly modified version of spherical sub-sampling"; the choice of centres by a
+potential follows KPConv, Thomas et al. 2019). A point's features are its RGB, its global xyz in the
+tree's frame and its xyz normalised to the sphere.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+GLOBAL_UNIT = 3.0  # global coordinates are divided by this, so that they are of the order of 1
+
+
+def voxel_sample(points, size):
+    """Group points by the cells of a cubic grid.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    size : float
+        Edge of a voxel, in the unit of the points.
+
+    Returns
+    -------
+    centers : ndarray of shape (n_voxels, 3), float64
+        Mean of the points of each voxel.
+    inverse : ndarray of shape (n_points,), int64
+        Voxel of each point.
+    counts : ndarray of shape (n_voxels,), int64
+    """
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    shape = cells.max(axis=0) + 1
+    keys = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+    _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    inverse = inverse.reshape(-1)
+    return voxel_mean(points, inverse, counts), inverse, counts
+
+
+def voxel_mean(values, inverse, counts):
+    """Mean over the voxels of `voxel_sample`, (n_points, C) to (n_voxels, C) float64."""
+    columns = [
+        np.bincount(inverse, weights=values[:, c], minlength=len(counts))
+        for c in range(values.shape[1])
+    ]
+    return np.stack(columns, axis=1) / counts[:, None]
+
+
+def voxel_majority(labels, inverse, n_voxels, n_classes=256):
+    """Most frequent label of each voxel (the smaller label on a tie), uint8."""
+    present, compact = np.unique(labels, return_inverse=True)
+    if len(present) and present[-1] >= n_classes:
+        raise ValueError(f"labels must be below {n_classes}, got {present[-1]}")
+    votes = np.bincount(
+        inverse * len(present) + compact.reshape(-1), minlength=n_voxels * len(present)
+    )
+    return present[votes.reshape(n_voxels, len(present)).argmax(axis=1)].astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class TreeFrame:
+    """Origin and unit of the global coordinates: ``(x - origin) * scale``.
+
+    Attributes
+    ----------
+    origin : ndarray of shape (3,)
+        Centre in x and y, ground level in z, in the cloud's frame.
+    scale : float
+        1, or less for a cloud taller than the reference height.
+    """
+
+    origin: np.ndarray
+    scale: float
+
+    def apply(self, points):
+        """Points (n_points, 3) of the cloud's frame in the tree's frame."""
+        return (points - self.origin) * self.scale
+
+
+def tree_frame(points, reference_height):
+    """Frame in which clouds of any origin and size look alike to the network.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+        The z axis points up.
+    reference_height : float
+        Clouds taller than this are shrunk to it: the network knows trees of a few metres, and a
+        20 m tree shrunk to 6 m has the proportions of one.
+
+    Returns
+    -------
+    TreeFrame
+
+    Notes
+    -----
+    The lowest and highest 0.5 % of the points are left out of the height as possible outliers. The
+    x/y origin is the median of what stands above the lowest tenth, the ground.
+    """
+    low, high = np.quantile(points[:, 2], [0.005, 0.995])
+    height = high - low
+    scale = 1.0 if height <= reference_height else float(reference_height / height)
+    standing = points[points[:, 2] > low + 0.1 * height]
+    center = np.median(standing if len(standing) else points, axis=0)
+    return TreeFrame(np.array([center[0], center[1], low]), scale)
+
+
+def features_of(points, colors, center, radius):
+    """Features of one sphere's points.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3)
+        In the tree's frame (`tree_frame`).
+    colors : ndarray of shape (n, 3) or None
+        In [0, 1]; None for a cloud without colour.
+    center : ndarray of shape (3,)
+    radius : float
+
+    Returns
+    -------
+    ndarray of shape (n, 10), float32
+        RGB about 0 (zeros without colour), colour flag, global xyz, normalised xyz.
+    """
+    features = np.zeros((len(points), 10), np.float32)
+    if colors is not None:
+        features[:, :3] = (colors - 0.5) * 2.0
+        features[:, 3] = 1.0
+    features[:, 4:7] = points / GLOBAL_UNIT
+    features[:, 7:10] = (points - center) / radius
+    return features
+
+
+def neighbor_graphs(points, k, n_scales):
+    """k nearest neighbours of every point at several scales.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3)
+        In random order: scale s searches the first ``n / 4**s`` points, a random subset.
+    k : int
+    n_scales : int
+
+    Returns
+    -------
+    list of ndarray of shape (n, k), int32
+        Where a scale has fewer than k points the nearest one fills the row, which a maximum over
+        the neighbours does not see.
+    """
+    graphs = []
+    for scale in range(n_scales):
+        candidates = points[: max(len(points) // 4**scale, min(len(points), k))]
+        _, found = cKDTree(candidates).query(points, k=min(k, len(candidates)))
+        found = found.reshape(len(points), -1).astype(np.int32)
+        if found.shape[1] < k:
+            fill = np.repeat(found[:, :1], k - found.shape[1], axis=1)
+            found = np.concatenate([found, fill], axis=1)
+        graphs.append(found)
+    return graphs
+
+
+def sphere_indices(tree, center, radius, n_points, rng, visits=None):
+    """Points of one sphere in random order, at most `n_points`.
+
+    Parameters
+    ----------
+    tree : scipy.spatial.cKDTree
+    center : ndarray of shape (3,)
+    radius : float
+    n_points : int
+    rng : numpy.random.Generator
+    visits : ndarray of shape (n_total,), int, optional
+        How often each point was sampled so far; the least visited ones go first.
+
+    Returns
+    -------
+    ndarray of shape (<= n_points,), int64
+    """
+    inside = np.asarray(tree.query_ball_point(center, radius, return_sorted=True), np.int64)
+    inside = rng.permutation(inside)
+    if len(inside) > n_points and visits is not None:
+        inside = rng.permutation(inside[np.argsort(visits[inside], kind="stable")[:n_points]])
+    return inside[:n_points]
+
+
+def cover(points, radius, n_points, min_visits, rng):
+    """Spheres that together sample every point at least `min_visits` times.
+
+    The centre of the next sphere is the point with the least potential; each sphere raises the
+    potential of its points, most at its centre, so that spheres overlap evenly and a point is
+    seen away from the border at least once (KPConv).
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_total, 3)
+    radius : float
+    n_points : int
+        Points of a sphere at most.
+    min_visits : int
+    rng : numpy.random.Generator
+
+    Yields
+    ------
+    center : ndarray of shape (3,)
+    indices : ndarray of shape (<= n_points,), int64
+    """
+    tree = cKDTree(points)
+    potential = rng.uniform(0.0, 1e-3, len(points))
+    visits = np.zeros(len(points), np.int32)
+    while True:
+        waiting = np.where(visits < min_visits, potential, np.inf)
+        seed = int(np.argmin(waiting))
+        if np.isinf(waiting[seed]):
+            return
+        indices = sphere_indices(tree, points[seed], radius, n_points, rng, visits)
+        if not np.any(indices == seed):
+            indices[0] = seed  # numerically always inside; keeps the loop finite
+        distance = np.linalg.norm(points[indices] - points[seed], axis=1)
+        potential[indices] += np.square(1.0 - np.square(distance / radius).clip(0, 1))
+        visits[indices] += 1
+        yield points[seed], indices

@@ -1,0 +1,114 @@
+"""Train the point cloud network on generated orchard scenes.
+
+Writes the weights and a JSON file with the schedule and the measures on held-out scenes. Goes on
+from the checkpoint beside the weights where a run of the same settings was cut short. Example:
+
+    python scripts/train_segmentation.py --weights dgcnn.pt --metrics dgcnn.json \
+        --workspace training --n-scenes 100
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+
+from cherrypicker.files import write_json
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.segmentation.dgcnn import choose_device, save_weights
+from cherrypicker.segmentation.inference import Sampling
+from cherrypicker.segmentation.refine import Smoothing
+from cherrypicker.segmentation.scenes import HELD_OUT_SEED, load_samples
+from cherrypicker.segmentation.training import Schedule, measure, train
+
+
+def main(
+    weights,
+    metrics,
+    *,
+    workspace,
+    n_scenes,
+    n_held_out,
+    scene_points,
+    epochs,
+    batch_spheres,
+    spheres_per_cloud,
+    learning_rate,
+    final_learning_rate,
+    color_dropout,
+    voxel_size_m,
+    sphere_radius_m,
+    sphere_points,
+    reference_height_m,
+    width,
+    embedding,
+    k,
+    seed,
+    threads,
+    gpu,
+):
+    device = choose_device(threads, gpu)
+    schedule = Schedule(
+        epochs,
+        batch_spheres,
+        spheres_per_cloud,
+        learning_rate,
+        final_learning_rate,
+        color_dropout,
+        seed,
+    )
+    sampling = Sampling(
+        voxel_size_m=voxel_size_m,
+        reference_height_m=reference_height_m,
+        sphere_radius_m=sphere_radius_m,
+        sphere_points=sphere_points,
+    )
+    folder = Path(workspace)
+    first = seed * n_scenes
+    network, history = train(
+        load_samples(range(first, first + n_scenes), folder / "scenes", scene_points),
+        schedule=schedule,
+        sampling=sampling,
+        checkpoint=folder / "checkpoint.pt",
+        network_settings={"width": width, "embedding": embedding, "k": k},
+        device=device,
+    )
+    held_out_seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + n_held_out)
+    held_out = load_samples(held_out_seeds, folder / "scenes", scene_points)
+    measured = measure(network, held_out, sampling, Smoothing(), device=device)
+    save_weights(weights, network, asdict(sampling), {"epochs": epochs, "n_scenes": n_scenes})
+    write_json(
+        metrics,
+        {
+            "schedule": asdict(schedule),
+            "sampling": asdict(sampling),
+            "network": network.settings,
+            "training_seeds": [first, first + n_scenes - 1],
+            "held_out_seeds": [held_out_seeds[0], held_out_seeds[-1]],
+            "history": history,
+            "held_out": measured,
+        },
+    )
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--weights", required=True, help="weights to write")
+parser.add_argument("--metrics", required=True, help="JSON of schedule and measures to write")
+parser.add_argument("--workspace", required=True, help="folder of the scenes and the checkpoint")
+parser.add_argument("--n-scenes", type=int, default=100)
+parser.add_argument("--n-held-out", type=int, default=10)
+parser.add_argument("--scene-points", type=int, default=250_000)
+parser.add_argument("--epochs", type=int, default=35)
+parser.add_argument("--batch-spheres", type=int, default=16)
+parser.add_argument("--spheres-per-cloud", type=int, default=8)
+parser.add_argument("--learning-rate", type=float, default=0.003)
+parser.add_argument("--final-learning-rate", type=float, default=3e-5)
+parser.add_argument("--color-dropout", type=float, default=0.25)
+parser.add_argument("--voxel-size-m", type=float, default=0.02)
+parser.add_argument("--sphere-radius-m", type=float, default=0.7)
+parser.add_argument("--sphere-points", type=int, default=2048)
+parser.add_argument("--reference-height-m", type=float, default=3.5)
+parser.add_argument("--width", type=int, default=64)
+parser.add_argument("--embedding", type=int, default=256)
+parser.add_argument("-k", "--k", type=int, default=16)
+parser.add_argument("--seed", type=int, default=0)
+parser.add_argument("--threads", type=int, default=2)
+parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")
+run(main, parser, globals().get("snakemake"))
