@@ -50,7 +50,7 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     skeleton = fit_radii(skeleton, surface, **radii)
     if method == "mst":
         return skeleton
-    skeleton = fit_radii(prune_spurs(skeleton, spacing), surface, **radii)
+    skeleton = fit_radii(prune_spurs(skeleton, spacing), surface, **(radii | {"recentre": True}))
     skeleton = refine_skeleton(skeleton, surface, spacing)
     skeleton = fit_radii(skeleton, surface, **radii)
     return taper_skeleton(skeleton)

@@ -168,8 +168,14 @@ def _fit_slice(x, y):
             shift = np.sqrt(cx * cx + cy * cy)
             sound = arc >= LEAST_ARC and radius <= 1.6 * simple and shift <= 1.2 * simple
             if sound and residual <= 0.35 * radius and residual <= 1.05 * spread:
-                return radius, cx, cy, arc, residual
-    return simple, 0.0, 0.0, _arc_deg(x, y), spread
+                return _without_noise(radius, residual), cx, cy, arc, residual
+    return _without_noise(simple, spread), 0.0, 0.0, _arc_deg(x, y), spread
+
+
+@numba.njit(cache=True)
+def _without_noise(radius, spread):
+    """Radius less what noise adds: points at r with noise s lie sqrt(r^2 + s^2) away (Rice)."""
+    return np.sqrt(max(radius * radius - spread * spread, 0.25 * radius * radius))
 
 
 @numba.njit(cache=True)

@@ -26,6 +26,8 @@ LEAST_ANGLE_COSINE = np.cos(np.radians(12.0))
 SMOOTH_NODES = 2.5  # length over which an axis is smoothed, in spacings
 PULLED_WEIGHT = 0.15  # say of a node that the contraction has pulled towards a side axis
 BASE_WEIGHT = 1e3
+MOST_GAP_SHARE = 0.5  # of the length of a way to a tip: more, and there is too little behind it
+LEAST_BEHIND_GAP = 5  # spacings of wood behind a gap that make a branch of it all the same
 LONGEST_EXTENSION = 12  # spacings that a tip may be carried on along its surface
 
 
@@ -33,7 +35,8 @@ def prune_spurs(skeleton, spacing, *, least_nodes=1.5):
     """Remove side ends that do not come out of their parent's surface.
 
     A way from a tip to the junction before it is a spur when it is no longer than the radius at
-    the junction plus `least_nodes` spacings. Pruning repeats, shortest first, since a junction
+    the junction plus `least_nodes` spacings, or when most of it only bridges missing data (a stray
+    blob, not a branch). Pruning repeats, shortest first, since a junction
     that has lost a spur may be no junction any more.
 
     Parameters
@@ -48,6 +51,7 @@ def prune_spurs(skeleton, spacing, *, least_nodes=1.5):
     Skeleton
     """
     length = skeleton.edge_length
+    gap = skeleton.fields.get("gap", np.zeros(len(skeleton), dtype=np.int64))
     alive = np.ones(len(skeleton), dtype=bool)
     n_children = skeleton.n_children.copy()
     n_pruned = 0
@@ -62,7 +66,10 @@ def prune_spurs(skeleton, spacing, *, least_nodes=1.5):
                 node = skeleton.parent[node]
             if node >= 0 and n_children[node] > 1:
                 limit = skeleton.radius[node] + least_nodes * spacing
-                if travelled < limit:
+                bridged = length[way][gap[way] > 0].sum()
+                stray = bridged > MOST_GAP_SHARE * travelled
+                stray &= travelled - bridged < LEAST_BEHIND_GAP * spacing
+                if travelled < limit or stray:
                     spurs.append((travelled / limit, tip, way, node))
         touched = set()
         for _, _, way, node in sorted(spurs, key=lambda spur: spur[:2]):
