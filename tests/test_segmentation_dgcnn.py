@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+
 from cherrypicker.errors import StageError
 from cherrypicker.segmentation.dgcnn import (
     Dgcnn,

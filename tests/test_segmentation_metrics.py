@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from cherrypicker.segmentation.metrics import confusion_matrix, score_table, scores
 
 

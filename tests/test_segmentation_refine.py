@@ -1,6 +1,7 @@
 """Neighbourhood vote, linked components, trunk islands."""
 
 import numpy as np
+
 from cherrypicker.classes import Label
 from cherrypicker.segmentation.refine import (
     Smoothing,

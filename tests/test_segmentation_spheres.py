@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from cherrypicker.segmentation.spheres import (
     cover,
     features_of,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from cherrypicker.classes import Label
 from cherrypicker.segmentation.spheres import TreeFrame
 from cherrypicker.segmentation.support_post import PostModel, find_post, split_support_post
