@@ -222,3 +222,13 @@ def test_retrieval_pairing_beyond_the_limit(scan, tmp_path):
     result = match_features(scan["folder"] / "features.db", tmp_path / "m.db", options)
     assert result["pairing"] == "retrieval"
     assert N_GOOD - 1 <= result["n_verified"] <= scan["matching"]["n_verified"]
+
+
+def test_relative_paths(scan, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(scan["folder"] / "photos", "my photos")
+    photos = sorted(tmp_path.glob("my photos/photo*"))[:3]
+    photos = [path.relative_to(tmp_path) for path in photos]
+    extract_features(photos, "a/f.db", "a/l.json", max_features=300)
+    match_features("a/f.db", "b/m.db")
+    assert (tmp_path / "b" / "m.db").is_file()

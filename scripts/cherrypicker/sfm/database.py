@@ -60,10 +60,8 @@ def publish_database(working: Path, final: str | os.PathLike) -> None:
 
 
 def count_rows(database: Path, table: str) -> int:
-    """Return the number of rows of one of COLMAP's tables, also while COLMAP writes to it."""
-    with closing(
-        sqlite3.connect(f"{database.as_uri()}?mode=ro", uri=True, timeout=5)
-    ) as connection:
+    """Return the number of rows of one of COLMAP's tables; not while pycolmap has it open."""
+    with closing(sqlite3.connect(_read_only(database), uri=True, timeout=5)) as connection:
         return connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0]
 
 

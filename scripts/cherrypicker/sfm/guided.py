@@ -2,7 +2,7 @@
 
 Features are compared with those near their epipolar line only, so the ratio test no longer fails
 on texture that repeats elsewhere. COLMAP has the same step; on a CPU it compares all features with
-all and takes about a second a pair of 6000 features, the kernel below about a tenth of it.
+all and takes about a second a pair of 7500 features, the kernel below about 0.04 s.
 """
 
 from __future__ import annotations
@@ -111,51 +111,82 @@ def _match(
     points1, points2, descriptors1, descriptors2, matrix, planar, max_error, ratio, distance
 ):
     n1, n2 = len(points1), len(points2)
-    best1 = np.full(n1, -1, np.int64)
-    best_dot1, second_dot1 = np.zeros(n1, np.int32), np.zeros(n1, np.int32)
-    best2 = np.full(n2, -1, np.int64)
-    best_dot2, second_dot2 = np.zeros(n2, np.int32), np.zeros(n2, np.int32)
-    back_lines = np.empty((n2, 2))
+    best1, dots1 = np.full(n1, -1, np.int64), np.zeros((n1, 2), np.int64)
+    best2, dots2 = np.full(n2, -1, np.int64), np.zeros((n2, 2), np.int64)
+    x2, y2 = points2[:, 0].astype(np.float32), points2[:, 1].astype(np.float32)
+    # Squared gradient of the epipolar residual with respect to a point of the first photo.
+    back = np.empty(n2, np.float32)
     for j in range(n2):
-        for axis in range(2):
-            back_lines[j, axis] = (
-                points2[j, 0] * matrix[0, axis] + points2[j, 1] * matrix[1, axis] + matrix[2, axis]
-            )
-    limit = max_error * max_error
+        a = points2[j, 0] * matrix[0, 0] + points2[j, 1] * matrix[1, 0] + matrix[2, 0]
+        b = points2[j, 0] * matrix[0, 1] + points2[j, 1] * matrix[1, 1] + matrix[2, 1]
+        back[j] = 0.0 if planar else a * a + b * b
+    back_scale = max(float(back.max()), 1e-30)
+    back /= np.float32(back_scale)
+    allowed = np.empty(n2, np.bool_)
     for i in range(n1):
         a = matrix[0, 0] * points1[i, 0] + matrix[0, 1] * points1[i, 1] + matrix[0, 2]
         b = matrix[1, 0] * points1[i, 0] + matrix[1, 1] * points1[i, 1] + matrix[1, 2]
         c = matrix[2, 0] * points1[i, 0] + matrix[2, 1] * points1[i, 1] + matrix[2, 2]
+        if planar:
+            _near_point(a / c, b / c, max_error, x2, y2, allowed)
+        else:
+            norm = max(np.sqrt(a * a + b * b), 1e-30)
+            weight = back_scale / (norm * norm)
+            _near_line(a / norm, b / norm, c / norm, weight, max_error, x2, y2, back, allowed)
         for j in range(n2):
-            if planar:
-                error = (points2[j, 0] * c - a) ** 2 + (points2[j, 1] * c - b) ** 2
-                allowed = error <= limit * c * c
-            else:
-                residual = a * points2[j, 0] + b * points2[j, 1] + c
-                gradient = a * a + b * b + back_lines[j, 0] ** 2 + back_lines[j, 1] ** 2
-                allowed = residual * residual <= limit * gradient
-            if not allowed:
+            if not allowed[j]:
                 continue
-            dot = np.int32(0)
+            dot = 0
             for k in range(descriptors1.shape[1]):
                 dot += np.int32(descriptors1[i, k]) * np.int32(descriptors2[j, k])
-            if dot > best_dot1[i]:
-                second_dot1[i], best_dot1[i], best1[i] = best_dot1[i], dot, j
-            elif dot > second_dot1[i]:
-                second_dot1[i] = dot
-            if dot > best_dot2[j]:
-                second_dot2[j], best_dot2[j], best2[j] = best_dot2[j], dot, i
-            elif dot > second_dot2[j]:
-                second_dot2[j] = dot
-    matches = np.empty((min(n1, n2), 2), np.uint32)
+            if _improves(dots1, i, dot):
+                best1[i] = j
+            if _improves(dots2, j, dot):
+                best2[j] = i
+    return _mutual(best1, dots1, best2, dots2, ratio, distance)
+
+
+@numba.njit(nogil=True, cache=True)
+def _near_line(a, b, c, weight, max_error, x, y, back, allowed):
+    """Mark the points whose Sampson error is small (no branch: it vectorises); |(a, b)| = 1."""
+    a, b, c, weight = np.float32(a), np.float32(b), np.float32(c), np.float32(weight)
+    limit, one = np.float32(max_error * max_error), np.float32(1.0)
+    for j in range(len(x)):
+        residual = a * x[j] + b * y[j] + c
+        allowed[j] = residual * residual <= limit * (one + weight * back[j])
+
+
+@numba.njit(nogil=True, cache=True)
+def _near_point(u, v, max_error, x, y, allowed):
+    """Mark the points near (u, v)."""
+    u, v, limit = np.float32(u), np.float32(v), np.float32(max_error * max_error)
+    for j in range(len(x)):
+        allowed[j] = (x[j] - u) * (x[j] - u) + (y[j] - v) * (y[j] - v) <= limit
+
+
+@numba.njit(nogil=True, cache=True)
+def _improves(dots, i, dot):
+    """Enter a dot product among the two best of feature i; tell whether it is the best."""
+    if dot > dots[i, 0]:
+        dots[i, 1] = dots[i, 0]
+        dots[i, 0] = dot
+        return True
+    dots[i, 1] = max(dots[i, 1], dot)
+    return False
+
+
+@numba.njit(nogil=True, cache=True)
+def _mutual(best1, dots1, best2, dots2, ratio, distance):
+    """Return the mutually best pairs that are near enough and pass the ratio test both ways."""
+    matches = np.empty((min(len(best1), len(best2)), 2), np.uint32)
     n = 0
-    for i in range(n1):
+    for i in range(len(best1)):
         j = best1[i]
         if j < 0 or best2[j] != i:
             continue
-        angle = np.arccos(min(best_dot1[i] / _UNIT_DOT, 1.0))
-        second1 = np.arccos(min(second_dot1[i] / _UNIT_DOT, 1.0))
-        second2 = np.arccos(min(second_dot2[j] / _UNIT_DOT, 1.0))
+        angle = np.arccos(min(dots1[i, 0] / _UNIT_DOT, 1.0))
+        second1 = np.arccos(min(dots1[i, 1] / _UNIT_DOT, 1.0))
+        second2 = np.arccos(min(dots2[j, 1] / _UNIT_DOT, 1.0))
         if angle <= distance and angle < ratio * second1 and angle < ratio * second2:
             matches[n, 0], matches[n, 1] = i, j
             n += 1
