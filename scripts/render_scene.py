@@ -48,7 +48,8 @@ def new_material(bpy, name, light, color_socket):
     `color_socket(nodes, links)` builds the albedo and returns its output socket.
     """
     material = bpy.data.materials.new(name)
-    material.use_nodes = True
+    if material.node_tree is None:  # Blender 5 makes it at once
+        material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links
     nodes.clear()
     albedo = color_socket(nodes, links)
@@ -386,7 +387,13 @@ def main():
     else:
         scene, camera = generate_scene(args.seed), CameraModel()
         rings = [Ring(20, 1.1, 2.6, 1.1), Ring(20, 1.9, 2.5, 1.1, 0.16), Ring(8, 0.6, 2.5, 1.2)]
-    poses = ring_poses(rings, camera, seed=scene.seed, ground=scene.ground_height)
+    poses = ring_poses(
+        rings,
+        camera,
+        seed=scene.seed,
+        ground=scene.ground_height,
+        obstacles=scene.neighbour_wood(),
+    )
     write_truth(Path(args.output) / "truth", scene, poses, name=args.preset or f"seed {args.seed}")
     if not args.truth_only:
         render(scene, poses, camera, args.output, args)

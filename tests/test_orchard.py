@@ -224,6 +224,17 @@ def test_rings_see_the_stem():
     assert poses.up[:, 2].min() > 0.8
 
 
+def test_cameras_step_out_of_a_neighbour():
+    crown = np.array([[2.4, 0.0, 1.1], [2.5, 0.1, 1.2]])
+    ring = [Ring(12, 1.1, 2.4, 1.0)]
+    free = ring_poses(ring, CameraModel(), seed=1)
+    poses = ring_poses(ring, CameraModel(), seed=1, obstacles=crown)
+    gap = np.linalg.norm(poses.centers[:, None] - crown, axis=2).min(1)
+    assert gap.min() > 0.39
+    moved = np.linalg.norm(poses.centers - free.centers, axis=1) > 1e-9
+    assert 1 <= moved.sum() <= 2
+
+
 def test_backdrop_has_sky_above_and_land_below():
     azimuth = np.linspace(-np.pi, np.pi, 500)
     for sky in ("clear", "broken", "overcast"):

@@ -3,12 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.poses import Poses
 
 __all__ = ["CameraModel", "Ring", "look_at", "ring_poses"]
 
 FULL_FRAME_DIAGONAL_MM = 43.27
+CLEARANCE_M = 0.4
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,16 @@ def look_at(center, target, roll=0.0):
     return np.column_stack([rotation, -rotation @ center])
 
 
-def ring_poses(rings, camera, *, seed, ground=None):
+def _stand_clear(center, obstacles):
+    """Step towards the stem until no wood of a neighbour is within reach of the lens."""
+    for share in np.arange(1.0, 0.5, -0.05):
+        moved = center * [share, share, 1.0]
+        if obstacles is None or obstacles.query(moved)[0] > CLEARANCE_M:
+            return moved
+    return center
+
+
+def ring_poses(rings, camera, *, seed, ground=None, obstacles=None):
     """Poses of all photos, in shooting order, with a photographer's small irregularities.
 
     Parameters
@@ -73,6 +84,8 @@ def ring_poses(rings, camera, *, seed, ground=None):
     seed : int
     ground : callable, optional
         Ground level z (n,) at xy (n, 2); heights count from it. 0 everywhere by default.
+    obstacles : ndarray of shape (n, 3), optional
+        Wood of the neighbours, m; a camera that would stand in it steps towards the stem.
 
     Returns
     -------
@@ -80,6 +93,7 @@ def ring_poses(rings, camera, *, seed, ground=None):
         Names IMG_0001.jpg and so on.
     """
     rng = np.random.default_rng([int(seed), 61])
+    wood = None if obstacles is None or len(obstacles) == 0 else cKDTree(obstacles)
     poses = []
     for ring in rings:
         for i in range(ring.n):
@@ -88,6 +102,7 @@ def ring_poses(rings, camera, *, seed, ground=None):
             xy = radius * np.array([np.cos(azimuth), np.sin(azimuth)])
             level = 0.0 if ground is None else ground(xy[None])[0]
             center = np.array([*xy, level + ring.height + rng.normal() * 0.03])
+            center = _stand_clear(center, wood)
             target = np.array([0.0, 0.0, ring.aim]) + rng.normal(size=3) * 0.03
             poses.append(look_at(center, target, np.radians(rng.normal() * 1.2)))
     n = len(poses)

@@ -62,6 +62,11 @@ class Scene:
         """Ground level z (N,) at positions xy (N, 2), m; 0 at the target's stem."""
         return _ground_height(xy, self.ground_seed, self.ground_relief_m)
 
+    def neighbour_wood(self):
+        """Skeleton nodes of all trees but the target, shape (n, 3), m."""
+        nodes = [t.skeleton().points + o for t, o in zip(self.trees[1:], self.offsets[1:])]
+        return np.concatenate([np.empty((0, 3)), *nodes])
+
     def tree_objects(self, **resolution):
         """One bark object per tree, meshed at the resolution asked for (see `tree_mesh`)."""
         made = []
