@@ -1,0 +1,273 @@
+"""The report page and its figures, for a ready cloud and for a scan from photos."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cherrypicker.pointcloud import PointCloud, write_cloud
+from cherrypicker.poses import Poses, write_poses
+from cherrypicker.report.raster import View, side_views, splat
+from cherrypicker.report.stage_figures import example_figure, removed_points
+from cherrypicker.report.text import with_uncertainty
+from cherrypicker.report.tree import report_tree
+from cherrypicker.report.viewer import pick_points, viewer_data
+from cherrypicker.skeleton import (
+    Skeleton,
+    fold,
+    write_skeleton_graphml,
+    write_topology_graphml,
+)
+
+PNGS = ("cloud", "label", "skeleton", "topology", "trunk", "thumbnail")
+
+
+def y_skeleton(unit="m"):
+    stem = [[0, 0, 0.05 * i] for i in range(21)]
+    arms = [[s * 0.05 * i, 0, 1 + 0.05 * i] for s in (1, -1) for i in range(1, 9)]
+    parent = [-1, *range(20), 20, *range(21, 28), 20, *range(29, 36)]
+    return Skeleton(stem + arms, parent, [0.05] * 21 + [0.01] * 16, [1] * 21 + [2] * 16, unit=unit)
+
+
+def scan(skeleton, unit="m", colors=True):
+    rng = np.random.default_rng(0)
+    node = rng.integers(0, len(skeleton), 4000)
+    wood = skeleton.points[node] + 0.01 * rng.standard_normal((4000, 3))
+    ground = np.column_stack([rng.uniform(-1, 1, (2000, 2)), np.zeros(2000)])
+    points = np.vstack([wood, ground])
+    labels = np.concatenate([skeleton.label[node], np.zeros(2000)]).astype(np.uint8)
+    rgb = rng.random((len(points), 3)) if colors else None
+    return PointCloud(points, rgb, fields={"label": labels}, unit=unit)
+
+
+def traits(unit="m"):
+    section = {"height_m": 0.3, "diameter_m": 0.1, "center": [0, 0, 0.3], "axis": [0, 0, 1]}
+    section |= {"arc_deg": 360.0, "residual_m": 0.002, "n_points": 900, "source": "points"}
+    return {
+        "unit": unit,
+        "height_m": 1.4,
+        "height_m_se": 0.004,
+        "height_m_ci90": [1.39, 1.41],
+        "trunk_diameter_m": 0.1,
+        "trunk_height_m": 0.3,
+        "tcsa_cm2": 78.54,
+        "total_length_m": 2.1,
+        "n_tips": 2,
+        "n_junctions": 1,
+        "length_by_order_m": {"0": 1.0, "1": 1.1},
+        "n_branches_by_order": {"0": 1, "1": 2},
+        "trunk_diameters": {"0.50": 0.09},
+        "trunk_diameters_se": {"0.50": 0.001},
+        "trunk_sections": [section],
+        "foot": [0.0, 0.0, 0.0],
+        "flags": ["strange: <script>alert(1)</script>"],
+    }
+
+
+@pytest.fixture
+def build(tmp_path):
+    def run(tree="cherry", unit="m", colors=True, **options):
+        skeleton = y_skeleton(unit)
+        cloud = scan(skeleton, unit, colors)
+        write_skeleton_graphml(tmp_path / "skeleton.graphml", skeleton)
+        write_topology_graphml(tmp_path / "topology.graphml", fold(skeleton))
+        write_cloud(tmp_path / "segmented.ply", cloud)
+        write_cloud(tmp_path / "contracted.ply", cloud.select(cloud["label"] > 0))
+        (tmp_path / "traits.json").write_text(json.dumps(traits(unit)))
+        head = "branch_id,parent_id,order,length_m,chord_m,base_diameter_m,tip_diameter_m,"
+        head += "insertion_angle_deg,azimuth_deg,base_height_m"
+        (tmp_path / "branches.csv").write_text(f"{head}\n0,-1,0,1,1,0.1,0.1,0,0,0\n")
+        report_tree(
+            tree,
+            tmp_path / "traits.json",
+            tmp_path / "branches.csv",
+            tmp_path / "skeleton.graphml",
+            tmp_path / "topology.graphml",
+            tmp_path / "segmented.ply",
+            tmp_path / "contracted.ply",
+            report=tmp_path / "report.html",
+            **{f"{name}_figure": tmp_path / f"figures/{name}.png" for name in PNGS},
+            figure_width_px=500,
+            viewer_points=2000,
+            **options,
+        )
+        return (tmp_path / "report.html").read_text(encoding="utf-8")
+
+    run.folder = tmp_path
+    return run
+
+
+class Page(HTMLParser):
+    """Addresses that a page loads, and its visible text."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.sources, self.text, self.hidden = [], [], 0
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.hidden += tag in ("script", "style")
+        self.sources += [value for key, value in attrs if key == "src"]
+        self.sources += [v for key, v in attrs if key == "href" and tag == "link"]
+
+    def handle_endtag(self, tag):
+        self.hidden -= tag in ("script", "style")
+
+    def handle_data(self, data):
+        if not self.hidden:
+            self.text.append(data)
+
+
+def test_page_needs_no_network_and_escapes(build):
+    text = build(tree='<i>"cherry"')
+    page = Page(text)
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert "http" not in text.replace("http-equiv", "")
+    assert "<script>alert" not in text
+    assert "<i>" not in text
+    assert text.index("alert(1)") < text.index("Trunk diameter")  # warnings come first
+    assert "1.4000 ± 0.0040 m" in text or "1.400 ± 0.004 m" in text
+    for name in PNGS:
+        with Image.open(build.folder / f"figures/{name}.png") as image:
+            assert image.width >= 200
+
+
+def test_equal_input_gives_equal_bytes(build):
+    first = build(), (build.folder / "figures/topology.png").read_bytes()
+    assert (build(), (build.folder / "figures/topology.png").read_bytes()) == first
+
+
+def test_unscaled_page_does_not_say_metres(build):
+    page = Page(build(unit="arbitrary", colors=False))
+    text = " ".join(page.text)
+    assert "arbitrary units" in text
+    assert not re.search(r"\d m\b|\[m\]|metre|cm²|m³|m²", text.replace("in metres", "metre"))
+
+
+def test_scan_from_photos_has_its_stages(build):
+    folder = build.folder
+    photos = folder / "photos"
+    sky = folder / "sky"
+    photos.mkdir()
+    sky.mkdir()
+    names = [f"$a_{i}$.jpg" for i in range(4)]
+    for name in names:
+        Image.new("RGB", (60, 40), (90, 120, 200)).save(photos / name)
+        Image.new("L", (60, 40), 255).save(sky / name.replace("jpg", "png"))
+    (photos / "broken.jpg").write_bytes(b"no image")
+    r = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    matrices = [np.column_stack([r, -r @ [0.3 * i, -2.0, 1.0]]) for i in range(4)]
+    K = np.tile(np.eye(3), (4, 1, 1))
+    poses = Poses(names, matrices, K, [60] * 4, [40] * 4)
+    write_poses(folder / "poses.npz", poses)
+    cloud = scan(y_skeleton())
+    write_cloud(folder / "aligned.ply", cloud)
+    write_cloud(folder / "denoised.ply", cloud.select(np.arange(len(cloud)) % 10 > 0))
+    reports = {
+        "sfm": {
+            "n_photos": 5,
+            "n_registered": 4,
+            "photos": {"broken.jpg": {"registered": False, "reason": "blurred <b>"}},
+        },
+        "align": {"up_to_ground_deg": 0.41, "warnings": ["a <u>hedge</u>"]},
+        "crop": {"n_points": 10, "n_kept": 6, "box": {"x": [-1, 1], "y": [-1, 1]}},
+        "denoise": {"n_input": 6000, "n_removed_statistical": 600, "n_output": 5400},
+        "scale": {
+            "mode": "marker",
+            "unit": "m",
+            "scale": 0.5,
+            "scale_std": 0.001,
+            "markers": [{"id": 7, "side_m": 0.2, "side_lengths": [0.4, 0.4, 0.4, 0.4]}],
+        },
+    }
+    for name, content in reports.items():
+        (folder / f"{name}.json").write_text(json.dumps(content))
+    text = build(
+        photos=[photos / name for name in [*names, "broken.jpg"]],
+        sparse=folder / "sfm.json",
+        align_report=folder / "align.json",
+        crop_report=folder / "crop.json",
+        denoise_report=folder / "denoise.json",
+        scale=folder / "scale.json",
+        metric_poses=folder / "poses.npz",
+        aligned=folder / "aligned.ply",
+        aligned_poses=folder / "poses.npz",
+        cropped=folder / "aligned.ply",
+        denoised=folder / "denoised.ply",
+        sky_colors=folder / "sky_colors.npz",
+        depth=folder / "dense" / "depth.json",
+    )
+    assert "4 of 5" in text
+    assert "blurred &lt;b&gt;" in text
+    assert "a &lt;u&gt;hedge&lt;/u&gt;" in text
+    assert "600 of 6,000 (10.0 %)" in text
+    assert "0.5 ± 0.001 m per unit (0.20 %)" in text
+    for heading in ("sparse model", "Sky and depth", "Alignment", "Denoising", "Scale"):
+        assert heading in text
+
+
+def test_unreadable_photos_make_no_example(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(b"no image")
+    assert example_figure([tmp_path / "a.jpg"], None, None, 2) is None
+
+
+def test_splat_puts_the_nearest_point_on_top():
+    view = View(np.eye(3)[0], np.eye(3)[2], np.zeros(2), np.ones(2), "front")
+    # seen along +y: the smaller y is nearer
+    points = np.array([[0.5, 0.9, 0.5], [0.5, 0.1, 0.5], [0.5, 0.5, 0.5]])
+    image = splat(points, np.eye(3), view, 10, size=1)
+    red, green, blue = image[4, 5]
+    assert (red, green, blue) == (0, 1, 0)
+    assert image[0, 0].tolist() == [1, 1, 1]
+
+
+def test_side_views_hold_every_point():
+    points = np.random.default_rng(0).standard_normal((100, 3))
+    for view in side_views(points):
+        flat, _ = view.flatten(points)
+        assert (flat >= view.low).all()
+        assert (flat <= view.high).all()
+
+
+def test_viewer_data_is_what_was_given():
+    skeleton = y_skeleton()
+    cloud = scan(skeleton)
+    data = viewer_data(cloud, skeleton, n_points=500)
+    assert data["n_shown"] == 500
+    assert json.loads(data["meta"])["labels"] == [0, 1, 2]
+    import base64
+
+    edges = np.frombuffer(base64.b64decode(data["edges"]), "<f4").reshape(-1, 9)
+    np.testing.assert_allclose(edges[:, 4:7], skeleton.points[1:], atol=1e-6)
+    positions = np.frombuffer(base64.b64decode(data["positions"]), "<u2")
+    assert len(positions) == 1500
+
+
+def test_wood_is_shown_before_the_rest():
+    labels = np.repeat(np.array([0, 2], np.uint8), [10_000, 500])
+    picked = pick_points(labels, 1000, np.random.default_rng(0))
+    assert len(picked) == 1000
+    assert (labels[picked] == 2).sum() == 500
+
+
+def test_removed_points():
+    cloud = scan(y_skeleton())
+    kept = np.arange(len(cloud)) % 7 != 0
+    np.testing.assert_array_equal(removed_points(cloud, cloud.select(kept)), ~kept)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "power", "unit", "expected"),
+    [
+        (1.23456, 0.0123, 1, "m", "1.235 ± 0.012 m"),
+        (1.2, None, 3, "arbitrary", "1.200 units³"),
+        (12, None, None, "m", "12"),
+        (None, None, 1, "m", "–"),
+        (float("nan"), None, 1, "m", "–"),
+    ],
+)
+def test_numbers_with_errors(value, error, power, unit, expected):
+    assert with_uncertainty(value, error, power, 3, unit) == expected
