@@ -1,0 +1,363 @@
+"""Sub-pixel marker corners: fit the whole printed pattern to the photo.
+
+Corner refinement on gradients places the border of a small marker up to 0.4 px inside: optical blur
+rounds the corners, and since photos are gamma encoded, half of the light is not half of the grey
+value, which moves every edge towards the dark side. So the marker's known pattern, seen through a
+homography and blurred by a Gaussian, is fitted to the grey values with a free tone curve. Its white
+cells and its black ones shift against each other under a wrong tone curve, which is what tells the
+curve from the marker's size.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+_N_MODEL = 9  # four corners, and the blur
+_MAX_PIXELS = 4000
+_MARGIN_MODULES = 0.8
+_NODES = 5
+# Below this share of well explained pixels the paper is not flat, or a shadow lies across it.
+_MIN_COVERED = 0.93
+
+
+@dataclass(frozen=True)
+class MarkerFit:
+    """Result of :func:`fit_marker`.
+
+    Attributes
+    ----------
+    corners : ndarray of shape (4, 2)
+        In the pixel coordinates given, clockwise from the pattern's top left.
+    corner_std : float
+        One standard deviation of a corner coordinate, px.
+    blur_px : float
+        Standard deviation of the blur, px.
+    agreement : float
+        Share of the grey values' variance that the model explains, 1 at best; outlying pixels
+        count as little as they did in the fit.
+    covered : float
+        Share of the pixels that the fit used at more than half weight.
+    is_flat : bool
+        Whether one homography explains the whole marker. Where not (curled paper), each corner was
+        fitted to its own surroundings.
+    """
+
+    corners: np.ndarray
+    corner_std: float
+    blur_px: float
+    agreement: float
+    covered: float
+    is_flat: bool
+
+
+@numba.njit(cache=True, nogil=True)
+def _homography(corners, n_modules):
+    """Homography from pixels to module coordinates, (0, 0) to (n, n), of four corners."""
+    a = np.zeros((8, 8))
+    b = np.zeros(8)
+    target = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * n_modules
+    for k in range(4):
+        x, y = corners[k, 0], corners[k, 1]
+        u, v = target[k, 0], target[k, 1]
+        a[2 * k, 0], a[2 * k, 1], a[2 * k, 2] = x, y, 1.0
+        a[2 * k, 6], a[2 * k, 7], b[2 * k] = -u * x, -u * y, u
+        a[2 * k + 1, 3], a[2 * k + 1, 4], a[2 * k + 1, 5] = x, y, 1.0
+        a[2 * k + 1, 6], a[2 * k + 1, 7], b[2 * k + 1] = -v * x, -v * y, v
+    h = np.linalg.solve(a, b)
+    return np.array([[h[0], h[1], h[2]], [h[3], h[4], h[5]], [h[6], h[7], 1.0]])
+
+
+@numba.njit(cache=True, nogil=True)
+def _soft_cell(grid, u, v, half_u, half_v):
+    """Pattern value at module coordinates, averaged over a box of the given half widths."""
+    n = grid.shape[0]
+    gu, gv = np.round(u), np.round(v)
+    fu = min(max((u - gu) / (2 * half_u) + 0.5, 0.0), 1.0)
+    fv = min(max((v - gv) / (2 * half_v) + 0.5, 0.0), 1.0)
+    value = 0.0
+    for du in range(2):
+        for dv in range(2):
+            column, row = int(gu) - 1 + du, int(gv) - 1 + dv
+            cell = 1.0
+            if 0 <= column < n and 0 <= row < n:
+                cell = grid[row, column]
+            weight = (fu if du else 1.0 - fu) * (fv if dv else 1.0 - fv)
+            value += weight * cell
+    return value
+
+
+@numba.njit(cache=True, nogil=True)
+def _render(model, grid, pixels):
+    """White coverage in [0, 1] of the blurred pattern at pixel positions."""
+    h = _homography(model[:8].reshape(4, 2), grid.shape[0])
+    sigma = model[8]
+    # A box of one node spacing joins the Gaussian's nodes, which adds its own variance.
+    spacing = 0.8 * sigma
+    node_sigma = np.sqrt(max(sigma**2 - spacing**2 / 12, 0.25 * sigma**2))
+    weights = np.empty(_NODES)
+    for k in range(_NODES):
+        weights[k] = np.exp(-0.5 * ((k - _NODES // 2) * spacing / node_sigma) ** 2)
+    weights /= weights.sum()
+    coverage = np.zeros(len(pixels))
+    for i in range(len(pixels)):
+        x, y = pixels[i, 0], pixels[i, 1]
+        w = h[2, 0] * x + h[2, 1] * y + 1.0
+        u = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) / w
+        v = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) / w
+        ux, uy = (h[0, 0] - u * h[2, 0]) / w, (h[0, 1] - u * h[2, 1]) / w
+        vx, vy = (h[1, 0] - v * h[2, 0]) / w, (h[1, 1] - v * h[2, 1]) / w
+        half_u = min(max(0.5 * spacing * np.sqrt(ux * ux + uy * uy), 1e-6), 0.499)
+        half_v = min(max(0.5 * spacing * np.sqrt(vx * vx + vy * vy), 1e-6), 0.499)
+        total = 0.0
+        for a in range(_NODES):
+            for b in range(_NODES):
+                dx, dy = (a - _NODES // 2) * spacing, (b - _NODES // 2) * spacing
+                total += (
+                    weights[a]
+                    * weights[b]
+                    * _soft_cell(grid, u + ux * dx + uy * dy, v + vx * dx + vy * dy, half_u, half_v)
+                )
+        coverage[i] = total
+    return coverage
+
+
+def fit_marker(grey, corners, grid, pixel_map=None, *, max_iterations=25):
+    """Refine marker corners by fitting the pattern to the grey values around it.
+
+    Parameters
+    ----------
+    grey : ndarray of shape (height, width), uint8 or float
+        As stored: gamma encoded.
+    corners : ndarray of shape (4, 2)
+        First guess, px, pixel centres at (0.5, 0.5), clockwise from the pattern's top left; within
+        half a module of the truth.
+    grid : ndarray of shape (n_modules, n_modules)
+        The pattern with its black border: 0 black, 1 white.
+    pixel_map : callable, optional
+        Takes pixel positions of shape (n, 2) to undistorted ones, of about the same scale; the fit
+        and the result are then in those coordinates.
+    max_iterations : int, default 25
+
+    Returns
+    -------
+    MarkerFit or None
+        None where the pattern cannot be matched (off the photo, degenerate, no convergence).
+    """
+    grid = np.ascontiguousarray(grid, float)
+    chosen = _pixels_around(np.asarray(grey).shape, np.asarray(corners, float), len(grid))
+    if chosen is None:
+        return None
+    columns, rows = chosen
+    values = np.asarray(grey)[rows, columns].astype(float)
+    pixels = np.column_stack([columns, rows]) + 0.5
+    start = np.asarray(corners, float)
+    if pixel_map is not None:
+        mapped = pixel_map(np.concatenate([pixels, start]))
+        if not np.isfinite(mapped).all():
+            return None
+        pixels, start = mapped[:-4], mapped[-4:]
+    side = np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1))
+    middle = start.mean(axis=0)
+    # Centred coordinates keep the normal equations well conditioned.
+    model = np.append((start - middle).ravel(), min(max(0.2 * side / len(grid), 0.6), 2.0))
+    pixels = pixels - middle
+    whole = _Problem(grid, pixels, values, side, _identity, _photometric)
+    fitted = _levenberg_marquardt(whole, model, max_iterations)
+    if fitted is None:
+        return None
+    model, std, agreement, weights = fitted
+    covered = float((weights > 0.5).mean())
+    is_flat = covered >= _MIN_COVERED
+    corners = model[:8].reshape(4, 2)
+    if not is_flat:
+        corners, std = _fit_each_corner(model, std, grid, pixels, values, side)
+    return MarkerFit(corners + middle, std, float(model[8]), agreement, covered, is_flat)
+
+
+def _pixels_around(shape, corners, n_modules):
+    """Columns and rows of the pixels of the marker and a part of its white margin."""
+    center = corners.mean(axis=0)
+    grow = 1 + 2 * _MARGIN_MODULES / n_modules
+    outline = center + grow * (corners - center)
+    lower = np.floor(outline.min(axis=0)).astype(int)
+    upper = np.ceil(outline.max(axis=0)).astype(int)
+    height, width = shape[:2]
+    if (lower < 0).any() or upper[0] >= width or upper[1] >= height:
+        lower = np.maximum(lower, 0)
+        upper = np.minimum(upper, [width - 1, height - 1])
+    columns, rows = np.meshgrid(
+        np.arange(lower[0], upper[0] + 1), np.arange(lower[1], upper[1] + 1)
+    )
+    columns, rows = columns.ravel(), rows.ravel()
+    spots = np.column_stack([columns, rows]) + 0.5
+    edges = np.roll(outline, -1, axis=0) - outline
+    relative = spots[:, None, :] - outline[None]
+    cross = edges[None, :, 0] * relative[:, :, 1] - edges[None, :, 1] * relative[:, :, 0]
+    inside = (cross >= 0).all(axis=1) | (cross <= 0).all(axis=1)
+    columns, rows = columns[inside], rows[inside]
+    if len(columns) < 60:
+        return None
+    if len(columns) > _MAX_PIXELS:
+        pick = np.random.default_rng(0).choice(len(columns), _MAX_PIXELS, replace=False)
+        pick.sort()
+        columns, rows = columns[pick], rows[pick]
+    return columns, rows
+
+
+def _photometric(coverage, pixels, values, weights, side):
+    """Best tone curve, with smooth shading, for a coverage; residuals and fitted values.
+
+    Grey is ``a(x, y) c + b(x, y) + q c (1 - c)``: shading linear in x and y for white, linear for
+    black, and a bow that stands for gamma and for the blooming of white into black.
+    """
+    x, y = pixels[:, 0] / side, pixels[:, 1] / side
+    basis = np.stack(
+        [
+            np.ones_like(coverage),
+            coverage,
+            coverage * x,
+            coverage * y,
+            (1 - coverage) * x,
+            (1 - coverage) * y,
+            coverage * (1 - coverage),
+            coverage * (1 - coverage) * (1 - 2 * coverage),
+        ],
+        axis=1,
+    )
+    weighted = basis * weights[:, None]
+    left = weighted.T @ basis + 1e-9 * len(values) * np.eye(basis.shape[1])
+    solution = np.linalg.solve(left, weighted.T @ values)
+    return values - basis @ solution, solution
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What a fit compares: pixels and their values, the model's parameters, the tone curve."""
+
+    grid: np.ndarray
+    pixels: np.ndarray
+    values: np.ndarray
+    side: float
+    full_model: object  # parameters to corners and blur
+    photometric: object
+
+    def residuals(self, parameters, weights):
+        coverage = _render(self.full_model(parameters), self.grid, self.pixels)
+        return self.photometric(coverage, self.pixels, self.values, weights, self.side)[0]
+
+    def jacobian(self, parameters, residuals, weights, step=0.02):
+        columns = []
+        for k in range(len(parameters)):
+            trial = parameters.copy()
+            trial[k] += step
+            columns.append((self.residuals(trial, weights) - residuals) / step)
+        return np.stack(columns, axis=1)
+
+    def limited(self, trial):
+        """Keep the blur in bounds; None for corners that cross over."""
+        trial = trial.copy()
+        if len(trial) == _N_MODEL:
+            trial[8] = np.clip(trial[8], 0.35, 0.5 * self.side / len(self.grid) + 1.5)
+        return trial if _is_convex(self.full_model(trial)[:8].reshape(4, 2)) else None
+
+
+def _identity(parameters):
+    return parameters
+
+
+def _levenberg_marquardt(problem, model, max_iterations):
+    """Parameters by variable projection: the tone curve is solved for at every step.
+
+    Returns
+    -------
+    tuple of (model, corner_std, agreement, weights) or None
+    """
+    values = problem.values
+    weights = np.ones(len(values))
+    damping, moved = 1e-3, np.inf
+    largest = 0.3 * problem.side / len(problem.grid)
+    residuals = problem.residuals(model, weights)
+    for iteration in range(max_iterations):
+        scale = max(1.4826 * np.median(np.abs(residuals)), 1.0)
+        # Shadows and blades of grass are no noise: they lose their weight once the fit is close.
+        weights = np.ones(len(values)) if iteration < 2 else _tukey(residuals / (6 * scale))
+        residuals = problem.residuals(model, weights)
+        jacobian = problem.jacobian(model, residuals, weights)
+        normal = (jacobian * weights[:, None]).T @ jacobian
+        gradient = (jacobian * weights[:, None]).T @ residuals
+        cost = np.sum(weights * residuals**2)
+        moved = 0.0
+        for _ in range(8):
+            lifted = normal + damping * np.diag(np.diag(normal) + 1e-9)
+            try:
+                step = -np.linalg.solve(lifted, gradient)
+            except np.linalg.LinAlgError:
+                return None
+            trial = problem.limited(model + np.clip(step, -largest, largest))
+            if trial is not None:
+                trial_residuals = problem.residuals(trial, weights)
+                if np.sum(weights * trial_residuals**2) <= cost:
+                    moved = np.abs(trial - model)[:8].max()
+                    model, residuals = trial, trial_residuals
+                    damping = max(damping / 5, 1e-7)
+                    break
+            damping *= 5
+        if moved < 1e-3 and iteration >= 3:
+            break
+    total = np.sum(weights * (values - np.average(values, weights=weights)) ** 2)
+    left = np.sum(weights * residuals**2)
+    agreement = float(1 - left / total) if total > 0 else 0.0
+    covariance = np.linalg.pinv(normal) * left / max(weights.sum() - 16, 1)
+    # Neighbouring pixels share their noise (demosaicing, JPEG): about four count as one.
+    std = float(2 * np.sqrt(np.mean(np.diag(covariance)[:8])))
+    return model, std, agreement, weights
+
+
+def _fit_each_corner(model, std, grid, pixels, values, side):
+    """Corners of curled paper: an affine correction of the whole fit around each corner.
+
+    Returns
+    -------
+    corners : ndarray of shape (4, 2)
+    std : float
+    """
+    whole, blur = model[:8].reshape(4, 2), model[8]
+    tone = _photometric(_render(model, grid, pixels), pixels, values, np.ones(len(values)), side)[1]
+    bow, skew = tone[6] / tone[1], tone[7] / tone[1]
+    module = side / len(grid)
+    corners = whole.copy()
+    for k in range(4):
+        near = np.abs(pixels - whole[k]).max(axis=1) < 1.7 * module
+        if near.sum() < 25:
+            continue
+
+        def moved(parameters, pivot=whole[k]):
+            shift, matrix = parameters[:2], parameters[2:6].reshape(2, 2) / module
+            relative = whole - pivot
+            return np.append((whole + shift + relative @ matrix.T).ravel(), blur)
+
+        def photometric(coverage, _, values, weights, __):
+            curved = coverage + coverage * (1 - coverage) * (bow + skew * (1 - 2 * coverage))
+            basis = np.stack([np.ones_like(curved), curved], axis=1)
+            left = (basis * weights[:, None]).T @ basis + 1e-9 * len(values) * np.eye(2)
+            solution = np.linalg.solve(left, (basis * weights[:, None]).T @ values)
+            return values - basis @ solution, solution
+
+        local = _Problem(grid, pixels[near], values[near], side, moved, photometric)
+        fitted = _levenberg_marquardt(local, np.zeros(6), 15)
+        if fitted is not None and fitted[2] > 0.8:
+            corners[k] = whole[k] + fitted[0][:2]
+            std = max(std, fitted[1])
+    return corners, std
+
+
+def _tukey(ratio):
+    return np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
+
+
+def _is_convex(corners):
+    edges = np.roll(corners, -1, axis=0) - corners
+    following = np.roll(edges, -1, axis=0)
+    cross = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+    return bool((cross > 1e-6).all() or (cross < -1e-6).all())

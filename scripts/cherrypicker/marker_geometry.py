@@ -1,0 +1,291 @@
+"""Marker corners in space: ray intersection over all photos, outliers, and the side length.
+
+Paper, section Scale Factor Estimator: each corner is the point with the least squared distance to
+the rays through that corner in all photos (eq. objective). We add a consensus over photos before
+it, and after it the minimisation of the reprojection error: once with four free corners, which
+shows whether they form a square at all, and once with a square, whose single side length is known
+better than the mean of four free ones, above all from few photos.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+_MAX_PAIRS = 600
+_MIN_PARALLAX_DEG = 1.0
+# Residuals beyond this many pixels lose influence in the refinement.
+_LOSS_SCALE_PX = 0.5
+_MAX_OFF_PLANE = 0.02
+_MAX_OFF_SQUARE = 0.02
+
+
+@dataclass
+class Observations:
+    """Sightings of one marker.
+
+    Attributes
+    ----------
+    photos : ndarray of shape (n,), int
+        Index of the photo of each sighting.
+    cam_from_world : ndarray of shape (n, 3, 4)
+    corners : ndarray of shape (n, 4, 2)
+        Normalised undistorted camera coordinates.
+    focal : ndarray of shape (n,)
+        Pixels per unit of normalised coordinates.
+    std : ndarray of shape (n,)
+        Standard deviation of a corner coordinate, px.
+    side_px : ndarray of shape (n,)
+    """
+
+    photos: np.ndarray
+    cam_from_world: np.ndarray
+    corners: np.ndarray
+    focal: np.ndarray
+    std: np.ndarray
+    side_px: np.ndarray
+
+    def __len__(self):
+        return len(self.photos)
+
+    def select(self, index):
+        """The sightings of a mask or an index array."""
+        return Observations(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+    @property
+    def centers(self):
+        """Camera centres, (n, 3)."""
+        rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
+        return -np.einsum("nji,nj->ni", rotation, shift)
+
+    @property
+    def rays(self):
+        """Unit directions through the corners in the world, (n, 4, 3)."""
+        homogeneous = np.concatenate([self.corners, np.ones((len(self), 4, 1))], axis=2)
+        world = np.einsum("nji,nkj->nki", self.cam_from_world[:, :, :3], homogeneous)
+        return world / np.linalg.norm(world, axis=2, keepdims=True)
+
+    def residuals_px(self, corners):
+        """Reprojection error of 3D corners (..., 4, 3) in each photo, px, shape (..., n, 4, 2)."""
+        rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
+        in_camera = np.einsum("nij,...kj->...nki", rotation, corners) + shift[:, None, :]
+        depth = in_camera[..., 2:]
+        # A corner behind a camera is as wrong as can be, not an error of the division.
+        safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
+        error = (in_camera[..., :2] / safe - self.corners) * self.focal[:, None, None]
+        return np.where(depth > 0, error, 1e6)
+
+
+@dataclass
+class MarkerGeometry:
+    """A marker in the frame of the poses.
+
+    Attributes
+    ----------
+    corners : ndarray of shape (4, 3)
+        Free corners, each from its own rays.
+    side_lengths : ndarray of shape (4,)
+        Between neighbouring free corners.
+    side, side_std : float
+        Side of the best square, and its standard error.
+    inliers : ndarray of shape (n,), bool
+        Sightings that agree.
+    rms_px : float
+        Root mean square reprojection error of the free corners over the inliers, px.
+    off_plane, off_square : float
+        Largest distance of a corner from the common plane, and largest deviation of a side or of a
+        diagonal (over sqrt 2) from the mean side, both as fractions of the side.
+    is_square : bool
+        Whether both lie within what the noise allows.
+    """
+
+    corners: np.ndarray
+    side_lengths: np.ndarray
+    side: float
+    side_std: float
+    inliers: np.ndarray
+    rms_px: float
+    off_plane: float
+    off_square: float
+    is_square: bool
+
+
+def intersect_rays(origins, directions, weights=None):
+    """Point with the least (weighted) sum of squared distances to lines.
+
+    Solves ``sum_j w_j (I - u_j u_j^T) (x - t_j) = 0`` (paper, eq. objective).
+
+    Parameters
+    ----------
+    origins : ndarray of shape (..., n, 3)
+    directions : ndarray of shape (..., n, 3)
+        Unit vectors.
+    weights : ndarray of shape (..., n), optional
+
+    Returns
+    -------
+    ndarray of shape (..., 3)
+        NaN where all lines are parallel.
+    """
+    projectors = np.eye(3) - directions[..., :, None] * directions[..., None, :]
+    if weights is not None:
+        projectors = projectors * weights[..., None, None]
+    left = projectors.sum(axis=-3)
+    right = np.einsum("...nij,...nj->...i", projectors, origins)
+    scale = np.trace(left, axis1=-2, axis2=-1)[..., None, None]
+    singular = np.abs(np.linalg.det(left / scale)) < 1e-12
+    left = np.where(singular[..., None, None], np.eye(3), left)
+    point = np.linalg.solve(left, right[..., None])[..., 0]
+    return np.where(singular[..., None], np.nan, point)
+
+
+def locate_marker(observations, *, max_error_px=2.0, seed=0):
+    """Find a marker's corners and side from its sightings, whatever outliers are among them.
+
+    Parameters
+    ----------
+    observations : Observations
+    max_error_px : float, default 2
+        Largest reprojection error of a corner for its sighting to agree; at least 2 % of the side
+        in that photo.
+    seed : int, default 0
+
+    Returns
+    -------
+    MarkerGeometry or None
+        None where no two photos agree on a position.
+    """
+    tolerance = np.maximum(max_error_px, 0.02 * observations.side_px)
+    corners = _consensus(observations, tolerance, seed)
+    if corners is None:
+        return None
+    inliers = np.zeros(len(observations), bool)
+    for _ in range(5):
+        new = _agree(observations, corners, tolerance)
+        if len(np.unique(observations.photos[new])) < 2:
+            return None
+        if (new == inliers).all():
+            break
+        inliers = new
+        corners = _refine_corners(observations.select(inliers), corners)
+    used = observations.select(inliers)
+    residuals = used.residuals_px(corners)
+    side, side_std = _fit_square(used, corners)
+    rms_px = float(np.sqrt(np.mean(np.sum(residuals**2, axis=-1))))
+    noise = 5 * rms_px / float(np.median(used.side_px)) / np.sqrt(len(used))
+    return _describe(corners, side, side_std, inliers, rms_px, noise)
+
+
+def _describe(corners, side, side_std, inliers, rms_px, noise):
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
+    diagonals = np.linalg.norm(corners[:2] - corners[2:], axis=1) / np.sqrt(2)
+    centered = corners - corners.mean(axis=0)
+    normal = np.linalg.svd(centered)[2][2]
+    mean = sides.mean()
+    off_plane = float(np.abs(centered @ normal).max() / mean)
+    off_square = float(np.abs(np.concatenate([sides, diagonals]) / mean - 1).max())
+    return MarkerGeometry(
+        corners=corners,
+        side_lengths=sides,
+        side=side,
+        side_std=side_std,
+        inliers=inliers,
+        rms_px=rms_px,
+        off_plane=off_plane,
+        off_square=off_square,
+        is_square=off_plane < max(_MAX_OFF_PLANE, noise)
+        and off_square < max(_MAX_OFF_SQUARE, noise),
+    )
+
+
+def _agree(observations, corners, tolerance):
+    """Sightings all of whose four corners lie within the tolerance."""
+    errors = np.linalg.norm(observations.residuals_px(corners), axis=-1).max(axis=-1)
+    return errors < tolerance
+
+
+def _consensus(observations, tolerance, seed):
+    """Corners by the pair of photos that most others agree with."""
+    pairs = np.array(list(combinations(range(len(observations)), 2)))
+    if len(pairs) == 0:
+        return None
+    pairs = pairs[observations.photos[pairs[:, 0]] != observations.photos[pairs[:, 1]]]
+    rays, centers = observations.rays, observations.centers
+    middle = rays.mean(axis=1)
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    cosine = np.einsum("pi,pi->p", middle[pairs[:, 0]], middle[pairs[:, 1]])
+    pairs = pairs[cosine < np.cos(np.radians(_MIN_PARALLAX_DEG))]
+    if len(pairs) == 0:
+        return None
+    if len(pairs) > _MAX_PAIRS:
+        chosen = np.random.default_rng(seed).choice(len(pairs), _MAX_PAIRS, replace=False)
+        pairs = pairs[np.sort(chosen)]
+    origins = np.repeat(centers[pairs][:, None], 4, axis=1)  # (p, 4, 2, 3)
+    candidates = intersect_rays(origins, rays[pairs].transpose(0, 2, 1, 3))  # (p, 4, 3)
+    candidates = candidates[np.isfinite(candidates).all(axis=(1, 2))]
+    if len(candidates) == 0:
+        return None
+    errors = np.linalg.norm(observations.residuals_px(candidates), axis=-1).max(axis=-1)
+    # Each sighting counts less the worse it fits, so that equal counts are told apart.
+    scores = np.clip(1 - (errors / tolerance) ** 2, 0, None).sum(axis=1)
+    best = np.argmax(scores)
+    agreeing = errors[best] < tolerance
+    if len(np.unique(observations.photos[agreeing])) < 2:
+        return None
+    weights = np.repeat((observations.focal / observations.std)[None, agreeing], 4, axis=0) ** 2
+    return intersect_rays(
+        np.repeat(centers[None, agreeing], 4, axis=0),
+        rays[agreeing].transpose(1, 0, 2),
+        weights / weights.max(),
+    )
+
+
+def _loss_scale(used):
+    """Pixel noise floor of each sighting: its own corner noise, and the poses' error."""
+    return np.hypot(used.std, 0.5 * _LOSS_SCALE_PX)[:, None, None]
+
+
+def _refine_corners(used, corners):
+    """Four free corners by least reprojection error, robustly."""
+    scale = _loss_scale(used)
+    unit = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean()
+
+    def residuals(flat):
+        moved = corners + unit * flat.reshape(4, 3)
+        return (used.residuals_px(moved) / scale).ravel()
+
+    solution = least_squares(residuals, np.zeros(12), loss="soft_l1", f_scale=2.0)
+    return corners + unit * solution.x.reshape(4, 3)
+
+
+def _fit_square(used, corners):
+    """Side of the square with the least reprojection error, and its standard error.
+
+    The error is a sandwich estimate that takes each photo as one independent draw, since the four
+    corners of a photo share the error of its pose; with few photos the plain one where larger.
+    """
+    unit_square = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
+    center = corners.mean(axis=0)
+    rotation, _ = Rotation.align_vectors(corners - center, unit_square)
+    start = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean()
+    scale = _loss_scale(used)
+
+    def residuals(parameters):
+        side = start * np.exp(parameters[6])
+        turned = (Rotation.from_rotvec(parameters[3:6]) * rotation).apply(unit_square)
+        moved = center + start * parameters[:3] + side * turned
+        return (used.residuals_px(moved) / scale).ravel()
+
+    solution = least_squares(residuals, np.zeros(7), loss="soft_l1", f_scale=2.0)
+    side = float(start * np.exp(solution.x[6]))
+    raw = residuals(solution.x)
+    jacobian = solution.jac  # scaled by the robust loss
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    variance = max(np.sum(solution.fun**2) / max(len(raw) - 7, 1), 0.04)
+    plain = variance * inverse[6, 6]
+    n = len(used)
+    blocks = np.einsum("nrp,nr->np", jacobian.reshape(n, 8, 7), solution.fun.reshape(n, 8))
+    sandwich = (inverse @ (blocks.T @ blocks) @ inverse)[6, 6] * n / max(n - 1, 1)
+    return side, float(side * np.sqrt(max(plain, sandwich)))

@@ -1,0 +1,106 @@
+"""Bring the cloud and the poses to metres, or to a normalised size where no scale is known."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+
+logger = logging.getLogger(__name__)
+
+# The cameras' median distance to the region of interest without a scale: about that of a real
+# scan, so that lengths meant in metres still make sense.
+_NORMAL_DISTANCE = 3.0
+_PLAUSIBLE_HEIGHT_M = (0.15, 40.0)
+_PLAUSIBLE_DISTANCE_M = (0.25, 80.0)
+
+
+def roi_center(points, box):
+    """Centre of the region of interest, aligned frame.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+        The cropped, denoised cloud.
+    box : dict
+        ``x`` and ``y`` as [low, high], of crop.json.
+
+    Returns
+    -------
+    ndarray of shape (3,)
+        Middle of the box, and of the cloud's height (first to 99th percentile).
+    """
+    low, high = np.percentile(points[:, 2], [1, 99])
+    return np.array([np.mean(box["x"]), np.mean(box["y"]), 0.5 * (low + high)])
+
+
+def scale_scene(cloud, poses, scale_report, crop_report):
+    """Scale the aligned scene about its origin, the stem's foot.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Denoised cloud, aligned frame.
+    poses : Poses
+        Aligned frame.
+    scale_report : dict
+        scale.json: ``mode``, ``scale`` in metres per unit, ``unit``.
+    crop_report : dict
+        crop.json: ``box``, ``target_xy``, ``other_stems``.
+
+    Returns
+    -------
+    cloud : PointCloud
+        Metric frame; unit ``m``, or ``arbitrary`` without a scale.
+    poses : Poses
+    target : dict
+        Content of target.json: ``target_xy`` and ``other_stems_xy`` in the metric frame, ``unit``,
+        ``factor``.
+
+    Raises
+    ------
+    StageError
+        If the scale is missing, or implies cameras impossibly near or far.
+    """
+    unit, factor = scale_report.get("unit"), scale_report.get("scale")
+    center = roi_center(cloud.points, crop_report["box"])
+    distance = float(np.median(np.linalg.norm(poses.centers - center, axis=1)))
+    if scale_report.get("mode") == "none":
+        unit, factor = "arbitrary", _NORMAL_DISTANCE / distance
+        logger.info("no scale: the cameras' median distance is set to %g units", _NORMAL_DISTANCE)
+    elif factor is None or not np.isfinite(factor) or factor <= 0:
+        raise StageError(f"scale.json holds no usable scale ({factor})", key="scale in trees.tsv")
+    else:
+        _check_plausible(cloud.points, factor, distance)
+    scaled = replace(cloud.transformed(factor), frame="metric", unit=unit)
+    target = {
+        "target_xy": [factor * value for value in crop_report["target_xy"]],
+        "other_stems_xy": [
+            [factor * stem["x"], factor * stem["y"]] for stem in crop_report["other_stems"]
+        ],
+        "unit": unit,
+        "factor": factor,
+        "scale_mode": scale_report.get("mode"),
+        "camera_distance": factor * distance,
+    }
+    return scaled, poses.transformed(factor), target
+
+
+def _check_plausible(points, factor, distance):
+    """Refuse or question a scale by what it makes of the cameras and of the cloud's height."""
+    low, high = _PLAUSIBLE_DISTANCE_M
+    if not low <= factor * distance <= high:
+        raise StageError(
+            f"with {factor:.4g} metres per unit the cameras stand {factor * distance:.3g} m from "
+            "the tree, outside what a tree is photographed from",
+            key="scale or marker_sides_m in trees.tsv",
+        )
+    height = factor * float(np.percentile(points[:, 2], 99.9))
+    logger.info("height of the cloud %.2f m, camera distance %.2f m", height, factor * distance)
+    if not _PLAUSIBLE_HEIGHT_M[0] <= height <= _PLAUSIBLE_HEIGHT_M[1]:
+        logger.warning(
+            "the cloud is %.3g m tall, which is odd for a tree; check scale or marker_sides_m in "
+            "trees.tsv",
+            height,
+        )

@@ -1,0 +1,62 @@
+"""Find the scale of the reconstruction from printed markers, or take it as given.
+
+Reads the photos and the sparse model, writes scale.json. Example:
+
+    python scripts/estimate_scale.py --photos photos/*.jpg --cameras sfm/model/cameras.bin \
+        --dictionary DICT_4X4_50 --sides_m 7:0.20 --scale scale.json
+"""
+
+from pathlib import Path
+
+import pycolmap
+
+from cherrypicker.files import write_json
+from cherrypicker.marker_scale import estimate_scale
+from cherrypicker.runner import run, stage_parser
+
+
+def main(
+    photos,
+    cameras,
+    scale,
+    *,
+    cell,
+    mode,
+    dictionary,
+    sides_m,
+    min_images,
+    max_reprojection_px,
+    threads,
+    seed,
+):
+    """Load, estimate, save."""
+    report = estimate_scale(
+        photos or [],
+        pycolmap.Reconstruction(str(Path(cameras).parent)),
+        cell=cell,
+        mode=mode,
+        dictionary=dictionary,
+        sides_m=sides_m,
+        min_images=min_images,
+        max_reprojection_px=max_reprojection_px,
+        threads=threads,
+        seed=seed,
+    )
+    write_json(scale, report)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--photos", nargs="*", help="photo files")
+parser.add_argument("--cameras", required=True, help="cameras.bin of the sparse model's folder")
+parser.add_argument("--scale", required=True, help="scale.json to write")
+parser.add_argument("--cell", default="", help="marker, none, or metres per unit; wins over mode")
+parser.add_argument("--mode", default="marker", help="marker or none")
+parser.add_argument("--dictionary", default="", help="OpenCV's name of the marker dictionary")
+parser.add_argument("--sides_m", default="", help="id:side pairs in metres, 7:0.20,8:0.15")
+parser.add_argument("--min_images", type=int, default=2, help="photos that must agree on a marker")
+parser.add_argument(
+    "--max_reprojection_px", type=float, default=2.0, help="largest error of an agreeing photo, px"
+)
+parser.add_argument("--threads", type=int, default=2)
+parser.add_argument("--seed", type=int, default=0)
+run(main, parser, globals().get("snakemake"))

@@ -1,0 +1,62 @@
+rule estimate_scale:
+    input:
+        photos=photos_of,
+        cameras="results/{tree}/sfm/model/cameras.bin",
+        images="results/{tree}/sfm/model/images.bin",
+        points="results/{tree}/sfm/model/points3D.bin",
+        frames="results/{tree}/sfm/model/frames.bin",
+        rigs="results/{tree}/sfm/model/rigs.bin",
+        code=code("estimate_scale"),
+    output:
+        scale=ensure("results/{tree}/scale.json", non_empty=True),
+    log:
+        "logs/estimate_scale/{tree}.log",
+    benchmark:
+        "benchmarks/estimate_scale/{tree}.tsv"
+    conda:
+        "../../envs/photogrammetry.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+        runtime=60,
+        gpu=0,
+    params:
+        cell=row("scale"),
+        dictionary=row("marker_dictionary"),
+        max_reprojection_px=cfg("scale.max_reprojection_px"),
+        min_images=cfg("scale.min_images"),
+        mode=cfg("scale.mode"),
+        seed=cfg("seed"),
+        sides_m=row("marker_sides_m"),
+    message:
+        "{wildcards.tree}: find the scale"
+    script:
+        "../../scripts/estimate_scale.py"
+
+
+rule scale_cloud:
+    input:
+        cloud="results/{tree}/denoised.ply",
+        poses="results/{tree}/aligned_poses.npz",
+        scale="results/{tree}/scale.json",
+        crop="results/{tree}/crop.json",
+        code=code("scale_cloud"),
+    output:
+        metric=ensure("results/{tree}/metric.ply", non_empty=True),
+        metric_poses=ensure("results/{tree}/metric_poses.npz", non_empty=True),
+        target="results/{tree}/target.json",
+    log:
+        "logs/scale_cloud/{tree}.log",
+    benchmark:
+        "benchmarks/scale_cloud/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=20,
+        gpu=0,
+    message:
+        "{wildcards.tree}: scale the cloud"
+    script:
+        "../../scripts/scale_cloud.py"
