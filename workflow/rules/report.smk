@@ -15,6 +15,8 @@ rule report_tree:
         crop_report=photo_only("results/{tree}/crop.json"),
         denoise_report=photo_only("results/{tree}/denoise.json"),
         scale=photo_only("results/{tree}/scale.json"),
+        poses=photo_only("results/{tree}/poses.npz"),
+        cameras=photo_only("results/{tree}/sfm/model/cameras.bin"),
         metric_poses=photo_only("results/{tree}/metric_poses.npz"),
         aligned=photo_only("results/{tree}/aligned.ply"),
         aligned_poses=photo_only("results/{tree}/aligned_poses.npz"),

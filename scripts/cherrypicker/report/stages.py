@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.report.marker_figure import marker_figure
 from cherrypicker.report.stage_figures import (
     alignment_figure,
     camera_figure,
@@ -55,8 +56,9 @@ def scan_sections(scan, tree, *, width_px, n_examples):
     scan : dict
         Loaded inputs by name; absent ones are missing or None: ``sparse``, ``align``, ``crop``,
         ``denoise``, ``scale``, ``contract`` (dicts), ``poses``, ``aligned_poses`` (Poses),
-        ``aligned``, ``cropped``, ``denoised``, ``contracted`` (PointCloud), ``photos`` (list of
-        Path), ``sky_folder``, ``dense_folder`` (Path).
+        ``aligned``, ``cropped``, ``denoised``, ``contracted`` (PointCloud), ``colmap_poses``
+        (Poses), ``lenses`` (PhotoLenses of the same photos), ``photos`` (list of Path),
+        ``sky_folder``, ``dense_folder`` (Path).
     tree : dict
         ``cloud``, ``skeleton`` and ``foot`` (ndarray of shape (3,)).
     width_px, n_examples : int
@@ -75,7 +77,7 @@ def scan_sections(scan, tree, *, width_px, n_examples):
     if scan.get("denoise"):
         sections.append(_denoised(scan, width_px))
     if scan.get("scale"):
-        sections.append(_scaled(scan["scale"]))
+        sections.append(_scaled(scan))
     if scan.get("contracted") is not None:
         sections.append(_contracted(scan, tree, width_px))
     return sections
@@ -190,7 +192,8 @@ def _denoised(scan, width_px):
     return section("Denoising", facts, figures=figures)
 
 
-def _scaled(scale):
+def _scaled(scan):
+    scale = scan["scale"]
     is_metric = scale.get("unit", "m") == "m"
     value, spread = scale.get("scale"), scale.get("scale_std")
     shown = _number(value, 6) if is_metric else "none: lengths are in arbitrary units"
@@ -199,23 +202,31 @@ def _scaled(scale):
     facts = [
         ("Scale", shown),
         ("From", scale.get("mode")),
-        ("Photos with a marker", scale.get("n_images")),
-        ("Rays", scale.get("n_rays")),
+        ("Photos with a marker", scale.get("n_images") or None),
+        ("Rays", scale.get("n_rays") or None),
     ]
-    rows = []
-    for marker in scale.get("markers") or []:
-        sides = [float(side) for side in marker.get("side_lengths") or []]
-        rows.append(
-            [
-                marker.get("id"),
-                _number(marker.get("side_m") or marker.get("side_length_m"), 4),
-                ", ".join(f"{side:.5g}" for side in sides),
-                _number(marker.get("rms_px") or marker.get("rms_reprojection_px"), 3),
-                marker.get("n_inliers", marker.get("inliers", "")),
-            ]
-        )
-    head = ["marker", "side [m]", "sides in the model's units", "RMS error [px]", "inlier rays"]
-    return section("Scale", facts, [table(f"{len(rows)} marker(s)", head, rows, is_open=True)])
+    rows = [_marker_row(marker) for marker in scale.get("markers") or []]
+    head = ["marker", "used", "side [m]", "sides in the model's units", "RMS error [px]"]
+    head += ["sightings that agree", "remarks"]
+    tables = [table(f"{len(rows)} marker(s)", head, rows, is_open=True)]
+    figures = []
+    if scan.get("colmap_poses") is not None and scan.get("lenses") is not None:
+        figure = marker_figure(scale, scan["colmap_poses"], scan["lenses"], scan["photos"])
+        figures.append((figure, "Markers with the corners in 3D drawn back into the photos (red)."))
+    return section("Scale", facts, tables, figures)
+
+
+def _marker_row(marker):
+    sides = [float(side) for side in marker.get("side_lengths") or []]
+    return [
+        marker.get("id"),
+        "yes" if marker.get("used", True) else "no",
+        _number(marker.get("side_m"), 4),
+        ", ".join(f"{side:.5g}" for side in sides),
+        _number(marker.get("rms_reprojection_px"), 3) or "",
+        f"{marker.get('n_inliers', '')} of {marker.get('n_detections', '')}",
+        "; ".join(str(flag) for flag in marker.get("flags") or []),
+    ]
 
 
 def _contracted(scan, tree, width_px):

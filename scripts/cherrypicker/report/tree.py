@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.files import read_json, write_text
+from cherrypicker.lens import PhotoLenses
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.report import figures as draw
@@ -71,8 +72,9 @@ def report_tree(
         Config keys of ``report``, and the seed.
     **scan_files
         Paths of ``sparse``, ``align_report``, ``crop_report``, ``denoise_report``, ``scale``,
-        ``contract_report``, ``metric_poses``, ``aligned``, ``aligned_poses``, ``cropped``,
-        ``denoised``, ``sky_colors``, ``depth``; None or empty for what the tree does not have.
+        ``contract_report``, ``poses``, ``cameras``, ``metric_poses``, ``aligned``,
+        ``aligned_poses``, ``cropped``, ``denoised``, ``sky_colors``, ``depth``; None or
+        empty for what the tree does not have.
 
     Raises
     ------
@@ -123,6 +125,7 @@ def _load_scan(photos, files):
         return read(path) if path else None
 
     sky, depth = files.get("sky_colors"), files.get("depth")
+    poses, cameras = load("poses", read_poses), files.get("cameras")
     return {
         "photos": [Path(path) for path in photos],
         "sparse": load("sparse", read_json),
@@ -137,6 +140,8 @@ def _load_scan(photos, files):
         "cropped": load("cropped", read_cloud),
         "denoised": load("denoised", read_cloud),
         "contracted": load("contracted", read_cloud),
+        "colmap_poses": poses,
+        "lenses": PhotoLenses(Path(cameras).parent, poses.names) if poses and cameras else None,
         "sky_folder": Path(sky).parent / "sky" if sky else None,
         "dense_folder": Path(depth).parent if depth else None,
     }

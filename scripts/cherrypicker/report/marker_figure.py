@@ -1,0 +1,105 @@
+"""Crops of photos around the markers, with the corners that the scale rests on drawn in."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image, UnidentifiedImageError
+
+from cherrypicker.report.figures import DPI
+
+__all__ = ["marker_crops", "marker_figure"]
+
+_TILE_PX = 300
+
+
+def marker_crops(scale, poses, lenses, *, n_photos=3, n_markers=3):
+    """Choose the photos that show each used marker largest.
+
+    Parameters
+    ----------
+    scale : dict
+        ``scale.json`` with markers' ``corners`` (4, 3) in the frame of `poses` and ``images``.
+    poses : Poses
+        In COLMAP's frame.
+    lenses : PhotoLenses
+        Of the same photos in the same order.
+    n_photos, n_markers : int
+        Most photos a marker, most markers.
+
+    Returns
+    -------
+    list of list of tuple (int, str, ndarray of shape (4, 2))
+        Per marker: its id, the photo's name and the corners in its pixels.
+    """
+    index = {str(name): i for i, name in enumerate(poses.names)}
+    markers = [m for m in scale.get("markers") or [] if m.get("used") and m.get("corners")]
+    chosen = []
+    for marker in markers[:n_markers]:
+        corners = np.asarray(marker["corners"], dtype=np.float64)
+        crops = []
+        for name in marker.get("images") or []:
+            i = index.get(str(name))
+            if i is None:
+                continue
+            in_camera = corners @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
+            if (in_camera[:, 2] > 0).all():
+                crops.append((marker["id"], str(name), lenses.to_photo(i, in_camera)))
+        crops.sort(key=lambda crop: (-np.ptp(crop[2], axis=0).prod(), crop[1]))
+        if crops:
+            chosen.append(crops[:n_photos])
+    return chosen
+
+
+def marker_figure(scale, poses, lenses, photos):
+    """The markers as the photos show them.
+
+    Parameters
+    ----------
+    scale, poses, lenses
+        See `marker_crops`.
+    photos : list of Path
+
+    Returns
+    -------
+    Figure or None
+        None without a marker in a readable photo.
+    """
+    paths = {path.name: path for path in photos}
+    rows = []
+    for crops in marker_crops(scale, poses, lenses):
+        tiles = [
+            (marker, name, *tile)
+            for marker, name, corners in crops
+            if name in paths and (tile := _tile(paths[name], corners)) is not None
+        ]
+        rows += [tiles] if tiles else []
+    if not rows:
+        return None
+    n_columns = max(map(len, rows))
+    figure = Figure(figsize=(3.2 * n_columns, 3.4 * len(rows)), dpi=DPI, layout="constrained")
+    for panels, tiles in zip(figure.subplots(len(rows), n_columns, squeeze=False), rows):
+        for panel in panels:
+            panel.set_axis_off()
+        for panel, (marker, name, image, corners) in zip(panels, tiles):
+            panel.imshow(image, interpolation="nearest")
+            outline = np.vstack([corners, corners[:1]]) - 0.5
+            panel.plot(*outline.T, color="#ff3030", lw=1.2)
+            panel.set_title(f"marker {marker}: {name}", fontsize=9, parse_math=False)
+    return figure
+
+
+def _tile(path, corners):
+    """Crop around the corners and the corners in its pixels; None where the photo is unreadable."""
+    middle = corners.mean(axis=0)
+    half = max(0.9 * float(np.ptp(corners, axis=0).max()), 8.0)
+    try:
+        with Image.open(path) as image:
+            low = np.maximum(np.floor(middle - half), 0).astype(int)
+            high = np.minimum(np.ceil(middle + half), image.size).astype(int)
+            if (high - low < 2).any():
+                return None
+            zoom = _TILE_PX / float((high - low).max())
+            size = tuple(max(int(round(side * zoom)), 1) for side in high - low)
+            tile = image.convert("RGB").crop((*low, *high)).resize(size)
+    except (OSError, UnidentifiedImageError, ValueError, SyntaxError):
+        return None
+    return tile, (corners - low) * zoom
