@@ -26,7 +26,7 @@ def main(
     preset="default",
     voxel_size_m=0.008,
     max_points=40_000,
-    gap_m=0.15,
+    gap_m=0.25,
     stem_gap_m=0.6,
     **constants,
 ):
@@ -72,7 +72,7 @@ parser.add_argument("--method", choices=["lbc", "slbc"], default="slbc")
 parser.add_argument("--preset", choices=["paper", "default"], default="default")
 parser.add_argument("--voxel_size_m", type=float, default=0.008)
 parser.add_argument("--max_points", type=int, default=40_000)
-parser.add_argument("--gap_m", type=float, default=0.15)
+parser.add_argument("--gap_m", type=float, default=0.25)
 parser.add_argument("--stem_gap_m", type=float, default=0.6)
 for constant in (
     "initial_contraction",

@@ -61,7 +61,7 @@ def contract_wood(
     voxel_size_m=0.008,
     max_points=40_000,
     target_xy=None,
-    gap_m=0.15,
+    gap_m=0.25,
     stem_gap_m=0.6,
 ):
     """Choose the target's wood, thin it and contract it.

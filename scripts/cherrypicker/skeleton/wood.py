@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.skeleton.neighbors import component_links, components, knn_edges, sparse_graph
 from cherrypicker.skeleton.sampling import median_spacing
@@ -20,8 +21,12 @@ N_NEIGHBORS = 10
 REACH_IN_SPACINGS = 3.5  # neighbours within this many point spacings touch each other
 GAP_COST = 3.0  # a metre of missing data counts as this many of wood
 BORDER_IN_SPACINGS = 3.0
-LINE_SHARE = 0.9  # share of the variance along its axis from which a piece has a direction
+ANY_DIRECTION_SHARE = 0.4  # of the longest gap: a shorter one is bridged in any direction
+FEWEST_IN_LINE = 5
+END_SHARE = 0.6  # of the longest gap: the length of an end that tells its direction
+LINE_SHARE = 0.75  # share of the variance along its axis from which a piece has a direction
 DIRECTION_COSINE = np.cos(np.radians(30.0))
+THIN_M = 0.025  # radius that the thickness of wood is judged in
 WHOLE_TREE_SHARE = 0.1  # of the target's wood: from here another stem is a second whole tree
 
 
@@ -45,13 +50,13 @@ class TargetWood:
 
 
 def select_target_wood(
-    points, labels, *, ground=None, target_xy=None, box=None, gap_m=0.15, stem_gap_m=0.6
+    points, labels, *, ground=None, target_xy=None, box=None, gap_m=0.25, stem_gap_m=0.6
 ):
     """Keep the target tree's wood.
 
     Every wood point goes to the stem base with the shortest way through the wood. Wood that
-    comes in over the border of the region of interest belongs to a tree outside: it competes as
-    if its stem stood as far from the border point as the target's does. Pieces without a way to
+    comes in over the border of the region of interest belongs to a tree outside, up to the
+    thinnest place on its way to the target's stem. Pieces without a way to
     any stem are kept when the gap to the target's wood is small, or larger but in the direction
     of the piece (missing data along a branch); the rest is dropped and counted.
 
@@ -67,8 +72,8 @@ def select_target_wood(
     box : ndarray of shape (2, 2), optional
         x/y corners (low, high) of the region of interest; left out, nothing comes in from
         outside.
-    gap_m : float, default 0.15
-        Longest gap along the direction of a branch that is still bridged; half of it in any
+    gap_m : float, default 0.25
+        Longest gap along the direction of a branch that is still bridged; 0.4 of it in any
         other direction.
     stem_gap_m : float, default 0.6
         Longest gap between two pieces of trunk.
@@ -88,7 +93,7 @@ def select_target_wood(
     edges = knn_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
     links = _bridges(points, labels, edges, gap_m, stem_gap_m)
     stems = find_stems(points, ground) or [_lowest_base(points, labels)]
-    owner, way = _compete(points, edges, links, stems, _border_seeds(points, box, spacing))
+    owner = _compete(points, edges, links, stems, _border_seeds(points, box, spacing))
     target = _target_stem(stems, owner, target_xy)
     keep = owner == target
     report = _report(points, stems, owner, target)
@@ -108,7 +113,7 @@ def select_target_wood(
 
 def _lowest_base(points, labels):
     """The base of a cloud without a clear stem: its lowest trunk (or else wood) points."""
-    rows = np.flatnonzero(labels == 1)
+    rows = np.flatnonzero(labels == Label.TRUNK)
     rows = rows if len(rows) >= 3 else np.arange(len(points))
     height = points[rows, 2]
     low = rows[height <= height.min() + 0.02 * (np.ptp(points[:, 2]) or 1.0)]
@@ -117,33 +122,52 @@ def _lowest_base(points, labels):
 
 def _bridges(points, labels, edges, gap_m, stem_gap_m):
     """Links over gaps that missing data leave along branches and in the stem."""
-    member, _ = components(len(points), edges)
-    longest = max(gap_m, stem_gap_m)
-    links = component_links(points, edges, longest)
-    if not len(links):
-        return links
-    length = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
-    fine = length <= gap_m / 2
-    trunk = (labels[links] == 1).all(axis=1)
-    fine |= trunk & (length <= stem_gap_m)
-    for index in np.flatnonzero(~fine & (length <= gap_m)):
-        a, b = links[index]
-        direction = (points[b] - points[a]) / length[index]
-        fine[index] = any(
-            _points_along(points[member == member[row]], points[row], direction, 2 * gap_m)
-            for row in (a, b)
-        )
-    return links[fine]
+    near = component_links(points, edges, ANY_DIRECTION_SHARE * gap_m)
+    stem = _stem_links(points, labels, edges, stem_gap_m)
+    group, n_groups = components(len(points), np.vstack([edges, near, stem]))
+    if n_groups == 1:
+        return np.vstack([near, stem])
+    piece, _ = components(len(points), edges)  # a group's pieces each have their own direction
+    main_group = np.argmax(np.bincount(group))
+    tree, main_wood = cKDTree(points), cKDTree(points[group == main_group])
+    along = [np.empty((0, 2), dtype=np.int64)]
+    for index in np.unique(piece[group != main_group]):
+        rows = np.flatnonzero(piece == index)
+        if len(rows) >= FEWEST_IN_LINE:
+            found = _links_along(points, tree, main_wood, group, rows, gap_m)
+            along += [np.array([link]) for link in found]
+    return np.vstack([near, stem, *along])
 
 
-def _points_along(piece, end, direction, reach):
-    """Whether a piece of wood is a line near its end, and the line has this direction."""
-    near = piece[np.linalg.norm(piece - end, axis=1) <= reach]
-    if len(near) < 5:
-        return False
-    _, values, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
-    share = values[0] ** 2 / np.square(values).sum()
-    return share >= LINE_SHARE and abs(axes[0] @ direction) >= DIRECTION_COSINE
+def _links_along(points, tree, main_wood, group, rows, gap_m):
+    """Links from the ends of a piece to the nearest other wood straight ahead of them."""
+    piece = points[rows]
+    axis = np.linalg.svd(piece - piece.mean(axis=0), full_matrices=False)[2][0]
+    position = piece @ axis
+    nearest = int(np.argmin(main_wood.query(piece)[0]))
+    for end in sorted({int(np.argmin(position)), int(np.argmax(position)), nearest}):
+        near = piece[np.linalg.norm(piece - piece[end], axis=1) <= END_SHARE * gap_m]
+        _, values, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
+        if len(near) < FEWEST_IN_LINE or values[0] ** 2 < LINE_SHARE * np.square(values).sum():
+            continue
+        heading = axes[0] if axes[0] @ (piece[end] - near.mean(axis=0)) > 0 else -axes[0]
+        others = np.array(tree.query_ball_point(piece[end], gap_m), dtype=np.int64)
+        others = others[group[others] != group[rows[0]]]
+        offset = points[others] - piece[end]
+        distance = np.linalg.norm(offset, axis=1)
+        ahead = offset @ heading >= DIRECTION_COSINE * distance
+        if ahead.any():
+            best = others[ahead][np.argmin(distance[ahead])]
+            yield tuple(sorted((int(rows[end]), int(best))))
+
+
+def _stem_links(points, labels, edges, stem_gap_m):
+    """Links between the pieces of the stem: a ring around it hides all of it."""
+    trunk = np.flatnonzero(labels == Label.TRUNK)
+    if len(trunk) < 2:
+        return np.empty((0, 2), dtype=np.int64)
+    links = component_links(points[trunk], _edges_among(trunk, edges, len(points)), stem_gap_m)
+    return trunk[links]
 
 
 def _border_seeds(points, box, spacing):
@@ -156,35 +180,64 @@ def _border_seeds(points, box, spacing):
 
 
 def _compete(points, edges, links, stems, border):
-    """Stem with the shortest way to each point: its index, len(stems) for a tree outside, or -1.
-
-    Returns the owner of each point and the length of its way.
-    """
+    """Stem with the shortest way to each point: its index, len(stems) for a tree outside, or -1."""
     n_points, n_stems = len(points), len(stems)
     all_edges = np.vstack([edges, links]).astype(np.int64)
     cost = np.linalg.norm(points[all_edges[:, 0]] - points[all_edges[:, 1]], axis=1)
     cost[len(edges) :] *= GAP_COST
     seeds = [np.stack([np.full(len(s.rows), n_points + i), s.rows], 1) for i, s in enumerate(stems)]
     seed_cost = [np.linalg.norm(points[s.rows] - s.base, axis=1) for s in stems]
+    sources = np.arange(n_points, n_points + n_stems)
+
+    def ways(sources):
+        graph = sparse_graph(
+            n_points + n_stems + 1,
+            np.vstack([all_edges, *seeds]),
+            np.concatenate([cost, *seed_cost]),
+        )
+        return dijkstra(
+            graph, directed=False, indices=sources, return_predecessors=True, min_only=True
+        )
+
+    way, before, owner = ways(sources)
     if len(border):
-        bases = np.array([stem.base for stem in stems])
-        handicap = np.linalg.norm(points[border][:, None] - bases[None], axis=2).min(axis=1)
-        seeds.append(np.stack([np.full(len(border), n_points + n_stems), border], 1))
+        reached = border[np.isfinite(way[border])]
+        handicap = _border_handicap(points, edges, way, before, reached)
+        seeds.append(np.stack([np.full(len(reached), n_points + n_stems), reached], 1))
         seed_cost.append(handicap)
-    graph = sparse_graph(
-        n_points + n_stems + 1,
-        np.vstack([all_edges, *seeds]),
-        np.concatenate([cost, *seed_cost]),
-    )
-    way, _, source = dijkstra(
-        graph,
-        directed=False,
-        indices=np.arange(n_points, n_points + n_stems + 1),
-        return_predecessors=True,
-        min_only=True,
-    )
-    owner = np.where(np.isfinite(way), source - n_points, -1)[:n_points]
-    return owner, way[:n_points]
+        way, _, owner = ways(np.append(sources, n_points + n_stems))
+    return np.where(np.isfinite(way), owner - n_points, -1)[:n_points]
+
+
+def _border_handicap(points, edges, way, before, border):
+    """Head start that the target's ways get over those of wood from over the border.
+
+    Crowns meet with their thin ends: the two ways shall be equally long at the thinnest place
+    between the border and the stem.
+    """
+    tree = cKDTree(points)
+    member, _ = components(len(border), _edges_among(border, edges, len(points)))
+    handicap = np.zeros(len(border))
+    for cluster in range(member.max() + 1 if len(border) else 0):
+        own = np.flatnonzero(member == cluster)
+        path = [border[own[np.argmin(way[border[own]])]]]
+        while before[path[-1]] >= 0 and before[path[-1]] < len(points):
+            path.append(before[path[-1]])
+        path = np.array(path)
+        length = way[path[0]]
+        thickness = np.array([len(rows) for rows in tree.query_ball_point(points[path], THIN_M)])
+        open_ways = way[path] >= 0.2 * length  # the stem's foot is no meeting place
+        meeting = path[open_ways][np.argmin(thickness[open_ways])]
+        handicap[own] = max(0.0, 2 * way[meeting] - length)
+    return handicap
+
+
+def _edges_among(rows, edges, n_points):
+    """Edges with both ends in `rows`, renumbered."""
+    number = np.full(n_points, -1)
+    number[rows] = np.arange(len(rows))
+    own = number[edges]
+    return own[(own >= 0).all(axis=1)]
 
 
 def _target_stem(stems, owner, target_xy):

@@ -1,0 +1,83 @@
+"""Shapes with a known skeleton for the skeleton's tests."""
+
+import numpy as np
+
+from cherrypicker.pointcloud import PointCloud
+
+
+def tube(start, end, radius, density=60_000, *, rng, end_radius=None, noise=0.0, caps=False):
+    """Random points on a cone's surface, `density` a square metre."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    end_radius = radius if end_radius is None else end_radius
+    axis = end - start
+    length = np.linalg.norm(axis)
+    axis /= length
+    n = max(20, int(density * 2 * np.pi * (radius + end_radius) / 2 * length))
+    share, angle = rng.random(n), rng.random(n) * 2 * np.pi
+    r = (
+        radius + share * (end_radius - radius) + rng.normal(0, noise, n)
+        if noise
+        else (radius + share * (end_radius - radius))
+    )
+    u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    u /= np.linalg.norm(u)
+    v = np.cross(axis, u)
+    around = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
+    return start + share[:, None] * (end - start) + r[:, None] * around
+
+
+def small_tree(seed=0, offset=(0.0, 0.0, 0.0), *, noise=0.0):
+    """A 1.2 m tree: stem, four laterals, one of them with a twig; its axes as (start, end, r).
+
+    Returns
+    -------
+    points, labels, axes
+    """
+    rng = np.random.default_rng(seed)
+    axes = [
+        ((0, 0, 0), (0, 0, 1.2), 0.03, 0.012, 1),
+        ((0, 0, 0.5), (0.45, 0, 0.75), 0.012, 0.006, 2),
+        ((0, 0, 0.65), (-0.4, 0.1, 0.95), 0.012, 0.006, 2),
+        ((0, 0, 0.8), (0.05, 0.4, 1.05), 0.01, 0.006, 2),
+        ((0, 0, 0.9), (0.0, -0.35, 1.2), 0.01, 0.006, 2),
+        ((0.27, 0, 0.65), (0.32, 0.2, 0.85), 0.007, 0.005, 2),
+    ]
+    points, labels = [], []
+    for start, end, radius, end_radius, label in axes:
+        piece = tube(start, end, radius, end_radius=end_radius, noise=noise, rng=rng)
+        points.append(piece)
+        labels.append(np.full(len(piece), label))
+    points, labels = np.vstack(points), np.concatenate(labels)
+    inside = np.zeros(len(points), dtype=bool)  # no surface inside other wood
+    for foot, end, radius, end_radius, _ in axes:
+        start = np.asarray(foot, float)
+        step = np.asarray(end, float) - start
+        share = np.clip((points - start) @ step / (step @ step), 0, 1)
+        away = np.linalg.norm(points - start - share[:, None] * step, axis=1)
+        inside |= away < 0.9 * (radius + share * (end_radius - radius)) - 3 * noise
+    return points[~inside] + np.asarray(offset), labels[~inside], axes
+
+
+def labelled_cloud(points, labels):
+    """A PointCloud in the metric frame."""
+    return PointCloud(points, fields={"label": np.asarray(labels, dtype=np.uint8)}, frame="metric")
+
+
+def sample_axes(axes, step=0.005):
+    """Points along true axes."""
+    points = []
+    for foot, end, *_ in axes:
+        way = np.asarray(end, float) - np.asarray(foot, float)
+        n = int(np.linalg.norm(way) / step)
+        points.append(foot + np.linspace(0, 1, n)[:, None] * way)
+    return np.vstack(points)
+
+
+def sample_skeleton(skeleton, step=0.005):
+    """Points along the edges of a skeleton."""
+    points = [skeleton.points]
+    for node in range(1, len(skeleton)):
+        a, b = skeleton.points[skeleton.parent[node]], skeleton.points[node]
+        n = int(np.linalg.norm(b - a) / step)
+        points.append(a + np.linspace(0, 1, n + 2)[1:-1, None] * (b - a))
+    return np.vstack(points)
