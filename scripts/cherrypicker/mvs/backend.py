@@ -1,0 +1,273 @@
+"""Depth maps of a whole workspace with the chosen backend, resuming what is there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json, write_json
+from cherrypicker.mvs import estimate
+from cherrypicker.mvs.compiled import use_threads
+from cherrypicker.mvs.estimate import StereoOptions
+from cherrypicker.mvs.views import StereoProblem, plan_views
+from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.photos import read_photo
+from cherrypicker.progress import Progress
+
+logger = logging.getLogger(__name__)
+
+BACKENDS = ("auto", "cuda", "cpu")
+# Bump when the CPU backend's results change, so that older maps are computed again
+VERSION = 1
+PHOTOMETRIC, GEOMETRIC = "photometric", "geometric"
+
+
+def choose_backend(wanted: str) -> str:
+    """Return "cuda" or "cpu" for the config's ``mvs.backend``.
+
+    Raises
+    ------
+    StageError
+        If the name is unknown, or CUDA is asked for and this pycolmap has none.
+    """
+    if wanted not in BACKENDS:
+        raise StageError(f"unknown backend {wanted!r}, one of {BACKENDS}", key="mvs.backend")
+    if wanted == "cuda" and not pycolmap.has_cuda:
+        raise StageError(
+            "this pycolmap has no CUDA: run `pip uninstall pycolmap` and "
+            f"`pip install pycolmap-cuda12=={pycolmap.__version__}`, or use the CPU backend",
+            key="mvs.backend",
+        )
+    if wanted == "auto":
+        return "cuda" if pycolmap.has_cuda else "cpu"
+    return wanted
+
+
+class MapKeys:
+    """Which settings each existing map was made with, so that it is reused only if they are equal.
+
+    Kept in ``stereo/keys.json``. A key is written before its map, so that a run killed in between
+    never leaves a map that counts as newer than it is. A whole map without a key was put there by
+    somebody else (another COLMAP) and is kept.
+    """
+
+    def __init__(self, workspace: Workspace):
+        self._workspace = workspace
+        self._path = workspace.folder / "stereo" / "keys.json"
+        self._keys: dict[str, str] = read_json(self._path) if self._path.exists() else {}
+
+    def is_current(self, view, kind: str, key: str) -> bool:
+        """Whether the view's maps of this kind are whole and were made with ``key``."""
+        known = self._keys.get(f"{view.name}.{kind}", key)
+        return known == key and self._workspace.has_maps(view, kind)
+
+    def announce(self, view, kind: str, key: str) -> None:
+        """Remove the view's old maps and note the key of those that come."""
+        self._workspace.depth_path(view, kind).unlink(missing_ok=True)
+        self._workspace.normal_path(view, kind).unlink(missing_ok=True)
+        self._keys[f"{view.name}.{kind}"] = key
+        write_json(self._path, dict(sorted(self._keys.items())))
+
+
+class PhotoStore:
+    """The undistorted photos as pyramids, only as many as are in use at a time."""
+
+    def __init__(self, workspace: Workspace, n_levels: int, capacity: int):
+        self._workspace = workspace
+        self._n_levels = n_levels
+        self._capacity = capacity
+        self._held: OrderedDict[int, list[np.ndarray]] = OrderedDict()
+
+    def get(self, indices: tuple[int, ...]) -> dict[int, list[np.ndarray]]:
+        """Return view index to pyramid for all of ``indices``."""
+        for i in indices:
+            if i not in self._held:
+                view = self._workspace.views[i]
+                photo = read_photo(self._workspace.photo_path(view))
+                if photo.shape[:2] != (view.height, view.width):
+                    raise StageError(
+                        f"the undistorted photo is {photo.shape[1]} x {photo.shape[0]} px, its "
+                        f"camera {view.width} x {view.height} px",
+                        file=self._workspace.photo_path(view),
+                    )
+                self._held[i] = estimate.pyramid(photo, self._n_levels)
+            self._held.move_to_end(i)
+        while len(self._held) > max(self._capacity, len(indices)):
+            self._held.popitem(last=False)
+        return {i: self._held[i] for i in indices}
+
+
+def estimate_workspace(
+    folder: str | Path, options: StereoOptions, *, backend: str = "auto", threads: int = 1
+) -> dict:
+    """Write photometric and geometric depth and normal maps of every view.
+
+    Whole maps that were made with the same settings, photos and poses are not computed again.
+
+    Parameters
+    ----------
+    folder : path-like
+        Dense workspace.
+    options : StereoOptions
+        Settings.
+    backend : {"auto", "cuda", "cpu"}
+        See :func:`choose_backend`.
+    threads : int
+        Threads of the CPU backend.
+
+    Returns
+    -------
+    dict
+        The manifest: backend, options, names with a depth map, share of pixels with depth.
+    """
+    backend = choose_backend(backend)
+    workspace = Workspace(folder)
+    if backend == "cuda":
+        names = _run_cuda(workspace, options)
+    else:
+        names = _run_cpu(workspace, options, threads)
+    with_depth = [view for view in workspace.views if view.name in names]
+    shares = [float((workspace.read_depth(v, GEOMETRIC) > 0).mean()) for v in with_depth]
+    share = float(np.mean(shares))
+    logger.info("%s backend: depth at %.1f %% of the pixels", backend, 100.0 * share)
+    if share == 0.0:
+        raise StageError(
+            "no pixel has a consistent depth in any photo",
+            file=Path(folder),
+            key="mvs.max_cost, mvs.min_consistent",
+        )
+    return {
+        "backend": backend,
+        "options": asdict(options),
+        "maps": [view.name for view in with_depth],
+        "share_with_depth": dict(zip([view.name for view in with_depth], shares)),
+    }
+
+
+def _run_cuda(workspace: Workspace, options: StereoOptions) -> set[str]:
+    """COLMAP's own PatchMatch, which itself skips maps that exist."""
+    keys = MapKeys(workspace)
+    key = hashlib.sha256(f"cuda:{options.n_sources}".encode()).hexdigest()
+    for view in workspace.views:
+        for kind in (PHOTOMETRIC, GEOMETRIC):
+            if not keys.is_current(view, kind, key):
+                keys.announce(view, kind, key)
+    config = workspace.folder / "stereo" / "patch-match.cfg"
+    config.write_text(
+        "".join(f"{view.name}\n__auto__, {options.n_sources}\n" for view in workspace.views),
+        encoding="utf-8",
+    )
+    settings = pycolmap.PatchMatchOptions()
+    settings.filter_min_num_consistent = options.min_consistent
+    pycolmap.patch_match_stereo(workspace.folder, options=settings)
+    return {view.name for view in workspace.views if workspace.has_maps(view, GEOMETRIC)}
+
+
+def _run_cpu(workspace: Workspace, options: StereoOptions, threads: int) -> set[str]:
+    views = workspace.views
+    problems = plan_views(workspace, options.n_sources)
+    sizes = [min(view.width, view.height) for view in views]
+    n_levels = estimate.count_levels(min(sizes), min(sizes), options.min_level_px)
+    photos = PhotoStore(workspace, n_levels, capacity=2 * options.n_sources)
+    keys = MapKeys(workspace)
+    digests = _photo_digests(workspace)
+    logger.info("CPU PatchMatch: %d levels, %d threads", n_levels, use_threads(threads))
+
+    def photometric(problem: StereoProblem) -> np.ndarray:
+        return estimate.estimate_photometric(
+            problem, views, photos.get((problem.view, *problem.sources)), options
+        )
+
+    settings = {p.view: _settings(workspace, p, options, digests) for p in problems}
+    _each_view(workspace, problems, keys, settings, PHOTOMETRIC, photometric)
+
+    by_view = {problem.view: problem for problem in problems}
+    chained = {
+        p.view: settings[p.view] + "".join(settings[j] for j in p.sources if j in by_view)
+        for p in problems
+    }
+    usable = [_with_maps(problem, by_view) for problem in problems]
+
+    def geometric(problem: StereoProblem) -> np.ndarray:
+        needed = (problem.view, *problem.sources)
+        fields = {j: _read_field(workspace, j, PHOTOMETRIC) for j in needed}
+        return estimate.estimate_geometric(problem, views, photos.get(needed), fields, options)
+
+    _each_view(workspace, usable, keys, chained, GEOMETRIC, geometric)
+    workspace.write_fusion_config()
+    return {views[problem.view].name for problem in problems}
+
+
+def _with_maps(problem: StereoProblem, by_view: dict[int, StereoProblem]) -> StereoProblem:
+    """Leave out the sources that have no depth map of their own."""
+    from dataclasses import replace
+
+    return replace(problem, sources=tuple(j for j in problem.sources if j in by_view))
+
+
+def _each_view(
+    workspace: Workspace,
+    problems: list[StereoProblem],
+    keys: MapKeys,
+    settings: dict[int, str],
+    kind: str,
+    compute: Callable[[StereoProblem], np.ndarray],
+) -> None:
+    """Compute and write the maps of one kind that are not there yet."""
+    views = workspace.views
+    digest = {i: hashlib.sha256(text.encode()).hexdigest() for i, text in settings.items()}
+    due = [p for p in problems if not keys.is_current(views[p.view], kind, digest[p.view])]
+    if len(due) < len(problems):
+        logger.info("%d of %d %s maps are there", len(problems) - len(due), len(problems), kind)
+    with Progress(len(due), f"{kind} depth maps") as bar:
+        for problem in due:
+            view = views[problem.view]
+            depth, normals = estimate.field_to_maps(compute(problem), view.K)
+            keys.announce(view, kind, digest[problem.view])
+            workspace.write_maps(view, kind, depth, normals)
+            bar.step()
+
+
+def _read_field(workspace: Workspace, i: int, kind: str) -> np.ndarray:
+    view = workspace.views[i]
+    depth = workspace.read_depth(view, kind)
+    return estimate.maps_to_field(depth, workspace.read_normals(view, kind), view.K)
+
+
+def _photo_digests(workspace: Workspace) -> list[str]:
+    """Digest of every undistorted photo with its camera."""
+    digests = []
+    for view in workspace.views:
+        digest = hashlib.sha256()
+        try:
+            digest.update(workspace.photo_path(view).read_bytes())
+        except FileNotFoundError as error:
+            raise StageError(
+                "the undistorted photo is missing", file=workspace.photo_path(view)
+            ) from error
+        for array in (view.K, view.R, view.t):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        digests.append(digest.hexdigest())
+    return digests
+
+
+def _settings(
+    workspace: Workspace, problem: StereoProblem, options: StereoOptions, digests: list[str]
+) -> str:
+    """Everything that a view's photometric map depends on, as text."""
+    content = {
+        "version": VERSION,
+        "options": asdict(options),
+        "depth": [problem.depth_min, problem.depth_max],
+        "photos": [digests[j] for j in (problem.view, *problem.sources)],
+    }
+    return json.dumps(content, sort_keys=True)

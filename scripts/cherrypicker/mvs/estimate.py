@@ -1,0 +1,301 @@
+"""Depth and normals of one view, coarse to fine (photometric), then with its sources' maps."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from cherrypicker.mvs import consistency, patchmatch
+from cherrypicker.mvs.matching import INVALID_COST, pack_bilinear, pack_color, window
+from cherrypicker.mvs.patchmatch import Level
+from cherrypicker.mvs.views import StereoProblem
+from cherrypicker.mvs.workspace import View
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class StereoOptions:
+    """What the CPU backend does; the fields are config keys of the section ``mvs``."""
+
+    n_sources: int = 8
+    n_best: int = 3
+    n_iterations: int = 2
+    window_radius: int = 3
+    min_level_px: int = 120
+    color_spread: float = 16.0
+    min_texture: float = 1.5
+    max_cost: float = 0.6
+    geometric_weight: float = 0.2
+    max_error_px: float = 1.5
+    min_consistent: int = 2
+    seed: int = 0
+
+
+def view_seed(seed: int, name: str, stage: int) -> int:
+    """Return a 48-bit seed of one photo and stage."""
+    text = f"{seed}:{name}:{stage}".encode()
+    return int.from_bytes(hashlib.sha256(text).digest()[:6], "little")
+
+
+def pyramid(photo: np.ndarray, n_levels: int) -> list[np.ndarray]:
+    """Halve a photo (height, width, 3) ``n_levels - 1`` times by averaging; finest first."""
+    levels = [photo]
+    for _ in range(n_levels - 1):
+        height, width = levels[-1].shape[:2]
+        size = (max(width // 2, 1), max(height // 2, 1))
+        levels.append(cv2.resize(levels[-1], size, interpolation=cv2.INTER_AREA))
+    return levels
+
+
+def count_levels(width: int, height: int, min_level_px: int) -> int:
+    """Return how often the shorter side can be halved before it falls below ``min_level_px``."""
+    n = 1
+    while n < 4 and min(width, height) / 2**n >= min_level_px:
+        n += 1
+    return n
+
+
+def _scaled_intrinsics(view: View, width: int, height: int) -> np.ndarray:
+    """Intrinsics at another size, with pixel centres at whole numbers as the kernels index."""
+    K = np.diag([width / view.width, height / view.height, 1.0]) @ view.K
+    K[:2, 2] -= 0.5
+    return K
+
+
+def relative_projection(reference: tuple, source: tuple) -> np.ndarray:
+    """Return A by rows and b, (12,) float64, from (K, R, t) of reference and source."""
+    K_r, R_r, t_r = reference
+    K_s, R_s, t_s = source
+    R = R_s @ R_r.T
+    A = K_s @ R @ np.linalg.inv(K_r)
+    b = K_s @ (t_s - R @ t_r)
+    return np.r_[A.ravel(), b]
+
+
+def make_level(
+    problem: StereoProblem,
+    views: list[View],
+    photos: dict[int, list[np.ndarray]],
+    index: int,
+    options: StereoOptions,
+    depths: dict[int, np.ndarray] | None = None,
+    geometric_weight: float = 0.0,
+) -> Level:
+    """Gather what the kernels need for one reference at one pyramid level.
+
+    Parameters
+    ----------
+    photos : dict
+        View index to its pyramid of (height, width, 3) uint8, for reference and sources.
+    index : int
+        Pyramid level, 0 the finest.
+    depths : dict, optional
+        View index to inverse depth map at level 0, 0 where unknown, of the sources.
+    """
+    photo = photos[problem.view][index]
+    height, width = photo.shape[:2]
+    reference = views[problem.view]
+    K = _scaled_intrinsics(reference, width, height)
+    pose = (K, reference.R, reference.t)
+    packed, sizes, project, back, maps = [], [], [], [], []
+    for j in problem.sources:
+        source = photos[j][index]
+        view = views[j]
+        size = (source.shape[1], source.shape[0])
+        other = (_scaled_intrinsics(view, *size), view.R, view.t)
+        packed.append(pack_bilinear(cv2.cvtColor(source, cv2.COLOR_RGB2GRAY)))
+        sizes.append(size)
+        project.append(relative_projection(pose, other))
+        back.append(relative_projection(other, pose))
+        if depths is not None:
+            maps.append(depths[j].ravel())
+    starts = np.cumsum([0] + [len(pixels) for pixels in packed[:-1]])
+    baselines = [np.linalg.norm(views[j].center - reference.center) for j in problem.sources]
+    focal = float(np.mean([p[0, 0] for p in (K,)]))
+    return Level(
+        color=pack_color(photo),
+        width=width,
+        height=height,
+        samples=window(options.window_radius),
+        radius=np.float32(options.window_radius),
+        inv_color=np.float32(1.0 / options.color_spread**2),
+        packed=np.concatenate(packed),
+        layout=np.array([(start, *size) for start, size in zip(starts, sizes)], dtype=np.int64),
+        project=np.array(project, dtype=np.float32),
+        depth=np.concatenate(maps) if maps else np.zeros(1, dtype=np.float32),
+        back=np.array(back, dtype=np.float32),
+        n_best=min(options.n_best, len(problem.sources)),
+        geometric_weight=np.float32(geometric_weight),
+        w_min=np.float32(1.0 / problem.depth_max),
+        w_max=np.float32(1.0 / problem.depth_min),
+        w_px=np.float32(1.0 / (focal * np.median(baselines))),
+        fx=np.float32(K[0, 0]),
+        fy=np.float32(K[1, 1]),
+    )
+
+
+def _sparse_prior(problem: StereoProblem, view: View, width: int, height: int) -> np.ndarray:
+    """Inverse depth of the nearest sparse point of each pixel, (height, width) float32."""
+    from scipy.spatial import cKDTree
+
+    scale = np.array([width / view.width, height / view.height])
+    tree = cKDTree(problem.sparse_uv * scale)
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    _, nearest = tree.query(np.stack([x.ravel(), y.ravel()], axis=1))
+    return (1.0 / problem.sparse_depth[nearest]).astype(np.float32).reshape(height, width)
+
+
+def estimate_photometric(
+    problem: StereoProblem,
+    views: list[View],
+    photos: dict[int, list[np.ndarray]],
+    options: StereoOptions,
+) -> np.ndarray:
+    """Match a reference against its sources, coarse to fine.
+
+    Returns
+    -------
+    ndarray of shape (height, width, 4), float32
+        The field at full size: inverse depth (0 where there is no texture), slopes, cost.
+    """
+    view = views[problem.view]
+    seed = view_seed(options.seed, view.name, 0)
+    n_levels = len(photos[problem.view])
+    field = coarse_color = None
+    for index in reversed(range(n_levels)):
+        level = make_level(problem, views, photos, index, options)
+        active = np.ones((level.height, level.width), dtype=np.uint8)
+        patchmatch.find_texture(level, active, np.float32(options.min_texture**2))
+        coarse, field = field, _unknown_field(level)
+        chosen = np.zeros((level.height, level.width), dtype=np.uint16)
+        if coarse is None:
+            prior = _sparse_prior(problem, view, level.width, level.height)
+            patchmatch.start_randomly(level, field, chosen, active, prior, 6, seed)
+        else:
+            patchmatch.start_from_coarse(level, field, chosen, active, coarse, coarse_color, 2)
+        schedule = _schedule(index, n_levels, options.n_iterations)
+        for i, (n_near, n_refine, n_random) in enumerate(schedule):
+            for parity in (0, 1):
+                turn = seed + (((index * 64 + i) * 2 + parity + 1) << 40)
+                patchmatch.sweep(
+                    level, field, chosen, active, parity, n_near, n_refine, n_random, turn
+                )
+        coarse_color = level.color
+    return field
+
+
+def _unknown_field(level: Level) -> np.ndarray:
+    field = np.zeros((level.height, level.width, 4), dtype=np.float32)
+    field[..., 3] = INVALID_COST
+    return field
+
+
+def _schedule(index: int, n_levels: int, n_iterations: int) -> list[tuple[int, int, int]]:
+    """Neighbours, refinements and random depths of each sweep at a level.
+
+    A sweep at half the size costs a quarter, so coarse levels get more of them.
+    """
+    if index == n_levels - 1:
+        return [(8, 4, 2)] * (n_iterations + 4)
+    if index > 0:
+        return [(8, 4, 2)] * (n_iterations + 1)
+    return [(6, 3, 1)] * n_iterations
+
+
+def estimate_geometric(
+    problem: StereoProblem,
+    views: list[View],
+    photos: dict[int, list[np.ndarray]],
+    fields: dict[int, np.ndarray],
+    options: StereoOptions,
+) -> np.ndarray:
+    """Refine a reference with its sources' photometric depth maps, and filter it.
+
+    Parameters
+    ----------
+    photos : dict
+        View index to a list whose first item is the photo at full size.
+    fields : dict
+        View index to the photometric field (height, width, 4) of reference and sources.
+
+    Returns
+    -------
+    ndarray of shape (height, width, 4), float32
+        The refined field; inverse depth 0 where fewer than ``min_consistent`` sources agree.
+    """
+    view = views[problem.view]
+    seed = view_seed(options.seed, view.name, 1)
+    depths = {j: np.ascontiguousarray(fields[j][..., 0]) for j in problem.sources}
+    level = make_level(problem, views, photos, 0, options, depths, options.geometric_weight)
+    field = fields[problem.view].copy()
+    active = (field[..., 0] > 0.0).astype(np.uint8)
+    chosen = np.zeros((level.height, level.width), dtype=np.uint16)
+    patchmatch.evaluate_field(level, field, chosen, active)
+    splat = np.zeros((len(problem.sources), level.height, level.width), dtype=np.float32)
+    consistency.splat_sources(level, splat)
+    consistency.adopt_from_sources(level, field, chosen, active, splat, np.float32(0.5))
+    for parity in (0, 1):
+        turn = seed + ((parity + 1) << 40)
+        patchmatch.sweep(level, field, chosen, active, parity, 4, 3, 0, turn)
+    counts = np.zeros((level.height, level.width), dtype=np.uint8)
+    consistency.count_consistent(
+        level, field, counts, np.float32(options.max_cost), np.float32(options.max_error_px)
+    )
+    field[counts < min(options.min_consistent, len(problem.sources))] = 0.0
+    return field
+
+
+def field_to_maps(field: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turn a field into depth and normals.
+
+    Parameters
+    ----------
+    field : ndarray of shape (height, width, >= 3)
+        Inverse depth (0 unknown) and slopes.
+    K : ndarray of shape (3, 3)
+        Intrinsics, pixel centres at (0.5, 0.5).
+
+    Returns
+    -------
+    depth : ndarray of shape (height, width), float32
+        0 where unknown.
+    normals : ndarray of shape (height, width, 3), float32
+        Unit vectors in the camera frame, towards the camera; 0 where unknown.
+    """
+    height, width = field.shape[:2]
+    w, gx, gy = (field[..., i] for i in range(3))
+    known = w > 0.0
+    depth = np.zeros_like(w)
+    np.divide(1.0, w, out=depth, where=known)
+    x = (np.arange(width, dtype=np.float32) + np.float32(0.5 - K[0, 2])) / np.float32(K[0, 0])
+    y = (np.arange(height, dtype=np.float32) + np.float32(0.5 - K[1, 2])) / np.float32(K[1, 1])
+    m1 = gx * np.float32(K[0, 0])
+    m2 = gy * np.float32(K[1, 1])
+    m3 = w - x[None, :] * m1 - y[:, None] * m2
+    normals = -np.stack([m1, m2, m3], axis=-1)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    np.divide(normals, length, out=normals, where=length > 0.0)
+    normals[~known] = 0.0
+    return depth, normals
+
+
+def maps_to_field(depth: np.ndarray, normals: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """Turn depth (height, width) and normals (height, width, 3) into a field with cost zero."""
+    height, width = depth.shape
+    x = (np.arange(width, dtype=np.float32) + np.float32(0.5 - K[0, 2])) / np.float32(K[0, 0])
+    y = (np.arange(height, dtype=np.float32) + np.float32(0.5 - K[1, 2])) / np.float32(K[1, 1])
+    along = normals[..., 0] * x[None, :] + normals[..., 1] * y[:, None] + normals[..., 2]
+    known = (depth > 0.0) & (along < 0.0)
+    field = np.zeros((height, width, 4), dtype=np.float32)
+    w = field[..., 0]
+    np.divide(1.0, depth, out=w, where=known)
+    ratio = np.zeros_like(w)
+    np.divide(w, along, out=ratio, where=known)
+    field[..., 1] = normals[..., 0] * ratio / np.float32(K[0, 0])
+    field[..., 2] = normals[..., 1] * ratio / np.float32(K[1, 1])
+    return field

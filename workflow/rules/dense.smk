@@ -1,0 +1,93 @@
+# Dense stereo in three steps: undistorted photos, depth maps, the fused cloud.
+
+
+rule undistort_photos:
+    input:
+        model="results/{tree}/sfm/model/images.bin",
+        photos=photos_of,
+        code=code("undistort_photos"),
+    output:
+        undistorted=ensure("results/{tree}/dense/undistorted.json", non_empty=True),
+    log:
+        "logs/undistort_photos/{tree}.log",
+    benchmark:
+        "benchmarks/undistort_photos/{tree}.tsv"
+    conda:
+        "../../envs/photogrammetry.yaml"
+    threads: 8
+    resources:
+        mem_mb=4000,
+        runtime=30,
+        gpu=0,
+    params:
+        max_image_size=cfg("mvs.max_image_size"),
+    message:
+        "{wildcards.tree}: undistort the photos"
+    script:
+        "../../scripts/undistort_photos.py"
+
+
+rule estimate_depth:
+    input:
+        undistorted="results/{tree}/dense/undistorted.json",
+        code=code("estimate_depth"),
+    output:
+        depth=ensure("results/{tree}/dense/depth.json", non_empty=True),
+    log:
+        "logs/estimate_depth/{tree}.log",
+    benchmark:
+        "benchmarks/estimate_depth/{tree}.tsv"
+    conda:
+        "../../envs/photogrammetry.yaml"
+    threads: 8
+    resources:
+        mem_mb=8000,
+        runtime=600,
+        gpu=0,
+    params:
+        backend=cfg("mvs.backend"),
+        n_sources=cfg("mvs.n_sources"),
+        n_best=cfg("mvs.n_best"),
+        n_iterations=cfg("mvs.n_iterations"),
+        window_radius=cfg("mvs.window_radius"),
+        color_spread=cfg("mvs.color_spread"),
+        min_texture=cfg("mvs.min_texture"),
+        max_cost=cfg("mvs.max_cost"),
+        geometric_weight=cfg("mvs.geometric_weight"),
+        max_error_px=cfg("mvs.max_error_px"),
+        min_consistent=cfg("mvs.min_consistent"),
+        seed=cfg("seed"),
+    message:
+        "{wildcards.tree}: estimate depth maps"
+    script:
+        "../../scripts/estimate_depth.py"
+
+
+rule fuse_depth:
+    input:
+        depth="results/{tree}/dense/depth.json",
+        code=code("fuse_depth"),
+    output:
+        cloud=ensure("results/{tree}/cloud.ply", non_empty=True),
+    log:
+        "logs/fuse_depth/{tree}.log",
+    benchmark:
+        "benchmarks/fuse_depth/{tree}.tsv"
+    conda:
+        "../../envs/photogrammetry.yaml"
+    threads: 8
+    resources:
+        mem_mb=8000,
+        runtime=120,
+        gpu=0,
+    params:
+        method=cfg("mvs.fusion"),
+        min_views=cfg("mvs.min_views"),
+        n_check=cfg("mvs.n_check"),
+        max_reproj_error_px=cfg("mvs.max_reproj_error_px"),
+        max_depth_error=cfg("mvs.max_depth_error"),
+        max_normal_error_deg=cfg("mvs.max_normal_error_deg"),
+    message:
+        "{wildcards.tree}: fuse the depth maps"
+    script:
+        "../../scripts/fuse_depth.py"
