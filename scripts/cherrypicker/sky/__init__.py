@@ -1,0 +1,1 @@
+"""Sky: network, training, masks of photos and dominant sky colours (paper, section Denoising)."""

@@ -1,0 +1,180 @@
+"""Dominant sky colours of a scan (paper, section Denoising).
+
+The RGB of sky pixels is jittered by N(0, 1/256), since clustering does not work on discrete values,
+and clustered with DBSCAN. Sky colours lie on curved sheets in the RGB cube, so a cluster is kept as
+the set of its core colours rather than as a mean.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+from sklearn.cluster import DBSCAN
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_npz, write_npz
+
+logger = logging.getLogger(__name__)
+
+JITTER = 1.0 / 256.0
+
+
+@dataclass(frozen=True)
+class SkyColors:
+    """Dominant sky colours.
+
+    Attributes
+    ----------
+    colors : ndarray of shape (n_colors, 3), float32
+        Core colours of the dominant clusters, RGB in [0, 1].
+    cluster : ndarray of shape (n_colors,), int32
+        Cluster of each colour, 0 the largest.
+    fraction : ndarray of shape (n_clusters,), float64
+        Share of the sampled sky pixels in each cluster.
+    n_sampled : int
+        Sky pixels that were clustered.
+    """
+
+    colors: np.ndarray
+    cluster: np.ndarray
+    fraction: np.ndarray
+    n_sampled: int
+
+    @property
+    def n_clusters(self) -> int:
+        """Number of dominant clusters, 0 in a scan without sky."""
+        return len(self.fraction)
+
+    def distance(self, colors: np.ndarray) -> np.ndarray:
+        """Distance of each colour of shape (n, 3) to the nearest sky colour; inf without any."""
+        if len(self.colors) == 0:
+            return np.full(len(colors), np.inf)
+        tree = cKDTree(self.colors.astype(np.float64))
+        return tree.query(np.asarray(colors, np.float64), workers=-1)[0]
+
+
+def sample_sky_pixels(
+    image: np.ndarray, mask: np.ndarray, n_samples: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Draw the colours of sky pixels that lie well inside the sky.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), uint8
+    mask : ndarray of shape (H, W), uint8
+        255 = sky.
+    n_samples : int
+        At most this many are drawn, without replacement.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray of shape (n, 3), uint8
+        n <= n_samples; none without sky.
+    """
+    # The border of the mask holds colours mixed from sky and wood.
+    reach = 2 * max(1, round(max(mask.shape) / 1000)) + 1
+    kernel = np.ones((reach, reach), np.uint8)
+    inside = np.flatnonzero(cv2.erode(mask, kernel, borderValue=255))
+    if len(inside) > n_samples:
+        inside = np.sort(rng.choice(inside, size=n_samples, replace=False))
+    return image.reshape(-1, 3)[inside]
+
+
+def cluster_sky_colors(
+    samples: np.ndarray,
+    *,
+    epsilon: float,
+    min_density: float,
+    min_fraction: float,
+    seed: int,
+) -> SkyColors:
+    """Cluster sampled sky colours and keep the dominant clusters.
+
+    Parameters
+    ----------
+    samples : ndarray of shape (n, 3), uint8
+    epsilon : float
+        DBSCAN's neighbourhood, distance in the RGB unit cube.
+    min_density : float
+        DBSCAN's ``min_samples`` as a share of all samples (10 at least).
+    min_fraction : float
+        A cluster with a smaller share of the samples is not dominant.
+    seed : int
+
+    Returns
+    -------
+    SkyColors
+        Clusters ordered by size; none when there are no samples.
+    """
+    n_samples = len(samples)
+    if n_samples == 0:
+        return _no_colors()
+    rng = np.random.default_rng(seed)
+    jittered = samples / 255.0 + rng.normal(0.0, JITTER, samples.shape)
+    # Equal cells are clustered once, with their count as weight. That bounds the neighbour lists,
+    # which would grow with the square of the samples under a white sky.
+    cells, inverse, counts = np.unique(
+        np.rint(jittered * 256).astype(np.int32), axis=0, return_inverse=True, return_counts=True
+    )
+    inverse = inverse.ravel()
+    min_samples = max(10, round(min_density * n_samples))
+    clustering = DBSCAN(eps=epsilon, min_samples=min_samples, n_jobs=1)
+    clustering.fit(cells / 256.0, sample_weight=counts)
+    is_core = np.zeros(len(cells), bool)
+    is_core[clustering.core_sample_indices_] = True
+    labels = clustering.labels_
+    n_found = int(labels.max()) + 1
+    share = np.bincount(labels[inverse] + 1, minlength=n_found + 1)[1:] / n_samples
+    order = np.argsort(-share, kind="stable")
+    dominant = order[share[order] >= min_fraction]
+    logger.info(
+        "sky colours: %d clusters in %d samples, %d dominant, %.1f %% noise",
+        *(n_found, n_samples, len(dominant), 100 * float(np.mean(labels[inverse] < 0))),
+    )
+    if len(dominant) == 0:
+        return _no_colors(n_samples)
+    rows = [np.flatnonzero(is_core & (labels == k)) for k in dominant]
+    return SkyColors(
+        colors=np.clip(cells[np.concatenate(rows)] / 256.0, 0, 1).astype(np.float32),
+        cluster=np.repeat(np.arange(len(rows), dtype=np.int32), [len(r) for r in rows]),
+        fraction=share[dominant],
+        n_sampled=n_samples,
+    )
+
+
+def _no_colors(n_sampled: int = 0) -> SkyColors:
+    return SkyColors(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0), n_sampled)
+
+
+def write_sky_colors(path, sky: SkyColors) -> None:
+    """Write sky colours as NPZ: ``colors``, ``cluster``, ``fraction``, ``n_sampled``."""
+    write_npz(
+        path,
+        colors=sky.colors,
+        cluster=sky.cluster,
+        fraction=sky.fraction,
+        n_sampled=np.int64(sky.n_sampled),
+    )
+
+
+def read_sky_colors(path) -> SkyColors:
+    """Read what `write_sky_colors` wrote.
+
+    Raises
+    ------
+    StageError
+        When the file is missing or not of that form.
+    """
+    data = read_npz(path, required=("colors", "cluster", "fraction", "n_sampled"))
+    colors, cluster, fraction = data["colors"], data["cluster"], data["fraction"]
+    if colors.ndim != 2 or colors.shape[1] != 3 or cluster.shape != (len(colors),):
+        raise StageError(
+            f"colors must be (n, 3) and cluster (n,), got {colors.shape}, {cluster.shape}",
+            file=path,
+        )
+    return SkyColors(colors, cluster, fraction, int(data["n_sampled"]))

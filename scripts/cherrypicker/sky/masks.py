@@ -1,0 +1,319 @@
+"""Sky masks of photos: the network at a working size, then the photo's own detail.
+
+The network sees a reduced photo, upright. Its probabilities are brought to full resolution by a
+guided filter [1]_ whose linear models are fitted at the working size and applied to the full photo
+[2]_, so that the mask follows edges that the network never saw. Twigs thinner than a pixel of the
+working size are then taken out of the sky by their contrast with the sky around them.
+
+References
+----------
+.. [1] He, Sun, Tang, "Guided image filtering", PAMI 2013.
+.. [2] He, Sun, "Fast guided filter", arXiv:1505.00996.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from scipy.ndimage import gaussian_filter
+
+from cherrypicker.sky.unet import SkyUNet, to_tensor
+
+#: Rows per strip at full resolution; bounds the memory, changes no result.
+STRIP_ROWS = 512
+
+#: The network is sure of sky above this probability, and of no sky below one minus it.
+SURE = 0.9
+#: Bins per channel of the colour histograms, and the share of pixels that counts as never seen.
+COLOR_BINS = 32
+COLOR_FLOOR = 1e-5
+#: Limits of the network's probability and of the colours' log odds when the two are added.
+LEAST_PROBABILITY = 0.005
+COLOR_LIMIT = 4.0
+#: How far sky reaches to make its neighbours sky, a share of the longer side; and the share of sky
+#: around a pixel from which its colour counts in full.
+SKY_REACH = 0.04
+NEAR_SHARE = 0.1
+
+# EXIF orientation -> what brings the stored pixels upright: (mirror left-right first, quarter turns
+# counter-clockwise as np.rot90 counts).
+_UPRIGHT = {
+    1: (False, 0),
+    2: (True, 0),
+    3: (False, 2),
+    4: (True, 2),
+    5: (True, 1),
+    6: (False, 3),
+    7: (True, 3),
+    8: (False, 1),
+}
+
+
+@dataclass(frozen=True)
+class MaskOptions:
+    """Settings of `sky_mask`; the fields are the config keys of ``sky``.
+
+    Attributes
+    ----------
+    working_side_px : int
+        Longer side that the network sees.
+    threshold : float
+        A pixel is sky above this probability.
+    guide_radius_px : int
+        Radius of the guided filter, working pixels.
+    guide_epsilon : float
+        Regularisation of its linear models (variance of colours in [0, 1]): larger is smoother.
+    color_weight : float
+        Weight of the photo's own sky and ground colours against the network, see
+        `refine_probability`; 0 for none.
+    twig_contrast : float
+        A thin structure this much darker in blue than the sky beside it is not sky; 0 turns
+        the test off.
+    """
+
+    working_side_px: int = 800
+    threshold: float = 0.5
+    guide_radius_px: int = 5
+    guide_epsilon: float = 3e-4
+    color_weight: float = 0.5
+    twig_contrast: float = 0.1
+
+
+def upright(image: np.ndarray, orientation: int) -> np.ndarray:
+    """Turn stored pixels upright, as EXIF orientation 1 to 8 says."""
+    mirror, turns = _UPRIGHT[orientation]
+    return np.rot90(image[:, ::-1] if mirror else image, turns)
+
+
+def as_stored(image: np.ndarray, orientation: int) -> np.ndarray:
+    """Undo `upright`."""
+    mirror, turns = _UPRIGHT[orientation]
+    image = np.rot90(image, -turns)
+    return image[:, ::-1] if mirror else image
+
+
+def reduce_photo(image: np.ndarray, working_side: int) -> np.ndarray:
+    """Reduce a photo to a longer side by area means; smaller photos stay as they are."""
+    scale = working_side / max(image.shape[:2])
+    if scale >= 1.0:
+        return image
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+def sky_probability(net: SkyUNet, image: np.ndarray, working_side: int) -> np.ndarray:
+    """Run the network on one upright photo, reduced to a working size.
+
+    Parameters
+    ----------
+    net : SkyUNet
+        In evaluation mode.
+    image : ndarray of shape (H, W, 3), uint8, RGB
+    working_side : int
+        Longer side in pixels that the network sees; smaller photos are not enlarged.
+
+    Returns
+    -------
+    ndarray of shape (h, w), float32
+        Probability of sky at the working size.
+    """
+    image = reduce_photo(image, working_side)
+    height, width = image.shape[:2]
+    bottom, right = -height % net.stride, -width % net.stride
+    padded = cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_REPLICATE)
+    with torch.inference_mode():
+        x = to_tensor(padded[None]).contiguous(memory_format=torch.channels_last)
+        logits = net.to(memory_format=torch.channels_last)(x)
+        probability = torch.sigmoid(logits)[0, 0, :height, :width]
+    return probability.float().numpy().copy()
+
+
+def guided_coefficients(
+    guide: np.ndarray, target: np.ndarray, radius: int, epsilon: float
+) -> np.ndarray:
+    """Fit the guided filter's local linear models ``target = a . guide + b``.
+
+    Parameters
+    ----------
+    guide : ndarray of shape (h, w, 3), float32 in [0, 1]
+    target : ndarray of shape (h, w), float32
+    radius : int
+        Half the window, pixels.
+    epsilon : float
+
+    Returns
+    -------
+    ndarray of shape (h, w, 4), float32
+        a (three channels) and b, each averaged over the windows that cover a pixel.
+    """
+    size = (2 * radius + 1, 2 * radius + 1)
+
+    def mean(array):
+        return cv2.blur(array, size, borderType=cv2.BORDER_REFLECT_101)
+
+    guide_mean, target_mean = mean(guide), mean(target)
+    covariance = mean(guide * target[..., None]) - guide_mean * target_mean[..., None]
+    products = (guide[..., :, None] * guide[..., None, :]).reshape(*target.shape, 9)
+    # cv2.blur takes any number of channels, but only four at a time quickly.
+    second = np.concatenate([mean(products[..., k : k + 3]) for k in (0, 3, 6)], axis=2)
+    sigma = second.reshape(*target.shape, 3, 3)
+    sigma = sigma - guide_mean[..., :, None] * guide_mean[..., None, :]
+    sigma = sigma + np.float32(epsilon) * np.eye(3, dtype=np.float32)
+    a = np.linalg.solve(sigma, covariance[..., None])[..., 0]
+    b = target_mean - np.sum(a * guide_mean, axis=2)
+    return np.dstack([mean(a.astype(np.float32)), mean(b.astype(np.float32))])
+
+
+def _enlarge(small: np.ndarray, size: tuple[int, int], top: int, rows: int) -> np.ndarray:
+    """Rows ``top`` to ``top + rows`` of a small image enlarged to (width, height) ``size``."""
+    fx, fy = small.shape[1] / size[0], small.shape[0] / size[1]
+    # Pixel centres lie at (0.5, 0.5) in both grids, array indices at whole numbers.
+    matrix = np.array([[fx, 0, 0.5 * fx - 0.5], [0, fy, (top + 0.5) * fy - 0.5]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return cv2.warpAffine(
+        small, matrix, (size[0], rows), flags=flags, borderMode=cv2.BORDER_REPLICATE
+    )
+
+
+def _twigs(image: np.ndarray, chroma_limit: np.ndarray, reach: int, contrast: float) -> np.ndarray:
+    """Find thin structures darker in blue than what surrounds them, and not bluer.
+
+    Blue separates wood from sky best: even lit bark holds less blue than a clear or white sky. A
+    gap between clouds is darker than the clouds as well, but bluer, and stays sky.
+    """
+    blue = np.ascontiguousarray(image[..., 2])
+    if reach > 7:  # fine photos: noise would pass for contrast
+        blue = cv2.blur(blue, (3, 3))
+    kernel = np.ones((reach, reach), np.uint8)
+    depth = cv2.subtract(cv2.morphologyEx(blue, cv2.MORPH_CLOSE, kernel), blue)
+    chroma = cv2.subtract(blue, np.ascontiguousarray(image[..., 0]))
+    return (depth > 255 * contrast) & (chroma < chroma_limit)
+
+
+def color_evidence(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
+    """Say by colour alone how much more likely each pixel is sky than not, within one photo.
+
+    Histograms of the colours where the network is sure are the photo's own models of sky and of
+    everything else: bark that the sun has bleached also stands before the ground, and the sky
+    between twigs has the colour of the open sky.
+
+    Parameters
+    ----------
+    image : ndarray of shape (h, w, 3), uint8
+    probability : ndarray of shape (h, w), float32
+
+    Returns
+    -------
+    ndarray of shape (h, w), float32
+        Log of the ratio of likelihoods; 0 where the photo has no sure sky or no sure ground.
+    """
+    sure = [probability > SURE, probability < 1 - SURE]
+    if min(np.count_nonzero(part) for part in sure) < COLOR_BINS**2:
+        return np.zeros(probability.shape, np.float32)
+    cells = (image // (256 // COLOR_BINS)).astype(np.int64)
+    cells = (cells[..., 0] * COLOR_BINS + cells[..., 1]) * COLOR_BINS + cells[..., 2]
+    logs = []
+    for part in sure:
+        counts = np.bincount(cells[part], minlength=COLOR_BINS**3).astype(np.float64)
+        smooth = gaussian_filter(counts.reshape((COLOR_BINS,) * 3), 1.0, mode="nearest")
+        logs.append(np.log(smooth.ravel() / counts.sum() + COLOR_FLOOR))
+    return (logs[0] - logs[1])[cells].astype(np.float32)
+
+
+def refine_probability(image: np.ndarray, probability: np.ndarray, weight: float) -> np.ndarray:
+    """Let the photo's own colours decide where the network is in doubt.
+
+    Log odds are added, each clipped, so that colour alone never overrules a sure network.
+
+    Parameters
+    ----------
+    image : ndarray of shape (h, w, 3), uint8
+    probability : ndarray of shape (h, w), float32
+    weight : float
+        Of the colours' log odds; 0 leaves the probability as it is.
+    """
+    if weight <= 0:
+        return probability
+    limited = np.clip(probability, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
+    odds = np.log(limited / (1 - limited))
+    evidence = np.clip(weight * color_evidence(image, probability), -COLOR_LIMIT, COLOR_LIMIT)
+    # A white marker on the ground may have the colour of a cloud: colour makes sky only near sky.
+    sigma = SKY_REACH * max(probability.shape)
+    near = cv2.GaussianBlur((probability > 0.5).astype(np.float32), (0, 0), sigma)
+    odds += np.where(evidence > 0, evidence * np.clip(near / NEAR_SHARE, 0, 1), evidence)
+    return (1 / (1 + np.exp(-odds))).astype(np.float32)
+
+
+def sky_mask(
+    net: SkyUNet, image: np.ndarray, options: MaskOptions, orientation: int = 1
+) -> np.ndarray:
+    """Make the sky mask of one photo at full resolution.
+
+    Parameters
+    ----------
+    net : SkyUNet
+        In evaluation mode.
+    image : ndarray of shape (H, W, 3), uint8, RGB
+        The stored pixels, EXIF orientation not applied.
+    options : MaskOptions
+    orientation : int, default 1
+        The photo's EXIF orientation; the network sees it upright, the mask comes as stored.
+
+    Returns
+    -------
+    ndarray of shape (H, W), uint8
+        255 = sky, 0 = not.
+    """
+    small = reduce_photo(image, options.working_side_px)
+    seen = np.ascontiguousarray(upright(small, orientation))
+    probability = sky_probability(net, seen, options.working_side_px)
+    return mask_from_probability(image, as_stored(probability, orientation), options)
+
+
+def mask_from_probability(
+    image: np.ndarray, probability: np.ndarray, options: MaskOptions
+) -> np.ndarray:
+    """Bring the network's probability to the full resolution and the edges of its photo.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), uint8
+    probability : ndarray of shape (h, w), float32
+        Of sky, at the working size, in the photo's orientation.
+    options : MaskOptions
+
+    Returns
+    -------
+    ndarray of shape (H, W), uint8
+        255 = sky, 0 = not.
+    """
+    height, width = image.shape[:2]
+    mask = np.zeros((height, width), np.uint8)
+    if probability.max() <= 1 - SURE:
+        return mask
+    small = reduce_photo(image, max(probability.shape))
+    probability = refine_probability(small, np.ascontiguousarray(probability), options.color_weight)
+    guide = small.astype(np.float32) / 255
+    models = guided_coefficients(guide, probability, options.guide_radius_px, options.guide_epsilon)
+    models[..., :3] /= 255
+    # Mean blueness of the sky around, for the twig test.
+    weight = cv2.blur(probability, (31, 31))
+    chroma = cv2.blur(probability * np.clip(guide[..., 2] - guide[..., 0], 0, 1), (31, 31))
+    chroma /= np.maximum(weight, 1e-3)
+    reach = max(5, round(2.5 * max(height, width) / max(small.shape[:2])) | 1)
+    for top in range(0, height, STRIP_ROWS):
+        bottom = min(top + STRIP_ROWS, height)
+        above, below = max(0, top - reach), min(height, bottom + reach)
+        strip = image[above:below]
+        size, rows = (width, height), below - above
+        model = _enlarge(models, size, above, rows)
+        value = np.einsum("ijk,ijk->ij", model[..., :3], strip, dtype=np.float32)
+        sky = value + model[..., 3] > options.threshold
+        if options.twig_contrast > 0 and sky.any():
+            limit = _enlarge(chroma, size, above, rows) * 255 + 8
+            sky &= ~_twigs(strip, limit, reach, options.twig_contrast)
+        mask[top:bottom][sky[top - above : bottom - above]] = 255
+    return mask

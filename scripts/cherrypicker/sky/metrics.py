@@ -1,0 +1,52 @@
+"""Agreement of sky masks with reference masks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class Confusion:
+    """Pixel counts of sky and ground over any number of masks.
+
+    Both F1 scores follow from the counts over all pixels, not from a mean over photos. The Dice
+    coefficient of the sky is the same number as its F1; the paper's "DICE loss 0.830" is ambiguous,
+    so the soft Dice of the probabilities is kept beside it.
+    """
+
+    def __init__(self) -> None:
+        self.counts = np.zeros((2, 2), np.int64)
+        self._soft = np.zeros(2)
+
+    def add(self, probability: np.ndarray, sky: np.ndarray, use: np.ndarray | None = None) -> None:
+        """Add one photo.
+
+        Parameters
+        ----------
+        probability : ndarray of shape (H, W), float in [0, 1]
+        sky : ndarray of shape (H, W), bool
+            The reference.
+        use : ndarray of shape (H, W), bool, optional
+            Pixels that count.
+        """
+        probability = np.asarray(probability, np.float64)
+        sky = np.asarray(sky, bool)
+        if use is not None:
+            probability, sky = probability[use], sky[use]
+        found = probability > 0.5
+        pair = 2 * sky.astype(np.int64) + found
+        self.counts += np.bincount(pair.ravel(), minlength=4).reshape(2, 2)
+        self._soft += 2 * probability[sky].sum(), probability.sum() + sky.sum()
+
+    def summary(self) -> dict[str, float]:
+        """Return ``f1_sky``, ``f1_ground``, ``dice_soft``, ``accuracy``; 1 where both are empty."""
+        (ground, wrong_sky), (missed, sky) = self.counts.tolist()
+
+        def ratio(a: float, b: float) -> float:
+            return float(a) / float(b) if b else 1.0
+
+        return {
+            "f1_sky": ratio(2 * sky, 2 * sky + wrong_sky + missed),
+            "f1_ground": ratio(2 * ground, 2 * ground + wrong_sky + missed),
+            "dice_soft": ratio(*self._soft),
+            "accuracy": ratio(ground + sky, self.counts.sum()),
+        }

@@ -1,0 +1,131 @@
+"""Masks and sky colours of all photos of one scan."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import atomic_path
+from cherrypicker.photos import exif_orientation, list_photos, read_photo
+from cherrypicker.progress import Progress
+from cherrypicker.sky.colors import sample_sky_pixels
+from cherrypicker.sky.masks import MaskOptions, sky_mask
+from cherrypicker.sky.unet import SkyUNet
+
+logger = logging.getLogger(__name__)
+
+
+def photos_by_stem(folder: Path) -> dict[str, Path]:
+    """List a folder's photos by stem, which names their mask.
+
+    Raises
+    ------
+    StageError
+        When two photos share a stem (case counts not, since not every file system tells it).
+    """
+    photos = list_photos(folder)
+    counts = Counter(p.stem.lower() for p in photos)
+    twins = [p.name for p in photos if counts[p.stem.lower()] > 1]
+    if twins:
+        raise StageError(
+            f"photos share a name but for the suffix: {', '.join(twins[:4])}; rename one",
+            file=folder,
+            key="photos in trees.tsv",
+        )
+    return {p.stem: p for p in photos}
+
+
+def write_mask(path: Path, mask: np.ndarray) -> None:
+    """Write a mask as PNG with one channel."""
+    with atomic_path(path) as tmp:
+        # Level 1: masks are large flat areas, more effort costs seconds and saves kilobytes.
+        if not cv2.imwrite(str(tmp), mask, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+            raise StageError("the sky mask cannot be written", file=path)
+
+
+def read_mask(path: Path, shape: tuple[int, int] | None = None) -> np.ndarray:
+    """Read a sky mask, (H, W) bool, True = sky.
+
+    Raises
+    ------
+    StageError
+        When it is missing, unreadable or not of the expected shape (height, width).
+    """
+    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if mask is None:
+        raise StageError("the sky mask is missing or unreadable", file=path)
+    if shape is not None and mask.shape != tuple(shape):
+        raise StageError(
+            f"the sky mask has {mask.shape[1]} x {mask.shape[0]} pixels, its photo "
+            f"{shape[1]} x {shape[0]}",
+            file=path,
+        )
+    return mask > 127
+
+
+def mask_photos(
+    net: SkyUNet,
+    folder: Path,
+    mask_folder: Path,
+    options: MaskOptions,
+    *,
+    n_samples: int,
+    seed: int,
+) -> np.ndarray:
+    """Write one mask per photo of a folder and sample the colours of the sky.
+
+    Parameters
+    ----------
+    net : SkyUNet
+        In evaluation mode.
+    folder, mask_folder : Path
+        Photos; ``{stem}.png`` per photo is written to ``mask_folder``.
+    options : MaskOptions
+    n_samples : int
+        Sky pixels sampled over all photos, at most; each photo gives at most its share.
+    seed : int
+
+    Returns
+    -------
+    ndarray of shape (n, 3), uint8
+        Sampled sky colours, in the order of the photos' names.
+
+    Raises
+    ------
+    StageError
+        When the folder is missing or empty, a photo is unreadable, or two share a stem.
+    """
+    photos = photos_by_stem(folder)
+    share = -(-n_samples // len(photos))
+    seeds = np.random.SeedSequence(seed).spawn(len(photos))
+    mask_folder.mkdir(parents=True, exist_ok=True)
+    samples, fractions = [], []
+
+    def load(path: Path) -> tuple[np.ndarray, int]:
+        return read_photo(path), exif_orientation(path)
+
+    with ThreadPoolExecutor(1) as reader, Progress(len(photos), "sky masks") as bar:
+        paths = list(photos.values())
+        pending = reader.submit(load, paths[0])
+        for index, stem in enumerate(photos):
+            image, orientation = pending.result()
+            if index + 1 < len(paths):  # decode the next photo while this one is worked on
+                pending = reader.submit(load, paths[index + 1])
+            mask = sky_mask(net, image, options, orientation)
+            write_mask(mask_folder / f"{stem}.png", mask)
+            rng = np.random.default_rng(seeds[index])
+            samples.append(sample_sky_pixels(image, mask, share, rng))
+            fractions.append(float(np.count_nonzero(mask)) / mask.size)
+            logger.info("%s: %.1f %% sky", paths[index].name, 100 * fractions[-1])
+            bar.step()
+    logger.info(
+        "sky in %d of %d photos, %.1f %% of the pixels on average",
+        *(sum(f > 0.001 for f in fractions), len(photos), 100 * float(np.mean(fractions))),
+    )
+    return np.concatenate(samples)

@@ -1,0 +1,96 @@
+"""Train the sky network on folders of photos with sky masks.
+
+Reads every images/ folder with a masks/ folder beside it (equal stems, 255 = sky) below the given
+folders; writes the weights, which ``sky.weights`` takes, and the metrics on the held-out photos. A
+checkpoint beside the weights lets a killed run go on. Example:
+
+    python scripts/train_sky.py --folders data/sky --holdout "sky/0001TP*" \\
+        --weights results/training/sky/sky_unet.npz --metrics results/training/sky/metrics.json
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import write_json
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.sky.augment import AugmentOptions
+from cherrypicker.sky.data import load_photos, split_photos
+from cherrypicker.sky.training import TrainOptions, train_network
+from cherrypicker.sky.unet import save_weights
+
+
+def main(
+    folders,
+    weights,
+    metrics,
+    *,
+    holdout,
+    validation_fraction,
+    epochs,
+    batch_size,
+    learning_rate,
+    learning_rate_decay,
+    image_size,
+    samples_per_epoch,
+    max_side_px,
+    elastic_px,
+    scale_range,
+    branch_fraction,
+    exchange_fraction,
+    seed,
+    threads,
+):
+    """Load photos and masks, train, save weights and metrics."""
+    if not folders:
+        raise StageError("no folder of photos with sky masks is given", key="train_sky.folders")
+    torch.set_num_threads(threads)
+    options = TrainOptions(
+        epochs=epochs,
+        batch_size=batch_size,
+        learning_rate=learning_rate,
+        learning_rate_decay=learning_rate_decay,
+        image_size=image_size,
+        samples_per_epoch=samples_per_epoch or None,
+        working_side=max_side_px,
+        seed=seed,
+        augment=AugmentOptions(
+            scale_range=tuple(scale_range),
+            elastic_px=elastic_px,
+            branch_fraction=branch_fraction,
+            exchange_fraction=exchange_fraction,
+        ),
+    )
+    photos = load_photos(folders, max_side_px)
+    training, validation = split_photos(photos, validation_fraction, holdout, seed)
+    checkpoint = Path(weights).with_name("checkpoint.pt")
+    net, history = train_network(training, validation, options, checkpoint)
+    save_weights(weights, net)
+    settings = {"options": asdict(options), "folders": list(folders), "holdout": list(holdout)}
+    counts = {"n_training": len(training), "n_validation": len(validation)}
+    write_json(metrics, {**settings, **counts, **history})
+    checkpoint.unlink(missing_ok=True)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--folders", nargs="+", required=True, help="folders of photos with masks")
+parser.add_argument("--weights", required=True, help="weights to write (NPZ)")
+parser.add_argument("--metrics", required=True, help="metrics to write (JSON)")
+parser.add_argument("--holdout", nargs="*", default=[], help="name patterns held out")
+parser.add_argument("--validation_fraction", type=float, default=0.2)
+parser.add_argument("--epochs", type=int, default=15)
+parser.add_argument("--batch_size", type=int, default=3)
+parser.add_argument("--learning_rate", type=float, default=1e-5)
+parser.add_argument("--learning_rate_decay", type=float, default=0.9)
+parser.add_argument("--image_size", type=int, default=400)
+parser.add_argument("--samples_per_epoch", type=int, default=0)
+parser.add_argument("--max_side_px", type=int, default=640)
+parser.add_argument("--elastic_px", type=float, default=4.0)
+parser.add_argument("--scale_range", type=float, nargs=2, default=[0.5, 1.6])
+parser.add_argument("--branch_fraction", type=float, default=0.45)
+parser.add_argument("--exchange_fraction", type=float, default=0.35)
+parser.add_argument("--seed", type=int, default=0)
+parser.add_argument("--threads", type=int, default=2)
+run(main, parser, globals().get("snakemake"))
