@@ -1,0 +1,156 @@
+"""Outlier and sky-silhouette filters."""
+
+import numpy as np
+import pytest
+
+from cherrypicker.denoise import (
+    DenoiseOptions,
+    SkyEvidence,
+    denoise_cloud,
+    sky_evidence,
+    statistical_inliers,
+)
+from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.poses import Poses
+from cherrypicker.sky.colors import SkyColors
+
+WHITE = np.array([0.9, 0.93, 0.97])
+BARK = np.array([0.35, 0.28, 0.22])
+WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
+SKY = SkyColors(WHITE[None].astype(np.float32), np.zeros(1, np.int32), np.ones(1), 100)
+
+
+def ring(n_views=12, distance=3.0, height=1.0):
+    """Level cameras on a circle that look at the z axis."""
+    angles = np.linspace(0, 2 * np.pi, n_views, endpoint=False)
+    matrices = []
+    for a in angles:
+        forward = -np.array([np.cos(a), np.sin(a), 0.0])
+        right = np.cross(forward, [0, 0, 1.0])
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        centre = np.array([distance * np.cos(a), distance * np.sin(a), height])
+        matrices.append(np.hstack([rotation, -(rotation @ centre)[:, None]]))
+    K = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
+    return Poses(
+        names=np.array([f"{k}.jpg" for k in range(n_views)]),
+        cam_from_world=np.array(matrices),
+        K=np.repeat(K[None], n_views, axis=0),
+        width=np.full(n_views, WIDTH),
+        height=np.full(n_views, HEIGHT),
+    )
+
+
+def pinhole(_, in_camera):
+    return FOCAL * in_camera[:, :2] / in_camera[:, 2:] + (WIDTH / 2, HEIGHT / 2)
+
+
+def pole_with_fringe():
+    """A pole of 2 cm radius, white below 0.6 m, and a sky-coloured sheath 3 cm off above 1.2 m."""
+    rng = np.random.default_rng(0)
+
+    def tube(radius, low, high, n):
+        a, z = rng.uniform(0, 2 * np.pi, n), rng.uniform(low, high, n)
+        return np.column_stack([radius * np.cos(a), radius * np.sin(a), z])
+
+    pole, fringe = tube(0.02, 0.2, 1.7, 6000), tube(0.05, 1.2, 1.7, 300)
+    colors = np.tile(BARK, (6000, 1))
+    colors[pole[:, 2] < 0.6] = WHITE
+    points = np.vstack([pole, fringe])
+    colors = np.vstack([colors, np.tile(WHITE, (300, 1))])
+    return PointCloud(points, colors), np.arange(len(points)) >= 6000
+
+
+def masks_of_pole(poses):
+    """Sky everywhere but on the pole and below the horizon."""
+    columns = np.abs(np.arange(WIDTH) + 0.5 - WIDTH / 2)
+    sky = np.broadcast_to(columns > FOCAL * 0.02 / 3.0 + 0.5, (HEIGHT, WIDTH)).copy()
+    sky[HEIGHT // 2 :] = False
+    return lambda i: sky
+
+
+def evidence_of(poses):
+    sky = masks_of_pole(poses)
+    return lambda points, rows: sky_evidence(points, rows, poses, pinhole, sky)
+
+
+@pytest.mark.parametrize(("k", "ratio"), [(20, 2.0), (8, 0.5), (30, 1.0)])
+def test_statistical_filter_is_open3d_s(k, ratio):
+    o3d = pytest.importorskip("open3d")
+    rng = np.random.default_rng(1)
+    points = np.vstack([rng.normal(0, 0.1, (3000, 3)), rng.uniform(-3, 3, (100, 3))])
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    _, kept = cloud.remove_statistical_outlier(nb_neighbors=k, std_ratio=ratio)
+    found = np.flatnonzero(statistical_inliers(points, k, ratio))
+    assert np.array_equal(found, np.sort(np.asarray(kept)))
+
+
+def test_isolated_points_go():
+    rng = np.random.default_rng(2)
+    line = np.column_stack([np.linspace(0, 1, 2000), *rng.normal(0, 0.002, (2, 2000))])
+    far = rng.uniform(2, 4, (20, 3))
+    keep = statistical_inliers(np.vstack([line, far]), 20, 3.0)
+    assert keep[:2000].mean() > 0.99 and not keep[2000:].any()
+
+
+def test_tiny_clouds_stay_whole():
+    assert statistical_inliers(np.zeros((1, 3)), 20, 2.0).all()
+    assert statistical_inliers(np.zeros((5, 3)), 20, 2.0).all()
+
+
+def test_fringe_goes_and_white_paint_stays():
+    cloud, is_fringe = pole_with_fringe()
+    poses = ring()
+    options = DenoiseOptions(use_statistical=False)
+    kept, report = denoise_cloud(cloud, SKY, evidence_of(poses), options)
+    fringe_left = np.isin(cloud.points[is_fringe], kept.points).all(axis=1).mean()
+    # What lies in front of or behind the pole in half the photos cannot be told from paint.
+    assert fringe_left < 0.25
+    assert len(kept) >= np.count_nonzero(~is_fringe)
+    assert report["n_input"] == len(cloud)
+    assert report["n_removed_sky"] == len(cloud) - len(kept)
+    assert report["n_kept_by_photos"] + report["n_removed_sky"] == report["n_sky_colored"]
+
+
+def test_points_behind_the_pole_are_not_asked_of_photos_that_cannot_see_them():
+    poses = ring(4)
+    wall = np.column_stack(
+        [np.full(90_000, 0.5), *np.random.default_rng(3).uniform(-1, 1, (2, 90_000))]
+    )
+    wall[:, 2] += 1.0
+    hidden = np.array([[-0.5, 0.0, 1.0]])  # photo 0 stands at x = 3 and looks at the wall
+    points = np.vstack([wall, hidden])
+    all_sky = np.ones((HEIGHT, WIDTH), bool)
+    evidence = sky_evidence(points, np.array([90_000]), poses, pinhole, lambda i: all_sky)
+    assert evidence.n_seen[0] == 3 and evidence.n_non_sky[0] == 0
+
+
+def test_points_out_of_every_frame_stay():
+    cloud = PointCloud(np.array([[0, 0, 50.0], [0, 0, 51.0]]), np.tile(WHITE, (2, 1)))
+    options = DenoiseOptions(use_statistical=False)
+    kept, _ = denoise_cloud(cloud, SKY, evidence_of(ring()), options)
+    assert len(kept) == 2
+
+
+def test_without_sky_or_colors_nothing_is_asked():
+    def never(points, rows):
+        raise AssertionError("asked")
+
+    cloud, _ = pole_with_fringe()
+    none = SkyColors(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0), 0)
+    options = DenoiseOptions(use_statistical=False)
+    assert len(denoise_cloud(cloud, none, never, options)[0]) == len(cloud)
+    bare = PointCloud(cloud.points)
+    assert len(denoise_cloud(bare, SKY, never, options)[0]) == len(cloud)
+
+
+def test_nothing_left_is_an_error_that_names_the_key():
+    cloud = PointCloud(np.random.default_rng(0).random((50, 3)), np.tile(WHITE, (50, 1)))
+
+    def all_sky(points, rows):
+        return SkyEvidence(np.full(len(rows), 5), np.zeros(len(rows)))
+
+    with pytest.raises(StageError, match=r"denoise\.min_non_sky_fraction"):
+        denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(use_statistical=False))
+    with pytest.raises(StageError, match=r"denoise\.std_ratio"):
+        denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(std_ratio=-100.0))

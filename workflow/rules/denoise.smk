@@ -1,0 +1,36 @@
+# Isolated points and sky silhouettes out of the cropped cloud.
+
+
+rule denoise_cloud:
+    input:
+        cloud="results/{tree}/cropped.ply",
+        poses="results/{tree}/aligned_poses.npz",
+        cameras="results/{tree}/sfm/model/cameras.bin",
+        masks="results/{tree}/sky",
+        sky_colors="results/{tree}/sky_colors.npz",
+        code=code("denoise_cloud"),
+    output:
+        denoised=ensure("results/{tree}/denoised.ply", non_empty=True),
+        report="results/{tree}/denoise.json",
+    log:
+        "logs/denoise_cloud/{tree}.log",
+    benchmark:
+        "benchmarks/denoise_cloud/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+        runtime=30,
+        gpu=0,
+    params:
+        use_statistical=cfg("denoise.use_statistical"),
+        n_neighbors=cfg("denoise.n_neighbors"),
+        std_ratio=cfg("denoise.std_ratio"),
+        use_sky=cfg("denoise.use_sky"),
+        sky_color_distance=cfg("denoise.sky_color_distance"),
+        min_non_sky_fraction=cfg("denoise.min_non_sky_fraction"),
+    message:
+        "{wildcards.tree}: remove outliers and sky silhouettes"
+    script:
+        "../../scripts/denoise_cloud.py"
