@@ -77,22 +77,22 @@ def random_view(rng, side, tilt_deg=50):
     return corners, tuple(np.ceil(corners.max(axis=0) + 0.5 * side + 6).astype(int)[::-1])
 
 
-@pytest.mark.parametrize("gamma", [1.0, 2.2])
 @pytest.mark.parametrize(
-    ("dictionary", "side", "blur", "limit"),
+    ("dictionary", "side", "blur", "gamma", "limit"),
     [
-        ("DICT_5X5_250", 25, 0.6, 0.003),
-        ("DICT_4X4_50", 55, 0.5, 0.001),
-        ("DICT_5X5_250", 55, 0.9, 0.001),
-        ("DICT_APRILTAG_36h11", 55, 0.7, 0.001),
-        ("DICT_6X6_250", 110, 0.8, 0.001),
+        ("DICT_5X5_250", 25, 0.6, 1.0, 0.003),
+        ("DICT_5X5_250", 25, 0.6, 2.2, 0.003),
+        ("DICT_4X4_50", 55, 0.5, 1.0, 0.001),
+        ("DICT_5X5_250", 55, 0.9, 2.2, 0.001),
+        ("DICT_APRILTAG_36h11", 55, 0.7, 2.2, 0.001),
+        ("DICT_6X6_250", 110, 0.8, 2.2, 0.001),
     ],
 )
-def test_fitted_sides_have_no_bias(dictionary, side, blur, limit, gamma):
+def test_fitted_sides_have_no_bias(dictionary, side, blur, gamma, limit):
     """cornerSubPix alone shrinks these markers by 0.5 to 4 %."""
     rng = np.random.default_rng(side)
     ratios, errors = [], []
-    for marker_id in range(6):
+    for marker_id in range(4):
         corners, shape = random_view(rng, side)
         image = np.full(shape, 0.4)
         pattern = pattern_of(dictionary, marker_id)

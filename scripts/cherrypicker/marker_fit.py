@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-_N_MODEL = 9  # four corners, and the blur
 _MAX_PIXELS = 4000
 _MARGIN_MODULES = 0.8
 _NODES = 5
 # Below this share of well explained pixels the paper is not flat, or a shadow lies across it.
-_MIN_COVERED = 0.93
+_MIN_COVERED = 0.9
 
 
 @dataclass(frozen=True)
@@ -39,8 +38,8 @@ class MarkerFit:
     covered : float
         Share of the pixels that the fit used at more than half weight.
     is_flat : bool
-        Whether one homography explains the whole marker. Where not (curled paper), each corner was
-        fitted to its own surroundings.
+        Whether one homography explains the whole marker; where not (curled paper), the corners are
+        those of its flat part, extended.
     """
 
     corners: np.ndarray
@@ -162,17 +161,17 @@ def fit_marker(grey, corners, grid, pixel_map=None, *, max_iterations=25):
     # Centred coordinates keep the normal equations well conditioned.
     model = np.append((start - middle).ravel(), min(max(0.2 * side / len(grid), 0.6), 2.0))
     pixels = pixels - middle
-    whole = _Problem(grid, pixels, values, side, _identity, _photometric)
-    fitted = _levenberg_marquardt(whole, model, max_iterations)
+    problem = _Problem(grid, pixels, values, side)
+    fitted = _levenberg_marquardt(problem, model, max_iterations)
     if fitted is None:
         return None
     model, std, agreement, weights = fitted
     covered = float((weights > 0.5).mean())
-    is_flat = covered >= _MIN_COVERED
-    corners = model[:8].reshape(4, 2)
-    if not is_flat:
-        corners, std = _fit_each_corner(model, std, grid, pixels, values, side)
-    return MarkerFit(corners + middle, std, float(model[8]), agreement, covered, is_flat)
+    corners = model[:8].reshape(4, 2) + middle
+    # A shadow across the marker leaves pixels unexplained too, but then the corners stay.
+    moved = np.linalg.norm(corners - start, axis=1).max()
+    is_flat = covered >= _MIN_COVERED or moved < max(1.5, 0.015 * side)
+    return MarkerFit(corners, std, float(model[8]), agreement, covered, bool(is_flat))
 
 
 def _pixels_around(shape, corners, n_modules):
@@ -205,8 +204,8 @@ def _pixels_around(shape, corners, n_modules):
     return columns, rows
 
 
-def _photometric(coverage, pixels, values, weights, side):
-    """Best tone curve, with smooth shading, for a coverage; residuals and fitted values.
+def _photometric_residuals(coverage, pixels, values, weights, side):
+    """What the best tone curve, with smooth shading, leaves unexplained for a coverage.
 
     Grey is ``a(x, y) c + b(x, y) + q c (1 - c)``: shading linear in x and y for white, linear for
     black, and a bow that stands for gamma and for the blooming of white into black.
@@ -227,43 +226,34 @@ def _photometric(coverage, pixels, values, weights, side):
     )
     weighted = basis * weights[:, None]
     left = weighted.T @ basis + 1e-9 * len(values) * np.eye(basis.shape[1])
-    solution = np.linalg.solve(left, weighted.T @ values)
-    return values - basis @ solution, solution
+    return values - basis @ np.linalg.solve(left, weighted.T @ values)
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """What a fit compares: pixels and their values, the model's parameters, the tone curve."""
+    """What a fit compares: the pattern, pixels and their grey values."""
 
     grid: np.ndarray
     pixels: np.ndarray
     values: np.ndarray
     side: float
-    full_model: object  # parameters to corners and blur
-    photometric: object
 
-    def residuals(self, parameters, weights):
-        coverage = _render(self.full_model(parameters), self.grid, self.pixels)
-        return self.photometric(coverage, self.pixels, self.values, weights, self.side)[0]
+    def residuals(self, model, weights):
+        coverage = _render(model, self.grid, self.pixels)
+        return _photometric_residuals(coverage, self.pixels, self.values, weights, self.side)
 
-    def jacobian(self, parameters, residuals, weights, step=0.02):
+    def jacobian(self, model, residuals, weights, step=0.02):
         columns = []
-        for k in range(len(parameters)):
-            trial = parameters.copy()
+        for k in range(len(model)):
+            trial = model.copy()
             trial[k] += step
             columns.append((self.residuals(trial, weights) - residuals) / step)
         return np.stack(columns, axis=1)
 
     def limited(self, trial):
         """Keep the blur in bounds; None for corners that cross over."""
-        trial = trial.copy()
-        if len(trial) == _N_MODEL:
-            trial[8] = np.clip(trial[8], 0.35, 0.5 * self.side / len(self.grid) + 1.5)
-        return trial if _is_convex(self.full_model(trial)[:8].reshape(4, 2)) else None
-
-
-def _identity(parameters):
-    return parameters
+        trial[8] = np.clip(trial[8], 0.35, 0.5 * self.side / len(self.grid) + 1.5)
+        return trial if _is_convex(trial[:8].reshape(4, 2)) else None
 
 
 def _levenberg_marquardt(problem, model, max_iterations):
@@ -312,44 +302,6 @@ def _levenberg_marquardt(problem, model, max_iterations):
     # Neighbouring pixels share their noise (demosaicing, JPEG): about four count as one.
     std = float(2 * np.sqrt(np.mean(np.diag(covariance)[:8])))
     return model, std, agreement, weights
-
-
-def _fit_each_corner(model, std, grid, pixels, values, side):
-    """Corners of curled paper: an affine correction of the whole fit around each corner.
-
-    Returns
-    -------
-    corners : ndarray of shape (4, 2)
-    std : float
-    """
-    whole, blur = model[:8].reshape(4, 2), model[8]
-    tone = _photometric(_render(model, grid, pixels), pixels, values, np.ones(len(values)), side)[1]
-    bow, skew = tone[6] / tone[1], tone[7] / tone[1]
-    module = side / len(grid)
-    corners = whole.copy()
-    for k in range(4):
-        near = np.abs(pixels - whole[k]).max(axis=1) < 1.7 * module
-        if near.sum() < 25:
-            continue
-
-        def moved(parameters, pivot=whole[k]):
-            shift, matrix = parameters[:2], parameters[2:6].reshape(2, 2) / module
-            relative = whole - pivot
-            return np.append((whole + shift + relative @ matrix.T).ravel(), blur)
-
-        def photometric(coverage, _, values, weights, __):
-            curved = coverage + coverage * (1 - coverage) * (bow + skew * (1 - 2 * coverage))
-            basis = np.stack([np.ones_like(curved), curved], axis=1)
-            left = (basis * weights[:, None]).T @ basis + 1e-9 * len(values) * np.eye(2)
-            solution = np.linalg.solve(left, (basis * weights[:, None]).T @ values)
-            return values - basis @ solution, solution
-
-        local = _Problem(grid, pixels[near], values[near], side, moved, photometric)
-        fitted = _levenberg_marquardt(local, np.zeros(6), 15)
-        if fitted is not None and fitted[2] > 0.8:
-            corners[k] = whole[k] + fitted[0][:2]
-            std = max(std, fitted[1])
-    return corners, std
 
 
 def _tukey(ratio):

@@ -253,7 +253,9 @@ def _measure_marker(marker_id, side_m, detections, cam_from_world, *, min_images
     if len({detection.photo for detection in precise}) >= max(min_images, 2):
         detections = precise
     elif detections:
-        report["flags"].append("coarse corners: the pattern is blurred or partly covered")
+        report["flags"].append(
+            "coarse corners: the paper is not flat, or the pattern is blurred or covered"
+        )
     if len({detection.photo for detection in detections}) < min_images:
         report["flags"].append(f"seen in fewer than {min_images} photos")
         return report

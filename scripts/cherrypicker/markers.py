@@ -21,6 +21,7 @@ _SIDE_BOUNDS_M = (0.005, 2.0)
 # A marker that explains less of the grey values than this is no such marker, or is covered.
 _MIN_AGREEMENT = 0.6
 _COARSE_STD_PX = 1.0
+_COARSE_STD_SIDES = 0.02
 # Photos up to this size are searched once more at twice the size for small markers.
 _UPSCALE_BELOW_PX = 4_000_000
 _COMMON_DICTIONARIES = (
@@ -54,7 +55,7 @@ class Detection:
     side_px : float
         Mean side in the photo, px.
     is_precise : bool
-        False where only the detector's coarse corners could be had.
+        False where the pattern is not matched, or the paper is not flat.
     """
 
     photo: int
@@ -277,16 +278,19 @@ def _refine(index, marker_id, corners, grey, camera, pattern):
         return None
     side = float(np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1)))
     fit = fit_marker(grey, corners, pattern, undistorted_px)
-    is_precise = (
+    is_found = (
         fit is not None
         and fit.agreement >= _MIN_AGREEMENT
         and np.abs(fit.corners - start).max() < max(1.5, 1.5 * side / len(pattern))
     )
-    if is_precise:
-        corners, std = fit.corners, max(fit.corner_std, 0.02)
+    if not is_found:
+        corners, std = start, max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
+    elif not fit.is_flat:
+        corners, std = fit.corners, max(0.5 * _COARSE_STD_PX, 0.5 * _COARSE_STD_SIDES * side)
     else:
-        corners, std = start, _COARSE_STD_PX
-    return Detection(index, marker_id, corners / focal, focal, std, side, bool(is_precise))
+        corners, std = fit.corners, max(fit.corner_std, 0.02)
+    is_precise = bool(is_found and fit.is_flat)
+    return Detection(index, marker_id, corners / focal, focal, std, side, is_precise)
 
 
 def suggest_dictionaries(photos, *, n_photos=6):
