@@ -1,11 +1,12 @@
 """Remove isolated points and sky silhouettes from the cropped cloud.
 
-Reads cropped.ply, aligned_poses.npz, the sparse model (lens distortion), the sky masks and
-sky_colors.npz; writes denoised.ply and denoise.json with the number of points each filter removed.
-Example:
+Reads cropped.ply, aligned_poses.npz, the sparse model (lens distortion), the photos, their sky
+masks and sky_colors.npz; writes denoised.ply and denoise.json with the number of points that each
+filter removed. Example:
 
     python scripts/denoise_cloud.py --cloud cropped.ply --poses aligned_poses.npz \\
-        --cameras sfm/model/cameras.bin --masks sky --sky_colors sky_colors.npz \\
+        --cameras sfm/model/cameras.bin --photo_folder photos --masks sky \\
+        --sky_colors sky_colors.npz --use_statistical --use_sky \\
         --denoised denoised.ply --report denoise.json
 """
 
@@ -15,6 +16,7 @@ from pathlib import Path
 from cherrypicker.denoise import DenoiseOptions, denoise_cloud, sky_evidence
 from cherrypicker.files import write_json
 from cherrypicker.lens import PhotoLenses
+from cherrypicker.photos import read_photo
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
@@ -26,6 +28,7 @@ def main(
     cloud,
     poses,
     cameras,
+    photo_folder,
     masks,
     sky_colors,
     denoised,
@@ -36,6 +39,7 @@ def main(
     std_ratio,
     use_sky,
     sky_color_distance,
+    same_color_distance,
     min_non_sky_fraction,
 ):
     """Load cloud, poses, lenses and sky, filter, save cloud and counts."""
@@ -45,17 +49,23 @@ def main(
         std_ratio=std_ratio,
         use_sky=use_sky,
         sky_color_distance=sky_color_distance,
+        same_color_distance=same_color_distance,
         min_non_sky_fraction=min_non_sky_fraction,
     )
     views = read_poses(poses)
     lenses = PhotoLenses(Path(cameras).parent, views.names)
+
+    def look(i):
+        name = str(views.names[i])
+        mask = read_mask(Path(masks) / f"{Path(name).stem}.png", lenses.shape(i))
+        return read_photo(Path(photo_folder) / name), mask
+
     evidence = partial(
         sky_evidence,
         poses=views,
         to_photo=lenses.to_photo,
-        read_sky=lambda i: read_mask(
-            Path(masks) / f"{Path(str(views.names[i])).stem}.png", lenses.shape(i)
-        ),
+        look=look,
+        same_color_distance=same_color_distance,
     )
     kept, counts = denoise_cloud(read_cloud(cloud), read_sky_colors(sky_colors), evidence, options)
     write_cloud(denoised, kept)
@@ -66,6 +76,7 @@ parser = stage_parser(__doc__)
 parser.add_argument("--cloud", required=True, help="cropped cloud")
 parser.add_argument("--poses", required=True, help="poses in the cloud's frame")
 parser.add_argument("--cameras", required=True, help="cameras.bin in the folder of the model")
+parser.add_argument("--photo_folder", required=True, help="folder of photos")
 parser.add_argument("--masks", required=True, help="folder of sky masks")
 parser.add_argument("--sky_colors", required=True, help="dominant sky colours")
 parser.add_argument("--denoised", required=True, help="cloud to write")
@@ -74,6 +85,7 @@ parser.add_argument("--use_statistical", action="store_true")
 parser.add_argument("--n_neighbors", type=int, default=20)
 parser.add_argument("--std_ratio", type=float, default=3.0)
 parser.add_argument("--use_sky", action="store_true")
-parser.add_argument("--sky_color_distance", type=float, default=0.08)
+parser.add_argument("--sky_color_distance", type=float, default=0.1)
+parser.add_argument("--same_color_distance", type=float, default=0.15)
 parser.add_argument("--min_non_sky_fraction", type=float, default=0.5)
 run(main, parser, globals().get("snakemake"))

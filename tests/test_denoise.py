@@ -61,17 +61,20 @@ def pole_with_fringe():
     return PointCloud(points, colors), np.arange(len(points)) >= 6000
 
 
-def masks_of_pole(poses):
-    """Sky everywhere but on the pole and below the horizon."""
+def photo_of_pole(i):
+    """The pole, painted below 0.6 m; behind it sky in every third photo, else a dark wood."""
     columns = np.abs(np.arange(WIDTH) + 0.5 - WIDTH / 2)
-    sky = np.broadcast_to(columns > FOCAL * 0.02 / 3.0 + 0.5, (HEIGHT, WIDTH)).copy()
-    sky[HEIGHT // 2 :] = False
-    return lambda i: sky
+    off_pole = np.broadcast_to(columns > FOCAL * 0.02 / 3.0 + 0.5, (HEIGHT, WIDTH))
+    sky = off_pole & (np.arange(HEIGHT) < HEIGHT // 2)[:, None] & (i % 3 == 0)
+    image = np.tile(BARK, (HEIGHT, WIDTH, 1))
+    image[off_pole] = 0.1
+    image[(HEIGHT + 80) // 2 :][~off_pole[(HEIGHT + 80) // 2 :]] = WHITE
+    image[sky] = WHITE
+    return np.rint(image * 255).astype(np.uint8), sky
 
 
-def evidence_of(poses):
-    sky = masks_of_pole(poses)
-    return lambda points, rows: sky_evidence(points, rows, poses, pinhole, sky)
+def evidence_of(poses, look=photo_of_pole):
+    return lambda cloud, rows: sky_evidence(cloud, rows, poses, pinhole, look, 0.15)
 
 
 @pytest.mark.parametrize(("k", "ratio"), [(20, 2.0), (8, 0.5), (30, 1.0)])
@@ -104,8 +107,7 @@ def test_fringe_goes_and_white_paint_stays():
     options = DenoiseOptions(use_statistical=False)
     kept, report = denoise_cloud(cloud, SKY, evidence_of(poses), options)
     fringe_left = np.isin(cloud.points[is_fringe], kept.points).all(axis=1).mean()
-    # What lies in front of or behind the pole in half the photos cannot be told from paint.
-    assert fringe_left < 0.25
+    assert fringe_left < 0.05
     assert len(kept) >= np.count_nonzero(~is_fringe)
     assert report["n_input"] == len(cloud)
     assert report["n_removed_sky"] == len(cloud) - len(kept)
@@ -120,9 +122,19 @@ def test_points_behind_the_pole_are_not_asked_of_photos_that_cannot_see_them():
     wall[:, 2] += 1.0
     hidden = np.array([[-0.5, 0.0, 1.0]])  # photo 0 stands at x = 3 and looks at the wall
     points = np.vstack([wall, hidden])
-    all_sky = np.ones((HEIGHT, WIDTH), bool)
-    evidence = sky_evidence(points, np.array([90_000]), poses, pinhole, lambda i: all_sky)
-    assert evidence.n_seen[0] == 3 and evidence.n_non_sky[0] == 0
+    cloud = PointCloud(points, np.tile(WHITE, (len(points), 1)))
+    all_sky = np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.ones((HEIGHT, WIDTH), bool)
+    evidence = evidence_of(poses, lambda i: all_sky)(cloud, np.array([90_000]))
+    assert evidence.n_sky[0] == 3 and evidence.n_non_sky[0] == 0
+
+
+def test_a_photo_of_another_color_does_not_see_the_point():
+    cloud = PointCloud(np.array([[0.0, 0.0, 1.0]]), WHITE[None])
+    ground = np.zeros((HEIGHT, WIDTH), bool)
+    dark = np.full((HEIGHT, WIDTH, 3), 20, np.uint8)
+    paint = np.rint(np.tile(WHITE * 255, (HEIGHT, WIDTH, 1))).astype(np.uint8)
+    seen = evidence_of(ring(5), lambda i: (paint if i < 2 else dark, ground))(cloud, np.array([0]))
+    assert seen.n_non_sky[0] == 2 and seen.n_sky[0] == 0
 
 
 def test_points_out_of_every_frame_stay():
@@ -133,7 +145,7 @@ def test_points_out_of_every_frame_stay():
 
 
 def test_without_sky_or_colors_nothing_is_asked():
-    def never(points, rows):
+    def never(cloud, rows):
         raise AssertionError("asked")
 
     cloud, _ = pole_with_fringe()
@@ -147,7 +159,7 @@ def test_without_sky_or_colors_nothing_is_asked():
 def test_nothing_left_is_an_error_that_names_the_key():
     cloud = PointCloud(np.random.default_rng(0).random((50, 3)), np.tile(WHITE, (50, 1)))
 
-    def all_sky(points, rows):
+    def all_sky(cloud, rows):
         return SkyEvidence(np.full(len(rows), 5), np.zeros(len(rows)))
 
     with pytest.raises(StageError, match=r"denoise\.min_non_sky_fraction"):

@@ -4,7 +4,11 @@ Two filters, in the paper's order. The statistical one removes points far from t
 The sky filter removes points that bear a dominant sky colour: stereo windows reach over the border
 of a thin branch and give its neighbourhood the branch's depth and the sky's colour. Colour alone
 would also eat white paint, lichen and sunlit bark, so the photos decide (this is ours, not the
-paper's): a point of sky colour goes only where the sky masks of the photos that see it say sky.
+paper's): a point of sky colour goes only where most photos that see it show sky.
+
+A photo that looks through a silhouette at the ground behind does not see the point: its pixel has
+another colour. Such photos are not counted, else they would outvote the few that look up against
+the sky, and hardly any silhouette would go.
 """
 
 from __future__ import annotations
@@ -40,7 +44,8 @@ class DenoiseOptions:
     n_neighbors: int = 20
     std_ratio: float = 3.0
     use_sky: bool = True
-    sky_color_distance: float = 0.08
+    sky_color_distance: float = 0.1
+    same_color_distance: float = 0.15
     min_non_sky_fraction: float = 0.5
 
 
@@ -50,13 +55,13 @@ class SkyEvidence:
 
     Attributes
     ----------
-    n_seen : ndarray of shape (n,), int32
-        Photos in which a point is in the frame and not hidden.
+    n_sky : ndarray of shape (n,), int32
+        Photos that show sky where the point should be, nothing of the cloud before it.
     n_non_sky : ndarray of shape (n,), int32
-        Those among them whose mask says not-sky there.
+        Photos that show something else there, of the point's colour.
     """
 
-    n_seen: np.ndarray
+    n_sky: np.ndarray
     n_non_sky: np.ndarray
 
 
@@ -128,18 +133,19 @@ def _visible(poses: Poses, i: int, points: np.ndarray, candidates: np.ndarray) -
 
 
 def sky_evidence(
-    points: np.ndarray,
+    cloud: PointCloud,
     candidates: np.ndarray,
     poses: Poses,
     to_photo: Callable[[int, np.ndarray], np.ndarray],
-    read_sky: Callable[[int], np.ndarray],
+    look: Callable[[int], tuple[np.ndarray, np.ndarray]],
+    same_color_distance: float,
 ) -> SkyEvidence:
-    """Ask the sky masks of all photos about some points of a cloud.
+    """Ask all photos about some points of a cloud.
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-        The whole cloud, which hides points from photos.
+    cloud : PointCloud
+        With colours; all of it, since its points hide each other.
     candidates : ndarray of shape (n,), int
         Rows of the points asked about.
     poses : Poses
@@ -147,26 +153,32 @@ def sky_evidence(
     to_photo : callable
         ``to_photo(i, in_camera)`` projects camera coordinates (m, 3) to the pixels (m, 2) of the
         photo as stored, lens distortion included.
-    read_sky : callable
-        ``read_sky(i)`` returns the photo's sky mask, (H, W) bool.
+    look : callable
+        ``look(i)`` returns the photo, (H, W, 3) uint8, and its sky mask, (H, W) bool.
+    same_color_distance : float
+        A photo whose pixel is not sky sees the point only if its colour is this near.
     """
-    n_seen = np.zeros(len(candidates), np.int32)
+    n_sky = np.zeros(len(candidates), np.int32)
     n_non_sky = np.zeros(len(candidates), np.int32)
-    with Progress(len(poses), "sky masks of the photos") as bar:
+    with Progress(len(poses), "photos asked about sky silhouettes") as bar:
         for i in range(len(poses)):
-            rows = np.flatnonzero(_visible(poses, i, points, candidates))
+            rows = np.flatnonzero(_visible(poses, i, cloud.points, candidates))
             if len(rows):
-                sky = read_sky(i)
-                at = points[candidates[rows]]
+                image, sky = look(i)
+                at = cloud.points[candidates[rows]]
                 in_camera = at @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
                 uv = to_photo(i, in_camera)
                 with np.errstate(invalid="ignore"):
                     inside = (uv >= 0).all(axis=1) & (uv < sky.shape[::-1]).all(axis=1)
-                rows, pixel = rows[inside], uv[inside].astype(np.int64)
-                n_seen[rows] += 1
-                n_non_sky[rows] += ~sky[pixel[:, 1], pixel[:, 0]]
+                rows = rows[inside]
+                column, line = uv[inside].astype(np.int64).T
+                is_sky = sky[line, column]
+                offset = image[line, column] / 255.0 - cloud.colors[candidates[rows]]
+                alike = np.linalg.norm(offset, axis=1) <= same_color_distance
+                n_sky[rows] += is_sky
+                n_non_sky[rows] += ~is_sky & alike
             bar.step()
-    return SkyEvidence(n_seen, n_non_sky)
+    return SkyEvidence(n_sky, n_non_sky)
 
 
 def _share(part: int, whole: int) -> str:
@@ -176,7 +188,7 @@ def _share(part: int, whole: int) -> str:
 def denoise_cloud(
     cloud: PointCloud,
     sky: SkyColors,
-    evidence_of: Callable[[np.ndarray, np.ndarray], SkyEvidence],
+    evidence_of: Callable[[PointCloud, np.ndarray], SkyEvidence],
     options: DenoiseOptions,
 ) -> tuple[PointCloud, dict]:
     """Remove isolated points, then sky silhouettes.
@@ -188,7 +200,7 @@ def denoise_cloud(
     sky : SkyColors
         Dominant sky colours; without any the sky filter has nothing to do.
     evidence_of : callable
-        ``evidence_of(points, candidates)`` returns a `SkyEvidence`, see `sky_evidence`.
+        ``evidence_of(cloud, candidates)`` returns a `SkyEvidence`, see `sky_evidence`.
     options : DenoiseOptions
 
     Returns
@@ -234,10 +246,11 @@ def _remove_sky(cloud, sky, evidence_of, options) -> tuple[PointCloud, dict]:
     logger.info("sky filter: %s have a sky colour", _share(len(candidates), len(cloud)))
     if len(candidates) == 0:
         return cloud, {}
-    evidence = evidence_of(cloud.points, candidates)
+    evidence = evidence_of(cloud, candidates)
+    n_seen = evidence.n_sky + evidence.n_non_sky
     # A point that no photo sees has nothing but its colour against it, and stays.
-    non_sky = evidence.n_non_sky / np.maximum(evidence.n_seen, 1)
-    spared = (evidence.n_seen == 0) | (non_sky >= options.min_non_sky_fraction)
+    share = evidence.n_non_sky / np.maximum(n_seen, 1)
+    spared = (n_seen == 0) | (share >= options.min_non_sky_fraction)
     removed = candidates[~spared]
     counts = {
         "n_sky_colored": len(candidates),

@@ -6,6 +6,7 @@ rule denoise_cloud:
         cloud="results/{tree}/cropped.ply",
         poses="results/{tree}/aligned_poses.npz",
         cameras="results/{tree}/sfm/model/cameras.bin",
+        photos=photos_of,
         masks="results/{tree}/sky",
         sky_colors="results/{tree}/sky_colors.npz",
         code=code("denoise_cloud"),
@@ -24,11 +25,13 @@ rule denoise_cloud:
         runtime=30,
         gpu=0,
     params:
+        photo_folder=row("photos"),
         use_statistical=cfg("denoise.use_statistical"),
         n_neighbors=cfg("denoise.n_neighbors"),
         std_ratio=cfg("denoise.std_ratio"),
         use_sky=cfg("denoise.use_sky"),
         sky_color_distance=cfg("denoise.sky_color_distance"),
+        same_color_distance=cfg("denoise.same_color_distance"),
         min_non_sky_fraction=cfg("denoise.min_non_sky_fraction"),
     message:
         "{wildcards.tree}: remove outliers and sky silhouettes"
