@@ -329,7 +329,7 @@ def _foot(upright, scene, warnings):
         warnings.append("no stem found: x and y are centred on the point that the cameras look at")
     else:
         xy, inner = np.array([stem.x, stem.y]), 1.5 * stem.radius
-    z = ground_height_at(upright, xy, 0.2 * scene.distance, inner, tolerance)
+    z = ground_height_at(upright, xy, 0.12 * scene.distance, inner, tolerance)
     if z is None:
         warnings.append("no ground seen at the target's foot: z = 0 is only approximate")
         z = 0.0

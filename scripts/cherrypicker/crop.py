@@ -92,7 +92,11 @@ def crop_roi(points, poses, *, margin_fraction=0.0, target_xy=None, seed=0):
             "upside down",
             key="align.up_from",
         )
-    others = [s for s in stems if s is not stem and _inside(s, box)]
+    apart = 0.12 * distance
+    beside = [s for s in stems if s is not stem and _inside(s, box)]
+    others = [
+        s for s in beside if s.has_crown and np.hypot(s.x - target[0], s.y - target[1]) > apart
+    ]
     for other in others:
         warnings.append(
             f"another stem stands in the region of interest at x {other.x:.3g}, y {other.y:.3g}, "
@@ -115,6 +119,7 @@ def crop_roi(points, poses, *, margin_fraction=0.0, target_xy=None, seed=0):
         "target_source": source,
         "stem": None if stem is None else stem.as_dict(),
         "other_stems": [other.as_dict() for other in others],
+        "posts": [other.as_dict() for other in beside if other not in others],
         "look_at": look_at,
         "camera_distance": distance,
         "box": {"x": box[:, 0], "y": box[:, 1], "z_min": floor},

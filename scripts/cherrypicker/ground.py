@@ -180,7 +180,7 @@ def _share_beneath(plane, inliers, centers, target, distance):
     return float(min(1.0, 2 * (nearest < 0.3 * distance).mean()))
 
 
-def ground_cells(points, cell, reach, tolerance):
+def ground_cells(points, cell, reach, tolerance, quantile=0.1):
     """Low points of the cells of a grid around the z axis: the ground where it was seen.
 
     Parameters
@@ -193,11 +193,13 @@ def ground_cells(points, cell, reach, tolerance):
         Radius about the z axis.
     tolerance : float
         Points further than this from z = 0 are no ground.
+    quantile : float, default 0.1
+        Of z in a cell; low, since what is not ground stands on it.
 
     Returns
     -------
     ndarray of shape (n_cells, 3)
-        Mean x, y and the tenth percentile of z of each cell.
+        Mean x, y and the quantile of z of each cell.
     """
     near = (np.hypot(points[:, 0], points[:, 1]) < reach) & (np.abs(points[:, 2]) < tolerance)
     points = points[near]
@@ -210,7 +212,7 @@ def ground_cells(points, cell, reach, tolerance):
     points, flat = points[order], flat[order]
     starts = np.flatnonzero(np.diff(flat, prepend=-1))
     counts = np.diff(starts, append=len(flat))
-    low = points[starts + (0.1 * (counts - 1)).astype(int), 2]
+    low = points[starts + (quantile * (counts - 1)).astype(int), 2]
     middle = np.add.reduceat(points[:, :2], starts, axis=0) / counts[:, None]
     cells = np.column_stack([middle, low])[counts >= 3]
     return cells
@@ -311,9 +313,10 @@ def ground_height_at(points, xy, radius, inner_radius, tolerance):
     for factor in (1.0, 2.0, 4.0):
         reach = factor * radius
         ring = local[(ranges > inner_radius) & (ranges < reach)]
-        cells = ground_cells(ring, reach / 8, reach, tolerance)
+        # Small cells hold little but ground, so their middle is not pulled down by the noise.
+        cells = ground_cells(ring, reach / 12, reach, tolerance, quantile=0.4)
         if len(cells) >= 12:
-            coefficients, _ = fit_slope(cells, 0.1 * reach)
+            coefficients, _ = fit_slope(cells, 0.05 * reach)
             return float(coefficients[0])
     return None
 

@@ -8,12 +8,15 @@ from scipy import ndimage
 # Fractions of the cameras' distance to what they look at. Trees are photographed so that they fill
 # the frame: a stem of 4 to 30 cm seen from 2.5 to 5 m lies well inside these.
 _CELL = 0.015
+_FINE_CELL = 0.006
 _LAYER = 0.02
 _FOOT_BAND = (0.04, 0.16)
 _REACH_UP = 0.5
 _MIN_HEIGHT = 0.18
 _MAX_RADIUS = 0.09
 _MAX_LEAN_DEG = 30.0
+_N_SECTORS = 12
+_CROWN_SECTORS = 5
 
 
 @dataclass(frozen=True)
@@ -30,10 +33,13 @@ class Stem:
         How high the structure could be followed from layer to layer.
     lean_deg : float
         Angle of its axis to z.
+    wobble : float
+        Root mean square deviation of the structure from its straight axis.
     n_points : int
         Points of the foot.
-    wood_above : int
-        Occupied voxels above, within a quarter of the cameras' distance: a post has few.
+    crown_sectors : int
+        In how many of 12 directions wood reaches out above: a post or a sign has few, but for one
+        that stands within a crown.
     distance : float
         Horizontal distance of the foot to the point that the cameras look at.
     """
@@ -43,9 +49,15 @@ class Stem:
     radius: float
     height: float
     lean_deg: float
+    wobble: float
     n_points: int
-    wood_above: int
+    crown_sectors: int
     distance: float
+
+    @property
+    def has_crown(self):
+        """Whether it looks like a tree rather than a bare post."""
+        return self.crown_sectors >= _CROWN_SECTORS
 
     def as_dict(self):
         """Plain dictionary for JSON."""
@@ -84,50 +96,66 @@ def find_stems(points, look_at_xy, distance, ground_z=0.0, reach=1.5):
     band = local[(local[:, 2] > 0) & (local[:, 2] < _REACH_UP)]
     if len(band) < 30:
         return []
-    occupancy = _occupancy(band, reach)
-    footprints = _footprints(occupancy)
     stems = []
-    for label, (rows, columns) in enumerate(ndimage.find_objects(footprints), 1):
-        extent = max(rows.stop - rows.start, columns.stop - columns.start) * _CELL
-        if extent > 2.5 * _MAX_RADIUS + 0.05:
-            continue
-        cells = np.argwhere(footprints == label) if extent > 0 else np.empty((0, 2))
-        center = (cells.mean(axis=0) + 0.5) * _CELL - reach
-        stem = _measure(local, band, center, distance, look_at_xy)
-        if stem is not None:
-            stems.append(stem)
-    return _rank(_merge(stems, distance), distance)
+    for footprint in _footprints(band, reach):
+        for center, capture in _split(band, footprint):
+            stem = _measure(local, band, center, capture)
+            if stem is not None:
+                stems.append(stem)
+    stems = _rank(_merge(stems))
+    return [_in_units(stem, distance, look_at_xy) for stem in stems]
 
 
-def _occupancy(band, reach):
-    """Boolean grid of shape (n, n, n_layers) over x, y and the layers above the ground."""
+def _footprints(band, reach):
+    """Centres of the cells of each small footprint that is filled from the ground upwards."""
     n = int(np.ceil(2 * reach / _CELL))
-    n_layers = int(np.ceil(_REACH_UP / _LAYER))
-    index = np.column_stack(
-        [
-            np.clip(((band[:, :2] + reach) / _CELL).astype(int), 0, n - 1),
-            np.clip((band[:, 2] / _LAYER).astype(int), 0, n_layers - 1),
-        ]
-    )
-    occupancy = np.zeros((n, n, n_layers), bool)
-    occupancy[tuple(index.T)] = True
-    return occupancy
-
-
-def _footprints(occupancy):
-    """Labelled cells whose surroundings are filled in nearly all layers of the foot band."""
     first, last = (int(round(value / _LAYER)) for value in _FOOT_BAND)
-    foot = occupancy[:, :, first:last]
-    grown = ndimage.binary_dilation(foot, structure=np.ones((3, 3, 1), bool))
-    filled = grown.mean(axis=2) >= 0.8
-    standing = filled & foot.any(axis=2)
+    layer = (band[:, 2] / _LAYER).astype(int)
+    foot = band[(layer >= first) & (layer < last)]
+    columns = np.clip(((foot[:, :2] + reach) / _CELL).astype(int), 0, n - 1)
+    occupied = np.zeros((n, n, last - first), bool)
+    occupied[columns[:, 0], columns[:, 1], (foot[:, 2] / _LAYER).astype(int) - first] = True
+    grown = ndimage.binary_dilation(occupied, structure=np.ones((3, 3, 1), bool))
+    standing = (grown.mean(axis=2) >= 0.8) & occupied.any(axis=2)
     labels, _ = ndimage.label(standing, structure=np.ones((3, 3), int))
-    return labels
+    footprints = []
+    for label, (rows, lines) in enumerate(ndimage.find_objects(labels), 1):
+        extent = max(rows.stop - rows.start, lines.stop - lines.start) * _CELL
+        if extent <= 2.5 * _MAX_RADIUS + 0.05:
+            footprints.append((np.argwhere(labels == label) + 0.5) * _CELL - reach)
+    return footprints
 
 
-def _measure(local, band, center, distance, look_at_xy):
-    """Axis, radius and height of the structure at a footprint, or None if it is no stem."""
-    track = _follow(band, center)
+def _split(band, footprint):
+    """Centre and capture radius of each structure in a footprint: a stem and its support post.
+
+    Seen from above on a fine grid the two part where a finger's width lies between them.
+    """
+    center = footprint.mean(axis=0)
+    foot = band[(band[:, 2] > _FOOT_BAND[0]) & (band[:, 2] < _FOOT_BAND[1])]
+    reach = np.abs(footprint - center).max() + _CELL
+    foot = foot[(np.abs(foot[:, :2] - center) < reach).all(axis=1)]
+    n = int(np.ceil(2 * reach / _FINE_CELL))
+    cells = np.clip(((foot[:, :2] - center + reach) / _FINE_CELL).astype(int), 0, n - 1)
+    plan = np.zeros((n, n), bool)
+    plan[cells[:, 0], cells[:, 1]] = True
+    plan = ndimage.binary_closing(np.pad(plan, 2), structure=np.ones((3, 3)))[2:-2, 2:-2]
+    labels, n_labels = ndimage.label(plan, structure=np.ones((3, 3), int))
+    n_layers = (_FOOT_BAND[1] - _FOOT_BAND[0]) / _LAYER
+    parts = []
+    for label in range(1, n_labels + 1):
+        own = foot[labels[cells[:, 0], cells[:, 1]] == label]
+        if len(np.unique((own[:, 2] / _LAYER).astype(int))) >= 0.6 * n_layers:
+            low, high = np.percentile(own[:, :2], [3, 97], axis=0)
+            parts.append((0.5 * (low + high), 0.5 * (high - low).max() + _CELL))
+    if len(parts) < 2:
+        return [(center, _MAX_RADIUS)]
+    return [(middle, min(capture, _MAX_RADIUS)) for middle, capture in parts]
+
+
+def _measure(local, band, center, capture):
+    """The structure at a footprint, in units of the cameras' distance; None if it is no stem."""
+    track = _follow(band, center, capture)
     if len(track) < 4 or track[-1, 2] < _MIN_HEIGHT:
         return None
     low = track[track[:, 2] < max(0.25, _MIN_HEIGHT + _LAYER)]
@@ -136,35 +164,51 @@ def _measure(local, band, center, distance, look_at_xy):
     lean = np.degrees(np.arctan(np.hypot(slope_x, slope_y)))
     if lean > _MAX_LEAN_DEG:
         return None
-    ranges = np.hypot(
-        local[:, 0] - foot_x - slope_x * local[:, 2], local[:, 1] - foot_y - slope_y * local[:, 2]
+    axis_x, axis_y = foot_x + slope_x * local[:, 2], foot_y + slope_y * local[:, 2]
+    ranges = np.hypot(local[:, 0] - axis_x, local[:, 1] - axis_y)
+    in_foot = (local[:, 2] > _FOOT_BAND[0]) & (local[:, 2] < 0.25)
+    foot = in_foot & (ranges < min(1.5 * _MAX_RADIUS, 2 * capture))
+    own = in_foot & (ranges < capture)
+    radius = float(np.median(ranges[foot if capture == _MAX_RADIUS else own]))
+    if radius > _MAX_RADIUS or _goes_on_beside(local, ranges, foot_x, foot_y):
+        return None
+    straight_x = np.polyval(np.polyfit(track[:, 2], track[:, 0], 1), track[:, 2])
+    straight_y = np.polyval(np.polyfit(track[:, 2], track[:, 1], 1), track[:, 2])
+    wobble = np.hypot(track[:, 0] - straight_x, track[:, 1] - straight_y)
+    above = local[(ranges > 0.05) & (ranges < 0.25) & (local[:, 2] > 0.2)]
+    sectors = _sectors(above, foot_x, foot_y, _N_SECTORS)
+    reached = sum(_n_voxels(above[sectors == k], 0.02) >= 4 for k in range(_N_SECTORS))
+    return Stem(
+        x=float(foot_x),
+        y=float(foot_y),
+        radius=radius,
+        height=float(track[-1, 2]),
+        lean_deg=float(lean),
+        wobble=float(np.sqrt(np.mean(wobble**2))),
+        n_points=int(foot.sum()),
+        crown_sectors=int(reached),
+        distance=float(np.hypot(foot_x, foot_y)),
     )
-    foot = (ranges < 1.5 * _MAX_RADIUS) & (local[:, 2] > _FOOT_BAND[0]) & (local[:, 2] < 0.25)
-    radius = float(np.median(ranges[foot]))
-    # What goes on to more than one side is a hedge, a wall, a statue or tall grass, not a stem; a
-    # neighbouring post stands on one side only.
+
+
+def _goes_on_beside(local, ranges, foot_x, foot_y):
+    """Whether a footprint is part of a hedge, a wall, a statue or tall grass.
+
+    These go on to more than one side; a neighbouring post stands on one side only.
+    """
     low = (local[:, 2] > _FOOT_BAND[0]) & (local[:, 2] < _FOOT_BAND[1])
     inside = _n_voxels(local[low & (ranges < 1.5 * _MAX_RADIUS)])
     ring = local[low & (ranges >= 1.5 * _MAX_RADIUS) & (ranges < 3 * _MAX_RADIUS)]
-    azimuth = np.arctan2(ring[:, 1] - foot_y, ring[:, 0] - foot_x)
-    sector = np.floor((azimuth + np.pi) / (2 * np.pi) * 8).astype(int) % 8
-    counts = np.array([_n_voxels(ring[sector == k]) for k in range(8)])
+    sectors = _sectors(ring, foot_x, foot_y, 8)
+    counts = np.array([_n_voxels(ring[sectors == k]) for k in range(8)])
     beside = counts.sum() - (counts + np.roll(counts, -1)).max()
-    if radius > _MAX_RADIUS or beside > 0.4 * inside:
-        return None
-    above = local[(ranges < 0.25) & (local[:, 2] > 0.25)]
-    wood = _n_voxels(above, 0.03)
-    x, y = np.array([foot_x, foot_y]) * distance + look_at_xy
-    return Stem(
-        x=float(x),
-        y=float(y),
-        radius=radius * distance,
-        height=float(track[-1, 2]) * distance,
-        lean_deg=float(lean),
-        n_points=int(foot.sum()),
-        wood_above=int(wood),
-        distance=float(np.hypot(foot_x, foot_y) * distance),
-    )
+    return beside > 0.4 * inside
+
+
+def _sectors(points, x, y, n):
+    """Index of the direction, one of n, in which each point lies from x, y."""
+    azimuth = np.arctan2(points[:, 1] - y, points[:, 0] - x)
+    return np.floor((azimuth + np.pi) / (2 * np.pi) * n).astype(int) % n
 
 
 def _n_voxels(points, size=_CELL):
@@ -172,15 +216,14 @@ def _n_voxels(points, size=_CELL):
     return len(np.unique(np.floor(points / size).astype(int), axis=0)) if len(points) else 0
 
 
-def _follow(band, center, max_gap=2):
+def _follow(band, center, capture, max_gap=2):
     """Centres (x, y, z) of the structure in each layer, followed upwards from its foot."""
     track, gap = [], 0
     position, velocity = np.array(center), np.zeros(2)
+    layers = np.floor(band[:, 2] / _LAYER).astype(int)
     for layer in range(int(round(_FOOT_BAND[0] / _LAYER)), int(round(_REACH_UP / _LAYER))):
-        z = (layer + 0.5) * _LAYER
-        rows = band[np.abs(band[:, 2] - z) < _LAYER / 2, :2]
-        predicted = position + velocity
-        close = rows[np.hypot(*(rows - predicted).T) < _MAX_RADIUS]
+        rows = band[layers == layer, :2]
+        close = rows[np.hypot(*(rows - position - velocity).T) < capture]
         if len(close) < 2:
             gap += 1
             if gap > max_gap:
@@ -188,32 +231,46 @@ def _follow(band, center, max_gap=2):
             continue
         gap = 0
         # Midway between the extremes: a side seen by more cameras must not pull the centre over.
-        low, high = np.percentile(close, [5, 95], axis=0)
-        new_position = 0.5 * (low + high)
+        new_position = np.percentile(close, [5, 95], axis=0).mean(axis=0)
         if track:
             velocity = 0.7 * velocity + 0.3 * np.clip(new_position - position, -_LAYER, _LAYER)
         position = new_position
-        track.append([*position, z])
+        track.append([*position, (layer + 0.5) * _LAYER])
     return np.array(track).reshape(-1, 3)
 
 
-def _merge(stems, distance):
-    """Keep the best supported of candidates that stand within two stem widths of each other."""
+def _merge(stems):
+    """Keep the best supported of candidates that overlap."""
     kept = []
     for stem in sorted(stems, key=lambda s: (-s.n_points, s.distance)):
-        gaps = [np.hypot(stem.x - other.x, stem.y - other.y) for other in kept]
-        widths = [max(2 * (stem.radius + other.radius), 0.04 * distance) for other in kept]
-        if all(gap > width for gap, width in zip(gaps, widths)):
+        if all(
+            np.hypot(stem.x - other.x, stem.y - other.y)
+            > max(1.3 * (stem.radius + other.radius), 0.03)
+            for other in kept
+        ):
             kept.append(stem)
     return kept
 
 
-def _rank(stems, distance):
-    """Order by distance to the look-at point; a crown is worth 0.15 of the cameras' distance."""
-    most = max((stem.wood_above for stem in stems), default=0)
+def _rank(stems):
+    """Order by distance to the look-at point, trees before posts that are a little nearer."""
 
     def cost(stem):
-        crown = min(1.0, stem.wood_above / (0.3 * most)) if most else 0.0
-        return stem.distance / distance - 0.15 * crown
+        crown = min(1.0, stem.crown_sectors / _CROWN_SECTORS)
+        # A post is straighter and more upright than any stem.
+        like_post = np.exp(-((stem.wobble / 0.004) ** 2) - (stem.lean_deg / 2) ** 2)
+        return stem.distance - 0.15 * crown + 0.06 * like_post
 
     return sorted(stems, key=cost)
+
+
+def _in_units(stem, distance, look_at_xy):
+    """A stem measured in camera distances about the look-at point, in the cloud's own frame."""
+    lengths = {
+        name: getattr(stem, name) * distance for name in ("radius", "height", "wobble", "distance")
+    }
+    position = {
+        "x": float(stem.x * distance + look_at_xy[0]),
+        "y": float(stem.y * distance + look_at_xy[1]),
+    }
+    return Stem(**(asdict(stem) | lengths | position))
