@@ -148,7 +148,7 @@ def _split(band, footprint):
         if len(np.unique((own[:, 2] / _LAYER).astype(int))) >= 0.6 * n_layers:
             low, high = np.percentile(own[:, :2], [3, 97], axis=0)
             parts.append((0.5 * (low + high), 0.5 * (high - low).max() + _CELL))
-    if len(parts) < 2:
+    if not parts:
         return [(center, _MAX_RADIUS)]
     return [(middle, min(capture, _MAX_RADIUS)) for middle, capture in parts]
 
@@ -167,9 +167,10 @@ def _measure(local, band, center, capture):
     axis_x, axis_y = foot_x + slope_x * local[:, 2], foot_y + slope_y * local[:, 2]
     ranges = np.hypot(local[:, 0] - axis_x, local[:, 1] - axis_y)
     in_foot = (local[:, 2] > _FOOT_BAND[0]) & (local[:, 2] < 0.25)
-    foot = in_foot & (ranges < min(1.5 * _MAX_RADIUS, 2 * capture))
-    own = in_foot & (ranges < capture)
-    radius = float(np.median(ranges[foot if capture == _MAX_RADIUS else own]))
+    foot = in_foot & (ranges < capture)
+    if not foot.any():
+        return None
+    radius = float(np.median(ranges[foot]))
     if radius > _MAX_RADIUS or _goes_on_beside(local, ranges, foot_x, foot_y):
         return None
     straight_x = np.polyval(np.polyfit(track[:, 2], track[:, 0], 1), track[:, 2])
