@@ -1,9 +1,10 @@
 """Find stems: thin, upright structures that stand on the ground, in a cloud without scale."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 # Fractions of the cameras' distance to what they look at. Trees are photographed so that they fill
 # the frame: a stem of 4 to 30 cm seen from 2.5 to 5 m lies well inside these.
@@ -17,6 +18,8 @@ _MAX_RADIUS = 0.09
 _MAX_LEAN_DEG = 30.0
 _N_SECTORS = 12
 _CROWN_SECTORS = 5
+# Signs end below; a tree that fills the frame does not.
+_CROWN_FROM = 0.38
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,7 @@ def find_stems(points, look_at_xy, distance, ground_z=0.0, reach=1.5):
             stem = _measure(local, band, center, capture)
             if stem is not None:
                 stems.append(stem)
-    stems = _rank(_merge(stems))
+    stems = _rank(_with_crowns(_merge(stems), local))
     return [_in_units(stem, distance, look_at_xy) for stem in stems]
 
 
@@ -176,9 +179,6 @@ def _measure(local, band, center, capture):
     straight_x = np.polyval(np.polyfit(track[:, 2], track[:, 0], 1), track[:, 2])
     straight_y = np.polyval(np.polyfit(track[:, 2], track[:, 1], 1), track[:, 2])
     wobble = np.hypot(track[:, 0] - straight_x, track[:, 1] - straight_y)
-    above = local[(ranges > 0.05) & (ranges < 0.25) & (local[:, 2] > 0.2)]
-    sectors = _sectors(above, foot_x, foot_y, _N_SECTORS)
-    reached = sum(_n_voxels(above[sectors == k], 0.02) >= 4 for k in range(_N_SECTORS))
     return Stem(
         x=float(foot_x),
         y=float(foot_y),
@@ -187,9 +187,28 @@ def _measure(local, band, center, capture):
         lean_deg=float(lean),
         wobble=float(np.sqrt(np.mean(wobble**2))),
         n_points=int(foot.sum()),
-        crown_sectors=int(reached),
+        crown_sectors=0,
         distance=float(np.hypot(foot_x, foot_y)),
     )
+
+
+def _with_crowns(stems, local):
+    """Count the directions in which wood reaches out above each stem.
+
+    What is nearer to another stem is that one's wood: a sign under a crown has none of its own.
+    """
+    if not stems:
+        return []
+    above = local[local[:, 2] > _CROWN_FROM]
+    feet = np.array([[stem.x, stem.y] for stem in stems])
+    gaps, owners = cKDTree(feet).query(above[:, :2])
+    result = []
+    for index, stem in enumerate(stems):
+        own = above[(owners == index) & (gaps > 0.04) & (gaps < 0.25)]
+        sectors = _sectors(own, stem.x, stem.y, _N_SECTORS)
+        reached = sum(_n_voxels(own[sectors == k], 0.02) >= 4 for k in range(_N_SECTORS))
+        result.append(replace(stem, crown_sectors=int(reached)))
+    return result
 
 
 def _goes_on_beside(local, ranges, foot_x, foot_y):
@@ -274,4 +293,4 @@ def _in_units(stem, distance, look_at_xy):
         "x": float(stem.x * distance + look_at_xy[0]),
         "y": float(stem.y * distance + look_at_xy[1]),
     }
-    return Stem(**(asdict(stem) | lengths | position))
+    return replace(stem, **lengths, **position)
