@@ -37,6 +37,7 @@ def main(
     use_statistical,
     n_neighbors,
     std_ratio,
+    min_view_ratio,
     use_sky,
     sky_color_distance,
     same_color_distance,
@@ -47,6 +48,7 @@ def main(
         use_statistical=use_statistical,
         n_neighbors=n_neighbors,
         std_ratio=std_ratio,
+        min_view_ratio=min_view_ratio,
         use_sky=use_sky,
         sky_color_distance=sky_color_distance,
         same_color_distance=same_color_distance,
@@ -84,6 +86,7 @@ parser.add_argument("--report", required=True, help="counts to write (JSON)")
 parser.add_argument("--use_statistical", action="store_true")
 parser.add_argument("--n_neighbors", type=int, default=20)
 parser.add_argument("--std_ratio", type=float, default=3.0)
+parser.add_argument("--min_view_ratio", type=float, default=0.33)
 parser.add_argument("--use_sky", action="store_true")
 parser.add_argument("--sky_color_distance", type=float, default=0.1)
 parser.add_argument("--same_color_distance", type=float, default=0.15)

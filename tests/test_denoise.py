@@ -7,6 +7,7 @@ from cherrypicker.denoise import (
     DenoiseOptions,
     SkyEvidence,
     denoise_cloud,
+    neighbor_means,
     sky_evidence,
     statistical_inliers,
 )
@@ -19,6 +20,11 @@ WHITE = np.array([0.9, 0.93, 0.97])
 BARK = np.array([0.35, 0.28, 0.22])
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 SKY = SkyColors(WHITE[None].astype(np.float32), np.zeros(1, np.int32), np.ones(1), 100)
+
+
+def inliers(points, n_neighbors, std_ratio):
+    mean_distance, _ = neighbor_means(points, np.zeros(len(points)), n_neighbors)
+    return statistical_inliers(mean_distance, std_ratio)
 
 
 def ring(n_views=12, distance=3.0, height=1.0):
@@ -84,7 +90,7 @@ def test_statistical_filter_is_open3d_s(k, ratio):
     points = np.vstack([rng.normal(0, 0.1, (3000, 3)), rng.uniform(-3, 3, (100, 3))])
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     _, kept = cloud.remove_statistical_outlier(nb_neighbors=k, std_ratio=ratio)
-    found = np.flatnonzero(statistical_inliers(points, k, ratio))
+    found = np.flatnonzero(inliers(points, k, ratio))
     assert np.array_equal(found, np.sort(np.asarray(kept)))
 
 
@@ -92,13 +98,13 @@ def test_isolated_points_go():
     rng = np.random.default_rng(2)
     line = np.column_stack([np.linspace(0, 1, 2000), *rng.normal(0, 0.002, (2, 2000))])
     far = rng.uniform(2, 4, (20, 3))
-    keep = statistical_inliers(np.vstack([line, far]), 20, 3.0)
+    keep = inliers(np.vstack([line, far]), 20, 3.0)
     assert keep[:2000].mean() > 0.99 and not keep[2000:].any()
 
 
 def test_tiny_clouds_stay_whole():
-    assert statistical_inliers(np.zeros((1, 3)), 20, 2.0).all()
-    assert statistical_inliers(np.zeros((5, 3)), 20, 2.0).all()
+    assert inliers(np.zeros((1, 3)), 20, 2.0).all()
+    assert inliers(np.zeros((5, 3)), 20, 2.0).all()
 
 
 def test_fringe_goes_and_white_paint_stays():
@@ -166,3 +172,20 @@ def test_nothing_left_is_an_error_that_names_the_key():
         denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(use_statistical=False))
     with pytest.raises(StageError, match=r"denoise\.std_ratio"):
         denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(std_ratio=-100.0))
+
+
+def test_what_two_photos_agree_on_goes_where_ten_see_the_rest():
+    rng = np.random.default_rng(0)
+    wood = rng.uniform(0, [0.1, 0.1, 2.0], (2000, 3))
+    floaters = rng.uniform([0.5, 0.5, 1.0], [1.0, 1.0, 1.1], (100, 3))
+    twig = np.column_stack([np.linspace(0.1, 0.4, 60), np.zeros(60), np.full(60, 1.5)])
+    n_views = np.concatenate([rng.integers(6, 15, 2000), np.full(100, 2), rng.integers(3, 8, 60)])
+    cloud = PointCloud(
+        np.vstack([wood, floaters, twig]), fields={"n_views": n_views.astype(np.uint8)}
+    )
+    options = DenoiseOptions(use_statistical=False, use_sky=False)
+    kept, report = denoise_cloud(cloud, SKY, None, options)
+    assert report["n_removed_views"] == 100
+    np.testing.assert_array_equal(kept.points, np.vstack([wood, twig]))
+    few = cloud.with_fields(n_views=np.full(len(cloud), 2, np.uint8))
+    assert len(denoise_cloud(few, SKY, None, options)[0]) == len(cloud)

@@ -1,6 +1,7 @@
 """Removal of isolated points and of sky silhouettes (paper, section Denoising).
 
-Two filters, in the paper's order. The statistical one removes points far from their neighbours.
+The paper's two filters, in its order, and one of ours between them. The statistical one removes
+points far from their neighbours; ours those whose surroundings hardly any photo supports.
 The sky filter removes points that bear a dominant sky colour: stereo windows reach over the border
 of a thin branch and give its neighbourhood the branch's depth and the sky's colour. Colour alone
 would also eat white paint, lichen and sunlit bark, so the photos decide (this is ours, not the
@@ -14,10 +15,12 @@ the sky, and hardly any silhouette would go.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
@@ -43,6 +46,7 @@ class DenoiseOptions:
     use_statistical: bool = True
     n_neighbors: int = 20
     std_ratio: float = 3.0
+    min_view_ratio: float = 0.33
     use_sky: bool = True
     sky_color_distance: float = 0.1
     same_color_distance: float = 0.15
@@ -65,71 +69,112 @@ class SkyEvidence:
     n_non_sky: np.ndarray
 
 
-def statistical_inliers(points: np.ndarray, n_neighbors: int, std_ratio: float) -> np.ndarray:
-    """Find the points whose neighbours are about as near as elsewhere in the cloud.
-
-    The mean distance to the ``n_neighbors`` nearest points, the point itself counted as one at
-    distance zero, must be below mean + std_ratio * standard deviation over the cloud: the maths of
-    Open3D's ``remove_statistical_outlier``, which the paper uses.
+def neighbor_means(
+    points: np.ndarray, values: np.ndarray, n_neighbors: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Average over the ``n_neighbors`` nearest points, the point itself counted as one.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3), float64
+    values : ndarray of shape (n_points,)
     n_neighbors : int
+
+    Returns
+    -------
+    mean_distance : ndarray of shape (n_points,), float64
+        Mean distance, the point's own zero included.
+    mean_value : ndarray of shape (n_points,), float64
+    """
+    n_points = len(points)
+    k = min(n_neighbors, n_points)
+    tree = cKDTree(points)
+    mean_distance, mean_value = np.empty(n_points), np.empty(n_points)
+    for start in range(0, n_points, BLOCK):
+        block = slice(start, start + BLOCK)
+        distances, index = tree.query(points[block], k=[*range(1, k + 1)], workers=-1)
+        mean_distance[block] = distances.mean(axis=1)
+        mean_value[block] = values[index].mean(axis=1)
+    return mean_distance, mean_value
+
+
+def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarray:
+    """Find the points whose neighbours are about as near as elsewhere in the cloud.
+
+    The mean distance must be below mean + std_ratio * standard deviation over the cloud: the maths
+    of Open3D's ``remove_statistical_outlier``, which the paper uses.
+
+    Parameters
+    ----------
+    mean_distance : ndarray of shape (n_points,), float64
+        From `neighbor_means`.
     std_ratio : float
 
     Returns
     -------
     ndarray of shape (n_points,), bool
     """
-    n_points = len(points)
-    k = min(n_neighbors, n_points)
-    tree = cKDTree(points)
-    mean_distance = np.empty(n_points)
-    for start in range(0, n_points, BLOCK):
-        distances = tree.query(points[start : start + BLOCK], k=[*range(1, k + 1)], workers=-1)[0]
-        mean_distance[start : start + BLOCK] = distances.mean(axis=1)
-    if n_points < 2:
-        return np.ones(n_points, bool)
     valid = mean_distance > 0  # Open3D leaves points out that coincide with all their neighbours
-    if not valid.any():
-        return np.ones(n_points, bool)
+    if len(mean_distance) < 2 or not valid.any():
+        return np.ones(len(mean_distance), bool)
     limit = mean_distance[valid].mean() + std_ratio * mean_distance[valid].std(ddof=1)
     return mean_distance < limit
 
 
-def nearest_depth(uv: np.ndarray, depth: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Depth buffer of projected points; infinite where nothing projects.
+def supported_points(n_views: np.ndarray, mean_views: np.ndarray, min_ratio: float) -> np.ndarray:
+    """Find the points whose neighbourhood was seen by about as many photos as the rest.
+
+    Two neighbouring photos can agree on a wrong match (a line of trees behind the crown, sliding
+    along itself), a dozen cannot; a thin twig that few photos resolve still has better seen
+    neighbours. Not in the paper.
 
     Parameters
     ----------
-    uv : ndarray of shape (n, 2), int
-        Columns and rows inside ``shape``.
-    depth : ndarray of shape (n,)
-    shape : tuple of int
-        Height and width.
+    n_views : ndarray of shape (n_points,)
+        Photos that each point was fused from.
+    mean_views : ndarray of shape (n_points,), float64
+        Their mean over the point's neighbours, from `neighbor_means`.
+    min_ratio : float
+        Least ratio of ``mean_views`` to the cloud's median of ``n_views``.
+
+    Returns
+    -------
+    ndarray of shape (n_points,), bool
     """
-    buffer = np.full(shape, np.inf)
-    np.minimum.at(buffer, (uv[:, 1], uv[:, 0]), depth)
-    return buffer
+    return mean_views >= min_ratio * np.median(n_views)
+
+
+@njit(cache=True, nogil=True)
+def _depth_buffer(points, pose, K, scale, buffer):
+    """Enter the depth of every point in front of a pinhole camera; the nearest one stays."""
+    height, width = buffer.shape
+    for row in range(len(points)):
+        x, y, z = points[row, 0], points[row, 1], points[row, 2]
+        depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+        if depth <= 0.0:
+            continue
+        across = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
+        down = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
+        u = math.floor((K[0, 0] * across / depth + K[0, 2]) * scale)
+        v = math.floor((K[1, 1] * down / depth + K[1, 2]) * scale)
+        if 0 <= u < width and 0 <= v < height and depth < buffer[v, u]:
+            buffer[v, u] = depth
 
 
 def _visible(poses: Poses, i: int, points: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """Rows of ``candidates`` that photo ``i`` sees: in the frame and not behind another point."""
-    uv, depth = poses.project(points, i)
+    """Which of ``candidates`` photo ``i`` sees: in the frame and not behind another point."""
+    uv, depth = poses.project(points[candidates], i)
     width, height = int(poses.width[i]), int(poses.height[i])
     with np.errstate(invalid="ignore"):
         inside = (depth > 0) & (uv >= 0).all(axis=1) & (uv[:, 0] < width) & (uv[:, 1] < height)
-    if not inside[candidates].any():
-        return np.zeros(len(candidates), bool)
+    if not inside.any():
+        return inside
     scale = min(1.0, BUFFER_SIDE / max(width, height))
-    shape = (int(height * scale) + 1, int(width * scale) + 1)
-    cells = np.zeros(uv.shape, np.int64)
-    cells[inside] = (uv[inside] * scale).astype(np.int64)
-    buffer = nearest_depth(cells[inside], depth[inside], shape)
-    own = cells[candidates]
-    limit = buffer[own[:, 1], own[:, 0]] * (1 + DEPTH_TOLERANCE)
-    return inside[candidates] & (depth[candidates] <= limit)
+    buffer = np.full((int(height * scale) + 1, int(width * scale) + 1), np.inf)
+    _depth_buffer(points, poses.cam_from_world[i], poses.K[i], scale, buffer)
+    column, line = (uv[inside] * scale).astype(np.int64).T
+    inside[inside] = depth[inside] <= buffer[line, column] * (1 + DEPTH_TOLERANCE)
+    return inside
 
 
 def sky_evidence(
@@ -207,32 +252,53 @@ def denoise_cloud(
     -------
     cloud : PointCloud
     report : dict
-        ``n_input``, ``n_removed_statistical``, ``n_sky_colored``, ``n_kept_by_photos``,
-        ``n_removed_sky``, ``n_output``.
+        ``n_input``, ``n_removed_statistical``, ``n_removed_views``, ``n_sky_colored``,
+        ``n_kept_by_photos``, ``n_removed_sky``, ``n_output``.
 
     Raises
     ------
     StageError
         When no point is left.
     """
-    report = {"n_input": len(cloud), "n_removed_statistical": 0, "n_sky_colored": 0}
-    report |= {"n_kept_by_photos": 0, "n_removed_sky": 0}
-    if options.use_statistical:
-        keep = statistical_inliers(cloud.points, options.n_neighbors, options.std_ratio)
-        removed = int(np.count_nonzero(~keep))
-        report["n_removed_statistical"] = removed
-        logger.info("statistical filter: removed %s", _share(removed, len(cloud)))
-        if removed == len(cloud):
-            raise StageError(
-                f"the statistical filter removed all {len(cloud):,} points", key="denoise.std_ratio"
-            )
-        cloud = cloud.select(keep)
+    report = {"n_input": len(cloud), "n_sky_colored": 0, "n_kept_by_photos": 0, "n_removed_sky": 0}
+    cloud, counts = _remove_isolated(cloud, options)
+    report |= counts
     if options.use_sky:
         cloud, counts = _remove_sky(cloud, sky, evidence_of, options)
         report |= counts
     report["n_output"] = len(cloud)
     logger.info("denoising kept %s", _share(len(cloud), report["n_input"]))
     return cloud, report
+
+
+def _remove_isolated(cloud, options) -> tuple[PointCloud, dict]:
+    """Drop what is far from its neighbours, and what hardly any photo supports."""
+    n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
+    counts = {"n_removed_statistical": 0, "n_removed_views": 0}
+    if n_views is None and not options.use_statistical:
+        return cloud, counts
+    values = np.zeros(len(cloud)) if n_views is None else n_views
+    mean_distance, mean_views = neighbor_means(cloud.points, values, options.n_neighbors)
+    keep = np.ones(len(cloud), bool)
+    if options.use_statistical:
+        keep = statistical_inliers(mean_distance, options.std_ratio)
+        counts["n_removed_statistical"] = int(np.count_nonzero(~keep))
+        logger.info(
+            "statistical filter: removed %s", _share(counts["n_removed_statistical"], len(cloud))
+        )
+    if n_views is not None:
+        is_supported = supported_points(n_views, mean_views, options.min_view_ratio)
+        counts["n_removed_views"] = int(np.count_nonzero(keep & ~is_supported))
+        logger.info(
+            "seen by too few photos: removed %s", _share(counts["n_removed_views"], len(cloud))
+        )
+        keep &= is_supported
+    if not keep.any():
+        raise StageError(
+            f"the statistical filter removed all {len(cloud):,} points",
+            key="denoise.std_ratio, denoise.min_view_ratio",
+        )
+    return cloud.select(keep), counts
 
 
 def _remove_sky(cloud, sky, evidence_of, options) -> tuple[PointCloud, dict]:

@@ -29,6 +29,7 @@ rule denoise_cloud:
         use_statistical=cfg("denoise.use_statistical"),
         n_neighbors=cfg("denoise.n_neighbors"),
         std_ratio=cfg("denoise.std_ratio"),
+        min_view_ratio=cfg("denoise.min_view_ratio"),
         use_sky=cfg("denoise.use_sky"),
         sky_color_distance=cfg("denoise.sky_color_distance"),
         same_color_distance=cfg("denoise.same_color_distance"),
