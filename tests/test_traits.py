@@ -283,3 +283,25 @@ def test_circle_beside_a_bigger_one():
     fit = fit_cone(both, circle)
     assert fit.radius == pytest.approx(0.05, abs=0.001)
     assert fit.arc_deg >= 300
+
+
+def test_a_vase_whose_trunk_ends_below_a_height_is_no_warning():
+    tree = Tree(height=0.8)
+    tree.add_branch(0.78, 40, 0, 0.8, radius=0.02)
+    tree.add_branch(0.78, 40, 180, 0.8, radius=0.02)
+    tree.add_ground()
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=20)
+    assert sorted(traits["trunk_diameters"]) == ["0.50"]
+    assert traits["trunk_end_height_m"] < 1.0
+    assert traits["flags"] == []
+
+
+def test_a_root_that_nothing_surrounds():
+    tree = Tree()
+    scan = tree.scan()
+    scan = scan.select(scan.points[:, 2] > 1.2)
+    traits, _ = measure_traits(tree.skeleton(), scan, n_bootstrap=20)
+    names = [flag.split(":")[0] for flag in traits["flags"]]
+    assert "foot_unseen" in names
+    assert "trunk_not_measured" in names
+    assert traits["trunk_diameter_m"] == pytest.approx(0.097, abs=0.005)

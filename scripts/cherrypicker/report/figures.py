@@ -29,6 +29,7 @@ __all__ = [
     "topology_figure",
     "trunk_figure",
     "view_grid",
+    "write_png",
 ]
 
 DPI = 100
@@ -45,7 +46,14 @@ def order_color(order):
 def save_figure(figure, path, width_px):
     """Write a figure as PNG of about this width, atomically."""
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=width_px / figure.get_size_inches()[0])
+        write_png(figure, temporary, width_px)
+
+
+def write_png(figure, target, width_px):
+    """Write a figure to a path or stream, its margins cut off (a thumbnail's canvas is kept)."""
+    tight = {} if figure.get_layout_engine() is None else {"bbox_inches": "tight"}
+    dpi = width_px / figure.get_size_inches()[0]
+    figure.savefig(target, format="png", dpi=dpi, pad_inches=0.1, **tight)
 
 
 def view_grid(views, unit, width_px, title=""):

@@ -9,7 +9,7 @@ import jinja2
 
 import cherrypicker
 from cherrypicker.errors import StageError
-from cherrypicker.report.figures import DPI, order_color
+from cherrypicker.report.figures import DPI, order_color, write_png
 from cherrypicker.report.stages import branch_section, scan_sections, stage_warnings
 from cherrypicker.report.text import STYLE, TRAIT_ROWS, unit_name, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
@@ -96,10 +96,11 @@ def render_report(
     return environment.get_template("report.html.j2").render(
         tree=about["tree"],
         lead=_lead(about, unit, scan),
-        warnings=[str(flag) for flag in traits.get("flags", [])] + stage_warnings(*reports),
+        warnings=_warnings(traits, reports),
         traits=_trait_rows(traits, unit),
         orders=_order_rows(traits),
         diameters=_diameter_rows(traits, unit),
+        trunk_end=_trunk_end(traits, unit),
         foot_source=_foot_source(traits),
         scale_note=_scale_note(unit, scan),
         unit=unit_name(unit),
@@ -120,9 +121,20 @@ def _embedded(figure, caption, width_px):
     if not isinstance(figure, bytes):
         stream = io.BytesIO()
         width = min(width_px, 1.5 * DPI * figure.get_size_inches()[0])
-        figure.savefig(stream, format="png", dpi=width / figure.get_size_inches()[0])
+        write_png(figure, stream, width)
         figure = stream.getvalue()
     return {"data": base64.b64encode(figure).decode("ascii"), "caption": caption}
+
+
+def _warnings(traits, reports):
+    """The traits' flags, then what the stages warned of and no flag repeats."""
+    flags = [str(flag) for flag in traits.get("flags", [])]
+    has_second_tree = any(flag.startswith("second_tree") for flag in flags)
+    return flags + [
+        line
+        for line in stage_warnings(*reports)
+        if not (has_second_tree and line.startswith("another stem"))
+    ]
 
 
 def _lead(about, unit, scan):
@@ -169,9 +181,16 @@ def _diameter_rows(traits, unit):
     ]
 
 
+def _trunk_end(traits, unit):
+    """Where the trunk ends, for the reader who misses a diameter above."""
+    return with_uncertainty(traits.get("trunk_end_height_m"), None, 1, 2, unit)
+
+
 def _foot_source(traits):
-    lowest = any(str(flag).startswith("no_ground") for flag in traits.get("flags", []))
-    return "its lowest points" if lowest else "the ground around it"
+    flags = [str(flag).split(":")[0] for flag in traits.get("flags", [])]
+    if "no_ground" in flags:
+        return "its lowest points"
+    return "the skeleton's root" if "foot_unseen" in flags else "the ground around it"
 
 
 def _scale_note(unit, scan):

@@ -60,7 +60,7 @@ def camera_figure(poses, cloud, target, width_px):
     return figure
 
 
-def alignment_figure(aligned, poses, box, width_px):
+def alignment_figure(aligned, poses, roi, width_px):
     """The aligned cloud with z = 0 and the box that was kept.
 
     Parameters
@@ -68,12 +68,17 @@ def alignment_figure(aligned, poses, box, width_px):
     aligned : PointCloud
     poses : Poses
         In the aligned frame.
-    box : dict or None
+    roi : dict or None
         ``x`` and ``y`` limits, as in ``crop.json``.
     width_px : int
     """
-    middle = np.vstack([np.quantile(aligned.points, [0.02, 0.98], axis=0), poses.centers])
-    views = side_views(middle, margin=0.1, kinds=("front", "side", "top"))
+    low, high = poses.centers.min(axis=0), poses.centers.max(axis=0)
+    middle, reach = (low + high) / 2, 0.9 * (high - low)
+    inside = (np.abs(aligned.points - middle)[:, :2] < reach[:2]).all(axis=1)
+    z = np.quantile(aligned.points[inside, 2], [0.001, 0.999]) if inside.any() else low[2:]
+    box = np.vstack([middle - reach, middle + reach, [*middle[:2], z[0]], [*middle[:2], z[-1]]])
+    box[:2, 2] = middle[2]
+    views = side_views(box, margin=0.03, kinds=("front", "side", "top"))
     figure, panels = view_grid(views, "arbitrary", width_px, "Aligned cloud and region of interest")
     colors = cloud_colors(aligned)
     for panel in panels:
@@ -82,14 +87,14 @@ def alignment_figure(aligned, poses, box, width_px):
         axes_.scatter(*view.flatten(poses.centers)[0].T, s=5, color=_RED, zorder=3)
         if view.name != "top":
             axes_.axhline(0, color="#2368a8", lw=1)
-        if not box:
+        if not roi:
             continue
         if view.name == "top":
-            (x0, x1), (y0, y1) = box["x"], box["y"]
+            (x0, x1), (y0, y1) = roi["x"], roi["y"]
             corner = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, color="#2368a8", lw=1.2)
             axes_.add_patch(corner)
         else:
-            for limit in box["x" if view.name == "front" else "y"]:
+            for limit in roi["x" if view.name == "front" else "y"]:
                 axes_.axvline(limit, color="#2368a8", lw=1, ls=":")
     return figure
 
@@ -182,9 +187,10 @@ def example_figure(photos, sky_folder, depth_of, n_examples):
         return None
     n_columns = max(len(tiles) for tiles in rows)
     tile = rows[0][0][1]
-    width = 4.4 * n_columns
-    height = 4.4 * tile.size[1] / tile.size[0] + 0.3
-    figure = Figure(figsize=(width, height * len(rows)), dpi=DPI, layout="constrained")
+    side = 4.4 * min(1.0, tile.size[0] / tile.size[1])  # a portrait's height, not its width
+    height = side * tile.size[1] / tile.size[0] + 0.3
+    size = (side * n_columns, height * len(rows))
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
     grid = figure.subplots(len(rows), n_columns, squeeze=False)
     for panels, tiles in zip(grid, rows, strict=True):
         for panel in panels:

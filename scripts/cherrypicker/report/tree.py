@@ -18,7 +18,7 @@ __all__ = ["report_tree"]
 logger = logging.getLogger(__name__)
 
 _CAPTIONS = {
-    "cloud": "The labelled cloud in its own colours.",
+    "cloud": "The labelled cloud in its own colours (by height where it has none).",
     "label": "Classes of the points.",
     "skeleton": "Skeleton over the wood points; lines as thick as the radii say.",
     "topology": "Branch orders, junctions and tips.",

@@ -22,7 +22,7 @@ def quality_flags(trunk, wanted_height, missing, foot, support, crown_width, con
     wanted_height : float
         Height at which the diameter was asked for.
     missing : list of float
-        Further heights at which the trunk has no diameter.
+        Further heights that the trunk reaches but where no diameter could be measured.
     foot : Foot
     support : Support
     crown_width : float
@@ -68,6 +68,8 @@ def _shape_flags(foot, support, crown_width, confidence, length):
     flags = []
     if foot.source == "wood":
         flags.append("no_ground: no ground around the stem, its foot is its lowest points")
+    elif foot.source == "root":
+        flags.append("foot_unseen: neither ground nor stem around the skeleton's root, its foot")
     elif foot.gap > 0.1:
         flags.append(f"foot_hidden: the lowest stem points lie {foot.gap:.2f} {length} up")
     if len(support.gaps):
@@ -114,5 +116,8 @@ def scan_flags(unit, *, scale=None, sparse=None, crop=None):
             flags.append(f"few_photos: {n_registered} of {n_photos} photos registered")
     others = (crop or {}).get("other_stems") or []
     if others:
-        flags.append(f"second_tree: {len(others)} other stem(s) stand in the region of interest")
+        flags.append(
+            f"second_tree: {len(others)} other stem(s) stand in the region of interest; "
+            "crop.target_xy chooses between them"
+        )
     return flags

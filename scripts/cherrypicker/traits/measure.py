@@ -133,7 +133,8 @@ def measure_traits(
     traits["trunk_sections"] = [_section(item) for item in (trunk, *found.values())]
     traits["foot"] = [_rounded(value) for value in foot.point]
     traits["crown_volume_method"] = "convex hull"
-    missing = [height for height, item in further.items() if item is None]
+    traits["trunk_end_height_m"] = _rounded(stem.height[-1])
+    missing = [h for h, item in further.items() if item is None and h <= stem.height[-1] - 0.02]
     traits["flags"] = scan_flags(cloud.unit, scale=scale, sparse=sparse, crop=crop) + quality_flags(
         trunk, trunk_height, missing, foot, support, crown.width, confidence, cloud.unit
     )

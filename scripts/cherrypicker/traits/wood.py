@@ -24,8 +24,8 @@ class Foot:
     point : ndarray of shape (3,)
         In the cloud's frame and unit; heights are measured from its z.
     source : str
-        ``ground`` (a plane fitted to the ground around the stem) or ``wood`` (the lowest stem
-        points, where no ground was seen).
+        ``ground`` (a plane fitted to the ground around the stem), ``wood`` (the lowest stem
+        points, where no ground was seen) or ``root`` (the skeleton's root, where neither was).
     gap : float
         Height of the lowest wood at the stem over the foot, in the cloud's unit.
     """
@@ -88,8 +88,8 @@ def find_foot(skeleton, points, labels):
     away = np.hypot(*(ground[:, :2] - root[:2]).T)
     ground = ground[(away > 1.3 * radius) & (away < max(_GROUND_REACH_M, 5.0 * radius))]
     level = _ground_level(ground, root[:2])
-    if level is None or abs(level - low) > _MAX_FOOT_STEP_M:
-        return Foot(np.array([root[0], root[1], low]), "wood", 0.0)
+    if level is None or (beside.any() and abs(level - low) > _MAX_FOOT_STEP_M):
+        return Foot(np.array([root[0], root[1], low]), "wood" if beside.any() else "root", 0.0)
     return Foot(np.array([root[0], root[1], level]), "ground", max(low - level, 0.0))
 
 
