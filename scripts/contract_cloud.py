@@ -28,6 +28,7 @@ def main(
     max_points=40_000,
     gap_m=0.25,
     stem_gap_m=0.6,
+    min_density=0.05,
     **constants,
 ):
     """Load, contract, save."""
@@ -43,6 +44,7 @@ def main(
         target_xy=read_json(target)["target_xy"] if target else None,
         gap_m=gap_m,
         stem_gap_m=stem_gap_m,
+        min_density=min_density,
     )
     write_cloud(contracted, points)
     write_json(report, {"preset": preset, **details})
@@ -74,6 +76,7 @@ parser.add_argument("--voxel_size_m", type=float, default=0.008)
 parser.add_argument("--max_points", type=int, default=40_000)
 parser.add_argument("--gap_m", type=float, default=0.25)
 parser.add_argument("--stem_gap_m", type=float, default=0.6)
+parser.add_argument("--min_density", type=float, default=0.05)
 for constant in (
     "initial_contraction",
     "initial_attraction",

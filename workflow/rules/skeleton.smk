@@ -29,6 +29,7 @@ rule contract_cloud:
         max_points=cfg("contract.max_points"),
         gap_m=cfg("contract.gap_m"),
         stem_gap_m=cfg("contract.stem_gap_m"),
+        min_density=cfg("contract.min_density"),
         initial_contraction=cfg("contract.initial_contraction"),
         initial_attraction=cfg("contract.initial_attraction"),
         amplification=cfg("contract.amplification"),

@@ -3,6 +3,7 @@
 import logging
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CLASS_NAMES, Label
 from cherrypicker.errors import StageError
@@ -63,6 +64,7 @@ def contract_wood(
     target_xy=None,
     gap_m=0.25,
     stem_gap_m=0.6,
+    min_density=0.05,
 ):
     """Choose the target's wood, thin it and contract it.
 
@@ -84,6 +86,8 @@ def contract_wood(
         taken to come from trees outside.
     gap_m, stem_gap_m : float
         See `select_target_wood`.
+    min_density : float, default 0.05
+        Share of the median number of points around a voxel that it needs to count as wood.
 
     Returns
     -------
@@ -106,7 +110,15 @@ def contract_wood(
         )
     weight_of = class_weights(np.arange(256), weights if weights is not None else {"trunk": 10.0})
     rows, base, wood_report = _target_rows(
-        cloud.points, labels, rows, voxel_size_m, max_points, target_xy, gap_m, stem_gap_m
+        cloud.points,
+        labels,
+        rows,
+        voxel_size_m,
+        max_points,
+        target_xy,
+        gap_m,
+        stem_gap_m,
+        min_density,
     )
     points, source, _, size = thin_to_limit(
         cloud.points[rows], voxel_size_m, max_points, labels[rows]
@@ -145,8 +157,32 @@ def contract_wood(
     return contracted, report
 
 
-def _target_rows(points, labels, rows, size, max_points, target_xy, gap_m, stem_gap_m):
+def _dense_enough(points, count, size, min_density):
+    """Which voxels hold enough points, with their neighbours, to be wood.
+
+    Stray points of a dense reconstruction float alone; the thinnest twig that it shows still has
+    a fair share of the points that thick wood has.
+    """
+    near = cKDTree(points).query_ball_point(points, 1.8 * size)
+    length = np.array([len(rows) for rows in near])
+    start = np.cumsum(length) - length
+    support = np.add.reduceat(count[np.concatenate(near).astype(np.int64)], start)
+    keep = support >= min_density * np.median(support)
+    logger.info(
+        "kept %s of %s voxels of wood (%.1f %%), the rest too thin (under %.1f points around)",
+        f"{np.count_nonzero(keep):,}",
+        f"{len(keep):,}",
+        100 * keep.mean(),
+        min_density * np.median(support),
+    )
+    return keep
+
+
+def _target_rows(points, labels, rows, size, max_points, target_xy, gap_m, stem_gap_m, min_density):
     """Rows of the cloud that are the target's wood, its base and the report."""
+    thin, source, member, size = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
+    dense = _dense_enough(thin, np.bincount(member), size, min_density)
+    rows = rows[dense[member]]
     thin, source, member, _ = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
     box = None
     if target_xy is not None:

@@ -60,7 +60,12 @@ class ContractionOptions:
     mollify_factor: float = 1e-5
 
 
-PRESETS = {"paper": ContractionOptions(), "default": ContractionOptions(termination_move=0.02)}
+# A tenth of the published first weight: thin branches keep their tips and their junctions, and the
+# iterations contract thick wood all the same.
+PRESETS = {
+    "paper": ContractionOptions(),
+    "default": ContractionOptions(initial_contraction=100.0, termination_move=0.02),
+}
 
 
 def preset_options(preset="default", **changes):
@@ -157,9 +162,7 @@ def contract_points(points, weights=None, options=None, callback=None):
             if not np.isfinite(new).all():
                 raise RuntimeError("the solution is not finite")
             solved = time.perf_counter()
-            L, mass = cotangent_laplacian(
-                new, n_neighbors=options.n_neighbors, mollify_factor=options.mollify_factor
-            )
+            L, mass = _laplacian(new, options)
             if not (np.isfinite(L.data).all() and np.isfinite(mass).all()):
                 raise RuntimeError("the Laplacian is not finite")
         except RuntimeError as error:
@@ -205,11 +208,15 @@ def _checked(points):
     return points
 
 
+def _laplacian(points, options):
+    return cotangent_laplacian(
+        points, n_neighbors=options.n_neighbors, mollify_factor=options.mollify_factor
+    )
+
+
 def _laplacian_or_error(points, options):
     try:
-        return cotangent_laplacian(
-            points, n_neighbors=options.n_neighbors, mollify_factor=options.mollify_factor
-        )
+        return _laplacian(points, options)
     except RuntimeError as error:
         raise StageError(
             f"no Laplacian of the cloud ({error})", key="contract.n_neighbors"

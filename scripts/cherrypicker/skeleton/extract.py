@@ -3,15 +3,19 @@
 import logging
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.skeleton.graph import auto_spacing, spanning_tree
 from cherrypicker.skeleton.radius import fit_radii
 from cherrypicker.skeleton.refine import prune_spurs, refine_skeleton, taper_skeleton
+from cherrypicker.skeleton.sampling import median_spacing
 from cherrypicker.skeleton.solver import solve_tree
 
 __all__ = ["extract_skeleton"]
 
 logger = logging.getLogger(__name__)
+
+RESOLUTION_FACTOR = 1.3  # samples need not be closer than the points that entered the contraction
 
 
 def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, base=None):
@@ -39,12 +43,14 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
         If there are too few points for a graph.
     """
     labels = np.asarray(contracted["label"])
-    spacing = auto_spacing(contracted.points, spacing_m)
+    entered = cloud.points[contracted["source"]]
+    resolution = RESOLUTION_FACTOR * median_spacing(entered, cKDTree(entered))
+    spacing = max(auto_spacing(contracted.points, spacing_m), resolution)
     connect = spanning_tree if method == "mst" else solve_tree
     skeleton = connect(contracted.points, labels, spacing_m=spacing, k=k, base=base)
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
-    moved = np.linalg.norm(contracted.points - cloud.points[contracted["source"]], axis=1)
+    moved = np.linalg.norm(contracted.points - entered, axis=1)
     max_radius = max(3 * spacing, 1.5 * float(np.quantile(moved, 0.99)))
     radii = {"spacing": spacing, "max_radius": max_radius, "recentre": False}
     skeleton = fit_radii(skeleton, surface, **radii)

@@ -19,6 +19,7 @@ logger = logging.getLogger(__name__)
 
 N_NEIGHBORS = 10
 REACH_IN_SPACINGS = 3.5  # neighbours within this many point spacings touch each other
+LEAST_GAP_IN_SPACINGS = 8.0
 GAP_COST = 3.0  # a metre of missing data counts as this many of wood
 BORDER_IN_SPACINGS = 3.0
 ANY_DIRECTION_SHARE = 0.4  # of the longest gap: a shorter one is bridged in any direction
@@ -91,7 +92,8 @@ def select_target_wood(
         raise StageError("no wood points", key="contract.classes")
     spacing = median_spacing(points, cKDTree(points)) if len(points) > 1 else 0.0
     edges = knn_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
-    links = _bridges(points, labels, edges, gap_m, stem_gap_m)
+    gap_m = max(gap_m, LEAST_GAP_IN_SPACINGS * spacing)  # of a coarse scan of a big tree
+    links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
     stems = find_stems(points, ground) or [_lowest_base(points, labels)]
     owner = _compete(points, edges, links, stems, _border_seeds(points, box, spacing))
     target = _target_stem(stems, owner, target_xy)
