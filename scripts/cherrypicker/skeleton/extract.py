@@ -7,7 +7,12 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.skeleton.graph import auto_spacing, spanning_tree
 from cherrypicker.skeleton.radius import fit_radii
-from cherrypicker.skeleton.refine import prune_spurs, refine_skeleton, taper_skeleton
+from cherrypicker.skeleton.refine import (
+    prune_spurs,
+    refine_skeleton,
+    taper_skeleton,
+    trim_unsupported,
+)
 from cherrypicker.skeleton.sampling import median_spacing
 from cherrypicker.skeleton.solver import solve_tree
 
@@ -56,6 +61,7 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     skeleton = fit_radii(skeleton, surface, **radii)
     if method == "mst":
         return skeleton
+    skeleton = trim_unsupported(skeleton, spacing)
     skeleton = fit_radii(prune_spurs(skeleton, spacing), surface, **(radii | {"recentre": True}))
     skeleton = refine_skeleton(skeleton, surface, spacing)
     skeleton = fit_radii(skeleton, surface, **radii)

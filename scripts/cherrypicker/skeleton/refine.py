@@ -17,7 +17,14 @@ from cherrypicker.skeleton.strands import (
     split_strands,
 )
 
-__all__ = ["prune_spurs", "refine_skeleton", "smooth_polyline", "taper_radii", "taper_skeleton"]
+__all__ = [
+    "prune_spurs",
+    "refine_skeleton",
+    "smooth_polyline",
+    "taper_radii",
+    "taper_skeleton",
+    "trim_unsupported",
+]
 
 logger = logging.getLogger(__name__)
 
@@ -28,6 +35,8 @@ PULLED_WEIGHT = 0.15  # say of a node that the contraction has pulled towards a 
 BASE_WEIGHT = 1e3
 MOST_GAP_SHARE = 0.5  # of the length of a way to a tip: more, and there is too little behind it
 LEAST_BEHIND_GAP = 5  # spacings of wood behind a gap that make a branch of it all the same
+LEAST_SUPPORT = 0.08
+THINNEST_IN_SPACINGS = 0.3  # below, radii say little about the surface that points are sown on
 LONGEST_EXTENSION = 12  # spacings that a tip may be carried on along its surface
 
 
@@ -82,6 +91,38 @@ def prune_spurs(skeleton, spacing, *, least_nodes=1.5):
         if not touched:
             break
     logger.info("pruned %d spurs", n_pruned)
+    return skeleton.select(alive)
+
+
+def trim_unsupported(skeleton, spacing, *, least_support=LEAST_SUPPORT):
+    """Take back tips whose surface is far thinner sown with points than the tree's usual.
+
+    Stray points of a dense reconstruction hang together with the tips that they float near; a
+    twig that the reconstruction shows has about the point density of thicker wood.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        With radii and the field ``n_points``.
+    spacing : float
+    least_support : float, default 0.08
+        Share of the median point density.
+
+    Returns
+    -------
+    Skeleton
+    """
+    radius = np.maximum(skeleton.radius, THINNEST_IN_SPACINGS * spacing)
+    window = 2 * np.maximum(1.5 * skeleton.radius, 1.5 * spacing)
+    density = skeleton.fields["n_points"] / (2 * np.pi * radius * window)
+    thin = density < least_support * np.median(density)
+    alive = np.ones(len(skeleton), dtype=bool)
+    n_children = skeleton.n_children
+    for node in range(len(skeleton) - 1, 2, -1):  # children come after their parents
+        if thin[node] and n_children[node] == 0:
+            alive[node] = False
+            n_children[skeleton.parent[node]] -= 1
+    logger.info("trimmed %d nodes that next to no points support", np.count_nonzero(~alive))
     return skeleton.select(alive)
 
 
