@@ -23,7 +23,7 @@ parser.add_argument("--listing", required=True, help="JSON to write: each photo,
 parser.add_argument("--folder", default="", help="folder of the photos, named in errors")
 parser.add_argument("--camera_mode", default="folder", choices=("folder", "auto", "per_image"))
 parser.add_argument("--camera_model", default="SIMPLE_RADIAL", help="COLMAP's camera model")
-parser.add_argument("--max_features", type=int, default=6000, help="features per photo")
+parser.add_argument("--max_features", type=int, default=4000, help="features per photo")
 parser.add_argument("--max_image_size_px", type=int, default=2400, help="0: full size")
 parser.add_argument("--skip_unreadable", action="store_true", help="leave unreadable photos out")
 parser.add_argument("--seed", type=int, default=0)

@@ -57,6 +57,7 @@ def test_policies_follow_the_failure():
     missing = further_policies("incremental", 4.0, too_few=True, has_exif_focal=True)
     assert missing[0].mapper == "global"
     assert missing[-1].trust_exif_focal is False
+    assert any(policy.guided for policy in missing)
     bent = further_policies("incremental", 4.0, too_few=False, has_exif_focal=False)
     assert bent[0].recheck_error_px == 2.0
     assert all(policy.trust_exif_focal for policy in bent)

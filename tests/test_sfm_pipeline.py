@@ -163,9 +163,9 @@ def test_forget_focal_lengths(scan, tmp_path):
 
 def test_guided_matching_adds_matches(scan, tmp_path):
     database = tmp_path / "plain.db"
-    match_features(scan["folder"] / "features.db", database, MatchingOptions(guided=False))
+    match_features(scan["folder"] / "features.db", database, MatchingOptions(guided=True))
     totals = []
-    for path in (database, scan["folder"] / "database.db"):
+    for path in (scan["folder"] / "database.db", database):
         with closing(sqlite3.connect(path)) as connection:
             totals.append(
                 connection.execute("SELECT SUM(rows) FROM two_view_geometries").fetchone()[0]

@@ -98,6 +98,7 @@ rule reconstruct_sparse:
         wanted_fraction=cfg("sfm.wanted_registered_fraction"),
         wanted_agreement=cfg("sfm.wanted_pair_agreement"),
         max_attempts=cfg("sfm.max_attempts"),
+        max_ratio=cfg("sfm.max_match_ratio"),
         max_error_px=cfg("sfm.max_epipolar_error_px"),
         min_inliers=cfg("sfm.min_inliers"),
         seed=cfg("seed"),

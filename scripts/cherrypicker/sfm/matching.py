@@ -22,7 +22,7 @@ from cherrypicker.sfm.database import (
     scratch_folder,
     watched_table,
 )
-from cherrypicker.sfm.guided import guided_matches, read_features
+from cherrypicker.sfm.guided import read_features, tight_guided_matches
 from cherrypicker.sfm.pairs import (
     exhaustive_pairs,
     global_descriptors,
@@ -70,7 +70,7 @@ class MatchingOptions:
     max_ratio: float = 0.8
     max_error_px: float = 4.0
     min_inliers: int = 15
-    guided: bool = True
+    guided: bool = False
 
 
 def match_features(
@@ -114,7 +114,7 @@ def match_features(
             pairs = _choose_pairs(working, pairing, options, seed)
             _match_pairs(working, pairs, options, seed, threads)
         if options.guided:
-            add_guided_matches(working, options, threads)
+            add_guided_matches(working, options, seed=seed, threads=threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
         n_pairs, n_verified = (
@@ -141,7 +141,9 @@ def verification_options(max_error_px: float, min_inliers: int, seed: int):
     return options
 
 
-def add_guided_matches(database: Path, options: MatchingOptions, threads: int = 1) -> int:
+def add_guided_matches(
+    database: Path, options: MatchingOptions, *, seed: int = 0, threads: int = 1
+) -> int:
     """Replace the matches of each verified pair by guided ones where that gives more.
 
     Returns
@@ -149,6 +151,8 @@ def add_guided_matches(database: Path, options: MatchingOptions, threads: int = 
     int
         Number of matches added over all pairs.
     """
+    verification = verification_options(options.max_error_px / 2, options.min_inliers, seed)
+    max_distance = pycolmap.SiftMatchingOptions().max_distance
     with pycolmap.Database.open(database) as opened:
         pair_ids, geometries = opened.read_two_view_geometries()
         todo = [
@@ -159,26 +163,24 @@ def add_guided_matches(database: Path, options: MatchingOptions, threads: int = 
         wanted = sorted({image_id for pair, _ in todo for image_id in pair})
         features = {image_id: read_features(opened, image_id) for image_id in wanted}
         before = after = 0
-        max_distance = pycolmap.SiftMatchingOptions().max_distance
 
         def search(item):
             (first, second), geometry = item
-            return guided_matches(
+            return tight_guided_matches(
                 features[first],
                 features[second],
                 geometry,
-                max_error_px=options.max_error_px,
+                verification,
                 max_ratio=options.max_ratio,
                 max_distance=max_distance,
             )
 
         with Progress(len(todo), "pairs matched again, guided") as bar:
             for ((first, second), geometry), found in zip(todo, _in_order(search, todo, threads)):
-                n_before = len(geometry.inlier_matches)
-                before, after = before + n_before, after + max(n_before, len(found))
-                if len(found) > n_before:
-                    geometry.inlier_matches = found
-                    opened.update_two_view_geometry(first, second, geometry)
+                before += len(geometry.inlier_matches)
+                after += len((found or geometry).inlier_matches)
+                if found is not None:
+                    opened.update_two_view_geometry(first, second, found)
                 bar.step()
     logger.info(
         "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(todo), f"{after:,}"

@@ -26,6 +26,8 @@ class Policy:
         Least inliers to register a photo.
     min_inliers_start : int
         Least inliers of the pair that a model starts from.
+    guided : bool
+        Search for more matches along the epipolar lines first.
     trust_exif_focal : bool
         False starts every focal length from 1.2 times the longer side.
     """
@@ -37,6 +39,7 @@ class Policy:
     filter_error_px: float = 4.0
     min_inliers_pose: int = 30
     min_inliers_start: int = 100
+    guided: bool = False
     trust_exif_focal: bool = True
 
 
@@ -71,11 +74,19 @@ def further_policies(
         filter_error_px=2.0,
     )
     swapped = replace(base, name=other, mapper=other, reason=f"the {other} mapper")
+    guided = replace(
+        base,
+        name="guided_global",
+        mapper="global",
+        reason="guided matching, the global mapper",
+        guided=True,
+    )
     loose = replace(
         base,
-        name="loose",
+        name="guided_loose",
         mapper="incremental",
-        reason="15 inliers register a photo, 50 start a model",
+        reason="guided matching, 15 inliers register a photo, 50 start a model",
+        guided=True,
         min_inliers_pose=15,
         min_inliers_start=50,
     )
@@ -85,7 +96,7 @@ def further_policies(
         reason="EXIF focal lengths ignored",
         trust_exif_focal=False,
     )
-    policies = [swapped, loose, tight] if too_few else [tight, swapped]
+    policies = [swapped, guided, loose] if too_few else [tight, swapped, guided]
     return [*policies, no_focal] if has_exif_focal else policies
 
 
