@@ -7,7 +7,7 @@ import json
 import logging
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +27,7 @@ logger = logging.getLogger(__name__)
 
 BACKENDS = ("auto", "cuda", "cpu")
 # Bump when the CPU backend's results change, so that older maps are computed again
-VERSION = 1
+VERSION = 2
 PHOTOMETRIC, GEOMETRIC = "photometric", "geometric"
 
 
@@ -195,7 +195,9 @@ def _run_cpu(workspace: Workspace, options: StereoOptions, threads: int) -> set[
         p.view: settings[p.view] + "".join(settings[j] for j in p.sources if j in by_view)
         for p in problems
     }
-    usable = [_with_maps(problem, by_view) for problem in problems]
+    # A source without a depth map of its own cannot confirm anything
+    usable = [replace(p, sources=tuple(j for j in p.sources if j in by_view)) for p in problems]
+    usable = [problem for problem in usable if problem.sources]
 
     def geometric(problem: StereoProblem) -> np.ndarray:
         needed = (problem.view, *problem.sources)
@@ -204,14 +206,7 @@ def _run_cpu(workspace: Workspace, options: StereoOptions, threads: int) -> set[
 
     _each_view(workspace, usable, keys, chained, GEOMETRIC, geometric)
     workspace.write_fusion_config()
-    return {views[problem.view].name for problem in problems}
-
-
-def _with_maps(problem: StereoProblem, by_view: dict[int, StereoProblem]) -> StereoProblem:
-    """Leave out the sources that have no depth map of their own."""
-    from dataclasses import replace
-
-    return replace(problem, sources=tuple(j for j in problem.sources if j in by_view))
+    return {views[problem.view].name for problem in usable}
 
 
 def _each_view(

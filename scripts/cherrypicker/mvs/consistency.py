@@ -68,8 +68,9 @@ def _adopt_row(level, y, field, chosen, active, splat, min_step, patch, costs, t
                 continue
             if variance < _0:
                 variance = prepare_patch(
-                    level.color, level.width, level.height, x, y, level.inv_color, patch
-                )
+                    level.color, level.width, level.height, x, y, level.inv_color,
+                    level.offsets, level.radius, patch,
+                )  # fmt: skip
             cost = improve(level, x, y, w, _0, _0, patch, variance, costs, top, field[y, x, 3])
             if cost < field[y, x, 3]:
                 field[y, x, 0] = w
@@ -104,8 +105,9 @@ def _count_row(level, y, field, counts, max_cost, max_error_px, patch):
         if w <= _0:
             continue
         variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color, patch
-        )
+            level.color, level.width, level.height, x, y, level.inv_color,
+            level.offsets, level.radius, patch,
+        )  # fmt: skip
         fx = np.float32(x)
         fy = np.float32(y)
         n = 0

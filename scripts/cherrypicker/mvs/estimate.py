@@ -22,9 +22,9 @@ logger = logging.getLogger(__name__)
 class StereoOptions:
     """What the CPU backend does; the fields are config keys of the section ``mvs``."""
 
-    n_sources: int = 8
+    n_sources: int = 6
     n_best: int = 3
-    n_iterations: int = 2
+    n_iterations: int = 1
     window_radius: int = 3
     min_level_px: int = 120
     color_spread: float = 16.0
@@ -116,12 +116,13 @@ def make_level(
             maps.append(depths[j].ravel())
     starts = np.cumsum([0] + [len(pixels) for pixels in packed[:-1]])
     baselines = [np.linalg.norm(views[j].center - reference.center) for j in problem.sources]
-    focal = float(np.mean([p[0, 0] for p in (K,)]))
+    samples = window(options.window_radius)
     return Level(
         color=pack_color(photo),
         width=width,
         height=height,
-        samples=window(options.window_radius),
+        samples=samples,
+        offsets=(samples[1] * width + samples[0]).astype(np.int64),
         radius=np.float32(options.window_radius),
         inv_color=np.float32(1.0 / options.color_spread**2),
         packed=np.concatenate(packed),
@@ -133,7 +134,7 @@ def make_level(
         geometric_weight=np.float32(geometric_weight),
         w_min=np.float32(1.0 / problem.depth_max),
         w_max=np.float32(1.0 / problem.depth_min),
-        w_px=np.float32(1.0 / (focal * np.median(baselines))),
+        w_px=np.float32(1.0 / (K[0, 0] * np.median(baselines))),
         fx=np.float32(K[0, 0]),
         fy=np.float32(K[1, 1]),
     )
@@ -201,10 +202,10 @@ def _schedule(index: int, n_levels: int, n_iterations: int) -> list[tuple[int, i
     A sweep at half the size costs a quarter, so coarse levels get more of them.
     """
     if index == n_levels - 1:
-        return [(8, 4, 2)] * (n_iterations + 4)
+        return [(8, 4, 2)] * (n_iterations + 3)
     if index > 0:
-        return [(8, 4, 2)] * (n_iterations + 1)
-    return [(6, 3, 1)] * n_iterations
+        return [(6, 3, 1)] * (n_iterations + 1)
+    return [(4, 2, 1)] * n_iterations
 
 
 def estimate_geometric(
@@ -241,7 +242,7 @@ def estimate_geometric(
     consistency.adopt_from_sources(level, field, chosen, active, splat, np.float32(0.5))
     for parity in (0, 1):
         turn = seed + ((parity + 1) << 40)
-        patchmatch.sweep(level, field, chosen, active, parity, 4, 3, 0, turn)
+        patchmatch.sweep(level, field, chosen, active, parity, 4, 2, 0, turn)
     counts = np.zeros((level.height, level.width), dtype=np.uint8)
     consistency.count_consistent(
         level, field, counts, np.float32(options.max_cost), np.float32(options.max_error_px)

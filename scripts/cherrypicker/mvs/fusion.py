@@ -19,7 +19,7 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.compiled import parallel_kernel, prange, use_threads
+from cherrypicker.mvs.compiled import kernel, parallel_kernel, prange, use_threads
 from cherrypicker.mvs.estimate import relative_projection
 from cherrypicker.mvs.views import plan_views
 from cherrypicker.mvs.workspace import View, Workspace
@@ -32,17 +32,37 @@ logger = logging.getLogger(__name__)
 _0 = np.float32(0.0)
 _HALF = np.float32(0.5)
 _1 = np.float32(1.0)
+# Neighbour pixels whose depths differ by less are explained by one point
+SAME_SURFACE = np.float32(0.003)
 
 
 @dataclass(frozen=True)
 class FusionOptions:
     """When two photos' depths are one point; the fields are config keys of the section ``mvs``."""
 
-    min_views: int = 2
+    min_views: int | None = None
     n_check: int = 20
     max_reproj_error_px: float = 2.0
     max_depth_error: float = 0.01
     max_normal_error_deg: float = 60.0
+
+    def views_needed(self, n_photos: int) -> int:
+        """Return ``min_views``, or its default: 2 below 20 photos, else 3."""
+        if self.min_views is not None:
+            return self.min_views
+        return 2 if n_photos < 20 else 3
+
+
+@kernel
+def _explain(maps, used, others, rows, sizes, j, corner, depth):
+    """Mark the four pixels around a match in photo ``j`` that lie on the same surface."""
+    width = sizes[j, 0]
+    for i in range(4):
+        pixel = corner + (i & 1) + (i >> 1) * width
+        if pixel < 0 or pixel >= width * sizes[j, 1]:
+            continue
+        if abs(maps[others[j], pixel, 3] - depth) < SAME_SURFACE * depth:
+            used[rows[j], pixel] = 1
 
 
 @parallel_kernel
@@ -87,7 +107,7 @@ def _fuse_view(
     n = others.shape[0]
     max_error = limits[0] * limits[0]
     for y in prange(height):
-        xs = np.empty((3, n), np.float32)
+        xs = np.empty((4, n), np.float32)
         matched = np.empty((n, 2), np.int64)
         fy = np.float32(y)
         for x in range(width):
@@ -151,16 +171,17 @@ def _fuse_view(
                 xs[0, m] = (xc - ray[2]) / ray[0] * dc
                 xs[1, m] = (yc - ray[3]) / ray[1] * dc
                 xs[2, m] = dc
+                xs[3, m] = found
                 ax += rx
                 ay += ry
                 az += rz
-                matched[m, 0] = rows[j]
-                matched[m, 1] = other
+                matched[m, 0] = j
+                matched[m, 1] = np.int64(np.floor(v)) * sizes[j, 0] + np.int64(np.floor(u))
                 m += 1
             if m < min_views:
                 continue
             for i in range(1, m):
-                used[matched[i, 0], matched[i, 1]] = 1
+                _explain(maps, used, others, rows, sizes, matched[i, 0], matched[i, 1], xs[3, i])
             counts[pixel] = min(m, 255)
             for c in range(3):
                 out[pixel, c] = np.median(xs[c, :m])
@@ -258,7 +279,7 @@ def fuse(
     )
     if len(cloud) == 0:
         raise StageError(
-            f"no point is seen consistently by {options.min_views} photos",
+            f"no point is seen consistently by {options.views_needed(len(chosen))} photos",
             file=workspace.folder,
             key="mvs.min_views, mvs.max_depth_error",
         )
@@ -298,7 +319,7 @@ def _fuse_one(workspace, slots, used, group, rows, options):
     counts = np.empty(n_pixels, dtype=np.uint8)
     _fuse_view(
         slots.maps, used, int(at[0]), at, rows, sizes, forward, back, turns,
-        (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), limits, options.min_views, out, counts,
+        (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), limits, options.views_needed(len(used)), out, counts,
     )  # fmt: skip
     kept = np.flatnonzero(counts)
     points = (out[kept, :3].astype(np.float64) - reference.t) @ reference.R
@@ -334,7 +355,7 @@ def _fuse_with_colmap(
 ) -> PointCloud:
     settings = pycolmap.StereoFusionOptions()
     settings.num_threads = threads
-    settings.min_num_pixels = options.min_views
+    settings.min_num_pixels = options.views_needed(len(workspace.views))
     settings.check_num_images = options.n_check
     settings.max_reproj_error = options.max_reproj_error_px
     settings.max_depth_error = options.max_depth_error

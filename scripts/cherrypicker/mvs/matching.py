@@ -97,7 +97,16 @@ def window(radius: int) -> np.ndarray:
 
 
 @kernel
-def prepare_patch(color, width, height, x, y, inv_color, patch):
+def _clamp_offsets(width, height, x, y, patch):
+    """Put into a patch's last row where its samples lie when the photo's edge is repeated."""
+    for k in range(N_SAMPLES):
+        px = min(max(x + np.int64(patch[0, k]), 0), width - 1)
+        py = min(max(y + np.int64(patch[1, k]), 0), height - 1)
+        patch[4, k] = np.float32(px - x + (py - y) * width)
+
+
+@kernel
+def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch):
     """Fill the bilateral weights of the patch at (x, y) and its centred, weighted grey values.
 
     Weights fall with the squared colour distance to the centre pixel as ``1 / (1 + d^2 / s^2)``,
@@ -105,6 +114,8 @@ def prepare_patch(color, width, height, x, y, inv_color, patch):
 
     Parameters
     ----------
+    offsets : ndarray of shape (32,), int64
+        Where the samples lie in ``color``, from the centre.
     patch : ndarray of shape (5, 32), float32
         Offsets dx and dy and spatial weights (see :func:`window`); weights and centred values are
         written to the last two rows.
@@ -114,36 +125,49 @@ def prepare_patch(color, width, height, x, y, inv_color, patch):
     float32
         Weighted variance of the patch, grey levels squared.
     """
-    own = color[np.uint64(y * width + x)]
-    r0 = np.float32(own & _BYTE)
-    g0 = np.float32((own >> 8) & _BYTE)
-    b0 = np.float32((own >> 16) & _BYTE)
-    right = np.float32(width - 1)
-    bottom = np.float32(height - 1)
-    fx = np.float32(x)
-    fy = np.float32(y)
+    reach = np.int64(radius)
+    pixel = y * width + x
+    own = color[np.uint64(pixel)]
+    r0 = np.float32(np.int32(own & _BYTE))
+    g0 = np.float32(np.int32((own >> 8) & _BYTE))
+    b0 = np.float32(np.int32((own >> 16) & _BYTE))
     total = _0
     mean = _0
     square = _0
-    for k in range(N_SAMPLES):
-        px = min(max(fx + patch[0, k], _0), right)
-        py = min(max(fy + patch[1, k], _0), bottom)
-        q = color[np.uint64(np.int64(np.int32(py)) * width + np.int64(np.int32(px)))]
-        dr = np.float32(np.int32(q & _BYTE)) - r0
-        dg = np.float32(np.int32((q >> 8) & _BYTE)) - g0
-        db = np.float32(np.int32((q >> 16) & _BYTE)) - b0
-        grey = np.float32(np.int32((q >> 24) & _BYTE))
-        weight = patch[2, k] / (_1 + (dr * dr + dg * dg + db * db) * inv_color)
-        patch[3, k] = weight
-        patch[4, k] = grey
-        total += weight
-        mean += weight * grey
-        square += weight * grey * grey
+    if x < reach or y < reach or x >= width - reach or y >= height - reach:
+        _clamp_offsets(width, height, x, y, patch)
+        for k in range(N_SAMPLES):
+            q = color[np.uint64(pixel + np.int64(patch[4, k]))]
+            dr = np.float32(np.int32(q & _BYTE)) - r0
+            dg = np.float32(np.int32((q >> 8) & _BYTE)) - g0
+            db = np.float32(np.int32((q >> 16) & _BYTE)) - b0
+            grey = np.float32(np.int32((q >> 24) & _BYTE))
+            weight = patch[2, k] / (_1 + (dr * dr + dg * dg + db * db) * inv_color)
+            patch[3, k] = weight
+            patch[4, k] = grey
+            total += weight
+            mean += weight * grey
+            square += weight * grey * grey
+    else:
+        # The same without clamping, which compiles to half the time
+        for k in range(N_SAMPLES):
+            q = color[np.uint64(pixel + offsets[k])]
+            dr = np.float32(np.int32(q & _BYTE)) - r0
+            dg = np.float32(np.int32((q >> 8) & _BYTE)) - g0
+            db = np.float32(np.int32((q >> 16) & _BYTE)) - b0
+            grey = np.float32(np.int32((q >> 24) & _BYTE))
+            weight = patch[2, k] / (_1 + (dr * dr + dg * dg + db * db) * inv_color)
+            patch[3, k] = weight
+            patch[4, k] = grey
+            total += weight
+            mean += weight * grey
+            square += weight * grey * grey
     inverse = _1 / total
     mean *= inverse
     for k in range(N_SAMPLES):
-        patch[3, k] *= inverse
-        patch[4, k] = (patch[4, k] - mean) * patch[3, k]
+        weight = patch[3, k] * inverse
+        patch[3, k] = weight
+        patch[4, k] = (patch[4, k] - mean) * weight
     return max(square * inverse - mean * mean, _0)
 
 

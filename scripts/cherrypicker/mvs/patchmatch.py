@@ -30,9 +30,9 @@ _UNKNOWN = np.float32(1e9)
 # Steepest plane: tangent of the angle between its normal and the optical axis
 MAX_SLOPE = np.float32(4.0)
 # Hypotheses nearer than this (px of parallax over the window) to the present one are not tried
-SAME_PX = np.float32(0.04)
+SAME_PX = np.float32(0.06)
 # A hypothesis whose best sources cost so much more than the present one is given up
-SCREEN_MARGIN = np.float32(0.2)
+SCREEN_MARGIN = np.float32(0.05)
 # Distances of far propagation; odd, so that they reach the other colour of the checkerboard
 FAR_STEPS = np.array([5, 9, 17], dtype=np.int64)
 # Near propagation: three pixels of the other colour in each of four directions
@@ -58,6 +58,8 @@ class Level(NamedTuple):
         Its size.
     samples : ndarray of shape (3, 32), float32
         The window.
+    offsets : ndarray of shape (32,), int64
+        Its samples' places in ``color``, from the centre.
     radius : float32
         Its radius, px.
     inv_color : float32
@@ -83,6 +85,7 @@ class Level(NamedTuple):
     width: int
     height: int
     samples: np.ndarray
+    offsets: np.ndarray
     radius: np.float32
     inv_color: np.float32
     packed: np.ndarray
@@ -209,8 +212,9 @@ def store_top(chosen, x, y, top):
 def _texture_row(level, y, active, min_variance, patch):
     for x in range(level.width):
         variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color, patch
-        )
+            level.color, level.width, level.height, x, y, level.inv_color,
+            level.offsets, level.radius, patch,
+        )  # fmt: skip
         if variance < min_variance:
             active[y, x] = 0
 
@@ -230,8 +234,9 @@ def _random_row(level, y, field, chosen, active, prior, n_trials, seed, patch, c
         if active[y, x] == 0:
             continue
         variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color, patch
-        )
+            level.color, level.width, level.height, x, y, level.inv_color,
+            level.offsets, level.radius, patch,
+        )  # fmt: skip
         pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
         best = np.float32(1e9)
         for trial in range(n_trials):
@@ -290,8 +295,9 @@ def _coarse_row(
         if active[y, x] == 0:
             continue
         variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color, patch
-        )
+            level.color, level.width, level.height, x, y, level.inv_color,
+            level.offsets, level.radius, patch,
+        )  # fmt: skip
         cx = (np.float32(x) + _HALF) * step_x - _HALF
         cy = (np.float32(y) + _HALF) * step_y - _HALF
         x0, y0 = _nearest_coarse(level, coarse, coarse_color, x, y, cx, cy, order)
@@ -365,8 +371,9 @@ def _evaluate_row(level, y, field, chosen, active, patch, costs, top):
             field[y, x, 3] = INVALID_COST
             continue
         variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color, patch
-        )
+            level.color, level.width, level.height, x, y, level.inv_color,
+            level.offsets, level.radius, patch,
+        )  # fmt: skip
         field[y, x, 3] = evaluate(
             level, x, y, field[y, x, 0], field[y, x, 1], field[y, x, 2],
             patch, variance, costs, top,
@@ -449,8 +456,9 @@ def _sweep_row(
         if active[y, x] == 0:
             continue
         variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color, patch
-        )
+            level.color, level.width, level.height, x, y, level.inv_color,
+            level.offsets, level.radius, patch,
+        )  # fmt: skip
         w = field[y, x, 0]
         gx = field[y, x, 1]
         gy = field[y, x, 2]
