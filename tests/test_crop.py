@@ -84,6 +84,10 @@ def test_both_sides_of_a_row():
     box = camera_box(centers, np.zeros(2), 0.0, 3.0, warnings)
     np.testing.assert_allclose(box, [[-1.5, -2.5], [1.5, 2.5]])
     assert not warnings
+    centers[:, 0] *= 0.3
+    box = camera_box(centers, np.zeros(2), 0.0, 3.0, warnings)
+    np.testing.assert_allclose(box, [[-1.5, -2.5], [1.5, 2.5]])
+    assert "widened" in warnings[0]
 
 
 def test_empty_box_and_bad_target_name_the_key():

@@ -159,9 +159,13 @@ def camera_box(centers, target, margin_fraction, distance, warnings):
         )
         spots = np.concatenate([spots, target - offsets])
     lower, upper = spots.min(axis=0), spots.max(axis=0)
-    if gap > _WIDEST_GAP_DEG:
-        # A row of photos along one axis would leave a slit across the other.
-        reach = 0.5 * distance
+    # A row of photos on each side of a tree row leaves a slit that would cut the crown.
+    reach = 0.5 * distance
+    if (lower > target - reach).any() or (upper < target + reach).any():
+        warnings.append(
+            "the cameras leave less than half their distance on a side of the target: the region "
+            "of interest is widened to that"
+        )
         lower, upper = np.minimum(lower, target - reach), np.maximum(upper, target + reach)
     margin = margin_fraction * (upper - lower)
     return np.stack([lower - margin, upper + margin])
