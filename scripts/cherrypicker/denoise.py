@@ -7,9 +7,10 @@ of a thin branch and give its neighbourhood the branch's depth and the sky's col
 would also eat white paint, lichen and sunlit bark, so the photos decide (this is ours, not the
 paper's): a point of sky colour goes only where most photos that see it show sky.
 
-A photo that looks through a silhouette at the ground behind does not see the point: its pixel has
-another colour. Such photos are not counted, else they would outvote the few that look up against
-the sky, and hardly any silhouette would go.
+Most photos look past a thin branch at the ground and say nothing: their pixel is no sky, whether
+the branch is there or not. They would outvote the few that look up, and hardly any silhouette would
+go. So a photo that shows no sky at a point counts only where it could have shown some, with sky a
+few pixels aside, or where its pixel has the point's own colour.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
@@ -37,6 +39,8 @@ BLOCK = 200_000
 BUFFER_SIDE = 500
 #: A point is seen when it lies at most this share of its depth behind the nearest surface.
 DEPTH_TOLERANCE = 0.01
+#: A photo could show sky at a pixel when it has sky this near, a share of its longer side.
+SKY_REACH = 0.005
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class SkyEvidence:
     n_sky : ndarray of shape (n,), int32
         Photos that show sky where the point should be, nothing of the cloud before it.
     n_non_sky : ndarray of shape (n,), int32
-        Photos that show something else there, of the point's colour.
+        Photos that show something else there, though sky is near or the colour the point's.
     """
 
     n_sky: np.ndarray
@@ -177,6 +181,13 @@ def _visible(poses: Poses, i: int, points: np.ndarray, candidates: np.ndarray) -
     return inside
 
 
+def _near_sky(sky: np.ndarray) -> np.ndarray:
+    """Grow a sky mask by `SKY_REACH`."""
+    reach = max(1, round(SKY_REACH * max(sky.shape)))
+    kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return cv2.dilate(sky.astype(np.uint8), kernel) > 0
+
+
 def sky_evidence(
     cloud: PointCloud,
     candidates: np.ndarray,
@@ -201,7 +212,7 @@ def sky_evidence(
     look : callable
         ``look(i)`` returns the photo, (H, W, 3) uint8, and its sky mask, (H, W) bool.
     same_color_distance : float
-        A photo whose pixel is not sky sees the point only if its colour is this near.
+        A pixel whose colour is this near to the point's shows the point.
     """
     n_sky = np.zeros(len(candidates), np.int32)
     n_non_sky = np.zeros(len(candidates), np.int32)
@@ -221,7 +232,7 @@ def sky_evidence(
                 offset = image[line, column] / 255.0 - cloud.colors[candidates[rows]]
                 alike = np.linalg.norm(offset, axis=1) <= same_color_distance
                 n_sky[rows] += is_sky
-                n_non_sky[rows] += ~is_sky & alike
+                n_non_sky[rows] += ~is_sky & (alike | _near_sky(sky)[line, column])
             bar.step()
     return SkyEvidence(n_sky, n_non_sky)
 
