@@ -1,6 +1,7 @@
 import dataclasses
 import re
 import sys
+from importlib.metadata import distributions as find_distributions
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -11,7 +12,12 @@ if str(LIBRARY) not in sys.path:
     sys.path.insert(0, str(LIBRARY))
 
 from cherrypicker.code_inputs import imported_modules
-from cherrypicker.config import load_schema, lookup as lookup_key, read_config_file, resolve_config
+from cherrypicker.config import (
+    load_schema,
+    lookup as lookup_key,
+    read_config_file,
+    resolve_config,
+)
 from cherrypicker.errors import StageError
 from cherrypicker.photos import PHOTO_SUFFIXES
 from cherrypicker.stale_lock import claim_lock
@@ -36,7 +42,11 @@ def read_batch():
         for name, row in trees.items():
             own = read_config_file(row.config) if row.config else {}
             settings_of[name] = resolve_config(
-                SCHEMA, config, own, command_line, source=row.config or "config/config.yaml"
+                SCHEMA,
+                config,
+                own,
+                command_line,
+                source=row.config or "config/config.yaml",
             )
     except StageError as error:
         raise WorkflowError(error.describe())
@@ -107,6 +117,13 @@ def photo_only(*paths):
         return files[0] if len(files) == 1 else files
 
     return inputs
+
+
+def stereo_gpus(wildcards):
+    """Return how many GPUs the stereo of this tree takes: one where COLMAP's CUDA stereo runs."""
+    backend = cfg("mvs.backend")(wildcards)
+    has_cuda = find_distributions(name="pycolmap-cuda12")
+    return int(backend == "cuda" or (backend == "auto" and any(has_cuda)))
 
 
 def write_summary():

@@ -20,7 +20,7 @@ rule undistort_photos:
         runtime=30,
         gpu=0,
     params:
-        max_image_size=cfg("mvs.max_image_size"),
+        max_image_size=cfg("mvs.max_image_size_px"),
     message:
         "{wildcards.tree}: undistort the photos"
     script:
@@ -43,7 +43,7 @@ rule estimate_depth:
     resources:
         mem_mb=8000,
         runtime=600,
-        gpu=0,
+        gpu=stereo_gpus,
     params:
         backend=cfg("mvs.backend"),
         n_sources=cfg("mvs.n_sources"),

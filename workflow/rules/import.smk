@@ -2,8 +2,6 @@
 
 
 ruleorder: import_cloud > scale_cloud
-
-
 ruleorder: import_segmented_cloud > segment_cloud
 
 
