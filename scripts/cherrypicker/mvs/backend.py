@@ -16,7 +16,6 @@ import pycolmap
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs import estimate
-from cherrypicker.mvs.compiled import use_threads
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.views import StereoProblem, plan_views
 from cherrypicker.mvs.workspace import Workspace
@@ -180,11 +179,11 @@ def _run_cpu(workspace: Workspace, options: StereoOptions, threads: int) -> set[
     photos = PhotoStore(workspace, n_levels, capacity=2 * options.n_sources)
     keys = MapKeys(workspace)
     digests = _photo_digests(workspace)
-    logger.info("CPU PatchMatch: %d levels, %d threads", n_levels, use_threads(threads))
+    logger.info("CPU PatchMatch: %d levels, %d threads", n_levels, threads)
 
     def photometric(problem: StereoProblem) -> np.ndarray:
         return estimate.estimate_photometric(
-            problem, views, photos.get((problem.view, *problem.sources)), options
+            problem, views, photos.get((problem.view, *problem.sources)), options, threads
         )
 
     settings = {p.view: _settings(workspace, p, options, digests) for p in problems}
@@ -202,7 +201,9 @@ def _run_cpu(workspace: Workspace, options: StereoOptions, threads: int) -> set[
     def geometric(problem: StereoProblem) -> np.ndarray:
         needed = (problem.view, *problem.sources)
         fields = {j: _read_field(workspace, j, PHOTOMETRIC) for j in needed}
-        return estimate.estimate_geometric(problem, views, photos.get(needed), fields, options)
+        return estimate.estimate_geometric(
+            problem, views, photos.get(needed), fields, options, threads
+        )
 
     _each_view(workspace, usable, keys, chained, GEOMETRIC, geometric)
     workspace.write_fusion_config()

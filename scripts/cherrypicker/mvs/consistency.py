@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.compiled import kernel, parallel_kernel, prange
+from cherrypicker.mvs.compiled import in_parallel, kernel
 from cherrypicker.mvs.matching import (
-    N_SAMPLES,
     geometric_error,
     prepare_patch,
     source_cost,
 )
-from cherrypicker.mvs.patchmatch import improve, load_top, store_top
+from cherrypicker.mvs.patchmatch import improve, load_top, over_rows, store_top
 
 _0 = np.float32(0.0)
 _HALF = np.float32(0.5)
@@ -40,8 +39,7 @@ def _splat_source(level, s, splat):
                 splat[s, iy, ix] = max(splat[s, iy, ix], found / z)
 
 
-@parallel_kernel
-def splat_sources(level, splat):
+def splat_sources(level, splat, threads=1):
     """Draw every source's depth map into the reference, the nearest point of each pixel.
 
     Parameters
@@ -51,83 +49,80 @@ def splat_sources(level, splat):
     splat : ndarray of shape (n_sources, height, width), float32
         Filled with inverse depth in the reference; must be zero before.
     """
-    for s in prange(level.layout.shape[0]):
-        _splat_source(level, s, splat)
+    in_parallel(lambda s: _splat_source(level, s, splat), range(len(level.layout)), threads)
 
 
 @kernel
-def _adopt_row(level, y, field, chosen, active, splat, min_step, patch, costs, top):
-    for x in range(level.width):
-        if active[y, x] == 0:
-            continue
-        variance = np.float32(-1.0)
-        load_top(chosen, x, y, top)
-        for s in range(level.layout.shape[0]):
-            w = splat[s, y, x]
-            if w < level.w_min or w > level.w_max or abs(w - field[y, x, 0]) < min_step:
+def _adopt_rows(level, first, last, field, chosen, active, splat, min_step_px, scratch):
+    patch = scratch.patch
+    costs = scratch.costs
+    top = scratch.top
+    min_step = min_step_px * level.w_px
+    for y in range(first, last):
+        for x in range(level.width):
+            if active[y, x] == 0:
                 continue
-            if variance < _0:
-                variance = prepare_patch(
-                    level.color, level.width, level.height, x, y, level.inv_color,
-                    level.offsets, level.radius, patch,
-                )  # fmt: skip
-            cost = improve(level, x, y, w, _0, _0, patch, variance, costs, top, field[y, x, 3])
-            if cost < field[y, x, 3]:
-                field[y, x, 0] = w
-                field[y, x, 1] = _0
-                field[y, x, 2] = _0
-                field[y, x, 3] = cost
-        store_top(chosen, x, y, top)
+            variance = np.float32(-1.0)
+            load_top(chosen, x, y, top)
+            for s in range(level.layout.shape[0]):
+                w = splat[s, y, x]
+                if w < level.w_min or w > level.w_max or abs(w - field[y, x, 0]) < min_step:
+                    continue
+                if variance < _0:
+                    variance = prepare_patch(
+                        level.color, level.width, level.height, x, y, level.inv_color,
+                        level.offsets, level.radius, patch,
+                    )  # fmt: skip
+                cost = improve(level, x, y, w, _0, _0, patch, variance, costs, top, field[y, x, 3])
+                if cost < field[y, x, 3]:
+                    field[y, x, 0] = w
+                    field[y, x, 1] = _0
+                    field[y, x, 2] = _0
+                    field[y, x, 3] = cost
+            store_top(chosen, x, y, top)
 
 
-@parallel_kernel
-def adopt_from_sources(level, field, chosen, active, splat, min_step_px):
+def adopt_from_sources(level, field, chosen, active, splat, min_step_px, threads=1):
     """Try at every pixel the depths that the sources' maps put there.
 
     Only those more than ``min_step_px`` of parallax away from what the pixel holds: this carries
     twigs that one photo found over to those that missed them.
     """
-    for y in prange(level.height):
-        patch = np.zeros((5, N_SAMPLES), np.float32)
-        patch[:3] = level.samples
-        costs = np.empty(level.layout.shape[0], np.float32)
-        top = np.zeros(level.n_best, np.int64)
-        _adopt_row(
-            level, y, field, chosen, active, splat, min_step_px * level.w_px, patch, costs, top
-        )
+    over_rows(_adopt_rows, level, threads, field, chosen, active, splat, min_step_px)
 
 
 @kernel
-def _count_row(level, y, field, counts, max_cost, max_error_px, patch):
-    for x in range(level.width):
-        counts[y, x] = 0
-        w = field[y, x, 0]
-        if w <= _0:
-            continue
-        variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color,
-            level.offsets, level.radius, patch,
-        )  # fmt: skip
-        fx = np.float32(x)
-        fy = np.float32(y)
-        n = 0
-        for s in range(level.layout.shape[0]):
-            error = geometric_error(
-                level.depth, level.layout, level.project, level.back, s, fx, fy, w
-            )
-            if error > max_error_px:
+def _count_rows(level, first, last, field, counts, max_cost, max_error_px, scratch):
+    patch = scratch.patch
+    for y in range(first, last):
+        for x in range(level.width):
+            counts[y, x] = 0
+            w = field[y, x, 0]
+            if w <= _0:
                 continue
-            cost = source_cost(
-                level.packed, level.layout, level.project, s,
-                fx, fy, w, field[y, x, 1], field[y, x, 2], level.radius, patch, variance,
+            variance = prepare_patch(
+                level.color, level.width, level.height, x, y, level.inv_color,
+                level.offsets, level.radius, patch,
             )  # fmt: skip
-            if cost < max_cost:
-                n += 1
-        counts[y, x] = n
+            fx = np.float32(x)
+            fy = np.float32(y)
+            n = 0
+            for s in range(level.layout.shape[0]):
+                error = geometric_error(
+                    level.depth, level.layout, level.project, level.back, s, fx, fy, w
+                )
+                if error > max_error_px:
+                    continue
+                cost = source_cost(
+                    level.packed, level.layout, level.project, s,
+                    fx, fy, w, field[y, x, 1], field[y, x, 2], level.radius, patch, variance,
+                )  # fmt: skip
+                if cost < max_cost:
+                    n += 1
+            counts[y, x] = n
 
 
-@parallel_kernel
-def count_consistent(level, field, counts, max_cost, max_error_px):
+def count_consistent(level, field, counts, max_cost, max_error_px, threads=1):
     """Count the sources that agree with every pixel in colour and in depth.
 
     Parameters
@@ -136,7 +131,4 @@ def count_consistent(level, field, counts, max_cost, max_error_px):
         Filled with the number of sources whose 1 - NCC is below ``max_cost`` and whose own map
         brings the pixel back within ``max_error_px``.
     """
-    for y in prange(level.height):
-        patch = np.zeros((5, N_SAMPLES), np.float32)
-        patch[:3] = level.samples
-        _count_row(level, y, field, counts, max_cost, max_error_px, patch)
+    over_rows(_count_rows, level, threads, field, counts, max_cost, max_error_px)

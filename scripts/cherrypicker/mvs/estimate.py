@@ -156,6 +156,7 @@ def estimate_photometric(
     views: list[View],
     photos: dict[int, list[np.ndarray]],
     options: StereoOptions,
+    threads: int = 1,
 ) -> np.ndarray:
     """Match a reference against its sources, coarse to fine.
 
@@ -171,20 +172,22 @@ def estimate_photometric(
     for index in reversed(range(n_levels)):
         level = make_level(problem, views, photos, index, options)
         active = np.ones((level.height, level.width), dtype=np.uint8)
-        patchmatch.find_texture(level, active, np.float32(options.min_texture**2))
+        patchmatch.find_texture(level, active, np.float32(options.min_texture**2), threads)
         coarse, field = field, _unknown_field(level)
         chosen = np.zeros((level.height, level.width), dtype=np.uint16)
         if coarse is None:
             prior = _sparse_prior(problem, view, level.width, level.height)
-            patchmatch.start_randomly(level, field, chosen, active, prior, 6, seed)
+            patchmatch.start_randomly(level, field, chosen, active, prior, 6, seed, threads)
         else:
-            patchmatch.start_from_coarse(level, field, chosen, active, coarse, coarse_color, 2)
+            patchmatch.start_from_coarse(
+                level, field, chosen, active, coarse, coarse_color, 2, threads
+            )
         schedule = _schedule(index, n_levels, options.n_iterations)
         for i, (n_near, n_refine, n_random) in enumerate(schedule):
             for parity in (0, 1):
                 turn = seed + (((index * 64 + i) * 2 + parity + 1) << 40)
                 patchmatch.sweep(
-                    level, field, chosen, active, parity, n_near, n_refine, n_random, turn
+                    level, field, chosen, active, parity, n_near, n_refine, n_random, turn, threads
                 )
         coarse_color = level.color
     return field
@@ -214,6 +217,7 @@ def estimate_geometric(
     photos: dict[int, list[np.ndarray]],
     fields: dict[int, np.ndarray],
     options: StereoOptions,
+    threads: int = 1,
 ) -> np.ndarray:
     """Refine a reference with its sources' photometric depth maps, and filter it.
 
@@ -236,16 +240,21 @@ def estimate_geometric(
     field = fields[problem.view].copy()
     active = (field[..., 0] > 0.0).astype(np.uint8)
     chosen = np.zeros((level.height, level.width), dtype=np.uint16)
-    patchmatch.evaluate_field(level, field, chosen, active)
+    patchmatch.evaluate_field(level, field, chosen, active, threads)
     splat = np.zeros((len(problem.sources), level.height, level.width), dtype=np.float32)
-    consistency.splat_sources(level, splat)
-    consistency.adopt_from_sources(level, field, chosen, active, splat, np.float32(0.5))
+    consistency.splat_sources(level, splat, threads)
+    consistency.adopt_from_sources(level, field, chosen, active, splat, np.float32(0.5), threads)
     for parity in (0, 1):
         turn = seed + ((parity + 1) << 40)
-        patchmatch.sweep(level, field, chosen, active, parity, 4, 2, 0, turn)
+        patchmatch.sweep(level, field, chosen, active, parity, 4, 2, 0, turn, threads)
     counts = np.zeros((level.height, level.width), dtype=np.uint8)
     consistency.count_consistent(
-        level, field, counts, np.float32(options.max_cost), np.float32(options.max_error_px)
+        level,
+        field,
+        counts,
+        np.float32(options.max_cost),
+        np.float32(options.max_error_px),
+        threads,
     )
     field[counts < min(options.min_consistent, len(problem.sources))] = 0.0
     return field

@@ -14,13 +14,15 @@ import tempfile
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.compiled import kernel, parallel_kernel, prange, use_threads
+from cherrypicker.mvs.compiled import in_parallel, kernel
 from cherrypicker.mvs.estimate import relative_projection
+from cherrypicker.mvs.patchmatch import ROWS_AT_A_TIME
 from cherrypicker.mvs.views import plan_views
 from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo
@@ -53,142 +55,158 @@ class FusionOptions:
         return 2 if n_photos < 20 else 3
 
 
-@kernel
-def _explain(maps, used, others, rows, sizes, j, corner, depth):
-    """Mark the four pixels around a match in photo ``j`` that lie on the same surface."""
-    width = sizes[j, 0]
-    for i in range(4):
-        pixel = corner + (i & 1) + (i >> 1) * width
-        if pixel < 0 or pixel >= width * sizes[j, 1]:
-            continue
-        if abs(maps[others[j], pixel, 3] - depth) < SAME_SURFACE * depth:
-            used[rows[j], pixel] = 1
+class Group(NamedTuple):
+    """A reference photo and those that overlap it, as the kernels take them; the reference first.
 
-
-@parallel_kernel
-def _fuse_view(
-    maps,
-    used,
-    slot,
-    others,
-    rows,
-    sizes,
-    forward,
-    back,
-    rotations,
-    ray,
-    limits,
-    min_views,
-    out,
-    counts,
-):
-    """Fuse one reference's pixels.
-
-    Parameters
+    Attributes
     ----------
     maps : ndarray of shape (n_slots, n_pixels, 4), float32
         Normals and depth of the photos at hand, each in its own camera.
     used : ndarray of shape (n_views, n_pixels), uint8
         Pixels explained; those of the matching pixels are set. The same value may be written by
         two threads, which is harmless, and nothing but the reference's own row is read.
-    others, rows, sizes, forward, back, rotations : ndarray
-        Slots, rows of ``used``, sizes, projections and rotations of the overlapping photos.
+    slots, rows, sizes : ndarray
+        Where each photo lies in ``maps`` and in ``used``, and (n, 2) its width and height.
+    forward, back, turns : ndarray
+        Projections from and to the reference, (n, 12); rotations to the reference, (n, 9).
     ray : tuple of float32
         Reference's fx, fy, cx, cy (pixel centres at whole numbers).
     limits : tuple of float32
         Reprojection error (px), relative depth error, cosine of the normals' angle.
-    out : ndarray of shape (n_pixels, 6), float32
-        Filled with position and normal in the reference's camera.
-    counts : ndarray of shape (n_pixels,), uint8
-        Filled with the number of photos, 0 where there is no point.
+    min_views : int
     """
-    width = sizes[0, 0]
-    height = sizes[0, 1]
-    n = others.shape[0]
-    max_error = limits[0] * limits[0]
-    for y in prange(height):
-        xs = np.empty((4, n), np.float32)
-        matched = np.empty((n, 2), np.int64)
+
+    maps: np.ndarray
+    used: np.ndarray
+    slots: np.ndarray
+    rows: np.ndarray
+    sizes: np.ndarray
+    forward: np.ndarray
+    back: np.ndarray
+    turns: np.ndarray
+    ray: tuple
+    limits: tuple
+    min_views: int
+
+
+@kernel
+def _explain(group, j, corner, depth):
+    """Mark the four pixels around a match in photo ``j`` that lie on the same surface."""
+    width = group.sizes[j, 0]
+    for i in range(4):
+        pixel = corner + (i & 1) + (i >> 1) * width
+        if pixel < 0 or pixel >= width * group.sizes[j, 1]:
+            continue
+        if abs(group.maps[group.slots[j], pixel, 3] - depth) < SAME_SURFACE * depth:
+            group.used[group.rows[j], pixel] = 1
+
+
+@kernel
+def _from_other(group, j, u, v, depth):
+    """Return the point of photo ``j`` at pixel (u, v) in the reference: x, y (px), depth."""
+    B = group.back
+    w = _1 / depth
+    z = B[j, 6] * u + B[j, 7] * v + B[j, 8] + B[j, 11] * w
+    x = (B[j, 0] * u + B[j, 1] * v + B[j, 2] + B[j, 9] * w) / z
+    y = (B[j, 3] * u + B[j, 4] * v + B[j, 5] + B[j, 10] * w) / z
+    return x, y, z * depth
+
+
+@kernel
+def _ask(group, j, pixel, x, y, depth, normal, values, m, matched):
+    """Add photo ``j``'s own point to ``values`` and its normal to ``normal`` if it agrees."""
+    P = group.forward
+    w = _1 / depth
+    z = P[j, 6] * x + P[j, 7] * y + P[j, 8] + P[j, 11] * w
+    if z <= np.float32(1e-6):
+        return False
+    u = (P[j, 0] * x + P[j, 1] * y + P[j, 2] + P[j, 9] * w) / z
+    v = (P[j, 3] * x + P[j, 4] * y + P[j, 5] + P[j, 10] * w) / z
+    iu = np.int64(np.floor(u + _HALF))
+    iv = np.int64(np.floor(v + _HALF))
+    width = group.sizes[j, 0]
+    if iu < 0 or iv < 0 or iu >= width or iv >= group.sizes[j, 1]:
+        return False
+    slot = group.slots[j]
+    other = iv * width + iu
+    found = group.maps[slot, other, 3]
+    expected = z * depth
+    if found <= _0 or abs(found - expected) > group.limits[1] * expected:
+        return False
+    bx, by, _ = _from_other(group, j, u, v, found)
+    if (bx - x) ** 2 + (by - y) ** 2 > group.limits[0] * group.limits[0]:
+        return False
+    own = group.slots[0]
+    cosine = _0
+    for c in range(3):
+        turned = _0
+        for k in range(3):
+            turned += group.turns[j, 3 * c + k] * group.maps[slot, other, k]
+        normal[3 + c] = turned
+        cosine += turned * group.maps[own, pixel, c]
+    if cosine < group.limits[2]:
+        return False
+    for c in range(3):
+        normal[c] += normal[3 + c]
+    px, py, pz = _from_other(group, j, np.float32(iu), np.float32(iv), found)
+    values[0, m] = (px - group.ray[2]) / group.ray[0] * pz
+    values[1, m] = (py - group.ray[3]) / group.ray[1] * pz
+    values[2, m] = pz
+    values[3, m] = found
+    matched[m, 0] = j
+    matched[m, 1] = np.int64(np.floor(v)) * width + np.int64(np.floor(u))
+    return True
+
+
+@kernel
+def _median(values, row, n):
+    """Median of the first ``n`` values of a row, which are sorted in place."""
+    for i in range(1, n):
+        value = values[row, i]
+        k = i
+        while k > 0 and values[row, k - 1] > value:
+            values[row, k] = values[row, k - 1]
+            k -= 1
+        values[row, k] = value
+    return _HALF * (values[row, (n - 1) // 2] + values[row, n // 2])
+
+
+@kernel
+def _fuse_rows(group, first, last, out, counts, values, matched, normal):
+    """Fuse rows of the reference.
+
+    ``out`` (n_pixels, 6) takes position and normal in the reference's camera, ``counts``
+    (n_pixels,) the number of photos, 0 where there is no point.
+    """
+    width = group.sizes[0, 0]
+    own = group.slots[0]
+    for y in range(first, last):
         fy = np.float32(y)
         for x in range(width):
             pixel = y * width + x
             counts[pixel] = 0
-            depth = maps[slot, pixel, 3]
-            if depth <= _0 or used[rows[0], pixel] != 0:
+            depth = group.maps[own, pixel, 3]
+            if depth <= _0 or group.used[group.rows[0], pixel] != 0:
                 continue
             fx = np.float32(x)
-            w = _1 / depth
-            nx = maps[slot, pixel, 0]
-            ny = maps[slot, pixel, 1]
-            nz = maps[slot, pixel, 2]
-            ax = nx
-            ay = ny
-            az = nz
-            xs[0, 0] = (fx - ray[2]) / ray[0] * depth
-            xs[1, 0] = (fy - ray[3]) / ray[1] * depth
-            xs[2, 0] = depth
+            values[0, 0] = (fx - group.ray[2]) / group.ray[0] * depth
+            values[1, 0] = (fy - group.ray[3]) / group.ray[1] * depth
+            values[2, 0] = depth
+            for c in range(3):
+                normal[c] = group.maps[own, pixel, c]
             m = 1
-            for j in range(1, n):
-                P = forward[j]
-                z = P[6] * fx + P[7] * fy + P[8] + P[11] * w
-                if z <= np.float32(1e-6):
-                    continue
-                u = (P[0] * fx + P[1] * fy + P[2] + P[9] * w) / z
-                v = (P[3] * fx + P[4] * fy + P[5] + P[10] * w) / z
-                iu = np.int64(np.floor(u + _HALF))
-                iv = np.int64(np.floor(v + _HALF))
-                if iu < 0 or iv < 0 or iu >= sizes[j, 0] or iv >= sizes[j, 1]:
-                    continue
-                other = iv * sizes[j, 0] + iu
-                found = maps[others[j], other, 3]
-                if found <= _0:
-                    continue
-                expected = z * depth
-                if abs(found - expected) > limits[1] * expected:
-                    continue
-                B = back[j]
-                fu = np.float32(iu)
-                fv = np.float32(iv)
-                wj = _1 / found
-                zb = B[6] * u + B[7] * v + B[8] + B[11] * wj
-                ex = (B[0] * u + B[1] * v + B[2] + B[9] * wj) / zb - fx
-                ey = (B[3] * u + B[4] * v + B[5] + B[10] * wj) / zb - fy
-                if ex * ex + ey * ey > max_error:
-                    continue
-                R = rotations[j]
-                mx = maps[others[j], other, 0]
-                my = maps[others[j], other, 1]
-                mz = maps[others[j], other, 2]
-                rx = R[0] * mx + R[1] * my + R[2] * mz
-                ry = R[3] * mx + R[4] * my + R[5] * mz
-                rz = R[6] * mx + R[7] * my + R[8] * mz
-                if rx * nx + ry * ny + rz * nz < limits[2]:
-                    continue
-                zc = B[6] * fu + B[7] * fv + B[8] + B[11] * wj
-                xc = (B[0] * fu + B[1] * fv + B[2] + B[9] * wj) / zc
-                yc = (B[3] * fu + B[4] * fv + B[5] + B[10] * wj) / zc
-                dc = zc * found
-                xs[0, m] = (xc - ray[2]) / ray[0] * dc
-                xs[1, m] = (yc - ray[3]) / ray[1] * dc
-                xs[2, m] = dc
-                xs[3, m] = found
-                ax += rx
-                ay += ry
-                az += rz
-                matched[m, 0] = j
-                matched[m, 1] = np.int64(np.floor(v)) * sizes[j, 0] + np.int64(np.floor(u))
-                m += 1
-            if m < min_views:
+            for j in range(1, group.slots.shape[0]):
+                if _ask(group, j, pixel, fx, fy, depth, normal, values, m, matched):
+                    m += 1
+            if m < group.min_views:
                 continue
             for i in range(1, m):
-                _explain(maps, used, others, rows, sizes, matched[i, 0], matched[i, 1], xs[3, i])
+                _explain(group, matched[i, 0], matched[i, 1], values[3, i])
             counts[pixel] = min(m, 255)
+            length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
             for c in range(3):
-                out[pixel, c] = np.median(xs[c, :m])
-            length = np.sqrt(ax * ax + ay * ay + az * az) + np.float32(1e-12)
-            out[pixel, 3] = ax / length
-            out[pixel, 4] = ay / length
-            out[pixel, 5] = az / length
+                out[pixel, c] = _median(values, c, m)
+                out[pixel, 3 + c] = normal[c] / max(length, np.float32(1e-12))
 
 
 class _MapSlots:
@@ -256,7 +274,6 @@ def fuse(
     StageError
         If no point is seen consistently by ``min_views`` photos.
     """
-    use_threads(threads)
     views = workspace.views
     chosen = [i for i, view in enumerate(views) if view.name in set(names)]
     row_of = {i: row for row, i in enumerate(chosen)}
@@ -265,9 +282,9 @@ def fuse(
     parts = []
     with Progress(len(chosen), "photos fused") as bar:
         for i in chosen:
-            group = [i] + [j for j in overlaps[i] if j in row_of and j != i][: options.n_check]
-            rows = np.array([row_of[j] for j in group], dtype=np.int64)
-            parts.append(_fuse_one(workspace, slots, used, group, rows, options))
+            members = [i] + [j for j in overlaps[i] if j in row_of and j != i][: options.n_check]
+            rows = np.array([row_of[j] for j in members], dtype=np.int64)
+            parts.append(_fuse_one(workspace, slots, used, members, rows, options, threads))
             bar.step()
     cloud = PointCloud(
         points=np.concatenate([part[0] for part in parts]),
@@ -298,29 +315,43 @@ def _kernel_intrinsics(view: View) -> np.ndarray:
     return K
 
 
-def _fuse_one(workspace, slots, used, group, rows, options):
+def _fuse_one(workspace, slots, used, members, rows, options, threads):
     """Return points, normals, colours and counts of one reference, world frame."""
-    views = [workspace.views[j] for j in group]
+    views = [workspace.views[j] for j in members]
     reference = views[0]
-    at = slots.load(group)
     poses = [(_kernel_intrinsics(view), view.R, view.t) for view in views]
-    forward = np.array([relative_projection(poses[0], p) for p in poses], dtype=np.float32)
-    back = np.array([relative_projection(p, poses[0]) for p in poses], dtype=np.float32)
-    turns = np.array([(reference.R @ view.R.T).ravel() for view in views], dtype=np.float32)
-    sizes = np.array([(view.width, view.height) for view in views], dtype=np.int64)
+    turns = [(reference.R @ view.R.T).ravel() for view in views]
     K = poses[0][0].astype(np.float32)
-    limits = (
-        np.float32(options.max_reproj_error_px),
-        np.float32(options.max_depth_error),
-        np.float32(np.cos(np.radians(options.max_normal_error_deg))),
+    at = slots.load(members)
+    group = Group(
+        maps=slots.maps,
+        used=used,
+        slots=at,
+        rows=rows,
+        sizes=np.array([(view.width, view.height) for view in views], dtype=np.int64),
+        forward=np.array([relative_projection(poses[0], p) for p in poses], dtype=np.float32),
+        back=np.array([relative_projection(p, poses[0]) for p in poses], dtype=np.float32),
+        turns=np.array(turns, dtype=np.float32),
+        ray=(K[0, 0], K[1, 1], K[0, 2], K[1, 2]),
+        limits=(
+            np.float32(options.max_reproj_error_px),
+            np.float32(options.max_depth_error),
+            np.float32(np.cos(np.radians(options.max_normal_error_deg))),
+        ),
+        min_views=options.views_needed(len(used)),
     )
     n_pixels = reference.width * reference.height
     out = np.empty((n_pixels, 6), dtype=np.float32)
     counts = np.empty(n_pixels, dtype=np.uint8)
-    _fuse_view(
-        slots.maps, used, int(at[0]), at, rows, sizes, forward, back, turns,
-        (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), limits, options.views_needed(len(used)), out, counts,
-    )  # fmt: skip
+
+    def work(first: int) -> None:
+        values = np.empty((4, len(members)), dtype=np.float32)
+        matched = np.empty((len(members), 2), dtype=np.int64)
+        normal = np.empty(6, dtype=np.float32)
+        last = min(first + ROWS_AT_A_TIME, reference.height)
+        _fuse_rows(group, first, last, out, counts, values, matched, normal)
+
+    in_parallel(work, range(0, reference.height, ROWS_AT_A_TIME), threads)
     kept = np.flatnonzero(counts)
     points = (out[kept, :3].astype(np.float64) - reference.t) @ reference.R
     normals = (out[kept, 3:].astype(np.float64) @ reference.R).astype(np.float32)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.mvs.compiled import kernel, parallel_kernel, prange
+from cherrypicker.mvs.compiled import in_parallel, kernel
 from cherrypicker.mvs.matching import (
     INVALID_COST,
     N_SAMPLES,
@@ -31,6 +31,8 @@ _UNKNOWN = np.float32(1e9)
 MAX_SLOPE = np.float32(4.0)
 # Hypotheses nearer than this (px of parallax over the window) to the present one are not tried
 SAME_PX = np.float32(0.06)
+# Rows that a thread takes at a time
+ROWS_AT_A_TIME = 16
 # A hypothesis whose best sources cost so much more than the present one is given up
 SCREEN_MARGIN = np.float32(0.05)
 # Distances of far propagation; odd, so that they reach the other colour of the checkerboard
@@ -100,6 +102,47 @@ class Level(NamedTuple):
     w_px: np.float32
     fx: np.float32
     fy: np.float32
+
+
+class Scratch(NamedTuple):
+    """A thread's working memory.
+
+    Attributes
+    ----------
+    patch : ndarray of shape (5, 32), float32
+        See :func:`cherrypicker.mvs.matching.prepare_patch`.
+    costs : ndarray of shape (n_sources,), float32
+    top : ndarray of shape (n_best,), int64
+        The pixel's best sources.
+    found : ndarray of shape (8, 2), int64
+        Neighbours worth a try.
+    order : ndarray of shape (4,), float32
+        Colour distances of coarse pixels.
+    """
+
+    patch: np.ndarray
+    costs: np.ndarray
+    top: np.ndarray
+    found: np.ndarray
+    order: np.ndarray
+
+
+def over_rows(function, level: Level, threads: int, *arguments) -> None:
+    """Call a kernel for blocks of the level's rows, on some threads."""
+
+    def work(first: int) -> None:
+        patch = np.zeros((5, N_SAMPLES), dtype=np.float32)
+        patch[:3] = level.samples
+        scratch = Scratch(
+            patch=patch,
+            costs=np.empty(len(level.layout), dtype=np.float32),
+            top=np.zeros(level.n_best, dtype=np.int64),
+            found=np.empty((8, 2), dtype=np.int64),
+            order=np.empty(4, dtype=np.float32),
+        )
+        function(level, first, min(first + ROWS_AT_A_TIME, level.height), *arguments, scratch)
+
+    in_parallel(work, range(0, level.height, ROWS_AT_A_TIME), threads)
 
 
 @kernel
@@ -209,64 +252,60 @@ def store_top(chosen, x, y, top):
 
 
 @kernel
-def _texture_row(level, y, active, min_variance, patch):
-    for x in range(level.width):
-        variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color,
-            level.offsets, level.radius, patch,
-        )  # fmt: skip
-        if variance < min_variance:
-            active[y, x] = 0
+def _texture_rows(level, first, last, active, min_variance, scratch):
+    patch = scratch.patch
+    for y in range(first, last):
+        for x in range(level.width):
+            variance = prepare_patch(
+                level.color, level.width, level.height, x, y, level.inv_color,
+                level.offsets, level.radius, patch,
+            )  # fmt: skip
+            if variance < min_variance:
+                active[y, x] = 0
 
 
-@parallel_kernel
-def find_texture(level, active, min_variance):
+def find_texture(level, active, min_variance, threads=1):
     """Mark the pixels whose patch has texture; the others (clear sky, a wall) are skipped."""
-    for y in prange(level.height):
-        patch = np.zeros((5, N_SAMPLES), np.float32)
-        patch[:3] = level.samples
-        _texture_row(level, y, active, min_variance, patch)
+    over_rows(_texture_rows, level, threads, active, min_variance)
 
 
 @kernel
-def _random_row(level, y, field, chosen, active, prior, n_trials, seed, patch, costs, top):
-    for x in range(level.width):
-        if active[y, x] == 0:
-            continue
-        variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color,
-            level.offsets, level.radius, patch,
-        )  # fmt: skip
-        pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
-        best = np.float32(1e9)
-        for trial in range(n_trials):
-            draw = 4 * trial
-            w = level.w_min + (level.w_max - level.w_min) * _uniform(pixel, draw)
-            if trial % 2 == 1 and prior[y, x] > _0:
-                w = prior[y, x] * (np.float32(0.9) + np.float32(0.2) * _uniform(pixel, draw))
-            w = min(max(w, level.w_min), level.w_max)
-            gx = (_uniform(pixel, draw + 1) - _HALF) * w / level.fx
-            gy = (_uniform(pixel, draw + 2) - _HALF) * w / level.fy
-            cost = evaluate(level, x, y, w, gx, gy, patch, variance, costs, top)
-            if cost < best:
-                best = cost
-                _store(field, y, x, w, gx, gy, cost)
-                store_top(chosen, x, y, top)
+def _random_rows(level, first, last, field, chosen, active, prior, n_trials, seed, scratch):
+    patch = scratch.patch
+    costs = scratch.costs
+    top = scratch.top
+    for y in range(first, last):
+        for x in range(level.width):
+            if active[y, x] == 0:
+                continue
+            variance = prepare_patch(
+                level.color, level.width, level.height, x, y, level.inv_color,
+                level.offsets, level.radius, patch,
+            )  # fmt: skip
+            pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
+            best = np.float32(1e9)
+            for trial in range(n_trials):
+                draw = 4 * trial
+                w = level.w_min + (level.w_max - level.w_min) * _uniform(pixel, draw)
+                if trial % 2 == 1 and prior[y, x] > _0:
+                    w = prior[y, x] * (np.float32(0.9) + np.float32(0.2) * _uniform(pixel, draw))
+                w = min(max(w, level.w_min), level.w_max)
+                gx = (_uniform(pixel, draw + 1) - _HALF) * w / level.fx
+                gy = (_uniform(pixel, draw + 2) - _HALF) * w / level.fy
+                cost = evaluate(level, x, y, w, gx, gy, patch, variance, costs, top)
+                if cost < best:
+                    best = cost
+                    _store(field, y, x, w, gx, gy, cost)
+                    store_top(chosen, x, y, top)
 
 
-@parallel_kernel
-def start_randomly(level, field, chosen, active, prior, n_trials, seed):
+def start_randomly(level, field, chosen, active, prior, n_trials, seed, threads=1):
     """Give every active pixel the best of some random hypotheses.
 
     Every second one takes the inverse depth of a sparse point near by (``prior``, 0 where there is
     none) and spreads around it, the others are uniform in inverse depth; slopes are small.
     """
-    for y in prange(level.height):
-        patch = np.zeros((5, N_SAMPLES), np.float32)
-        patch[:3] = level.samples
-        costs = np.empty(level.layout.shape[0], np.float32)
-        top = np.zeros(level.n_best, np.int64)
-        _random_row(level, y, field, chosen, active, prior, n_trials, seed, patch, costs, top)
+    over_rows(_random_rows, level, threads, field, chosen, active, prior, n_trials, seed)
 
 
 @kernel
@@ -286,66 +325,61 @@ def _nearest_coarse(level, coarse, coarse_color, x, y, cx, cy, order):
 
 
 @kernel
-def _coarse_row(
-    level, y, field, chosen, active, coarse, coarse_color, n_trials, patch, costs, top, order
+def _coarse_rows(
+    level, first, last, field, chosen, active, coarse, coarse_color, n_trials, scratch
 ):
+    patch = scratch.patch
+    costs = scratch.costs
+    top = scratch.top
+    order = scratch.order
     step_x = np.float32(coarse.shape[1]) / np.float32(level.width)
     step_y = np.float32(coarse.shape[0]) / np.float32(level.height)
-    for x in range(level.width):
-        if active[y, x] == 0:
-            continue
-        variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color,
-            level.offsets, level.radius, patch,
-        )  # fmt: skip
-        cx = (np.float32(x) + _HALF) * step_x - _HALF
-        cy = (np.float32(y) + _HALF) * step_y - _HALF
-        x0, y0 = _nearest_coarse(level, coarse, coarse_color, x, y, cx, cy, order)
-        best = np.float32(-1.0)
-        for _ in range(n_trials):
-            i = 0
-            for other in range(1, 4):
-                if order[other] < order[i]:
-                    i = other
-            if order[i] >= _UNKNOWN and best >= _0:
-                break
-            xi = x0 + (i & 1)
-            yi = y0 + (i >> 1)
-            gx = _0
-            gy = _0
-            w = _HALF * (level.w_min + level.w_max)
-            if order[i] < _UNKNOWN:
-                order[i] = _UNKNOWN
-                gx = coarse[yi, xi, 1] * step_x
-                gy = coarse[yi, xi, 2] * step_y
-                w = coarse[yi, xi, 0]
-                w += coarse[yi, xi, 1] * (cx - np.float32(xi))
-                w += coarse[yi, xi, 2] * (cy - np.float32(yi))
-                w = min(max(w, level.w_min), level.w_max)
-            cost = improve(level, x, y, w, gx, gy, patch, variance, costs, top, best)
-            if cost < best or best < _0:
-                best = cost
-                _store(field, y, x, w, gx, gy, cost)
-        store_top(chosen, x, y, top)
+    for y in range(first, last):
+        for x in range(level.width):
+            if active[y, x] == 0:
+                continue
+            variance = prepare_patch(
+                level.color, level.width, level.height, x, y, level.inv_color,
+                level.offsets, level.radius, patch,
+            )  # fmt: skip
+            cx = (np.float32(x) + _HALF) * step_x - _HALF
+            cy = (np.float32(y) + _HALF) * step_y - _HALF
+            x0, y0 = _nearest_coarse(level, coarse, coarse_color, x, y, cx, cy, order)
+            best = np.float32(-1.0)
+            for _ in range(n_trials):
+                i = 0
+                for other in range(1, 4):
+                    if order[other] < order[i]:
+                        i = other
+                if order[i] >= _UNKNOWN and best >= _0:
+                    break
+                xi = x0 + (i & 1)
+                yi = y0 + (i >> 1)
+                gx = _0
+                gy = _0
+                w = _HALF * (level.w_min + level.w_max)
+                if order[i] < _UNKNOWN:
+                    order[i] = _UNKNOWN
+                    gx = coarse[yi, xi, 1] * step_x
+                    gy = coarse[yi, xi, 2] * step_y
+                    w = coarse[yi, xi, 0]
+                    w += coarse[yi, xi, 1] * (cx - np.float32(xi))
+                    w += coarse[yi, xi, 2] * (cy - np.float32(yi))
+                    w = min(max(w, level.w_min), level.w_max)
+                cost = improve(level, x, y, w, gx, gy, patch, variance, costs, top, best)
+                if cost < best or best < _0:
+                    best = cost
+                    _store(field, y, x, w, gx, gy, cost)
+            store_top(chosen, x, y, top)
 
 
-@parallel_kernel
-def start_from_coarse(level, field, chosen, active, coarse, coarse_color, n_trials):
+def start_from_coarse(level, field, chosen, active, coarse, coarse_color, n_trials, threads=1):
     """Start a level from the one above: the best of the nearest coarse pixels' hypotheses.
 
     Of the four coarse pixels around a pixel the ones of the most similar colour are tried, so that
     a branch does not inherit the background's depth across its silhouette.
     """
-    for y in prange(level.height):
-        patch = np.zeros((5, N_SAMPLES), np.float32)
-        patch[:3] = level.samples
-        costs = np.empty(level.layout.shape[0], np.float32)
-        top = np.zeros(level.n_best, np.int64)
-        order = np.empty(4, np.float32)
-        _coarse_row(
-            level, y, field, chosen, active, coarse, coarse_color, n_trials,
-            patch, costs, top, order,
-        )  # fmt: skip
+    over_rows(_coarse_rows, level, threads, field, chosen, active, coarse, coarse_color, n_trials)
 
 
 @kernel
@@ -365,31 +399,29 @@ def _color_distance(a, b):
 
 
 @kernel
-def _evaluate_row(level, y, field, chosen, active, patch, costs, top):
-    for x in range(level.width):
-        if active[y, x] == 0 or field[y, x, 0] <= _0:
-            field[y, x, 3] = INVALID_COST
-            continue
-        variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color,
-            level.offsets, level.radius, patch,
-        )  # fmt: skip
-        field[y, x, 3] = evaluate(
-            level, x, y, field[y, x, 0], field[y, x, 1], field[y, x, 2],
-            patch, variance, costs, top,
-        )  # fmt: skip
-        store_top(chosen, x, y, top)
+def _evaluate_rows(level, first, last, field, chosen, active, scratch):
+    patch = scratch.patch
+    costs = scratch.costs
+    top = scratch.top
+    for y in range(first, last):
+        for x in range(level.width):
+            if active[y, x] == 0 or field[y, x, 0] <= _0:
+                field[y, x, 3] = INVALID_COST
+                continue
+            variance = prepare_patch(
+                level.color, level.width, level.height, x, y, level.inv_color,
+                level.offsets, level.radius, patch,
+            )  # fmt: skip
+            field[y, x, 3] = evaluate(
+                level, x, y, field[y, x, 0], field[y, x, 1], field[y, x, 2],
+                patch, variance, costs, top,
+            )  # fmt: skip
+            store_top(chosen, x, y, top)
 
 
-@parallel_kernel
-def evaluate_field(level, field, chosen, active):
+def evaluate_field(level, field, chosen, active, threads=1):
     """Recompute the cost of what every active pixel holds (the cost function has changed)."""
-    for y in prange(level.height):
-        patch = np.zeros((5, N_SAMPLES), np.float32)
-        patch[:3] = level.samples
-        costs = np.empty(level.layout.shape[0], np.float32)
-        top = np.zeros(level.n_best, np.int64)
-        _evaluate_row(level, y, field, chosen, active, patch, costs, top)
+    over_rows(_evaluate_rows, level, threads, field, chosen, active)
 
 
 @kernel
@@ -447,51 +479,54 @@ def _change(level, w, gx, gy, pixel, i, n_refine):
 
 
 @kernel
-def _sweep_row(
-    level, y, field, chosen, active, parity, n_near, n_refine, n_random, seed,
-    patch, costs, top, found,
-):  # fmt: skip
+def _sweep_rows(
+    level, first, last, field, chosen, active, parity, n_near, n_refine, n_random, seed, scratch
+):
+    patch = scratch.patch
+    costs = scratch.costs
+    top = scratch.top
+    found = scratch.found
     near = SAME_PX * level.w_px
-    for x in range((y + parity) & 1, level.width, 2):
-        if active[y, x] == 0:
-            continue
-        variance = prepare_patch(
-            level.color, level.width, level.height, x, y, level.inv_color,
-            level.offsets, level.radius, patch,
-        )  # fmt: skip
-        w = field[y, x, 0]
-        gx = field[y, x, 1]
-        gy = field[y, x, 2]
-        best = field[y, x, 3]
-        load_top(chosen, x, y, top)
-        n = min(_collect(level, field, x, y, found), n_near)
-        pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
-        for i in range(n + n_refine + n_random):
-            if i < n:
-                nx = found[i, 0]
-                ny = found[i, 1]
-                tx = field[ny, nx, 1]
-                ty = field[ny, nx, 2]
-                tw = field[ny, nx, 0] + tx * np.float32(x - nx) + ty * np.float32(y - ny)
-                bend = abs(tx - gx) + abs(ty - gy)
-                if abs(tw - w) < near and bend * level.radius < near:
-                    continue
-            else:
-                tw, tx, ty = _change(level, w, gx, gy, pixel, i - n, n_refine)
-            if not _is_plausible(level, tw, tx, ty):
+    for y in range(first, last):
+        for x in range((y + parity) & 1, level.width, 2):
+            if active[y, x] == 0:
                 continue
-            cost = improve(level, x, y, tw, tx, ty, patch, variance, costs, top, best)
-            if cost < best:
-                best = cost
-                w = tw
-                gx = tx
-                gy = ty
-        _store(field, y, x, w, gx, gy, best)
-        store_top(chosen, x, y, top)
+            variance = prepare_patch(
+                level.color, level.width, level.height, x, y, level.inv_color,
+                level.offsets, level.radius, patch,
+            )  # fmt: skip
+            w = field[y, x, 0]
+            gx = field[y, x, 1]
+            gy = field[y, x, 2]
+            best = field[y, x, 3]
+            load_top(chosen, x, y, top)
+            n = min(_collect(level, field, x, y, found), n_near)
+            pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
+            for i in range(n + n_refine + n_random):
+                if i < n:
+                    nx = found[i, 0]
+                    ny = found[i, 1]
+                    tx = field[ny, nx, 1]
+                    ty = field[ny, nx, 2]
+                    tw = field[ny, nx, 0] + tx * np.float32(x - nx) + ty * np.float32(y - ny)
+                    bend = abs(tx - gx) + abs(ty - gy)
+                    if abs(tw - w) < near and bend * level.radius < near:
+                        continue
+                else:
+                    tw, tx, ty = _change(level, w, gx, gy, pixel, i - n, n_refine)
+                if not _is_plausible(level, tw, tx, ty):
+                    continue
+                cost = improve(level, x, y, tw, tx, ty, patch, variance, costs, top, best)
+                if cost < best:
+                    best = cost
+                    w = tw
+                    gx = tx
+                    gy = ty
+            _store(field, y, x, w, gx, gy, best)
+            store_top(chosen, x, y, top)
 
 
-@parallel_kernel
-def sweep(level, field, chosen, active, parity, n_near, n_refine, n_random, seed):
+def sweep(level, field, chosen, active, parity, n_near, n_refine, n_random, seed, threads=1):
     """Update the pixels of one colour of the checkerboard.
 
     Each tries the hypotheses of up to ``n_near`` neighbours, moved along their planes, then
@@ -499,13 +534,6 @@ def sweep(level, field, chosen, active, parity, n_near, n_refine, n_random, seed
     and ``n_random`` new depths from the whole range, by which a twig that no neighbour and no
     coarse level knows is found.
     """
-    for y in prange(level.height):
-        patch = np.zeros((5, N_SAMPLES), np.float32)
-        patch[:3] = level.samples
-        costs = np.empty(level.layout.shape[0], np.float32)
-        top = np.zeros(level.n_best, np.int64)
-        found = np.empty((8, 2), np.int64)
-        _sweep_row(
-            level, y, field, chosen, active, parity, n_near, n_refine, n_random, seed,
-            patch, costs, top, found,
-        )  # fmt: skip
+    over_rows(
+        _sweep_rows, level, threads, field, chosen, active, parity, n_near, n_refine, n_random, seed
+    )
