@@ -35,7 +35,8 @@ __all__ = [
 DPI = 100
 _GREY = 0.78
 _ORDER_COLORS = ("#5b3a1e", "#c2571a", "#2b7a3d", "#2368a8", "#8a3fa0", "#c43b6b", "#4f9da6")
-_MAX_VIEW_ASPECT = 2.2
+_MIN_VIEW_ASPECT, _MAX_VIEW_ASPECT = 0.15, 2.2
+_MAX_DRAWN = 1_000_000
 
 
 def order_color(order):
@@ -65,7 +66,7 @@ def view_grid(views, unit, width_px, title=""):
     panels : list of (Axes, View, int)
         Axes, view and the px across of the panel.
     """
-    ratios = [1.0 / min(max(view.aspect, 0.3), _MAX_VIEW_ASPECT) for view in views]
+    ratios = [1.0 / min(max(view.aspect, _MIN_VIEW_ASPECT), _MAX_VIEW_ASPECT) for view in views]
     width = width_px / DPI
     height = min(max((width - 0.7 * len(views)) / sum(ratios), 2.5), 0.8 * width)
     figure = Figure(figsize=(width, height + 0.75), dpi=DPI, layout="constrained")
@@ -88,9 +89,12 @@ def view_grid(views, unit, width_px, title=""):
 
 
 def show_points(panel, points, colors, *, size=2, background=1.0):
-    """Draw points into a panel of `view_grid`."""
+    """Draw points into a panel of `view_grid`; of a big cloud every few, which no pixel misses."""
     axes_, view, width = panel
-    image = splat(points, colors, view, width, size=size, background=background)
+    step = 1 + len(points) // _MAX_DRAWN
+    if np.ndim(colors) == 2:
+        colors = colors[::step]
+    image = splat(points[::step], colors, view, width, size=size, background=background)
     extent = (view.low[0], view.high[0], view.low[1], view.high[1])
     axes_.imshow(np.clip(image, 0, 1), extent=extent, interpolation="nearest", zorder=0)
 

@@ -126,7 +126,7 @@ def denoise_figure(cropped, denoised, width_px):
         f"({removed.mean():.1%}), drawn in red"
     )
     figure, panels = view_grid(views, "arbitrary", width_px, title)
-    colors = 0.35 + 0.65 * cloud_colors(denoised)
+    colors = 0.35 + 0.65 * cloud_colors(denoised)  # pale, so that red stands out
     for panel in panels:
         show_points(panel, denoised.points, colors, size=1)
         if removed.any():

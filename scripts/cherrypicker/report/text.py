@@ -41,7 +41,8 @@ ul.flags li { background: var(--warn-back); border-left: 4px solid #e09a2b; colo
 p.fine { color: var(--good); }
 .failed, .interrupted { color: var(--bad); font-weight: 600; } .done { color: var(--good); }
 tr.bad td { background: var(--bad-back); }
-figure { margin: 0 0 18px; } figure img { max-width: 100%; border: 1px solid var(--line); }
+figure { margin: 0 0 18px; }
+figure img { max-width: 100%; max-height: 1100px; border: 1px solid var(--line); }
 .figures { display: grid; gap: 16px; grid-template-columns: repeat(auto-fit, minmax(340px, 1fr)); }
 .figures figure.wide { grid-column: 1 / -1; }
 code { background: #f0f1ee; padding: 0 4px; overflow-wrap: anywhere; }
