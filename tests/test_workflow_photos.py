@@ -1,0 +1,94 @@
+"""Scans from photos: what is cached step by step, and how bad scans end, by real Snakemake runs."""
+
+import csv
+
+import cv2
+import numpy as np
+import pytest
+from sfm_scene import texture, write_orbit
+from workspace import Workspace
+
+SPARSE = ["extract_features", "match_features", "reconstruct_sparse"]
+DENSE = ["undistort_photos", "estimate_depth", "fuse_depth"]
+CLOUD = "results/box/cloud.ply"
+
+
+def of_box(*stages):
+    return {(stage, "box") for stage in stages}
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory):
+    """Photos of a textured box, taken as far as the dense cloud."""
+    workspace = Workspace(tmp_path_factory.mktemp("photo batch") / "work")
+    write_orbit(workspace.folder / "photos", 8, span_deg=110.0)
+    workspace.config = {"sfm": {"max_features": 1000}, "mvs": {"backend": "cpu"}}
+    workspace.configure(workspace.config)
+    workspace.table("tree | photos | scale", "box | photos | none")
+    workspace.first = workspace.ran(CLOUD)
+    return workspace
+
+
+def edit(workspace, section, key, value):
+    workspace.config.setdefault(section, {})[key] = value
+    workspace.configure(workspace.config)
+
+
+def test_six_steps_lead_from_photos_to_the_cloud(box):
+    assert box.first == of_box(*SPARSE, *DENSE)
+    assert "Nothing to be done" in box.run(CLOUD)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "stages"),
+    [
+        ("mvs", "min_views", 2, DENSE[2:]),
+        ("mvs", "n_iterations", 2, DENSE[1:]),
+        ("mvs", "max_image_size_px", 240, DENSE),
+        ("sfm", "max_attempts", 1, [SPARSE[2], *DENSE]),
+        ("sfm", "min_inliers", 12, [*SPARSE[1:], *DENSE]),
+    ],
+)
+def test_each_step_is_cached_by_itself(box, section, key, value, stages):
+    edit(box, section, key, value)
+    assert box.ran(CLOUD) == of_box(*stages)
+    assert "Nothing to be done" in box.run(CLOUD)
+
+
+def test_bad_scans_end_with_one_line_each_and_the_batch_goes_on(box):
+    folder = box.folder
+    (folder / "none").mkdir()
+    rng = np.random.default_rng(5)
+    for name, n_photos in (("broken", 3), ("strangers", 4)):
+        (folder / name).mkdir()
+        for i in range(n_photos):
+            cv2.imwrite(str(folder / name / f"{i}.jpg"), texture(rng, 320)[:240])
+    (folder / "broken/1.jpg").write_bytes((folder / "broken/1.jpg").read_bytes()[:2000])
+    box.table(
+        "tree | photos | scale | marker_dictionary | marker_sides_m",
+        "none | none | none |  | ",
+        "gone | nowhere | none |  | ",
+        "broken | broken | none |  | ",
+        "strangers | strangers | none |  | ",
+        "box | photos |  | DICT_4X4_50 | 7:0.2",
+        "unmarked | photos |  |  | ",
+    )
+    printed = box.run("--until", "estimate_scale", fails=True)
+    errors = [line for line in printed.splitlines() if line.startswith("ERROR ")]
+    expected = {
+        "none": ("extract_features", "none", "photos"),
+        "gone": ("extract_features", "nowhere", "photos"),
+        "broken": ("extract_features", "1.jpg", "sfm.skip_unreadable"),
+        "strangers": ("reconstruct_sparse", "strangers", "sfm."),
+        "box": ("estimate_scale", "photos", "marker"),
+        "unmarked": ("estimate_scale", "", "marker_dictionary"),
+    }
+    for tree, (rule, file, key) in expected.items():
+        (line,) = [line for line in errors if line.startswith(f"ERROR tree={tree} ")]
+        assert f"rule={rule}:" in line
+        assert file in line
+        assert key in line.split("change:")[1]
+    with open(folder / "results/traits.csv", newline="") as stream:
+        rows = {row["tree"]: row for row in csv.DictReader(stream)}
+    for tree, (rule, *_) in expected.items():
+        assert rule in rows[tree].values(), rows[tree]
