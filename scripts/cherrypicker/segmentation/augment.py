@@ -69,12 +69,15 @@ def crop(sample, rng, probability=0.5):
     return sample.select(inside) if inside.sum() > 2000 else sample
 
 
-def thin(sample, rng):
-    """Drop points at random, unevenly over space."""
+def thin(sample, rng, max_points=120_000):
+    """Drop points at random, unevenly over space; at most about `max_points` stay."""
     fraction = _log_uniform(rng, 0.15, 1.0)
+    fraction = min(fraction, max_points / max(len(sample.points), 1))
     wave = rng.normal(0.0, 1.0, 3)
     wave *= rng.uniform(0.0, 2.0) / np.linalg.norm(wave)
-    density = 1.0 + 0.8 * np.sin(sample.points @ wave + rng.uniform(0, 2 * np.pi))
+    density = 1.0 + 0.8 * np.sin(
+        sample.points @ wave.astype(np.float32) + rng.uniform(0, 2 * np.pi)
+    )
     return sample.select(rng.random(len(sample.points)) < fraction * density)
 
 
@@ -176,13 +179,13 @@ def augment(sample, rng, color_dropout=0.25):
     -------
     Sample
     """
-    sample = sample.as_float()
+    sample = thin(sample, rng).as_float()
     alone = isolate(sample, rng)
     # A single-tree scan is often a laser scan: without colour more often than not.
     dropout = color_dropout if alone is sample else max(color_dropout, 0.7)
     # Alone, a tree's size is anybody's guess: nothing of known size stands beside it.
     extra_scale = 1.0 if alone is sample else _log_uniform(rng, 0.6, 1.8)
     sample = crop(alone, rng)
-    sample = punch_holes(thin(sample, rng), rng)
+    sample = punch_holes(sample, rng)
     sample = recolor(add_fringes(sample, rng), rng, dropout)
     return add_floaters(add_noise(move(sample, rng, extra_scale), rng), rng)

@@ -168,7 +168,7 @@ class Dgcnn(nn.Module):
         Neighbours a point in each graph.
     """
 
-    def __init__(self, width=64, embedding=256, scales=(0, 0, 1, 1, 2, 2), k=16):
+    def __init__(self, width=64, embedding=192, scales=(0, 0, 1, 2), k=12):
         super().__init__()
         self.settings = {
             "width": int(width),
@@ -194,7 +194,6 @@ class Dgcnn(nn.Module):
         self.head = nn.Sequential(
             nn.BatchNorm1d(hidden),
             nn.LeakyReLU(0.1),
-            nn.Dropout(0.2),
             nn.Linear(hidden, width),
             nn.BatchNorm1d(width),
             nn.LeakyReLU(0.1),

@@ -1,7 +1,7 @@
 """Labels for every point of a metric cloud."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -24,6 +24,8 @@ from cherrypicker.segmentation.support_post import split_support_post
 
 logger = logging.getLogger(__name__)
 
+TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_points")
+
 
 @dataclass(frozen=True)
 class Sampling:
@@ -41,15 +43,23 @@ class Sampling:
     min_visits : int
         Spheres that see each point at least.
     batch_spheres : int
+
+    Notes
+    -----
+    Those named in `TRAINED` may be None for `segment_cloud`: as the weights were trained.
     """
 
-    voxel_size_m: float = 0.02
+    voxel_size_m: float | None = 0.02
     max_points: int = 4_000_000
-    reference_height_m: float = 3.5
-    sphere_radius_m: float = 0.7
-    sphere_points: int = 2048
+    reference_height_m: float | None = 3.5
+    sphere_radius_m: float | None = 0.7
+    sphere_points: int | None = 1536
     min_visits: int = 2
     batch_spheres: int = 16
+
+    def filled(self, trained_at):
+        """With the values of the training where ours are None."""
+        return replace(self, **{k: trained_at[k] for k in TRAINED if getattr(self, k) is None})
 
 
 def predict_spheres(network, points, colors, sampling, *, seed, device="cpu"):
@@ -177,7 +187,7 @@ def propagate(points, sampled, probabilities, k=3):
     ndarray of shape (n, n_classes), float32
     """
     k = min(k, len(sampled))
-    distance, nearest = cKDTree(sampled).query(points, k=k)
+    distance, nearest = cKDTree(sampled).query(points, k=k, workers=torch.get_num_threads())
     distance, nearest = distance.reshape(len(points), k), nearest.reshape(len(points), k)
     weight = 1.0 / (distance + 1e-6)
     weight /= weight.sum(axis=1, keepdims=True)
@@ -217,6 +227,7 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, seed=0, device="
     network, trained_at, _ = load_weights(weights)
     if len(cloud) < network.settings["k"]:
         raise StageError(f"the cloud has {len(cloud)} points, too few to segment")
+    sampling = sampling.filled(trained_at)
     if abs(trained_at["voxel_size_m"] / sampling.voxel_size_m - 1) > 0.5:
         logger.warning(
             "segment.voxel_size_m is %.3f, the weights were trained at %.3f",

@@ -82,7 +82,7 @@ def load_samples(seeds, cache, n_points=250_000):
             if not path.is_file():
                 sample = make_sample(seed, n_points)
                 with atomic_path(path) as temporary, open(temporary, "wb") as file:
-                    np.savez_compressed(
+                    np.savez(
                         file,
                         points=sample.points,
                         colors=sample.colors,
