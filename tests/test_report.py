@@ -10,6 +10,7 @@ from PIL import Image
 
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
+from cherrypicker.report.marker_figure import marker_crops, marker_figure
 from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.stage_figures import example_figure, removed_points
 from cherrypicker.report.text import with_uncertainty
@@ -212,6 +213,27 @@ def test_scan_from_photos_has_its_stages(build):
 def test_unreadable_photos_make_no_example(tmp_path):
     (tmp_path / "a.jpg").write_bytes(b"no image")
     assert example_figure([tmp_path / "a.jpg"], None, None, 2) is None
+
+
+def test_marker_crops_show_the_largest_views_first(tmp_path):
+    r = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along +y
+    names = ["far.jpg", "near.jpg", "other.jpg"]
+    matrices = [np.column_stack([r, -r @ [0.0, y, 0.0]]) for y in (-4.0, -2.0, -2.0)]
+    poses = Poses(names, matrices, np.tile(np.eye(3), (3, 1, 1)), [200] * 3, [100] * 3)
+
+    class Lenses:
+        def to_photo(self, i, in_camera):
+            return 100 * in_camera[:, :2] / in_camera[:, 2:] + [100, 50]
+
+    corners = [[-0.1, 0, 0.1], [0.1, 0, 0.1], [0.1, 0, -0.1], [-0.1, 0, -0.1]]
+    scale = {"markers": [{"id": 7, "used": True, "corners": corners, "images": names[:2]}]}
+    scale["markers"].append({"id": 8, "used": False})
+    (crops,) = marker_crops(scale, poses, Lenses())
+    assert [crop[1] for crop in crops] == ["near.jpg", "far.jpg"]
+    np.testing.assert_allclose(crops[0][2][0], [95, 45])
+    Image.new("RGB", (200, 100)).save(tmp_path / "near.jpg")
+    assert marker_figure(scale, poses, Lenses(), [tmp_path / "near.jpg"]) is not None
+    assert marker_figure(scale, poses, Lenses(), []) is None
 
 
 def test_splat_puts_the_nearest_point_on_top():

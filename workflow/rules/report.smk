@@ -24,7 +24,9 @@ rule report_tree:
         denoised=photo_only("results/{tree}/denoised.ply"),
         sky_colors=photo_only("results/{tree}/sky_colors.npz"),
         depth=photo_only("results/{tree}/dense/depth.json"),
-        photos=lambda wildcards: photo_only(*photos_of(wildcards))(wildcards),
+        photos=lambda wildcards: (
+            photos_of(wildcards) if TREES[wildcards.tree].is_photo_scan else []
+        ),
         code=code("report_tree"),
         template=[
             str(PROJECT / "scripts/cherrypicker/report/report.html.j2"),
