@@ -4,7 +4,8 @@ VENV := .venv
 # A requirements file that pins torch; GPU users give their own.
 TORCH ?= envs/torch.txt
 PIP_OPTIONS ?=
-PYTEST_OPTIONS ?=
+# Two processes; a module's tests stay together, since some build on one another.
+PYTEST_OPTIONS ?= -n 2 --dist loadfile
 
 REQUIREMENTS := $(TORCH) envs/requirements.txt envs/constraints.txt
 
