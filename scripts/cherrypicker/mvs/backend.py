@@ -18,7 +18,7 @@ from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs import estimate
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.views import StereoProblem, plan_views
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
 
@@ -26,7 +26,17 @@ logger = logging.getLogger(__name__)
 
 BACKENDS = ("auto", "cuda", "cpu")
 # Bump when the CPU backend's results change, so that older maps are computed again
-VERSION = 2
+VERSION = 3
+# Options that the photometric maps depend on; changing another one keeps them
+PHOTOMETRIC_OPTIONS = (
+    "n_best",
+    "n_iterations",
+    "window_radius",
+    "min_level_px",
+    "color_spread",
+    "min_texture",
+    "seed",
+)
 PHOTOMETRIC, GEOMETRIC = "photometric", "geometric"
 
 
@@ -110,7 +120,10 @@ def estimate_workspace(
 ) -> dict:
     """Write photometric and geometric depth and normal maps of every view.
 
-    Whole maps that were made with the same settings, photos and poses are not computed again.
+    Whole maps that were made with the same settings, photos and poses are not computed again. In
+    memory at a time: the photos of ``2 * n_sources`` views (4 bytes a pixel), the packed pixels and
+    depths of a reference's sources (12 bytes a pixel each) and the reference's field, together
+    about ``20 * n_sources + 80`` bytes per pixel of one photo, whatever the number of photos.
 
     Parameters
     ----------
@@ -186,12 +199,14 @@ def _run_cpu(workspace: Workspace, options: StereoOptions, threads: int) -> set[
             problem, views, photos.get((problem.view, *problem.sources)), options, threads
         )
 
-    settings = {p.view: _settings(workspace, p, options, digests) for p in problems}
+    settings = {p.view: _settings(p, options, digests) for p in problems}
     _each_view(workspace, problems, keys, settings, PHOTOMETRIC, photometric)
 
     by_view = {problem.view: problem for problem in problems}
     chained = {
-        p.view: settings[p.view] + "".join(settings[j] for j in p.sources if j in by_view)
+        p.view: json.dumps(
+            [asdict(options), settings[p.view]] + [settings[j] for j in p.sources if j in by_view]
+        )
         for p in problems
     }
     # A source without a depth map of its own cannot confirm anything
@@ -199,11 +214,10 @@ def _run_cpu(workspace: Workspace, options: StereoOptions, threads: int) -> set[
     usable = [problem for problem in usable if problem.sources]
 
     def geometric(problem: StereoProblem) -> np.ndarray:
-        needed = (problem.view, *problem.sources)
-        fields = {j: _read_field(workspace, j, PHOTOMETRIC) for j in needed}
-        return estimate.estimate_geometric(
-            problem, views, photos.get(needed), fields, options, threads
-        )
+        held = photos.get((problem.view, *problem.sources))
+        start = _read_field(workspace, views[problem.view])
+        depths = {j: _read_inverse_depth(workspace, views[j]) for j in problem.sources}
+        return estimate.estimate_geometric(problem, views, held, start, depths, options, threads)
 
     _each_view(workspace, usable, keys, chained, GEOMETRIC, geometric)
     workspace.write_fusion_config()
@@ -233,10 +247,16 @@ def _each_view(
             bar.step()
 
 
-def _read_field(workspace: Workspace, i: int, kind: str) -> np.ndarray:
-    view = workspace.views[i]
-    depth = workspace.read_depth(view, kind)
-    return estimate.maps_to_field(depth, workspace.read_normals(view, kind), view.K)
+def _read_field(workspace: Workspace, view: View) -> np.ndarray:
+    depth = workspace.read_depth(view, PHOTOMETRIC)
+    return estimate.maps_to_field(depth, workspace.read_normals(view, PHOTOMETRIC), view.K)
+
+
+def _read_inverse_depth(workspace: Workspace, view: View) -> np.ndarray:
+    depth = workspace.read_depth(view, PHOTOMETRIC)
+    inverse = np.zeros_like(depth)
+    np.divide(1.0, depth, out=inverse, where=depth > 0.0)
+    return inverse
 
 
 def _photo_digests(workspace: Workspace) -> list[str]:
@@ -256,13 +276,11 @@ def _photo_digests(workspace: Workspace) -> list[str]:
     return digests
 
 
-def _settings(
-    workspace: Workspace, problem: StereoProblem, options: StereoOptions, digests: list[str]
-) -> str:
+def _settings(problem: StereoProblem, options: StereoOptions, digests: list[str]) -> str:
     """Everything that a view's photometric map depends on, as text."""
     content = {
         "version": VERSION,
-        "options": asdict(options),
+        "options": {name: getattr(options, name) for name in PHOTOMETRIC_OPTIONS},
         "depth": [problem.depth_min, problem.depth_max],
         "photos": [digests[j] for j in (problem.view, *problem.sources)],
     }

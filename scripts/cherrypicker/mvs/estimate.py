@@ -20,7 +20,11 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class StereoOptions:
-    """What the CPU backend does; the fields are config keys of the section ``mvs``."""
+    """What the CPU backend does.
+
+    The fields are config keys of the section ``mvs``, but for ``min_level_px``, the least shorter
+    side (px) of the pyramid's coarsest level.
+    """
 
     n_sources: int = 6
     n_best: int = 3
@@ -215,7 +219,8 @@ def estimate_geometric(
     problem: StereoProblem,
     views: list[View],
     photos: dict[int, list[np.ndarray]],
-    fields: dict[int, np.ndarray],
+    start: np.ndarray,
+    depths: dict[int, np.ndarray],
     options: StereoOptions,
     threads: int = 1,
 ) -> np.ndarray:
@@ -225,8 +230,11 @@ def estimate_geometric(
     ----------
     photos : dict
         View index to a list whose first item is the photo at full size.
-    fields : dict
-        View index to the photometric field (height, width, 4) of reference and sources.
+    start : ndarray of shape (height, width, 4), float32
+        The reference's photometric field.
+    depths : dict
+        View index to the photometric inverse depth map (height, width) float32 of each source, 0
+        where unknown.
 
     Returns
     -------
@@ -235,9 +243,8 @@ def estimate_geometric(
     """
     view = views[problem.view]
     seed = view_seed(options.seed, view.name, 1)
-    depths = {j: np.ascontiguousarray(fields[j][..., 0]) for j in problem.sources}
     level = make_level(problem, views, photos, 0, options, depths, options.geometric_weight)
-    field = fields[problem.view].copy()
+    field = start.copy()
     active = (field[..., 0] > 0.0).astype(np.uint8)
     chosen = np.zeros((level.height, level.width), dtype=np.uint16)
     patchmatch.evaluate_field(level, field, chosen, active, threads)

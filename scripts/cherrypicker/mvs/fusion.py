@@ -411,9 +411,15 @@ def _read_visibility(path: Path, n_points: int) -> np.ndarray | None:
     content = path.read_bytes()
     if int(np.frombuffer(content, "<u8", 1)[0]) != n_points:
         return None
-    words = np.frombuffer(content, "<u4", offset=8)
-    counts, at = np.empty(n_points, dtype=np.uint8), 0
-    for i in range(n_points):
-        counts[i] = min(int(words[at]), 255)
-        at += 1 + int(words[at])
+    counts = np.empty(n_points, dtype=np.uint8)
+    _count_views(np.frombuffer(content, "<u4", offset=8).copy(), counts)
     return counts
+
+
+@kernel
+def _count_views(words, counts):
+    """Walk through COLMAP's visibility, a count and so many photo indices per point."""
+    at = 0
+    for i in range(counts.shape[0]):
+        counts[i] = min(words[at], 255)
+        at += 1 + np.int64(words[at])

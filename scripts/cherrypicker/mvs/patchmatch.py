@@ -31,6 +31,8 @@ _UNKNOWN = np.float32(1e9)
 MAX_SLOPE = np.float32(4.0)
 # Hypotheses nearer than this (px of parallax over the window) to the present one are not tried
 SAME_PX = np.float32(0.06)
+# A hypothesis that costs more is wrong for its own pixel and no help to others
+HOPELESS_COST = np.float32(0.9)
 # Rows that a thread takes at a time
 ROWS_AT_A_TIME = 16
 # A hypothesis whose best sources cost so much more than the present one is given up
@@ -201,14 +203,28 @@ def improve(level, x, y, w, gx, gy, patch, variance, costs, top, best):
             s = top[i] if i < n_best else i - n_best
             if costs[s] >= _0:
                 continue
-        cost = source_cost(
-            level.packed, level.layout, level.project, s, fx, fy, w, gx, gy,
-            level.radius, patch, variance,
-        )  # fmt: skip
+        cost = _0
         if level.geometric_weight > _0:
-            cost += level.geometric_weight * geometric_error(
+            cost = level.geometric_weight * geometric_error(
                 level.depth, level.layout, level.project, level.back, s, fx, fy, w
             )
+            # The cheap part first: it often decides already
+            if screened and i < n_best and total + cost > limit:
+                return INVALID_COST + INVALID_COST
+        cost += source_cost(
+            level.packed,
+            level.layout,
+            level.project,
+            s,
+            fx,
+            fy,
+            w,
+            gx,
+            gy,
+            level.radius,
+            patch,
+            variance,
+        )
         costs[s] = cost
         if screened and i < n_best:
             total += cost
@@ -430,7 +446,7 @@ def _collect(level, field, x, y, found):
     height, width = level.height, level.width
     n = 0
     for direction in range(4):
-        best = INVALID_COST
+        best = HOPELESS_COST
         for i in range(3):
             nx = x + NEAR[direction, i, 0]
             ny = y + NEAR[direction, i, 1]
@@ -441,10 +457,10 @@ def _collect(level, field, x, y, found):
                 best = field[ny, nx, 3]
                 found[n, 0] = nx
                 found[n, 1] = ny
-        if best < INVALID_COST:
+        if best < HOPELESS_COST:
             n += 1
     for direction in range(4):
-        best = INVALID_COST
+        best = HOPELESS_COST
         for i in range(FAR_STEPS.shape[0]):
             nx = x + NEAR[direction, 0, 0] * FAR_STEPS[i]
             ny = y + NEAR[direction, 0, 1] * FAR_STEPS[i]
@@ -455,7 +471,7 @@ def _collect(level, field, x, y, found):
                 best = field[ny, nx, 3]
                 found[n, 0] = nx
                 found[n, 1] = ny
-        if best < INVALID_COST:
+        if best < HOPELESS_COST:
             n += 1
     return n
 
@@ -502,7 +518,10 @@ def _sweep_rows(
             load_top(chosen, x, y, top)
             n = min(_collect(level, field, x, y, found), n_near)
             pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
-            for i in range(n + n_refine + n_random):
+            n_own = n_refine + n_random
+            if n_random == 0 and best > HOPELESS_COST:
+                n_own = 0
+            for i in range(n + n_own):
                 if i < n:
                     nx = found[i, 0]
                     ny = found[i, 1]
@@ -532,7 +551,7 @@ def sweep(level, field, chosen, active, parity, n_near, n_refine, n_random, seed
     Each tries the hypotheses of up to ``n_near`` neighbours, moved along their planes, then
     ``n_refine`` changes of its own (a step of 1/8 to 8 pixels of parallax, of the slopes, or both)
     and ``n_random`` new depths from the whole range, by which a twig that no neighbour and no
-    coarse level knows is found.
+    coarse level knows is found. With ``n_random`` 0 a hopeless pixel asks its neighbours only.
     """
     over_rows(
         _sweep_rows, level, threads, field, chosen, active, parity, n_near, n_refine, n_random, seed
