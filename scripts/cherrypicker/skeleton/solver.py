@@ -31,6 +31,7 @@ __all__ = ["solve_tree"]
 logger = logging.getLogger(__name__)
 
 REACH_IN_SPACINGS = 3.5  # an edge this long still follows the samples of one branch
+NEAR_IN_SPACINGS = 2.0  # surface points this near accompany a step
 LEAP_POWER = 1.5  # a step of n spacings costs n to this power: rather many short steps
 TURN_COST_M = 0.8  # a right angle costs as much as this many metres of way
 FREE_TURN = 0.035  # 1 - cos of the turn that noise makes, free of charge
@@ -39,7 +40,7 @@ COVER_IN_SPACINGS = 1.5
 GAP_CANDIDATE_M = 0.3
 
 
-def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
+def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None, surface=None):
     """Sample contracted points and connect them to a rooted tree.
 
     Parameters
@@ -53,6 +54,10 @@ def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
         Neighbours of a sample in the graph.
     base : array-like of 3 floats, optional
         Where the stem stands.
+    surface : ndarray of shape (n_surface, 3), optional
+        Points before the contraction, of a sparse and clean scan: a step between samples that
+        these accompany bridges no missing data, however long it is. Among the noise of a dense
+        reconstruction they prove nothing: leave them out.
 
     Returns
     -------
@@ -74,24 +79,29 @@ def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
     nodes = _local_means(points, points[samples], spacing)
     label = majority_label(labels, nearest, len(nodes))
     edges, n_links = _candidate_edges(nodes, k, spacing)
+    edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
     length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
     scale = float(np.ptp(points, axis=0).max()) / 2.5  # turns cost the same share of any tree
+    bare = _bare_length(nodes, edges, length, surface, spacing)
     graph = sparse_graph(len(nodes), edges, length)
+    leap = sparse_graph(len(nodes), edges, bare).data
     source = np.repeat(np.arange(len(nodes)), np.diff(graph.indptr)).astype(np.int64)
     target = graph.indices.astype(np.int64)
     direction = (nodes[target] - nodes[source]) / graph.data[:, None]
-    cost = graph.data * np.maximum(graph.data / spacing, 1.0) ** (LEAP_POWER - 1)
+    cost = leap * np.maximum(leap / spacing, 1.0) ** (LEAP_POWER - 1) + graph.data - leap
     way, before = _directed_ways(
         graph.indptr.astype(np.int64), source, target, cost, direction, TURN_COST_M * scale
     )
-    ids, parent = _collect(nodes, source, target, direction, way, before, spacing)
+    ids, parent, step = _collect(nodes, source, target, direction, way, before, spacing)
     order, parent = rooted_order(
         len(ids), np.stack([parent[1:], np.arange(1, len(ids))], axis=1), 0
     )
     chosen = ids[order]
     gap = np.zeros(len(chosen), dtype=np.int64)
-    leap = np.linalg.norm(nodes[chosen[1:]] - nodes[chosen[parent[1:]]], axis=1)
-    gap[1:] = leap > REACH_IN_SPACINGS * spacing
+    steps = step[order[1:]]
+    distance = np.linalg.norm(nodes[chosen[1:]] - nodes[chosen[parent[1:]]], axis=1)
+    aside = np.maximum(distance - graph.data[steps], 0.0)  # a joint lies beside the step's start
+    gap[1:] = leap[steps] + aside > REACH_IN_SPACINGS * spacing
     logger.info(
         "%d samples every %.1f mm, %d links over gaps considered, %d taken",
         len(nodes),
@@ -100,6 +110,25 @@ def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
         gap.sum(),
     )
     return Skeleton(nodes[chosen], parent, np.zeros(len(chosen)), label[chosen], {"gap": gap})
+
+
+def _bare_length(nodes, edges, length, surface, spacing):
+    """Length of each edge that no surface point accompanies."""
+    bare = length.copy()
+    long_ones = np.flatnonzero(length > REACH_IN_SPACINGS * spacing)
+    if surface is None or not len(long_ones):
+        return bare
+    n_steps = np.ceil(length[long_ones] / spacing).astype(np.int64)
+    edge = np.repeat(np.arange(len(long_ones)), n_steps)
+    share = (np.arange(len(edge)) - np.repeat(np.cumsum(n_steps) - n_steps, n_steps) + 0.5) / (
+        n_steps[edge]
+    )
+    a, b = nodes[edges[long_ones, 0]], nodes[edges[long_ones, 1]]
+    places = a[edge] + share[:, None] * (b - a)[edge]
+    away, _ = cKDTree(surface).query(places, distance_upper_bound=2 * NEAR_IN_SPACINGS * spacing)
+    alone = np.bincount(edge, away > NEAR_IN_SPACINGS * spacing) / n_steps
+    bare[long_ones] *= alone
+    return bare
 
 
 def _local_means(points, samples, spacing):
@@ -168,6 +197,8 @@ def _collect(nodes, source, target, direction, way, before, spacing):
         Sample of each tree node, the root first; a sample may appear more than once.
     parent : ndarray of int64
         Position in `ids`, -1 for the root.
+    step : ndarray of int64
+        Directed edge that each node is the end of, -1 for the root.
     """
     order = np.lexsort((np.arange(len(target)), way, target))
     reached, first = np.unique(target[order], return_index=True)
@@ -177,7 +208,7 @@ def _collect(nodes, source, target, direction, way, before, spacing):
     near = cKDTree(nodes).query_ball_point(nodes, cover)
     covered = np.zeros(len(nodes), dtype=bool)
     passing = [[] for _ in nodes]  # tree nodes near each sample, with their directions
-    ids, parent, heading = [0], [-1], [np.zeros(3)]
+    ids, parent, step, heading = [0], [-1], [-1], [np.zeros(3)]
     for sample in near[0]:
         passing[sample].append(0)
         covered[sample] = True
@@ -197,12 +228,13 @@ def _collect(nodes, source, target, direction, way, before, spacing):
         for edge in reversed(chain):
             ids.append(int(target[edge]))
             parent.append(joint)
+            step.append(int(edge))
             heading.append(direction[edge])
             joint = len(ids) - 1
             for sample in near[ids[-1]]:
                 passing[sample].append(joint)
                 covered[sample] = True
-    return np.array(ids, dtype=np.int64), np.array(parent, dtype=np.int64)
+    return tuple(np.array(values, dtype=np.int64) for values in (ids, parent, step))
 
 
 def _joint(candidates, direction, heading, ids, nodes, sample):
