@@ -106,7 +106,7 @@ def contract_wood(
     if len(rows) < FEWEST_WOOD:
         raise StageError(
             f"the cloud holds {len(rows)} points of the classes to contract ({names})",
-            key="contract.classes (or segment.*, scripts that label the cloud)",
+            key="contract.classes, segment",
         )
     weight_of = class_weights(np.arange(256), weights if weights is not None else {"trunk": 10.0})
     rows, base, wood_report = _target_rows(
