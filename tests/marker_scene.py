@@ -125,6 +125,7 @@ def marker_scan(folder, markers, poses_from, *, size=(640, 480), focal=700.0, k=
                 pattern_of(dictionary, marker_id),
                 inside[:, :2] / inside[:, 2:],
                 camera=camera,
+                oversampling=5,
             )
         path = folder / str(name)
         grey = develop(image, gamma=gamma, seed=index)

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 _MAX_PIXELS = 4000
-_MARGIN_MODULES = 0.8
+_MARGIN_MODULES = 0.5
 _NODES = 5
 # Below this share of well explained pixels the paper is not flat, or a shadow lies across it.
 _MIN_COVERED = 0.9
@@ -252,7 +252,7 @@ class _Problem:
 
     def limited(self, trial):
         """Keep the blur in bounds; None for corners that cross over."""
-        trial[8] = np.clip(trial[8], 0.35, 0.5 * self.side / len(self.grid) + 1.5)
+        trial[8] = np.clip(trial[8], 0.25, 0.5 * self.side / len(self.grid) + 1.5)
         return trial if _is_convex(trial[:8].reshape(4, 2)) else None
 
 

@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 
 _SIDE_BOUNDS_M = (0.005, 2.0)
 # A marker that explains less of the grey values than this is no such marker, or is covered.
-_MIN_AGREEMENT = 0.6
+_MIN_AGREEMENT = 0.85
 _COARSE_STD_PX = 1.0
 _COARSE_STD_SIDES = 0.02
 # Photos up to this size are searched once more at twice the size for small markers.
