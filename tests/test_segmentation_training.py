@@ -8,7 +8,7 @@ from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.segmentation.augment import Sample
-from cherrypicker.segmentation.dgcnn import choose_device, save_weights
+from cherrypicker.segmentation.dgcnn import Dgcnn, choose_device, save_weights
 from cherrypicker.segmentation.inference import Sampling, propagate, segment_cloud
 from cherrypicker.segmentation.refine import Smoothing
 from cherrypicker.segmentation.training import (
@@ -128,18 +128,17 @@ def test_a_cloud_without_colour_and_a_thinned_one_are_labelled(trained):
     assert (result["label"] == truth).mean() > 0.7
 
 
-def test_a_cloud_without_wood_is_an_error_that_names_the_key(trained):
-    rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-1, 1, (4000, 2)), rng.normal(0, 0.005, 4000)])
-    colors = np.full((4000, 3), [0.2, 0.5, 0.15])
+def test_a_cloud_without_wood_is_an_error_that_names_the_key(tmp_path):
+    choose_device(1, 0)
+    network = Dgcnn(**SMALL)
+    last = network.head[-1]
+    with torch.no_grad():
+        last.weight.zero_()
+        last.bias.copy_(torch.eye(7)[Label.GROUND] * 9)  # whatever it sees is ground
+    save_weights(tmp_path / "w.pt", network, vars(SAMPLING))
+    options = {"sampling": SAMPLING, "smoothing": Smoothing(), "post": None}
     with pytest.raises(StageError, match=r"no point was labelled trunk or branch.*segment\."):
-        segment_cloud(
-            PointCloud(points, colors=colors),
-            trained[2],
-            sampling=SAMPLING,
-            smoothing=Smoothing(),
-            post=None,
-        )
+        segment_cloud(_cloud()[0], tmp_path / "w.pt", **options)
 
 
 def test_too_few_points_and_missing_weights_are_errors(trained, tmp_path):
