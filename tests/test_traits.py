@@ -19,6 +19,7 @@ from cherrypicker.traits import (
     measure_traits,
 )
 from cherrypicker.traits.stem_fit import fit_cone, search_circle
+from cherrypicker.traits.wood import support_reach
 
 
 def surface(start, end, r_start, r_end, n, rng, noise=0.0, arc=(0.0, 2 * np.pi)):
@@ -305,3 +306,11 @@ def test_a_root_that_nothing_surrounds():
     assert "foot_unseen" in names
     assert "trunk_not_measured" in names
     assert traits["trunk_diameter_m"] == pytest.approx(0.097, abs=0.005)
+
+
+def test_points_of_a_sparse_tall_scan_keep_one_another_company():
+    rng = np.random.default_rng(0)
+    angle, height = rng.uniform(0, 2 * np.pi, 2000), rng.uniform(0, 20, 2000)
+    sparse = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), height])
+    assert 0.1 < support_reach(sparse) < 0.4
+    assert support_reach(0.01 * sparse) == 0.03

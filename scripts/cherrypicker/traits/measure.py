@@ -10,7 +10,7 @@ from cherrypicker.traits.branches import branch_rows
 from cherrypicker.traits.crown import crown_of, measure_crown
 from cherrypicker.traits.flags import quality_flags, scan_flags
 from cherrypicker.traits.trunk import measure_near, stem_of
-from cherrypicker.traits.wood import find_foot, find_support, wood_mask
+from cherrypicker.traits.wood import find_foot, find_support, support_reach, wood_mask
 
 __all__ = ["measure_traits"]
 
@@ -86,7 +86,9 @@ def measure_traits(
     rng = np.random.default_rng(seed)
     axis_list = axes(skeleton)
     foot = find_foot(skeleton, cloud.points, labels)
-    support = find_support(skeleton, wood, max_gap=max_gap, min_stray=min_stray)
+    support = find_support(
+        skeleton, wood, max_gap=max_gap, min_stray=min_stray, reach=support_reach(wood)
+    )
     if not support.point.any():
         raise StageError("no wood point lies near the skeleton", key="graph")
     logger.info(

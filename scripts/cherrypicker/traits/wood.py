@@ -7,9 +7,10 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 
-__all__ = ["Foot", "Support", "densify", "find_foot", "find_support", "wood_mask"]
+__all__ = ["Foot", "Support", "densify", "find_foot", "find_support", "support_reach", "wood_mask"]
 
 _SAMPLE_M = 0.01
+_MIN_REACH_M = 0.03
 _GROUND_REACH_M = 0.6
 _MIN_GROUND_POINTS = 50
 _MAX_FOOT_STEP_M = 0.5
@@ -148,7 +149,25 @@ def densify(skeleton, step):
     )
 
 
-def find_support(skeleton, wood, *, max_gap, min_stray, reach=0.03, min_neighbours=4):
+def support_reach(wood, min_neighbours=4):
+    """Distance within which a wood point has company: 0.03, or more in a sparse scan.
+
+    Parameters
+    ----------
+    wood : ndarray of shape (n_wood, 3), float64
+    min_neighbours : int, default 4
+
+    Returns
+    -------
+    float
+        1.5 times the median distance to the ``min_neighbours``-th neighbour, 0.03 at least.
+    """
+    k = min(min_neighbours + 1, len(wood))
+    distance = cKDTree(wood).query(wood, k=[k], workers=-1)[0]
+    return max(_MIN_REACH_M, 1.5 * float(np.median(distance)))
+
+
+def find_support(skeleton, wood, *, max_gap, min_stray, reach=_MIN_REACH_M, min_neighbours=4):
     """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
 
     Parameters
