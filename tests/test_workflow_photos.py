@@ -79,7 +79,7 @@ def test_bad_scans_end_with_one_line_each_and_the_batch_goes_on(box):
         "none": ("extract_features", "none", "photos"),
         "gone": ("extract_features", "nowhere", "photos"),
         "broken": ("extract_features", "1.jpg", "sfm.skip_unreadable"),
-        "strangers": ("reconstruct_sparse", "strangers", "sfm."),
+        "strangers": ("match_features", "strangers", "photos"),
         "box": ("estimate_scale", "photos", "marker"),
         "unmarked": ("estimate_scale", "", "marker_dictionary"),
     }
