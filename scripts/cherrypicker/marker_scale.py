@@ -123,7 +123,7 @@ def estimate_scale(
             f"the scale is to come from a marker, but {' and '.join(missing)} "
             f"{'is' if len(missing) == 1 else 'are'} empty; without a marker the column scale must "
             "be a number or 'none'",
-            key="scale in trees.tsv",
+            key=f"{' and '.join(missing)}, or scale, in trees.tsv",
         )
     sides = parse_marker_sides(sides_m)
     opencv_dictionary = marker_dictionary(dictionary)
