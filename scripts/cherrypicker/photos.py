@@ -14,6 +14,18 @@ PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 _ORIENTATION = 0x0112
 
 
+def photos_in(folder: str | os.PathLike) -> list[Path]:
+    """Return a folder's photos, sorted by name, hidden ones left out; none if it is missing."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        return []
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in PHOTO_SUFFIXES and not path.name.startswith(".")
+    )
+
+
 def list_photos(folder: str | os.PathLike) -> list[Path]:
     """Return the photos of a folder, sorted by name; hidden files are left out.
 
@@ -25,11 +37,7 @@ def list_photos(folder: str | os.PathLike) -> list[Path]:
     folder = Path(folder)
     if not folder.is_dir():
         raise StageError("the folder of photos is missing", file=folder, key="photos in trees.tsv")
-    photos = sorted(
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in PHOTO_SUFFIXES and not path.name.startswith(".")
-    )
+    photos = photos_in(folder)
     if not photos:
         raise StageError(
             f"the folder holds no photo ({', '.join(PHOTO_SUFFIXES)})",

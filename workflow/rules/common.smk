@@ -19,7 +19,7 @@ from cherrypicker.config import (
     resolve_config,
 )
 from cherrypicker.errors import StageError
-from cherrypicker.photos import PHOTO_SUFFIXES
+from cherrypicker.photos import photos_in
 from cherrypicker.stale_lock import claim_lock
 from cherrypicker.summary import summarise
 from cherrypicker.trees import TREE_PATTERN, read_trees
@@ -91,14 +91,7 @@ def resource(path):
 
 def photos_of(wildcards):
     """Return the tree's photos; none where the folder is missing, which the stage reports."""
-    folder = Path(TREES[wildcards.tree].photos)
-    if not folder.is_dir():
-        return []
-    return sorted(
-        str(path)
-        for path in folder.iterdir()
-        if path.suffix.lower() in PHOTO_SUFFIXES and not path.name.startswith(".")
-    )
+    return [str(path) for path in photos_in(TREES[wildcards.tree].photos)]
 
 
 def cloud_of(wildcards):
