@@ -1,6 +1,7 @@
 import dataclasses
 import re
 import sys
+from functools import cache
 from importlib.metadata import distributions as find_distributions
 from pathlib import Path
 
@@ -19,7 +20,15 @@ from cherrypicker.config import (
     resolve_config,
 )
 from cherrypicker.errors import StageError
+from cherrypicker.photo_sizes import PhotoSizes
 from cherrypicker.photos import photos_in
+from cherrypicker.resources import (
+    mb_to_ask,
+    minutes_to_ask,
+    size_of_cloud,
+    size_of_photos,
+    threads_to_ask,
+)
 from cherrypicker.stale_lock import claim_lock
 from cherrypicker.summary import summarise
 from cherrypicker.trees import TREE_PATTERN, read_trees
@@ -56,6 +65,7 @@ def read_batch():
 SETTINGS, TREES, SETTINGS_OF = read_batch()
 LATE_TREES = [name for name, row in TREES.items() if not row.is_photo_scan]
 LABELLED_TREES = [name for name in LATE_TREES if TREES[name].has_labelled_cloud()]
+PHOTO_SIZES = PhotoSizes()
 UNLABELLED_TREES = [name for name in LATE_TREES if name not in LABELLED_TREES]
 
 
@@ -117,6 +127,42 @@ def stereo_gpus(wildcards):
     backend = cfg("mvs.backend")(wildcards)
     has_cuda = find_distributions(name="pycolmap-cuda12")
     return int(backend == "cuda" or (backend == "auto" and any(has_cuda)))
+
+
+@cache
+def scan_of(tree):
+    """Return how large a tree's scan is, from the headers of its photos or of its cloud."""
+    if not TREES[tree].is_photo_scan:
+        return size_of_cloud(TREES[tree].cloud)
+    sizes = PHOTO_SIZES.of(photos_in(TREES[tree].photos))
+    if workflow.is_main_process:
+        PHOTO_SIZES.save()
+    with_gpu = stereo_gpus({"tree": tree}) > 0
+    return size_of_photos(sizes, SETTINGS_OF[tree], has_gpu_stereo=with_gpu)
+
+
+def threads_for(stage):
+    """Return a threads function: as many as the size of the scan is worth."""
+    return lambda wildcards: threads_to_ask(stage, scan_of(wildcards.tree))
+
+
+def mb_for(stage):
+    """Return a resource function: the stage's memory, more at each attempt."""
+    return lambda wildcards, threads, attempt: mb_to_ask(
+        stage, scan_of(wildcards.tree), threads, attempt
+    )
+
+
+def minutes_for(stage):
+    """Return a resource function: the stage's running time, more at each attempt."""
+    return lambda wildcards, threads, attempt: minutes_to_ask(
+        stage, scan_of(wildcards.tree), threads, attempt
+    )
+
+
+def more_at_each_attempt(mem_mb):
+    """Return a resource function: this memory times the attempt."""
+    return lambda wildcards, attempt: attempt * mem_mb
 
 
 def write_summary():

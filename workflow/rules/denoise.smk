@@ -19,10 +19,10 @@ rule denoise_cloud:
         "benchmarks/denoise_cloud/{tree}.tsv"
     conda:
         "../../envs/pointcloud.yaml"
-    threads: 2
+    threads: threads_for("denoise_cloud")
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=mb_for("denoise_cloud"),
+        runtime=minutes_for("denoise_cloud"),
         gpu=0,
     params:
         photo_folder=row("photos"),

@@ -14,10 +14,10 @@ rule undistort_photos:
         "benchmarks/undistort_photos/{tree}.tsv"
     conda:
         "../../envs/photogrammetry.yaml"
-    threads: 8
+    threads: threads_for("undistort_photos")
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=mb_for("undistort_photos"),
+        runtime=minutes_for("undistort_photos"),
         gpu=0,
     params:
         max_image_size=cfg("mvs.max_image_size_px"),
@@ -39,10 +39,10 @@ rule estimate_depth:
         "benchmarks/estimate_depth/{tree}.tsv"
     conda:
         "../../envs/photogrammetry.yaml"
-    threads: 8
+    threads: threads_for("estimate_depth")
     resources:
-        mem_mb=8000,
-        runtime=600,
+        mem_mb=mb_for("estimate_depth"),
+        runtime=minutes_for("estimate_depth"),
         gpu=stereo_gpus,
     params:
         backend=cfg("mvs.backend"),
@@ -75,10 +75,10 @@ rule fuse_depth:
         "benchmarks/fuse_depth/{tree}.tsv"
     conda:
         "../../envs/photogrammetry.yaml"
-    threads: 8
+    threads: threads_for("fuse_depth")
     resources:
-        mem_mb=8000,
-        runtime=120,
+        mem_mb=mb_for("fuse_depth"),
+        runtime=minutes_for("fuse_depth"),
         gpu=0,
     params:
         method=cfg("mvs.fusion"),

@@ -19,10 +19,10 @@ rule import_cloud:
         tree=any_of(UNLABELLED_TREES),
     conda:
         "../../envs/pointcloud.yaml"
-    threads: 1
+    threads: threads_for("import_cloud")
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=mb_for("import_cloud"),
+        runtime=minutes_for("import_cloud"),
         gpu=0,
     params:
         cloud=row("cloud"),

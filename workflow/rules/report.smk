@@ -76,10 +76,10 @@ rule report_tree:
         "benchmarks/report_tree/{tree}.tsv"
     conda:
         "../../envs/report.yaml"
-    threads: 1
+    threads: threads_for("report_tree")
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=mb_for("report_tree"),
+        runtime=minutes_for("report_tree"),
         gpu=0,
     params:
         tree=row("tree"),
@@ -121,8 +121,8 @@ rule summarise_batch:
         "../../envs/report.yaml"
     threads: 1
     resources:
-        mem_mb=500,
-        runtime=5,
+        mem_mb=more_at_each_attempt(1000),
+        runtime=10,
         gpu=0,
     params:
         trees=list(TREES),

@@ -14,10 +14,10 @@ rule align_cloud:
         "benchmarks/align_cloud/{tree}.tsv"
     conda:
         "../../envs/pointcloud.yaml"
-    threads: 1
+    threads: threads_for("align_cloud")
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=mb_for("align_cloud"),
+        runtime=minutes_for("align_cloud"),
         gpu=0,
     params:
         ground_distance_fraction=cfg("align.ground_distance_fraction"),
@@ -44,10 +44,10 @@ rule crop_roi:
         "benchmarks/crop_roi/{tree}.tsv"
     conda:
         "../../envs/pointcloud.yaml"
-    threads: 1
+    threads: threads_for("crop_roi")
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=mb_for("crop_roi"),
+        runtime=minutes_for("crop_roi"),
         gpu=0,
     params:
         margin_fraction=cfg("crop.margin_fraction"),

@@ -15,10 +15,10 @@ rule estimate_scale:
         "benchmarks/estimate_scale/{tree}.tsv"
     conda:
         "../../envs/photogrammetry.yaml"
-    threads: 2
+    threads: threads_for("estimate_scale")
     resources:
-        mem_mb=4000,
-        runtime=60,
+        mem_mb=mb_for("estimate_scale"),
+        runtime=minutes_for("estimate_scale"),
         gpu=0,
     params:
         cell=row("scale"),
@@ -51,10 +51,10 @@ rule scale_cloud:
         "benchmarks/scale_cloud/{tree}.tsv"
     conda:
         "../../envs/pointcloud.yaml"
-    threads: 1
+    threads: threads_for("scale_cloud")
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=mb_for("scale_cloud"),
+        runtime=minutes_for("scale_cloud"),
         gpu=0,
     message:
         "{wildcards.tree}: scale the cloud"

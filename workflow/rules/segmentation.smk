@@ -21,10 +21,10 @@ rule segment_cloud:
         "benchmarks/segment_cloud/{tree}.tsv"
     conda:
         "../../envs/learning.yaml"
-    threads: 2
+    threads: threads_for("segment_cloud")
     resources:
-        mem_mb=6000,
-        runtime=30,
+        mem_mb=mb_for("segment_cloud"),
+        runtime=minutes_for("segment_cloud"),
         gpu=0,
     params:
         weights=lambda wildcards: (
@@ -64,7 +64,7 @@ rule train_segmentation:
         "../../envs/learning.yaml"
     threads: 2
     resources:
-        mem_mb=8000,
+        mem_mb=more_at_each_attempt(8000),
         runtime=720,
         gpu=0,
     params:

@@ -15,10 +15,10 @@ rule contract_cloud:
         "benchmarks/contract_cloud/{tree}.tsv"
     conda:
         "../../envs/pointcloud.yaml"
-    threads: 2
+    threads: threads_for("contract_cloud")
     resources:
-        mem_mb=4000,
-        runtime=60,
+        mem_mb=mb_for("contract_cloud"),
+        runtime=minutes_for("contract_cloud"),
         gpu=0,
     params:
         classes=cfg("contract.classes"),
@@ -64,10 +64,10 @@ rule extract_graph:
         "benchmarks/extract_graph/{tree}.tsv"
     conda:
         "../../envs/pointcloud.yaml"
-    threads: 2
+    threads: threads_for("extract_graph")
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=mb_for("extract_graph"),
+        runtime=minutes_for("extract_graph"),
         gpu=0,
     params:
         method=cfg("graph.method"),

@@ -22,10 +22,10 @@ rule segment_sky:
         "benchmarks/segment_sky/{tree}.tsv"
     conda:
         "../../envs/learning.yaml"
-    threads: 2
+    threads: threads_for("segment_sky")
     resources:
-        mem_mb=3000,
-        runtime=30,
+        mem_mb=mb_for("segment_sky"),
+        runtime=minutes_for("segment_sky"),
         gpu=0,
     params:
         photo_folder=row("photos"),
@@ -63,7 +63,7 @@ rule train_sky:
         "../../envs/learning.yaml"
     threads: 2
     resources:
-        mem_mb=6000,
+        mem_mb=more_at_each_attempt(6000),
         runtime=720,
         gpu=0,
     params:

@@ -14,10 +14,10 @@ rule extract_features:
         "benchmarks/extract_features/{tree}.tsv"
     conda:
         "../../envs/photogrammetry.yaml"
-    threads: 8
+    threads: threads_for("extract_features")
     resources:
-        mem_mb=8000,
-        runtime=120,
+        mem_mb=mb_for("extract_features"),
+        runtime=minutes_for("extract_features"),
         gpu=0,
     params:
         folder=row("photos"),
@@ -45,10 +45,10 @@ rule match_features:
         "benchmarks/match_features/{tree}.tsv"
     conda:
         "../../envs/photogrammetry.yaml"
-    threads: 8
+    threads: threads_for("match_features")
     resources:
-        mem_mb=8000,
-        runtime=240,
+        mem_mb=mb_for("match_features"),
+        runtime=minutes_for("match_features"),
         gpu=0,
     params:
         pairing=cfg("sfm.pairing"),
@@ -87,10 +87,10 @@ rule reconstruct_sparse:
         "benchmarks/reconstruct_sparse/{tree}.tsv"
     conda:
         "../../envs/photogrammetry.yaml"
-    threads: 8
+    threads: threads_for("reconstruct_sparse")
     resources:
-        mem_mb=8000,
-        runtime=120,
+        mem_mb=mb_for("reconstruct_sparse"),
+        runtime=minutes_for("reconstruct_sparse"),
         gpu=0,
     params:
         mapper=cfg("sfm.mapper"),

@@ -19,10 +19,10 @@ rule measure_traits:
         "benchmarks/measure_traits/{tree}.tsv"
     conda:
         "../../envs/pointcloud.yaml"
-    threads: 1
+    threads: threads_for("measure_traits")
     resources:
-        mem_mb=3000,
-        runtime=20,
+        mem_mb=mb_for("measure_traits"),
+        runtime=minutes_for("measure_traits"),
         gpu=0,
     params:
         trunk_height=cfg("traits.trunk_height_m"),

@@ -1,0 +1,198 @@
+"""What each stage costs: CPU time, memory and disk as linear functions of the size of a scan.
+
+The one place for these numbers. They were fitted to Snakemake's benchmark files and to the peak
+memory of single stages; docs/cluster.md lists the runs. Memory is an upper line through the
+measured peaks, CPU time the middle of the measured times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+# CPU seconds of our stereo per megapixel of a reference photo with six sources
+DEPTH_CPU_S_PER_MP = 11.0
+# A data-centre GPU was not at hand: COLMAP's stereo is assumed at this rate, nothing was measured
+DEPTH_GPU_S_PER_MP = 1.5
+# Points of the cloud per pixel of all depth maps: 0.048 to 0.095 were measured, 0.06 in the middle
+POINTS_PER_PIXEL = 0.06
+MOST_POINTS_PER_PIXEL = 0.10
+
+
+@dataclass(frozen=True)
+class StageCost:
+    """Cost of one stage; every mapping holds a quantity of the scan and its factor.
+
+    Attributes
+    ----------
+    cpu_s : mapping
+        CPU seconds: ``base`` and seconds per unit of a quantity.
+    memory_mb : mapping
+        Resident memory of the stage's process, MB.
+    thread_memory_mb : mapping
+        What each thread adds to it, MB.
+    disk_mb : mapping
+        What the stage leaves on disk, MB.
+    max_threads : int
+        Threads beyond which the stage gains nothing.
+    after : tuple of str
+        Stages that must be done before, within the same tree.
+    """
+
+    cpu_s: Mapping[str, float]
+    memory_mb: Mapping[str, float]
+    thread_memory_mb: Mapping[str, float] = field(default_factory=dict)
+    disk_mb: Mapping[str, float] = field(default_factory=dict)
+    max_threads: int = 1
+    after: tuple[str, ...] = ()
+
+
+# One cloud in our PLY files, with colours, normals and the number of views
+_CLOUD_MB = {"points_m": 27.0}
+
+PHOTO_STAGES = {
+    "extract_features": StageCost(
+        cpu_s={"base": 2.0, "feature_mp": 1.1},
+        memory_mb={"base": 200.0},
+        thread_memory_mb={"largest_feature_mp": 300.0},
+        disk_mb={"photos": 0.7},
+        max_threads=8,
+    ),
+    "match_features": StageCost(
+        cpu_s={"base": 2.0, "pairs": 0.06},
+        memory_mb={"base": 220.0, "photos": 3.0},
+        disk_mb={"photos": 1.0},
+        max_threads=8,
+        after=("extract_features",),
+    ),
+    "reconstruct_sparse": StageCost(
+        cpu_s={"base": 2.0, "photos": 0.4, "photos_squared": 0.004},
+        memory_mb={"base": 220.0, "photos": 4.0},
+        disk_mb={"photos": 0.1},
+        max_threads=8,
+        after=("match_features",),
+    ),
+    "undistort_photos": StageCost(
+        cpu_s={"base": 1.0, "photo_mp": 0.12},
+        memory_mb={"base": 140.0},
+        thread_memory_mb={"largest_photo_mp": 15.0},
+        disk_mb={"dense_mp": 0.6},
+        max_threads=4,
+        after=("reconstruct_sparse",),
+    ),
+    "estimate_depth": StageCost(
+        cpu_s={"base": 10.0, "stereo_mp": DEPTH_CPU_S_PER_MP},
+        memory_mb={"base": 400.0, "stereo_mb": 1.0},
+        # Two depth maps of 4 and two normal maps of 12 bytes a pixel
+        disk_mb={"dense_mp": 32.0},
+        max_threads=8,
+        after=("undistort_photos",),
+    ),
+    "fuse_depth": StageCost(
+        cpu_s={"base": 2.0, "dense_mp": 0.37},
+        memory_mb={"base": 450.0, "dense_mp": 9.0, "points_m": 130.0},
+        disk_mb=_CLOUD_MB,
+        max_threads=4,
+        after=("estimate_depth",),
+    ),
+    "align_cloud": StageCost(
+        cpu_s={"base": 1.5, "points_m": 0.3},
+        memory_mb={"base": 170.0, "points_m": 150.0},
+        disk_mb=_CLOUD_MB,
+        after=("fuse_depth",),
+    ),
+    "crop_roi": StageCost(
+        cpu_s={"base": 1.0, "points_m": 0.5},
+        memory_mb={"base": 130.0, "points_m": 170.0},
+        disk_mb=_CLOUD_MB,
+        after=("align_cloud",),
+    ),
+    "segment_sky": StageCost(
+        cpu_s={"base": 3.0, "photos": 0.6, "photo_mp": 0.15},
+        memory_mb={"base": 570.0, "largest_photo_mp": 60.0},
+        disk_mb={"photo_mp": 0.02},
+        max_threads=2,
+    ),
+    "denoise_cloud": StageCost(
+        cpu_s={"base": 2.0, "points_m": 9.0},
+        memory_mb={"base": 640.0, "points_m": 80.0, "largest_photo_mp": 20.0},
+        disk_mb=_CLOUD_MB,
+        max_threads=2,
+        after=("crop_roi", "segment_sky"),
+    ),
+    "estimate_scale": StageCost(
+        cpu_s={"base": 1.0, "photo_mp": 0.4},
+        memory_mb={"base": 320.0, "largest_photo_mp": 90.0},
+        max_threads=2,
+        after=("reconstruct_sparse",),
+    ),
+    "scale_cloud": StageCost(
+        cpu_s={"base": 0.5, "points_m": 0.4},
+        memory_mb={"base": 80.0, "points_m": 125.0},
+        disk_mb=_CLOUD_MB,
+        after=("denoise_cloud", "estimate_scale"),
+    ),
+    "segment_cloud": StageCost(
+        cpu_s={"base": 9.0, "points_m": 2.0},
+        memory_mb={"base": 1000.0, "points_m": 60.0},
+        disk_mb={"points_m": 32.0},
+        max_threads=2,
+        after=("scale_cloud",),
+    ),
+}
+
+# COLMAP's stereo on a GPU: what the CPU does beside it is reading and writing
+GPU_DEPTH = StageCost(
+    cpu_s={"base": 20.0, "stereo_mp": DEPTH_GPU_S_PER_MP},
+    memory_mb={"base": 1500.0, "stereo_mb": 2.0},
+    disk_mb=PHOTO_STAGES["estimate_depth"].disk_mb,
+    max_threads=2,
+    after=("undistort_photos",),
+)
+
+CLOUD_STAGES = {
+    "import_cloud": StageCost(
+        cpu_s={"base": 1.0, "points_m": 2.0},
+        memory_mb={"base": 130.0, "points_m": 250.0},
+        disk_mb={"points_m": 32.0},
+    ),
+    "segment_cloud": StageCost(
+        cpu_s=PHOTO_STAGES["segment_cloud"].cpu_s,
+        memory_mb=PHOTO_STAGES["segment_cloud"].memory_mb,
+        disk_mb={"points_m": 32.0},
+        max_threads=2,
+        after=("import_cloud",),
+    ),
+}
+
+# The skeleton is drawn from a bounded number of points, so its time hardly grows with the cloud
+_TREE_STAGES = {
+    "contract_cloud": StageCost(
+        cpu_s={"base": 15.0, "points_m": 3.0},
+        memory_mb={"base": 640.0, "points_m": 60.0},
+        disk_mb={"base": 0.6},
+        max_threads=2,
+        after=("segment_cloud",),
+    ),
+    "extract_graph": StageCost(
+        cpu_s={"base": 2.0, "points_m": 2.5},
+        memory_mb={"base": 290.0, "points_m": 125.0},
+        disk_mb={"base": 1.5},
+        max_threads=2,
+        after=("contract_cloud",),
+    ),
+    "measure_traits": StageCost(
+        cpu_s={"base": 2.0, "points_m": 1.8},
+        memory_mb={"base": 620.0, "points_m": 130.0},
+        after=("extract_graph",),
+    ),
+    "report_tree": StageCost(
+        cpu_s={"base": 5.0, "points_m": 4.5},
+        memory_mb={"base": 390.0, "points_m": 270.0, "largest_photo_mp": 20.0},
+        disk_mb={"base": 9.0},
+        after=("measure_traits",),
+    ),
+}
+
+PHOTO_STAGES |= _TREE_STAGES
+CLOUD_STAGES |= _TREE_STAGES
