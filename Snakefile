@@ -28,6 +28,10 @@ rule all:
         "results/summary.html",
 
 
+onstart:
+    prepare_run()
+
+
 onsuccess:
     write_summary()
 

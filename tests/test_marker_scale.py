@@ -7,16 +7,16 @@ from marker_scene import develop, marker_scan, paint_marker, pattern_of, square
 from scan_scene import look_at_poses, ring, rotation_about
 
 from cherrypicker.errors import StageError
-from cherrypicker.marker_fit import fit_marker
-from cherrypicker.marker_geometry import Observations, intersect_rays, locate_marker
-from cherrypicker.marker_scale import choose_mode, combine_markers, estimate_scale
-from cherrypicker.markers import (
-    check_ids,
-    find_markers,
-    marker_dictionary,
-    marker_pattern,
+from cherrypicker.marker_columns import (
+    DICTIONARY_SIZES,
+    check_scale_columns,
+    choose_mode,
     parse_marker_sides,
 )
+from cherrypicker.marker_fit import fit_marker
+from cherrypicker.marker_geometry import Observations, intersect_rays, locate_marker
+from cherrypicker.marker_scale import combine_markers, estimate_scale
+from cherrypicker.markers import find_markers, marker_dictionary, marker_pattern
 from cherrypicker.photos import read_photo
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.scaling import scale_scene
@@ -65,7 +65,14 @@ def test_unknown_dictionary_and_id():
     with pytest.raises(StageError, match="DICT_4X4_50"):
         marker_dictionary("DICT_4X4_5O")
     with pytest.raises(StageError, match="0 to 49"):
-        check_ids([50], marker_dictionary(DICTIONARY), DICTIONARY)
+        check_scale_columns("", "marker", DICTIONARY, "50:0.2")
+
+
+def test_dictionaries_are_opencvs():
+    names = {name.upper() for name in dir(cv2.aruco) if name.startswith("DICT_")}
+    assert {name.upper() for name in DICTIONARY_SIZES} == names
+    for name, size in DICTIONARY_SIZES.items():
+        assert len(marker_dictionary(name).bytesList) == size
 
 
 def random_view(rng, side, tilt_deg=50):

@@ -81,7 +81,7 @@ def test_bad_scans_end_with_one_line_each_and_the_batch_goes_on(box):
         "broken": ("extract_features", "1.jpg", "sfm.skip_unreadable"),
         "strangers": ("match_features", "strangers", "photos"),
         "box": ("estimate_scale", "photos", "marker"),
-        "unmarked": ("estimate_scale", "", "marker_dictionary"),
+        "unmarked": ("extract_features", "trees.tsv", "marker_dictionary"),
     }
     for tree, (rule, file, key) in expected.items():
         (line,) = [line for line in errors if line.startswith(f"ERROR tree={tree} ")]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,16 +20,69 @@ def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` that takes its place if the block succeeds.
 
     The temporary name keeps the suffix, since many writers choose their format by it. A killed or
-    failing writer leaves no half file under the final name.
+    failing writer leaves no half file under the final name; what a killed one left under the
+    temporary name goes when the same file is written again.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
+    for left in leftovers(path.parent, f".{path.stem}.", f".part{path.suffix}"):
+        left.unlink(missing_ok=True)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         yield temporary
         temporary.replace(path)
+    except OSError as error:
+        if error.filename is None:  # a full disk does not say whose write it refused
+            error.filename = os.fspath(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def temporary_folder(parent: str | os.PathLike, prefix: str) -> Iterator[Path]:
+    """Yield a new folder ``{prefix}{process id}`` in ``parent``, removed afterwards.
+
+    What a killed process left there under that prefix goes first: it may be large.
+    """
+    parent = Path(parent)
+    parent.mkdir(parents=True, exist_ok=True)
+    for left in leftovers(parent, prefix):
+        shutil.rmtree(left, ignore_errors=True)
+    folder = parent / f"{prefix}{os.getpid()}"
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def leftovers(folder: Path, prefix: str, suffix: str = "") -> list[Path]:
+    """Return what dead processes left in a folder as ``{prefix}{process id}{suffix}``.
+
+    Parameters
+    ----------
+    folder : Path
+        Snakemake's lock keeps other machines from writing the same file there.
+    prefix, suffix : str
+        Of the temporary names.
+    """
+    pattern = re.compile(rf"{re.escape(prefix)}(\d+){re.escape(suffix)}")
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if (match := pattern.fullmatch(path.name)) and not _is_running(int(match[1]))
+    )
+
+
+def _is_running(process_id: int) -> bool:
+    try:
+        os.kill(process_id, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:

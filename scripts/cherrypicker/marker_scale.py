@@ -10,64 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.marker_columns import SIDES_COLUMN, check_scale_columns, choose_mode
 from cherrypicker.marker_geometry import Observations, locate_marker
-from cherrypicker.markers import (
-    check_ids,
-    detect_markers,
-    marker_dictionary,
-    parse_marker_sides,
-    suggest_dictionaries,
-)
+from cherrypicker.markers import detect_markers, marker_dictionary, suggest_dictionaries
 
 logger = logging.getLogger(__name__)
 
-MODES = ("marker", "none")
-_SIDES = "marker_sides_m in trees.tsv"
 # Printers and rulers: two correct markers may differ by this much.
 _PRINT_TOLERANCE = 0.005
 _WORST_DISAGREEMENT = 0.03
 # Nobody photographs a fruit tree from nearer or further than this; a side in cm or mm would.
 _CAMERA_DISTANCE_M = (0.25, 80.0)
 _MAX_RELATIVE_STD = 0.05
-
-
-def choose_mode(cell, mode):
-    """What decides the scale: the tree's cell in the column ``scale``, else the config.
-
-    Parameters
-    ----------
-    cell : str
-        ``marker``, ``none``, a number of metres per unit, or empty.
-    mode : str
-        The config's ``scale.mode``.
-
-    Returns
-    -------
-    mode : {"marker", "none", "number"}
-    scale : float or None
-        Metres per unit where a number is given.
-
-    Raises
-    ------
-    StageError
-    """
-    text = str(cell or "").strip()
-    if text in MODES:
-        return text, None
-    if text:
-        try:
-            value = float(text)
-        except ValueError:
-            value = np.nan
-        if not (np.isfinite(value) and value > 0):
-            raise StageError(
-                f"{text!r} is neither 'marker', 'none' nor a positive number",
-                key="scale in trees.tsv",
-            )
-        return "number", value
-    if mode not in MODES:
-        raise StageError(f"{mode!r} is neither 'marker' nor 'none'", key="scale.mode")
-    return mode, None
 
 
 def estimate_scale(
@@ -91,7 +45,7 @@ def estimate_scale(
         The tree's photos; those that are not registered are left out.
     reconstruction : pycolmap.Reconstruction
     cell, mode : str
-        As for :func:`choose_mode`.
+        As for :func:`cherrypicker.marker_columns.choose_mode`.
     dictionary, sides_m : str
         The columns ``marker_dictionary`` and ``marker_sides_m``.
     min_images : int, default 2
@@ -113,26 +67,12 @@ def estimate_scale(
     if mode != "marker":
         logger.info("scale: %s%s", mode, "" if value is None else f", {value:g} metres per unit")
         return _without_markers(mode, value)
-    if not dictionary or not sides_m:
-        missing = [
-            name
-            for name, text in (("marker_dictionary", dictionary), ("marker_sides_m", sides_m))
-            if not text
-        ]
-        raise StageError(
-            f"the scale is to come from a marker, but {' and '.join(missing)} "
-            f"{'is' if len(missing) == 1 else 'are'} empty; without a marker the column scale must "
-            "be a number or 'none'",
-            key=f"{' and '.join(missing)}, or scale, in trees.tsv",
-        )
-    sides = parse_marker_sides(sides_m)
-    opencv_dictionary = marker_dictionary(dictionary)
-    check_ids(sides, opencv_dictionary, dictionary)
+    sides = check_scale_columns(cell, "marker", dictionary, sides_m)
     views = _views(photos, reconstruction)
     detections, other_ids = detect_markers(
         [view[0] for view in views],
         [view[1] for view in views],
-        opencv_dictionary,
+        marker_dictionary(dictionary),
         list(sides),
         threads=threads,
     )
@@ -232,7 +172,7 @@ def _check_found(detections, other_ids, photos, dictionary, sides, min_images):
         hint = f"; {suggestion}" if suggestion else ""
     raise StageError(
         f"no marker is seen in {min_images} photos or more (marker {seen} of {len(photos)}){hint}",
-        key=f"marker_dictionary, {_SIDES}; or scale",
+        key=f"marker_dictionary, {SIDES_COLUMN}; or scale",
     )
 
 
@@ -323,7 +263,7 @@ def combine_markers(markers, warnings):
     measured = [marker for marker in markers if marker["used"]]
     if not measured:
         reasons = "; ".join(f"marker {m['id']}: {', '.join(m['flags'])}" for m in markers)
-        raise StageError(f"no marker gives a scale ({reasons})", key=_SIDES)
+        raise StageError(f"no marker gives a scale ({reasons})", key=SIDES_COLUMN)
     square = [marker for marker in measured if marker["is_square"]]
     if square:
         for marker in measured:
@@ -368,7 +308,7 @@ def _drop_contradicting(measured, warnings):
         if len(measured) == 2:
             message = f"the markers contradict each other by {100 * off[0]:.1f} %: {text}"
             if off[0] > _WORST_DISAGREEMENT:
-                raise StageError(f"{message}; check their sides", key=_SIDES)
+                raise StageError(f"{message}; check their sides", key=SIDES_COLUMN)
             warnings.append(message)
             break
         worst = int(np.argmax(off / allowed))
@@ -394,7 +334,7 @@ def _check_plausible(scale, scale_std, cam_from_world, markers, warnings):
     if not low <= distance <= high:
         raise StageError(
             f"the cameras would stand {distance:.3g} m from the marker: are the sides in metres?",
-            key=_SIDES,
+            key=SIDES_COLUMN,
         )
     logger.info("the cameras' median distance to the markers is %.2f m", distance)
     if scale_std > _MAX_RELATIVE_STD * scale:

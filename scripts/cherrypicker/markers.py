@@ -1,8 +1,6 @@
-"""Printed square markers (ArUco, AprilTag) in photos: parsing, detection, precise corners."""
+"""Printed square markers (ArUco, AprilTag) in photos: detection and precise corners."""
 
-import difflib
 import logging
-import math
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -11,13 +9,13 @@ import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.marker_columns import dictionary_name
 from cherrypicker.marker_fit import fit_marker
 from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
 
-_SIDE_BOUNDS_M = (0.005, 2.0)
 # A marker that explains less of the grey values than this is no such marker, or is covered.
 _MIN_AGREEMENT = 0.85
 _COARSE_STD_PX = 1.0
@@ -67,55 +65,6 @@ class Detection:
     is_precise: bool
 
 
-def parse_marker_sides(text):
-    """Parse the column ``marker_sides_m``: ``7:0.20,8:0.15``.
-
-    Parameters
-    ----------
-    text : str
-        Comma-separated pairs of marker id and side length in metres.
-
-    Returns
-    -------
-    dict of int to float
-
-    Raises
-    ------
-    StageError
-        For an unreadable pair, a duplicate id, or a side that no printed marker has.
-    """
-
-    def refuse(reason):
-        raise StageError(f"marker_sides_m {text!r}: {reason}", key="marker_sides_m in trees.tsv")
-
-    sides = {}
-    for pair in str(text).split(","):
-        if not pair.strip():
-            refuse("an entry is empty; write id:side pairs, for example 7:0.20,8:0.15")
-        name, separator, length = pair.partition(":")
-        if not separator:
-            refuse(f"{pair.strip()!r} has no colon; write id:side, for example 7:0.20")
-        if not name.strip().isdecimal():
-            refuse(f"{name.strip()!r} is no marker id")
-        marker_id = int(name)
-        try:
-            side = float(length)
-        except ValueError:
-            refuse(f"{length.strip()!r} is no length")
-        if marker_id in sides:
-            refuse(f"marker {marker_id} stands twice")
-        low, high = _SIDE_BOUNDS_M
-        if not math.isfinite(side) or side <= 0:
-            refuse(f"the side of marker {marker_id} must be positive")
-        if not low <= side <= high:
-            refuse(
-                f"the side of marker {marker_id} is {side:g} m, outside {low:g} to {high:g} m; "
-                "sides are given in metres"
-            )
-        sides[marker_id] = side
-    return sides
-
-
 def marker_dictionary(name):
     """OpenCV's marker dictionary of a name such as ``DICT_4X4_50`` or ``DICT_APRILTAG_36h11``.
 
@@ -124,31 +73,7 @@ def marker_dictionary(name):
     StageError
         If OpenCV has no such dictionary.
     """
-    names = {entry.upper(): entry for entry in dir(cv2.aruco) if entry.startswith("DICT_")}
-    key = str(name).strip().upper()
-    if key not in names:
-        near = difflib.get_close_matches(key, names, n=1, cutoff=0.0)
-        raise StageError(
-            f"OpenCV has no marker dictionary {name!r}; did you mean {names[near[0]]!r}?",
-            key="marker_dictionary in trees.tsv",
-        )
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, names[key]))
-
-
-def check_ids(marker_ids, dictionary, name):
-    """Refuse ids that the dictionary does not have.
-
-    Raises
-    ------
-    StageError
-    """
-    count = len(dictionary.bytesList)
-    for marker_id in marker_ids:
-        if marker_id >= count:
-            raise StageError(
-                f"{name} has markers 0 to {count - 1}, not {marker_id}",
-                key="marker_sides_m in trees.tsv",
-            )
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary_name(name)))
 
 
 def marker_pattern(dictionary, marker_id):

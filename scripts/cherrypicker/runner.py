@@ -10,6 +10,7 @@ killed.
 from __future__ import annotations
 
 import argparse
+import errno
 import faulthandler
 import logging
 import os
@@ -25,6 +26,13 @@ logger = logging.getLogger(__name__)
 
 STATUS_DIR = Path("logs/status")
 NO_TREE = "_batch"
+_DISK_ERRORS = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EROFS: "the folder is read-only",
+    errno.EACCES: "no permission",
+    errno.EPERM: "no permission",
+}
 
 
 def stage_parser(doc: str) -> argparse.ArgumentParser:
@@ -66,8 +74,8 @@ def _run_from_command_line(main: Callable, parser: argparse.ArgumentParser) -> N
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     try:
         main(**vars(parser.parse_args()))
-    except StageError as error:
-        logger.error("error: %s", error.describe())
+    except (StageError, OSError) as error:
+        logger.error("error: %s", StageError(**_explain(error)).describe())
         raise SystemExit(1) from None
 
 
@@ -78,29 +86,45 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake) -
     console = _redirect_output(log_path, f"[{tree} {rule}]" if tree != NO_TREE else f"[{rule}]")
     status = STATUS_DIR / tree / f"{rule}.json"
     record = {"state": "running", "rule": rule, "tree": tree, "log": log_path, "time": _now()}
-    write_json(status, record)
     try:
+        write_json(status, record)
+        _refuse_bad_row(snakemake.params)
         main(**_arguments(parser, snakemake))
-    except StageError as error:
-        logger.exception("the stage failed")
-        failure = {"cause": error.cause, "file": error.file, "key": error.key}
-        line = error.describe()
     except Exception as error:
-        logger.exception("the stage failed unexpectedly")
-        detail = " ".join(str(error).split())
-        failure = {
-            "cause": f"unexpected {type(error).__name__}: {detail}",
-            "file": None,
-            "key": None,
-        }
-        line = failure["cause"]
+        logger.exception("the stage failed")
+        failure = _explain(error)
     else:
         status.unlink(missing_ok=True)
         return
-    write_json(status, record | failure | {"state": "failed", "time": _now()})
+    line = StageError(**failure).describe()
+    # The console first: on a full disk it is all that is left to tell the reason.
     console.write(f"ERROR tree={tree} rule={rule}: {line}; log: {log_path}\n")
     console.flush()
+    try:
+        write_json(status, record | failure | {"state": "failed", "time": _now()})
+    except OSError as error:
+        console.write(f"ERROR tree={tree} rule={rule}: cannot note the failure ({error})\n")
+        console.flush()
     raise SystemExit(1)
+
+
+def _refuse_bad_row(params) -> None:
+    """Raise what the Snakefile found wrong with the tree's row, before any work is done for it."""
+    problem = dict(params.items()).get("problem")
+    if problem:
+        raise StageError(**problem)
+
+
+def _explain(error: Exception) -> dict:
+    """Return cause, file and key of a failure as a user reads them."""
+    if isinstance(error, StageError):
+        return {"cause": error.cause, "file": error.file, "key": error.key}
+    if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
+        reason = f"{_DISK_ERRORS[error.errno]} ({os.strerror(error.errno)})"
+        file = None if error.filename is None else os.fsdecode(error.filename)
+        return {"cause": reason, "file": file, "key": None}
+    detail = " ".join(str(error).split())
+    return {"cause": f"unexpected {type(error).__name__}: {detail}", "file": None, "key": None}
 
 
 def _arguments(parser: argparse.ArgumentParser, snakemake) -> dict:

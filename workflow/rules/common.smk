@@ -6,20 +6,19 @@ from importlib.metadata import distributions as find_distributions
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
+from snakemake.io import contains_wildcard
+from snakemake.pathvars import PATHVAR_REGEX
 
 PROJECT = Path(workflow.basedir)
 LIBRARY = PROJECT / "scripts"
 if str(LIBRARY) not in sys.path:
     sys.path.insert(0, str(LIBRARY))
 
+from cherrypicker.batch import read_batch
 from cherrypicker.code_inputs import imported_modules
-from cherrypicker.config import (
-    load_schema,
-    lookup as lookup_key,
-    read_config_file,
-    resolve_config,
-)
+from cherrypicker.config import load_schema, lookup as lookup_key
 from cherrypicker.errors import StageError
+from cherrypicker.marker_columns import check_scale_columns
 from cherrypicker.photo_sizes import PhotoSizes
 from cherrypicker.photos import photos_in
 from cherrypicker.resources import (
@@ -29,9 +28,10 @@ from cherrypicker.resources import (
     size_of_photos,
     threads_to_ask,
 )
-from cherrypicker.stale_lock import claim_lock
+from cherrypicker.stale_lock import begin_start, claim_lock, end_start
 from cherrypicker.summary import summarise
-from cherrypicker.trees import TREE_PATTERN, read_trees
+from cherrypicker.trees import TREE_PATTERN
+from cherrypicker.work_folder import check_writable
 
 
 wildcard_constraints:
@@ -41,28 +41,16 @@ wildcard_constraints:
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
 
 
-def read_batch():
+def load_batch():
     """Read the config and the table of trees; what is wrong there stops the run at once."""
-    command_line = workflow.config_settings.config or {}
     try:
-        settings = resolve_config(SCHEMA, config, source="config/config.yaml")
-        trees = {row.tree: row for row in read_trees(settings["trees"])}
-        settings_of = {}
-        for name, row in trees.items():
-            own = read_config_file(row.config) if row.config else {}
-            settings_of[name] = resolve_config(
-                SCHEMA,
-                config,
-                own,
-                command_line,
-                source=row.config or "config/config.yaml",
-            )
+        return read_batch(SCHEMA, config, workflow.config_settings.config)
     except StageError as error:
         raise WorkflowError(error.describe())
-    return settings, trees, settings_of
 
 
-SETTINGS, TREES, SETTINGS_OF = read_batch()
+BATCH = load_batch()
+SETTINGS, TREES, SETTINGS_OF = BATCH.settings, BATCH.trees, BATCH.settings_of
 LATE_TREES = [name for name, row in TREES.items() if not row.is_photo_scan]
 LABELLED_TREES = [name for name in LATE_TREES if TREES[name].has_labelled_cloud()]
 PHOTO_SIZES = PhotoSizes()
@@ -99,15 +87,21 @@ def resource(path):
     return str(PROJECT / "resources" / path)
 
 
+def is_plain(path):
+    """Whether Snakemake takes a path as it is: it fills in {name} and <name>, with no way out."""
+    return not (contains_wildcard(path) or PATHVAR_REGEX.search(path))
+
+
 def photos_of(wildcards):
     """Return the tree's photos; none where the folder is missing, which the stage reports."""
-    return [str(path) for path in photos_in(TREES[wildcards.tree].photos)]
+    photos = map(str, photos_in(TREES[wildcards.tree].photos))
+    return [path for path in photos if is_plain(path)]
 
 
 def cloud_of(wildcards):
     """Return the tree's ready cloud; none where it is missing, which the stage reports."""
     path = TREES[wildcards.tree].cloud
-    return [path] if Path(path).is_file() else []
+    return [path] if Path(path).is_file() and is_plain(path) else []
 
 
 def photo_only(*paths):
@@ -120,6 +114,26 @@ def photo_only(*paths):
         return files[0] if len(files) == 1 else files
 
     return inputs
+
+
+def problem_of(wildcards, input):
+    """Return what is wrong with a scan from photos, for its first stages to refuse it; {} if nothing.
+
+    Taking ``input`` keeps Snakemake from comparing it with the last run: a tree that is finished up
+    to its scale keeps all that, and the stage that finds the scale reports the problem.
+    """
+    for path in photos_in(row("photos")(wildcards)):
+        if not is_plain(str(path)):
+            cause = "Snakemake cannot take a path with {name} or <name> in it; rename the photo"
+            return {"cause": cause, "file": str(path), "key": "photos in trees.tsv"}
+    columns = [row(name)(wildcards) for name in ("marker_dictionary", "marker_sides_m")]
+    try:
+        check_scale_columns(
+            row("scale")(wildcards), cfg("scale.mode")(wildcards), *columns
+        )
+    except StageError as error:
+        return {"cause": error.cause, "file": SETTINGS["trees"], "key": error.key}
+    return {}
 
 
 def stereo_gpus(wildcards):
@@ -165,16 +179,31 @@ def more_at_each_attempt(mem_mb):
     return lambda wildcards, attempt: attempt * mem_mb
 
 
+def prepare_run():
+    """Let the next run start, now that Snakemake holds its lock; refuse what cannot be written."""
+    end_start()
+    try:
+        check_writable(
+            ["results", "logs", "benchmarks", *(f"results/{tree}" for tree in TREES)]
+        )
+    except StageError as error:
+        raise WorkflowError(error.describe())
+
+
 def write_summary():
     """Write the batch's table and page, also after failures."""
-    summarise(
-        [dataclasses.asdict(tree) for tree in TREES.values()],
-        "results",
-        "logs",
-        "results/traits.csv",
-        "results/summary.html",
-    )
+    try:
+        summarise(
+            [dataclasses.asdict(tree) for tree in TREES.values()],
+            "results",
+            "logs",
+            "results/traits.csv",
+            "results/summary.html",
+        )
+    except OSError as error:
+        raise WorkflowError(f"the summary of the batch cannot be written: {error}")
 
 
 if workflow.is_main_process:
+    begin_start()
     claim_lock()

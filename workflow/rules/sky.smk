@@ -28,6 +28,7 @@ rule segment_sky:
         runtime=minutes_for("segment_sky"),
         gpu=0,
     params:
+        problem=problem_of,
         photo_folder=row("photos"),
         weights=lambda wildcards: (
             cfg("sky.weights")(wildcards) or resource("weights/sky_unet.npz")

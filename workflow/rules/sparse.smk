@@ -20,6 +20,7 @@ rule extract_features:
         runtime=minutes_for("extract_features"),
         gpu=0,
     params:
+        problem=problem_of,
         folder=row("photos"),
         camera_mode=cfg("sfm.camera_mode"),
         camera_model=cfg("sfm.camera_model"),
