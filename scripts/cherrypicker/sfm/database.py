@@ -8,14 +8,13 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
+from cherrypicker.files import atomic_path, temporary_folder
 from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
@@ -26,10 +25,8 @@ POLL_INTERVAL_S = 1.0
 @contextmanager
 def scratch_folder(beside: str | os.PathLike) -> Iterator[Path]:
     """Yield a temporary folder on the disk of ``beside``, removed afterwards."""
-    parent = Path(beside).parent
-    parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".sfm.", dir=parent) as folder:
-        yield Path(folder)
+    with temporary_folder(Path(beside).parent, ".sfm.") as folder:
+        yield folder
 
 
 def copy_database(source: str | os.PathLike, copy: Path) -> Path:

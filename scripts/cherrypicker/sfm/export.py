@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
+from cherrypicker.files import temporary_folder
 from cherrypicker.poses import Poses
 
 MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin", "frames.bin", "rigs.bin")
@@ -40,8 +40,7 @@ def undistorted_poses(model: pycolmap.Reconstruction) -> Poses:
 def write_model(model: pycolmap.Reconstruction, folder: str | os.PathLike) -> None:
     """Write the five binary files of a model, each renamed into place when all are there."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".model.", dir=folder) as temporary:
+    with temporary_folder(folder, ".model.") as temporary:
         model.write_binary(temporary)
         for name in MODEL_FILES:
-            (Path(temporary) / name).replace(folder / name)
+            (temporary / name).replace(folder / name)
