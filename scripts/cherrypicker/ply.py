@@ -114,7 +114,7 @@ def read_ply_vertices(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], l
     Raises
     ------
     PlyError
-        If the vertex element is missing, not the first, or shorter than promised.
+        If the vertex element is missing, not the first, or shorter or longer than promised.
     """
     encoding, elements, comments, offset = read_ply_header(path)
     if not elements or elements[0].name != "vertex":
@@ -122,17 +122,20 @@ def read_ply_vertices(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], l
     vertex = elements[0]
     if vertex.has_list:
         raise PlyError("the PLY's vertices have a list property, which a point cloud cannot have")
-    if not vertex.properties or vertex.count < 0:
+    if not vertex.properties:
         raise PlyError("the PLY's vertices have no properties")
+    if vertex.count < 0:
+        raise PlyError(f"the header promises {vertex.count:,} vertices")
+    is_alone = len(elements) == 1
     names = [name for name, _ in vertex.properties]
     if len(set(names)) != len(names):
         raise PlyError("the PLY's vertices have a property twice")
     if encoding == "ascii":
-        return _read_ascii(path, vertex, offset), comments
+        return _read_ascii(path, vertex, offset, is_alone), comments
     order = "<" if encoding == "binary_little_endian" else ">"
     dtype = np.dtype([(name, order + kind) for name, kind in vertex.properties])
     available = max(os.path.getsize(path) - offset, 0) // dtype.itemsize
-    if available < vertex.count:
+    if available < vertex.count or (is_alone and available > vertex.count):
         raise PlyError(
             f"the header promises {vertex.count:,} vertices, the file holds {available:,}"
         )
@@ -177,12 +180,14 @@ def write_ply_vertices(
             stream.write(np.ascontiguousarray(edges, dtype="<i4").tobytes())
 
 
-def _read_ascii(path, vertex: _Element, offset: int) -> dict[str, np.ndarray]:
+def _read_ascii(path, vertex: _Element, offset: int, is_alone: bool) -> dict[str, np.ndarray]:
     n_columns = len(vertex.properties)
+    # One row beyond the promise tells that there are more.
+    n_rows = vertex.count + is_alone
     with open(path, "rb") as stream:
         stream.seek(offset)
         try:
-            table = np.loadtxt(stream, max_rows=vertex.count, ndmin=2) if vertex.count else None
+            table = np.loadtxt(stream, max_rows=n_rows, ndmin=2) if vertex.count else None
         except ValueError as error:
             raise PlyError(f"broken ASCII vertex table ({error})") from error
     if table is None:
@@ -190,9 +195,26 @@ def _read_ascii(path, vertex: _Element, offset: int) -> dict[str, np.ndarray]:
     if table.shape != (vertex.count, n_columns):
         raise PlyError(
             f"the header promises {vertex.count:,} vertices of {n_columns} values, "
-            f"the file holds {table.shape[0]:,} of {table.shape[1]}"
+            f"the file holds {'more' if len(table) > vertex.count else f'{len(table):,}'} "
+            f"of {table.shape[1]}"
         )
-    return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(vertex.properties)}
+    return {
+        name: _as_kind(name, table[:, i], kind) for i, (name, kind) in enumerate(vertex.properties)
+    }
+
+
+def _as_kind(name: str, values: np.ndarray, kind: str) -> np.ndarray:
+    """Return ``values`` in a property's type; a number that an integer type cannot hold is refused.
+
+    A cast would turn the label 257 of a uchar into 1.
+    """
+    if kind[0] in "iu":
+        bounds = np.iinfo(kind)
+        is_held = (values >= bounds.min) & (values <= bounds.max) & (values == np.rint(values))
+        if not is_held.all():
+            first = values[~is_held][0]
+            raise PlyError(f"{name} {first:g} is no {_NAMES[kind]}, the type that the header gives")
+    return values.astype(kind)
 
 
 def _kind_of(name: str, values: np.ndarray) -> str:
