@@ -1,4 +1,7 @@
-"""The batch page: failures first, then the trees with their numbers, then series over dates."""
+"""The batch page: failures first, then the trees with their numbers, then series over dates.
+
+Within each part the trees stand in the order of ``config/trees.tsv``.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,7 @@ def summary_html(results) -> str:
         names = ", ".join(escape(r.tree) for r in waiting)
         body.append(f"<h2>Not run</h2><p>{names}</p>")
     if done:
-        body.append(_table(sorted(done, key=lambda r: not r.flags)))
+        body.append(_table(done))
     body += _series(results)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
