@@ -11,6 +11,7 @@ _LOW_CONFIDENCE = 0.6
 _ROUGH = 0.12  # share of the radius that the points scatter
 _FEW_PHOTOS = 0.9
 _LOOSE_SCALE = 0.01
+_PLAUSIBLE_HEIGHT_M = (0.15, 40.0)
 
 
 def quality_flags(trunk, wanted_height, missing, foot, support, crown_width, confidence, unit):
@@ -89,13 +90,15 @@ def _shape_flags(foot, support, crown_width, confidence, length):
     return flags
 
 
-def scan_flags(unit, *, scale=None, sparse=None, crop=None):
-    """Warnings that earlier stages left in their reports.
+def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None):
+    """Warnings that earlier stages left in their reports, and an odd size of the whole.
 
     Parameters
     ----------
     unit : str
         ``m`` or ``arbitrary``.
+    height : float, optional
+        Of the tree, in that unit.
     scale, sparse, crop : dict, optional
         ``scale.json``, ``sfm/report.json`` and ``crop.json`` where the scan has them.
 
@@ -106,6 +109,11 @@ def scan_flags(unit, *, scale=None, sparse=None, crop=None):
     flags = []
     if unit != "m":
         flags.append("unscaled: the scan has no scale, all lengths are in arbitrary units")
+    elif height is not None and not _PLAUSIBLE_HEIGHT_M[0] <= height <= _PLAUSIBLE_HEIGHT_M[1]:
+        flags.append(
+            f"odd_height: a tree {height:.3g} m tall is odd; check scale, marker_sides_m or "
+            "cloud_unit in trees.tsv"
+        )
     if scale and scale.get("scale") and scale.get("scale_std"):
         share = scale["scale_std"] / scale["scale"]
         if share > _LOOSE_SCALE:

@@ -137,7 +137,9 @@ def measure_traits(
     traits["crown_volume_method"] = "convex hull"
     traits["trunk_end_height_m"] = _rounded(stem.height[-1])
     missing = [h for h, item in further.items() if item is None and h <= stem.height[-1] - 0.02]
-    traits["flags"] = scan_flags(cloud.unit, scale=scale, sparse=sparse, crop=crop) + quality_flags(
+    traits["flags"] = scan_flags(
+        cloud.unit, height=traits["height_m"], scale=scale, sparse=sparse, crop=crop
+    ) + quality_flags(
         trunk, trunk_height, missing, foot, support, crown.width, confidence, cloud.unit
     )
     for flag in traits["flags"]:
