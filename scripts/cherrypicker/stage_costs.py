@@ -108,8 +108,8 @@ PHOTO_STAGES = {
         after=("align_cloud",),
     ),
     "segment_sky": StageCost(
-        cpu_s={"base": 3.0, "photos": 0.6, "photo_mp": 0.15},
-        memory_mb={"base": 570.0, "largest_photo_mp": 60.0},
+        cpu_s={"base": 2.0, "photos": 0.65, "photo_mp": 0.085},
+        memory_mb={"base": 690.0, "largest_photo_mp": 10.0},
         disk_mb={"photo_mp": 0.02},
         max_threads=2,
     ),

@@ -1,0 +1,142 @@
+"""Print what a batch will cost, before anything is run: CPU hours, memory, disk and time.
+
+Reads config/config.yaml and config/trees.tsv of the working directory and the headers of the
+photos and clouds that they name; nothing is written. Where benchmarks/ holds three or more runs of
+a stage, these correct the shipped rates. Without --nodes the time is that on a laptop, a
+workstation with a GPU and 20 nodes. --photos and --size stand for scans not yet taken.
+Examples:
+
+    python scripts/forecast.py --directory WORK
+    python scripts/forecast.py --directory WORK --nodes 5 --cores 32 --memory-gb 120 --gpus 1
+    python scripts/forecast.py --scans 30 --photos 250 --size 4000x3000
+"""
+
+import argparse
+import logging
+import os
+import re
+import sys
+from pathlib import Path
+
+from cherrypicker.batch import CONFIG_FILE, read_batch
+from cherrypicker.batch_schedule import Machine
+from cherrypicker.config import load_schema, read_config_file, resolve_config
+from cherrypicker.errors import StageError
+from cherrypicker.forecast import (
+    LAPTOP,
+    NODES,
+    WORKSTATION,
+    forecast_hours,
+    forecast_stages,
+    forecast_text,
+    on_machine,
+    read_corrections,
+)
+from cherrypicker.photo_sizes import PhotoSizes
+from cherrypicker.photos import photos_in
+from cherrypicker.resources import ScanSize, size_of_cloud, size_of_photos
+from cherrypicker.runner import stage_parser
+
+SCHEMA = Path(__file__).resolve().parents[1] / "workflow/schemas/config.schema.yaml"
+
+
+def main(args: argparse.Namespace) -> None:
+    """Print the forecast that the command line asks for."""
+    os.chdir(args.directory)
+    if args.photos:
+        scans, backends, labelled = assumed_scans(args.scans, args.photos, args.size)
+    else:
+        scans, backends, labelled = scans_of_batch()
+    corrections = read_corrections("benchmarks", scans)
+    stages = forecast_stages(scans, labelled, corrections, args.cores)
+    hours: dict[str, float | str] = {}
+    for machine in machines(args):
+        run = on_machine(scans, backends, machine)
+        label = f"{machine.name} ({machine.cores} cores, {machine.memory_gb:g} GB, "
+        label += f"{machine.gpus} GPUs each)"
+        try:
+            hours[label] = forecast_hours(run, machine, labelled, corrections)
+        except ValueError as error:
+            hours[label] = f"does not fit, {error}"
+    print(forecast_text(stages, hours, len(scans)))
+
+
+def scans_of_batch() -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
+    """Return size and stereo backend of every tree of the table, and the labelled clouds."""
+    config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
+    batch = read_batch(load_schema(SCHEMA), config)
+    known = PhotoSizes()
+    scans, backends, labelled = {}, {}, []
+    for name, tree in batch.trees.items():
+        settings = batch.settings_of[name]
+        backends[name] = settings["mvs"]["backend"]
+        if tree.is_photo_scan:
+            sizes = known.of(photos_in(tree.photos))
+            if not sizes:
+                raise StageError(
+                    f"tree {name}: the folder holds no photo that can be read",
+                    file=tree.photos,
+                    key="photos in trees.tsv",
+                )
+            scans[name] = size_of_photos(sizes, settings)
+        else:
+            scans[name] = size_of_cloud(tree.cloud)
+            if tree.has_labelled_cloud():
+                labelled.append(name)
+    return scans, backends, labelled
+
+
+def assumed_scans(
+    n_scans: int, n_photos: int, size: tuple[int, int]
+) -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
+    """Return so many equal scans with the working directory's config, if there is one."""
+    config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
+    settings = resolve_config(load_schema(SCHEMA), config, source=CONFIG_FILE)
+    scan = size_of_photos([size] * n_photos, settings)
+    names = [f"scan{i + 1}" for i in range(n_scans)]
+    return dict.fromkeys(names, scan), dict.fromkeys(names, settings["mvs"]["backend"]), []
+
+
+def machines(args: argparse.Namespace) -> list[Machine]:
+    """Return the machines to ask for: the one that is described, or the three of the docs."""
+    if args.nodes is None:
+        return [LAPTOP, WORKSTATION, NODES]
+    start_s = NODES.start_s if args.nodes > 1 else LAPTOP.start_s
+    name = f"{args.nodes} machines" if args.nodes > 1 else "1 machine"
+    cores = args.cores or os.cpu_count() or 1
+    return [Machine(name, args.nodes, cores, args.memory_gb, args.gpus, start_s)]
+
+
+def photo_size(text: str) -> tuple[int, int]:
+    """Parse a size in pixels such as ``4000x3000``."""
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    if not match or "0" in match.groups():
+        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 4000x3000")
+    return int(match[1]), int(match[2])
+
+
+def count(text: str) -> int:
+    """Parse a number of one or more."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of one or more")
+    return int(text)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--directory", default=".", help="working directory, default the current one")
+parser.add_argument("--scans", type=count, default=1, help="with --photos: how many scans")
+parser.add_argument("--photos", type=count, help="photos of each scan, instead of trees.tsv")
+parser.add_argument(
+    "--size", type=photo_size, default=(4000, 3000), help="with --photos: size of a photo, px"
+)
+parser.add_argument("--nodes", type=count, help="number of machines")
+parser.add_argument("--cores", type=count, help="cores of each machine")
+parser.add_argument("--memory-gb", type=float, default=16.0, help="memory of each machine, GB")
+parser.add_argument("--gpus", type=int, default=0, help="GPUs of each machine")
+
+if __name__ == "__main__":
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    try:
+        main(parser.parse_args())
+    except StageError as error:
+        raise SystemExit(f"error: {error.describe()}") from None
