@@ -13,7 +13,7 @@ filter removed. Example:
 from functools import partial
 from pathlib import Path
 
-from cherrypicker.denoise import DenoiseOptions, denoise_cloud, sky_evidence
+from cherrypicker.denoise import DenoiseOptions, denoise_cloud
 from cherrypicker.files import write_json
 from cherrypicker.lens import PhotoLenses
 from cherrypicker.photos import read_photo
@@ -21,6 +21,7 @@ from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.sky.colors import read_sky_colors
+from cherrypicker.sky.evidence import EvidenceOptions, sky_evidence
 from cherrypicker.sky.scan import read_mask
 
 
@@ -38,10 +39,14 @@ def main(
     n_neighbors,
     std_ratio,
     min_view_ratio,
+    keep_seen_fraction,
     use_sky,
     sky_color_distance,
     same_color_distance,
     min_non_sky_fraction,
+    sky_clearance,
+    twig_contrast,
+    depth_side,
 ):
     """Load cloud, poses, lenses and sky, filter, save cloud and counts."""
     options = DenoiseOptions(
@@ -49,9 +54,9 @@ def main(
         n_neighbors=n_neighbors,
         std_ratio=std_ratio,
         min_view_ratio=min_view_ratio,
+        keep_seen_fraction=keep_seen_fraction,
         use_sky=use_sky,
         sky_color_distance=sky_color_distance,
-        same_color_distance=same_color_distance,
         min_non_sky_fraction=min_non_sky_fraction,
     )
     views = read_poses(poses)
@@ -67,7 +72,12 @@ def main(
         poses=views,
         to_photo=lenses.to_photo,
         look=look,
-        same_color_distance=same_color_distance,
+        options=EvidenceOptions(
+            depth_side_px=depth_side,
+            clearance_px=sky_clearance,
+            twig_contrast=twig_contrast,
+            same_color_distance=same_color_distance,
+        ),
     )
     kept, counts = denoise_cloud(read_cloud(cloud), read_sky_colors(sky_colors), evidence, options)
     write_cloud(denoised, kept)
@@ -87,8 +97,14 @@ parser.add_argument("--use_statistical", action="store_true")
 parser.add_argument("--n_neighbors", type=int, default=20)
 parser.add_argument("--std_ratio", type=float, default=3.0)
 parser.add_argument("--min_view_ratio", type=float, default=0.33)
+parser.add_argument("--keep_seen_fraction", type=float, default=0.8)
 parser.add_argument("--use_sky", action="store_true")
 parser.add_argument("--sky_color_distance", type=float, default=0.1)
 parser.add_argument("--same_color_distance", type=float, default=0.15)
-parser.add_argument("--min_non_sky_fraction", type=float, default=0.5)
+parser.add_argument("--min_non_sky_fraction", type=float, default=0.7)
+parser.add_argument("--sky_clearance", type=int, default=1, help="pixels of the depth map")
+parser.add_argument("--twig_contrast", type=float, default=0.05)
+parser.add_argument(
+    "--depth_side", type=int, default=1600, help="longer side of the depth maps, px"
+)
 run(main, parser, globals().get("snakemake"))

@@ -5,16 +5,15 @@ import pytest
 
 from cherrypicker.denoise import (
     DenoiseOptions,
-    SkyEvidence,
     denoise_cloud,
     neighbor_means,
-    sky_evidence,
     statistical_inliers,
 )
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.sky.colors import SkyColors
+from cherrypicker.sky.evidence import EvidenceOptions, SkyEvidence, sky_evidence
 
 WHITE = np.array([0.9, 0.93, 0.97])
 BARK = np.array([0.35, 0.28, 0.22])
@@ -80,7 +79,9 @@ def photo_of_pole(i):
 
 
 def evidence_of(poses, look=photo_of_pole):
-    return lambda cloud, rows: sky_evidence(cloud, rows, poses, pinhole, look, 0.15)
+    return lambda surface, asked: sky_evidence(
+        surface, asked, poses, pinhole, look, EvidenceOptions()
+    )
 
 
 @pytest.mark.parametrize(("k", "ratio"), [(20, 2.0), (8, 0.5), (30, 1.0)])
@@ -128,10 +129,10 @@ def test_points_behind_the_pole_are_not_asked_of_photos_that_cannot_see_them():
     wall[:, 2] += 1.0
     hidden = np.array([[-0.5, 0.0, 1.0]])  # photo 0 stands at x = 3 and looks at the wall
     points = np.vstack([wall, hidden])
-    cloud = PointCloud(points, np.tile(WHITE, (len(points), 1)))
+    asked = PointCloud(hidden, WHITE[None])
     all_sky = np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.ones((HEIGHT, WIDTH), bool)
-    evidence = evidence_of(poses, lambda i: all_sky)(cloud, np.array([90_000]))
-    assert evidence.n_sky[0] == 3 and evidence.n_non_sky[0] == 0
+    evidence = evidence_of(poses, lambda i: all_sky)(points, asked)
+    assert evidence.n_clear[0] == 3 and evidence.n_solid[0] == 0 and evidence.n_alike[0] == 0
 
 
 def test_a_photo_of_another_color_does_not_see_the_point():
@@ -139,8 +140,9 @@ def test_a_photo_of_another_color_does_not_see_the_point():
     ground = np.zeros((HEIGHT, WIDTH), bool)
     dark = np.full((HEIGHT, WIDTH, 3), 20, np.uint8)
     paint = np.rint(np.tile(WHITE * 255, (HEIGHT, WIDTH, 1))).astype(np.uint8)
-    seen = evidence_of(ring(5), lambda i: (paint if i < 2 else dark, ground))(cloud, np.array([0]))
-    assert seen.n_non_sky[0] == 2 and seen.n_sky[0] == 0
+    look = evidence_of(ring(5), lambda i: (paint if i < 2 else dark, ground))
+    seen = look(cloud.points, cloud)
+    assert seen.n_alike[0] == 2 and seen.n_clear[0] == 0 and seen.n_solid[0] == 0
 
 
 def test_a_dark_pixel_with_sky_aside_speaks_for_the_point():
@@ -148,8 +150,8 @@ def test_a_dark_pixel_with_sky_aside_speaks_for_the_point():
     sky = np.ones((HEIGHT, WIDTH), bool)
     sky[:, WIDTH // 2 - 1 : WIDTH // 2 + 1] = False
     dark = np.full((HEIGHT, WIDTH, 3), 20, np.uint8)
-    seen = evidence_of(ring(5), lambda i: (dark, sky))(cloud, np.array([0]))
-    assert seen.n_non_sky[0] == 5 and seen.n_sky[0] == 0
+    seen = evidence_of(ring(5), lambda i: (dark, sky))(cloud.points, cloud)
+    assert seen.n_solid[0] == 5 and seen.n_clear[0] == 0 and seen.n_alike[0] == 0
 
 
 def test_points_out_of_every_frame_stay():
@@ -160,7 +162,7 @@ def test_points_out_of_every_frame_stay():
 
 
 def test_without_sky_or_colors_nothing_is_asked():
-    def never(cloud, rows):
+    def never(surface, asked):
         raise AssertionError("asked")
 
     cloud, _ = pole_with_fringe()
@@ -174,8 +176,9 @@ def test_without_sky_or_colors_nothing_is_asked():
 def test_nothing_left_is_an_error_that_names_the_key():
     cloud = PointCloud(np.random.default_rng(0).random((50, 3)), np.tile(WHITE, (50, 1)))
 
-    def all_sky(cloud, rows):
-        return SkyEvidence(np.full(len(rows), 5), np.zeros(len(rows)))
+    def all_sky(surface, asked):
+        none = np.zeros(len(asked), int)
+        return SkyEvidence(none + 5, none, none)
 
     with pytest.raises(StageError, match=r"denoise\.min_non_sky_fraction"):
         denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(use_statistical=False))
@@ -192,9 +195,41 @@ def test_what_two_photos_agree_on_goes_where_ten_see_the_rest():
     cloud = PointCloud(
         np.vstack([wood, floaters, twig]), fields={"n_views": n_views.astype(np.uint8)}
     )
-    options = DenoiseOptions(use_statistical=False, use_sky=False)
+    options = DenoiseOptions(use_statistical=False, use_sky=False, keep_seen_fraction=1.01)
     kept, report = denoise_cloud(cloud, SKY, None, options)
     assert report["n_removed_views"] == 100
     np.testing.assert_array_equal(kept.points, np.vstack([wood, twig]))
     few = cloud.with_fields(n_views=np.full(len(cloud), 2, np.uint8))
     assert len(denoise_cloud(few, SKY, None, options)[0]) == len(cloud)
+
+
+def test_isolated_points_stay_where_the_photos_show_a_twig():
+    rng = np.random.default_rng(2)
+    line = np.column_stack([np.linspace(0, 1, 2000), *rng.normal(0, 0.002, (2, 2000))])
+    tip = np.column_stack([np.linspace(1.5, 2.5, 8), np.zeros((8, 2))])
+    floaters = rng.uniform(3, 4, (20, 3))
+    few = tip + (0, 0.5, 0)
+    points = np.vstack([line, tip, floaters, few])
+    is_tip = np.isin(np.arange(len(points)), np.arange(2000, 2008))
+    is_few = np.arange(len(points)) >= 2028
+    cloud = PointCloud(points).with_fields(kind=is_tip + 2 * is_few)
+
+    def look(surface, asked):
+        assert len(asked) < 100 and len(surface) == len(points) - len(asked)
+        n_solid = np.choose(asked["kind"], [3, 9, 3])
+        n_clear = np.choose(asked["kind"], [9, 1, 0])
+        return SkyEvidence(n_clear, n_solid, np.zeros(len(asked), int))
+
+    kept, report = denoise_cloud(cloud, SKY, look, DenoiseOptions())
+    assert np.count_nonzero(kept["kind"] == 1) == 8 == report["n_kept_twigs"]
+    assert report["n_removed_statistical"] == 28 and (kept["kind"] != 2).all()
+    off = DenoiseOptions(keep_seen_fraction=1.01)
+    assert len(denoise_cloud(cloud, SKY, None, off)[0]) == 2000
+
+
+def test_the_papers_filter_goes_by_colour_alone():
+    cloud, is_fringe = pole_with_fringe()
+    options = DenoiseOptions(use_statistical=False, min_non_sky_fraction=1.01)
+    kept, report = denoise_cloud(cloud, SKY, evidence_of(ring()), options)
+    is_white = np.linalg.norm(cloud.colors - WHITE, axis=1) < 0.1
+    assert len(kept) == np.count_nonzero(~is_white) and report["n_kept_by_photos"] == 0

@@ -3,74 +3,49 @@
 The paper's two filters, in its order, and one of ours between them. The statistical one removes
 points far from their neighbours; ours those whose surroundings hardly any photo supports.
 The sky filter removes points that bear a dominant sky colour: stereo windows reach over the border
-of a thin branch and give its neighbourhood the branch's depth and the sky's colour. Colour alone
-would also eat white paint, lichen and sunlit bark, so the photos decide (this is ours, not the
-paper's): a point of sky colour goes only where most photos that see it show sky.
+of a thin branch and give its neighbourhood the branch's depth and the sky's colour.
 
-Most photos look past a thin branch at the ground and say nothing: their pixel is no sky, whether
-the branch is there or not. They would outvote the few that look up, and hardly any silhouette would
-go. So a photo that shows no sky at a point counts only where it could have shown some, with sky a
-few pixels aside, or where its pixel has the point's own colour.
+The photos have the last word on both (this is ours, not the paper's, see
+`cherrypicker.sky.evidence`). Colour alone would also eat white paint, lichen, sunlit bark and the
+twigs whose pixels are half sky: a point of sky colour goes only where the photos show clear sky.
+And the tips of twigs are as far from their neighbours, and as poorly seen, as what floats in the
+air: an isolated point stays where the photos show something before the sky.
 """
 
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.poses import Poses
-from cherrypicker.progress import Progress
 from cherrypicker.sky.colors import SkyColors
+from cherrypicker.sky.evidence import SkyEvidence
 
 logger = logging.getLogger(__name__)
 
 #: Points per block of the neighbour search; bounds the memory, changes no result.
 BLOCK = 200_000
-#: Longer side of the depth buffers that decide which photos see a point, pixels.
-BUFFER_SIDE = 500
-#: A point is seen when it lies at most this share of its depth behind the nearest surface.
-DEPTH_TOLERANCE = 0.01
-#: A photo could show sky at a pixel when it has sky this near, a share of its longer side.
-SKY_REACH = 0.005
+#: Photos that must show something before the sky for an isolated point to stay.
+MIN_WITNESSES = 4
 
 
 @dataclass(frozen=True)
 class DenoiseOptions:
-    """Settings of `denoise_cloud`; the fields are the config keys of ``denoise``."""
+    """Settings of `denoise_cloud`; the fields are config keys of ``denoise``."""
 
     use_statistical: bool = True
     n_neighbors: int = 20
     std_ratio: float = 3.0
     min_view_ratio: float = 0.33
+    keep_seen_fraction: float = 0.8
     use_sky: bool = True
     sky_color_distance: float = 0.1
-    same_color_distance: float = 0.15
-    min_non_sky_fraction: float = 0.5
-
-
-@dataclass(frozen=True)
-class SkyEvidence:
-    """How the photos see some points.
-
-    Attributes
-    ----------
-    n_sky : ndarray of shape (n,), int32
-        Photos that show sky where the point should be, nothing of the cloud before it.
-    n_non_sky : ndarray of shape (n,), int32
-        Photos that show something else there, though sky is near or the colour the point's.
-    """
-
-    n_sky: np.ndarray
-    n_non_sky: np.ndarray
+    min_non_sky_fraction: float = 0.7
 
 
 def neighbor_means(
@@ -148,95 +123,6 @@ def supported_points(n_views: np.ndarray, mean_views: np.ndarray, min_ratio: flo
     return mean_views >= min_ratio * np.median(n_views)
 
 
-@njit(cache=True, nogil=True)
-def _depth_buffer(points, pose, K, scale, buffer):
-    """Enter the depth of every point in front of a pinhole camera; the nearest one stays."""
-    height, width = buffer.shape
-    for row in range(len(points)):
-        x, y, z = points[row, 0], points[row, 1], points[row, 2]
-        depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
-        if depth <= 0.0:
-            continue
-        across = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
-        down = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
-        u = math.floor((K[0, 0] * across / depth + K[0, 2]) * scale)
-        v = math.floor((K[1, 1] * down / depth + K[1, 2]) * scale)
-        if 0 <= u < width and 0 <= v < height and depth < buffer[v, u]:
-            buffer[v, u] = depth
-
-
-def _visible(poses: Poses, i: int, points: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """Which of ``candidates`` photo ``i`` sees: in the frame and not behind another point."""
-    uv, depth = poses.project(points[candidates], i)
-    width, height = int(poses.width[i]), int(poses.height[i])
-    with np.errstate(invalid="ignore"):
-        inside = (depth > 0) & (uv >= 0).all(axis=1) & (uv[:, 0] < width) & (uv[:, 1] < height)
-    if not inside.any():
-        return inside
-    scale = min(1.0, BUFFER_SIDE / max(width, height))
-    buffer = np.full((int(height * scale) + 1, int(width * scale) + 1), np.inf)
-    _depth_buffer(points, poses.cam_from_world[i], poses.K[i], scale, buffer)
-    column, line = (uv[inside] * scale).astype(np.int64).T
-    inside[inside] = depth[inside] <= buffer[line, column] * (1 + DEPTH_TOLERANCE)
-    return inside
-
-
-def _near_sky(sky: np.ndarray) -> np.ndarray:
-    """Grow a sky mask by `SKY_REACH`."""
-    reach = max(1, round(SKY_REACH * max(sky.shape)))
-    kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    return cv2.dilate(sky.astype(np.uint8), kernel) > 0
-
-
-def sky_evidence(
-    cloud: PointCloud,
-    candidates: np.ndarray,
-    poses: Poses,
-    to_photo: Callable[[int, np.ndarray], np.ndarray],
-    look: Callable[[int], tuple[np.ndarray, np.ndarray]],
-    same_color_distance: float,
-) -> SkyEvidence:
-    """Ask all photos about some points of a cloud.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        With colours; all of it, since its points hide each other.
-    candidates : ndarray of shape (n,), int
-        Rows of the points asked about.
-    poses : Poses
-        In the cloud's frame; undistorted pinhole.
-    to_photo : callable
-        ``to_photo(i, in_camera)`` projects camera coordinates (m, 3) to the pixels (m, 2) of the
-        photo as stored, lens distortion included.
-    look : callable
-        ``look(i)`` returns the photo, (H, W, 3) uint8, and its sky mask, (H, W) bool.
-    same_color_distance : float
-        A pixel whose colour is this near to the point's shows the point.
-    """
-    n_sky = np.zeros(len(candidates), np.int32)
-    n_non_sky = np.zeros(len(candidates), np.int32)
-    with Progress(len(poses), "photos asked about sky silhouettes") as bar:
-        for i in range(len(poses)):
-            rows = np.flatnonzero(_visible(poses, i, cloud.points, candidates))
-            if len(rows):
-                image, sky = look(i)
-                at = cloud.points[candidates[rows]]
-                in_camera = at @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
-                uv = to_photo(i, in_camera)
-                with np.errstate(invalid="ignore"):
-                    inside = (uv >= 0).all(axis=1) & (uv < sky.shape[::-1]).all(axis=1)
-                rows = rows[inside]
-                column, line = uv[inside].astype(np.int64).T
-                is_sky = sky[line, column]
-                offset = image[line, column] / 255.0 - cloud.colors[candidates[rows]]
-                alike = np.linalg.norm(offset, axis=1) <= same_color_distance
-                n_sky[rows] += is_sky
-                n_non_sky[rows] += ~is_sky & (alike | _near_sky(sky)[line, column])
-            bar.step()
-    return SkyEvidence(n_sky, n_non_sky)
-
-
 def _share(part: int, whole: int) -> str:
     return f"{part:,} of {whole:,} points ({100 * part / max(whole, 1):.1f} %)"
 
@@ -244,10 +130,10 @@ def _share(part: int, whole: int) -> str:
 def denoise_cloud(
     cloud: PointCloud,
     sky: SkyColors,
-    evidence_of: Callable[[PointCloud, np.ndarray], SkyEvidence],
+    evidence_of: Callable[[np.ndarray, PointCloud], SkyEvidence],
     options: DenoiseOptions,
 ) -> tuple[PointCloud, dict]:
-    """Remove isolated points, then sky silhouettes.
+    """Remove isolated points and sky silhouettes.
 
     Parameters
     ----------
@@ -256,94 +142,109 @@ def denoise_cloud(
     sky : SkyColors
         Dominant sky colours; without any the sky filter has nothing to do.
     evidence_of : callable
-        ``evidence_of(cloud, candidates)`` returns a `SkyEvidence`, see `sky_evidence`.
+        ``evidence_of(surface, asked)`` returns what the photos say about the cloud ``asked``, when
+        ``surface``, points of shape (n_points, 3), can hide it; see
+        `cherrypicker.sky.evidence.sky_evidence`.
     options : DenoiseOptions
 
     Returns
     -------
     cloud : PointCloud
     report : dict
-        ``n_input``, ``n_removed_statistical``, ``n_removed_views``, ``n_sky_colored``,
-        ``n_kept_by_photos``, ``n_removed_sky``, ``n_output``.
+        ``n_input``, ``n_removed_statistical``, ``n_removed_views``, ``n_kept_twigs``,
+        ``n_sky_colored``, ``n_kept_by_photos``, ``n_removed_sky``, ``n_output``.
 
     Raises
     ------
     StageError
         When no point is left.
     """
-    report = {"n_input": len(cloud), "n_sky_colored": 0, "n_kept_by_photos": 0, "n_removed_sky": 0}
-    cloud, counts = _remove_isolated(cloud, options)
-    report |= counts
-    if options.use_sky:
-        cloud, counts = _remove_sky(cloud, sky, evidence_of, options)
-        report |= counts
-    report["n_output"] = len(cloud)
-    logger.info("denoising kept %s", _share(len(cloud), report["n_input"]))
-    return cloud, report
-
-
-def _remove_isolated(cloud, options) -> tuple[PointCloud, dict]:
-    """Drop what is far from its neighbours, and what hardly any photo supports."""
-    n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
-    counts = {"n_removed_statistical": 0, "n_removed_views": 0}
-    if n_views is None and not options.use_statistical:
-        return cloud, counts
-    values = np.zeros(len(cloud)) if n_views is None else n_views
-    mean_distance, mean_views = neighbor_means(cloud.points, values, options.n_neighbors)
-    keep = np.ones(len(cloud), bool)
-    if options.use_statistical:
-        keep = statistical_inliers(mean_distance, options.std_ratio)
-        counts["n_removed_statistical"] = int(np.count_nonzero(~keep))
-        logger.info(
-            "statistical filter: removed %s", _share(counts["n_removed_statistical"], len(cloud))
-        )
-    if n_views is not None:
-        is_supported = supported_points(n_views, mean_views, options.min_view_ratio)
-        counts["n_removed_views"] = int(np.count_nonzero(keep & ~is_supported))
-        logger.info(
-            "seen by too few photos: removed %s", _share(counts["n_removed_views"], len(cloud))
-        )
-        keep &= is_supported
+    is_isolated, is_unsupported = _find_isolated(cloud, options)
+    is_doubted = is_isolated | is_unsupported
+    is_sky_colored = ~is_doubted & _find_sky_colored(cloud, sky, options)
+    asked = np.flatnonzero(is_sky_colored | (is_doubted & (options.keep_seen_fraction <= 1)))
+    keep = ~is_doubted
+    if len(asked):
+        evidence = evidence_of(cloud.points[keep], cloud.select(asked))
+        is_doubt = is_doubted[asked]
+        keep[asked[is_doubt & _is_seen(evidence, options.keep_seen_fraction)]] = True
+        keep[asked[~is_doubt & ~_is_spared(evidence, options.min_non_sky_fraction)]] = False
+    n_sky_colored = int(np.count_nonzero(is_sky_colored))
+    n_kept_by_photos = int(np.count_nonzero(is_sky_colored & keep))
+    report = {
+        "n_input": len(cloud),
+        "n_removed_statistical": int(np.count_nonzero(is_isolated & ~keep)),
+        "n_removed_views": int(np.count_nonzero(is_unsupported & ~is_isolated & ~keep)),
+        "n_kept_twigs": int(np.count_nonzero(is_doubted & keep)),
+        "n_sky_colored": n_sky_colored,
+        "n_kept_by_photos": n_kept_by_photos,
+        "n_removed_sky": n_sky_colored - n_kept_by_photos,
+        "n_output": int(np.count_nonzero(keep)),
+    }
+    _log(report)
     if not keep.any():
         raise StageError(
-            f"the statistical filter removed all {len(cloud):,} points",
-            key="denoise.std_ratio, denoise.min_view_ratio",
+            f"the filters removed all {len(cloud):,} points: the statistical one "
+            f"{report['n_removed_statistical']:,}, too few photos {report['n_removed_views']:,}, "
+            f"sky {report['n_removed_sky']:,}",
+            key="denoise.std_ratio, denoise.min_view_ratio, denoise.min_non_sky_fraction",
         )
-    return cloud.select(keep), counts
+    return cloud.select(keep), report
 
 
-def _remove_sky(cloud, sky, evidence_of, options) -> tuple[PointCloud, dict]:
+def _find_isolated(cloud, options) -> tuple[np.ndarray, np.ndarray]:
+    """Find what is far from its neighbours, and what hardly any photo supports."""
+    n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
+    is_isolated, is_unsupported = np.zeros((2, len(cloud)), bool)
+    if n_views is None and not options.use_statistical:
+        return is_isolated, is_unsupported
+    values = np.zeros(len(cloud)) if n_views is None else n_views
+    mean_distance, mean_views = neighbor_means(cloud.points, values, options.n_neighbors)
+    if options.use_statistical:
+        is_isolated = ~statistical_inliers(mean_distance, options.std_ratio)
+    if n_views is not None:
+        is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio)
+    return is_isolated, is_unsupported
+
+
+def _find_sky_colored(cloud, sky, options) -> np.ndarray:
+    """Find the points whose colour is near a dominant sky colour; none without the sky filter."""
+    none = np.zeros(len(cloud), bool)
+    if not options.use_sky:
+        return none
     if sky.n_clusters == 0:
         logger.info("sky filter: no sky in the photos, nothing to do")
-        return cloud, {}
+        return none
     if cloud.colors is None:
         logger.warning("sky filter skipped: the cloud has no colours")
-        return cloud, {}
-    candidates = np.flatnonzero(sky.distance(cloud.colors) <= options.sky_color_distance)
-    logger.info("sky filter: %s have a sky colour", _share(len(candidates), len(cloud)))
-    if len(candidates) == 0:
-        return cloud, {}
-    evidence = evidence_of(cloud, candidates)
-    n_seen = evidence.n_sky + evidence.n_non_sky
-    # A point that no photo sees has nothing but its colour against it, and stays.
-    share = evidence.n_non_sky / np.maximum(n_seen, 1)
-    spared = (n_seen == 0) | (share >= options.min_non_sky_fraction)
-    removed = candidates[~spared]
-    counts = {
-        "n_sky_colored": len(candidates),
-        "n_kept_by_photos": int(np.count_nonzero(spared)),
-        "n_removed_sky": len(removed),
-    }
-    logger.info(
-        "sky filter: removed %s, the photos spared %s",
-        _share(len(removed), len(cloud)),
-        _share(counts["n_kept_by_photos"], len(candidates)),
-    )
-    if len(removed) == len(cloud):
-        raise StageError(
-            f"the sky filter removed all {len(cloud):,} points",
-            key="denoise.min_non_sky_fraction, denoise.sky_color_distance",
-        )
-    keep = np.ones(len(cloud), bool)
-    keep[removed] = False
-    return cloud.select(keep), counts
+        return none
+    return sky.distance(cloud.colors) <= options.sky_color_distance
+
+
+def _is_spared(evidence: SkyEvidence, min_fraction: float) -> np.ndarray:
+    """Sky-coloured points that the photos speak for."""
+    n_for = evidence.n_solid + evidence.n_alike
+    n_seen = evidence.n_clear + n_for
+    # A point that no photo sees has nothing but its colour against it, and stays, unless colour
+    # alone shall decide.
+    return ((n_seen == 0) & (min_fraction <= 1)) | ((n_seen > 0) & (n_for >= min_fraction * n_seen))
+
+
+def _is_seen(evidence: SkyEvidence, min_fraction: float) -> np.ndarray:
+    """Doubted points at which almost every photo that looks up shows something."""
+    n_seen = evidence.n_clear + evidence.n_solid
+    return (evidence.n_solid >= MIN_WITNESSES) & (evidence.n_solid >= min_fraction * n_seen)
+
+
+def _log(report: dict) -> None:
+    n_input, n_sky = report["n_input"], report["n_sky_colored"]
+    for what, key in (
+        ("statistical filter: removed", "n_removed_statistical"),
+        ("seen by too few photos: removed", "n_removed_views"),
+        ("isolated, but a twig before the sky in the photos: kept", "n_kept_twigs"),
+        ("sky filter: of a sky colour", "n_sky_colored"),
+        ("sky filter: removed", "n_removed_sky"),
+    ):
+        logger.info("%s %s", what, _share(report[key], n_input))
+    logger.info("sky filter: the photos spared %s", _share(report["n_kept_by_photos"], n_sky))
+    logger.info("denoising kept %s", _share(report["n_output"], n_input))

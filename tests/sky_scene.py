@@ -1,0 +1,114 @@
+"""Photos of thin twigs and a painted stem before different skies, drawn with exact masks."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.poses import Poses
+
+BARK = np.array([0.30, 0.24, 0.19])
+PAINT = np.array([0.93, 0.93, 0.91])
+GROUND = np.array([0.33, 0.36, 0.25])
+#: Colour at the horizon and further up, RGB.
+SKIES = {
+    "clear": ([0.66, 0.78, 0.93], [0.28, 0.47, 0.80]),
+    "overcast": ([0.86, 0.88, 0.90], [0.93, 0.94, 0.96]),
+    "low sun": ([0.98, 0.76, 0.45], [0.60, 0.62, 0.72]),
+}
+NOISE = 0.012
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A straight piece of wood, metres."""
+
+    start: tuple
+    end: tuple
+    radius: float
+    color: np.ndarray
+
+    def surface(self, n: int, rng: np.random.Generator, off: float = 0.0) -> np.ndarray:
+        """Draw points on the surface, or this far off it."""
+        start, axis = np.array(self.start), np.subtract(self.end, self.start)
+        across = np.cross(axis, [0.577, 0.577, -0.577])
+        across /= np.linalg.norm(across)
+        third = np.cross(axis / np.linalg.norm(axis), across)
+        angle = rng.uniform(0, 2 * np.pi, (n, 1))
+        around = np.cos(angle) * across + np.sin(angle) * third
+        return start + rng.uniform(0, 1, (n, 1)) * axis + (self.radius + off) * around
+
+
+TWIG = Rod((0.10, 0.02, 1.02), (0.16, -0.03, 1.24), 0.0015, BARK)
+STEM = Rod((0.0, 0.0, 0.70), (0.0, 0.0, 1.18), 0.03, PAINT)
+
+
+def ring(n_views=12, distance=2.5, focal=1000.0, size=(480, 560)) -> Poses:
+    """Level cameras 1 m up on a circle that look at the z axis: the horizon at half height."""
+    width, height = size
+    matrices = []
+    for a in np.linspace(0, 2 * np.pi, n_views, endpoint=False):
+        forward = -np.array([np.cos(a), np.sin(a), 0.0])
+        right = np.cross(forward, [0, 0, 1.0])
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        centre = np.array([distance * np.cos(a), distance * np.sin(a), 1.0])
+        matrices.append(np.hstack([rotation, -(rotation @ centre)[:, None]]))
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    return Poses(
+        names=np.array([f"{k}.jpg" for k in range(n_views)]),
+        cam_from_world=np.array(matrices),
+        K=np.repeat(K[None], n_views, axis=0),
+        width=np.full(n_views, width),
+        height=np.full(n_views, height),
+    )
+
+
+def pinhole(poses: Poses):
+    """Return ``to_photo`` of photos without distortion."""
+
+    def to_photo(i, in_camera):
+        return (in_camera @ poses.K[i].T)[:, :2] / in_camera[:, 2:]
+
+    return to_photo
+
+
+def sky_at(sky: str, rows: np.ndarray, height: int) -> np.ndarray:
+    """Sky colour, (n, 3), at the rows of a photo; ground below the horizon."""
+    low, high = (np.array(color) for color in SKIES[sky])
+    up = np.clip(1 - 2 * rows / height, 0, 1)[:, None]
+    return np.where(rows[:, None] > height / 2, GROUND, low + up * (high - low))
+
+
+def draw(poses: Poses, i: int, rods, sky: str) -> tuple[np.ndarray, np.ndarray]:
+    """Draw photo ``i``, (H, W, 3) uint8, and its exact sky mask, (H, W) bool."""
+    width, height = int(poses.width[i]), int(poses.height[i])
+    rows, columns = np.mgrid[:height, :width] + 0.5
+    image = np.repeat(sky_at(sky, np.arange(height) + 0.5, height)[:, None], width, axis=1)
+    free = rows <= height / 2
+    ends = [poses.project(np.array([rod.start, rod.end]), i) for rod in rods]
+    for k in np.argsort([-depth.mean() for _, depth in ends]):
+        (a, b), depth = ends[k]
+        along = ((columns - a[0]) * (b - a)[0] + (rows - a[1]) * (b - a)[1]) / ((b - a) @ (b - a))
+        along = np.clip(along, 0, 1)
+        away = np.hypot(columns - a[0] - along * (b - a)[0], rows - a[1] - along * (b - a)[1])
+        radius = rods[k].radius * poses.K[i, 0, 0] / depth.mean()
+        cover = np.clip(radius + 0.5 - away, 0, min(1.0, 2 * radius))
+        image = image + cover[..., None] * (rods[k].color - image)
+        free = free & (cover < 0.3)
+    image = cv2.GaussianBlur(image, (3, 3), 0.5)
+    image = image + np.random.default_rng(i).normal(0, NOISE, image.shape)
+    return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8), free
+
+
+def without_twigs(mask: np.ndarray) -> np.ndarray:
+    """Return a mask that lost all that is thin."""
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9))
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0
+
+
+def colored_as_sky(poses: Poses, points: np.ndarray, sky: str) -> PointCloud:
+    """Make a cloud of points that bear the sky's colour behind them in the first photo."""
+    rows = poses.project(points, 0)[0][:, 1]
+    height = int(poses.height[0])
+    return PointCloud(points, sky_at(sky, np.minimum(rows, height / 2), height).astype(np.float32))

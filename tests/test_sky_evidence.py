@@ -1,0 +1,130 @@
+"""What the photos say about points: twigs, fringes, paint, masks that lost the twigs."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from sky_scene import (
+    PAINT,
+    SKIES,
+    STEM,
+    TWIG,
+    colored_as_sky,
+    draw,
+    pinhole,
+    ring,
+    without_twigs,
+)
+
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.sky.evidence import (
+    AWAY,
+    CLEAR,
+    SOLID,
+    EvidenceOptions,
+    photo_evidence,
+    sky_evidence,
+    thin_structures,
+)
+
+POSES = ring()
+OPTIONS = EvidenceOptions()
+MASKS = {"exact": lambda mask: mask, "twigs lost": without_twigs}
+
+
+def share(cloud, sky, mask="exact", options=OPTIONS, surface=None):
+    """Share of the photos that speak for each point, of those that say anything."""
+
+    def look(i):
+        image, free = draw(POSES, i, [TWIG, STEM], sky)
+        return image, MASKS[mask](free)
+
+    surface = cloud.points if surface is None else surface
+    seen = sky_evidence(surface, cloud, POSES, pinhole(POSES), look, options)
+    n_for = seen.n_solid + seen.n_alike
+    assert (n_for + seen.n_clear > 0).all()
+    return n_for / (n_for + seen.n_clear)
+
+
+@pytest.mark.parametrize("mask", MASKS)
+@pytest.mark.parametrize("sky", SKIES)
+def test_twigs_of_sky_color_are_told_from_their_fringe(sky, mask):
+    rng = np.random.default_rng(0)
+    twig = colored_as_sky(POSES, TWIG.surface(400, rng), sky)
+    fringe = colored_as_sky(POSES, TWIG.surface(400, rng, off=0.012), sky)
+    assert np.mean(share(twig, sky, mask) >= 0.7) > 0.99
+    assert np.mean(share(fringe, sky, mask) < 0.7) > 0.9
+
+
+@pytest.mark.parametrize("sky", SKIES)
+def test_white_paint_stays_before_any_sky(sky):
+    points = STEM.surface(400, np.random.default_rng(1))
+    paint = PointCloud(points, np.tile(PAINT, (400, 1)))
+    assert (
+        np.mean(share(paint, sky, surface=STEM.surface(20_000, np.random.default_rng(2))) > 0.9)
+        > 0.97
+    )
+
+
+def test_a_mask_without_twigs_needs_the_photos_contrast():
+    twig = colored_as_sky(POSES, TWIG.surface(200, np.random.default_rng(0)), "overcast")
+    blind = replace(OPTIONS, twig_contrast=0.0)
+    assert np.mean(share(twig, "overcast", "twigs lost", blind) >= 0.7) < 0.1
+    assert np.mean(share(twig, "overcast", "exact", blind) >= 0.7) > 0.95
+
+
+def test_without_clearance_the_cloud_s_error_costs_twigs():
+    rng = np.random.default_rng(3)
+    twig = colored_as_sky(POSES, TWIG.surface(400, rng, off=0.0015), "clear")
+    strict = replace(OPTIONS, clearance_px=0, twig_contrast=0.0)
+    tolerant = replace(strict, clearance_px=1)
+    assert np.mean(share(twig, "clear", options=strict) >= 0.7) < 0.5
+    assert np.mean(share(twig, "clear", options=tolerant) >= 0.7) > 0.95
+
+
+def test_larger_photos_say_the_same():
+    rng = np.random.default_rng(4)
+    points = np.vstack([TWIG.surface(200, rng), TWIG.surface(200, rng, off=0.012)])
+    cloud = colored_as_sky(POSES, points, "overcast")
+
+    def look(i):
+        image, free = draw(POSES, i, [TWIG, STEM], "overcast")
+        return image, free
+
+    def large(i):
+        image, free = look(i)
+        return np.repeat(np.repeat(image, 3, 0), 3, 1), np.repeat(np.repeat(free, 3, 0), 3, 1)
+
+    flat = pinhole(POSES)
+    small = sky_evidence(points, cloud, POSES, flat, look, OPTIONS)
+    options = replace(OPTIONS, depth_side_px=560)
+    same = sky_evidence(points, cloud, POSES, lambda i, x: 3 * flat(i, x), large, options)
+    for name in ("n_clear", "n_solid", "n_alike"):
+        np.testing.assert_array_equal(getattr(small, name), getattr(same, name))
+
+
+def test_noise_and_soft_clouds_are_no_twigs():
+    rng = np.random.default_rng(5)
+    clouds = cv2.GaussianBlur(rng.normal(0, 1, (300, 300)), (0, 0), 12)
+    clouds = 200 + 40 * clouds / np.abs(clouds).max()
+    all_sky = np.ones((300, 300), bool)
+    for noise in (0.0, 3.0, 10.0):
+        blue = np.clip(clouds + rng.normal(0, noise, clouds.shape), 0, 255)
+        image = np.repeat(np.rint(blue).astype(np.uint8)[..., None], 3, axis=2)
+        assert thin_structures(image, all_sky, 0.05).mean() < 0.02
+        image[:, 150:152] -= 60
+        assert thin_structures(image, all_sky, 0.05)[:, 150:152].mean() > 0.95
+
+
+def test_kinds_of_pixels():
+    sky = np.zeros((60, 60), bool)
+    sky[:30] = True
+    sky[10, 20] = False
+    image = np.full((60, 60, 3), 200, np.uint8)
+    kind, same = photo_evidence(image, sky, OPTIONS)
+    assert np.array_equal(same, image)
+    assert (kind[:28, 30:] == CLEAR).all() and (kind[9:12, 19:22] == SOLID).all()
+    assert (kind[29:36] == SOLID).all() and (kind[36:] == AWAY).all()
+    none, _ = photo_evidence(image, np.zeros_like(sky), OPTIONS)
+    assert (none == AWAY).all()
