@@ -52,7 +52,7 @@ _CLOUD_MB = {"points_m": 27.0}
 
 PHOTO_STAGES = {
     "extract_features": StageCost(
-        cpu_s={"base": 2.0, "feature_mp": 1.1},
+        cpu_s={"base": 2.0, "feature_mp": 0.85, "photo_mp": 0.3},
         memory_mb={"base": 200.0},
         thread_memory_mb={"largest_feature_mp": 300.0},
         disk_mb={"photos": 0.7},
@@ -73,9 +73,9 @@ PHOTO_STAGES = {
         after=("match_features",),
     ),
     "undistort_photos": StageCost(
-        cpu_s={"base": 1.0, "photo_mp": 0.12},
+        cpu_s={"base": 1.0, "photo_mp": 0.13},
         memory_mb={"base": 140.0},
-        thread_memory_mb={"largest_photo_mp": 15.0},
+        thread_memory_mb={"largest_photo_mp": 7.0},
         disk_mb={"dense_mp": 0.6},
         max_threads=4,
         after=("reconstruct_sparse",),
@@ -121,8 +121,8 @@ PHOTO_STAGES = {
         after=("crop_roi", "segment_sky"),
     ),
     "estimate_scale": StageCost(
-        cpu_s={"base": 1.0, "photo_mp": 0.4},
-        memory_mb={"base": 320.0, "largest_photo_mp": 90.0},
+        cpu_s={"base": 1.0, "photos": 0.37, "photo_mp": 0.03},
+        memory_mb={"base": 400.0, "largest_photo_mp": 10.0},
         max_threads=2,
         after=("reconstruct_sparse",),
     ),
