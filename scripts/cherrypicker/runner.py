@@ -14,9 +14,10 @@ import errno
 import faulthandler
 import logging
 import os
+import shutil
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from cherrypicker.errors import StageError
@@ -26,6 +27,7 @@ logger = logging.getLogger(__name__)
 
 STATUS_DIR = Path("logs/status")
 NO_TREE = "_batch"
+_LITTLE_ROOM_BYTES = 500_000_000
 _DISK_ERRORS = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk quota is used up",
@@ -92,7 +94,7 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake) -
         main(**_arguments(parser, snakemake))
     except Exception as error:
         logger.exception("the stage failed")
-        failure = _explain(error)
+        failure = _explain(error, snakemake.output)
     else:
         status.unlink(missing_ok=True)
         return
@@ -115,7 +117,7 @@ def _refuse_bad_row(params) -> None:
         raise StageError(**problem)
 
 
-def _explain(error: Exception) -> dict:
+def _explain(error: Exception, outputs: Iterable[str] = ()) -> dict:
     """Return cause, file and key of a failure as a user reads them."""
     if isinstance(error, StageError):
         return {"cause": error.cause, "file": error.file, "key": error.key}
@@ -124,7 +126,21 @@ def _explain(error: Exception) -> dict:
         file = None if error.filename is None else os.fsdecode(error.filename)
         return {"cause": reason, "file": file, "key": None}
     detail = " ".join(str(error).split())
-    return {"cause": f"unexpected {type(error).__name__}: {detail}", "file": None, "key": None}
+    cause = f"unexpected {type(error).__name__}: {detail}{_disk_hint(outputs)}"
+    return {"cause": cause, "file": None, "key": None}
+
+
+def _disk_hint(outputs: Iterable[str]) -> str:
+    """Say how little room is left: COLMAP does not tell when a full disk is its trouble."""
+    for output in outputs:
+        folder = Path(output).parent
+        try:
+            free = shutil.disk_usage(folder).free
+        except OSError:
+            continue
+        if free < _LITTLE_ROOM_BYTES:
+            return f" (only {free / 1e6:.1f} MB are left on the disk of {folder})"
+    return ""
 
 
 def _arguments(parser: argparse.ArgumentParser, snakemake) -> dict:
