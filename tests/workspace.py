@@ -53,11 +53,11 @@ class Workspace:
         self.configure({})
 
     def configure(self, config: dict, name: str = "config.yaml") -> None:
-        (self.folder / "config" / name).write_text(yaml.safe_dump(config))
+        (self.folder / "config" / name).write_text(yaml.safe_dump(config), encoding="utf-8")
 
     def table(self, *rows: str) -> None:
         text = "\n".join(row.replace(" | ", "\t") for row in rows) + "\n"
-        (self.folder / "config/trees.tsv").write_text(text)
+        (self.folder / "config/trees.tsv").write_text(text, encoding="utf-8")
 
     def add_cloud(self, name: str, seed: int = 0) -> None:
         write_cloud(self.folder / f"{name}.ply", small_tree(seed))

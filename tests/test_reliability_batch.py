@@ -1,0 +1,146 @@
+"""One batch with a bad tree of every kind: each is told its reason, the good ones are finished."""
+
+import csv
+import re
+from html.parser import HTMLParser
+
+import pytest
+from reliability_scene import MARKUP, odd_clouds, two_trees, write_small_cloud
+from sfm_scene import write_orbit
+from workspace import Workspace
+
+from cherrypicker.pointcloud import write_cloud
+
+CLOUDS = [
+    *("nan", "short", "long", "long_ascii", "label_42"),
+    *("points_0", "points_1", "points_3", "bare_3", "same"),
+]
+GOOD = ["good", "disjoint"]
+ODD_PATH = "Bäume & Blüten {1}/名 'x' $a %s <b>.ply"
+HEADER = "tree | cloud | photos | scale | marker_dictionary | marker_sides_m | date | series"
+SIDES = {
+    "m_missing": ("", "marker_dictionary and marker_sides_m are empty"),
+    "m_twice": ("7:0.2,7:0.3", "marker 7 stands twice"),
+    "m_zero": ("7:0", "the side of marker 7 must be positive"),
+    "m_cm": ("7:20", "sides are given in metres"),
+}
+
+
+@pytest.fixture(scope="module")
+def batch(tmp_path_factory):
+    """The batch, run once; ``told`` holds what each bad tree is expected to say."""
+    folder = tmp_path_factory.mktemp("Prüfstand für Bäume") / "work"
+    workspace = Workspace(folder)
+    write_small_cloud(folder / ODD_PATH)
+    write_cloud(folder / "disjoint.ply", two_trees())
+    told = {name: (*said, f"{name}.ply") for name, said in odd_clouds(folder).items()}
+    (folder / "photos").mkdir()
+    paths, _ = write_orbit(folder / "photos", 3)
+    (folder / "one photo").mkdir()
+    (folder / "one photo/a.jpg").write_bytes(paths[0].read_bytes())
+    paths[1].write_bytes(paths[1].read_bytes()[:2000])
+    rows = [
+        HEADER,
+        f"good | {ODD_PATH} |  |  |  |  | 2026-03-01 | {MARKUP}",
+        "disjoint | disjoint.ply |  |  |  |  |  | ",
+        *(f"{name} | {name}.ply |  |  |  |  |  | " for name in CLOUDS),
+        "p_cut |  | photos | none |  |  |  | ",
+        "p_one |  | one photo | none |  |  |  | ",
+        "gone | nowhere.ply |  |  |  |  |  | ",
+    ]
+    told["p_cut"] = ("extract_features", "unreadable", paths[1].name)
+    told["p_one"] = ("extract_features", "1 usable photo", "one photo")
+    told["gone"] = ("import_cloud", "missing", "nowhere.ply")
+    for name, (sides, reason) in SIDES.items():
+        dictionary = "DICT_4X4_50" if sides else ""
+        rows.append(f"{name} |  | photos |  | {dictionary} | {sides} |  | ")
+        told[name] = ("extract_features", reason, "trees.tsv")
+    workspace.table(*rows)
+    workspace.order = [row.split(" | ")[0] for row in rows[1:]]
+    workspace.printed = workspace.run(fails=True)
+    workspace.told = told
+    return workspace
+
+
+def summary_of(batch):
+    with open(batch.folder / "results/traits.csv", newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.mark.parametrize("tree", GOOD)
+def test_good_trees_are_finished(batch, tree):
+    assert (batch.folder / "results" / tree / "report.html").stat().st_size > 0
+    (row,) = [row for row in summary_of(batch) if row["tree"] == tree]
+    assert row["status"] == "done"
+    assert 1.0 < float(row["height_m"]) < 1.4
+
+
+@pytest.mark.parametrize("tree", [*CLOUDS, "p_cut", "p_one", "gone", *SIDES])
+def test_a_bad_tree_is_told_its_reason(batch, tree):
+    stage, reason, file = batch.told[tree]
+    lines = [line for line in batch.printed.splitlines() if line.startswith(f"ERROR tree={tree} ")]
+    (line,) = [line for line in lines if f"rule={stage}:" in line]
+    assert reason in line
+    assert "unexpected" not in line
+    assert file in line or stage not in (
+        "import_cloud",
+        "import_segmented_cloud",
+        "extract_features",
+    )
+    (row,) = [row for row in summary_of(batch) if row["tree"] == tree]
+    assert row["status"] == "failed"
+    assert row["failed_stage"] in {stage, "segment_sky"}
+    assert reason in row["cause"] or row["failed_stage"] != stage
+
+
+def test_nothing_runs_for_a_tree_whose_marker_columns_cannot_work(batch):
+    for tree in SIDES:
+        assert not list((batch.folder / "results").glob(f"{tree}/*"))
+        assert not list((batch.folder / "benchmarks").glob(f"*/{tree}.tsv"))
+
+
+def test_two_trees_in_one_cloud_give_the_larger_one(batch):
+    """Correct for one of them, and what was left aside is on record."""
+    rows = {row["tree"]: row for row in summary_of(batch)}
+    both, alone = (float(rows[tree]["total_length_m"]) for tree in ("disjoint", "good"))
+    assert both == pytest.approx(alone, rel=0.05)
+
+
+def test_table_and_page_list_the_trees_in_the_tables_order(batch):
+    assert [row["tree"] for row in summary_of(batch)] == batch.order
+    page = (batch.folder / "results/summary.html").read_text()
+    for status in (GOOD, [tree for tree in batch.order if tree not in GOOD]):
+        places = [re.search(rf'class="name">(<a [^>]*>)?{tree}<', page).start() for tree in status]
+        assert places == sorted(places)
+
+
+class Elements(HTMLParser):
+    """Tags, event handlers and scripts of a page."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.handlers = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.handlers += [name for name, _ in attrs if name.startswith("on")]
+
+
+def test_markup_in_a_note_is_shown_and_never_executed(batch):
+    for name in ("good/report.html", "summary.html"):
+        text = (batch.folder / "results" / name).read_text()
+        page = Elements(text)
+        assert "<script>alert" not in text
+        assert "<img src=x" not in text
+        assert page.handlers == []
+        plain = (batch.folder / "results" / name.replace("good", "disjoint")).read_text()
+        assert page.tags.count("script") == Elements(plain).tags.count("script")
+    report = (batch.folder / "results/good/report.html").read_text()
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in report
+
+
+def test_the_batch_can_be_mended_tree_by_tree(batch):
+    """Last: the bad trees' files are replaced; nothing that was finished is made again."""
+    write_small_cloud(batch.folder / "nan.ply", seed=2)
+    assert {tree for _, tree in batch.ran("results/nan/report.html")} == {"nan"}
