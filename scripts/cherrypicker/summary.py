@@ -43,6 +43,7 @@ _CSV_COLUMNS = (
     "flags",
 )
 STATUS_ORDER = ("failed", "interrupted", "not run", "done")
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 # Their failure says nothing against traits.json, which was finished before they started.
 _AFTER_TRAITS = frozenset({"report_tree", "summarise_batch"})
 
@@ -125,10 +126,16 @@ def summary_csv(results: list[TreeResult]) -> str:
     writer.writerow(_CSV_COLUMNS)
     for result in results:
         numbers = [_number(result.traits.get(name)) for name in (*TRAIT_COLUMNS, *_SPREAD_COLUMNS)]
-        row = [result.tree, result.status, result.stage, result.cause, result.key]
-        row += [result.date, result.series, result.unit, *numbers, "; ".join(result.flags)]
+        row = [result.tree, result.status, result.stage, _inert(result.cause), _inert(result.key)]
+        row += [result.date, _inert(result.series), result.unit, *numbers]
+        row += [_inert("; ".join(result.flags))]
         writer.writerow(row)
     return stream.getvalue()
+
+
+def _inert(text: str) -> str:
+    """Return a text that no spreadsheet takes for a formula."""
+    return f"'{text}" if text.startswith(_FORMULA_STARTS) else text
 
 
 def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
