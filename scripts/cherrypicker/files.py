@@ -142,6 +142,9 @@ def read_npz(path: str | os.PathLike, required: tuple[str, ...] = ()) -> dict[st
         raise StageError(f"not a readable NPZ of plain arrays ({error})", file=path) from error
     except Exception as error:  # zipfile.BadZipFile and zlib.error share no base of their own
         raise StageError(f"not a readable NPZ of plain arrays ({error})", file=path) from error
+    odd = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
+    if odd:  # NumPy hands out what has no array's header as bytes
+        raise StageError(f"{', '.join(odd)} is no plain array", file=path)
     missing = [name for name in required if name not in arrays]
     if missing:
         raise StageError(f"array(s) {', '.join(missing)} missing", file=path)
