@@ -11,7 +11,7 @@ _LOW_CONFIDENCE = 0.6
 _ROUGH = 0.12  # share of the radius that the points scatter
 _FEW_PHOTOS = 0.9
 _LOOSE_SCALE = 0.01
-_PLAUSIBLE_HEIGHT_M = (0.15, 40.0)
+_PLAUSIBLE_HEIGHT_M = (0.15, 25.0)  # of a fruit tree
 
 
 def quality_flags(trunk, wanted_height, missing, foot, support, crown_width, confidence, unit):
