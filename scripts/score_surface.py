@@ -11,14 +11,17 @@ them as JSON. Definitions: cherrypicker/stereo_benchmark/surface.py. Example:
 import logging
 
 from cherrypicker.files import write_json
+from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.stereo_benchmark.scoring import describe, score_file
 
 
-def main(cloud, truth, scores="", *, poses="", fit=""):
+def main(cloud, truth, scores="", scored="", *, poses="", fit=""):
     """Place the cloud, score it, print and save."""
-    report = score_file(cloud, poses, truth, fit=fit or ("surface" if poses else "none"))
+    report, judged = score_file(cloud, poses, truth, fit=fit or ("surface" if poses else "none"))
     logging.getLogger("cherrypicker").info("%s\n%s", cloud, describe(report))
+    if scored:
+        write_cloud(scored, judged)
     if scores:
         write_json(scores, report)
 
@@ -35,4 +38,5 @@ parser.add_argument(
     "surface: that, then refined on the surface (default where poses are given)",
 )
 parser.add_argument("--scores", default="", help="JSON to write")
+parser.add_argument("--scored", default="", help="PLY to write: the judged points, their errors")
 run(main, parser, globals().get("snakemake"))

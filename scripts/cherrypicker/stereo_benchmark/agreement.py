@@ -1,4 +1,4 @@
-"""How well depth maps agree with the sparse model, which needs no truth and works on real photos."""
+"""How well depth maps agree with the sparse model; needs no truth and works on real photos."""
 
 from __future__ import annotations
 

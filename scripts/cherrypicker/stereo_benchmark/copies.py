@@ -88,8 +88,6 @@ def _copy_photo(source: Path, target: Path, view) -> None:
         shutil.copyfile(source, target)
         return
     reduced = cv2.resize(photo, (view.width, view.height), interpolation=cv2.INTER_AREA)
-    written = cv2.imwrite(
-        str(target), cv2.cvtColor(reduced, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    )  # fmt: skip
-    if not written:
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    if not cv2.imwrite(str(target), cv2.cvtColor(reduced, cv2.COLOR_RGB2BGR), quality):
         raise StageError("the reduced photo cannot be written", file=target)

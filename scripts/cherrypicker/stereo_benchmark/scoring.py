@@ -7,16 +7,20 @@ import os
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.workspace import Workspace
-from cherrypicker.pointcloud import read_cloud
+from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.stereo_benchmark.surface import (
     CLASSES,
+    THINNED_VOXEL_M,
     camera_similarity,
+    judge_points,
     refine_similarity,
     score_cloud,
+    thin,
 )
 from cherrypicker.stereo_benchmark.truth import TrueSurface, load_true_surface
 
@@ -27,7 +31,7 @@ FITS = ("none", "cameras", "surface")
 
 def score_file(
     cloud: str | os.PathLike, poses: str | os.PathLike, truth: str | os.PathLike, *, fit: str
-) -> dict:
+) -> tuple[dict, PointCloud]:
     """Score a PLY against ``{scene}/truth``.
 
     Parameters
@@ -41,9 +45,12 @@ def score_file(
 
     Returns
     -------
-    dict
+    report : dict
         As :func:`cherrypicker.stereo_benchmark.surface.score_cloud`, with ``fit`` and the
         similarity's ``scale``, ``rotation`` and ``translation``.
+    scored : PointCloud
+        The judged points in the scene's frame, one a 2.5 mm voxel, with a field ``error`` (float32,
+        m), for pictures.
 
     Raises
     ------
@@ -54,8 +61,13 @@ def score_file(
     points = read_cloud(cloud).points
     placed, similarity = place(points, poses, truth, surface, fit)
     report = score_cloud(placed, surface)
+    near = placed[judge_points(placed, surface)]
+    near = near[thin(near, THINNED_VOXEL_M)]
+    error = cKDTree(surface.points).query(near, workers=-1)[0].astype(np.float32)
+    scored = PointCloud(near, fields={"error": error}, frame="metric", unit="m")
     scale, rotation, translation = similarity
-    return report | {"fit": fit, "scale": scale, "rotation": rotation, "translation": translation}
+    report |= {"fit": fit, "scale": scale, "rotation": rotation, "translation": translation}
+    return report, scored
 
 
 def place(points, poses, truth, surface: TrueSurface, fit: str):
