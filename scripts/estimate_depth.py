@@ -8,16 +8,25 @@ COLMAP's layout and the manifest depth.json. Whole maps of the same settings are
 
 from pathlib import Path
 
-from cherrypicker.files import write_json
+from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.backend import estimate_workspace
+from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.runner import run, stage_parser
 
 
-def main(undistorted, depth, *, backend, threads, **options):
+def main(undistorted, depth, *, backend, threads, cameras=None, sky_masks=None, **options):
     """Estimate the maps, then write the manifest."""
+    masks = None
+    if sky_masks:
+        names = [photo["name"] for photo in read_json(undistorted)["photos"]]
+        masks = SkyMasks(sky_masks, Path(cameras).parent, names)
     manifest = estimate_workspace(
-        Path(undistorted).parent, StereoOptions(**options), backend=backend, threads=threads
+        Path(undistorted).parent,
+        StereoOptions(**options),
+        backend=backend,
+        threads=threads,
+        sky_masks=masks,
     )
     write_json(depth, manifest)
 
@@ -26,6 +35,8 @@ defaults = StereoOptions()
 parser = stage_parser(__doc__)
 parser.add_argument("--undistorted", required=True, help="manifest of the dense workspace")
 parser.add_argument("--depth", required=True, help="manifest of the depth maps to write")
+parser.add_argument("--sky_masks", help="folder of sky masks; what they cover is left out")
+parser.add_argument("--cameras", help="cameras.bin of the photos as stored, for the sky masks")
 parser.add_argument("--backend", default="auto", help="auto, cuda or cpu")
 parser.add_argument("--n_sources", type=int, default=defaults.n_sources)
 parser.add_argument("--n_best", type=int, default=defaults.n_best)

@@ -41,6 +41,11 @@ class PhotoLenses:
         """Height and width of photo ``i`` as stored."""
         return int(self._cameras[i].height), int(self._cameras[i].width)
 
+    def key(self, i: int) -> tuple:
+        """What tells the camera of photo ``i`` from others: model, size and parameters."""
+        camera = self._cameras[i]
+        return camera.model.name, *self.shape(i), *map(float, camera.params)
+
     def to_photo(self, i: int, in_camera: np.ndarray) -> np.ndarray:
         """Project camera coordinates (n, 3), z > 0, to pixels (n, 2), centres at (0.5, 0.5)."""
         points = np.ascontiguousarray(in_camera, dtype=np.float64)

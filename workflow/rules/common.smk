@@ -136,6 +136,11 @@ def problem_of(wildcards, input):
     return {}
 
 
+def sky_masks_for_stereo(wildcards):
+    """Return the tree's sky masks where the stereo shall leave the sky out, else nothing."""
+    return "results/{tree}/sky" if cfg("mvs.use_sky_masks")(wildcards) else []
+
+
 def stereo_gpus(wildcards):
     """Return how many GPUs the stereo of this tree takes: one where COLMAP's CUDA stereo runs."""
     backend = cfg("mvs.backend")(wildcards)

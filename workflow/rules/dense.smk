@@ -30,6 +30,8 @@ rule undistort_photos:
 rule estimate_depth:
     input:
         undistorted="results/{tree}/dense/undistorted.json",
+        cameras="results/{tree}/sfm/model/cameras.bin",
+        sky_masks=sky_masks_for_stereo,
         code=code("estimate_depth"),
     output:
         depth=ensure("results/{tree}/dense/depth.json", non_empty=True),

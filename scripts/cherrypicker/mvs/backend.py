@@ -16,6 +16,7 @@ import pycolmap
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs import estimate
+from cherrypicker.mvs.clear_sky import SkyMasks, clear_sky
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.views import StereoProblem, plan_views
 from cherrypicker.mvs.workspace import View, Workspace
@@ -26,7 +27,7 @@ logger = logging.getLogger(__name__)
 
 BACKENDS = ("auto", "cuda", "cpu")
 # Bump when the CPU backend's results change, so that older maps are computed again
-VERSION = 3
+VERSION = 4
 # Options that the photometric maps depend on; changing another one keeps them
 PHOTOMETRIC_OPTIONS = (
     "n_best",
@@ -116,7 +117,12 @@ class PhotoStore:
 
 
 def estimate_workspace(
-    folder: str | Path, options: StereoOptions, *, backend: str = "auto", threads: int = 1
+    folder: str | Path,
+    options: StereoOptions,
+    *,
+    backend: str = "auto",
+    threads: int = 1,
+    sky_masks: SkyMasks | None = None,
 ) -> dict:
     """Write photometric and geometric depth and normal maps of every view.
 
@@ -135,6 +141,8 @@ def estimate_workspace(
         See :func:`choose_backend`.
     threads : int
         Threads of the CPU backend.
+    sky_masks : SkyMasks, optional
+        The CPU backend leaves out what they call sky, see :mod:`cherrypicker.mvs.clear_sky`.
 
     Returns
     -------
@@ -146,7 +154,7 @@ def estimate_workspace(
     if backend == "cuda":
         names = _run_cuda(workspace, options)
     else:
-        names = _run_cpu(workspace, options, threads)
+        names = _run_cpu(workspace, options, threads, sky_masks)
     with_depth = [view for view in workspace.views if view.name in names]
     shares = [float((workspace.read_depth(v, GEOMETRIC) > 0).mean()) for v in with_depth]
     share = float(np.mean(shares))
@@ -184,7 +192,9 @@ def _run_cuda(workspace: Workspace, options: StereoOptions) -> set[str]:
     return {view.name for view in workspace.views if workspace.has_maps(view, GEOMETRIC)}
 
 
-def _run_cpu(workspace: Workspace, options: StereoOptions, threads: int) -> set[str]:
+def _run_cpu(
+    workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
+) -> set[str]:
     views = workspace.views
     problems = plan_views(workspace, options.n_sources)
     sizes = [min(view.width, view.height) for view in views]
@@ -192,14 +202,19 @@ def _run_cpu(workspace: Workspace, options: StereoOptions, threads: int) -> set[
     photos = PhotoStore(workspace, n_levels, capacity=2 * options.n_sources)
     keys = MapKeys(workspace)
     digests = _photo_digests(workspace)
+    masks = {} if sky_masks is None else {view.name: sky_masks.digest(view) for view in views}
     logger.info("CPU PatchMatch: %d levels, %d threads", n_levels, threads)
 
     def photometric(problem: StereoProblem) -> np.ndarray:
-        return estimate.estimate_photometric(
-            problem, views, photos.get((problem.view, *problem.sources)), options, threads
-        )
+        held = photos.get((problem.view, *problem.sources))
+        skip = None
+        if sky_masks is not None:
+            skip = clear_sky(held[problem.view][0], sky_masks.of(views[problem.view]))
+        return estimate.estimate_photometric(problem, views, held, options, threads, skip)
 
-    settings = {p.view: _settings(p, options, digests) for p in problems}
+    settings = {
+        p.view: _settings(p, options, digests, masks.get(views[p.view].name)) for p in problems
+    }
     _each_view(workspace, problems, keys, settings, PHOTOMETRIC, photometric)
 
     by_view = {problem.view: problem for problem in problems}
@@ -276,12 +291,15 @@ def _photo_digests(workspace: Workspace) -> list[str]:
     return digests
 
 
-def _settings(problem: StereoProblem, options: StereoOptions, digests: list[str]) -> str:
+def _settings(
+    problem: StereoProblem, options: StereoOptions, digests: list[str], mask: str | None
+) -> str:
     """Everything that a view's photometric map depends on, as text."""
     content = {
         "version": VERSION,
         "options": {name: getattr(options, name) for name in PHOTOMETRIC_OPTIONS},
         "depth": [problem.depth_min, problem.depth_max],
+        "sky_mask": mask,
         "photos": [digests[j] for j in (problem.view, *problem.sources)],
     }
     return json.dumps(content, sort_keys=True)

@@ -71,7 +71,7 @@ def _adopt_rows(level, first, last, field, chosen, active, splat, min_step_px, s
                 if variance < _0:
                     variance = prepare_patch(
                         level.color, level.width, level.height, x, y, level.inv_color,
-                        level.offsets, level.radius, patch,
+                        level.offsets, level.radius, patch, scratch.pixels,
                     )  # fmt: skip
                 cost = improve(level, x, y, w, _0, _0, patch, variance, costs, top, field[y, x, 3])
                 if cost < field[y, x, 3]:
@@ -102,7 +102,7 @@ def _count_rows(level, first, last, field, counts, max_cost, max_error_px, scrat
                 continue
             variance = prepare_patch(
                 level.color, level.width, level.height, x, y, level.inv_color,
-                level.offsets, level.radius, patch,
+                level.offsets, level.radius, patch, scratch.pixels,
             )  # fmt: skip
             fx = np.float32(x)
             fy = np.float32(y)

@@ -11,11 +11,17 @@ import numpy as np
 
 from cherrypicker.mvs import consistency, patchmatch
 from cherrypicker.mvs.matching import INVALID_COST, pack_bilinear, pack_color, window
-from cherrypicker.mvs.patchmatch import Level
+from cherrypicker.mvs.patchmatch import Level, Turn
 from cherrypicker.mvs.views import StereoProblem
 from cherrypicker.mvs.workspace import View
 
 logger = logging.getLogger(__name__)
+
+# At full size a pixel that costs more is not refined: few of them recover, and they are a third
+REFINE_BELOW = np.float32(0.65)
+# The same where the cost holds the geometric error too
+REFINE_CONSISTENT_BELOW = np.float32(0.9)
+ALWAYS = np.float32(INVALID_COST)
 
 
 @dataclass(frozen=True)
@@ -161,21 +167,27 @@ def estimate_photometric(
     photos: dict[int, list[np.ndarray]],
     options: StereoOptions,
     threads: int = 1,
+    skip: np.ndarray | None = None,
 ) -> np.ndarray:
     """Match a reference against its sources, coarse to fine.
+
+    Parameters
+    ----------
+    skip : ndarray of shape (height, width), bool, optional
+        Pixels of the reference that are not to be matched (clear sky).
 
     Returns
     -------
     ndarray of shape (height, width, 4), float32
-        The field at full size: inverse depth (0 where there is no texture), slopes, cost.
+        The field at full size: inverse depth (0 where skipped or without texture), slopes, cost.
     """
     view = views[problem.view]
     seed = view_seed(options.seed, view.name, 0)
     n_levels = len(photos[problem.view])
-    field = coarse_color = None
+    field = coarse_color = coarse_chosen = None
     for index in reversed(range(n_levels)):
         level = make_level(problem, views, photos, index, options)
-        active = np.ones((level.height, level.width), dtype=np.uint8)
+        active = _to_match(skip, level)
         patchmatch.find_texture(level, active, np.float32(options.min_texture**2), threads)
         coarse, field = field, _unknown_field(level)
         chosen = np.zeros((level.height, level.width), dtype=np.uint16)
@@ -184,17 +196,24 @@ def estimate_photometric(
             patchmatch.start_randomly(level, field, chosen, active, prior, 6, seed, threads)
         else:
             patchmatch.start_from_coarse(
-                level, field, chosen, active, coarse, coarse_color, 2, threads
+                level, field, chosen, active, coarse, coarse_color, coarse_chosen, 2, threads
             )
-        schedule = _schedule(index, n_levels, options.n_iterations)
-        for i, (n_near, n_refine, n_random) in enumerate(schedule):
+        for i, turn in enumerate(_turns(index, n_levels, options.n_iterations)):
             for parity in (0, 1):
-                turn = seed + (((index * 64 + i) * 2 + parity + 1) << 40)
-                patchmatch.sweep(
-                    level, field, chosen, active, parity, n_near, n_refine, n_random, turn, threads
-                )
-        coarse_color = level.color
+                draw = seed + (((index * 64 + i) * 2 + parity + 1) << 40)
+                patchmatch.sweep(level, field, chosen, active, parity, turn, draw, threads)
+        coarse_color, coarse_chosen = level.color, chosen
     return field
+
+
+def _to_match(skip: np.ndarray | None, level: Level) -> np.ndarray:
+    """Return the pixels of a level to be matched, (height, width) uint8: not skipped as a whole."""
+    if skip is None:
+        return np.ones((level.height, level.width), dtype=np.uint8)
+    share = cv2.resize(
+        skip.astype(np.float32), (level.width, level.height), interpolation=cv2.INTER_AREA
+    )
+    return (share < 0.999).astype(np.uint8)
 
 
 def _unknown_field(level: Level) -> np.ndarray:
@@ -203,16 +222,16 @@ def _unknown_field(level: Level) -> np.ndarray:
     return field
 
 
-def _schedule(index: int, n_levels: int, n_iterations: int) -> list[tuple[int, int, int]]:
-    """Neighbours, refinements and random depths of each sweep at a level.
+def _turns(index: int, n_levels: int, n_iterations: int) -> list[Turn]:
+    """Return what each sweep of a level tries.
 
     A sweep at half the size costs a quarter, so coarse levels get more of them.
     """
     if index == n_levels - 1:
-        return [(8, 4, 2)] * (n_iterations + 3)
+        return [Turn(8, 4, 2, ALWAYS)] * (n_iterations + 3)
     if index > 0:
-        return [(6, 3, 1)] * (n_iterations + 1)
-    return [(4, 2, 1)] * n_iterations
+        return [Turn(6, 3, 1, ALWAYS)] * (n_iterations + 1)
+    return [Turn(4, 2, 1, REFINE_BELOW)] * n_iterations
 
 
 def estimate_geometric(
@@ -251,9 +270,10 @@ def estimate_geometric(
     splat = np.zeros((len(problem.sources), level.height, level.width), dtype=np.float32)
     consistency.splat_sources(level, splat, threads)
     consistency.adopt_from_sources(level, field, chosen, active, splat, np.float32(0.5), threads)
+    turn = Turn(4, 2, 0, REFINE_CONSISTENT_BELOW)
     for parity in (0, 1):
-        turn = seed + ((parity + 1) << 40)
-        patchmatch.sweep(level, field, chosen, active, parity, 4, 2, 0, turn, threads)
+        draw = seed + ((parity + 1) << 40)
+        patchmatch.sweep(level, field, chosen, active, parity, turn, draw, threads)
     counts = np.zeros((level.height, level.width), dtype=np.uint8)
     consistency.count_consistent(
         level,

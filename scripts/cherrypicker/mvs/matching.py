@@ -106,7 +106,7 @@ def _clamp_offsets(width, height, x, y, patch):
 
 
 @kernel
-def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch):
+def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch, pixels):
     """Fill the bilateral weights of the patch at (x, y) and its centred, weighted grey values.
 
     Weights fall with the squared colour distance to the centre pixel as ``1 / (1 + d^2 / s^2)``,
@@ -137,31 +137,22 @@ def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch)
     if x < reach or y < reach or x >= width - reach or y >= height - reach:
         _clamp_offsets(width, height, x, y, patch)
         for k in range(N_SAMPLES):
-            q = color[np.uint64(pixel + np.int64(patch[4, k]))]
-            dr = np.float32(np.int32(q & _BYTE)) - r0
-            dg = np.float32(np.int32((q >> 8) & _BYTE)) - g0
-            db = np.float32(np.int32((q >> 16) & _BYTE)) - b0
-            grey = np.float32(np.int32((q >> 24) & _BYTE))
-            weight = patch[2, k] / (_1 + (dr * dr + dg * dg + db * db) * inv_color)
-            patch[3, k] = weight
-            patch[4, k] = grey
-            total += weight
-            mean += weight * grey
-            square += weight * grey * grey
+            pixels[k] = color[np.uint64(pixel + np.int64(patch[4, k]))]
     else:
-        # The same without clamping, which compiles to half the time
         for k in range(N_SAMPLES):
-            q = color[np.uint64(pixel + offsets[k])]
-            dr = np.float32(np.int32(q & _BYTE)) - r0
-            dg = np.float32(np.int32((q >> 8) & _BYTE)) - g0
-            db = np.float32(np.int32((q >> 16) & _BYTE)) - b0
-            grey = np.float32(np.int32((q >> 24) & _BYTE))
-            weight = patch[2, k] / (_1 + (dr * dr + dg * dg + db * db) * inv_color)
-            patch[3, k] = weight
-            patch[4, k] = grey
-            total += weight
-            mean += weight * grey
-            square += weight * grey * grey
+            pixels[k] = color[np.uint64(pixel + offsets[k])]
+    for k in range(N_SAMPLES):
+        q = pixels[k]
+        dr = np.float32(np.int32(q & _BYTE)) - r0
+        dg = np.float32(np.int32((q >> 8) & _BYTE)) - g0
+        db = np.float32(np.int32((q >> 16) & _BYTE)) - b0
+        grey = np.float32(np.int32((q >> 24) & _BYTE))
+        weight = patch[2, k] / (_1 + (dr * dr + dg * dg + db * db) * inv_color)
+        patch[3, k] = weight
+        patch[4, k] = grey
+        total += weight
+        mean += weight * grey
+        square += weight * grey * grey
     inverse = _1 / total
     mean *= inverse
     for k in range(N_SAMPLES):
@@ -192,9 +183,9 @@ def source_cost(packed, layout, project, s, x, y, w, gx, gy, radius, patch, vari
         return INVALID_COST
     reach_u *= radius
     reach_v *= radius
-    base = layout[s, 0]
-    width = layout[s, 1]
-    last_u = np.float32(width - 1)
+    base = np.int32(layout[s, 0])
+    width = np.int32(layout[s, 1])
+    last_u = np.float32(layout[s, 1] - 1)
     last_v = np.float32(layout[s, 2] - 1)
     if u - reach_u < _0 or v - reach_v < _0 or u + reach_u > last_u or v + reach_v > last_v:
         return INVALID_COST
@@ -208,7 +199,7 @@ def source_cost(packed, layout, project, s, x, y, w, gx, gy, radius, patch, vari
         iv = np.int32(sv)
         fu = su - np.float32(iu)
         fv = sv - np.float32(iv)
-        q = packed[np.uint64(base + np.int64(iv) * width + np.int64(iu))]
+        q = packed[np.uint64(np.int64(np.int32(base + np.int32(iv * width) + iu)))]
         c00 = np.float32(np.int32(q & _BYTE))
         c01 = np.float32(np.int32((q >> 8) & _BYTE))
         c10 = np.float32(np.int32((q >> 16) & _BYTE))

@@ -35,8 +35,12 @@ SAME_PX = np.float32(0.06)
 HOPELESS_COST = np.float32(0.9)
 # Rows that a thread takes at a time
 ROWS_AT_A_TIME = 16
-# A hypothesis whose best sources cost so much more than the present one is given up
-SCREEN_MARGIN = np.float32(0.05)
+# When a hypothesis is given up after some of the best sources: their sum exceeds as many times the
+# present mean by SCREEN_MARGIN, or once all are asked by LAST_MARGIN. While the present one is no
+# match itself (above MATCH_COST) its best sources mean little, and only the whole sum counts.
+SCREEN_MARGIN = np.float32(0.3)
+LAST_MARGIN = np.float32(0.06)
+MATCH_COST = np.float32(0.5)
 # Distances of far propagation; odd, so that they reach the other colour of the checkerboard
 FAR_STEPS = np.array([5, 9, 17], dtype=np.int64)
 # Near propagation: three pixels of the other colour in each of four directions
@@ -106,6 +110,23 @@ class Level(NamedTuple):
     fy: np.float32
 
 
+class Turn(NamedTuple):
+    """What a pixel tries when it is its turn.
+
+    Attributes
+    ----------
+    n_near, n_refine, n_random : int
+        Most hypotheses of neighbours; changes of its own; new depths from the whole range.
+    refine_below : float32
+        A pixel that costs more is not refined: its depth is wrong, and a small step will not do.
+    """
+
+    n_near: int
+    n_refine: int
+    n_random: int
+    refine_below: np.float32
+
+
 class Scratch(NamedTuple):
     """A thread's working memory.
 
@@ -120,6 +141,8 @@ class Scratch(NamedTuple):
         Neighbours worth a try.
     order : ndarray of shape (4,), float32
         Colour distances of coarse pixels.
+    pixels : ndarray of shape (32,), int32
+        See :func:`cherrypicker.mvs.matching.prepare_patch`.
     """
 
     patch: np.ndarray
@@ -127,6 +150,7 @@ class Scratch(NamedTuple):
     top: np.ndarray
     found: np.ndarray
     order: np.ndarray
+    pixels: np.ndarray
 
 
 def over_rows(function, level: Level, threads: int, *arguments) -> None:
@@ -141,6 +165,7 @@ def over_rows(function, level: Level, threads: int, *arguments) -> None:
             top=np.zeros(level.n_best, dtype=np.int64),
             found=np.empty((8, 2), dtype=np.int64),
             order=np.empty(4, dtype=np.float32),
+            pixels=np.zeros(N_SAMPLES, dtype=np.int32),
         )
         function(level, first, min(first + ROWS_AT_A_TIME, level.height), *arguments, scratch)
 
@@ -193,7 +218,7 @@ def improve(level, x, y, w, gx, gy, patch, variance, costs, top, best):
     fx = np.float32(x)
     fy = np.float32(y)
     screened = best >= _0
-    limit = (best + SCREEN_MARGIN) * np.float32(n_best)
+    limit = _0
     total = _0
     for s in range(n):
         costs[s] = np.float32(-1.0)
@@ -203,6 +228,9 @@ def improve(level, x, y, w, gx, gy, patch, variance, costs, top, best):
             s = top[i] if i < n_best else i - n_best
             if costs[s] >= _0:
                 continue
+            limit = best * np.float32(n_best) + LAST_MARGIN
+            if i < n_best - 1 and best < MATCH_COST:
+                limit = best * np.float32(i + 1) + SCREEN_MARGIN
         cost = _0
         if level.geometric_weight > _0:
             cost = level.geometric_weight * geometric_error(
@@ -272,9 +300,11 @@ def _texture_rows(level, first, last, active, min_variance, scratch):
     patch = scratch.patch
     for y in range(first, last):
         for x in range(level.width):
+            if active[y, x] == 0:
+                continue
             variance = prepare_patch(
                 level.color, level.width, level.height, x, y, level.inv_color,
-                level.offsets, level.radius, patch,
+                level.offsets, level.radius, patch, scratch.pixels,
             )  # fmt: skip
             if variance < min_variance:
                 active[y, x] = 0
@@ -296,7 +326,7 @@ def _random_rows(level, first, last, field, chosen, active, prior, n_trials, see
                 continue
             variance = prepare_patch(
                 level.color, level.width, level.height, x, y, level.inv_color,
-                level.offsets, level.radius, patch,
+                level.offsets, level.radius, patch, scratch.pixels,
             )  # fmt: skip
             pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
             best = np.float32(1e9)
@@ -342,7 +372,17 @@ def _nearest_coarse(level, coarse, coarse_color, x, y, cx, cy, order):
 
 @kernel
 def _coarse_rows(
-    level, first, last, field, chosen, active, coarse, coarse_color, n_trials, scratch
+    level,
+    first,
+    last,
+    field,
+    chosen,
+    active,
+    coarse,
+    coarse_color,
+    coarse_chosen,
+    n_trials,
+    scratch,
 ):
     patch = scratch.patch
     costs = scratch.costs
@@ -356,7 +396,7 @@ def _coarse_rows(
                 continue
             variance = prepare_patch(
                 level.color, level.width, level.height, x, y, level.inv_color,
-                level.offsets, level.radius, patch,
+                level.offsets, level.radius, patch, scratch.pixels,
             )  # fmt: skip
             cx = (np.float32(x) + _HALF) * step_x - _HALF
             cy = (np.float32(y) + _HALF) * step_y - _HALF
@@ -382,6 +422,9 @@ def _coarse_rows(
                     w += coarse[yi, xi, 1] * (cx - np.float32(xi))
                     w += coarse[yi, xi, 2] * (cy - np.float32(yi))
                     w = min(max(w, level.w_min), level.w_max)
+                    if best < _0:
+                        load_top(coarse_chosen, xi, yi, top)
+                        best = INVALID_COST + INVALID_COST
                 cost = improve(level, x, y, w, gx, gy, patch, variance, costs, top, best)
                 if cost < best or best < _0:
                     best = cost
@@ -389,13 +432,26 @@ def _coarse_rows(
             store_top(chosen, x, y, top)
 
 
-def start_from_coarse(level, field, chosen, active, coarse, coarse_color, n_trials, threads=1):
+def start_from_coarse(
+    level, field, chosen, active, coarse, coarse_color, coarse_chosen, n_trials, threads=1
+):
     """Start a level from the one above: the best of the nearest coarse pixels' hypotheses.
 
     Of the four coarse pixels around a pixel the ones of the most similar colour are tried, so that
     a branch does not inherit the background's depth across its silhouette.
     """
-    over_rows(_coarse_rows, level, threads, field, chosen, active, coarse, coarse_color, n_trials)
+    over_rows(
+        _coarse_rows,
+        level,
+        threads,
+        field,
+        chosen,
+        active,
+        coarse,
+        coarse_color,
+        coarse_chosen,
+        n_trials,
+    )
 
 
 @kernel
@@ -426,7 +482,7 @@ def _evaluate_rows(level, first, last, field, chosen, active, scratch):
                 continue
             variance = prepare_patch(
                 level.color, level.width, level.height, x, y, level.inv_color,
-                level.offsets, level.radius, patch,
+                level.offsets, level.radius, patch, scratch.pixels,
             )  # fmt: skip
             field[y, x, 3] = evaluate(
                 level, x, y, field[y, x, 0], field[y, x, 1], field[y, x, 2],
@@ -495,9 +551,7 @@ def _change(level, w, gx, gy, pixel, i, n_refine):
 
 
 @kernel
-def _sweep_rows(
-    level, first, last, field, chosen, active, parity, n_near, n_refine, n_random, seed, scratch
-):
+def _sweep_rows(level, first, last, field, chosen, active, parity, turn, seed, scratch):
     patch = scratch.patch
     costs = scratch.costs
     top = scratch.top
@@ -509,19 +563,17 @@ def _sweep_rows(
                 continue
             variance = prepare_patch(
                 level.color, level.width, level.height, x, y, level.inv_color,
-                level.offsets, level.radius, patch,
+                level.offsets, level.radius, patch, scratch.pixels,
             )  # fmt: skip
             w = field[y, x, 0]
             gx = field[y, x, 1]
             gy = field[y, x, 2]
             best = field[y, x, 3]
             load_top(chosen, x, y, top)
-            n = min(_collect(level, field, x, y, found), n_near)
+            n = min(_collect(level, field, x, y, found), turn.n_near)
             pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
-            n_own = n_refine + n_random
-            if n_random == 0 and best > HOPELESS_COST:
-                n_own = 0
-            for i in range(n + n_own):
+            n_tries = n + turn.n_refine + turn.n_random
+            for i in range(n_tries):
                 if i < n:
                     nx = found[i, 0]
                     ny = found[i, 1]
@@ -531,8 +583,10 @@ def _sweep_rows(
                     bend = abs(tx - gx) + abs(ty - gy)
                     if abs(tw - w) < near and bend * level.radius < near:
                         continue
+                elif i < n + turn.n_refine and best > turn.refine_below:
+                    continue
                 else:
-                    tw, tx, ty = _change(level, w, gx, gy, pixel, i - n, n_refine)
+                    tw, tx, ty = _change(level, w, gx, gy, pixel, i - n, turn.n_refine)
                 if not _is_plausible(level, tw, tx, ty):
                     continue
                 cost = improve(level, x, y, tw, tx, ty, patch, variance, costs, top, best)
@@ -545,14 +599,12 @@ def _sweep_rows(
             store_top(chosen, x, y, top)
 
 
-def sweep(level, field, chosen, active, parity, n_near, n_refine, n_random, seed, threads=1):
+def sweep(level, field, chosen, active, parity, turn, seed, threads=1):
     """Update the pixels of one colour of the checkerboard.
 
-    Each tries the hypotheses of up to ``n_near`` neighbours, moved along their planes, then
+    Each tries the hypotheses of up to ``turn.n_near`` neighbours, moved along their planes, then
     ``n_refine`` changes of its own (a step of 1/8 to 8 pixels of parallax, of the slopes, or both)
     and ``n_random`` new depths from the whole range, by which a twig that no neighbour and no
-    coarse level knows is found. With ``n_random`` 0 a hopeless pixel asks its neighbours only.
+    coarse level knows is found.
     """
-    over_rows(
-        _sweep_rows, level, threads, field, chosen, active, parity, n_near, n_refine, n_random, seed
-    )
+    over_rows(_sweep_rows, level, threads, field, chosen, active, parity, turn, seed)

@@ -1,0 +1,117 @@
+"""Pixels that show nothing but sky, which stereo leaves out.
+
+A sky mask alone would cost twigs: a network calls some of them sky. So a pixel counts as clear sky
+only where its mask says so and the photo itself shows no thin structure there, darker or brighter
+than what surrounds it. Haze, clouds and plain sky pass; a twig and its blurred border do not,
+however wrong the mask.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.lens import PhotoLenses
+from cherrypicker.mvs.workspace import View
+from cherrypicker.sky.scan import read_mask
+
+# Structures narrower than this share of the photo's longer side count as thin
+THIN_SHARE = 0.0075
+# Least contrast of a thin structure with its surroundings, grey levels of 255: above sensor noise
+# and JPEG once smoothed, below a twig of one pixel
+MIN_CONTRAST = 12
+
+
+def thin_contrast(photo: np.ndarray) -> np.ndarray:
+    """Contrast of the thin structure at each pixel with what surrounds it.
+
+    The larger of the black and the white top-hat of the smoothed photo, over its channels.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (height, width, 3), uint8
+
+    Returns
+    -------
+    ndarray of shape (height, width), uint8
+        Grey levels.
+    """
+    side = 2 * max(round(0.5 * THIN_SHARE * max(photo.shape)), 2) + 1
+    window = np.ones((side, side), np.uint8)
+    smooth = cv2.GaussianBlur(photo, (3, 3), 0)
+    dark = cv2.morphologyEx(smooth, cv2.MORPH_BLACKHAT, window)
+    bright = cv2.morphologyEx(smooth, cv2.MORPH_TOPHAT, window)
+    return np.maximum(dark, bright).max(axis=2)
+
+
+def clear_sky(photo: np.ndarray, sky: np.ndarray) -> np.ndarray:
+    """Return where a photo (height, width, 3) uint8 shows sky and no thin structure, bool.
+
+    ``sky`` (height, width) bool is the photo's mask, True = sky.
+    """
+    return sky & (thin_contrast(photo) < MIN_CONTRAST)
+
+
+class SkyMasks:
+    """The sky masks of the photos as stored, seen through the undistorted cameras.
+
+    Parameters
+    ----------
+    folder : path-like
+        One mask per photo, ``{stem}.png``, in the pixels of the photo as stored.
+    model : path-like
+        Sparse model of the photos as stored, for the lenses.
+    names : sequence of str
+        The photos.
+
+    Raises
+    ------
+    StageError
+        When the model is unreadable or lacks a photo; by `of`, when a mask is missing or of another
+        size.
+    """
+
+    def __init__(self, folder: str | os.PathLike, model: str | os.PathLike, names):
+        self._folder = Path(folder)
+        self._index = {str(name): i for i, name in enumerate(names)}
+        self._lenses = PhotoLenses(model, names)
+        self._maps: tuple[tuple, np.ndarray] | None = None
+
+    def path(self, view: View) -> Path:
+        """Return the file of a view's mask."""
+        return self._folder / f"{Path(view.name).stem}.png"
+
+    def digest(self, view: View) -> str:
+        """Return a digest of a view's mask."""
+        try:
+            return hashlib.sha256(self.path(view).read_bytes()).hexdigest()
+        except OSError as error:
+            raise StageError(
+                "the sky mask is missing or unreadable", file=self.path(view)
+            ) from error
+
+    def of(self, view: View) -> np.ndarray:
+        """Return a view's mask in its undistorted pixels, (height, width) bool.
+
+        What lies outside the photo as stored is no sky.
+        """
+        i = self._index[view.name]
+        mask = read_mask(self.path(view), self._lenses.shape(i)).astype(np.uint8)
+        at = self._photo_pixels(i, view)
+        return cv2.remap(mask, at, None, cv2.INTER_NEAREST, borderValue=0) > 0
+
+    def _photo_pixels(self, i: int, view: View) -> np.ndarray:
+        """Pixel (x, y) of the photo as stored for each undistorted one, (height, width, 2)."""
+        key = (self._lenses.key(i), view.K.tobytes(), view.width, view.height)
+        if self._maps is None or self._maps[0] != key:
+            x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
+            pixels = np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
+            rays = (np.linalg.inv(view.K) @ pixels).T
+            at = self._lenses.to_photo(i, rays).astype(np.float32) - np.float32(0.5)
+            self._maps = (key, at.reshape(view.height, view.width, 2))
+        return self._maps[1]
