@@ -36,6 +36,10 @@ _HALF = np.float32(0.5)
 _1 = np.float32(1.0)
 # Neighbour pixels whose depths differ by less are explained by one point
 SAME_SURFACE = np.float32(0.003)
+# Answers of a photo that is asked about a point
+UNDECIDED, AGREES, SEES_PAST = 0, 1, 2
+# A photo sees past a point when its surface lies so many times the allowed depth error behind it
+PAST_ERRORS = np.float32(3.0)
 
 
 @dataclass(frozen=True)
@@ -114,28 +118,32 @@ def _from_other(group, j, u, v, depth):
 
 @kernel
 def _ask(group, j, pixel, x, y, depth, normal, values, m, matched):
-    """Add photo ``j``'s own point to ``values`` and its normal to ``normal`` if it agrees."""
+    """Add photo ``j``'s own point to ``values`` and its normal to ``normal`` if it agrees.
+
+    Returns AGREES, SEES_PAST where the photo found a surface well behind the point, or UNDECIDED.
+    """
     P = group.forward
     w = _1 / depth
     z = P[j, 6] * x + P[j, 7] * y + P[j, 8] + P[j, 11] * w
     if z <= np.float32(1e-6):
-        return False
+        return UNDECIDED
     u = (P[j, 0] * x + P[j, 1] * y + P[j, 2] + P[j, 9] * w) / z
     v = (P[j, 3] * x + P[j, 4] * y + P[j, 5] + P[j, 10] * w) / z
     iu = np.int64(np.floor(u + _HALF))
     iv = np.int64(np.floor(v + _HALF))
     width = group.sizes[j, 0]
     if iu < 0 or iv < 0 or iu >= width or iv >= group.sizes[j, 1]:
-        return False
+        return UNDECIDED
     slot = group.slots[j]
     other = iv * width + iu
     found = group.maps[slot, other, 3]
     expected = z * depth
-    if found <= _0 or abs(found - expected) > group.limits[1] * expected:
-        return False
+    behind = found - expected
+    if found <= _0 or abs(behind) > group.limits[1] * expected:
+        return SEES_PAST if behind > PAST_ERRORS * group.limits[1] * expected else UNDECIDED
     bx, by, _ = _from_other(group, j, u, v, found)
     if (bx - x) ** 2 + (by - y) ** 2 > group.limits[0] * group.limits[0]:
-        return False
+        return UNDECIDED
     own = group.slots[0]
     cosine = _0
     for c in range(3):
@@ -145,7 +153,7 @@ def _ask(group, j, pixel, x, y, depth, normal, values, m, matched):
         normal[3 + c] = turned
         cosine += turned * group.maps[own, pixel, c]
     if cosine < group.limits[2]:
-        return False
+        return UNDECIDED
     for c in range(3):
         normal[c] += normal[3 + c]
     px, py, pz = _from_other(group, j, np.float32(iu), np.float32(iv), found)
@@ -155,7 +163,7 @@ def _ask(group, j, pixel, x, y, depth, normal, values, m, matched):
     values[3, m] = found
     matched[m, 0] = j
     matched[m, 1] = np.int64(np.floor(v)) * width + np.int64(np.floor(u))
-    return True
+    return AGREES
 
 
 @kernel
@@ -175,8 +183,8 @@ def _median(values, row, n):
 def _fuse_rows(group, first, last, out, counts, values, matched, normal):
     """Fuse rows of the reference.
 
-    ``out`` (n_pixels, 6) takes position and normal in the reference's camera, ``counts``
-    (n_pixels,) the number of photos, 0 where there is no point.
+    ``out`` (n_pixels, 7) takes position and normal in the reference's camera and the confidence,
+    ``counts`` (n_pixels,) the number of photos, 0 where there is no point.
     """
     width = group.sizes[0, 0]
     own = group.slots[0]
@@ -195,14 +203,19 @@ def _fuse_rows(group, first, last, out, counts, values, matched, normal):
             for c in range(3):
                 normal[c] = group.maps[own, pixel, c]
             m = 1
+            n_past = 0
             for j in range(1, group.slots.shape[0]):
-                if _ask(group, j, pixel, fx, fy, depth, normal, values, m, matched):
+                answer = _ask(group, j, pixel, fx, fy, depth, normal, values, m, matched)
+                if answer == AGREES:
                     m += 1
+                elif answer == SEES_PAST:
+                    n_past += 1
             if m < group.min_views:
                 continue
             for i in range(1, m):
                 _explain(group, matched[i, 0], matched[i, 1], values[3, i])
             counts[pixel] = min(m, 255)
+            out[pixel, 6] = np.float32(m) / np.float32(m + n_past)
             length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
             for c in range(3):
                 out[pixel, c] = _median(values, c, m)
@@ -267,7 +280,9 @@ def fuse(
     Returns
     -------
     PointCloud
-        In COLMAP's frame, with colours, normals and the number of photos ``n_views`` (uint8).
+        In COLMAP's frame, with colours, normals, the number of photos that agree on a point
+        ``n_views`` (uint8) and ``stereo_confidence`` (float32 in (0, 1]): those, as a share of them
+        and the photos that see past the point.
 
     Raises
     ------
@@ -290,7 +305,10 @@ def fuse(
         points=np.concatenate([part[0] for part in parts]),
         normals=np.concatenate([part[1] for part in parts]),
         colors=np.concatenate([part[2] for part in parts]),
-        fields={"n_views": np.concatenate([part[3] for part in parts])},
+        fields={
+            "n_views": np.concatenate([part[3] for part in parts]),
+            "stereo_confidence": np.concatenate([part[4] for part in parts]),
+        },
         frame="colmap",
         unit="arbitrary",
     )
@@ -316,7 +334,7 @@ def _kernel_intrinsics(view: View) -> np.ndarray:
 
 
 def _fuse_one(workspace, slots, used, members, rows, options, threads):
-    """Return points, normals, colours and counts of one reference, world frame."""
+    """Return points, normals, colours, counts and confidences of one reference, world frame."""
     views = [workspace.views[j] for j in members]
     reference = views[0]
     poses = [(_kernel_intrinsics(view), view.R, view.t) for view in views]
@@ -341,7 +359,7 @@ def _fuse_one(workspace, slots, used, members, rows, options, threads):
         min_views=options.views_needed(len(used)),
     )
     n_pixels = reference.width * reference.height
-    out = np.empty((n_pixels, 6), dtype=np.float32)
+    out = np.empty((n_pixels, 7), dtype=np.float32)
     counts = np.empty(n_pixels, dtype=np.uint8)
 
     def work(first: int) -> None:
@@ -354,9 +372,9 @@ def _fuse_one(workspace, slots, used, members, rows, options, threads):
     in_parallel(work, range(0, reference.height, ROWS_AT_A_TIME), threads)
     kept = np.flatnonzero(counts)
     points = (out[kept, :3].astype(np.float64) - reference.t) @ reference.R
-    normals = (out[kept, 3:].astype(np.float64) @ reference.R).astype(np.float32)
+    normals = (out[kept, 3:6].astype(np.float64) @ reference.R).astype(np.float32)
     photo = read_photo(workspace.photo_path(reference)).reshape(-1, 3)
-    return points, normals, photo[kept].astype(np.float32) / 255.0, counts[kept]
+    return points, normals, photo[kept].astype(np.float32) / 255.0, counts[kept], out[kept, 6]
 
 
 def fuse_workspace(
@@ -370,7 +388,8 @@ def fuse_workspace(
 ) -> PointCloud:
     """Fuse a workspace's depth maps with our fusion ("star") or COLMAP's ("colmap").
 
-    Parameters and errors as :func:`fuse`; COLMAP's fusion knows ``n_views`` too.
+    Parameters and errors as :func:`fuse`; COLMAP's fusion knows ``n_views`` too,
+    but no confidence.
     """
     workspace = Workspace(folder)
     if method == "star":
