@@ -22,7 +22,7 @@ from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.sky.colors import read_sky_colors
 from cherrypicker.sky.evidence import EvidenceOptions, sky_evidence
-from cherrypicker.sky.scan import read_mask
+from cherrypicker.sky.mask_files import read_mask
 
 
 def main(

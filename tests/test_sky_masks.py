@@ -10,9 +10,10 @@ from PIL import Image, ImageOps
 
 from cherrypicker.errors import StageError
 from cherrypicker.sky import masks
+from cherrypicker.sky.mask_files import read_mask
 from cherrypicker.sky.masks import MaskOptions, as_stored, sky_mask, upright
 from cherrypicker.sky.metrics import Confusion
-from cherrypicker.sky.scan import mask_photos, photos_by_stem, read_mask
+from cherrypicker.sky.scan import mask_photos, photos_by_stem
 from cherrypicker.sky.synthesis import random_branches, random_sky
 from cherrypicker.sky.unet import SkyUNet, load_weights, save_weights
 

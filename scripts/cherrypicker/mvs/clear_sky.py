@@ -18,13 +18,15 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.lens import PhotoLenses
 from cherrypicker.mvs.workspace import View
-from cherrypicker.sky.scan import read_mask
+from cherrypicker.sky.mask_files import read_mask
 
 # Structures narrower than this share of the photo's longer side count as thin
 THIN_SHARE = 0.0075
 # Least contrast of a thin structure with its surroundings, grey levels of 255: above sensor noise
 # and JPEG once smoothed, below a twig of one pixel
 MIN_CONTRAST = 12
+# Rows that go through the lens model at a time; bounds the memory
+ROWS_AT_A_TIME = 64
 
 
 def thin_contrast(photo: np.ndarray) -> np.ndarray:
@@ -109,9 +111,14 @@ class SkyMasks:
         """Pixel (x, y) of the photo as stored for each undistorted one, (height, width, 2)."""
         key = (self._lenses.key(i), view.K.tobytes(), view.width, view.height)
         if self._maps is None or self._maps[0] != key:
-            x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
-            pixels = np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
-            rays = (np.linalg.inv(view.K) @ pixels).T
-            at = self._lenses.to_photo(i, rays).astype(np.float32) - np.float32(0.5)
-            self._maps = (key, at.reshape(view.height, view.width, 2))
+            at = np.empty((view.height, view.width, 2), dtype=np.float32)
+            inverse = np.linalg.inv(view.K)
+            x = np.arange(view.width) + 0.5
+            for first in range(0, view.height, ROWS_AT_A_TIME):
+                y = np.arange(first, min(first + ROWS_AT_A_TIME, view.height)) + 0.5
+                pixels = np.stack([*map(np.ravel, np.meshgrid(x, y)), np.ones(len(x) * len(y))])
+                photo = self._lenses.to_photo(i, (inverse @ pixels).T)
+                # OpenCV counts from the centre of the first pixel
+                at[first : first + len(y)] = photo.reshape(len(y), -1, 2) - 0.5
+            self._maps = (key, at)
         return self._maps[1]

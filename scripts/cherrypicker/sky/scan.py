@@ -7,14 +7,13 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
 from cherrypicker.photos import exif_orientation, list_photos, read_photo
 from cherrypicker.progress import Progress
 from cherrypicker.sky.colors import sample_sky_pixels
+from cherrypicker.sky.mask_files import write_mask
 from cherrypicker.sky.masks import MaskOptions, sky_mask
 from cherrypicker.sky.unet import SkyUNet
 
@@ -39,34 +38,6 @@ def photos_by_stem(folder: Path) -> dict[str, Path]:
             key="photos in trees.tsv",
         )
     return {p.stem: p for p in photos}
-
-
-def write_mask(path: Path, mask: np.ndarray) -> None:
-    """Write a mask as PNG with one channel."""
-    with atomic_path(path) as tmp:
-        # Level 1: masks are large flat areas, more effort costs seconds and saves kilobytes.
-        if not cv2.imwrite(str(tmp), mask, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-            raise StageError("the sky mask cannot be written", file=path)
-
-
-def read_mask(path: Path, shape: tuple[int, int] | None = None) -> np.ndarray:
-    """Read a sky mask, (H, W) bool, True = sky.
-
-    Raises
-    ------
-    StageError
-        When it is missing, unreadable or not of the expected shape (height, width).
-    """
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if mask is None:
-        raise StageError("the sky mask is missing or unreadable", file=path)
-    if shape is not None and mask.shape != tuple(shape):
-        raise StageError(
-            f"the sky mask has {mask.shape[1]} x {mask.shape[0]} pixels, its photo "
-            f"{shape[1]} x {shape[0]}",
-            file=path,
-        )
-    return mask > 127
 
 
 def mask_photos(

@@ -1,0 +1,39 @@
+"""Sky masks as files: PNG with one channel, 255 = sky, in the pixels of the photo as stored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import atomic_path
+
+
+def write_mask(path: Path, mask: np.ndarray) -> None:
+    """Write a mask as PNG with one channel."""
+    with atomic_path(path) as tmp:
+        # Level 1: masks are large flat areas, more effort costs seconds and saves kilobytes.
+        if not cv2.imwrite(str(tmp), mask, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+            raise StageError("the sky mask cannot be written", file=path)
+
+
+def read_mask(path: Path, shape: tuple[int, int] | None = None) -> np.ndarray:
+    """Read a sky mask, (H, W) bool, True = sky.
+
+    Raises
+    ------
+    StageError
+        When it is missing, unreadable or not of the expected shape (height, width).
+    """
+    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if mask is None:
+        raise StageError("the sky mask is missing or unreadable", file=path)
+    if shape is not None and mask.shape != tuple(shape):
+        raise StageError(
+            f"the sky mask has {mask.shape[1]} x {mask.shape[0]} pixels, its photo "
+            f"{shape[1]} x {shape[0]}",
+            file=path,
+        )
+    return mask > 127
