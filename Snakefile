@@ -18,6 +18,8 @@ include: "workflow/rules/segmentation.smk"
 include: "workflow/rules/skeleton.smk"
 include: "workflow/rules/traits.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/benchmark_common.smk"
+include: "workflow/rules/benchmark.smk"
 
 
 rule all:

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.mvs.clear_sky import SkyMasks, clear_sky
 from cherrypicker.mvs.estimate import field_to_maps
 from cherrypicker.mvs.views import StereoProblem, plan_views
 from cherrypicker.mvs.workspace import View, Workspace
@@ -255,7 +256,13 @@ def slopes(inverse: np.ndarray) -> np.ndarray:
     return np.where(good[..., None], np.stack([gx, gy], axis=-1), np.float32(0.0))
 
 
-def estimate_sgbm(folder: str | os.PathLike, options: SgbmOptions, *, threads: int = 1) -> dict:
+def estimate_sgbm(
+    folder: str | os.PathLike,
+    options: SgbmOptions,
+    *,
+    sky_masks: SkyMasks | None = None,
+    threads: int = 1,
+) -> dict:
     """Write depth and normal maps (kind "geometric") of every view of a workspace.
 
     Parameters
@@ -263,6 +270,8 @@ def estimate_sgbm(folder: str | os.PathLike, options: SgbmOptions, *, threads: i
     folder : path-like
         Dense workspace.
     options : SgbmOptions
+    sky_masks : SkyMasks, optional
+        What they call sky gets no depth, as with the PatchMatch backend.
     threads : int
         Threads of OpenCV.
 
@@ -287,6 +296,9 @@ def estimate_sgbm(folder: str | os.PathLike, options: SgbmOptions, *, threads: i
             if inverse is None:
                 continue
             view = workspace.views[problem.view]
+            if sky_masks is not None:
+                photo = read_photo(workspace.photo_path(view))
+                inverse[clear_sky(photo, sky_masks.of(view))] = 0.0
             field = np.dstack([inverse, slopes(inverse), np.zeros_like(inverse)])
             workspace.write_maps(view, KIND, *field_to_maps(field, view.K))
             share[view.name] = float((inverse > 0.0).mean())
