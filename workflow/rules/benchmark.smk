@@ -20,6 +20,8 @@ rule render_benchmark_scene:
         rendered="results/benchmark/scenes/{scan}/rendered.json",
     log:
         "logs/render_benchmark_scene/{scan}.log",
+    conda:
+        "../../envs/photogrammetry.yaml"
     threads: 8
     resources:
         mem_mb=more_at_each_attempt(4000),
@@ -177,7 +179,7 @@ rule measure_stereo:
 rule score_surface:
     input:
         cloud="results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/cloud.ply",
-        undistorted="results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
+        poses="results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
         code=code("score_surface"),
     output:
         scores=ensure(
@@ -190,6 +192,8 @@ rule score_surface:
         ),
     log:
         "logs/score_surface/{scan}_{cameras}_{size}_{backend}.log",
+    conda:
+        "../../envs/photogrammetry.yaml"
     threads: 8
     resources:
         mem_mb=more_at_each_attempt(4000),
@@ -197,7 +201,6 @@ rule score_surface:
         gpu=0,
     params:
         truth=benchmark_truth,
-        poses="results/benchmark/dense/{scan}/{cameras}/dense",
         fit=lambda wildcards: "none" if wildcards.cameras == "true" else "surface",
     message:
         "{wildcards.scan}, cameras {wildcards.cameras}, {wildcards.size}: "
@@ -214,6 +217,8 @@ rule report_benchmark:
         table=ensure("results/benchmark/dense/table.md", non_empty=True),
     log:
         "logs/report_benchmark.log",
+    conda:
+        "../../envs/report.yaml"
     threads: 1
     resources:
         mem_mb=more_at_each_attempt(4000),

@@ -38,7 +38,8 @@ def score_file(
     ----------
     cloud : path-like
     poses : path-like
-        Poses NPZ, or a dense workspace, of the cloud's frame; not read for ``fit="none"``.
+        Poses NPZ, or a dense workspace or its manifest, of the cloud's frame; not read for
+        ``fit="none"``.
     truth : path-like
     fit : {"none", "cameras", "surface"}
         How the cloud is placed, see :mod:`cherrypicker.stereo_benchmark.surface`.
@@ -88,8 +89,9 @@ def place(points, poses, truth, surface: TrueSurface, fit: str):
 
 
 def _cameras(poses):
-    if Path(poses).is_dir():
-        views = Workspace(poses).views
+    poses = Path(poses)
+    if poses.is_dir() or poses.suffix == ".json":
+        views = Workspace(poses if poses.is_dir() else poses.parent).views
         return [view.name for view in views], np.array([view.center for view in views])
     read = read_poses(poses)
     return read.names, read.centers
