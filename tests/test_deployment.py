@@ -1,7 +1,9 @@
 """Ways to deploy: environments that name what is installed, containers, several machines."""
 
 import importlib.metadata
+import os
 import re
+import shutil
 import subprocess
 import sys
 
@@ -71,12 +73,13 @@ def test_no_profile_asks_for_conda():
         assert not {"sdm", "software-deployment-method", "use-conda"} & set(content)
 
 
-def test_the_groups_of_the_slurm_profile_are_rules():
+def test_the_groups_of_a_profile_are_rules():
     rules = set()
     for path in (PROJECT / "workflow/rules").glob("*.smk"):
         rules |= set(re.findall(r"(?m)^rule (\w+):", path.read_text()))
-    profile = yaml.safe_load((PROJECT / "profiles/slurm/config.yaml").read_text())
-    assert set(profile["groups"]) <= rules
+    for name in ("slurm", "kubernetes"):
+        profile = yaml.safe_load((PROJECT / f"profiles/{name}/config.yaml").read_text())
+        assert set(profile["groups"]) <= rules
 
 
 def a_batch(tmp_path, *trees):
@@ -109,21 +112,144 @@ def test_the_slurm_profile_plans_the_whole_batch(tmp_path):
         assert re.search(rf"{rule} +1\n", printed), printed
 
 
-def test_the_apptainer_way_plans_the_whole_batch(tmp_path):
-    image = ("--software-deployment-method", "apptainer", "--apptainer-args", "--bind /data")
-    printed = dry_run(a_batch(tmp_path, "a"), "--cores", "2", *image)
+@pytest.mark.skipif(not shutil.which("conda"), reason="conda is not installed")
+def test_the_conda_way_plans_the_whole_batch(tmp_path):
+    printed = dry_run(a_batch(tmp_path, "a"), "--cores", "2", "--sdm", "conda")
     assert re.search(r"report_tree +1\n", printed), printed
 
 
-def test_the_kubernetes_way_plans_the_whole_batch(tmp_path):
-    pytest.importorskip(
-        "snakemake_executor_plugin_kubernetes",
-        reason="pip install snakemake-executor-plugin-kubernetes",
+def test_the_image_copies_and_installs_what_exists():
+    lines = (PROJECT / "envs/Dockerfile").read_text().splitlines()
+    assert any(line.startswith("FROM python:3.11") for line in lines)
+    assert any(line.startswith("RUN make install") for line in lines)
+    libraries = (PROJECT / "envs/install_system_packages.sh").read_text()
+    needed = {pair.split(":")[1] for pair in re.search(r'libraries="(.*)"', libraries)[1].split()}
+    assert needed <= set(" ".join(lines).split())
+    ignored = (PROJECT / ".dockerignore").read_text().split()
+    assert ".venv" in ignored
+    for name in ("workflow", "scripts", "resources", "profiles", "envs", "config"):
+        assert not {name, f"{name}/", f"{name}/*"} & set(ignored)
+
+
+KUBECTL = """#!{python}
+import os, subprocess, sys
+from pathlib import Path
+
+import yaml
+
+jobs = Path({jobs!r})
+command, *rest = sys.argv[1:]
+if command == "create":
+    manifest = yaml.safe_load(sys.stdin)
+    name = "job%d" % len(list(jobs.glob("*.yaml")))
+    (jobs / (name + ".yaml")).write_text(yaml.safe_dump(manifest))
+    (container,) = manifest["spec"]["template"]["spec"]["containers"]
+    done = jobs / (name + ".done")
+    shell = ["/bin/sh", "-c", '"$@"; echo $? > ' + str(done), "sh", *container["command"]]
+    with open(jobs / (name + ".log"), "wb") as log:
+        subprocess.Popen(shell, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
+    print(name, end="")
+elif command == "get":
+    done = jobs / (rest[1] + ".done")
+    code = done.read_text().strip() if done.exists() else ""
+    succeeded, failed = ("1" if code == "0" else "", "1" if code not in ("", "0") else "")
+    print("found %s failed=%s" % (succeeded, failed), end="")
+"""
+
+
+def test_the_kubernetes_profile_runs_a_batch_through_kubectl(tmp_path):
+    """A stand-in for kubectl runs the container's command; the manifests are checked."""
+    workspace = a_batch(tmp_path, "a")
+    jobs = tmp_path / "jobs"
+    jobs.mkdir()
+    kubectl = tmp_path / "bin/kubectl"
+    kubectl.parent.mkdir()
+    kubectl.write_text(KUBECTL.format(python=sys.executable, jobs=str(jobs)))
+    kubectl.chmod(0o755)
+    profile = PROJECT / "profiles/kubernetes"
+    environment = {
+        **os.environ,
+        "PATH": f"{kubectl.parent}:{os.environ['PATH']}",
+        "PYTHONPATH": "",
+        "CHERRYPICKER_KUBERNETES": str(profile),
+        "CHERRYPICKER_IMAGE": "registry.example.org/cherrypicker:0.1",
+        "CHERRYPICKER_CLAIM": "orchard",
+        "CHERRYPICKER_MOUNT": str(tmp_path),
+    }
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
+    command += ["--directory", str(workspace.folder), "--workflow-profile", str(profile)]
+    done = subprocess.run(
+        [*command, "results/a/segmented.ply", "--latency-wait", "5"],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=600,
+        check=False,
     )
-    pod = ("--executor", "kubernetes", "--jobs", "10", "--container-image", "example.org/cherry:1")
-    volume = ("--kubernetes-persistent-volumes", "orchard:/work")
-    printed = dry_run(a_batch(tmp_path, "a"), *pod, *volume)
-    assert re.search(r"report_tree +1\n", printed), printed
+    assert done.returncode == 0, done.stdout
+    assert (workspace.folder / "results/a/segmented.ply").stat().st_size > 0
+    (path,) = jobs.glob("*.yaml")
+    job = yaml.safe_load(path.read_text())
+    pod = job["spec"]["template"]["spec"]
+    assert job["spec"]["backoffLimit"] == 0
+    assert pod["volumes"][0]["persistentVolumeClaim"]["claimName"] == "orchard"
+    (container,) = pod["containers"]
+    assert container["volumeMounts"] == [{"name": "work", "mountPath": str(tmp_path)}]
+    assert container["resources"]["requests"]["cpu"] == "1"
+    limits = container["resources"]["limits"]
+    assert limits == {"memory": container["resources"]["requests"]["memory"]}
+
+
+@pytest.mark.parametrize(
+    ("answer", "code", "status"),
+    [
+        ("found 1 failed=", 0, "success"),
+        ("found  failed=", 0, "running"),
+        ("found  failed=1", 0, "failed"),
+        ("", 0, "failed"),
+        ("", 1, "running"),
+    ],
+)
+def test_the_status_of_a_kubernetes_job_is_told_apart(tmp_path, answer, code, status):
+    kubectl = tmp_path / "kubectl"
+    kubectl.write_text(f"#!/bin/sh\nprintf '{answer}'\nexit {code}\n")
+    kubectl.chmod(0o755)
+    told = subprocess.run(
+        [str(PROJECT / "profiles/kubernetes/status.sh"), "cherrypicker-x"],
+        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    assert told.stdout.strip() == status
+
+
+def test_a_kubernetes_job_asks_for_a_gpu_where_its_rule_does(tmp_path):
+    kubectl = tmp_path / "kubectl"
+    kubectl.write_text("#!/bin/sh\ncat\n")
+    kubectl.chmod(0o755)
+    names = ("IMAGE", "CLAIM", "MOUNT")
+    created = subprocess.run(
+        [str(PROJECT / "profiles/kubernetes/submit.sh"), "8", "9100", "120", "1", "/work/job.sh"],
+        env={
+            **os.environ,
+            "PATH": f"{tmp_path}:{os.environ['PATH']}",
+            **{f"CHERRYPICKER_{name}": "x" for name in names},
+        },
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    job = yaml.safe_load(created.stdout)
+    (container,) = job["spec"]["template"]["spec"]["containers"]
+    assert container["resources"] == {
+        "requests": {"cpu": "8", "memory": "9100M"},
+        "limits": {"memory": "9100M", "nvidia.com/gpu": "1"},
+    }
+    assert job["spec"]["activeDeadlineSeconds"] == 7200
+    assert container["command"] == ["/bin/sh", "/work/job.sh"]
 
 
 def test_two_machines_share_a_folder_by_taking_different_trees(tmp_path):
