@@ -68,7 +68,7 @@ class Workspace:
             *("--directory", str(self.folder), "--cores", "2", *arguments),
         ]
 
-    def run(self, *arguments: str, fails: bool = False) -> str:
+    def run(self, *arguments: str, fails: bool = False, limit_s: float = 600) -> str:
         """Run Snakemake; return what it printed."""
         done = subprocess.run(
             self.command(*arguments),
@@ -77,7 +77,7 @@ class Workspace:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=600,
+            timeout=limit_s,
             check=False,
         )
         assert (done.returncode != 0) == fails, done.stdout
