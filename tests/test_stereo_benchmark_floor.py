@@ -87,6 +87,15 @@ def test_cameras_behind_one_another_are_refused():
         rectify(make_view((0, 0, 0)), make_view((0, 0, 1.0)), 2.0, 5.0)
 
 
+def test_disparities_always_fit_into_sixteen_bits():
+    left, right = make_view((0, 0, 0)), make_view((3.0, 0, 0), turn=-0.4)
+    pair = rectify(left, right, 0.15, 50.0)
+    assert pair.n_disparities < 2048
+    assert pair.K_left[0, 0] < 200
+    nearest = pair.K_left[0, 0] * pair.baseline / 0.15 - pair.shift
+    assert 0.5 * pair.n_disparities < nearest < 2 * pair.n_disparities
+
+
 def test_slopes_of_a_plane_are_exact_beside_an_edge():
     y, x = np.mgrid[:20, :30].astype(np.float32)
     inverse = 0.25 + 0.0002 * x - 0.0001 * y

@@ -33,6 +33,8 @@ _SUBPIXELS = 16
 # Neighbours whose inverse depths differ by less, relatively, lie on one surface
 _SAME_SURFACE = 0.01
 _NORMAL_RADIUS = 2
+# A rectified photo whose corner is turned further off (cosine) grows out of bounds
+_LEAST_FORWARD = 0.4
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,8 @@ def rectify(left: View, right: View, depth_min: float, depth_max: float) -> Rect
 
     The x axis is the baseline, from left to right view, whatever its direction in the photos: pairs
     above one another end up turned by a right angle, which the matcher does not mind (Fusiello et
-    al. 2000).
+    al. 2000). Where the disparities would not fit into OpenCV's numbers, the virtual cameras get a
+    shorter focal length.
 
     Parameters
     ----------
@@ -116,7 +119,7 @@ def rectify(left: View, right: View, depth_min: float, depth_max: float) -> Rect
     Raises
     ------
     StageError
-        If one camera stands in the other's line of sight, or the range of disparities is too wide.
+        If one camera stands in the other's line of sight, or they look in too different directions.
     """
     x = right.center - left.center
     baseline = float(np.linalg.norm(x))
@@ -127,21 +130,19 @@ def rectify(left: View, right: View, depth_min: float, depth_max: float) -> Rect
         raise StageError(f"{left.name} and {right.name} stand behind one another")
     z /= np.linalg.norm(z)
     rotation = np.stack([x, np.cross(z, x), z])
-    focal = 0.5 * (left.K[0, 0] + right.K[0, 0])
-    K = np.diag([focal, focal, 1.0])
     corners = np.array([[0.0, 0], [left.width, 0], [left.width, left.height], [0, left.height]])
     rays = np.c_[corners, np.ones(4)] @ np.linalg.inv(left.K).T @ left.R @ rotation.T
-    if rays[:, 2].min() < 0.2:
+    if (rays[:, 2] < _LEAST_FORWARD * np.linalg.norm(rays, axis=1)).any():
         raise StageError(f"{left.name} and {right.name} look in too different directions")
-    corners = focal * rays[:, :2] / rays[:, 2:]
     # depths along the virtual axis of what the reference sees between its nearest and farthest
     depths = np.outer([depth_min, depth_max], rays[:, 2])
+    span = baseline * (1.0 / depths.min() - 1.0 / depths.max())
+    focal = min(0.5 * (left.K[0, 0] + right.K[0, 0]), _MAX_DISPARITIES / span)
     least = focal * baseline / depths.max()
-    most = focal * baseline / depths.min()
-    n = int(np.ceil((most - least) / _SUBPIXELS) + 1) * _SUBPIXELS
-    if n > _MAX_DISPARITIES:
-        raise StageError(f"{left.name} and {right.name}: {n} px of disparity are too many")
+    n = int(np.ceil(focal * span / _SUBPIXELS) + 1) * _SUBPIXELS
+    corners = focal * rays[:, :2] / rays[:, 2:]
     low, high = np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0))
+    K = np.diag([focal, focal, 1.0])
     K[:2, 2] = [n - low[0], -low[1]]
     K_right = K.copy()
     K_right[0, 2] += least
