@@ -13,6 +13,8 @@ filter removed. Example:
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from cherrypicker.denoise import DenoiseOptions, denoise_cloud
 from cherrypicker.files import write_json
 from cherrypicker.lens import PhotoLenses
@@ -23,6 +25,9 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker.sky.colors import read_sky_colors
 from cherrypicker.sky.evidence import EvidenceOptions, sky_evidence
 from cherrypicker.sky.mask_files import read_mask
+
+#: The ground, hills included, lies below this share of the cameras' height over z = 0.
+GROUND_SHARE = 0.15
 
 
 def main(
@@ -79,7 +84,13 @@ def main(
             same_color_distance=same_color_distance,
         ),
     )
-    kept, counts = denoise_cloud(read_cloud(cloud), read_sky_colors(sky_colors), evidence, options)
+    kept, counts = denoise_cloud(
+        read_cloud(cloud),
+        read_sky_colors(sky_colors),
+        evidence,
+        options,
+        ground_height=GROUND_SHARE * float(np.median(views.centers[:, 2])),
+    )
     write_cloud(denoised, kept)
     write_json(report, counts)
 
@@ -96,7 +107,7 @@ parser.add_argument("--report", required=True, help="counts to write (JSON)")
 parser.add_argument("--use_statistical", action="store_true")
 parser.add_argument("--n_neighbors", type=int, default=20)
 parser.add_argument("--std_ratio", type=float, default=3.0)
-parser.add_argument("--min_view_ratio", type=float, default=0.33)
+parser.add_argument("--min_view_ratio", type=float, default=0.4)
 parser.add_argument("--keep_seen_fraction", type=float, default=0.8)
 parser.add_argument("--use_sky", action="store_true")
 parser.add_argument("--sky_color_distance", type=float, default=0.1)

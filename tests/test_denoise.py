@@ -233,3 +233,18 @@ def test_the_papers_filter_goes_by_colour_alone():
     kept, report = denoise_cloud(cloud, SKY, evidence_of(ring()), options)
     is_white = np.linalg.norm(cloud.colors - WHITE, axis=1) < 0.1
     assert len(kept) == np.count_nonzero(~is_white) and report["n_kept_by_photos"] == 0
+
+
+def test_what_all_see_of_the_ground_says_nothing_about_twigs():
+    rng = np.random.default_rng(0)
+    ground = rng.uniform([-1, -1, 0], [1, 1, 0.01], (4000, 3))
+    wood = rng.uniform([0, 0, 0.5], [0.1, 0.1, 2.0], (1000, 3))
+    twig = np.column_stack([np.linspace(0.3, 0.6, 60), np.zeros(60), np.full(60, 1.5)])
+    n_views = np.concatenate([np.full(4000, 30), np.full(1000, 10), np.full(60, 4)])
+    points = np.vstack([ground, wood, twig])
+    cloud = PointCloud(points, fields={"n_views": n_views.astype(np.uint8)})
+    options = DenoiseOptions(use_statistical=False, use_sky=False, keep_seen_fraction=1.01)
+    assert len(denoise_cloud(cloud, SKY, None, options, ground_height=0.2)[0]) == len(cloud)
+    assert len(denoise_cloud(cloud, SKY, None, options)[0]) == len(cloud) - 60
+    sure = cloud.with_fields(n_views=np.where(n_views == 4, 5, n_views).astype(np.uint8))
+    assert len(denoise_cloud(sure, SKY, None, options)[0]) == len(cloud)

@@ -30,6 +30,8 @@ logger = logging.getLogger(__name__)
 
 #: Points per block of the neighbour search; bounds the memory, changes no result.
 BLOCK = 200_000
+#: Where this many photos agree on the neighbourhood it is supported, however many see the rest.
+ENOUGH_VIEWS = 5
 #: Photos that must show something before the sky for an isolated point to stay.
 MIN_WITNESSES = 4
 
@@ -41,7 +43,7 @@ class DenoiseOptions:
     use_statistical: bool = True
     n_neighbors: int = 20
     std_ratio: float = 3.0
-    min_view_ratio: float = 0.33
+    min_view_ratio: float = 0.4
     keep_seen_fraction: float = 0.8
     use_sky: bool = True
     sky_color_distance: float = 0.1
@@ -100,7 +102,9 @@ def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarr
     return mean_distance < limit
 
 
-def supported_points(n_views: np.ndarray, mean_views: np.ndarray, min_ratio: float) -> np.ndarray:
+def supported_points(
+    n_views: np.ndarray, mean_views: np.ndarray, min_ratio: float, counts: np.ndarray | None = None
+) -> np.ndarray:
     """Find the points whose neighbourhood was seen by about as many photos as the rest.
 
     Two neighbouring photos can agree on a wrong match (a line of trees behind the crown, sliding
@@ -114,13 +118,18 @@ def supported_points(n_views: np.ndarray, mean_views: np.ndarray, min_ratio: flo
     mean_views : ndarray of shape (n_points,), float64
         Their mean over the point's neighbours, from `neighbor_means`.
     min_ratio : float
-        Least ratio of ``mean_views`` to the cloud's median of ``n_views``.
+        Least ratio of ``mean_views`` to the cloud's median of ``n_views``; never more than
+        `ENOUGH_VIEWS` photos are asked for.
+    counts : ndarray of shape (n_points,), bool, optional
+        Points that count for the median; all when none is given or none set. The ground is most of
+        a cloud, and photos from all sides see it: its median says nothing about twigs.
 
     Returns
     -------
     ndarray of shape (n_points,), bool
     """
-    return mean_views >= min_ratio * np.median(n_views)
+    typical = np.median(n_views if counts is None or not counts.any() else n_views[counts])
+    return mean_views >= min(min_ratio * typical, ENOUGH_VIEWS)
 
 
 def _share(part: int, whole: int) -> str:
@@ -132,6 +141,7 @@ def denoise_cloud(
     sky: SkyColors,
     evidence_of: Callable[[np.ndarray, PointCloud], SkyEvidence],
     options: DenoiseOptions,
+    ground_height: float = -np.inf,
 ) -> tuple[PointCloud, dict]:
     """Remove isolated points and sky silhouettes.
 
@@ -146,6 +156,8 @@ def denoise_cloud(
         ``surface``, points of shape (n_points, 3), can hide it; see
         `cherrypicker.sky.evidence.sky_evidence`.
     options : DenoiseOptions
+    ground_height : float
+        What lies below does not count for how many photos see a point of the cloud.
 
     Returns
     -------
@@ -159,7 +171,7 @@ def denoise_cloud(
     StageError
         When no point is left.
     """
-    is_isolated, is_unsupported = _find_isolated(cloud, options)
+    is_isolated, is_unsupported = _find_isolated(cloud, options, ground_height)
     is_doubted = is_isolated | is_unsupported
     is_sky_colored = ~is_doubted & _find_sky_colored(cloud, sky, options)
     asked = np.flatnonzero(is_sky_colored | (is_doubted & (options.keep_seen_fraction <= 1)))
@@ -192,7 +204,7 @@ def denoise_cloud(
     return cloud.select(keep), report
 
 
-def _find_isolated(cloud, options) -> tuple[np.ndarray, np.ndarray]:
+def _find_isolated(cloud, options, ground_height) -> tuple[np.ndarray, np.ndarray]:
     """Find what is far from its neighbours, and what hardly any photo supports."""
     n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
     is_isolated, is_unsupported = np.zeros((2, len(cloud)), bool)
@@ -203,7 +215,8 @@ def _find_isolated(cloud, options) -> tuple[np.ndarray, np.ndarray]:
     if options.use_statistical:
         is_isolated = ~statistical_inliers(mean_distance, options.std_ratio)
     if n_views is not None:
-        is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio)
+        counts = cloud.points[:, 2] > ground_height
+        is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio, counts)
     return is_isolated, is_unsupported
 
 

@@ -9,6 +9,10 @@ sky counts against a point only with nothing else within that pixel.
 Nor does the mask decide alone, since masks lose twigs: a thin dark structure that the photo itself
 shows is no clear sky, whatever its mask says.
 
+Where masks take hazy or painted wood for sky, the cloud knows better: stereo finds nothing in the
+sky, and its windows carry colours over the border of a branch by their own width only. So what
+fills a wider part of the photo with points is no clear sky either.
+
 Most photos look past a branch at the ground and say nothing: their pixel is no sky, whether the
 branch is there or not. They would outvote the few that look up. So a photo that shows no sky at a
 point counts only where it could have shown some, with sky a few pixels aside, or where its pixel
@@ -35,12 +39,17 @@ from cherrypicker.progress import Progress
 BUFFER_SIDE = 500
 #: A point is seen when it lies at most this share of its depth behind the nearest surface.
 DEPTH_TOLERANCE = 0.01
+#: Points that close gaps this wide and then fill a disc of this radius are a surface; pixels of the
+#: depth buffer, of which a stereo window has three or four.
+FILL_GAP, FILL_RADIUS = 1, 5
 #: A photo could show sky at a pixel when it has sky this near, pixels of the depth map.
 SKY_REACH = 6
 #: A pixel of the depth map is sky when its mask says so for this share of it.
 SKY_SHARE = 0.75
 #: Widest structure that counts as thin, and how far one structure drowns fainter ones, pixels.
 THIN_WIDTH, THIN_REACH = 10, 4
+#: The sky around a pixel is what lies this near, pixels.
+SKY_AROUND = 32
 #: A pixel belongs to a thin structure from this share of the strongest contrast around it: less is
 #: the blur beside a twig.
 THIN_SHARE = 0.5
@@ -81,8 +90,8 @@ class EvidenceOptions:
     clearance_px : int
         Sky is clear with nothing else this near, pixels of the depth map.
     twig_contrast : float
-        A thin structure this much darker in blue than what surrounds it is no clear sky; 0 leaves
-        it to the masks alone.
+        A thin structure that stands out in blue by this much is no clear sky, see
+        `thin_structures`; 0 leaves it to the masks alone.
     same_color_distance : float
         A pixel whose colour is this near to the point's shows the point.
     """
@@ -110,28 +119,63 @@ def _depth_buffer(points, pose, K, scale, buffer):
             buffer[v, u] = depth
 
 
-def _visible(poses: Poses, i: int, surface: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Which of ``points`` photo ``i`` sees: in the frame and not behind ``surface``."""
+def _visible(
+    poses: Poses, i: int, surface: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which of ``points`` photo ``i`` sees: in the frame and not behind ``surface``.
+
+    Returns
+    -------
+    rows : ndarray of shape (m,), int
+    cells : ndarray of shape (m, 2), int
+        Line and column of each in the photo's depth buffer.
+    """
     uv, depth = poses.project(points, i)
     width, height = int(poses.width[i]), int(poses.height[i])
     with np.errstate(invalid="ignore"):
         inside = (depth > 0) & (uv >= 0).all(axis=1) & (uv[:, 0] < width) & (uv[:, 1] < height)
-    if not inside.any():
-        return inside
+    rows = np.flatnonzero(inside)
     scale = min(1.0, BUFFER_SIDE / max(width, height))
-    buffer = np.full((int(height * scale) + 1, int(width * scale) + 1), np.inf)
-    _depth_buffer(surface, poses.cam_from_world[i], poses.K[i], scale, buffer)
-    column, line = (uv[inside] * scale).astype(np.int64).T
-    inside[inside] = depth[inside] <= buffer[line, column] * (1 + DEPTH_TOLERANCE)
-    return inside
+    cells = (uv[rows, ::-1] * scale).astype(np.int64)
+    if len(rows):
+        buffer = np.full((int(height * scale) + 1, int(width * scale) + 1), np.inf)
+        _depth_buffer(surface, poses.cam_from_world[i], poses.K[i], scale, buffer)
+        seen = depth[rows] <= buffer[tuple(cells.T)] * (1 + DEPTH_TOLERANCE)
+        rows, cells = rows[seen], cells[seen]
+    return rows, cells
+
+
+def _fills_surface(cells: np.ndarray) -> np.ndarray:
+    """Which of some pixels, (m, 2), lie in an area that they fill, wider than a stereo window."""
+    if len(cells) == 0:
+        return np.zeros(0, bool)
+    low = cells.min(axis=0) - 2 * FILL_RADIUS
+    filled = np.zeros(cells.max(axis=0) - low + 2 * FILL_RADIUS, np.uint8)
+    at = tuple((cells - low).T)
+    filled[at] = 1
+    filled = cv2.morphologyEx(filled, cv2.MORPH_CLOSE, _square(FILL_GAP))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * FILL_RADIUS + 1, 2 * FILL_RADIUS + 1))
+    return cv2.morphologyEx(filled, cv2.MORPH_OPEN, disc)[at] > 0
 
 
 def _square(reach: int) -> np.ndarray:
     return np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
 
 
+def _mean_sky(blue: np.ndarray, clear: np.ndarray) -> np.ndarray:
+    """Blue of the sky around each pixel, (H, W) uint8; white where there is none."""
+    size = (2 * SKY_AROUND + 1, 2 * SKY_AROUND + 1)
+    share = cv2.blur(clear.astype(np.float32), size)
+    total = cv2.blur(np.where(clear, blue, 0).astype(np.float32), size)
+    mean = total / np.maximum(share, 1e-6)
+    return np.where(share > 0.01, np.rint(mean), 255).astype(np.uint8)
+
+
 def thin_structures(image: np.ndarray, clear: np.ndarray, contrast: float) -> np.ndarray:
-    """Find what is thin and darker in blue than its surroundings, to within a pixel.
+    """Find what is thin and stands out of its surroundings in blue, to within a pixel.
+
+    It is darker than what surrounds it, or brighter than that and the sky. Wood and sky differ most
+    in blue.
 
     Parameters
     ----------
@@ -146,7 +190,11 @@ def thin_structures(image: np.ndarray, clear: np.ndarray, contrast: float) -> np
     ndarray of shape (H, W), bool
     """
     blue = np.ascontiguousarray(image[..., 2])
-    depth = cv2.subtract(cv2.morphologyEx(blue, cv2.MORPH_CLOSE, _square(THIN_WIDTH // 2)), blue)
+    window = _square(THIN_WIDTH // 2)
+    depth = cv2.subtract(cv2.morphologyEx(blue, cv2.MORPH_CLOSE, window), blue)
+    # A gap between twigs is as bright as the sky around it, lichen before a low sun is brighter.
+    others = cv2.max(cv2.morphologyEx(blue, cv2.MORPH_OPEN, window), _mean_sky(blue, clear))
+    depth = cv2.max(depth, cv2.subtract(blue, others))
     near = cv2.dilate(depth, _square(1))
     # Most of the sky shows no twig, even where the mask took all twigs for sky.
     noise = float(np.median(near[clear])) if clear.any() else 0.0
@@ -216,18 +264,20 @@ def sky_evidence(
     counts = np.zeros((3, len(asked)), np.int32)
     with Progress(len(poses), "photos asked about sky silhouettes") as bar:
         for i in range(len(poses)):
-            rows = np.flatnonzero(_visible(poses, i, surface, asked.points))
+            rows, cells = _visible(poses, i, surface, asked.points)
             if len(rows):
                 photo, sky = look(i)
                 in_camera = asked.points[rows] @ poses.rotations[i].T
                 uv = to_photo(i, in_camera + poses.cam_from_world[i, :, 3])
                 with np.errstate(invalid="ignore"):
                     inside = (uv >= 0).all(axis=1) & (uv < sky.shape[::-1]).all(axis=1)
-                rows = rows[inside]
+                rows, cells = rows[inside], cells[inside]
                 kind, image = photo_evidence(photo, sky, options)
                 ratio = np.divide(kind.shape[::-1], sky.shape[::-1])
                 column, line = (uv[inside] * ratio).astype(np.int64).T
                 shown = kind[line, column]
+                is_clear = shown == CLEAR
+                shown[is_clear] = np.where(_fills_surface(cells[is_clear]), SOLID, CLEAR)
                 counts[0, rows] += shown == CLEAR
                 counts[1, rows] += shown == SOLID
                 if asked.colors is not None:
