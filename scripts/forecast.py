@@ -3,7 +3,8 @@
 Reads config/config.yaml and config/trees.tsv of the working directory and the headers of the
 photos and clouds that they name; nothing is written. Where benchmarks/ holds three or more runs of
 a stage, these correct the shipped rates. Without --nodes the time is that on a laptop, a
-workstation with a GPU and 20 nodes. --photos and --size stand for scans not yet taken.
+workstation with a GPU and 20 nodes. --photos and --size stand for scans not yet taken; --formulas
+prints what the numbers are made of.
 Examples:
 
     python scripts/forecast.py --directory WORK
@@ -29,6 +30,7 @@ from cherrypicker.forecast import (
     forecast_hours,
     forecast_stages,
     forecast_text,
+    formula_table,
     on_machine,
     read_corrections,
 )
@@ -42,6 +44,9 @@ SCHEMA = Path(__file__).resolve().parents[1] / "workflow/schemas/config.schema.y
 
 def main(args: argparse.Namespace) -> None:
     """Print the forecast that the command line asks for."""
+    if args.formulas:
+        print(formula_table())
+        return
     os.chdir(args.directory)
     if args.photos:
         scans, backends, labelled = assumed_scans(args.scans, args.photos, args.size)
@@ -133,6 +138,7 @@ parser.add_argument("--nodes", type=count, help="number of machines")
 parser.add_argument("--cores", type=count, help="cores of each machine")
 parser.add_argument("--memory-gb", type=float, default=16.0, help="memory of each machine, GB")
 parser.add_argument("--gpus", type=int, default=0, help="GPUs of each machine")
+parser.add_argument("--formulas", action="store_true", help="print the formulas and rates instead")
 
 if __name__ == "__main__":
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)

@@ -169,6 +169,15 @@ def test_the_command_plans_scans_that_are_not_taken_yet(tmp_path):
     assert "does not fit" in run_command(*options, "--nodes", 1, "--cores", 2, "--memory-gb", 1)
 
 
+def test_the_command_prints_its_formulas():
+    printed = run_command("--formulas")
+    (line,) = [line for line in printed.splitlines() if line.startswith("| estimate_depth ")]
+    assert "400 + stereo_mb" in line
+    assert "32 dense_mp" in line
+    (line,) = [line for line in printed.splitlines() if line.startswith("| extract_features ")]
+    assert "300 largest_feature_mp" in line
+
+
 def test_the_command_names_what_is_wrong(tmp_path):
     workspace = Workspace(tmp_path / "work")
     workspace.table("tree | photos | scale", "p | nowhere | none")

@@ -21,6 +21,7 @@ from cherrypicker.resources import (
     speedup,
     threads_to_ask,
 )
+from cherrypicker.stage_costs import CLOUD_STAGES, PHOTO_STAGES
 
 logger = logging.getLogger(__name__)
 
@@ -234,6 +235,29 @@ def forecast_text(
     for name, value in hours.items():
         lines.append(f"{name}: {value if isinstance(value, str) else _duration(value)}")
     return "\n".join(lines)
+
+
+def formula_table() -> str:
+    """Return the formulas behind the forecast and the jobs' requests as a Markdown table."""
+    lines = [
+        "| stage | CPU, s | memory, MB | memory a thread, MB | disk, MB | threads |",
+        "|---|---|---|---|---|---|",
+    ]
+    for rule, stage in (PHOTO_STAGES | {"import_cloud": CLOUD_STAGES["import_cloud"]}).items():
+        parts = (stage.cpu_s, stage.memory_mb, stage.thread_memory_mb, stage.disk_mb)
+        cells = " | ".join(_formula(factors) for factors in parts)
+        lines.append(f"| {rule} | {cells} | {stage.max_threads} |")
+    return "\n".join(lines)
+
+
+def _formula(factors: Mapping[str, float]) -> str:
+    terms = []
+    for name, factor in factors.items():
+        if name == "base":
+            terms.append(f"{factor:g}")
+        else:
+            terms.append(name if factor == 1.0 else f"{factor:g} {name}")
+    return " + ".join(terms)
 
 
 def _befores(scan: ScanSize, rule: str, place: Mapping[str, int]) -> tuple[int, ...]:

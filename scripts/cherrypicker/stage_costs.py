@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-# CPU seconds of our stereo per megapixel of a reference photo with six sources
-DEPTH_CPU_S_PER_MP = 11.0
+# CPU seconds of our stereo per megapixel of a reference photo with six sources; 5.7 and 6.6 were
+# measured where a third of the photo is sky, which is left out
+DEPTH_CPU_S_PER_MP = 7.0
 # A data-centre GPU was not at hand: COLMAP's stereo is assumed at this rate, nothing was measured
 DEPTH_GPU_S_PER_MP = 1.5
 # Points of the cloud per pixel of all depth maps: 0.048 to 0.095 were measured, 0.06 in the middle
@@ -80,13 +81,19 @@ PHOTO_STAGES = {
         max_threads=4,
         after=("reconstruct_sparse",),
     ),
+    "segment_sky": StageCost(
+        cpu_s={"base": 2.0, "photos": 0.65, "photo_mp": 0.085},
+        memory_mb={"base": 690.0, "largest_photo_mp": 10.0},
+        disk_mb={"photo_mp": 0.02},
+        max_threads=2,
+    ),
     "estimate_depth": StageCost(
         cpu_s={"base": 10.0, "stereo_mp": DEPTH_CPU_S_PER_MP},
         memory_mb={"base": 400.0, "stereo_mb": 1.0},
         # Two depth maps of 4 and two normal maps of 12 bytes a pixel
         disk_mb={"dense_mp": 32.0},
         max_threads=8,
-        after=("undistort_photos",),
+        after=("undistort_photos", "segment_sky"),
     ),
     "fuse_depth": StageCost(
         cpu_s={"base": 2.0, "dense_mp": 0.37},
@@ -96,8 +103,8 @@ PHOTO_STAGES = {
         after=("estimate_depth",),
     ),
     "align_cloud": StageCost(
-        cpu_s={"base": 1.5, "points_m": 0.3},
-        memory_mb={"base": 170.0, "points_m": 150.0},
+        cpu_s={"base": 1.5, "points_m": 0.45},
+        memory_mb={"base": 150.0, "points_m": 160.0},
         disk_mb=_CLOUD_MB,
         after=("fuse_depth",),
     ),
@@ -107,18 +114,12 @@ PHOTO_STAGES = {
         disk_mb=_CLOUD_MB,
         after=("align_cloud",),
     ),
-    "segment_sky": StageCost(
-        cpu_s={"base": 2.0, "photos": 0.65, "photo_mp": 0.085},
-        memory_mb={"base": 690.0, "largest_photo_mp": 10.0},
-        disk_mb={"photo_mp": 0.02},
-        max_threads=2,
-    ),
     "denoise_cloud": StageCost(
-        cpu_s={"base": 2.0, "points_m": 9.0},
-        memory_mb={"base": 640.0, "points_m": 80.0, "largest_photo_mp": 20.0},
+        cpu_s={"base": 5.0, "points_m": 7.5},
+        memory_mb={"base": 600.0, "points_m": 125.0, "largest_photo_mp": 20.0},
         disk_mb=_CLOUD_MB,
         max_threads=2,
-        after=("crop_roi", "segment_sky"),
+        after=("crop_roi",),
     ),
     "estimate_scale": StageCost(
         cpu_s={"base": 1.0, "photos": 0.37, "photo_mp": 0.03},
@@ -133,8 +134,8 @@ PHOTO_STAGES = {
         after=("denoise_cloud", "estimate_scale"),
     ),
     "segment_cloud": StageCost(
-        cpu_s={"base": 9.0, "points_m": 2.0},
-        memory_mb={"base": 1000.0, "points_m": 60.0},
+        cpu_s={"base": 9.0, "points_m": 2.3},
+        memory_mb={"base": 920.0, "points_m": 105.0},
         disk_mb={"points_m": 32.0},
         max_threads=2,
         after=("scale_cloud",),
@@ -147,7 +148,7 @@ GPU_DEPTH = StageCost(
     memory_mb={"base": 1500.0, "stereo_mb": 2.0},
     disk_mb=PHOTO_STAGES["estimate_depth"].disk_mb,
     max_threads=2,
-    after=("undistort_photos",),
+    after=("undistort_photos", "segment_sky"),
 )
 
 CLOUD_STAGES = {
@@ -183,12 +184,12 @@ _TREE_STAGES = {
     ),
     "measure_traits": StageCost(
         cpu_s={"base": 2.0, "points_m": 1.8},
-        memory_mb={"base": 620.0, "points_m": 130.0},
+        memory_mb={"base": 640.0, "points_m": 130.0},
         after=("extract_graph",),
     ),
     "report_tree": StageCost(
-        cpu_s={"base": 5.0, "points_m": 4.5},
-        memory_mb={"base": 390.0, "points_m": 270.0, "largest_photo_mp": 20.0},
+        cpu_s={"base": 8.0, "points_m": 3.5},
+        memory_mb={"base": 450.0, "points_m": 270.0, "largest_photo_mp": 20.0},
         disk_mb={"base": 9.0},
         after=("measure_traits",),
     ),
