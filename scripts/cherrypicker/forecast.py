@@ -55,12 +55,25 @@ class Correction:
 
 @dataclass(frozen=True)
 class StageForecast:
-    """One stage over all scans: jobs, CPU hours, GB of memory of the largest job, GB on disk."""
+    """One stage over all scans.
+
+    Attributes
+    ----------
+    n_jobs, max_threads : int
+        Jobs, and threads of the widest.
+    cpu_hours, disk_gb : float
+        Sums over all jobs.
+    job_minutes, memory_gb : float
+        Running time with its threads of the longest job, and memory asked for by the largest.
+    n_benchmarks : int
+        Benchmark files that corrected the rates.
+    """
 
     rule: str
     n_jobs: int
     max_threads: int
     cpu_hours: float
+    job_minutes: float
     memory_gb: float
     disk_gb: float
     n_benchmarks: int
@@ -96,12 +109,14 @@ def forecast_stages(
         for rule in stages_of(scan, name in labelled):
             fix = corrections.get(rule, Correction())
             threads = _threads(rule, scan, cores)
-            row = rows.setdefault(rule, [0, 0, 0.0, 0.0, 0.0])
+            row = rows.setdefault(rule, [0, 0, 0.0, 0.0, 0.0, 0.0])
             row[0] += 1
             row[1] = max(row[1], threads)
-            row[2] += fix.cpu * cpu_seconds(scan.stages[rule], scan) / 3600.0
-            row[3] = max(row[3], _memory_gb(rule, scan, threads, fix))
-            row[4] += disk_mb(scan.stages[rule], scan) / 1000.0
+            cpu_s = fix.cpu * cpu_seconds(scan.stages[rule], scan)
+            row[2] += cpu_s / 3600.0
+            row[3] = max(row[3], cpu_s / speedup(threads) / 60.0)
+            row[4] = max(row[4], _memory_gb(rule, scan, threads, fix))
+            row[5] += disk_mb(scan.stages[rule], scan) / 1000.0
     return [
         StageForecast(rule, *row, corrections.get(rule, Correction()).n_benchmarks)
         for rule, row in rows.items()
@@ -217,18 +232,18 @@ def forecast_text(
     """
     lines = [
         f"{n_scans} scans",
-        f"{'stage':20s}{'jobs':>6s}{'threads':>9s}{'CPU h':>9s}{'GB a job':>10s}{'disk GB':>9s}"
-        "  rates",
+        f"{'stage':20s}{'jobs':>6s}{'threads':>9s}{'CPU h':>9s}{'min a job':>11s}"
+        f"{'GB a job':>10s}{'disk GB':>9s}  rates",
     ]
     for row in stages:
         source = f"{row.n_benchmarks} benchmarks here" if row.n_benchmarks else "shipped"
         lines.append(
             f"{row.rule:20s}{row.n_jobs:6d}{row.max_threads:9d}{row.cpu_hours:9.2f}"
-            f"{row.memory_gb:10.1f}{row.disk_gb:9.1f}  {source}"
+            f"{row.job_minutes:11.1f}{row.memory_gb:10.1f}{row.disk_gb:9.1f}  {source}"
         )
     lines.append(
         f"{'all':20s}{sum(row.n_jobs for row in stages):6d}{'':9s}"
-        f"{sum(row.cpu_hours for row in stages):9.2f}"
+        f"{sum(row.cpu_hours for row in stages):9.2f}{'':11s}"
         f"{max((row.memory_gb for row in stages), default=0.0):10.1f}"
         f"{sum(row.disk_gb for row in stages):9.1f}"
     )
