@@ -228,10 +228,10 @@ def _turns(index: int, n_levels: int, n_iterations: int) -> list[Turn]:
     A sweep at half the size costs a quarter, so coarse levels get more of them.
     """
     if index == n_levels - 1:
-        return [Turn(8, 4, 2, ALWAYS)] * (n_iterations + 3)
+        return [Turn(8, 4, 2, ALWAYS)] * (n_iterations + 2)
     if index > 0:
-        return [Turn(6, 3, 1, ALWAYS)] * (n_iterations + 1)
-    return [Turn(4, 2, 1, REFINE_BELOW)] * n_iterations
+        return [Turn(6, 3, 1, ALWAYS)] + [Turn(4, 2, 1, ALWAYS)] * n_iterations
+    return [Turn(4, 1, 1, REFINE_BELOW)] * n_iterations
 
 
 def estimate_geometric(

@@ -40,9 +40,11 @@ ROWS_AT_A_TIME = 16
 # match itself (above MATCH_COST) its best sources mean little, and only the whole sum counts.
 SCREEN_MARGIN = np.float32(0.3)
 LAST_MARGIN = np.float32(0.06)
-MATCH_COST = np.float32(0.5)
+MATCH_COST = np.float32(0.75)
 # Distances of far propagation; odd, so that they reach the other colour of the checkerboard
 FAR_STEPS = np.array([5, 9, 17], dtype=np.int64)
+# Steps of refinement, px of parallax; each stands for the octave above it
+STEPS_PX = np.array([0.125, 0.25, 0.5, 1.0, 2.0, 4.0], dtype=np.float32)
 # Near propagation: three pixels of the other colour in each of four directions
 NEAR = np.array(
     [
@@ -497,7 +499,7 @@ def evaluate_field(level, field, chosen, active, threads=1):
 
 
 @kernel
-def _collect(level, field, x, y, found):
+def _collect(level, field, x, y, most, found):
     """List the neighbours whose hypotheses are worth a try: four near ones, then far ones."""
     height, width = level.height, level.width
     n = 0
@@ -516,6 +518,8 @@ def _collect(level, field, x, y, found):
         if best < HOPELESS_COST:
             n += 1
     for direction in range(4):
+        if n >= most:
+            break
         best = HOPELESS_COST
         for i in range(FAR_STEPS.shape[0]):
             nx = x + NEAR[direction, 0, 0] * FAR_STEPS[i]
@@ -529,7 +533,7 @@ def _collect(level, field, x, y, found):
                 found[n, 1] = ny
         if best < HOPELESS_COST:
             n += 1
-    return n
+    return min(n, most)
 
 
 @kernel
@@ -540,8 +544,10 @@ def _change(level, w, gx, gy, pixel, i, n_refine):
         return level.w_min + (level.w_max - level.w_min) * _uniform(pixel, draw), _0, _0
     kind = i % 3
     if kind != 1:
-        octaves = np.float32(6.0) * _uniform(pixel, draw) - np.float32(3.0)
-        w += level.w_px * np.exp2(octaves) * (_2 * _uniform(pixel, draw + 1) - _1)
+        octaves = np.float32(STEPS_PX.shape[0]) * _uniform(pixel, draw)
+        octave = np.int64(octaves)
+        step = STEPS_PX[octave] * (_1 + octaves - np.float32(octave))
+        w += level.w_px * step * (_2 * _uniform(pixel, draw + 1) - _1)
     if kind != 0:
         bend = _uniform(pixel, draw + 2)
         bend = _2 * bend * bend * w
@@ -570,7 +576,7 @@ def _sweep_rows(level, first, last, field, chosen, active, parity, turn, seed, s
             gy = field[y, x, 2]
             best = field[y, x, 3]
             load_top(chosen, x, y, top)
-            n = min(_collect(level, field, x, y, found), turn.n_near)
+            n = _collect(level, field, x, y, turn.n_near, found)
             pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
             n_tries = n + turn.n_refine + turn.n_random
             for i in range(n_tries):
