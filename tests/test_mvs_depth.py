@@ -128,6 +128,24 @@ def _assert_resumes(workspace):
     assert all(path.stat().st_mtime_ns > time for path, time in zip(paths, again))
 
 
+def test_maps_that_another_program_made_are_kept_and_fused_with_ours(tmp_path):
+    _, _, depths = write_scene(tmp_path, [SLANTED])
+    workspace = Workspace(tmp_path)
+    theirs = workspace.views[1]
+    normal = np.zeros((*depths[1].shape, 3), np.float32)
+    normal[..., 2] = -1.0
+    for kind in ("photometric", "geometric"):
+        workspace.depth_path(theirs, kind).parent.mkdir(parents=True, exist_ok=True)
+        workspace.normal_path(theirs, kind).parent.mkdir(parents=True, exist_ok=True)
+        workspace.write_maps(theirs, kind, depths[1].astype(np.float32), normal)
+    content = workspace.depth_path(theirs, "geometric").read_bytes()
+    manifest = estimate_workspace(tmp_path, StereoOptions(), backend="cpu")
+    assert workspace.depth_path(theirs, "geometric").read_bytes() == content
+    assert len(manifest["maps"]) == 5
+    cloud = fuse_workspace(tmp_path, manifest["maps"], FusionOptions())
+    assert (cloud["n_views"] == 5).mean() > 0.2
+
+
 def test_fields_and_maps_are_two_views_of_the_same(slanted):
     folder, K, *_ = slanted
     workspace = Workspace(folder)

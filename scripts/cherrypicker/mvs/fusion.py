@@ -264,6 +264,9 @@ def fuse(
 ) -> PointCloud:
     """Fuse the depth maps of a workspace.
 
+    In memory: the maps of ``n_check + 1`` photos (16 bytes a pixel), a byte for each pixel of all
+    photos, and about 110 bytes per point of the cloud.
+
     Parameters
     ----------
     workspace : Workspace
