@@ -5,7 +5,7 @@ wildcard_constraints:
     scan=any_of(BENCHMARK_FOLDERS),
     cameras="true|sfm",
     size=r"full|[0-9.]+mp",
-    backend="cpu|sgbm|cuda",
+    backend="cpu|sgbm|sgbm_sky|cuda",
 
 
 rule benchmark_dense:

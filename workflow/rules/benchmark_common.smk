@@ -15,7 +15,7 @@ BENCHMARK_SCENES = [Path(entry).name for entry in BENCHMARK["scenes"]]
 def load_benchmark():
     """Return the folder of each scan of the benchmark, and the folders of all runs."""
     has_cuda = any(find_distributions(name="pycolmap-cuda12"))
-    backends = ["cpu", "sgbm", *(["cuda"] if has_cuda else [])]
+    backends = ["cpu", "sgbm", "sgbm_sky", *(["cuda"] if has_cuda else [])]
     try:
         return scan_folders(BENCHMARK), benchmark_runs(BENCHMARK, backends)
     except StageError as error:

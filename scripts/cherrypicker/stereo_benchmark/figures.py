@@ -24,7 +24,7 @@ from cherrypicker.stereo_benchmark.results import (
 )
 from cherrypicker.stereo_benchmark.surface import CLASSES
 
-COLORS = {"cpu": "#1b7f5c", "sgbm": "#c2571a", "cuda": "#3b5bab"}
+COLORS = {"cpu": "#1b7f5c", "sgbm": "#c2571a", "sgbm_sky": "#dd9a62", "cuda": "#3b5bab"}
 DPI = 100
 _ERROR_LIMIT_MM = 20.0
 _PICTURE_WIDTH = 420

@@ -33,7 +33,9 @@ from cherrypicker.stereo_benchmark.sgbm import SgbmOptions, estimate_sgbm
 
 logger = logging.getLogger(__name__)
 
-BACKENDS = ("cpu", "sgbm", "cuda")
+BACKENDS = ("cpu", "sgbm", "sgbm_sky", "cuda")
+# SGBM runs as it comes, and once more with the masks that our own backend is given
+WITH_SKY_MASKS = ("cpu", "sgbm_sky")
 # A few small photos with two pyramid levels reach every kernel
 _WARM_UP = {"megapixels": 0.12, "max_photos": 4}
 
@@ -67,7 +69,7 @@ def measure_stereo(
         Dense workspace, left as it is.
     folder : path-like
         Copy to make; its maps are kept.
-    backend : {"cpu", "sgbm", "cuda"}
+    backend : {"cpu", "sgbm", "sgbm_sky", "cuda"}
     stereo : StereoOptions
         Of the cpu and the cuda backend; the source views of all.
     fusion : FusionOptions
@@ -76,7 +78,7 @@ def measure_stereo(
         See :func:`cherrypicker.stereo_benchmark.copies.copy_workspace`.
     sky : tuple of path-like, optional
         Folder of sky masks, and of the sparse model of the photos as stored, for the backends that
-        leave the sky out (cpu, sgbm).
+        leave the sky out (cpu, sgbm_sky).
     threads : int
 
     Returns
@@ -101,7 +103,9 @@ def measure_stereo(
     copy_workspace(source, folder, megapixels=megapixels, max_photos=max_photos)
     warm_up_s = _warm_up(source, stereo, threads) if backend == "cpu" else 0.0
     views = Workspace(folder).views
-    masks = None if sky is None else SkyMasks(*sky, [view.name for view in views])
+    masks = None
+    if sky is not None and backend in WITH_SKY_MASKS:
+        masks = SkyMasks(*sky, [view.name for view in views])
     manifest, depth_use = _measured(lambda: _estimate(folder, backend, stereo, masks, threads))
     cloud, fusion_use = _measured(
         lambda: fuse_workspace(folder, manifest["maps"], fusion, threads=threads)
@@ -119,7 +123,7 @@ def measure_stereo(
         "wall_s_per_megapixel": depth_use["wall_s"] / total,
         "fusion_cpu_s_per_megapixel": fusion_use["cpu_s"] / total,
         "warm_up_cpu_s": warm_up_s,
-        "left_out_sky": sky is not None and backend != "cuda",
+        "left_out_sky": masks is not None,
         "agreement": sparse_agreement(folder),
         "share_with_depth": float(np.mean(list(manifest["share_with_depth"].values()))),
         "n_points": len(cloud),
@@ -141,7 +145,7 @@ def measure_stereo(
 
 
 def _estimate(folder, backend: str, stereo: StereoOptions, masks, threads: int) -> dict:
-    if backend == "sgbm":
+    if backend in ("sgbm", "sgbm_sky"):
         options = SgbmOptions(n_sources=stereo.n_sources)
         return estimate_sgbm(folder, options, sky_masks=masks, threads=threads)
     return estimate_workspace(folder, stereo, backend=backend, sky_masks=masks, threads=threads)

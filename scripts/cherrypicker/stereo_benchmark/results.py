@@ -11,7 +11,12 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker.stereo_benchmark.surface import CLASSES
 
-BACKEND_NAMES = {"cpu": "CPU (ours)", "sgbm": "SGBM (OpenCV)", "cuda": "CUDA (COLMAP)"}
+BACKEND_NAMES = {
+    "cpu": "CPU (ours)",
+    "sgbm": "SGBM (OpenCV)",
+    "sgbm_sky": "SGBM, our sky masks",
+    "cuda": "CUDA (COLMAP)",
+}
 CAMERA_NAMES = {"true": "true", "sfm": "from SfM"}
 CLASS_NAMES = {
     "trunk": "trunk",
