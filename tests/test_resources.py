@@ -87,8 +87,8 @@ def test_the_measured_peaks_lie_within_what_is_asked_for(key):
 def test_the_stereo_asks_for_the_bound_that_it_states():
     large = scan(250, (4000, 3000))
     assert large.largest_dense_mp == pytest.approx(1.92)
-    bound_mb = (20 * 6 + 80) * 1.92
-    assert memory_mb(PHOTO_STAGES["estimate_depth"], large) == pytest.approx(400 + bound_mb)
+    bound_mb = (36 * 6 + 80) * 1.92
+    assert memory_mb(PHOTO_STAGES["estimate_depth"], large) == pytest.approx(260 + bound_mb)
 
 
 def test_more_and_larger_photos_ask_for_more_and_so_does_each_attempt():

@@ -44,7 +44,7 @@ class Run:
                 stderr=subprocess.STDOUT,
             )
 
-    def wait_until(self, condition, timeout_s=300):
+    def wait_until(self, condition, timeout_s=600):
         """Wait for a condition while Snakemake runs; return what it gave."""
         deadline = time.monotonic() + timeout_s
         try:

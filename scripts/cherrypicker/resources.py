@@ -45,8 +45,9 @@ class ScanSize:
     ----------
     is_photo_scan, has_gpu_stereo : bool
         Whether the scan starts from photos, and whether its depth maps come from a GPU.
-    n_photos, n_pairs, n_sources : int
-        Photos, pairs of photos to match, and source photos of each depth map.
+    n_photos, n_pairs, n_sources, n_checked : int
+        Photos, pairs of photos to match, source photos of each depth map, and photos that are
+        asked about each point in the fusion.
     photo_mp, feature_mp, dense_mp : float
         Megapixels of all photos: as they are, as features are sought, as depth is estimated.
     largest_photo_mp, largest_feature_mp, largest_dense_mp : float
@@ -60,6 +61,7 @@ class ScanSize:
     n_photos: int = 0
     n_pairs: int = 0
     n_sources: int = 0
+    n_checked: int = 0
     photo_mp: float = 0.0
     feature_mp: float = 0.0
     dense_mp: float = 0.0
@@ -87,8 +89,9 @@ class ScanSize:
             "feature_mp": self.feature_mp,
             "dense_mp": self.dense_mp,
             "stereo_mp": self.dense_mp * self.n_sources / 6.0,
-            # The bound that mvs/backend.py states for the photos and fields held at a time
-            "stereo_mb": (20.0 * self.n_sources + 80.0) * self.largest_dense_mp,
+            # What mvs/backend.py and mvs/fusion.py state for the photos and maps held at a time
+            "stereo_mb": (36.0 * self.n_sources + 80.0) * self.largest_dense_mp,
+            "fusion_mb": 16.0 * (self.n_checked + 1) * self.largest_dense_mp,
             "largest_photo_mp": self.largest_photo_mp,
             "largest_feature_mp": self.largest_feature_mp,
             "points_m": points_m,
@@ -119,6 +122,7 @@ def size_of_photos(
         n_photos=len(sizes),
         n_pairs=count_pairs(len(sizes), sfm),
         n_sources=min(mvs["n_sources"], max(len(sizes) - 1, 1)),
+        n_checked=min(mvs["n_check"], max(len(sizes) - 1, 1)),
         photo_mp=sum(as_is),
         feature_mp=sum(features),
         dense_mp=sum(dense),
