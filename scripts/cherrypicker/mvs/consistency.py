@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.mvs.compiled import in_parallel, kernel
-from cherrypicker.mvs.matching import (
-    geometric_error,
-    prepare_patch,
-    source_cost,
-)
-from cherrypicker.mvs.patchmatch import improve, load_top, over_rows, store_top
+from cherrypicker.mvs.hypothesis import improve, load_top, prepare, store_top
+from cherrypicker.mvs.level import over_rows
+from cherrypicker.mvs.matching import geometric_error, source_cost
 
 _0 = np.float32(0.0)
 _HALF = np.float32(0.5)
@@ -69,10 +66,7 @@ def _adopt_rows(level, first, last, field, chosen, active, splat, min_step_px, s
                 if w < level.w_min or w > level.w_max or abs(w - field[y, x, 0]) < min_step:
                     continue
                 if variance < _0:
-                    variance = prepare_patch(
-                        level.color, level.width, level.height, x, y, level.inv_color,
-                        level.offsets, level.radius, patch, scratch.pixels,
-                    )  # fmt: skip
+                    variance = prepare(level, x, y, scratch)
                 cost = improve(level, x, y, w, _0, _0, patch, variance, costs, top, field[y, x, 3])
                 if cost < field[y, x, 3]:
                     field[y, x, 0] = w
@@ -93,17 +87,13 @@ def adopt_from_sources(level, field, chosen, active, splat, min_step_px, threads
 
 @kernel
 def _count_rows(level, first, last, field, counts, max_cost, max_error_px, scratch):
-    patch = scratch.patch
     for y in range(first, last):
         for x in range(level.width):
             counts[y, x] = 0
             w = field[y, x, 0]
             if w <= _0:
                 continue
-            variance = prepare_patch(
-                level.color, level.width, level.height, x, y, level.inv_color,
-                level.offsets, level.radius, patch, scratch.pixels,
-            )  # fmt: skip
+            variance = prepare(level, x, y, scratch)
             fx = np.float32(x)
             fy = np.float32(y)
             n = 0
@@ -114,8 +104,8 @@ def _count_rows(level, first, last, field, counts, max_cost, max_error_px, scrat
                 if error > max_error_px:
                     continue
                 cost = source_cost(
-                    level.packed, level.layout, level.project, s,
-                    fx, fy, w, field[y, x, 1], field[y, x, 2], level.radius, patch, variance,
+                    level.packed, level.layout, level.project, s, fx, fy,
+                    w, field[y, x, 1], field[y, x, 2], level.radius, scratch.patch, variance,
                 )  # fmt: skip
                 if cost < max_cost:
                     n += 1

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from cherrypicker.mvs import consistency, patchmatch
+from cherrypicker.mvs import consistency, initial, patchmatch
+from cherrypicker.mvs.level import Level
 from cherrypicker.mvs.matching import INVALID_COST, pack_bilinear, pack_color, window
-from cherrypicker.mvs.patchmatch import Level, Turn
+from cherrypicker.mvs.patchmatch import Turn
 from cherrypicker.mvs.views import StereoProblem
 from cherrypicker.mvs.workspace import View
 
@@ -188,14 +189,14 @@ def estimate_photometric(
     for index in reversed(range(n_levels)):
         level = make_level(problem, views, photos, index, options)
         active = _to_match(skip, level)
-        patchmatch.find_texture(level, active, np.float32(options.min_texture**2), threads)
+        initial.find_texture(level, active, np.float32(options.min_texture**2), threads)
         coarse, field = field, _unknown_field(level)
         chosen = np.zeros((level.height, level.width), dtype=np.uint16)
         if coarse is None:
             prior = _sparse_prior(problem, view, level.width, level.height)
-            patchmatch.start_randomly(level, field, chosen, active, prior, 6, seed, threads)
+            initial.start_randomly(level, field, chosen, active, prior, 6, seed, threads)
         else:
-            patchmatch.start_from_coarse(
+            initial.start_from_coarse(
                 level, field, chosen, active, coarse, coarse_color, coarse_chosen, 2, threads
             )
         for i, turn in enumerate(_turns(index, n_levels, options.n_iterations)):
@@ -266,7 +267,7 @@ def estimate_geometric(
     field = start.copy()
     active = (field[..., 0] > 0.0).astype(np.uint8)
     chosen = np.zeros((level.height, level.width), dtype=np.uint16)
-    patchmatch.evaluate_field(level, field, chosen, active, threads)
+    initial.evaluate_field(level, field, chosen, active, threads)
     splat = np.zeros((len(problem.sources), level.height, level.width), dtype=np.float32)
     consistency.splat_sources(level, splat, threads)
     consistency.adopt_from_sources(level, field, chosen, active, splat, np.float32(0.5), threads)
