@@ -84,6 +84,14 @@ def test_more_nodes_are_faster_but_no_tree_is_faster_than_its_stages():
     assert cpu_hours / 8 < hours[0] < 2.5 * cpu_hours / 8
 
 
+def test_the_stages_of_a_labelled_cloud_still_follow_one_another():
+    cloud = ScanSize(points_m=2.0, most_points_m=2.0)
+    hours = forecast_hours({"c": cloud}, machine(cores=8), labelled=["c"])
+    rows = forecast_stages({"c": cloud}, labelled=["c"])
+    assert "segment_cloud" not in {row.rule for row in rows}
+    assert hours == pytest.approx(sum(row.job_minutes for row in rows) / 60)
+
+
 def test_the_depth_maps_go_to_the_gpu_where_the_config_lets_them():
     scans = dict.fromkeys("abc", SCAN)
     backends = {"a": "auto", "b": "cpu", "c": "cuda"}
