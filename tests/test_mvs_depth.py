@@ -1,6 +1,10 @@
 """Depth maps and fusion of ray traced scenes whose depth is known."""
 
+import os
 import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pycolmap
@@ -8,6 +12,7 @@ import pytest
 from stereo_scene import Surface, write_scene
 
 from cherrypicker.errors import StageError
+from cherrypicker.mvs import compiled
 from cherrypicker.mvs.backend import choose_backend, estimate_workspace
 from cherrypicker.mvs.estimate import StereoOptions, field_to_maps, maps_to_field
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
@@ -113,6 +118,24 @@ def test_equal_seed_gives_equal_bytes_and_whole_maps_are_kept(tmp_path, slanted)
             path = mine.depth_path(view, kind)
             assert path.read_bytes() == theirs.depth_path(view, kind).read_bytes()
     _assert_resumes(mine)
+
+
+def test_a_process_that_compiles_gives_the_bytes_of_one_that_loads(tmp_path, slanted):
+    """All but the first of a machine's runs find the kernels in the cache."""
+    write_scene(tmp_path / "scene", [SLANTED])
+    code = (
+        "import sys; from cherrypicker.mvs.backend import estimate_workspace as estimate;"
+        "from cherrypicker.mvs.estimate import StereoOptions;"
+        "estimate(sys.argv[1], StereoOptions(), backend='cpu')"
+    )
+    scripts = Path(compiled.__file__).parents[2]
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(scripts)}
+    call = [sys.executable, "-c", code, str(tmp_path / "scene")]
+    subprocess.run(call, env=os.environ | cache, check=True)
+    mine, theirs = Workspace(tmp_path / "scene"), Workspace(slanted[0])
+    for view in mine.views:
+        path = theirs.depth_path(view, "geometric")
+        assert mine.depth_path(view, "geometric").read_bytes() == path.read_bytes()
 
 
 def _assert_resumes(workspace):

@@ -26,7 +26,7 @@ def cache_folder() -> str:
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parent.glob("*.py")):
         content = source.read_bytes()
-        if b"kernel" in content:
+        if b"kernel" in content or b"inlined" in content:
             digest.update(content)
     name = Path("cherrypicker") / digest.hexdigest()[:16]
     user = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
@@ -49,15 +49,32 @@ def cache_folder() -> str:
 numba.config.CACHE_DIR = cache_folder()
 
 
+OPTIONS = {
+    "fastmath": True,
+    "nogil": True,
+    "cache": True,
+    "error_model": "numpy",
+    "_nrt": False,
+}
+
+
 def kernel(function):
     """Compile a function for float32 arrays; it must not allocate memory.
 
     No reference counts, which would cost more than the arithmetic when a tuple of arrays is handed
     on for every pixel, and no test for a zero divisor, which would keep loops from vectorising.
     """
-    return numba.njit(
-        function, fastmath=True, nogil=True, cache=True, error_model="numpy", _nrt=False
-    )
+    return numba.njit(function, **OPTIONS)
+
+
+def inlined(function):
+    """Compile a function that kernels call, into the body of each.
+
+    Were it a function of its own, each kernel would carry a copy, optimised in its own way, and
+    which copy runs would depend on the order in which they are loaded: the last digits of a depth
+    map would differ between the process that compiles and those that load from the cache.
+    """
+    return numba.njit(function, forceinline=True, **OPTIONS)
 
 
 def in_parallel(work: Callable[[int], None], items: Iterable[int], threads: int) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.compiled import kernel
+from cherrypicker.mvs.compiled import inlined
 
 
-@kernel
+@inlined
 def _mix(state):
     z = state * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -15,7 +15,7 @@ def _mix(state):
     return z ^ (z >> np.uint64(31))
 
 
-@kernel
+@inlined
 def uniform(seed, draw):
     """Return a float32 in [0, 1) that depends on seed and draw only."""
     bits = _mix(seed + np.uint64(draw)) >> np.uint64(40)

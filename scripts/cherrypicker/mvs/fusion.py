@@ -20,7 +20,7 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.compiled import in_parallel, kernel
+from cherrypicker.mvs.compiled import in_parallel, inlined, kernel
 from cherrypicker.mvs.estimate import relative_projection
 from cherrypicker.mvs.level import ROWS_AT_A_TIME
 from cherrypicker.mvs.views import plan_views
@@ -93,7 +93,7 @@ class Group(NamedTuple):
     min_views: int
 
 
-@kernel
+@inlined
 def _explain(group, j, corner, depth):
     """Mark the four pixels around a match in photo ``j`` that lie on the same surface."""
     width = group.sizes[j, 0]
@@ -105,7 +105,7 @@ def _explain(group, j, corner, depth):
             group.used[group.rows[j], pixel] = 1
 
 
-@kernel
+@inlined
 def _from_other(group, j, u, v, depth):
     """Return the point of photo ``j`` at pixel (u, v) in the reference: x, y (px), depth."""
     B = group.back
@@ -116,7 +116,7 @@ def _from_other(group, j, u, v, depth):
     return x, y, z * depth
 
 
-@kernel
+@inlined
 def _ask(group, j, pixel, x, y, depth, normal, values, m, matched):
     """Add photo ``j``'s own point to ``values`` and its normal to ``normal`` if it agrees.
 
@@ -166,7 +166,7 @@ def _ask(group, j, pixel, x, y, depth, normal, values, m, matched):
     return AGREES
 
 
-@kernel
+@inlined
 def _median(values, row, n):
     """Median of the first ``n`` values of a row, which are sorted in place."""
     for i in range(1, n):

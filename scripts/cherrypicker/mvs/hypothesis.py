@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.compiled import kernel
+from cherrypicker.mvs.compiled import inlined
 from cherrypicker.mvs.matching import INVALID_COST, geometric_error, prepare_patch, source_cost
 
 _0 = np.float32(0.0)
@@ -21,7 +21,7 @@ LAST_MARGIN = np.float32(0.06)
 MATCH_COST = np.float32(0.75)
 
 
-@kernel
+@inlined
 def prepare(level, x, y, scratch):
     """Fill ``scratch.patch`` for a pixel; return the patch's variance, grey levels squared."""
     return prepare_patch(
@@ -30,7 +30,7 @@ def prepare(level, x, y, scratch):
     )  # fmt: skip
 
 
-@kernel
+@inlined
 def is_plausible(level, w, gx, gy):
     """Whether a hypothesis lies in the depth range and is not too steep."""
     steep = MAX_SLOPE * w
@@ -42,13 +42,13 @@ def is_plausible(level, w, gx, gy):
     )
 
 
-@kernel
+@inlined
 def evaluate(level, x, y, w, gx, gy, patch, variance, costs, top):
     """Return a hypothesis' cost, the mean of its best sources', named in ``top``."""
     return improve(level, x, y, w, gx, gy, patch, variance, costs, top, np.float32(-1.0))
 
 
-@kernel
+@inlined
 def improve(level, x, y, w, gx, gy, patch, variance, costs, top, best):
     """Return a hypothesis' cost, or a bound of it where it cannot beat ``best``.
 
@@ -122,7 +122,7 @@ def improve(level, x, y, w, gx, gy, patch, variance, costs, top, best):
     return mean
 
 
-@kernel
+@inlined
 def load_top(chosen, x, y, top):
     """Unpack the pixel's best sources, four bits each."""
     word = np.int64(chosen[y, x])
@@ -130,7 +130,7 @@ def load_top(chosen, x, y, top):
         top[i] = (word >> (4 * i)) & 15
 
 
-@kernel
+@inlined
 def store_top(chosen, x, y, top):
     """Pack the pixel's best sources, four bits each."""
     word = np.int64(0)
@@ -139,7 +139,7 @@ def store_top(chosen, x, y, top):
     chosen[y, x] = word
 
 
-@kernel
+@inlined
 def store(field, y, x, w, gx, gy, cost):
     """Write a hypothesis and its cost to a pixel of a field."""
     field[y, x, 0] = w

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.compiled import kernel
+from cherrypicker.mvs.compiled import inlined, kernel
 from cherrypicker.mvs.draws import uniform
 from cherrypicker.mvs.hypothesis import (
     evaluate,
@@ -75,7 +75,7 @@ def start_randomly(level, field, chosen, active, prior, n_trials, seed, threads=
     over_rows(_random_rows, level, threads, field, chosen, active, prior, n_trials, seed)
 
 
-@kernel
+@inlined
 def _nearest_coarse(level, coarse, coarse_color, x, y, cx, cy, order):
     """Rate the four coarse pixels around (cx, cy) by likeness of colour; return their origin."""
     width = coarse.shape[1]
@@ -172,7 +172,7 @@ def start_from_coarse(
     )
 
 
-@kernel
+@inlined
 def _color_distance(a, b):
     red = abs(np.int64(a & 255) - np.int64(b & 255))
     green = abs(np.int64((a >> 8) & 255) - np.int64((b >> 8) & 255))

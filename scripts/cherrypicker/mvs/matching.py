@@ -17,7 +17,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from cherrypicker.mvs.compiled import kernel
+from cherrypicker.mvs.compiled import inlined
 
 # Samples of a patch; a multiple of the vector width, unused ones get weight zero
 N_SAMPLES = 32
@@ -96,7 +96,7 @@ def window(radius: int) -> np.ndarray:
     return samples
 
 
-@kernel
+@inlined
 def _clamp_offsets(width, height, x, y, patch):
     """Put into a patch's last row where its samples lie when the photo's edge is repeated."""
     for k in range(N_SAMPLES):
@@ -105,7 +105,7 @@ def _clamp_offsets(width, height, x, y, patch):
         patch[4, k] = np.float32(px - x + (py - y) * width)
 
 
-@kernel
+@inlined
 def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch, pixels):
     """Fill the bilateral weights of the patch at (x, y) and its centred, weighted grey values.
 
@@ -162,7 +162,7 @@ def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch,
     return max(square * inverse - mean * mean, _0)
 
 
-@kernel
+@inlined
 def source_cost(packed, layout, project, s, x, y, w, gx, gy, radius, patch, variance):
     """Return 1 - NCC of the patch in source ``s``, in [0, 2]; 2 where it is not to be seen."""
     z = project[s, 6] * x + project[s, 7] * y + project[s, 8] + project[s, 11] * w
@@ -214,7 +214,7 @@ def source_cost(packed, layout, project, s, x, y, w, gx, gy, radius, patch, vari
     return _1 - cross / np.sqrt((variance + NOISE_VARIANCE) * (source_variance + NOISE_VARIANCE))
 
 
-@kernel
+@inlined
 def geometric_error(depth, layout, project, back, s, x, y, w):
     """Return the reprojection error (px, at most 3) through the inverse depth map of source ``s``.
 

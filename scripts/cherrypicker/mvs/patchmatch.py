@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.mvs.compiled import kernel
+from cherrypicker.mvs.compiled import inlined, kernel
 from cherrypicker.mvs.draws import uniform
 from cherrypicker.mvs.hypothesis import (
     improve,
@@ -62,7 +62,7 @@ class Turn(NamedTuple):
     refine_below: np.float32
 
 
-@kernel
+@inlined
 def _collect(level, field, x, y, most, found):
     """List the neighbours whose hypotheses are worth a try: four near ones, then far ones."""
     height, width = level.height, level.width
@@ -100,7 +100,7 @@ def _collect(level, field, x, y, most, found):
     return min(n, most)
 
 
-@kernel
+@inlined
 def _change(level, w, gx, gy, pixel, i, n_refine):
     """Return the ``i``-th random change of a hypothesis, a new depth from ``n_refine`` on."""
     draw = 8 * i
