@@ -8,8 +8,8 @@ import numpy as np
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 
-BARK = np.array([0.30, 0.24, 0.19])
-PAINT = np.array([0.93, 0.93, 0.91])
+BARK = (0.30, 0.24, 0.19)
+PAINT = (0.93, 0.93, 0.91)
 GROUND = np.array([0.33, 0.36, 0.25])
 #: Colour at the horizon and further up, RGB.
 SKIES = {
@@ -27,7 +27,7 @@ class Rod:
     start: tuple
     end: tuple
     radius: float
-    color: np.ndarray
+    color: tuple
 
     def surface(self, n: int, rng: np.random.Generator, off: float = 0.0) -> np.ndarray:
         """Draw points on the surface, or this far off it."""
@@ -80,7 +80,7 @@ def sky_at(sky: str, rows: np.ndarray, height: int) -> np.ndarray:
     return np.where(rows[:, None] > height / 2, GROUND, low + up * (high - low))
 
 
-def draw(poses: Poses, i: int, rods, sky: str) -> tuple[np.ndarray, np.ndarray]:
+def draw(poses: Poses, i: int, rods: tuple, sky: str) -> tuple[np.ndarray, np.ndarray]:
     """Draw photo ``i``, (H, W, 3) uint8, and its exact sky mask, (H, W) bool."""
     width, height = int(poses.width[i]), int(poses.height[i])
     rows, columns = np.mgrid[:height, :width] + 0.5
@@ -94,7 +94,7 @@ def draw(poses: Poses, i: int, rods, sky: str) -> tuple[np.ndarray, np.ndarray]:
         away = np.hypot(columns - a[0] - along * (b - a)[0], rows - a[1] - along * (b - a)[1])
         radius = rods[k].radius * poses.K[i, 0, 0] / depth.mean()
         cover = np.clip(radius + 0.5 - away, 0, min(1.0, 2 * radius))
-        image = image + cover[..., None] * (rods[k].color - image)
+        image = image + cover[..., None] * (np.array(rods[k].color) - image)
         free = free & (cover < 0.3)
     image = cv2.GaussianBlur(image, (3, 3), 0.5)
     image = image + np.random.default_rng(i).normal(0, NOISE, image.shape)

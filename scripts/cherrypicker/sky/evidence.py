@@ -121,7 +121,7 @@ def _depth_buffer(points, pose, K, scale, buffer):
 
 def _visible(
     poses: Poses, i: int, surface: np.ndarray, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which of ``points`` photo ``i`` sees: in the frame and not behind ``surface``.
 
     Returns
@@ -129,10 +129,13 @@ def _visible(
     rows : ndarray of shape (m,), int
     cells : ndarray of shape (m, 2), int
         Line and column of each in the photo's depth buffer.
+    in_camera : ndarray of shape (m, 3), float64
     """
-    uv, depth = poses.project(points, i)
-    width, height = int(poses.width[i]), int(poses.height[i])
-    with np.errstate(invalid="ignore"):
+    in_camera = points @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
+    depth, K = in_camera[:, 2], poses.K[i]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        uv = in_camera[:, :2] / depth[:, None] * (K[0, 0], K[1, 1]) + (K[0, 2], K[1, 2])
+        width, height = int(poses.width[i]), int(poses.height[i])
         inside = (depth > 0) & (uv >= 0).all(axis=1) & (uv[:, 0] < width) & (uv[:, 1] < height)
     rows = np.flatnonzero(inside)
     scale = min(1.0, BUFFER_SIDE / max(width, height))
@@ -142,7 +145,7 @@ def _visible(
         _depth_buffer(surface, poses.cam_from_world[i], poses.K[i], scale, buffer)
         seen = depth[rows] <= buffer[tuple(cells.T)] * (1 + DEPTH_TOLERANCE)
         rows, cells = rows[seen], cells[seen]
-    return rows, cells
+    return rows, cells, in_camera[rows]
 
 
 def _fills_surface(cells: np.ndarray) -> np.ndarray:
@@ -264,11 +267,10 @@ def sky_evidence(
     counts = np.zeros((3, len(asked)), np.int32)
     with Progress(len(poses), "photos asked about sky silhouettes") as bar:
         for i in range(len(poses)):
-            rows, cells = _visible(poses, i, surface, asked.points)
+            rows, cells, in_camera = _visible(poses, i, surface, asked.points)
             if len(rows):
                 photo, sky = look(i)
-                in_camera = asked.points[rows] @ poses.rotations[i].T
-                uv = to_photo(i, in_camera + poses.cam_from_world[i, :, 3])
+                uv = to_photo(i, in_camera)
                 with np.errstate(invalid="ignore"):
                     inside = (uv >= 0).all(axis=1) & (uv < sky.shape[::-1]).all(axis=1)
                 rows, cells = rows[inside], cells[inside]
