@@ -171,3 +171,13 @@ def test_propagation_weighs_the_nearest_most():
     spread = propagate(np.array([[0.1, 0, 0], [0.5, 0, 0]]), sampled, np.eye(2, dtype=np.float32))
     assert spread[0, 0] == pytest.approx(0.9, abs=1e-3)
     assert np.allclose(spread.sum(axis=1), 1.0, atol=1e-5)
+
+
+def test_blocks_change_no_probability(monkeypatch):
+    rng = np.random.default_rng(4)
+    points, sampled = rng.random((501, 3)), rng.random((60, 3))
+    probabilities = rng.random((60, 7)).astype(np.float32)
+    whole = propagate(points, sampled, probabilities)
+    monkeypatch.setattr("cherrypicker.segmentation.inference._BLOCK", 100)
+    np.testing.assert_array_equal(propagate(points, sampled, probabilities), whole)
+    assert whole.any(axis=1).all()

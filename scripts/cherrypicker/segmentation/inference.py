@@ -24,6 +24,7 @@ from cherrypicker.segmentation.support_post import split_support_post
 
 logger = logging.getLogger(__name__)
 
+_BLOCK = 500_000
 TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_points")
 
 
@@ -187,13 +188,19 @@ def propagate(points, sampled, probabilities, k=3):
     ndarray of shape (n, n_classes), float32
     """
     k = min(k, len(sampled))
-    distance, nearest = cKDTree(sampled).query(points, k=k, workers=torch.get_num_threads())
-    distance, nearest = distance.reshape(len(points), k), nearest.reshape(len(points), k)
-    weight = 1.0 / (distance + 1e-6)
-    weight /= weight.sum(axis=1, keepdims=True)
+    tree = cKDTree(sampled)
     out = np.zeros((len(points), probabilities.shape[1]), np.float32)
-    for j in range(k):
-        out += weight[:, j : j + 1].astype(np.float32) * probabilities[nearest[:, j]]
+    # In blocks: neighbours and weights of all points would take more memory than the cloud itself
+    for start in range(0, len(points), _BLOCK):
+        block = points[start : start + _BLOCK]
+        distance, nearest = tree.query(block, k=k, workers=torch.get_num_threads())
+        distance, nearest = distance.reshape(len(block), k), nearest.reshape(len(block), k)
+        weight = 1.0 / (distance + 1e-6)
+        weight /= weight.sum(axis=1, keepdims=True)
+        for j in range(k):
+            out[start : start + _BLOCK] += (
+                weight[:, j : j + 1].astype(np.float32) * probabilities[nearest[:, j]]
+            )
     return out
 
 
