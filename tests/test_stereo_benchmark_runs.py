@@ -98,7 +98,7 @@ def test_a_measurement_says_what_it_cost(scene, tmp_path, backend):
     assert report["cpu_s_per_megapixel"] == pytest.approx(per_megapixel)
     assert 0.05 < report["depth"]["cpu_s"] < 60
     assert 30 < report["depth"]["peak_mb"] <= report["fusion"]["peak_mb"]
-    assert report["agreement"]["share"] > 0.7
+    assert report["agreement"]["share"] > 0.6
     assert report["n_points"] == len(cloud) > 1000
     assert sorted(path.name for path in folder.rglob("*")) == before
     json.dumps(report)

@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.orchard import generate_scene
+from cherrypicker.orchard.cameras import CameraModel, Ring, ring_poses
+from cherrypicker.orchard.truth import write_truth
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import Skeleton
 from cherrypicker.stereo_benchmark.surface import (
@@ -16,7 +18,7 @@ from cherrypicker.stereo_benchmark.surface import (
     refine_similarity,
     score_cloud,
 )
-from cherrypicker.stereo_benchmark.truth import count_views, sample_skeleton
+from cherrypicker.stereo_benchmark.truth import count_views, load_true_surface, sample_skeleton
 
 
 def stem_with_branches():
@@ -159,3 +161,15 @@ def test_views_are_counted_where_a_camera_sees_the_bark(surface):
     hidden &= np.abs(surface.points[:, 1]) < 0.03
     assert hidden.sum() > 100
     assert n_views[hidden].sum() == 0
+
+
+def test_only_photos_that_stereo_got_count(tmp_path):
+    scene = generate_scene(3, habit="vase", height=1.0, density=0.3, neighbours=0, markers=[])
+    poses = ring_poses([Ring(6, 0.6, 2.2, 0.5)], CameraModel(300, 300, 250.0), seed=0)
+    write_truth(tmp_path, scene, poses, n_points=20_000)
+    every = load_true_surface(tmp_path, step=0.003)
+    two = load_true_surface(tmp_path, step=0.003, max_photos=2)
+    assert every.n_views.max() > 2
+    assert two.n_views.max() == 2
+    assert (two.n_views <= every.n_views).all()
+    assert len(every.others) > 1000

@@ -202,6 +202,7 @@ rule score_surface:
     params:
         truth=benchmark_truth,
         fit=lambda wildcards: "none" if wildcards.cameras == "true" else "surface",
+        max_photos=cfg("benchmark.max_photos"),
     message:
         "{wildcards.scan}, cameras {wildcards.cameras}, {wildcards.size}: "
         "score {wildcards.backend}"

@@ -88,6 +88,7 @@ def _copy_photo(source: Path, target: Path, view) -> None:
         shutil.copyfile(source, target)
         return
     reduced = cv2.resize(photo, (view.width, view.height), interpolation=cv2.INTER_AREA)
-    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    is_jpeg = target.suffix.lower() in (".jpg", ".jpeg")
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if is_jpeg else []
     if not cv2.imwrite(str(target), cv2.cvtColor(reduced, cv2.COLOR_RGB2BGR), quality):
         raise StageError("the reduced photo cannot be written", file=target)

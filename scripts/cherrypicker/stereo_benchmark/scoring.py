@@ -30,7 +30,12 @@ FITS = ("none", "cameras", "surface")
 
 
 def score_file(
-    cloud: str | os.PathLike, poses: str | os.PathLike, truth: str | os.PathLike, *, fit: str
+    cloud: str | os.PathLike,
+    poses: str | os.PathLike,
+    truth: str | os.PathLike,
+    *,
+    fit: str,
+    max_photos: int | None = None,
 ) -> tuple[dict, PointCloud]:
     """Score a PLY against ``{scene}/truth``.
 
@@ -43,6 +48,8 @@ def score_file(
     truth : path-like
     fit : {"none", "cameras", "surface"}
         How the cloud is placed, see :mod:`cherrypicker.stereo_benchmark.surface`.
+    max_photos : int, optional
+        The cloud is from the first so many photos; what they do not see does not count.
 
     Returns
     -------
@@ -58,7 +65,7 @@ def score_file(
     StageError
         If a file is missing or broken, or the cloud is nowhere near the tree.
     """
-    surface = load_true_surface(truth)
+    surface = load_true_surface(truth, max_photos=max_photos)
     points = read_cloud(cloud).points
     placed, similarity = place(points, poses, truth, surface, fit)
     report = score_cloud(placed, surface)

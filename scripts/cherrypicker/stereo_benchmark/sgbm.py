@@ -34,7 +34,7 @@ _SUBPIXELS = 16
 _SAME_SURFACE = 0.01
 _NORMAL_RADIUS = 2
 # A rectified photo whose corner is turned further off (cosine) grows out of bounds
-_LEAST_FORWARD = 0.4
+_LEAST_FORWARD = 0.3
 
 
 @dataclass(frozen=True)
@@ -165,12 +165,15 @@ def match_pair(
     ndarray of shape (pair.height, pair.width), float32
         Inverse depth along the virtual axis, NaN where there is none.
     """
-    size = (pair.width, pair.height)
+    size, margin = (pair.width, pair.height), options.block_size
     warped, framed = [], []
     for view, photo, K in ((left, photos[0], pair.K_left), (right, photos[1], pair.K_right)):
         H = pair.from_view(view, K)
         warped.append(cv2.warpPerspective(photo, H, size, flags=cv2.INTER_CUBIC))
-        framed.append(cv2.warpPerspective(np.full_like(photo, 255), H, size, flags=0) > 0)
+        # blocks across a photo's border match the border
+        inner = np.zeros_like(photo)
+        inner[margin:-margin, margin:-margin] = 1
+        framed.append(cv2.warpPerspective(inner, H, size, flags=cv2.INTER_NEAREST) > 0)
     matcher = cv2.StereoSGBM_create(
         minDisparity=0,
         numDisparities=pair.n_disparities,
