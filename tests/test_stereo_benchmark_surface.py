@@ -156,6 +156,10 @@ def test_views_are_counted_where_a_camera_sees_the_bark(surface):
     front = surface.normals[:, 0] < -0.5
     assert n_views[stem & front].mean() > 0.97
     assert n_views[stem & (surface.normals[:, 0] > 0.1)].sum() == 0
+    # the far side of a twig is too near to its front to be hidden by it
+    twig = surface.radius < 0.005
+    assert n_views[twig & (surface.normals[:, 0] < -0.5)].mean() > 0.9
+    assert n_views[twig & (surface.normals[:, 0] > 0.2)].sum() == 0
     # the branch that grows away from the camera is hidden where the stem stands before it
     hidden = ~surface.is_trunk & (surface.points[:, 0] > 0.05)
     hidden &= np.abs(surface.points[:, 1]) < 0.03
