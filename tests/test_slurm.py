@@ -16,7 +16,7 @@ from cherrypicker.resources import mb_to_ask, minutes_to_ask, size_of_photos, th
 PROFILE = PROJECT / "profiles/slurm"
 # The jobs of these tests take seconds, and the folder is a local one
 QUICK = ("--slurm-init-seconds-before-status-checks", "2", "--latency-wait", "10")
-STAGES = ("contract_cloud", "extract_graph", "measure_traits", "report_tree")
+GROUP = ("extract_graph", "measure_traits", "report_tree")
 
 
 @pytest.fixture(scope="module")
@@ -85,12 +85,12 @@ def test_a_batch_with_a_cancelled_job_is_finished_by_the_next_call(cluster, tmp_
     run = Run(cluster, workspace, "--retries", "0")
 
     def running_job_of_b():
-        """The job in which b is on its way from the labelled cloud to the report."""
-        if not (workspace.folder / "logs/contract_cloud/b.log").exists():
+        """The job in which b is on its way from the contracted wood to the report."""
+        if not (workspace.folder / "logs/extract_graph/b.log").exists():
             return None
         for number, job in cluster.jobs().items():
             script = cluster.ask("scontrol", "write", "batch_script", number, "-")
-            if job["JobState"] == "RUNNING" and "contract_cloud:tree=b" in script:
+            if job["JobState"] == "RUNNING" and "extract_graph:tree=b" in script:
                 return number
         return None
 
@@ -110,7 +110,8 @@ def test_a_batch_with_a_cancelled_job_is_finished_by_the_next_call(cluster, tmp_
     Run(cluster, workspace).finish()
     again = {key for key, stamp in completed(workspace).items() if done.get(key) != stamp}
     assert {("report_tree", "b"), ("summarise_batch",)} <= again
-    assert again <= {(stage, "b") for stage in STAGES} | {("summarise_batch",)}
+    assert again <= {(stage, "b") for stage in GROUP} | {("summarise_batch",)}
+    assert ("contract_cloud", "b") in done
     assert {job["JobState"] for job in new_jobs(cluster, before).values()} == {"COMPLETED"}
     assert (results / "b/report.html").stat().st_size > 0
     assert "stopped" not in (results / "summary.html").read_text()
