@@ -55,7 +55,8 @@ def kill_in_stage(workspace, rule, tree, delay_s, *targets):
 
 def with_cached_kernels(workspace, tree, *targets):
     """Estimate the depth once more: kernels that a process has just compiled round differently."""
-    shutil.rmtree(workspace.folder / "results" / tree / "dense/stereo")
+    for maps in ("depth_maps", "normal_maps"):
+        shutil.rmtree(workspace.folder / "results" / tree / "dense/stereo" / maps)
     workspace.run(*targets, "--forcerun", "estimate_depth", limit_s=3600)
 
 
