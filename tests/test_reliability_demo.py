@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from reliability_scene import same_files
 from sfm_scene import similarity_errors
-from test_reliability_processes import COLMAP_TOLERANCE, kill_in_stage, with_cached_kernels
+from test_reliability_processes import COLMAP_TOLERANCE, kill_in_stage
 from workspace import PROJECT, Workspace, copy_project
 
 from cherrypicker.poses import read_poses
@@ -66,7 +66,6 @@ def test_every_stage_of_a_demo_tree_survives_a_kill(tmp_path):
     project = copy_project(tmp_path / "project")
     quiet = demo_workspace(tmp_path / "quiet", project)
     quiet.run(limit_s=LIMIT_S)
-    with_cached_kernels(quiet, TREE)
     disturbed = demo_workspace(tmp_path / "disturbed", project)
     folders = [workspace.folder / "results" / TREE for workspace in (disturbed, quiet)]
     delays = random.Random(11)

@@ -53,13 +53,6 @@ def kill_in_stage(workspace, rule, tree, delay_s, *targets):
     assert json.loads(status.read_text())["state"] == "running", f"{rule} was not being run"
 
 
-def with_cached_kernels(workspace, tree, *targets):
-    """Estimate the depth once more: kernels that a process has just compiled round differently."""
-    for maps in ("depth_maps", "normal_maps"):
-        shutil.rmtree(workspace.folder / "results" / tree / "dense/stereo" / maps)
-    workspace.run(*targets, "--forcerun", "estimate_depth", limit_s=3600)
-
-
 def add_unlabelled(workspace, name):
     """A small generated tree as somebody's dense cloud, without labels."""
     cloud = sample_scene(generate_scene(11, neighbours=0), 12_000, rng=1, extent=1.5)
@@ -174,7 +167,6 @@ def box(tmp_path_factory):
         workspace.table("tree | photos | scale", "box | photos | none")
         setattr(pair, name, workspace)
     pair.quiet.run(CLOUD)
-    with_cached_kernels(pair.quiet, "box", CLOUD)
     return pair
 
 
