@@ -113,7 +113,7 @@ parser.add_argument("--use_sky", action="store_true")
 parser.add_argument("--sky_color_distance", type=float, default=0.1)
 parser.add_argument("--same_color_distance", type=float, default=0.15)
 parser.add_argument("--min_non_sky_fraction", type=float, default=0.7)
-parser.add_argument("--sky_clearance", type=int, default=1, help="pixels of the depth map")
+parser.add_argument("--sky_clearance", type=int, default=1, help="px, at most 1.5 times depth_side")
 parser.add_argument("--twig_contrast", type=float, default=0.05)
 parser.add_argument(
     "--depth_side", type=int, default=1600, help="longer side of the depth maps, px"

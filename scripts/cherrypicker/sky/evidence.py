@@ -42,9 +42,12 @@ DEPTH_TOLERANCE = 0.01
 #: Points that close gaps this wide and then fill a disc of this radius are a surface; pixels of the
 #: depth buffer, of which a stereo window has three or four.
 FILL_GAP, FILL_RADIUS = 1, 5
-#: A photo could show sky at a pixel when it has sky this near, pixels of the depth map.
+#: Photos are asked at so many times the size of the depth maps, where they are that large: points
+#: are about that much more exact than a pixel of theirs.
+DETAIL = 1.5
+#: A photo could show sky at a pixel when it has sky this near, pixels.
 SKY_REACH = 6
-#: A pixel of the depth map is sky when its mask says so for this share of it.
+#: A pixel of a reduced photo is sky when its mask says so for this share of it.
 SKY_SHARE = 0.75
 #: Widest structure that counts as thin, and how far one structure drowns fainter ones, pixels.
 THIN_WIDTH, THIN_REACH = 10, 4
@@ -86,9 +89,10 @@ class EvidenceOptions:
     Attributes
     ----------
     depth_side_px : int
-        Longer side of the depth maps; larger photos are reduced to it. 0 for photos as they are.
+        Longer side of the depth maps; photos are reduced to `DETAIL` times that. 0 for photos as
+        they are.
     clearance_px : int
-        Sky is clear with nothing else this near, pixels of the depth map.
+        Sky is clear with nothing else this near, pixels of the photo at that size.
     twig_contrast : float
         A thin structure that stands out in blue by this much is no clear sky, see
         `thin_structures`; 0 leaves it to the masks alone.
@@ -220,11 +224,11 @@ def photo_evidence(
     Returns
     -------
     kind : ndarray of shape (h, w), uint8
-        `AWAY`, `CLEAR` or `SOLID`; at most ``depth_side_px`` on the longer side.
+        `AWAY`, `CLEAR` or `SOLID`; at most `DETAIL` times ``depth_side_px`` on the longer side.
     image : ndarray of shape (h, w, 3), uint8
         The photo at that size.
     """
-    scale = options.depth_side_px / max(sky.shape)
+    scale = round(DETAIL * options.depth_side_px) / max(sky.shape)
     if 0 < scale < 1:
         size = (max(1, round(sky.shape[1] * scale)), max(1, round(sky.shape[0] * scale)))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
