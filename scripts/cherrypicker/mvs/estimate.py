@@ -40,7 +40,7 @@ class StereoOptions:
     min_level_px: int = 120
     color_spread: float = 16.0
     min_texture: float = 1.5
-    max_cost: float = 0.6
+    max_cost: float = 0.7
     geometric_weight: float = 0.2
     max_error_px: float = 1.5
     min_consistent: int = 2
