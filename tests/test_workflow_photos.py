@@ -34,8 +34,8 @@ def edit(workspace, section, key, value):
     workspace.configure(workspace.config)
 
 
-def test_six_steps_lead_from_photos_to_the_cloud(box):
-    assert box.first == of_box(*SPARSE, *DENSE)
+def test_seven_steps_lead_from_photos_to_the_cloud(box):
+    assert box.first == of_box(*SPARSE, "segment_sky", *DENSE)
     assert "Nothing to be done" in box.run(CLOUD)
 
 
