@@ -1,5 +1,6 @@
 """Batches through a real Slurm of one node, started for the tests and stopped after them."""
 
+import csv
 import subprocess
 import sys
 import time
@@ -72,6 +73,12 @@ def completed(workspace):
     return {path.relative_to(root).with_suffix("").parts: path.stat().st_mtime_ns for path in paths}
 
 
+def status_in_table(results, tree):
+    """Return a tree's status in the batch's table."""
+    with open(results / "traits.csv", encoding="utf-8", newline="") as stream:
+        return {row["tree"]: row["status"] for row in csv.DictReader(stream)}[tree]
+
+
 def new_jobs(cluster, before):
     return {number: job for number, job in cluster.jobs().items() if number not in before}
 
@@ -102,8 +109,8 @@ def test_a_batch_with_a_cancelled_job_is_finished_by_the_next_call(cluster, tmp_
     assert set(states.values()) == {"COMPLETED"}
     assert (results / "a/report.html").exists()
     assert not (results / "b/report.html").exists()
-    page = (results / "summary.html").read_text()
-    assert "stopped before it finished" in page
+    # Cancelled within a stage of the group, or between two
+    assert status_in_table(results, "b") in ("interrupted", "not run")
 
     done = completed(workspace)
     before = cluster.jobs()
@@ -114,7 +121,7 @@ def test_a_batch_with_a_cancelled_job_is_finished_by_the_next_call(cluster, tmp_
     assert ("contract_cloud", "b") in done
     assert {job["JobState"] for job in new_jobs(cluster, before).values()} == {"COMPLETED"}
     assert (results / "b/report.html").stat().st_size > 0
-    assert "stopped" not in (results / "summary.html").read_text()
+    assert status_in_table(results, "b") == "done"
     assert "Nothing to be done" in Run(cluster, workspace).finish()
 
 
@@ -148,7 +155,7 @@ def stand_in_for_earlier_stages(folder):
 
 def test_jobs_ask_for_what_the_photos_need_and_for_a_gpu_only_with_cuda(cluster, tmp_path):
     workspace = Workspace(tmp_path / "work")
-    sizes = {"small": (4, (320, 240)), "large": (9, (4000, 3000)), "onGpu": (9, (4000, 3000))}
+    sizes = {"small": (4, (320, 240)), "large": (20, (4000, 3000)), "onGpu": (20, (4000, 3000))}
     workspace.configure({"mvs": {"backend": "cpu"}})
     workspace.configure({"mvs": {"backend": "cuda"}}, "gpu.yaml")
     rows = ["tree | photos | scale | config"]
