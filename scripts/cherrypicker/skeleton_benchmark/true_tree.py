@@ -1,0 +1,162 @@
+"""A true skeleton prepared for comparison: axes, ways along it, nodes near a place."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.skeleton.model import Skeleton
+
+__all__ = ["TrueTree", "axis_of_each_node"]
+
+STEP_M = 0.005
+
+
+def axis_of_each_node(skeleton):
+    """Number the axes of a true skeleton by its field ``order``.
+
+    An axis goes on into the child of its own order, the thickest where there are several; any
+    other child starts an axis that hangs on the node.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        With ``fields["order"]``.
+
+    Returns
+    -------
+    ndarray of shape (n_nodes,), int64
+        0 for the axis of the root.
+    """
+    order = skeleton.fields["order"]
+    parent = skeleton.parent
+    child = np.arange(1, len(skeleton))
+    goes_on = child[order[child] == order[parent[child]]]
+    goes_on = goes_on[np.lexsort((goes_on, -skeleton.radius[goes_on], parent[goes_on]))]
+    heirs = goes_on[np.unique(parent[goes_on], return_index=True)[1]]
+    first = np.arange(len(skeleton))
+    first[heirs] = parent[heirs]
+    while (first[first] != first).any():
+        first = first[first]
+    return np.unique(first, return_inverse=True)[1]
+
+
+class TrueTree:
+    """A true skeleton with nodes every few millimetres and the lengths of the ways between them.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        With ``fields["order"]``; metres.
+    step : float, default 0.005
+        Edges are split into pieces of at most this length.
+
+    Attributes
+    ----------
+    skeleton : Skeleton
+        As given.
+    axis : ndarray of shape (n_nodes,), int64
+        Axis of each of its nodes, see `axis_of_each_node`.
+    fine : Skeleton
+        With the split edges.
+    depth : ndarray of shape (n_fine,), float64
+        Length of the way to the root.
+    tree : scipy.spatial.cKDTree
+        Of the nodes of `fine`.
+    """
+
+    def __init__(self, skeleton, step=STEP_M):
+        self.skeleton = skeleton
+        self.axis = axis_of_each_node(skeleton)
+        self.fine = _split(skeleton, step)
+        self.depth = self.fine.distance_to_root()
+        self.tree = cKDTree(self.fine.points)
+        self._up = _ancestors(self.fine.parent)
+        self._level = _levels(self._up)
+
+    def way(self, one, other):
+        """Length of the way along the tree between nodes of `fine`.
+
+        Parameters
+        ----------
+        one, other : ndarray of shape (n,), int
+
+        Returns
+        -------
+        ndarray of shape (n,), float64
+        """
+        one, other = np.asarray(one), np.asarray(other)
+        return self.depth[one] + self.depth[other] - 2 * self.depth[self._meet(one, other)]
+
+    def _meet(self, one, other):
+        """Lowest common ancestor of pairs of nodes (binary lifting)."""
+        deeper = self._level[one] >= self._level[other]
+        low, high = np.where(deeper, one, other), np.where(deeper, other, one)
+        lift = self._level[low] - self._level[high]
+        for power, up in enumerate(self._up):
+            low = np.where((lift >> power) & 1, up[low], low)
+        for up in self._up[::-1]:
+            apart = up[low] != up[high]
+            low, high = np.where(apart, up[low], low), np.where(apart, up[high], high)
+        return np.where(low == high, low, self.fine.parent[low])
+
+    def candidates(self, points, slack, k=16):
+        """Nodes of `fine` that a place may stand for.
+
+        Parameters
+        ----------
+        points : ndarray of shape (n, 3)
+        slack : float
+            Nodes up to this much farther than the nearest count.
+        k : int, default 16
+            At most so many.
+
+        Returns
+        -------
+        nodes : ndarray of shape (n, k), int64
+            The nearest first; where there are fewer, the nearest again.
+        distance : ndarray of shape (n,), float64
+            To the nearest.
+        """
+        distance, nodes = self.tree.query(points, k=min(k, len(self.fine)))
+        distance, nodes = distance.reshape(len(points), -1), nodes.reshape(len(points), -1)
+        keep = distance <= distance[:, :1] + slack
+        return np.where(keep, nodes, nodes[:, :1]), distance[:, 0]
+
+
+def _split(skeleton, step):
+    """The same tree with edges of at most `step`."""
+    length = skeleton.edge_length
+    count = np.maximum(np.ceil(length / step).astype(np.int64), 1)
+    last = np.cumsum(count) - 1  # where each old node goes
+    node = np.repeat(np.arange(len(skeleton)), count)
+    position = np.arange(len(node)) - np.repeat(last + 1 - count, count)
+    share = (position + 1.0) / count[node]
+    up = np.maximum(skeleton.parent[node], 0)
+    parent = np.where(position == 0, last[up], np.arange(len(node)) - 1)
+    parent[0] = -1
+
+    def between(values):
+        return values[up] + share.reshape(-1, *[1] * (values.ndim - 1)) * (
+            values[node] - values[up]
+        )
+
+    fields = {"order": skeleton.fields["order"][node]}
+    return Skeleton(
+        between(skeleton.points), parent, between(skeleton.radius), skeleton.label[node], fields
+    )
+
+
+def _levels(tables):
+    """Number of edges between each node and the root, by pointer doubling."""
+    level = np.ones(len(tables[0]), dtype=np.int64)
+    level[0] = 0
+    for up in tables:
+        level += level[up]
+    return level
+
+
+def _ancestors(parent):
+    """Tables of the 1st, 2nd, 4th, 8th, ... ancestors; the root is its own."""
+    tables = [np.where(parent < 0, 0, parent)]
+    while (tables[-1] != 0).any():
+        tables.append(tables[-1][tables[-1]])
+    return tables
