@@ -33,6 +33,7 @@ def score_points(points, skeleton):
     true = graph_of(skeleton)
     truth, edge, share = sample_edges(true.points, true.edges, CHAMFER_STEP_M)
     once = share > 0  # an edge's first sample is the last one of the edge below
+    once[0] = True  # the root
     truth, edge = truth[once], edge[once]
     dense, _, _ = sample_edges(true.points, true.edges, SAMPLE_M)
     there, nearest = cKDTree(truth).query(points)
