@@ -11,7 +11,16 @@ import numpy as np
 
 from cherrypicker.classes import Label
 
-__all__ = ["HABITS", "Axis", "Habit", "Skeleton", "Tree", "grow_tree", "trunk_end_node"]
+__all__ = [
+    "HABITS",
+    "Axis",
+    "Habit",
+    "Skeleton",
+    "Tree",
+    "end_trunk_by_rule",
+    "grow_tree",
+    "trunk_end_node",
+]
 
 NODE_STEP_M = 0.01
 TRUNK_RATIO = 0.8
@@ -328,8 +337,8 @@ def trunk_end_node(axis, fork_nodes, fork_axes):
     return len(s) - 1
 
 
-def _end_trunk_by_rule(tree):
-    """Cut the stem where the rule ends the trunk; what lies above becomes an axis of order 1."""
+def end_trunk_by_rule(tree):
+    """Cut the stem of a tree, in place, where the rule ends the trunk; the rest has order 1."""
     stem = tree.axes[0]
     children = [i for i, a in enumerate(tree.axes) if a.parent == 0]
     nodes = [tree.axes[i].parent_node for i in children]
@@ -397,5 +406,5 @@ def grow_tree(seed, habit="leader", *, height=None, trunk_radius=None, density=1
         _ramify(rng, tree, scaffold, spacing=2 * spacing3, start=0.08, kind="twig", density=density)
         for lateral in laterals:
             _ramify(rng, tree, lateral, spacing=spacing3, start=0.06, kind="twig", density=density)
-    _end_trunk_by_rule(tree)
+    end_trunk_by_rule(tree)
     return tree
