@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from reliability_scene import same_files
 from sfm_scene import similarity_errors
-from test_reliability_processes import COLMAP_TOLERANCE, kill_in_stage
+from test_reliability_processes import COLMAP_TOLERANCE, try_to_kill_in_stage
 from workspace import PROJECT, Workspace, copy_project
 
 from cherrypicker.poses import read_poses
@@ -75,7 +75,11 @@ def test_every_stage_of_a_demo_tree_survives_a_kill(tmp_path):
             take_over_colmaps_model(*folders)
         delay_s = delays.uniform(0.0, 0.25) * seconds_of(quiet, stage)
         print(f"killed in {stage} after {delay_s:.1f} s", flush=True)
-        kill_in_stage(disturbed, stage, TREE, delay_s, "--until", stage)
+        targets = ["--until", stage]
+        # On a machine with other work a stage may take a quarter of the time of the quiet run.
+        while not try_to_kill_in_stage(disturbed, stage, TREE, delay_s, *targets):
+            delay_s /= 2
+            targets = ["--until", stage, "--forcerun", stage]
     disturbed.run(limit_s=LIMIT_S)
     same_files(*(workspace.folder / "results" for workspace in (disturbed, quiet)))
     assert "Nothing to be done" in disturbed.run()
