@@ -10,24 +10,18 @@ filter removed. Example:
         --denoised denoised.ply --report denoise.json
 """
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cherrypicker.denoise import DenoiseOptions, denoise_cloud
+from cherrypicker.denoise import GROUND_SHARE, DenoiseOptions, denoise_cloud
 from cherrypicker.files import write_json
-from cherrypicker.lens import PhotoLenses
-from cherrypicker.photos import read_photo
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.sky.colors import read_sky_colors
-from cherrypicker.sky.evidence import EvidenceOptions, sky_evidence
-from cherrypicker.sky.mask_files import read_mask
-
-#: The ground, hills included, lies below this share of the cameras' height over z = 0.
-GROUND_SHARE = 0.15
+from cherrypicker.sky.evidence import EvidenceOptions
+from cherrypicker.sky.witnesses import photos_as_witnesses
 
 
 def main(
@@ -65,19 +59,12 @@ def main(
         min_non_sky_fraction=min_non_sky_fraction,
     )
     views = read_poses(poses)
-    lenses = PhotoLenses(Path(cameras).parent, views.names)
-
-    def look(i):
-        name = str(views.names[i])
-        mask = read_mask(Path(masks) / f"{Path(name).stem}.png", lenses.shape(i))
-        return read_photo(Path(photo_folder) / name), mask
-
-    evidence = partial(
-        sky_evidence,
-        poses=views,
-        to_photo=lenses.to_photo,
-        look=look,
-        options=EvidenceOptions(
+    evidence = photos_as_witnesses(
+        views,
+        Path(cameras).parent,
+        Path(photo_folder),
+        Path(masks),
+        EvidenceOptions(
             depth_side_px=depth_side,
             clearance_px=sky_clearance,
             twig_contrast=twig_contrast,

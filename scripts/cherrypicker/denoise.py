@@ -28,6 +28,8 @@ from cherrypicker.sky.evidence import SkyEvidence
 
 logger = logging.getLogger(__name__)
 
+#: The ground, hills included, lies below this share of the cameras' height over z = 0.
+GROUND_SHARE = 0.15
 #: Points per block of the neighbour search; bounds the memory, changes no result.
 BLOCK = 200_000
 #: Where this many photos agree on the neighbourhood it is supported, however many see the rest.
