@@ -1,0 +1,196 @@
+"""Exact depth maps of a generated scene, by casting rays at its true surfaces.
+
+The truth of any generated scene says what is needed: ``truth/skeleton.csv`` holds the target tree
+as tapered tubes around its skeleton, which is how it was meshed, and ``truth/cloud.ply`` samples
+the ground and all other things, which become a triangulated ground and a small square per sample.
+So the target is exact to the width of a facet and its surroundings to the distance of the samples.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import Delaunay, cKDTree
+
+from cherrypicker.classes import Label
+from cherrypicker.evaluation import read_truth_skeleton
+from cherrypicker.mvs.workspace import View
+from cherrypicker.pointcloud import read_cloud
+
+#: Facets around a tube: the middle of one lies 0.9 % of the radius inside the true surface.
+N_SIDES = 24
+#: A tube's first edge starts at its parent's axis, whose radius says nothing about it.
+NEW_TUBE_RATIO = 1.4
+#: Half the side of a sample's square, in distances to its neighbours: squares close the surface.
+SQUARE_REACH = 0.8
+#: Neighbours that a sample's plane is fitted to.
+N_NEIGHBORS = 16
+#: No triangle of the ground is longer, in median edges: it would bridge a hole.
+LONGEST_EDGE = 8.0
+#: Rows of rays cast at a time; bounds the memory.
+ROWS_AT_A_TIME = 256
+
+
+def tube_mesh(skeleton, n_sides: int = N_SIDES) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh the tapered tubes around a skeleton's edges, mitred where an axis goes on.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        The radius of an edge that starts a new axis is its outer node's all along.
+    n_sides : int
+
+    Returns
+    -------
+    vertices : ndarray of shape (n, 3), float64
+    faces : ndarray of shape (m, 3), int64
+    """
+    child = np.flatnonzero(skeleton.parent >= 0)
+    child = child[skeleton.edge_length[child] > 1e-6]
+    parent = skeleton.parent[child]
+    order = skeleton.fields.get("order", np.zeros(len(skeleton), int))
+    is_new = order[child] != order[parent]
+    is_new |= skeleton.radius[parent] > NEW_TUBE_RATIO * skeleton.radius[child]
+    direction = skeleton.points[child] - skeleton.points[parent]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    # the plane in which two edges of one axis meet is square to the mean of their directions
+    tangent = np.zeros((len(skeleton), 3))
+    tangent[child] = direction
+    goes_on = np.flatnonzero(~is_new & (skeleton.parent[parent] >= 0))
+    np.add.at(tangent, parent[goes_on], direction[goes_on])
+    start_normal = np.where(is_new[:, None], direction, tangent[parent])
+    start_normal[~tangent[parent].any(axis=1)] = direction[~tangent[parent].any(axis=1)]
+    start_radius = np.where(is_new, skeleton.radius[child], skeleton.radius[parent])
+    rings = [
+        _ring(skeleton.points[parent], start_radius, direction, start_normal, n_sides),
+        _ring(skeleton.points[child], skeleton.radius[child], direction, tangent[child], n_sides),
+    ]
+    vertices = np.stack(rings, axis=1).reshape(-1, 3)  # (edges, 2 rings, sides)
+    first = 2 * n_sides * np.arange(len(child))[:, None]
+    here = np.arange(n_sides)[None]
+    there = (here + 1) % n_sides
+    lower = np.stack([first + here, first + there, first + n_sides + here], axis=-1)
+    upper = np.stack([first + there, first + n_sides + there, first + n_sides + here], axis=-1)
+    return vertices, np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)])
+
+
+def _ring(center, radius, direction, normal, n_sides):
+    """Where the cylinders along ``direction`` meet the planes across ``normal``, (n, sides, 3)."""
+    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    helper = np.where(np.abs(direction[:, 2:]) > 0.7, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
+    u = np.cross(direction, helper)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(direction, u)
+    angle = 2 * np.pi * np.arange(n_sides) / n_sides
+    across = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+    lean = np.einsum("esj,ej->es", across, normal)
+    # axes that turn back on themselves would give endless spikes
+    along = np.clip(np.einsum("ej,ej->e", direction, normal), 0.5, None)
+    shift = -lean / along[:, None]
+    ring = across + shift[..., None] * direction[:, None]
+    return center[:, None] + radius[:, None, None] * ring
+
+
+def ground_mesh(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Triangulate ground samples, (n, 3), over the plane; long triangles are left out."""
+    if len(points) < 4:
+        return np.empty((0, 3)), np.empty((0, 3), np.int64)
+    faces = Delaunay(points[:, :2]).simplices.astype(np.int64)
+    corners = points[faces]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    return points, faces[edges.max(axis=1) <= LONGEST_EDGE * np.median(edges)]
+
+
+def square_mesh(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lay a square on the local plane of each surface sample, (n, 3)."""
+    if len(points) <= N_NEIGHBORS:
+        return np.empty((0, 3)), np.empty((0, 3), np.int64)
+    distance, near = cKDTree(points).query(points, k=N_NEIGHBORS + 1)
+    offsets = points[near] - points[near].mean(axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))
+    half = SQUARE_REACH * np.median(distance[:, 1:4], axis=1)[:, None]
+    a, b = half * axes[:, :, 2], half * axes[:, :, 1]
+    corners = np.stack([points - a - b, points + a - b, points + a + b, points - a + b], axis=1)
+    first = 4 * np.arange(len(points))[:, None]
+    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    return corners.reshape(-1, 3), faces
+
+
+class TrueScene:
+    """The true surfaces of a generated scene, to cast rays at.
+
+    Parameters
+    ----------
+    truth : path-like
+        ``{scene}/truth`` with ``skeleton.csv`` and ``cloud.ply``.
+
+    Raises
+    ------
+    StageError
+        If a file is missing or broken.
+    """
+
+    def __init__(self, truth: str | os.PathLike):
+        truth = Path(truth)
+        cloud = read_cloud(truth / "cloud.ply", required=("label", "tree"))
+        is_wood = np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH))
+        is_ground = cloud["label"] == Label.GROUND
+        is_other = ~is_ground & ~(is_wood & (cloud["tree"] == 0))
+        self._load(
+            tube_mesh(read_truth_skeleton(truth / "skeleton.csv")),
+            ground_mesh(cloud.points[is_ground]),
+            square_mesh(cloud.points[is_other]),
+        )
+
+    def _load(self, *meshes):
+        import open3d as o3d  # takes seconds to import
+
+        self._o3d = o3d
+        self._scene = o3d.t.geometry.RaycastingScene()
+        for vertices, faces in meshes:
+            if len(faces):
+                self._scene.add_triangles(
+                    o3d.core.Tensor(vertices.astype(np.float32)),
+                    o3d.core.Tensor(faces.astype(np.uint32)),
+                )
+
+    def depth(self, view: View, threads: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Depth and normals that an undistorted photo with a true camera shows.
+
+        Parameters
+        ----------
+        view : View
+            In the scene's metric frame.
+        threads : int
+            0 for all.
+
+        Returns
+        -------
+        depth : ndarray of shape (height, width), float32
+            Along the optical axis, 0 where nothing is.
+        normals : ndarray of shape (height, width, 3), float32
+            Camera frame, towards the camera, 0 where nothing is.
+        """
+        depth = np.zeros((view.height, view.width), np.float32)
+        normals = np.zeros((view.height, view.width, 3), np.float32)
+        columns = np.arange(view.width) + 0.5
+        to_ray = np.linalg.inv(view.K)
+        for top in range(0, view.height, ROWS_AT_A_TIME):
+            rows = np.arange(top, min(top + ROWS_AT_A_TIME, view.height)) + 0.5
+            x, y = np.meshgrid(columns, rows)
+            in_camera = np.stack([x, y, np.ones_like(x)], axis=-1) @ to_ray.T
+            rays = np.empty((*x.shape, 6), np.float32)
+            rays[..., :3] = view.center
+            rays[..., 3:] = in_camera @ view.R  # depth 1 along the optical axis
+            hit = self._scene.cast_rays(self._o3d.core.Tensor(rays), nthreads=threads)
+            found = hit["t_hit"].numpy()
+            is_hit = np.isfinite(found)
+            normal = hit["primitive_normals"].numpy() @ view.R.T.astype(np.float32)
+            away = np.einsum("hwi,hwi->hw", normal, in_camera) > 0
+            normal[away] *= -1
+            band = slice(top, top + len(rows))
+            depth[band] = np.where(is_hit, found, 0)
+            normals[band] = np.where(is_hit[..., None], normal, 0)
+        return depth, normals
