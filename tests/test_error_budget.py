@@ -99,7 +99,7 @@ def test_true_depth_of_a_stem_the_wall_behind_it_and_the_ground(truth):
     assert depth[rows, columns] == pytest.approx(exact, abs=0.0006)  # a facet's sagitta
     assert normals[150, columns] == pytest.approx([0, 0, -1], abs=0.15)
     assert depth[150, 110] == pytest.approx(3.0, abs=1e-3)  # the wall, past the stem
-    assert (normals[120:180, 60:110, 2] < 0).all()
+    assert (normals[120:180, 105:140, 2] < 0).all()
     below = 260 + 0.5 - 150
     assert depth[260, 30] == pytest.approx(0.5 * 300 / below, abs=1e-3)  # the ground
     assert depth[10, 30] == 0 and not normals[10, 30].any()
