@@ -25,7 +25,7 @@ def main(
     method="slbc",
     preset="default",
     voxel_size_m=0.008,
-    max_points=40_000,
+    max_points=100_000,
     gap_m=0.25,
     stem_gap_m=0.6,
     min_density=0.05,
@@ -73,7 +73,7 @@ parser.add_argument("--weights", type=Weights, default=None, help="as trunk:10,b
 parser.add_argument("--method", choices=["lbc", "slbc"], default="slbc")
 parser.add_argument("--preset", choices=["paper", "default"], default="default")
 parser.add_argument("--voxel_size_m", type=float, default=0.008)
-parser.add_argument("--max_points", type=int, default=40_000)
+parser.add_argument("--max_points", type=int, default=100_000)
 parser.add_argument("--gap_m", type=float, default=0.25)
 parser.add_argument("--stem_gap_m", type=float, default=0.6)
 parser.add_argument("--min_density", type=float, default=0.05)

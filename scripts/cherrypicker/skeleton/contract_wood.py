@@ -11,6 +11,7 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.contraction import contract_points
 from cherrypicker.skeleton.sampling import thin_to_limit
 from cherrypicker.skeleton.stem_gap import fill_stem_gaps
+from cherrypicker.skeleton.tube import recentre_stem
 from cherrypicker.skeleton.wood import select_target_wood
 
 __all__ = ["class_weights", "contract_wood"]
@@ -18,7 +19,7 @@ __all__ = ["class_weights", "contract_wood"]
 logger = logging.getLogger(__name__)
 
 FEWEST_WOOD = 50
-SELECTION_FACTOR = 4  # the selection may look at this many times the points of the contraction
+SELECTION_FACTOR = 2  # the selection may look at this many times the points of the contraction
 
 
 def class_weights(labels, weights):
@@ -60,7 +61,7 @@ def contract_wood(
     method="slbc",
     options=None,
     voxel_size_m=0.008,
-    max_points=40_000,
+    max_points=100_000,
     target_xy=None,
     gap_m=0.25,
     stem_gap_m=0.6,
@@ -80,7 +81,7 @@ def contract_wood(
     options : ContractionOptions, optional
     voxel_size_m : float, default 0.008
         Voxel that the wood is thinned to, enlarged until `max_points` are left.
-    max_points : int, default 40000
+    max_points : int, default 100000
     target_xy : array-like of 2 floats, optional
         Where the target stands (trees from photos). With it, wood at the border of the cloud is
         taken to come from trees outside.
@@ -137,8 +138,14 @@ def contract_wood(
         [weight_of[label], np.full(len(filler), weight_of[Label.TRUNK])]
     )
     result = contract_points(entering, entering_weight if method == "slbc" else None, options)
+    moved, n_on_axis = result.points, 0
+    if method == "slbc" and options is not None and options.scheme == "adaptive":
+        stem = np.concatenate([label == Label.TRUNK, np.ones(len(filler), dtype=bool)])
+        moved = moved.copy()
+        moved[stem], is_moved = recentre_stem(entering[stem], moved[stem], base, spacing=size)
+        n_on_axis = int(np.count_nonzero(is_moved))
     contracted = PointCloud(
-        result.points[: len(points)],
+        moved[: len(points)],
         fields={"label": label.astype(np.uint8), "source": source.astype(np.int32)},
         frame=cloud.frame,
         unit=cloud.unit,
@@ -150,6 +157,7 @@ def contract_wood(
         "voxel_size": float(size),
         "n_contracted": len(points),
         "n_filled": len(filler),
+        "n_on_stem_axis": n_on_axis,
         "mass_ratio": [round(value, 6) for value in result.mass_ratio],
         "stop": result.stop,
         "wood": wood_report,
@@ -163,10 +171,9 @@ def _dense_enough(points, count, size, min_density):
     Stray points of a dense reconstruction float alone; the thinnest twig that it shows still has
     a fair share of the points that thick wood has.
     """
-    near = cKDTree(points).query_ball_point(points, 1.8 * size)
-    length = np.array([len(rows) for rows in near])
-    start = np.cumsum(length) - length
-    support = np.add.reduceat(count[np.concatenate(near).astype(np.int64)], start)
+    a, b = cKDTree(points).query_pairs(1.8 * size, output_type="ndarray").T
+    n = len(points)
+    support = count + np.bincount(a, count[b], n) + np.bincount(b, count[a], n)
     keep = support >= min_density * np.median(support)
     logger.info(
         "kept %s of %s voxels of wood (%.1f %%), the rest too thin (under %.1f points around)",

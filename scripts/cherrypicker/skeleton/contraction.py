@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.skeleton.adaptive import contract_adaptively
 from cherrypicker.skeleton.laplacian import (
     cotangent_laplacian,
     semantic_row_weights,
@@ -18,6 +19,7 @@ __all__ = ["PRESETS", "Contraction", "ContractionOptions", "contract_points", "p
 logger = logging.getLogger(__name__)
 
 AMPLIFICATION_BY_SIZE = ((1e3, 1.0), (1e4, 2.0), (1e6, 5.0), (np.inf, 8.0))
+ADAPTIVE_AMPLIFICATION = 8.0
 FEWEST_POINTS = 10
 
 
@@ -27,6 +29,11 @@ class ContractionOptions:
 
     Attributes
     ----------
+    scheme : {"published", "adaptive"}
+        The iteration as published, or with weights that follow the thickness of the wood
+        (`cherrypicker.skeleton.adaptive`). The adaptive scheme reads ``initial_contraction`` (there
+        relative to the local thickness), ``amplification`` (8 where None), ``termination_move``,
+        ``max_iterations``, ``n_neighbors`` and ``site_size``.
     initial_contraction : float
         W_L starts at this times the square root of the mean of the mass matrix.
     initial_attraction : float
@@ -45,8 +52,12 @@ class ContractionOptions:
     n_neighbors : int
     mollify_factor : float
         Of the Laplacian, see `cotangent_laplacian`.
+    site_size : float
+        Adaptive scheme: a cloud twice as dense as voxels of this size is contracted at one site a
+        voxel, in the unit of the points.
     """
 
+    scheme: str = "published"
     initial_contraction: float = 1000.0
     initial_attraction: float = 0.5
     amplification: float | None = None
@@ -58,13 +69,18 @@ class ContractionOptions:
     max_iterations: int = 20
     n_neighbors: int = 30
     mollify_factor: float = 1e-5
+    site_size: float = 0.015
 
 
-# A tenth of the published first weight: thin branches keep their tips and their junctions, and the
-# iterations contract thick wood all the same.
 PRESETS = {
     "paper": ContractionOptions(),
-    "default": ContractionOptions(initial_contraction=100.0, termination_move=0.02),
+    "default": ContractionOptions(
+        scheme="adaptive",
+        initial_contraction=0.7,
+        amplification=8.0,
+        max_iterations=2,
+        n_neighbors=12,
+    ),
 }
 
 
@@ -147,6 +163,8 @@ def contract_points(points, weights=None, options=None, callback=None):
     options = options or ContractionOptions()
     points = _checked(points)
     centre = points.mean(axis=0)  # far-off frames would cost digits in the normal equations
+    if options.scheme == "adaptive":
+        return _adaptively(points, centre, weights, options, callback)
     current = points - centre
     L, mass = _laplacian_or_error(current, options)
     first_mass = mass
@@ -195,6 +213,22 @@ def contract_points(points, weights=None, options=None, callback=None):
         w_h = np.clip(w_h, options.min_weight, options.max_attraction)
     logger.info("stopped after %d iterations: %s", len(ratios), stop)
     return Contraction(current + centre, ratios, stop)
+
+
+def _adaptively(points, centre, weights, options, callback):
+    moved_back = None
+    if callback is not None:
+
+        def moved_back(iteration, ratio, current):
+            callback(iteration, ratio, current + centre)
+
+    options = replace(options, amplification=options.amplification or ADAPTIVE_AMPLIFICATION)
+    try:
+        found, ratios, stop = contract_adaptively(points - centre, weights, options, moved_back)
+    except RuntimeError as error:
+        raise StageError(f"the contraction fails ({error})", key="contract.voxel_size_m") from error
+    logger.info("stopped after %d iterations: %s", len(ratios), stop)
+    return Contraction(found + centre, ratios, stop)
 
 
 def _checked(points):

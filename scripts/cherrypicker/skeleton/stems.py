@@ -7,6 +7,8 @@ import numpy as np
 from scipy.ndimage import label as label_cells
 from scipy.spatial import cKDTree
 
+from cherrypicker.classes import Label
+
 __all__ = ["Stem", "find_stems", "ground_height"]
 
 logger = logging.getLogger(__name__)
@@ -18,6 +20,7 @@ REACHES_DOWN_TO = 0.07
 LEAST_EXTENT = 0.5
 SAME_STEM = 0.10
 FEWEST_POINTS = 8
+MOSTLY_TRUNK, HARDLY_TRUNK = 0.5, 0.1
 
 
 @dataclass
@@ -61,7 +64,7 @@ def ground_height(xy, ground, fallback):
     return np.median(ground[nearest.reshape(len(xy), -1), 2], axis=1)
 
 
-def find_stems(points, ground=None):
+def find_stems(points, ground=None, labels=None):
     """Find the stems that stand in a cloud of wood (z up).
 
     A stem is a compact cluster, seen from above, of the wood in a slice low above the ground,
@@ -72,6 +75,9 @@ def find_stems(points, ground=None):
     points : ndarray of shape (n_points, 3), float64
         Wood points.
     ground : ndarray of shape (n_ground, 3), optional
+    labels : ndarray of shape (n_points,), int, optional
+        Where some cluster is mostly trunk, those that are hardly trunk are no stems: a low branch
+        may hang down to the ground.
 
     Returns
     -------
@@ -96,7 +102,17 @@ def find_stems(points, ground=None):
             foot = own[height[own] <= low + 0.03 * full]
             found.append(Stem(np.median(points[foot], axis=0), own))
     found.sort(key=lambda stem: -len(stem.rows))
+    if labels is not None:
+        found = _without_branches(found, labels)
     return _merge_close(points, height, found, SAME_STEM * full)
+
+
+def _without_branches(stems, labels):
+    """The stems that are trunk, if there is one; else all."""
+    share = [np.mean(labels[stem.rows] == Label.TRUNK) for stem in stems]
+    if not stems or max(share) < MOSTLY_TRUNK:
+        return stems
+    return [stem for stem, part in zip(stems, share) if part >= HARDLY_TRUNK]
 
 
 def _cluster_from_above(xy, cell):

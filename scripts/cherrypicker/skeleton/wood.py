@@ -94,7 +94,7 @@ def select_target_wood(
     edges = knn_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
     gap_m = max(gap_m, LEAST_GAP_IN_SPACINGS * spacing)  # of a coarse scan of a big tree
     links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
-    stems = find_stems(points, ground) or [_lowest_base(points, labels)]
+    stems = find_stems(points, ground, labels) or [_lowest_base(points, labels)]
     owner = _compete(points, edges, links, stems, _border_seeds(points, box, spacing))
     target = _target_stem(stems, owner, target_xy)
     keep = owner == target
