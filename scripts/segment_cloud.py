@@ -12,6 +12,7 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker.segmentation.refine import Smoothing
+from cherrypicker.segmentation.stem_axis import StemModel
 from cherrypicker.segmentation.support_post import PostModel
 
 
@@ -33,6 +34,8 @@ def main(
     split_post,
     post_min_height_m,
     post_max_tilt_deg,
+    trace_stems,
+    stem_gap_m,
     seed,
     threads,
     gpu,
@@ -52,6 +55,7 @@ def main(
         sampling=sampling,
         smoothing=Smoothing(smooth_k, trunk_gap_m, trunk_base_height_m),
         post=PostModel(post_min_height_m, max_tilt_deg=post_max_tilt_deg) if split_post else None,
+        stems=StemModel(stem_gap_m=stem_gap_m) if trace_stems else None,
         seed=seed,
         device=choose_device(threads, gpu),
     )
@@ -75,6 +79,8 @@ parser.add_argument("--trunk-base-height-m", type=float, default=0.5)
 parser.add_argument("--no-split-post", dest="split_post", action="store_false")
 parser.add_argument("--post-min-height-m", type=float, default=0.6)
 parser.add_argument("--post-max-tilt-deg", type=float, default=8.0)
+parser.add_argument("--no-trace-stems", dest="trace_stems", action="store_false")
+parser.add_argument("--stem-gap-m", type=float, default=0.6)
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--threads", type=int, default=2)
 parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")

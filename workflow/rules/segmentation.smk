@@ -43,6 +43,8 @@ rule segment_cloud:
         split_post=cfg("segment.split_post"),
         post_min_height_m=cfg("segment.post_min_height_m"),
         post_max_tilt_deg=cfg("segment.post_max_tilt_deg"),
+        trace_stems=cfg("segment.trace_stems"),
+        stem_gap_m=cfg("segment.stem_gap_m"),
         seed=cfg("seed"),
     message:
         "{wildcards.tree}: label the cloud"

@@ -12,6 +12,8 @@ refine
     Clean-up of the network's probabilities and of the trunk class.
 support_post
     Split of the support post from the trunk.
+quick_skeleton, stem_axis, stem_labels
+    The stems' course and thickness by geometry, which decide between trunk and branch.
 augment, training
     Training data and the training loop.
 metrics

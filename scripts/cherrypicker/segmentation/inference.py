@@ -20,6 +20,7 @@ from cherrypicker.segmentation.spheres import (
     voxel_mean,
     voxel_sample,
 )
+from cherrypicker.segmentation.stem_labels import relabel_wood
 from cherrypicker.segmentation.support_post import split_support_post
 
 logger = logging.getLogger(__name__)
@@ -204,7 +205,7 @@ def propagate(points, sampled, probabilities, k=3):
     return out
 
 
-def segment_cloud(cloud, weights, *, sampling, smoothing, post, seed=0, device="cpu"):
+def segment_cloud(cloud, weights, *, sampling, smoothing, post, stems=None, seed=0, device="cpu"):
     """Label every point of a cloud (paper, section Point Cloud Segmentor).
 
     Parameters
@@ -217,6 +218,9 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, seed=0, device="
     smoothing : cherrypicker.segmentation.refine.Smoothing
     post : cherrypicker.segmentation.support_post.PostModel or None
         None leaves the support post in the trunk class.
+    stems : cherrypicker.segmentation.stem_axis.StemModel, optional
+        How the stems are traced that decide between trunk and branch; None leaves it to the
+        network.
     seed : int
     device : str
 
@@ -224,7 +228,7 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, seed=0, device="
     -------
     PointCloud
         The same points in the same order with fields ``label`` (uint8) and ``confidence``
-        (float32, the probability of the label).
+        (float32, the probability of the label; of wood, where the stem's course chose which).
 
     Raises
     ------
@@ -247,7 +251,7 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, seed=0, device="
     probabilities = smooth_probabilities(points, probabilities, smoothing)
     probabilities = clean_trunk(points, probabilities, smoothing)
     full = propagate(frame.apply(cloud.points), points, probabilities)
-    labels = full.argmax(axis=1).astype(np.uint8)
+    labels = _likeliest(full)
     confidence = full.max(axis=1).clip(0.0, 1.0).astype(np.float32)
     if not np.isin(labels, (Label.TRUNK, Label.BRANCH)).any():
         found = ", ".join(CLASS_NAMES[int(c)] for c in np.unique(labels))
@@ -257,8 +261,24 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, seed=0, device="
         )
     if post is not None:
         labels = split_support_post(cloud.points, labels, frame, post)
+    if stems is not None:
+        chosen = relabel_wood(cloud.points, labels, frame, stems)
+        moved = chosen != labels
+        wood = full[moved, Label.TRUNK] + full[moved, Label.BRANCH]
+        labels, confidence[moved] = chosen, wood.clip(0.0, 1.0)
     _log_counts(labels, confidence)
     return cloud.with_fields(label=labels, confidence=confidence)
+
+
+def _likeliest(probabilities):
+    """Label of each row; trunk and branch together stand against the rest."""
+    joined = probabilities.copy()
+    wood = [int(Label.TRUNK), int(Label.BRANCH)]
+    joined[:, wood] = probabilities[:, wood].sum(axis=1, keepdims=True)
+    labels = joined.argmax(axis=1).astype(np.uint8)
+    is_wood = np.isin(labels, wood)
+    labels[is_wood] = np.array(wood, np.uint8)[probabilities[is_wood][:, wood].argmax(axis=1)]
+    return labels
 
 
 def _log_counts(labels, confidence):
