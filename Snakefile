@@ -20,6 +20,8 @@ include: "workflow/rules/traits.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/benchmark_common.smk"
 include: "workflow/rules/benchmark.smk"
+include: "workflow/rules/skeleton_benchmark_common.smk"
+include: "workflow/rules/skeleton_benchmark.smk"
 include: "workflow/rules/error_budget_common.smk"
 include: "workflow/rules/error_budget.smk"
 

@@ -1,0 +1,62 @@
+# What the rules of the benchmark of skeletons share.
+
+SKELETON_BENCHMARK = SETTINGS["benchmark"]["skeleton"]
+SKELETON_ROOT = "results/benchmark/skeleton"
+
+
+def first_trees(key):
+    """Return the numbers of the set's trees that one key of the section asks for."""
+    return range(min(SKELETON_BENCHMARK[key], SKELETON_BENCHMARK["n_trees"]))
+
+
+def scores_of_skeletons():
+    """Return the score files of all runs; the peer's only where its Python is given."""
+    kinds = {"default": "n_trees", "paper": "n_paper"}
+    if SKELETON_BENCHMARK["peer_python"]:
+        kinds["peer"] = "n_peer"
+    return [
+        f"{SKELETON_ROOT}/{number:02d}/scores_{kind}.json"
+        for kind, key in kinds.items()
+        for number in first_trees(key)
+    ]
+
+
+def times_of_skeletons():
+    """Return the timing files of all sizes."""
+    return [f"{SKELETON_ROOT}/time/{n}/times.json" for n in SKELETON_BENCHMARK["sizes"]]
+
+
+def methods_of_kind(wildcards):
+    """Return the methods of one kind of run; none stands for the peer."""
+    if wildcards.kind == "peer":
+        return []
+    return [f"lbc_{wildcards.kind}", f"slbc_{wildcards.kind}"]
+
+
+def peer_of_kind(wildcards):
+    """Return the peer's Python for the runs of the peer."""
+    return SKELETON_BENCHMARK["peer_python"] if wildcards.kind == "peer" else ""
+
+
+def peer_iterations_of(wildcards):
+    """Return how many iterations the peer is timed for at one size; 0 for none."""
+    sizes = [str(size) for size in SKELETON_BENCHMARK["peer_sizes"]]
+    if not SKELETON_BENCHMARK["peer_python"] or wildcards.n not in sizes:
+        return 0
+    return 20 if int(wildcards.n) < 100_000 else 2
+
+
+def notes_on_skeletons():
+    """Return what the tables have to say about what is left out."""
+    section = SKELETON_BENCHMARK
+    notes = [
+        f"Preset default on {section['n_trees']} trees of seed {section['seed']}, preset paper on"
+        f" the first {len(first_trees('n_paper'))}."
+    ]
+    if section["peer_python"]:
+        notes.append(f"pc-skeletor on the first {len(first_trees('n_peer'))} trees.")
+    else:
+        notes.append(
+            "pc-skeletor is left out: benchmark.skeleton.peer_python is not set."
+        )
+    return notes
