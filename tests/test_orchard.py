@@ -143,8 +143,8 @@ def test_all_classes_can_appear():
 def test_as_seen_cloud_is_noisier_and_loses_thin_wood():
     scene = generate_scene(7, habit="leader", neighbours=0)
     kinds = {
-        "mild": AsSeen(noise_m=0.0005, thin_loss=0.0, fringe=0.0, floaters=0.0, n_holes=0),
-        "severe": AsSeen(noise_m=0.005, thin_loss=0.95, fringe=0.1, floaters=0.01, n_holes=8),
+        "mild": AsSeen(match_px=0.01, thin_noise=0.0, width_px=-9.0, spill_px=0.0, floaters=0.0),
+        "severe": AsSeen(match_px=0.1, width_px=3.0, spill_px=2.0, floaters=0.01, n_holes=8),
     }
     skeleton = scene.target.skeleton()
     error, thin = {}, {}

@@ -24,6 +24,8 @@ class TubeSample:
         Radius of the wood and arc length from the axis' start, m.
     angle : ndarray of shape (n,), float64
         Position around the axis, radians.
+    tangents : ndarray of shape (n, 3), float64
+        Unit direction of the axis.
     """
 
     points: np.ndarray
@@ -32,6 +34,7 @@ class TubeSample:
     radius: np.ndarray
     s: np.ndarray
     angle: np.ndarray
+    tangents: np.ndarray
 
     def __len__(self):
         return len(self.points)
@@ -82,10 +85,10 @@ def _domes(rng, tree, density):
     normals -= (facing - np.abs(facing))[:, None] * along[axis]  # mirrored to the outer half
     points = ends[axis] + radii[axis, None] * normals
     s = np.array([a.arclength[-1] for a in tree.axes])[axis]
-    return TubeSample(points, normals, axis, radii[axis], s, np.zeros(len(axis)))
+    return TubeSample(points, normals, axis, radii[axis], s, np.zeros(len(axis)), along[axis])
 
 
-def sample_tubes(rng, tree, density):
+def sample_tubes(rng, tree, density, *, widen=0.0):
     """Spread points evenly over the surface of a tree.
 
     A Poisson process: the number of points on a piece of surface has the mean area times density.
@@ -98,6 +101,8 @@ def sample_tubes(rng, tree, density):
     tree : Tree
     density : float
         Points a square metre.
+    widen : float, default 0
+        Count an axis as so much wider (m): thin wood gets more points than its area.
 
     Returns
     -------
@@ -107,7 +112,7 @@ def sample_tubes(rng, tree, density):
     g = _segments(tree)
     length = np.linalg.norm(g["b"] - g["a"], axis=1)
     slant = np.hypot(length, g["ra"] - g["rb"])
-    n = rng.poisson(np.pi * (g["ra"] + g["rb"]) * slant * density)
+    n = rng.poisson(np.pi * (g["ra"] + g["rb"] + 2 * widen) * slant * density)
     at = np.repeat(np.arange(len(n)), n)
     # the wider end of a cone's piece has more of its area
     ra, rb, v = g["ra"][at], g["rb"][at], rng.random(len(at))
@@ -132,7 +137,7 @@ def sample_tubes(rng, tree, density):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     tubes = TubeSample(
         centre + radius[:, None] * across, normals, g["axis"][at], radius,
-        g["s"][at] + t * length[at], angle,
+        g["s"][at] + t * length[at], angle, tangent,
     )  # fmt: skip
     domes = _domes(rng, tree, density)
     joined = TubeSample(**{k: np.concatenate([v, vars(domes)[k]]) for k, v in vars(tubes).items()})
