@@ -275,3 +275,20 @@ def test_presets_are_complete():
         preset = PRESETS[name]
         assert 40 <= sum(ring.n for ring in preset["rings"]) <= 60
         assert preset["scene"]["markers"]
+
+
+@pytest.mark.parametrize("height", [0.6, 1.0, 1.4])
+def test_small_vases_fork_below_their_height(height):
+    for seed in range(3):
+        tree = grow_tree(seed, "vase", height=height, trunk_radius=0.02)
+        skeleton = tree.skeleton()
+        assert np.isfinite(skeleton.points).all()
+        assert tree.axes[0].points[-1, 2] < 0.55 * height
+        assert skeleton.points[:, 2].max() > 0.7 * height
+
+
+def test_scenes_take_the_weber_penn_forms():
+    scene = generate_scene(3, habit="cherry_whip", neighbours=1)
+    assert {tree.habit for tree in scene.trees} == {"cherry_whip"}
+    with pytest.raises(ValueError, match="habit"):
+        generate_scene(3, habit="oak")

@@ -24,6 +24,7 @@ __all__ = [
 
 NODE_STEP_M = 0.01
 TRUNK_RATIO = 0.8
+HIGHEST_FORK = 0.5  # of the height
 
 
 @dataclass(frozen=True)
@@ -396,7 +397,8 @@ def grow_tree(seed, habit="leader", *, height=None, trunk_radius=None, density=1
     drawn_height, drawn_radius = rng.uniform(*habit.height), rng.uniform(*habit.trunk_radius)
     height = drawn_height if height is None else float(height)
     radius = drawn_radius if trunk_radius is None else float(trunk_radius)
-    fork = rng.uniform(*habit.first_scaffold)
+    # the habit's heights are a grown tree's: a small one forks lower
+    fork = min(rng.uniform(*habit.first_scaffold), HIGHEST_FORK * height)
     tree = Tree(habit.name, [_grow_trunk(rng, habit, height, radius, fork)], int(seed))
     spacing2, spacing3 = rng.uniform(*habit.lateral_spacing), rng.uniform(*habit.twig_spacing)
     for scaffold in _grow_scaffolds(rng, tree, habit, height, fork):

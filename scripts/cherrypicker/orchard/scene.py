@@ -10,9 +10,10 @@ import numpy as np
 from cherrypicker.classes import Label
 from cherrypicker.orchard.appearance import make_light
 from cherrypicker.orchard.boards import board_on_post, checker_cube, marker_object, stem_ring
-from cherrypicker.orchard.growth import HABITS, grow_tree
+from cherrypicker.orchard.growth import HABITS
 from cherrypicker.orchard.mesh import SceneObject, cylinder, join, quad_board, tree_mesh
 from cherrypicker.orchard.noise import fbm
+from cherrypicker.orchard.templates import grow_any
 
 __all__ = ["Scene", "generate_scene"]
 
@@ -129,7 +130,7 @@ def _plant_neighbours(rng, seed, n, spacing, ground, habit):
         side = (-1) ** i
         x = side * (1 + i // 2) * spacing * rng.uniform(0.93, 1.07)
         xy = np.array([x, rng.normal() * 0.06])
-        trees.append(grow_tree(seed * 97 + 13 + i, habit, density=rng.uniform(0.7, 1.0)))
+        trees.append(grow_any(seed * 97 + 13 + i, habit, density=rng.uniform(0.7, 1.0)))
         offsets.append([*xy, ground(xy[None])[0] - 0.01])
     return trees, offsets
 
@@ -157,8 +158,9 @@ def generate_scene(
     ----------
     seed : int
         Equal arguments give an equal scene.
-    habit : {"leader", "spindle", "vase"}, optional
-        Form of the trees.
+    habit : str, optional
+        Form of the trees: "leader", "spindle" or "vase", one of which is drawn by default, or a
+        template of Weber and Penn, see `templates.grow_any`.
     height, trunk_radius : float, optional
         Of the target, m.
     density : float, default 1
@@ -212,7 +214,7 @@ def generate_scene(
         return _ground_height(xy, ground_seed, relief)
 
     light = make_light(np.random.default_rng([int(seed), 2]), sky)
-    target = grow_tree(
+    target = grow_any(
         seed, pick["habit"], height=height, trunk_radius=trunk_radius, density=density
     )
     others, offsets = _plant_neighbours(
