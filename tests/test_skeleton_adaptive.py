@@ -1,5 +1,10 @@
 """The default contraction: its Laplacian, its thickness weights, the tube of the stem."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -128,6 +133,45 @@ def test_two_stems_are_not_taken_for_one_tube():
     moved, _ = recentre_stem(points, plain, np.zeros(3), spacing=0.01)
     inner = (points[:, 2] > 0.1) & (points[:, 2] < 0.9)
     assert np.quantile(np.abs(np.abs(moved[inner, 0]) - 0.07), 0.95) < 0.03
+
+
+def test_wrong_labels_do_not_carry_branches_onto_the_stem():
+    points, labels, axes = small_tree(noise=0.002)
+    rng = np.random.default_rng(8)
+    flipped = rng.random(len(labels)) < 0.1
+    scattered = np.where(flipped, 3 - labels, labels)
+    whole_branch = np.where((points[:, 0] > 0.02) & (points[:, 2] < 0.76), 1, labels)
+    truth = sample_axes(axes)
+    for wrong in (scattered, whole_branch):
+        contracted, report = contract_wood(
+            labelled_cloud(points, wrong), options=preset_options(), voxel_size_m=0.01
+        )
+        away = cKDTree(truth).query(contracted.points)[0]
+        assert np.quantile(away, 0.99) < 0.02
+        assert contracted.points[:, 0].max() > 0.43  # the branch keeps its tip
+        assert report["n_on_stem_axis"] > 500
+
+
+def test_equal_bytes_for_any_number_of_threads():
+    script = (
+        "import hashlib, numpy as np\n"
+        "from skeleton_shapes import labelled_cloud, small_tree\n"
+        "from cherrypicker.skeleton.contract_wood import contract_wood\n"
+        "from cherrypicker.skeleton.contraction import preset_options\n"
+        "cloud = labelled_cloud(*small_tree(noise=0.002)[:2])\n"
+        "points = contract_wood(cloud, options=preset_options(), voxel_size_m=0.012)[0].points\n"
+        "print(hashlib.sha256(points.tobytes()).hexdigest())\n"
+    )
+    folders = f"{Path(__file__).parent}:{Path(__file__).parents[1] / 'scripts'}"
+    found = set()
+    for threads in ("1", "4"):
+        names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+        environment = os.environ | dict.fromkeys(names, threads) | {"PYTHONPATH": folders}
+        done = subprocess.run(
+            [sys.executable, "-c", script], env=environment, capture_output=True, check=True
+        )
+        found.add(done.stdout)
+    assert len(found) == 1
 
 
 def test_a_branch_that_hangs_to_the_ground_is_no_stem():

@@ -19,6 +19,7 @@ __all__ = ["class_weights", "contract_wood"]
 logger = logging.getLogger(__name__)
 
 FEWEST_WOOD = 50
+N_VOTES = 9
 SELECTION_FACTOR = 2  # the selection may look at this many times the points of the contraction
 
 
@@ -140,7 +141,7 @@ def contract_wood(
     result = contract_points(entering, entering_weight if method == "slbc" else None, options)
     moved, n_on_axis = result.points, 0
     if method == "slbc" and options is not None and options.scheme == "adaptive":
-        stem = np.concatenate([label == Label.TRUNK, np.ones(len(filler), dtype=bool)])
+        stem = _mostly_trunk(entering, label, len(filler))
         moved = moved.copy()
         moved[stem], is_moved = recentre_stem(entering[stem], moved[stem], base, spacing=size)
         n_on_axis = int(np.count_nonzero(is_moved))
@@ -163,6 +164,15 @@ def contract_wood(
         "wood": wood_report,
     }
     return contracted, report
+
+
+def _mostly_trunk(points, label, n_filled):
+    """Points of the stem: most of the points around them are trunk, whatever they are called."""
+    is_trunk = np.concatenate([label == Label.TRUNK, np.ones(n_filled, dtype=bool)])
+    if not is_trunk.any():
+        return is_trunk
+    around = cKDTree(points).query(points, k=min(N_VOTES, len(points)))[1]
+    return is_trunk[around].mean(axis=1) > 0.5
 
 
 def _dense_enough(points, count, size, min_density):

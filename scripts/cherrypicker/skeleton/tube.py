@@ -27,6 +27,11 @@ SLACK_M = 0.01
 MOST_CARRIED = 0.8  # of the radius
 N_SECTORS = 12
 MOST_PROLONGED = 10  # nodes
+STEP_M = 0.02
+FEWEST_IN_CELL = 4
+N_RECENT = 6  # cells that tell where the stem goes and how thick it is
+GATE_IN_RADII, MOST_GROWTH = 2.0, 1.1
+MOST_GAP_M = 0.6
 
 
 def recentre_stem(points, contracted, base, *, spacing):
@@ -53,10 +58,10 @@ def recentre_stem(points, contracted, base, *, spacing):
     unmoved = contracted, np.zeros(len(points), dtype=bool)
     if len(points) < FEWEST_POINTS:
         return unmoved
-    nodes = _first_axis(points, contracted, base, spacing)
-    if len(nodes) < FEWEST_NODES:
+    nodes, is_stem = _first_axis(points, contracted, base, spacing)
+    if len(nodes) < FEWEST_NODES or np.count_nonzero(is_stem) < FEWEST_POINTS:
         return unmoved
-    fit = fit_tube(points, _prolonged(points, nodes))
+    fit = fit_tube(points[is_stem], _prolonged(points[is_stem], nodes))
     if fit is None:
         return unmoved
     nodes, radius, spread = fit
@@ -64,9 +69,8 @@ def recentre_stem(points, contracted, base, *, spacing):
     there = np.interp(place, np.arange(len(nodes)), radius)
     rough = np.interp(place, np.arange(len(nodes)), spread)
     away = np.linalg.norm(points - foot, axis=1)
-    fits = (np.abs(away - there) <= np.maximum(TUKEY * rough, SLACK_M)) & (
-        rough <= np.maximum(MOST_SPREAD * there, 0.5 * spacing)
-    )
+    fits = is_stem & (np.abs(away - there) <= np.maximum(TUKEY * rough, SLACK_M))
+    fits &= rough <= np.maximum(MOST_SPREAD * there, 0.5 * spacing)
     carried = np.linalg.norm(foot - contracted, axis=1)
     contracted_by = np.linalg.norm(contracted - points, axis=1)
     # between two stems lies an axis that fits both, a whole radius from either
@@ -96,7 +100,9 @@ def _all_around(outward, place, nodes, radius):
 
 
 def _first_axis(points, contracted, base, spacing):
-    """Means of the contracted points in steps of the way from the foot along the surface."""
+    """Means of the contracted points in steps of the way from the foot along the surface, and
+    which points they are made of.
+    """
     edges = knn_edges(points, N_NEIGHBORS)
     member, _ = components(len(points), edges)
     # from all around the foot: from a single point the first steps would lie to one side of it
@@ -116,12 +122,52 @@ def _first_axis(points, contracted, base, spacing):
                 + distance[entry]
                 + np.linalg.norm(points[rows] - points[rows[entry]], axis=1)
             )
-    step = max(2.0 * spacing, 0.02)
-    cell = (way / step).astype(np.int64)
-    count = np.bincount(cell)
-    sums = np.stack([np.bincount(cell, column) for column in contracted.T], axis=1)
-    nodes = sums[count > 0] / count[count > 0, None]
-    return _resampled(nodes, step)
+    step = max(2.0 * spacing, STEP_M)
+    is_stem, nodes = _follow(points, contracted, (way / step).astype(np.int64), step)
+    return _resampled(nodes, step), is_stem
+
+
+def _follow(points, contracted, cell, step):
+    """Follow the stem from cell to cell of the way from its foot, past branches taken for stem.
+
+    Points count within two radii of where the cells below lead to; the radius may grow little.
+
+    Returns
+    -------
+    is_stem : ndarray of shape (n_points,), bool
+    nodes : ndarray of shape (n_nodes, 3)
+    """
+    order = np.argsort(cell, kind="stable")
+    cells = np.split(order, np.cumsum(np.bincount(cell))[:-1])
+    is_stem, nodes, at, radii = np.zeros(len(points), dtype=bool), [], [], []
+    for number, in_cell in enumerate(cells):
+        rows = in_cell
+        if nodes:
+            if (number - at[-1]) * step > MOST_GAP_M:
+                break
+            radius = float(np.median(radii[-N_RECENT:]))
+            ahead = nodes[-1] + (number - at[-1]) * _heading(nodes, at)
+            away = np.linalg.norm(points[rows] - ahead, axis=1)
+            rows = rows[away <= GATE_IN_RADII * radius + step]
+        if len(rows) < FEWEST_IN_CELL:
+            continue
+        is_stem[rows] = True
+        centre = contracted[rows].mean(axis=0)
+        radius = float(np.median(np.linalg.norm(points[rows] - centre, axis=1)))
+        if radii:
+            radius = min(radius, MOST_GROWTH * float(np.median(radii[-N_RECENT:])))
+        nodes.append(centre)
+        at.append(number)
+        radii.append(radius)
+    return is_stem, np.array(nodes).reshape(-1, 3)
+
+
+def _heading(nodes, at):
+    """Mean move from cell to cell over the last nodes; none where they are too few."""
+    first = max(0, len(nodes) - N_RECENT)
+    if len(nodes) - first < 3:
+        return np.zeros(3)
+    return (nodes[-1] - nodes[first]) / (at[-1] - at[first])
 
 
 def _resampled(nodes, step):
