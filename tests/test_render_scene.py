@@ -8,6 +8,8 @@ import pytest
 from PIL import Image
 
 import render_scene
+from cherrypicker.orchard import blender, photo
+from cherrypicker.orchard.appearance import encode_srgb
 from cherrypicker.orchard.cameras import CameraModel, Ring, ring_poses
 from cherrypicker.orchard.mesh import box
 from cherrypicker.orchard.scene import generate_scene
@@ -17,7 +19,7 @@ def test_pixel_rays_invert_the_projection():
     camera = CameraModel(width=60, height=90, focal_px=80.0)
     poses = ring_poses([Ring(3, 1.1, 2.4, 1.0)], camera, seed=2)
     for i in range(3):
-        rays = render_scene.pixel_rays(poses.K[i], poses.cam_from_world[i], 60, 90)
+        rays = photo.pixel_rays(poses.K[i], poses.cam_from_world[i], 60, 90)
         uv, depth = poses.project(poses.centers[i] + 3.0 * rays, i)
         assert depth.min() > 0
         columns, rows = np.meshgrid(np.arange(60) + 0.5, np.arange(90) + 0.5)
@@ -26,7 +28,7 @@ def test_pixel_rays_invert_the_projection():
 
 def test_subdivision_keeps_the_surface():
     mesh = box((0.2, 0.3, 0.4))
-    fine = render_scene.subdivided(mesh, 2)
+    fine = blender.subdivided(mesh, 2)
     assert len(fine.faces) == 16 * len(mesh.faces)
     assert fine.face_areas().sum() == pytest.approx(mesh.face_areas().sum())
     np.testing.assert_allclose(fine.attributes["rest"], fine.vertices)
@@ -35,9 +37,9 @@ def test_subdivision_keeps_the_surface():
 def test_photo_carries_the_focal_length_that_colmap_reads(tmp_path):
     pycolmap = pytest.importorskip("pycolmap")
     camera = CameraModel(width=160, height=240, focal_px=210.0)
-    photo = np.full((240, 160, 3), 120, np.uint8)
+    picture = np.full((240, 160, 3), 120, np.uint8)
     path = tmp_path / "photo.jpg"
-    render_scene.write_jpeg(path, photo, camera, 80)
+    photo.write_jpeg(path, picture, camera, 80)
     assert Image.open(path).getexif()[0x0110] == camera.model
     guess = pycolmap.infer_camera_from_image(str(path))
     assert guess.has_prior_focal_length
@@ -45,7 +47,7 @@ def test_photo_carries_the_focal_length_that_colmap_reads(tmp_path):
 
 
 def test_ground_texture_has_north_on_top():
-    image = render_scene.bake_ground(3, 1.0, 16)
+    image = blender.bake_ground(3, 1.0, 16)
     from cherrypicker.orchard.appearance import ground_color
 
     north_west = ground_color(np.array([[-1 + 1 / 16, 1 - 1 / 16]]), 3)
@@ -54,15 +56,13 @@ def test_ground_texture_has_north_on_top():
 
 def test_srgb_round_trip():
     values = np.linspace(0, 1, 256)
-    np.testing.assert_allclose(
-        render_scene.encode_srgb(render_scene.decode_srgb(values)), values, atol=1e-6
-    )
+    np.testing.assert_allclose(encode_srgb(photo.decode_srgb(values)), values, atol=1e-6)
 
 
 @pytest.mark.slow
 def test_rendered_ring_lies_where_the_truth_says(tmp_path, monkeypatch):
     pytest.importorskip("bpy")
-    monkeypatch.setattr(render_scene, "GROUND_TEXTURES", ((4.1, 256), (40.0, 256)))
+    monkeypatch.setattr(blender, "GROUND_TEXTURES", ((4.1, 256), (40.0, 256)))
     scene = generate_scene(3, neighbours=0, ring=True, sky="overcast", sign=False, post=False)
     camera = CameraModel(width=240, height=360, focal_px=315.0)
     poses = ring_poses([Ring(2, 0.6, 1.2, 0.45)], camera, seed=1)

@@ -47,7 +47,7 @@ class AsSeen:
     n_photos : int
         In rings around the tree.
     pixel_m : float
-        Size of a pixel at the tree.
+        Size of a pixel at the tree; only where the photos are not given.
     arc_deg : float
         Part of the way around the tree that the photographer walked.
     min_views : int
@@ -257,11 +257,10 @@ def _holes(rng, cloud, seen):
     return keep
 
 
-def _moved(rng, cloud, seen, rays, distance, sigma):
+def _moved(rng, cloud, seen, rays, pixel, sigma):
     """Positions that stereo gives, and how much of their pixel is the surface itself, (n,)."""
     points, normals, radius = cloud["points"], cloud["normals"], cloud["radius"]
     wood = cloud["tree"] != NO_TREE
-    pixel = distance * seen.pixel_m / np.median(distance)
     flatness = np.exp(-((radius / seen.flatten_m) ** 1.5)) * wood
     spread = sigma * (1.0 + seen.thin_noise * np.exp(-((radius / seen.thin_m) ** 2)) * wood)
     spread = np.where(rng.random(len(points)) < seen.tail, 5.0, 1.0) * spread
@@ -334,7 +333,8 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
         If the photos see nothing of the scene.
     """
     poses = seen.poses(scene) if poses is None else poses
-    widen = seen.spill_px * seen.pixel_m
+    focal = poses.K[:, 0, 0]
+    widen = seen.spill_px * np.median(np.linalg.norm(poses.centers, axis=1) / focal)
     cloud = _surface(rng, scene, OVERSAMPLE * n_points, extent, ground_share, widen)
     skeletons = [t.skeleton() for t in scene.trees]
     nodes = np.concatenate([s.points + o for s, o in zip(skeletons, scene.offsets)])
@@ -350,10 +350,10 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     distance = np.linalg.norm(rays, axis=1)
     rays /= distance[:, None]
     baseline = _baselines(poses.centers)[photo] if len(poses) > 1 else 1.0
-    focal = np.median(distance) / seen.pixel_m
-    sigma = seen.match_px * distance**2 / (focal * baseline)
-    points, cover = _moved(rng, cloud, seen, rays, distance, sigma)
-    keep = _kept(rng, cloud, seen, cover, distance)
+    pixel = distance / focal[photo]
+    sigma = seen.match_px * pixel * distance / baseline
+    points, cover = _moved(rng, cloud, seen, rays, pixel, sigma)
+    keep = _kept(rng, cloud, seen, cover, pixel)
     cloud, points, cover, rays = _select(cloud, keep), points[keep], cover[keep], rays[keep]
     linear = scene.light.shade(cloud["albedo"], cloud["normals"], lit(scene, cloud))
     mixed = np.flatnonzero(cover < 0.97)
@@ -370,11 +370,10 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     }  # fmt: skip
 
 
-def _kept(rng, cloud, seen, cover, distance):
+def _kept(rng, cloud, seen, cover, pixel):
     """Which points stereo finds among those that enough photos see."""
     points, radius = cloud["points"], cloud["radius"]
     wood = cloud["tree"] != NO_TREE
-    pixel = distance * seen.pixel_m / np.median(distance)
     patches = fbm(points * 9, octaves=2, seed=int(rng.integers(1 << 30))) - 0.5
     width = 2 * radius / pixel + 6.0 * seen.patchiness * seen.width_soft_px * patches
     sharp = seen.width_soft_px * (1.0 - 0.8 * seen.patchiness)

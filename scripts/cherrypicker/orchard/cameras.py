@@ -1,13 +1,13 @@
 """Where the photographer stands: rings of cameras around the target tree."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.poses import Poses
 
-__all__ = ["CameraModel", "Ring", "look_at", "ring_poses"]
+__all__ = ["CameraModel", "Ring", "default_rings", "look_at", "ring_poses"]
 
 FULL_FRAME_DIAGONAL_MM = 43.27
 CLEARANCE_M = 0.4
@@ -15,7 +15,10 @@ CLEARANCE_M = 0.4
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A pinhole camera; `sensor_diagonal_mm` only sets the focal length that EXIF names."""
+    """A camera; `sensor_diagonal_mm` only sets the focal length that EXIF names.
+
+    `k1` and `k2` are its lens's radial distortion (COLMAP's RADIAL model); 0: a pinhole.
+    """
 
     width: int = 800
     height: int = 1200
@@ -23,6 +26,8 @@ class CameraModel:
     make: str = "Cherry"
     model: str = "Orchard One"
     sensor_diagonal_mm: float = 9.5
+    k1: float = 0.0
+    k2: float = 0.0
 
     @property
     def K(self):
@@ -40,6 +45,16 @@ class CameraModel:
     def focal_35mm(self):
         """Equivalent focal length on full frame by the diagonals, mm."""
         return self.focal_px / np.hypot(self.width, self.height) * FULL_FRAME_DIAGONAL_MM
+
+    def resized(self, width, height):
+        """The camera with another number of pixels and the same field of view (by the diagonal)."""
+        factor = np.hypot(width, height) / np.hypot(self.width, self.height)
+        return replace(self, width=width, height=height, focal_px=self.focal_px * factor)
+
+    def widened(self, factor):
+        """A pinhole of the same focal length and a frame that is larger by a factor."""
+        width, height = round(self.width * factor), round(self.height * factor)
+        return replace(self, width=width, height=height, k1=0.0, k2=0.0)
 
 
 @dataclass(frozen=True)
@@ -63,6 +78,23 @@ def look_at(center, target, roll=0.0):
     c, s = np.cos(roll), np.sin(roll)
     rotation = np.stack([c * right + s * down, c * down - s * right, forward])
     return np.column_stack([rotation, -rotation @ center])
+
+
+def default_rings(scene, camera, n_photos):
+    """Three rings around a scene's target, as far off as the tree needs to be in frame.
+
+    Trees of about 2.2 m get the rings of the demo; `n_photos` are shared out 5 : 5 : 2.
+    """
+    height = max(float(scene.target.skeleton().points[:, 2].max()), 0.8)
+    fit = 0.62 * height * camera.focal_px / (0.5 * min(camera.width, camera.height) * 1.2)
+    radius = float(np.clip(max(1.15 * height, fit), 1.4, 8.0))
+    n = [max(round(n_photos * share), 2) for share in (5 / 12, 5 / 12)]
+    n.append(max(n_photos - sum(n), 1))
+    return [
+        Ring(n[0], min(0.5 * height, 1.7), radius, 0.5 * height),
+        Ring(n[1], min(0.86 * height, 2.4), 0.97 * radius, 0.5 * height, 0.16),
+        Ring(n[2], min(0.27 * height, 1.0), 0.97 * radius, 0.53 * height),
+    ]
 
 
 def _stand_clear(center, obstacles):

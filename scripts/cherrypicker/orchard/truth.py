@@ -11,7 +11,7 @@ from cherrypicker.orchard.sampling import sample_scene
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import write_poses
 
-__all__ = ["GENERATOR_VERSION", "tree_traits", "write_truth"]
+__all__ = ["GENERATOR_VERSION", "tree_traits", "write_skeleton", "write_truth"]
 
 GENERATOR_VERSION = 1
 TRUNK_HEIGHT_M = 0.30
@@ -48,7 +48,8 @@ def tree_traits(tree):
     }
 
 
-def _write_skeleton(path, skeleton):
+def write_skeleton(path, skeleton):
+    """Write a `growth.Skeleton` as the table that `evaluation.read_truth_skeleton` reads."""
     with atomic_path(path) as partial, open(partial, "w", newline="") as handle:
         out = csv.writer(handle, lineterminator="\n")
         out.writerow(["id", "parent", "x", "y", "z", "radius", "order", "label"])
@@ -65,7 +66,7 @@ def _without_colors(cloud):
     return PointCloud(cloud.points, fields=fields, frame="metric", unit="m")
 
 
-def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name=""):
+def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name="", camera=None):
     """Write `poses.npz`, `skeleton.csv`, `cloud.ply`, `traits.json` and `scene.json`.
 
     Parameters
@@ -81,11 +82,13 @@ def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name=""):
         Radius of that cloud around the stem, m.
     name : str
         Preset the scene came from, for the record.
+    camera : CameraModel, optional
+        For the record: the distortion of the lens, which the poses do not tell.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_poses(folder / "poses.npz", poses)
-    _write_skeleton(folder / "skeleton.csv", scene.target.skeleton())
+    write_skeleton(folder / "skeleton.csv", scene.target.skeleton())
     cloud = sample_scene(scene, n_points, exact=True, extent=extent, ground_share=0.3)
     write_cloud(folder / "cloud.ply", _without_colors(cloud))
     write_json(folder / "traits.json", tree_traits(scene.target))
@@ -101,5 +104,10 @@ def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name=""):
             "stems": scene.offsets.tolist(),
             "options": {k: v for k, v in scene.options.items() if k != "markers"},
             "no_tree": NO_TREE,
+            **(
+                {"distortion": [camera.k1, camera.k2]}
+                if camera and (camera.k1 or camera.k2)
+                else {}
+            ),
         },
     )

@@ -1,0 +1,109 @@
+"""What the scenes of an orchard have: forms, sizes, things, light and cameras drawn from a seed."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.orchard.cameras import CameraModel
+from cherrypicker.orchard.growth import HABITS
+from cherrypicker.orchard.scene import DICTIONARIES
+from cherrypicker.orchard.templates import TEMPLATES
+
+__all__ = ["FORMS", "scene_camera", "scene_name", "scene_options"]
+
+FORMS = (*HABITS, *TEMPLATES)
+# heights m, and trunk radius per height: from a whip to the tallest trees of an old orchard
+HEIGHTS = {"cherry_whip": (1.0, 2.0), None: (1.3, 6.0)}
+RATIOS = {"cherry_whip": (0.011, 0.016), None: (0.014, 0.026)}
+RADIUS_M = (0.02, 0.15)
+WHIP_RADIUS_M = 0.008
+CAMERAS = (
+    CameraModel(800, 1200, 1050.0, model="Orchard One", sensor_diagonal_mm=9.5),
+    CameraModel(1200, 800, 860.0, model="Orchard Three", sensor_diagonal_mm=28.2),
+    CameraModel(960, 1280, 1130.0, model="Orchard Four", sensor_diagonal_mm=9.5),
+    CameraModel(1280, 960, 960.0, model="Orchard Five", sensor_diagonal_mm=12.1),
+    CameraModel(1200, 900, 1180.0, model="Orchard Six", sensor_diagonal_mm=43.3),
+)
+
+
+def scene_name(form, seed):
+    """Name of a scene: its form and its seed."""
+    return f"{form}_{seed:06d}"
+
+
+def scene_options(seed, forms=FORMS):
+    """Draw the options of `generate_scene` for one scene of an orchard.
+
+    Parameters
+    ----------
+    seed : int
+        Equal arguments give equal options.
+    forms : sequence of str
+        The forms to draw from.
+
+    Returns
+    -------
+    dict
+        JSON-able keyword arguments.
+
+    Raises
+    ------
+    StageError
+        If a form is not known.
+    """
+    unknown = [form for form in forms if form not in FORMS]
+    if unknown or not forms:
+        raise StageError(
+            f"forms are some of {', '.join(FORMS)}, got {', '.join(unknown) or 'none'}",
+            key="orchard.forms",
+        )
+    rng = np.random.default_rng([int(seed), 401])
+    form = str(rng.choice(list(forms)))
+    heights, ratios = (table.get(form, table[None]) for table in (HEIGHTS, RATIOS))
+    # most orchard trees are low: the logarithm of the height is even
+    height = float(np.exp(rng.uniform(*np.log(heights))))
+    low = WHIP_RADIUS_M if form == "cherry_whip" else RADIUS_M[0]
+    radius = float(np.clip(height * rng.uniform(*ratios), low, RADIUS_M[1]))
+    options = {
+        "habit": form,
+        "height": round(height, 3),
+        "trunk_radius": round(radius, 4),
+        "density": round(float(rng.uniform(0.6, 1.15)), 3),
+        "row_spacing": round(float(max(2.2, 0.9 * height) * rng.uniform(1.0, 1.6)), 3),
+        "sky": str(rng.choice(["clear", "broken", "overcast"])),
+        "markers": [],
+    }
+    for _ in range(int(rng.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))):
+        dictionary = str(rng.choice(DICTIONARIES))
+        taken = {(m["dictionary"], m["id"]) for m in options["markers"]}
+        number = int(rng.integers(0, 50))
+        if (dictionary, number) in taken:
+            continue
+        pose = str(rng.choice(["lying", "standing"]))
+        side = round(float(rng.uniform(0.10, 0.30)), 3)
+        options["markers"].append(
+            {"dictionary": dictionary, "id": number, "side_m": side, "pose": pose}
+        )
+    return options
+
+
+def scene_camera(seed, *, distortion=True):
+    """Draw the camera of a scene.
+
+    Parameters
+    ----------
+    seed : int
+    distortion : bool, default True
+        With a lens of moderate radial distortion; else a pinhole.
+
+    Returns
+    -------
+    CameraModel
+    """
+    rng = np.random.default_rng([int(seed), 409])
+    camera = CAMERAS[int(rng.integers(len(CAMERAS)))]
+    k1, k2 = float(rng.uniform(-0.12, 0.04)), float(rng.uniform(-0.01, 0.02))
+    if not distortion:
+        return camera
+    return replace(camera, k1=round(k1, 4), k2=round(k2, 4))

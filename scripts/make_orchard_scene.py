@@ -1,0 +1,54 @@
+"""Make one scene of the synthetic orchard: exact truth and the cloud "as seen", without photos.
+
+Writes into FOLDER, all from the seed: truth/ (poses.npz, skeleton.csv, cloud.ply, traits.json,
+scene.json) and as_seen.ply. Example:
+
+    python scripts/make_orchard_scene.py --seed 7 --as_seen results/orchard/scenes/7/as_seen.ply
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.orchard import AsSeen, generate_scene, sample_scene
+from cherrypicker.orchard.cameras import default_rings, ring_poses
+from cherrypicker.orchard.truth import write_truth
+from cherrypicker.orchard.variety import FORMS, scene_camera, scene_options
+from cherrypicker.pointcloud import write_cloud
+from cherrypicker.runner import run, stage_parser
+
+
+def main(
+    as_seen, *, seed, forms=FORMS, n_points=200_000, surface_points=150_000, extent_m=3.0,
+    n_photos=48, distortion=True,
+):  # fmt: skip
+    """Write the truth, then the cloud."""
+    folder = Path(as_seen).parent
+    options = scene_options(seed, forms)
+    scene = generate_scene(seed, **options)
+    camera = scene_camera(seed, distortion=distortion)
+    poses = ring_poses(
+        default_rings(scene, camera, n_photos), camera, seed=seed, ground=scene.ground_height,
+        obstacles=scene.neighbour_wood(),
+    )  # fmt: skip
+    write_truth(
+        folder / "truth", scene, poses, n_points=surface_points, extent=extent_m,
+        name=f"orchard {seed}", camera=camera,
+    )  # fmt: skip
+    rng = np.random.default_rng([seed, 419])
+    cloud = sample_scene(
+        scene, n_points, rng=rng, as_seen=AsSeen.random(rng), extent=extent_m, poses=poses
+    )
+    write_cloud(as_seen, cloud)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--as_seen", required=True, help="PLY to write, in the scene's folder")
+parser.add_argument("--seed", type=int, required=True)
+parser.add_argument("--forms", nargs="+", default=FORMS, help="forms of trees to draw from")
+parser.add_argument("--n_points", type=int, default=200_000, help="of the cloud as seen")
+parser.add_argument("--surface_points", type=int, default=150_000, help="of the exact cloud")
+parser.add_argument("--extent_m", type=float, default=3.0, help="radius of the clouds, m")
+parser.add_argument("--n_photos", type=int, default=48)
+parser.add_argument("--distortion", type=int, default=1, help="0: pinholes")
+run(main, parser, globals().get("snakemake"))
