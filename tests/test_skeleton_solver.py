@@ -14,7 +14,7 @@ from cherrypicker.skeleton.graph import find_root, spanning_tree
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.neighbors import component_links, components, knn_edges
 from cherrypicker.skeleton.radius import fit_circle, fit_radii
-from cherrypicker.skeleton.refine import prune_spurs, smooth_polyline, taper_radii
+from cherrypicker.skeleton.refine import smooth_polyline, taper_radii
 from cherrypicker.skeleton.solver import solve_tree
 
 
@@ -149,17 +149,6 @@ def test_stretch_without_points_takes_radii_from_both_sides():
     skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
     fitted = fit_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
     np.testing.assert_allclose(fitted.radius[30:37], (0.03 - 0.015 * z)[30:37], atol=0.002)
-
-
-def test_short_spurs_go_and_twigs_stay():
-    stem = np.column_stack([np.zeros(51), np.zeros(51), np.linspace(0, 0.5, 51)])
-    spur = np.column_stack([[0.01, 0.02], [0, 0], [0.2, 0.2]])
-    twig = np.column_stack([np.arange(1, 11) / 100, np.zeros(10), np.full(10, 0.3)])
-    parent = np.concatenate([np.arange(-1, 50), [20, 51], [30], np.arange(53, 62)])
-    skeleton = Skeleton(np.vstack([stem, spur, twig]), parent, np.full(63, 0.02), np.ones(63))
-    pruned = prune_spurs(skeleton, 0.01)
-    assert len(pruned) == 61
-    assert fold(pruned).n_tips == 2
 
 
 def test_smoothing_keeps_lines_and_calms_noise():

@@ -129,7 +129,9 @@ class _Tree:
                 break
             if travelled >= skip:
                 radii.append(self.radius[below])
-        return float(np.median(radii)) if radii else float(self.radius[nodes[0]])
+        if radii:
+            return float(np.median(radii))
+        return float(self.radius[nodes[-2] if len(nodes) > 1 else nodes[0]])  # one long step
 
 
 def _heir(tree, node):

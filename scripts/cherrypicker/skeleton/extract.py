@@ -5,24 +5,21 @@ import logging
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.skeleton.graph import auto_spacing, spanning_tree
+from cherrypicker.classes import Label
+from cherrypicker.skeleton.axis_points import axis_points
+from cherrypicker.skeleton.graph import auto_spacing, spanning_tree, without_foot
 from cherrypicker.skeleton.radius import fit_radii
-from cherrypicker.skeleton.refine import (
-    prune_spurs,
-    refine_skeleton,
-    taper_skeleton,
-    trim_unsupported,
-)
+from cherrypicker.skeleton.refine import refine_skeleton, taper_skeleton
+from cherrypicker.skeleton.regrow import regrow, surface_noise
 from cherrypicker.skeleton.sampling import median_spacing
 from cherrypicker.skeleton.solver import solve_tree
+from cherrypicker.skeleton.spurs import prune_stem_strays, prune_unseen
 
 __all__ = ["extract_skeleton"]
 
 logger = logging.getLogger(__name__)
 
-LOCAL_K = 15
-LOST_FACTOR, LOST_IN_SPACINGS = 1.5, 1.5
-SPARSE_FACTOR = 1.5
+REGROWTHS = 1
 RESOLUTION_FACTOR = 1.3  # samples need not be closer than the points that entered the contraction
 
 
@@ -55,48 +52,41 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     resolution = RESOLUTION_FACTOR * median_spacing(entered, cKDTree(entered))
     spacing = max(auto_spacing(contracted.points, spacing_m), resolution)
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
-    if method == "mst":
-        skeleton = spanning_tree(contracted.points, labels, spacing_m=spacing, k=k, base=base)
-    else:
-        # in a scan so sparse that hardly two points share a voxel, a twig is a line of points
-        sparse = len(surface) < SPARSE_FACTOR * len(entered)
-        lost = _lost_in_contraction(contracted.points, entered, spacing) if sparse else slice(0)
-        skeleton = solve_tree(
-            np.vstack([contracted.points, entered[lost]]),
-            np.concatenate([labels, labels[lost]]),
-            spacing_m=spacing,
-            k=k,
-            base=base,
-            surface=entered if sparse else None,
-        )
-    skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
     moved = np.linalg.norm(contracted.points - entered, axis=1)
     max_radius = max(3 * spacing, 1.5 * float(np.quantile(moved, 0.99)))
-    radii = {"spacing": spacing, "max_radius": max_radius, "recentre": False}
-    skeleton = fit_radii(skeleton, surface, **radii)
+    radii = {"spacing": spacing, "max_radius": max_radius}
     if method == "mst":
-        return skeleton
-    skeleton = trim_unsupported(skeleton, spacing)
-    skeleton = fit_radii(prune_spurs(skeleton, spacing), surface, **(radii | {"recentre": True}))
-    skeleton = refine_skeleton(skeleton, surface, spacing)
-    skeleton = fit_radii(skeleton, surface, **radii)
-    return taper_skeleton(skeleton)
-
-
-def _lost_in_contraction(contracted, entered, spacing):
-    """Rows of points far from all that they could have contracted to.
-
-    Points that sit in line on a thin twig contract along the twig, into clumps, or the twig slides
-    into its parent. A point is explained by contracted points as near as those moved themselves
-    (about a radius); the others are so thin a wood that they are skeleton points as they are.
-    """
-    moved = np.linalg.norm(contracted - entered, axis=1)
-    tree = cKDTree(contracted)
-    distance, nearest = tree.query(entered)
-    _, around = tree.query(contracted, k=min(LOCAL_K, len(contracted)))
-    usual = np.median(moved[around], axis=1)
-    lost = np.flatnonzero(distance > LOST_FACTOR * usual[nearest] + LOST_IN_SPACINGS * spacing)
-    logger.info(
-        "%d of %d points lost in the contraction enter as they are", len(lost), len(entered)
+        skeleton = spanning_tree(contracted.points, labels, spacing_m=spacing, k=k, base=base)
+        skeleton = _in_frame_of(skeleton, contracted)
+        return fit_radii(skeleton, surface, recentre=False, **radii)
+    points, keep, direction = axis_points(entered, contracted.points, spacing)
+    keep &= without_foot(points, entered[labels == Label.TRUNK], base)
+    skeleton = solve_tree(
+        points[keep],
+        labels[keep],
+        spacing_m=spacing,
+        k=k,
+        base=base,
+        direction=direction[keep],
+        seen=np.vstack([points, contracted.points]),
     )
-    return lost
+    skeleton = fit_radii(_in_frame_of(skeleton, contracted), surface, recentre=False, **radii)
+    noise = surface_noise(skeleton)
+    skeleton = prune_unseen(skeleton, entered, spacing, noise)
+    skeleton = taper_skeleton(fit_radii(skeleton, surface, recentre=True, **radii))
+    skeleton = prune_stem_strays(skeleton, spacing, noise)
+    skeleton = refine_skeleton(skeleton, entered, spacing, noise)
+    for _ in range(REGROWTHS):
+        skeleton = taper_skeleton(fit_radii(skeleton, surface, recentre=False, **radii))
+        skeleton, n_added = regrow(skeleton, entered, spacing)
+        if not n_added:
+            break
+    skeleton = fit_radii(skeleton, surface, recentre=True, **radii)
+    skeleton = prune_unseen(skeleton, entered, spacing, noise)
+    skeleton = prune_stem_strays(taper_skeleton(skeleton), spacing, noise)
+    return taper_skeleton(fit_radii(skeleton, surface, recentre=False, **radii))
+
+
+def _in_frame_of(skeleton, cloud):
+    skeleton.unit, skeleton.frame = cloud.unit, cloud.frame
+    return skeleton

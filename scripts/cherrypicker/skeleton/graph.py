@@ -10,11 +10,20 @@ from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.neighbors import component_links, knn_edges, sparse_graph
 from cherrypicker.skeleton.sampling import farthest_point_sample
 
-__all__ = ["FEWEST_NODES", "auto_spacing", "find_root", "majority_label", "spanning_tree"]
+__all__ = [
+    "FEWEST_NODES",
+    "auto_spacing",
+    "find_root",
+    "majority_label",
+    "sample_nodes",
+    "spanning_tree",
+    "without_foot",
+]
 
 logger = logging.getLogger(__name__)
 
 FEWEST_NODES = 3
+FEWEST_STEM_POINTS = 12
 MOST_SAMPLES = 20_000
 FOOT_SHARE = 0.05  # of the height: how far above its lowest point the stem's foot is looked for
 
@@ -53,6 +62,78 @@ def find_root(points, labels, base=None):
     return int(rows[np.argmin(points[rows, 2])])
 
 
+def without_foot(points, stem_points, base):
+    """Skeleton points without those within a radius of the stem's foot.
+
+    A contraction draws the rim of the stem's lower end into corners; without them the tree starts
+    inside the stem, and its straight continuation finds the foot.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+        Skeleton points, z up.
+    stem_points : ndarray of shape (n_stem, 3)
+        Surface points of the trunk.
+    base : array-like of 3 floats or None
+        Where the stem stands, by its lowest points if left out.
+
+    Returns
+    -------
+    ndarray of shape (n_points,), bool
+        Points to keep.
+    """
+    keep = np.ones(len(points), dtype=bool)
+    if len(stem_points) < FEWEST_STEM_POINTS:
+        return keep
+    height = float(np.ptp(points[:, 2]))
+    middle = stem_points[np.argmin(stem_points[:, 2])] if base is None else np.asarray(base)
+    near = stem_points[:, 2] < middle[2] + FOOT_SHARE * height
+    near &= np.linalg.norm(stem_points[:, :2] - middle[:2], axis=1) < 2 * FOOT_SHARE * height
+    foot = stem_points[near]
+    if len(foot) < FEWEST_STEM_POINTS:
+        return keep
+    middle = np.median(foot[:, :2], axis=0)
+    radius = float(np.median(np.linalg.norm(foot[:, :2] - middle, axis=1)))
+    low = float(np.quantile(foot[:, 2], 0.02)) + 1.2 * radius
+    keep = (points[:, 2] > low) | (np.linalg.norm(points[:, :2] - middle, axis=1) > 2.5 * radius)
+    return keep if np.count_nonzero(keep) >= FEWEST_NODES else np.ones(len(points), dtype=bool)
+
+
+def sample_nodes(points, labels, spacing_m, base=None):
+    """Sample skeleton points evenly, the root first.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    labels : ndarray of shape (n_points,), int
+    spacing_m : float
+        Every point lies within this distance of a sample, or more in a large tree.
+    base : array-like of 3 floats, optional
+        See `find_root`.
+
+    Returns
+    -------
+    samples : ndarray of shape (n_samples,), int64
+        Rows of `points`.
+    label : ndarray of shape (n_samples,), int64
+        Most frequent class around each sample.
+    spacing : float
+
+    Raises
+    ------
+    StageError
+        If there are too few points or they coincide.
+    """
+    spacing = auto_spacing(points, spacing_m)
+    first = find_root(points, labels, base)
+    samples, nearest = farthest_point_sample(points, spacing, first=first)
+    if len(samples) < FEWEST_NODES:
+        raise StageError(
+            f"{len(samples)} skeleton samples are too few for a graph", key="graph.spacing_m"
+        )
+    return samples, majority_label(labels, nearest, len(samples)), spacing
+
+
 def spanning_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
     """Farthest point sampling and the minimum spanning tree, rooted at the stem base.
 
@@ -79,13 +160,7 @@ def spanning_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
     StageError
         If there are too few points or they coincide.
     """
-    spacing = auto_spacing(points, spacing_m)
-    first = find_root(points, labels, base)
-    samples, nearest = farthest_point_sample(points, spacing, first=first)
-    if len(samples) < FEWEST_NODES:
-        raise StageError(
-            f"{len(samples)} skeleton samples are too few for a graph", key="graph.spacing_m"
-        )
+    samples, label, spacing = sample_nodes(points, labels, spacing_m, base)
     nodes = points[samples]
     edges = knn_edges(nodes, k)
     links = component_links(nodes, edges)
@@ -94,7 +169,7 @@ def spanning_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
     tree = minimum_spanning_tree(sparse_graph(len(nodes), edges, length)).tocoo()
     pairs = np.stack([tree.row, tree.col], axis=1)
     order, parent = rooted_order(len(nodes), pairs, 0)
-    label = majority_label(labels, nearest, len(nodes))[order]
+    label = label[order]
     gap = _long_edges(nodes[order], parent, spacing)
     skeleton = Skeleton(nodes[order], parent, np.zeros(len(nodes)), label, {"gap": gap})
     logger.info("%d samples every %.1f mm, %d links added", len(nodes), 1e3 * spacing, len(links))

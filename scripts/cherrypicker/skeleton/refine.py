@@ -1,4 +1,4 @@
-"""Repair of what the contraction does to a skeleton: bent junctions, short tips, spurs, jitter."""
+"""Repair of what the contraction does to a skeleton: bent junctions, short tips, jitter."""
 
 import logging
 from dataclasses import replace
@@ -9,6 +9,7 @@ from scipy.optimize import isotonic_regression
 from scipy.spatial import cKDTree
 
 from cherrypicker.skeleton.axes import axes as find_axes
+from cherrypicker.skeleton.axes import axis_of_node
 from cherrypicker.skeleton.strands import (
     arc_length,
     interpolate,
@@ -18,115 +19,29 @@ from cherrypicker.skeleton.strands import (
 )
 
 __all__ = [
-    "prune_spurs",
     "refine_skeleton",
     "smooth_polyline",
     "taper_radii",
     "taper_skeleton",
-    "trim_unsupported",
 ]
 
 logger = logging.getLogger(__name__)
 
 CLEAR_OF_PARENT = 1.6  # parent radii from the parent's axis where a side axis runs undisturbed
 LEAST_ANGLE_COSINE = np.cos(np.radians(12.0))
-SMOOTH_NODES = 2.5  # length over which an axis is smoothed, in spacings
+SMOOTH_NODES = 1.3  # length over which an axis is smoothed, in spacings
 PULLED_WEIGHT = 0.15  # say of a node that the contraction has pulled towards a side axis
 BASE_WEIGHT = 1e3
-MOST_GAP_SHARE = 0.5  # of the length of a way to a tip: more, and there is too little behind it
-LEAST_BEHIND_GAP = 5  # spacings of wood behind a gap that make a branch of it all the same
-LEAST_SUPPORT = 0.08
-THINNEST_IN_SPACINGS = 0.3  # below, radii say little about the surface that points are sown on
-LONGEST_EXTENSION = 12  # spacings that a tip may be carried on along its surface
+LEAST_STEP = 0.5  # of the spacing: closer nodes would hold one another too firmly
+LONGEST_EXTENSION = 8  # spacings that a tip may be carried on along its surface
+LEAST_EXTENSION = 0.2  # spacings
+TIP_STRETCH = 5  # spacings before the tip that tell its direction and its share of points
+WIDEST_BREAK = 2.0  # spacings without points that end a tip
+FEWEST_AT_TIP = 4
+NEAR_NODES = 6
 
 
-def prune_spurs(skeleton, spacing, *, least_nodes=1.5):
-    """Remove side ends that do not come out of their parent's surface.
-
-    A way from a tip to the junction before it is a spur when it is no longer than the radius at
-    the junction plus `least_nodes` spacings, or when most of it only bridges missing data (a stray
-    blob, not a branch). Pruning repeats, shortest first, since a junction
-    that has lost a spur may be no junction any more.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        With radii.
-    spacing : float
-    least_nodes : float, default 1.5
-
-    Returns
-    -------
-    Skeleton
-    """
-    length = skeleton.edge_length
-    gap = skeleton.fields.get("gap", np.zeros(len(skeleton), dtype=np.int64))
-    alive = np.ones(len(skeleton), dtype=bool)
-    n_children = skeleton.n_children.copy()
-    n_pruned = 0
-    while True:
-        spurs = []
-        for tip in np.flatnonzero(alive & (n_children == 0)):
-            way, node = [tip], skeleton.parent[tip]
-            travelled = length[tip]
-            while node > 0 and n_children[node] == 1:
-                way.append(node)
-                travelled += length[node]
-                node = skeleton.parent[node]
-            if node >= 0 and n_children[node] > 1:
-                limit = skeleton.radius[node] + least_nodes * spacing
-                bridged = length[way][gap[way] > 0].sum()
-                stray = bridged > MOST_GAP_SHARE * travelled
-                stray &= travelled - bridged < LEAST_BEHIND_GAP * spacing
-                if travelled < limit or stray:
-                    spurs.append((travelled / limit, tip, way, node))
-        touched = set()
-        for _, _, way, node in sorted(spurs, key=lambda spur: spur[:2]):
-            if node in touched:
-                continue
-            touched.add(node)
-            alive[way] = False
-            n_children[node] -= 1
-            n_pruned += 1
-        if not touched:
-            break
-    logger.info("pruned %d spurs", n_pruned)
-    return skeleton.select(alive)
-
-
-def trim_unsupported(skeleton, spacing, *, least_support=LEAST_SUPPORT):
-    """Take back tips whose surface is far thinner sown with points than the tree's usual.
-
-    Stray points of a dense reconstruction hang together with the tips that they float near; a
-    twig that the reconstruction shows has about the point density of thicker wood.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        With radii and the field ``n_points``.
-    spacing : float
-    least_support : float, default 0.08
-        Share of the median point density.
-
-    Returns
-    -------
-    Skeleton
-    """
-    radius = np.maximum(skeleton.radius, THINNEST_IN_SPACINGS * spacing)
-    window = 2 * np.maximum(1.5 * skeleton.radius, 1.5 * spacing)
-    density = skeleton.fields["n_points"] / (2 * np.pi * radius * window)
-    thin = density < least_support * np.median(density)
-    alive = np.ones(len(skeleton), dtype=bool)
-    n_children = skeleton.n_children
-    for node in range(len(skeleton) - 1, 2, -1):  # children come after their parents
-        if thin[node] and n_children[node] == 0:
-            alive[node] = False
-            n_children[skeleton.parent[node]] -= 1
-    logger.info("trimmed %d nodes that next to no points support", np.count_nonzero(~alive))
-    return skeleton.select(alive)
-
-
-def smooth_polyline(points, weights, stiffness):
+def smooth_polyline(points, weights, stiffness, spacing=None):
     """Smooth a polyline by a penalty on its second differences (Whittaker's smoother).
 
     Parameters
@@ -135,6 +50,9 @@ def smooth_polyline(points, weights, stiffness):
     weights : ndarray of shape (n,)
     stiffness : float
         Fourth power of the length, in nodes, below which wiggles go.
+    spacing : float, optional
+        Usual distance of nodes: the penalty is on the change of slope, so that nodes farther
+        apart hold one another less. Left out, all nodes count as evenly spaced.
 
     Returns
     -------
@@ -143,14 +61,19 @@ def smooth_polyline(points, weights, stiffness):
     n = len(points)
     if n < 3:
         return points.copy()
+    slope = np.ones(n - 1)
+    if spacing is not None:
+        length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        slope = spacing / np.maximum(length, LEAST_STEP * spacing)
+    left, right = slope[:-1], slope[1:]
     bands = np.zeros((3, n))  # upper form of W + stiffness D2^T D2
     bands[2] = weights
-    bands[2, :-2] += stiffness
-    bands[2, 1:-1] += 4 * stiffness
-    bands[2, 2:] += stiffness
-    bands[1, 1:-1] += -2 * stiffness
-    bands[1, 2:] += -2 * stiffness
-    bands[0, 2:] += stiffness
+    bands[2, :-2] += stiffness * left**2
+    bands[2, 1:-1] += stiffness * (left + right) ** 2
+    bands[2, 2:] += stiffness * right**2
+    bands[1, 1:-1] -= stiffness * left * (left + right)
+    bands[1, 2:] -= stiffness * right * (left + right)
+    bands[0, 2:] += stiffness * left * right
     return solveh_banded(bands, weights[:, None] * points)
 
 
@@ -200,7 +123,7 @@ def taper_skeleton(skeleton):
     return replace(skeleton, radius=radius)
 
 
-def refine_skeleton(skeleton, surface, spacing):
+def refine_skeleton(skeleton, surface, spacing, noise=0.0):
     """Straighten junctions, smooth axes, carry tips and the foot on to the end of the surface.
 
     Parameters
@@ -210,6 +133,8 @@ def refine_skeleton(skeleton, surface, spacing):
     surface : ndarray of shape (n_points, 3)
         Wood points of the original cloud.
     spacing : float
+    noise : float, default 0
+        Standard deviation of the surface points around the wood.
 
     Returns
     -------
@@ -217,8 +142,7 @@ def refine_skeleton(skeleton, surface, spacing):
         Evenly sampled; radii interpolated from the old ones, to be fitted anew.
     """
     strands = split_strands(skeleton)
-    tree = cKDTree(surface)
-    nodes = cKDTree(skeleton.points)
+    own_points = _points_by_axis(skeleton, surface)
     attached = [[] for _ in strands]
     for index, strand in enumerate(strands):
         if strand.parent >= 0:
@@ -227,7 +151,7 @@ def refine_skeleton(skeleton, surface, spacing):
         if strand.parent >= 0:
             _attach(strand, strands[strand.parent], spacing)
         _smooth(strand, [strands[child] for child in attached[index]], spacing)
-        _follow_surface(strand, tree, surface, nodes, spacing)
+        _follow_surface(strand, surface[own_points[index]], spacing, noise)
         if strand.parent < 0:
             _reach_foot(strand, surface, spacing)
         for child in attached[index]:  # the axis has moved below its side axes
@@ -246,8 +170,14 @@ def _attach(strand, parent, spacing):
     R = interpolate(parent.points, parent.radius, at)
     clear = np.flatnonzero(distance > CLEAR_OF_PARENT * R + spacing)
     clear = clear[clear > 0]
-    first = int(clear[0]) if len(clear) else len(strand.points) - 1
     s = arc_length(strand.points)
+    first = int(clear[0]) if len(clear) else len(strand.points) - 1
+    start = strand.points[0]
+    while first > 1:  # what is left out must lie along the straight way, or inside the parent
+        left_out = strand.points[1:first][distance[1:first] > R[1:first]]
+        if not len(left_out) or _off_line(left_out, start, strand.points[first]) <= spacing:
+            break
+        first -= 1
     reach = max(2.0 * R[first], 5 * spacing)
     run = strand.points[first:][s[first:] - s[first] <= reach]
     place = _meet(parent, strand.points[first], run, at[0], R[first], spacing)
@@ -262,6 +192,13 @@ def _attach(strand, parent, spacing):
         values = getattr(strand, name)[first:]
         setattr(strand, name, np.concatenate([np.full(n_between, fill), values]))
     strand.gap = np.concatenate([np.full(n_between, bridged), strand.gap[first:]]).astype(int)
+
+
+def _off_line(points, start, end):
+    """Largest distance of points from the line through two others."""
+    direction = (end - start) / max(np.linalg.norm(end - start), 1e-12)
+    offset = points - start
+    return float(np.linalg.norm(offset - np.outer(offset @ direction, direction), axis=1).max())
 
 
 def _meet(parent, end, run, at_now, R, spacing):
@@ -306,39 +243,61 @@ def _smooth(strand, sides, spacing):
         weights[0] = BASE_WEIGHT
     weights[-1] = max(weights[-1], 0.5)
     nodes = max(SMOOTH_NODES, 0.5 * float(np.median(strand.radius)) / spacing)
-    strand.points = smooth_polyline(strand.points, weights, nodes**4)
+    strand.points = smooth_polyline(strand.points, weights, nodes**4, spacing)
 
 
-def _follow_surface(strand, tree, surface, nodes, spacing):
-    """Carry the tip on while the surface goes on ahead of it: contraction shortens tips."""
-    if len(strand.points) < 3:
+def _points_by_axis(skeleton, surface):
+    """Rows of the surface points that lie nearest to each axis's wood, a list of int64 arrays."""
+    axis_list = find_axes(skeleton)
+    owner = axis_of_node(skeleton, axis_list)
+    n_near = min(NEAR_NODES, len(skeleton))
+    distance, near = cKDTree(skeleton.points).query(surface, k=n_near)
+    distance, near = distance.reshape(-1, n_near), near.reshape(-1, n_near)
+    best = np.argmin(distance - skeleton.radius[near], axis=1)
+    axis = owner[near[np.arange(len(surface)), best]]
+    order = np.argsort(axis, kind="stable")
+    return np.split(order, np.searchsorted(axis[order], np.arange(1, len(axis_list))))
+
+
+def _follow_surface(strand, points, spacing, noise):
+    """Carry the tip on to where the axis's own points end: contraction shortens tips.
+
+    As many points as lie beyond the tip are worth so much length as they take before it, whatever
+    the noise does to the outermost of them.
+    """
+    s = arc_length(strand.points)
+    if len(s) < 3 or len(points) < FEWEST_AT_TIP:
         return
-    n_back = min(len(strand.points) - 1, 4)
-    direction = strand.points[-1] - strand.points[-1 - n_back]
-    direction /= max(np.linalg.norm(direction), 1e-12)
-    radius = float(np.median(strand.radius[-4:]))
-    reach = max(2.0 * radius, 1.2 * spacing)
-    usual = len(tree.query_ball_point(strand.points[-3], reach))
-    end, added = strand.points[-1], []
-    for _ in range(LONGEST_EXTENSION):
-        rows = tree.query_ball_point(end + direction * spacing, reach)
-        ahead = surface[rows][(surface[rows] - end) @ direction > 0.5 * spacing]
-        if len(ahead) < max(3, 0.1 * usual):
-            break
-        to_middle = ahead.mean(axis=0) - end
-        direction = 0.8 * direction + 0.2 * to_middle / np.linalg.norm(to_middle)
-        direction /= np.linalg.norm(direction)
-        new_end = end + spacing * direction
-        if added and nodes.query(new_end)[0] < 1.5 * spacing:
-            break  # another axis is there already
-        end = new_end
-        added.append(end)
-    if added:
-        n = len(added)
-        strand.points = np.vstack([strand.points, added])
-        strand.radius = np.concatenate([strand.radius, np.full(n, strand.radius[-1])])
-        strand.label = np.concatenate([strand.label, np.full(n, strand.label[-1])])
-        strand.gap = np.concatenate([strand.gap, np.zeros(n, dtype=int)])
+    before = max(0, int(np.searchsorted(s, s[-1] - TIP_STRETCH * spacing)) - 1)
+    before = min(before, len(s) - 3)
+    direction = strand.points[-1] - strand.points[before]
+    stretch = np.linalg.norm(direction)
+    if stretch <= 0:
+        return
+    direction /= stretch
+    radius = float(np.median(strand.radius[before:]))
+    offset = points - strand.points[-1]
+    along = offset @ direction
+    aside = np.linalg.norm(offset - along[:, None] * direction, axis=1)
+    near = along[aside <= max(2 * radius, 3 * noise, spacing)]
+    n_before = np.count_nonzero((near <= 0) & (near > -stretch))
+    beyond = np.sort(near[near > 0])
+    steps = np.diff(beyond, prepend=0.0)
+    breaks = np.flatnonzero(steps > WIDEST_BREAK * spacing)
+    beyond = beyond[: breaks[0]] if len(breaks) else beyond
+    if n_before < FEWEST_AT_TIP or not len(beyond):
+        return
+    reach = min(len(beyond) / n_before * stretch, beyond[-1], LONGEST_EXTENSION * spacing)
+    n = int(np.ceil(reach / spacing - 0.5))
+    if reach < LEAST_EXTENSION * spacing:
+        return
+    steps = reach * (np.arange(max(n, 1)) + 1) / max(n, 1)
+    added = strand.points[-1] + steps[:, None] * direction
+    n = len(added)
+    strand.points = np.vstack([strand.points, added])
+    strand.radius = np.concatenate([strand.radius, np.full(n, strand.radius[-1])])
+    strand.label = np.concatenate([strand.label, np.full(n, strand.label[-1])])
+    strand.gap = np.concatenate([strand.gap, np.zeros(n, dtype=int)])
 
 
 def _reach_foot(strand, surface, spacing):

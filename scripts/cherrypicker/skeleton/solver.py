@@ -15,32 +15,30 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.errors import StageError
-from cherrypicker.skeleton.graph import (
-    FEWEST_NODES,
-    auto_spacing,
-    find_root,
-    majority_label,
-)
+from cherrypicker.classes import Label
+from cherrypicker.skeleton.bridges import bridge_pieces
+from cherrypicker.skeleton.graph import sample_nodes
 from cherrypicker.skeleton.model import Skeleton, rooted_order
-from cherrypicker.skeleton.neighbors import component_links, components, knn_edges, sparse_graph
-from cherrypicker.skeleton.sampling import farthest_point_sample
+from cherrypicker.skeleton.neighbors import knn_edges, sparse_graph
 
 __all__ = ["solve_tree"]
 
 logger = logging.getLogger(__name__)
 
 REACH_IN_SPACINGS = 3.5  # an edge this long still follows the samples of one branch
-NEAR_IN_SPACINGS = 2.0  # surface points this near accompany a step
 LEAP_POWER = 1.5  # a step of n spacings costs n to this power: rather many short steps
 TURN_COST_M = 0.8  # a right angle costs as much as this many metres of way
 FREE_TURN = 0.035  # 1 - cos of the turn that noise makes, free of charge
 SAME_DIRECTION = 0.6  # cosine from which a way runs in the direction of the tree
+BESIDE_IN_SPACINGS = 1.2  # skeleton points this near show that a step bridges nothing
+MOST_BARE = 0.4
 COVER_IN_SPACINGS = 1.5
-GAP_CANDIDATE_M = 0.3
+AHEAD_IN_SPACINGS, NEAR_AHEAD, AHEAD_COSINE = 8.0, 2.0, np.cos(np.radians(20.0))
+LONGEST_STEM_BRIDGE_M = 0.6
+STEM_FROM_BRANCH_M = 1.0  # what a stem that grows out of a branch costs
 
 
-def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None, surface=None):
+def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None, direction=None, seen=None):
     """Sample contracted points and connect them to a rooted tree.
 
     Parameters
@@ -54,10 +52,11 @@ def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None, surface=None)
         Neighbours of a sample in the graph.
     base : array-like of 3 floats, optional
         Where the stem stands.
-    surface : ndarray of shape (n_surface, 3), optional
-        Points before the contraction, of a sparse and clean scan: a step between samples that
-        these accompany bridges no missing data, however long it is. Among the noise of a dense
-        reconstruction they prove nothing: leave them out.
+    direction : ndarray of shape (n_points, 3), optional
+        Of the line that each point lies on (zeros where unknown): a branch may go straight on
+        over a stretch without samples of its own, as it does next to a fork.
+    seen : ndarray of shape (n_seen, 3), optional
+        Points that show that a long step bridges no missing data, `points` if left out.
 
     Returns
     -------
@@ -69,26 +68,22 @@ def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None, surface=None)
     StageError
         If there are too few points or they coincide.
     """
-    spacing = auto_spacing(points, spacing_m)
-    first = find_root(points, labels, base)
-    samples, nearest = farthest_point_sample(points, spacing, first=first)
-    if len(samples) < FEWEST_NODES:
-        raise StageError(
-            f"{len(samples)} skeleton samples are too few for a graph", key="graph.spacing_m"
-        )
+    samples, label, spacing = sample_nodes(points, labels, spacing_m, base)
     nodes = _local_means(points, points[samples], spacing)
-    label = majority_label(labels, nearest, len(nodes))
-    edges, n_links = _candidate_edges(nodes, k, spacing)
-    edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
-    length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
     scale = float(np.ptp(points, axis=0).max()) / 2.5  # turns cost the same share of any tree
-    bare = _bare_length(nodes, edges, length, surface, spacing)
+    edges, n_links = _candidate_edges(nodes, label, k, spacing, scale)
+    if direction is not None:
+        ahead = _edges_ahead(nodes, direction[samples], spacing)
+        edges = np.unique(np.vstack([edges, ahead]), axis=0)
+    length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
     graph = sparse_graph(len(nodes), edges, length)
-    leap = sparse_graph(len(nodes), edges, bare).data
+    leap = graph.data
     source = np.repeat(np.arange(len(nodes)), np.diff(graph.indptr)).astype(np.int64)
     target = graph.indices.astype(np.int64)
     direction = (nodes[target] - nodes[source]) / graph.data[:, None]
-    cost = leap * np.maximum(leap / spacing, 1.0) ** (LEAP_POWER - 1) + graph.data - leap
+    cost = leap * np.maximum(leap / spacing, 1.0) ** (LEAP_POWER - 1)
+    grows_back = (label[source] != Label.TRUNK) & (label[target] == Label.TRUNK)
+    cost += np.where(grows_back, STEM_FROM_BRANCH_M * scale, 0.0)
     way, before = _directed_ways(
         graph.indptr.astype(np.int64), source, target, cost, direction, TURN_COST_M * scale
     )
@@ -101,7 +96,11 @@ def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None, surface=None)
     steps = step[order[1:]]
     distance = np.linalg.norm(nodes[chosen[1:]] - nodes[chosen[parent[1:]]], axis=1)
     aside = np.maximum(distance - graph.data[steps], 0.0)  # a joint lies beside the step's start
-    gap[1:] = leap[steps] + aside > REACH_IN_SPACINGS * spacing
+    seen = points if seen is None else seen
+    is_long = leap[steps] + aside > REACH_IN_SPACINGS * spacing
+    ends = np.stack([parent[1:], np.arange(1, len(chosen))], axis=1)[is_long]
+    bare = _bare_length(nodes[chosen], ends, distance[is_long], seen, spacing)
+    gap[1:][is_long] = bare > MOST_BARE * distance[is_long]
     logger.info(
         "%d samples every %.1f mm, %d links over gaps considered, %d taken",
         len(nodes),
@@ -112,23 +111,17 @@ def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None, surface=None)
     return Skeleton(nodes[chosen], parent, np.zeros(len(chosen)), label[chosen], {"gap": gap})
 
 
-def _bare_length(nodes, edges, length, surface, spacing):
-    """Length of each edge that no surface point accompanies."""
-    bare = length.copy()
-    long_ones = np.flatnonzero(length > REACH_IN_SPACINGS * spacing)
-    if surface is None or not len(long_ones):
-        return bare
-    n_steps = np.ceil(length[long_ones] / spacing).astype(np.int64)
-    edge = np.repeat(np.arange(len(long_ones)), n_steps)
-    share = (np.arange(len(edge)) - np.repeat(np.cumsum(n_steps) - n_steps, n_steps) + 0.5) / (
-        n_steps[edge]
-    )
-    a, b = nodes[edges[long_ones, 0]], nodes[edges[long_ones, 1]]
+def _bare_length(nodes, edges, length, seen, spacing):
+    """Length of each edge that no skeleton point accompanies."""
+    n_steps = np.maximum(np.ceil(length / spacing).astype(np.int64), 1)
+    edge = np.repeat(np.arange(len(edges)), n_steps)
+    first = np.repeat(np.cumsum(n_steps) - n_steps, n_steps)
+    share = (np.arange(len(edge)) - first + 0.5) / n_steps[edge]
+    a, b = nodes[edges[:, 0]], nodes[edges[:, 1]]
     places = a[edge] + share[:, None] * (b - a)[edge]
-    away, _ = cKDTree(surface).query(places, distance_upper_bound=2 * NEAR_IN_SPACINGS * spacing)
-    alone = np.bincount(edge, away > NEAR_IN_SPACINGS * spacing) / n_steps
-    bare[long_ones] *= alone
-    return bare
+    beside = BESIDE_IN_SPACINGS * spacing
+    away, _ = cKDTree(seen).query(places, distance_upper_bound=2 * beside)
+    return length * np.bincount(edge, away > beside, len(edges)) / n_steps
 
 
 def _local_means(points, samples, spacing):
@@ -137,20 +130,37 @@ def _local_means(points, samples, spacing):
     return np.array([points[rows].mean(axis=0) for rows in groups])
 
 
-def _candidate_edges(nodes, k, spacing):
-    """Edges between near samples, and over gaps between the pieces that these leave."""
+def _candidate_edges(nodes, label, k, spacing, scale):
+    """Edges between near samples, and over gaps one bridge to each piece that these leave.
+
+    The pieces of the stem are joined to one another before anything else: branches of two whorls
+    that touch would else lead around a hole in it.
+    """
     edges = knn_edges(nodes, k, REACH_IN_SPACINGS * spacing)
-    member, n_components = components(len(nodes), edges)
-    if n_components == 1:
-        return edges, 0
-    links = [component_links(nodes, edges)]
-    distance, neighbor = cKDTree(nodes).query(nodes, k=min(48, len(nodes)))
-    foreign = (member[neighbor] != member[:, None]) & (distance <= GAP_CANDIDATE_M)
-    rows = np.flatnonzero(foreign.any(axis=1))
-    nearest = neighbor[rows, np.argmax(foreign[rows], axis=1)]
-    links.append(np.sort(np.stack([rows, nearest], axis=1), axis=1))
-    links = np.unique(np.vstack(links), axis=0)
-    return np.vstack([edges, links]).astype(np.int64), len(links)
+    stem = np.flatnonzero(label == Label.TRUNK)
+    links = [np.empty((0, 2), dtype=np.int64)]
+    if label[0] == Label.TRUNK and len(stem) > 2:
+        place = np.full(len(nodes), -1)
+        place[stem] = np.arange(len(stem))
+        own = place[edges]
+        bridges = stem[bridge_pieces(nodes[stem], own[(own >= 0).all(axis=1)], spacing, scale)]
+        length = np.linalg.norm(nodes[bridges[:, 0]] - nodes[bridges[:, 1]], axis=1)
+        links.append(bridges[length <= LONGEST_STEM_BRIDGE_M * scale])
+    links.append(bridge_pieces(nodes, np.vstack([edges, *links]), spacing, scale))
+    links = np.unique(np.sort(np.vstack(links), axis=1), axis=0)
+    return np.unique(np.vstack([edges, links]), axis=0).astype(np.int64), len(links)
+
+
+def _edges_ahead(nodes, direction, spacing):
+    """Edges from samples straight on along their lines, farther than to their neighbours."""
+    pairs = cKDTree(nodes).query_pairs(AHEAD_IN_SPACINGS * spacing, output_type="ndarray")
+    step = nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
+    length = np.linalg.norm(step, axis=1)
+    straight = np.zeros(len(pairs), dtype=bool)
+    for end in (0, 1):
+        cosine = np.abs(np.einsum("ij,ij->i", step, direction[pairs[:, end]])) / length
+        straight |= cosine > AHEAD_COSINE
+    return pairs[straight & (length > NEAR_AHEAD * spacing)].astype(np.int64)
 
 
 @numba.njit(cache=True)

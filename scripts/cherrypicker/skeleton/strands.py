@@ -132,7 +132,7 @@ def join_strands(strands, spacing, *, unit, frame):
     for index, strand in enumerate(strands):
         s = arc_length(strand.points)
         wanted = [strands[child].at for child in children[index]]
-        at = _stations(s[-1], np.clip(wanted, 0, s[-1]), spacing)
+        at = _stations(s, strand.gap, np.clip(wanted, 0, s[-1]), spacing)
         nearest = np.clip(np.searchsorted(s, at - 1e-12), 0, len(s) - 1)
         own = slice(0 if strand.parent < 0 else 1, None)  # a side strand starts in a parent's node
         ids = total + np.arange(len(at[own]))
@@ -157,9 +157,17 @@ def join_strands(strands, spacing, *, unit, frame):
     )
 
 
-def _stations(length, wanted, spacing):
-    """Arc lengths of the nodes: the ends, the junctions, and even steps between them."""
-    stops = np.concatenate([[0.0], np.sort(wanted), [length]])
+def _stations(s, gap, wanted, spacing):
+    """Arc lengths of the nodes: the ends, the junctions, and even steps between them.
+
+    Pieces that bridge missing data have no nodes of their own: none were seen there.
+    """
+    length = float(s[-1])
+    bare = np.flatnonzero(gap[1:] > 0)
+    bare = bare[s[bare + 1] - s[bare] > spacing]
+    stops = np.concatenate(
+        [[0.0], np.sort(np.concatenate([wanted, s[bare], s[bare + 1]])), [length]]
+    )
     merged = [0.0]
     for stop in stops[1:-1]:  # junctions closer than a third of the spacing share a node
         if stop - merged[-1] > spacing / 3 and length - stop > spacing / 3:
@@ -167,5 +175,7 @@ def _stations(length, wanted, spacing):
     merged.append(float(length))
     pieces = [np.zeros(1)]
     for a, b in zip(merged[:-1], merged[1:]):
-        pieces.append(np.linspace(a, b, max(1, int(round((b - a) / spacing))) + 1)[1:])
+        middle = np.searchsorted(s, (a + b) / 2) - 1
+        n_steps = 1 if middle in bare else max(1, int(round((b - a) / spacing)))
+        pieces.append(np.linspace(a, b, n_steps + 1)[1:])
     return np.concatenate(pieces)
