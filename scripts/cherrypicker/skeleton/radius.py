@@ -261,11 +261,13 @@ def fit_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001, rec
     )
 
 
+@numba.njit(cache=True)
 def _first_radii(distance, start, spacing):
     """Median distance of the points that each node owns; the spacing where there are none."""
     guess = np.full(len(start) - 1, spacing)
-    for node in np.flatnonzero(np.diff(start)):
-        guess[node] = np.median(distance[start[node] : start[node + 1]])
+    for node in range(len(guess)):
+        if start[node + 1] > start[node]:
+            guess[node] = np.median(distance[start[node] : start[node + 1]])
     return guess
 
 

@@ -18,6 +18,7 @@ LEAST_POINTS = 5
 LEAST_PER_SPACING = 0.5  # points a spacing of way beyond the other wood
 NEIGHBORS = 12
 MOST_ROUNDS = 30
+DEAD = -2
 
 
 def prune_unseen(skeleton, surface, spacing, noise):
@@ -40,10 +41,15 @@ def prune_unseen(skeleton, surface, spacing, noise):
     -------
     Skeleton
     """
-    n_before = len(skeleton)
+    places = _Places(skeleton, surface, spacing)
+    clear = max(CLEAR_IN_NOISE * noise, LEAST_CLEAR * spacing)
+    alive = np.ones(len(skeleton), dtype=bool)
     for _ in range(MOST_ROUNDS):
-        way, ends = _terminal_ways(skeleton)
-        seen, wanted = _evidence(skeleton, way, len(ends), surface, spacing, noise)
+        rows = np.flatnonzero(alive)
+        own, ends = _terminal_ways(skeleton.select(alive))
+        way = np.full(len(skeleton), DEAD, dtype=np.int64)
+        way[rows] = own
+        seen, wanted = places.evidence(way, len(ends), clear, MOST_AWAY * spacing + 3 * noise)
         weak = np.flatnonzero(seen < wanted)
         if not len(weak):
             break
@@ -51,9 +57,9 @@ def prune_unseen(skeleton, surface, spacing, noise):
         first = {}
         for index in weak[np.lexsort((weak, share))]:  # one a junction: the other may then stay
             first.setdefault(ends[index], index)
-        skeleton = skeleton.select(~np.isin(way, list(first.values())))
-    logger.info("pruned %d nodes that no points of their own show", n_before - len(skeleton))
-    return skeleton
+        alive[np.isin(way, list(first.values()))] = False
+    logger.info("pruned %d nodes that no points of their own show", np.count_nonzero(~alive))
+    return skeleton.select(alive)
 
 
 def prune_stem_strays(skeleton, spacing, noise):
@@ -108,29 +114,41 @@ def _terminal_ways(skeleton):
     return way, ends
 
 
-def _evidence(skeleton, way, n_ways, surface, spacing, noise):
-    """Points of its own that each terminal way has, and how many it needs."""
-    length = skeleton.edge_length
-    n_steps = np.maximum(np.ceil(length / spacing).astype(np.int64), 1)
-    node = np.repeat(np.arange(len(skeleton)), n_steps)
-    start = np.repeat(np.cumsum(n_steps) - n_steps, n_steps)
-    share = (np.arange(len(node)) - start) / n_steps[node]
-    up = np.maximum(skeleton.parent, 0)
-    places = skeleton.points[node] + share[:, None] * (skeleton.points[up] - skeleton.points)[node]
-    radius, owner = skeleton.radius[node], way[node]
-    distance, near = cKDTree(places).query(surface, k=min(NEIGHBORS, len(places)))
-    outside = distance - radius[near]
-    nearest = np.argmin(outside, axis=1)
-    rows = np.arange(len(surface))
-    own = owner[near[rows, nearest]]
-    others = np.where(owner[near] == own[:, None], np.inf, outside).min(axis=1)
-    clear = max(CLEAR_IN_NOISE * noise, LEAST_CLEAR * spacing)
-    counts = (own >= 0) & (others > clear)
-    counts &= outside[rows, nearest] < MOST_AWAY * spacing + 3 * noise
-    seen = np.bincount(own[counts], minlength=n_ways).astype(np.float64)
-    # the length of each way beyond the other wood, over which the points should be spread
-    away, close = cKDTree(places).query(places, k=min(NEIGHBORS, len(places)))
-    beside = np.where(owner[close] == owner[:, None], np.inf, away - radius[close]).min(axis=1)
-    beyond = (owner >= 0) & (beside > clear)
-    free = np.bincount(owner[beyond], minlength=n_ways)
-    return seen, np.maximum(LEAST_POINTS, LEAST_PER_SPACING * free)
+class _Places:
+    """Places along a skeleton and the nearest of them to each surface point, and to each other."""
+
+    def __init__(self, skeleton, surface, spacing):
+        n_steps = np.maximum(np.ceil(skeleton.edge_length / spacing).astype(np.int64), 1)
+        self.node = np.repeat(np.arange(len(skeleton)), n_steps)
+        start = np.repeat(np.cumsum(n_steps) - n_steps, n_steps)
+        share = (np.arange(len(self.node)) - start) / n_steps[self.node]
+        up = np.maximum(skeleton.parent, 0)
+        step = (skeleton.points[up] - skeleton.points)[self.node]
+        points = skeleton.points[self.node] + share[:, None] * step
+        tree, k = cKDTree(points), min(NEIGHBORS, len(points))
+        radius = skeleton.radius[self.node]
+        distance, near = tree.query(surface, k=k)
+        self.near = near.reshape(-1, k)
+        self.outside = distance.reshape(-1, k) - radius[self.near]
+        distance, near = tree.query(points, k=k)
+        self.beside = near.reshape(-1, k)
+        self.between = distance.reshape(-1, k) - radius[self.beside]
+
+    def evidence(self, way, n_ways, clear, most_away):
+        """Points of its own that each terminal way has, and how many it needs.
+
+        `way` holds the terminal way of each node, -1 for none and `DEAD` for those cut off.
+        """
+        owner = way[self.node]
+        outside = np.where(owner[self.near] == DEAD, np.inf, self.outside)
+        rows = np.arange(len(outside))
+        nearest = np.argmin(outside, axis=1)
+        own = owner[self.near[rows, nearest]]
+        others = np.where(owner[self.near] == own[:, None], np.inf, outside).min(axis=1)
+        counts = (own >= 0) & (others > clear) & (outside[rows, nearest] < most_away)
+        seen = np.bincount(own[counts], minlength=n_ways).astype(np.float64)
+        # the length of each way beyond the other wood, over which the points should be spread
+        other = (owner[self.beside] == owner[:, None]) | (owner[self.beside] == DEAD)
+        beside = np.where(other, np.inf, self.between).min(axis=1)
+        free = np.bincount(owner[(owner >= 0) & (beside > clear)], minlength=n_ways)
+        return seen, np.maximum(LEAST_POINTS, LEAST_PER_SPACING * free)
