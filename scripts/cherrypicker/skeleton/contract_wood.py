@@ -9,7 +9,7 @@ from cherrypicker.classes import CLASS_NAMES, Label
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.contraction import contract_points
-from cherrypicker.skeleton.sampling import thin_to_limit
+from cherrypicker.skeleton.sampling import median_spacing, thin_to_limit
 from cherrypicker.skeleton.stem_gap import fill_stem_gaps
 from cherrypicker.skeleton.tube import recentre_stem
 from cherrypicker.skeleton.wood import select_target_wood
@@ -133,7 +133,8 @@ def contract_wood(
         f"{len(points):,}",
         1000 * size,
     )
-    filler = fill_stem_gaps(points, label, base, spacing=size, stem_gap_m=stem_gap_m)
+    spacing = max(size, median_spacing(points, cKDTree(points)))  # a coarse scan fills no voxels
+    filler = fill_stem_gaps(points, label, base, spacing=spacing, stem_gap_m=stem_gap_m)
     entering = np.vstack([points, filler])
     entering_weight = np.concatenate(
         [weight_of[label], np.full(len(filler), weight_of[Label.TRUNK])]
@@ -143,7 +144,7 @@ def contract_wood(
     if method == "slbc" and options is not None and options.scheme == "adaptive":
         stem = _mostly_trunk(entering, label, len(filler))
         moved = moved.copy()
-        moved[stem], is_moved = recentre_stem(entering[stem], moved[stem], base, spacing=size)
+        moved[stem], is_moved = recentre_stem(entering[stem], moved[stem], base, spacing=spacing)
         n_on_axis = int(np.count_nonzero(is_moved))
     contracted = PointCloud(
         moved[: len(points)],

@@ -3,7 +3,7 @@
 import logging
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.csgraph import dijkstra
 from scipy.sparse.linalg import splu
@@ -32,6 +32,7 @@ FEWEST_IN_CELL = 4
 N_RECENT = 6  # cells that tell where the stem goes and how thick it is
 GATE_IN_RADII, MOST_GROWTH = 2.0, 1.1
 MOST_GAP_M = 0.6
+MOST_WIDENING = 1.6
 
 
 def recentre_stem(points, contracted, base, *, spacing):
@@ -71,6 +72,7 @@ def recentre_stem(points, contracted, base, *, spacing):
     away = np.linalg.norm(points - foot, axis=1)
     fits = is_stem & (np.abs(away - there) <= np.maximum(TUKEY * rough, SLACK_M))
     fits &= rough <= np.maximum(MOST_SPREAD * there, 0.5 * spacing)
+    fits &= place <= _last_node(radius)
     carried = np.linalg.norm(foot - contracted, axis=1)
     contracted_by = np.linalg.norm(contracted - points, axis=1)
     # between two stems lies an axis that fits both, a whole radius from either
@@ -78,6 +80,16 @@ def recentre_stem(points, contracted, base, *, spacing):
     fits &= is_near | _all_around(points - foot, place, nodes, radius)
     logger.info("the stem's tube takes %d of %d points", np.count_nonzero(fits), len(points))
     return np.where(fits[:, None], foot, contracted), fits
+
+
+def _last_node(radius):
+    """Where the tube widens again: above a fork, limbs that part look like one growing tube."""
+    radius = median_filter(radius, N_RECENT, mode="nearest")
+    thinnest = np.minimum.accumulate(radius)
+    wider = np.flatnonzero(radius > MOST_WIDENING * thinnest)
+    if not len(wider):
+        return np.inf
+    return int(np.flatnonzero(radius[: wider[0] + 1] == thinnest[wider[0]])[-1])
 
 
 def _all_around(outward, place, nodes, radius):
