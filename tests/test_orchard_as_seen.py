@@ -16,9 +16,9 @@ from cherrypicker.poses import Poses
 from cherrypicker.stereo_benchmark.truth import TrueSurface
 
 EXACT = AsSeen(
-    match_px=0.0, thin_noise=0.0, tail=0.0, flatten_m=1e-6, sink_m=0.0, spill_px=0.0, blur_px=1e-6,
-    mixed_loss=0.0, width_px=-50.0, width_soft_px=0.5, patchiness=0.0, density_sigma=0.0,
-    floaters=0.0, color_noise=0.0, jitter_px=0.0,
+    match_px=0.0, thin_noise=0.0, tail=0.0, jitter_px=0.0, flatten_m=1e-6, sink_m=0.0,
+    sink_share=0.0, spill_px=0.0, blur_px=1e-6, mixed_loss=0.0, clutter_loss=0.0, width_px=-50.0,
+    width_soft_px=0.5, patchiness=0.0, density_sigma=0.0, floaters=0.0, color_noise=0.0,
 )  # fmt: skip
 
 

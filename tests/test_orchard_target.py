@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import make_skeleton_set
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.evaluation import read_truth_skeleton
-from cherrypicker.orchard import generate_scene
+from cherrypicker.orchard import generate_scene, sample_scene
 from cherrypicker.orchard.blender import unpack_truth
 from cherrypicker.orchard.cameras import CameraModel, Ring, default_rings, ring_poses
 from cherrypicker.orchard.photo import (
@@ -76,10 +77,10 @@ def test_options_cover_forms_and_sizes():
     radii = np.array([o["trunk_radius"] for o in drawn if o["habit"] != "cherry_whip"])
     assert radii.min() >= 0.02
     assert radii.max() <= 0.15
-    assert {o["sky"] for o in drawn} == {"clear", "broken", "overcast"}
+    assert {o["sky"] for o in drawn} == {"clear", "broken", "overcast", "low"}
     assert json.loads(json.dumps(drawn)) == drawn
     assert scene_options(7) == drawn[7]
-    assert {m["pose"] for o in drawn for m in o["markers"]} == {"lying", "standing"}
+    assert {m["pose"] for o in drawn for m in o["markers"]} == {"lying", "standing", "post"}
 
 
 def test_trees_of_any_size_are_in_frame():
@@ -185,3 +186,46 @@ def test_camera_without_distortion_is_a_pinhole():
     assert scene_camera(3, distortion=False).k1 == 0.0
     assert {scene_camera(seed).width for seed in range(40)} == {800, 1200, 960, 1280}
     assert scene_camera(3) == scene_camera(3)
+
+
+def test_pruning_and_spurs_keep_one_rooted_tree():
+    plain = generate_scene(4, habit="leader", neighbours=0).target
+    dressed = generate_scene(4, habit="leader", neighbours=0, stubs=4, spurs=8.0).target
+    for axis in dressed.axes[1:]:
+        parent = dressed.axes[axis.parent]
+        np.testing.assert_array_equal(axis.points[0], parent.points[axis.parent_node])
+        assert axis.order == parent.order + 1
+        assert axis.radii[0] <= parent.radii[axis.parent_node]
+    skeleton = dressed.skeleton()
+    assert (skeleton.parents[1:] < np.arange(1, len(skeleton.parents))).all()
+    pruned = generate_scene(4, habit="leader", neighbours=0, stubs=4).target
+    assert len(pruned.axes) < len(plain.axes)
+    assert pruned.skeleton().edge_lengths().sum() < plain.skeleton().edge_lengths().sum()
+    spurred = generate_scene(4, habit="leader", neighbours=0, spurs=8.0).target
+    new = spurred.axes[len(plain.axes) :]
+    assert len(new) > 20
+    assert all(0.01 < a.arclength[-1] < 0.06 and a.radii.max() < 0.004 for a in new)
+
+
+def test_paint_wires_and_stakes_stand_where_they_should():
+    marker = {"dictionary": "DICT_APRILTAG_36h11", "id": 3, "side_m": 0.2, "pose": "post"}
+    scene = generate_scene(
+        4, habit="leader", neighbours=0, paint=0.5, wires=2, markers=[marker], sky="low",
+        post=False, sign=False, ring=False,
+    )  # fmt: skip
+    assert np.array(scene.markers[0]["corners"])[:, 2].min() > 0.9
+    assert np.degrees(np.arcsin(scene.light.sun_direction[2])) < 20
+    names = {thing.name for thing in scene.objects}
+    assert {"wire_0", "wire_1", "row_post_0", "row_post_1"} <= names
+    cloud = sample_scene(scene, 30_000, exact=True)
+    bare = sample_scene(generate_scene(
+        4, habit="leader", neighbours=0, wires=2, markers=[marker], sky="low", post=False,
+        sign=False, ring=False,
+    ), 30_000, exact=True)  # fmt: skip
+    trunk = cloud["label"] == Label.TRUNK
+    low = trunk & (cloud.points[:, 2] < 0.4)
+    gain = cloud.colors.mean(axis=1) - bare.colors.mean(axis=1)
+    assert np.median(gain[low]) > 0.1
+    np.testing.assert_allclose(gain[trunk & (cloud.points[:, 2] > 0.6)], 0.0, atol=1e-6)
+    posts = cloud.points[cloud["label"] == Label.SUPPORT_POST]
+    assert cKDTree(posts).query([[0.0, posts[0, 1], 0.0]])[0][0] > 0.05

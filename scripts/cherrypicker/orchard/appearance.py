@@ -41,13 +41,15 @@ SKIES = {
     "clear": (1.45, (1.0, 0.95, 0.86), (0.62, 0.70, 0.84), (0.42, 0.40, 0.36), (30, 48)),
     "broken": (1.05, (1.0, 0.96, 0.90), (0.80, 0.84, 0.92), (0.48, 0.46, 0.43), (28, 50)),
     "overcast": (0.22, (1.0, 1.0, 1.0), (1.18, 1.20, 1.24), (0.66, 0.65, 0.63), (35, 60)),
+    "low": (1.25, (1.0, 0.80, 0.58), (0.58, 0.63, 0.76), (0.36, 0.32, 0.28), (9, 18)),
 }
+DRAWN_SKIES = ("clear", "broken", "overcast")
 
 
 def make_light(rng, sky=None):
-    """Draw a light; `sky` is one of "clear", "broken", "overcast" (random by default)."""
+    """Draw a light; `sky` is a key of `SKIES` (drawn from `DRAWN_SKIES` by default)."""
     if sky is None:
-        sky = str(rng.choice(list(SKIES)))
+        sky = str(rng.choice(DRAWN_SKIES))
     strength, tint, top, bottom, elevation = SKIES[sky]
     azimuth, e = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(*elevation))
     direction = np.array([np.cos(e) * np.cos(azimuth), np.cos(e) * np.sin(azimuth), np.sin(e)])
@@ -104,6 +106,14 @@ def bark_color(rest, radius, seed):
     cover = np.clip(3.5 * strength, 0, 1) * np.clip((patch - 0.40) / 0.15, 0, 1)
     lichens = np.where((tint > 0.8)[:, None], yellow, lichen * (0.6 + 0.7 * tint)[:, None])
     return np.clip(_mix(color, lichens, 0.85 * cover), 0.01, 0.8)
+
+
+def _painted(color, rest, s, material):
+    """White paint against frost on the stem's foot, worn off here and there, its rim uneven."""
+    wear = fbm(rest * 22, octaves=4, gain=0.65, seed=material["seed"] + 71)
+    rim = material["paint_m"] + 0.04 * (fbm(rest * 30, octaves=2, seed=material["seed"] + 73) - 0.5)
+    cover = np.clip((0.68 - wear) / 0.12, 0, 1) * np.clip((rim - s) / 0.006, 0, 1)
+    return _mix(color, np.array([0.66, 0.65, 0.62]) * (0.75 + 0.4 * wear)[:, None], 0.92 * cover)
 
 
 def wood_color(rest, seed, base=(0.36, 0.29, 0.20)):
@@ -177,7 +187,13 @@ def surface_color(material, attributes, n):
     """Albedo (n, 3) of points on an object from its material and interpolated attributes."""
     kind = material["kind"]
     if kind == "bark":
-        return bark_color(attributes["rest"], attributes["radius"], material["seed"])
+        color = bark_color(attributes["rest"], attributes["radius"], material["seed"])
+        if material.get("paint_m", 0.0) > 0:
+            on_stem = (attributes["axis"] == 0) & (attributes["s"] < material["paint_m"] + 0.02)
+            color[on_stem] = _painted(
+                color[on_stem], attributes["rest"][on_stem], attributes["s"][on_stem], material
+            )
+        return color
     if kind == "wood":
         return wood_color(attributes["rest"], material["seed"], material["color"])
     if kind == "image":

@@ -33,6 +33,7 @@ from cherrypicker.orchard.visibility import choose_views
 __all__ = ["AsSeen", "see_scene"]
 
 SPILL_REACH_PX = 2.0  # radius of wood at which a silhouette grows by 1/e of that of a twig
+SKY_ELEVATION = 0.06  # sine over which the sky begins
 NEIGHBOURS = 4  # photos whose distance is the baseline
 OVERSAMPLE = 2.2
 MOST_THING_M2 = 0.8  # a roof would take most of the points by its area alone
@@ -62,16 +63,18 @@ class AsSeen:
         Share of points with five times the noise.
     flatten_m : float
         Radius of wood that keeps 1 - 1/e of its relief towards the photo.
-    sink_m : float
-        How far wood lies too deep on average.
+    sink_m, sink_share : float
+        How far wood lies too deep on average, and what thin wood adds to it, of its radius.
     jitter_px : float
         Standard deviation of the noise that has no direction, pixels.
     spill_px : float
         Growth of silhouettes of thin wood, pixels.
     blur_px : float
-        Standard deviation of a pixel's footprint.
+        Standard deviation of a pixel's footprint (median).
     mixed_loss : float
         Chance to lose a pixel that is all background, on a silhouette; mixed ones in proportion.
+    clutter_loss : float
+        The same for a pixel before anything but the sky, besides.
     width_px, width_soft_px : float
         Width of wood at which half is lost, and how gradually.
     patchiness : float
@@ -98,13 +101,15 @@ class AsSeen:
     tail: float = 0.01
     flatten_m: float = 0.02
     sink_m: float = 0.0004
+    sink_share: float = 0.14
     jitter_px: float = 0.1
-    spill_px: float = 1.6
-    blur_px: float = 1.2
-    mixed_loss: float = 0.2
-    width_px: float = 0.9
-    width_soft_px: float = 0.8
-    patchiness: float = 0.5
+    spill_px: float = 1.1
+    blur_px: float = 1.5
+    mixed_loss: float = 0.1
+    clutter_loss: float = 0.8
+    width_px: float = 0.6
+    width_soft_px: float = 0.6
+    patchiness: float = 0.9
     n_holes: int = 0
     hole_radius_m: float = 0.06
     density_sigma: float = 0.2
@@ -127,12 +132,14 @@ class AsSeen:
             tail=rng.uniform(0.0, 0.05),
             flatten_m=rng.uniform(0.008, 0.03),
             sink_m=rng.uniform(-0.0005, 0.001),
+            sink_share=rng.uniform(0.0, 0.25),
             jitter_px=rng.uniform(0.05, 0.5),
             spill_px=rng.uniform(0.3, 2.4),
-            blur_px=rng.uniform(0.6, 1.8),
-            mixed_loss=rng.uniform(0.0, 0.8),
-            width_px=rng.uniform(0.2, 2.2),
-            width_soft_px=rng.uniform(0.4, 1.6),
+            blur_px=rng.uniform(0.7, 2.3),
+            mixed_loss=rng.uniform(0.0, 0.6),
+            clutter_loss=rng.uniform(0.0, 1.0),
+            width_px=rng.uniform(0.2, 2.6),
+            width_soft_px=rng.uniform(0.4, 1.9),
             patchiness=rng.uniform(0.2, 1.0),
             n_holes=int(max(rng.integers(-4, 10), 0)),
             hole_radius_m=rng.uniform(0.02, 0.12),
@@ -208,8 +215,8 @@ def _wood(rng, scene, density, extent, widen):
                 "normals": sample.normals,
                 "tangents": sample.tangents,
                 "albedo": surface_color(
-                    {"kind": "bark", "seed": tree.bark_seed},
-                    {"rest": rest, "radius": sample.radius},
+                    {"kind": "bark", "seed": tree.bark_seed, "paint_m": tree.paint_m},
+                    {"rest": rest, "radius": sample.radius, "axis": sample.axis, "s": sample.s},
                     len(sample),
                 ),
                 "label": kinds[sample.axis],
@@ -264,7 +271,8 @@ def _moved(rng, cloud, seen, rays, pixel, sigma):
     flatness = np.exp(-((radius / seen.flatten_m) ** 1.5)) * wood
     spread = sigma * (1.0 + seen.thin_noise * np.exp(-((radius / seen.thin_m) ** 2)) * wood)
     spread = np.where(rng.random(len(points)) < seen.tail, 5.0, 1.0) * spread
-    along = rng.normal(size=len(points)) * spread - np.where(wood, seen.sink_m, 0.0)
+    sink = seen.sink_m + seen.sink_share * radius * np.exp(-((radius / seen.thin_m) ** 2))
+    along = rng.normal(size=len(points)) * spread - np.where(wood, sink, 0.0)
     # cross-section of a branch: towards the photo (height) and across the ray (side)
     forward = rays - np.einsum("ij,ij->i", rays, cloud["tangents"])[:, None] * cloud["tangents"]
     forward /= np.maximum(np.linalg.norm(forward, axis=1), 1e-6)[:, None]
@@ -280,7 +288,8 @@ def _moved(rng, cloud, seen, rays, pixel, sigma):
     shift = np.where(wood, flat, 0.0)[:, None] * forward
     shift += np.where(wood, grown - side, 0.0)[:, None] * across
     jitter = rng.normal(size=points.shape) * (seen.jitter_px * pixel)[:, None]
-    blur = seen.blur_px * pixel
+    # footprints differ: photos in and out of focus, fused from several
+    blur = seen.blur_px * pixel * np.exp(rng.normal(0.0, 0.5, len(points)))
     cover = ndtr((radius - grown) / blur) - ndtr((-radius - grown) / blur)
     return points + shift + along[:, None] * rays + jitter, np.where(wood, cover, 1.0)
 
@@ -353,7 +362,7 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     pixel = distance / focal[photo]
     sigma = seen.match_px * pixel * distance / baseline
     points, cover = _moved(rng, cloud, seen, rays, pixel, sigma)
-    keep = _kept(rng, cloud, seen, cover, pixel)
+    keep = _kept(rng, cloud, seen, cover, pixel, rays)
     cloud, points, cover, rays = _select(cloud, keep), points[keep], cover[keep], rays[keep]
     linear = scene.light.shade(cloud["albedo"], cloud["normals"], lit(scene, cloud))
     mixed = np.flatnonzero(cover < 0.97)
@@ -370,7 +379,7 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     }  # fmt: skip
 
 
-def _kept(rng, cloud, seen, cover, pixel):
+def _kept(rng, cloud, seen, cover, pixel, rays):
     """Which points stereo finds among those that enough photos see."""
     points, radius = cloud["points"], cloud["radius"]
     wood = cloud["tree"] != NO_TREE
@@ -378,7 +387,10 @@ def _kept(rng, cloud, seen, cover, pixel):
     width = 2 * radius / pixel + 6.0 * seen.patchiness * seen.width_soft_px * patches
     sharp = seen.width_soft_px * (1.0 - 0.8 * seen.patchiness)
     chance = 1.0 / (1.0 + np.exp(np.clip((seen.width_px - width) / sharp, -50, 50)))
-    chance = np.where(wood, chance * (1.0 - seen.mixed_loss * (1.0 - cover)), 1.0)
+    # a twig before the sky is a plain thing; before grass and other twigs stereo confuses the two
+    before_land = rays[:, 2] > -SKY_ELEVATION
+    lost = seen.mixed_loss + (1.0 - seen.mixed_loss) * seen.clutter_loss * before_land
+    chance = np.where(wood, chance * (1.0 - lost * (1.0 - cover)), 1.0)
     variation = fbm(points * 2.2, octaves=3, seed=int(rng.integers(1 << 30))) - 0.5
     relative = np.exp(4.0 * seen.density_sigma * variation)
     chance *= np.clip(relative / np.quantile(relative, 0.85), 0, 1)

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.errors import StageError
 from cherrypicker.stereo_benchmark.surface import judge_points
 
-__all__ = ["RADIUS_EDGES_M", "describe_cloud"]
+__all__ = ["RADIUS_EDGES_M", "describe_cloud", "plot_fit"]
 
 RADIUS_EDGES_M = np.array([0.0, 0.0025, 0.0035, 0.005, 0.008, 0.012, 0.020, 0.10])
 NEAR_M = 0.015
@@ -72,3 +72,47 @@ def describe_cloud(points, colors, surface):
             report[name].append(float(weight @ (reached[theirs] < limit) / weight.sum()))
         report["lightness"].append(np.quantile(light[near], (0.1, 0.5, 0.9)).tolist())
     return report
+
+
+def plot_fit(report, path):
+    """Plot found clouds beside the model's, a column a scene.
+
+    Parameters
+    ----------
+    report : dict
+        Per scene `found` and `model`, each as from `describe_cloud`.
+    path : path-like
+        PNG.
+    """
+    from matplotlib.figure import Figure
+
+    edges = 1000 * RADIUS_EDGES_M
+    at = np.sqrt(np.maximum(edges[:-1], 1.5) * np.minimum(edges[1:], 60.0))
+    figure = Figure(figsize=(4.2 * len(report), 8.5), layout="constrained")
+    axes = figure.subplots(3, len(report), squeeze=False, sharex=True, sharey="row")
+    for column, (name, kinds) in enumerate(report.items()):
+        for kind, style in (("found", "-"), ("model", "--")):
+            values = kinds[kind]
+            known = [k for k, v in enumerate(values["offset_m"]) if v is not None]
+            radius = at[known]
+            offsets = 1000 * np.array([values["offset_m"][k] for k in known])
+            for i, color in ((0, "C0"), (2, "C1"), (4, "C2")):
+                label = f"{round(100 * QUANTILES[i])} %, {kind}"
+                axes[0, column].plot(radius, offsets[:, i], style, color=color, label=label)
+            for key, color in (("complete_3mm", "C0"), ("complete_5mm", "C1")):
+                share = [100 * values[key][k] for k in known]
+                label = f"within {key[9:-2]} mm, {kind}"
+                axes[1, column].plot(radius, share, style, color=color, label=label)
+            light = np.array([values["lightness"][k] for k in known])
+            for i, color in ((0, "C0"), (1, "C1"), (2, "C2")):
+                label = f"{(10, 50, 90)[i]} %, {kind}"
+                axes[2, column].plot(radius, light[:, i], style, color=color, label=label)
+        axes[0, column].set_title(name)
+        axes[2, column].set_xlabel("radius of the wood, mm")
+        axes[2, column].set_xscale("log")
+    for row, what in zip(axes, ("offset from the surface, mm", "surface found, %", "lightness")):
+        row[0].set_ylabel(what)
+        row[0].legend(fontsize=7)
+        for panel in row:
+            panel.grid(alpha=0.3)
+    figure.savefig(path, format="png", dpi=80)

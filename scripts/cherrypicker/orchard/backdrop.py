@@ -17,6 +17,9 @@ SKY_COLORS = {
     "overcast": (
         (0.62, 0.66, 0.71), (0.80, 0.82, 0.84), (0.90, 0.91, 0.93), (0.50, 0.53, 0.58), 0.35,
     ),
+    "low": (
+        (0.20, 0.32, 0.58), (0.88, 0.66, 0.46), (0.96, 0.84, 0.70), (0.52, 0.46, 0.48), 0.50,
+    ),
 }  # fmt: skip
 
 
@@ -67,7 +70,7 @@ def backdrop(directions, sky, seed):
     ----------
     directions : ndarray of shape (N, 3)
         Unit viewing directions, z up.
-    sky : {"clear", "broken", "overcast"}
+    sky : {"clear", "broken", "overcast", "low"}
         Kind of sky.
     seed : int
         Seed of the scene.

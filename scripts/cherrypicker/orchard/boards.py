@@ -70,7 +70,8 @@ def marker_object(spec, xy, ground_z, seed):
     Parameters
     ----------
     spec : dict
-        `dictionary`, `id`, `side_m`, `pose` ("lying" or "standing"), `azimuth` and `tilt` (rad).
+        `dictionary`, `id`, `side_m`, `pose` ("lying", "standing" or "post": standing on a stake of
+        a man's chest), `azimuth` and `tilt` (rad).
     xy : ndarray of shape (2,)
         Where, m.
     ground_z : float
@@ -87,9 +88,11 @@ def marker_object(spec, xy, ground_z, seed):
     image, n = marker_image(spec["dictionary"], spec["id"])
     side = float(spec["side_m"])
     edge = side * (n + 2 * MARGIN_MODULES) / n
-    if spec["pose"] == "standing":
+    is_up = spec["pose"] in ("standing", "post")
+    if is_up:
         elevation = np.pi / 2 - 0.12
-        centre = np.array([*xy, ground_z + edge * 0.62 + 0.25])
+        lift = 1.1 if spec["pose"] == "post" else 0.25
+        centre = np.array([*xy, ground_z + edge * 0.62 + lift])
     else:
         elevation = spec["tilt"]
         lift = np.sin(elevation) * edge / 2 + GROUND_CLEARANCE_M
@@ -99,7 +102,7 @@ def marker_object(spec, xy, ground_z, seed):
     name = f"marker_{spec['id']}"
     board = quad_board(edge, edge, 0.008).moved(centre, rotation)
     objects = [SceneObject(name, int(Label.MARKER), board, material)]
-    if spec["pose"] == "standing":
+    if is_up:
         wood = {"kind": "wood", "seed": seed + 3, "color": (0.40, 0.31, 0.20)}
         foot = centre - 0.02 * rotation[:, 2]
         stick = cylinder((foot[0], foot[1], ground_z - 0.05), foot, 0.014, sides=12)

@@ -128,11 +128,15 @@ class Skeleton:
 
 @dataclass
 class Tree:
-    """A grown tree: its habit's name, its axes (parents before children) and its bark's seed."""
+    """A grown tree: its habit's name, its axes (parents before children) and its bark's seed.
+
+    `paint_m` is the height up to which its stem is painted white, 0 for none.
+    """
 
     habit: str
     axes: list = field(default_factory=list)
     bark_seed: int = 0
+    paint_m: float = 0.0
 
     def skeleton(self):
         """Join the axes into one rooted skeleton whose junctions share a node."""

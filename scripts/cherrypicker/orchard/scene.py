@@ -10,6 +10,7 @@ import numpy as np
 from cherrypicker.classes import Label
 from cherrypicker.orchard.appearance import make_light
 from cherrypicker.orchard.boards import board_on_post, checker_cube, marker_object, stem_ring
+from cherrypicker.orchard.dressing import dress_tree
 from cherrypicker.orchard.growth import HABITS
 from cherrypicker.orchard.mesh import SceneObject, cylinder, join, quad_board, tree_mesh
 from cherrypicker.orchard.noise import fbm
@@ -17,6 +18,7 @@ from cherrypicker.orchard.templates import grow_any
 
 __all__ = ["Scene", "generate_scene"]
 
+DRESSING = ("wires", "paint", "stubs", "spurs")
 DICTIONARIES = ("DICT_4X4_50", "DICT_5X5_100", "DICT_6X6_250", "DICT_APRILTAG_36h11")
 
 
@@ -73,7 +75,7 @@ class Scene:
         made = []
         for i, (tree, offset) in enumerate(zip(self.trees, self.offsets)):
             mesh = tree_mesh(tree, **resolution).moved(offset)
-            material = {"kind": "bark", "seed": tree.bark_seed}
+            material = {"kind": "bark", "seed": tree.bark_seed, "paint_m": tree.paint_m}
             made.append(SceneObject(f"tree{i}", int(Label.BRANCH), mesh, material, i))
         return made
 
@@ -124,6 +126,23 @@ def _post(rng, seed, ground, xy):
     return SceneObject("support_post", int(Label.SUPPORT_POST), mesh, material)
 
 
+def _trellis(seed, spacing, n_wires, ground):
+    """Two posts beside the tree and wires between and beyond them, along the row."""
+    rng = np.random.default_rng([seed, 7])
+    made, half, y = [], 0.5 * spacing * rng.uniform(0.9, 1.05), rng.choice([-1, 1]) * 0.05
+    top = rng.uniform(1.6, 2.4)
+    for i, x in enumerate((-half, half)):
+        post = _post(np.random.default_rng([seed, 8, i]), seed + i, ground, np.array([x, y]))
+        post.name = f"row_post_{i}"
+        made.append(post)
+    steel = {"kind": "plain", "seed": seed + 12, "color": (0.30, 0.30, 0.31)}
+    for i in range(n_wires):
+        z = top * (i + 1) / (n_wires + 0.3)
+        wire = cylinder((-2 * half, y, z), (2 * half, y, z), 0.0015, sides=6, rows=40)
+        made.append(SceneObject(f"wire_{i}", int(Label.SUPPORT_POST), wire, steel))
+    return made
+
+
 def _plant_neighbours(rng, seed, n, spacing, ground, habit):
     trees, offsets = [], []
     for i in range(n):
@@ -151,6 +170,10 @@ def generate_scene(
     cube=None,
     post=None,
     roof=None,
+    wires=0,
+    paint=0.0,
+    stubs=0,
+    spurs=0.0,
 ):
     """Lay out a random orchard scene; every option left at None is drawn from the seed.
 
@@ -165,20 +188,28 @@ def generate_scene(
         Of the target, m.
     density : float, default 1
         How closely the target's laterals and twigs stand.
-    sky : {"clear", "broken", "overcast"}, optional
-        Light.
+    sky : {"clear", "broken", "overcast", "low"}, optional
+        Light; one of the first three by default, "low" is a low warm sun.
     neighbours : int, optional
         Number of other trees in the row (0 to 2 by default).
     row_spacing : float, optional
         Distance between the trees of the row, m (2.2 to 3.8 by default).
     markers : list of dict, optional
-        `dictionary`, `id`, `side_m` and optionally `pose` ("lying" or "standing"), `xy`,
+        `dictionary`, `id`, `side_m` and optionally `pose` ("lying", "standing", "post"), `xy`,
         `azimuth` (rad, of the marker's own up), `tilt` (rad, of a lying board). One random
         marker by default, [] for none.
     sign, ring, cube, post, roof : bool, optional
         Whether the scene has a sign, a white calibration ring on the stem, a checker cube, a
         support post beside the stem, a roof of foil. `sign` may also be a dict with `xy`, `width`
         and `top` (m).
+    wires : int, default 0
+        Wires along the row, between two posts.
+    paint : float, default 0
+        Height up to which stems are painted white, m.
+    stubs : int, default 0
+        Branches of the target that were cut back to a stub.
+    spurs : float, default 0
+        Short fruiting spurs a metre of the target's older branches.
 
     Returns
     -------
@@ -190,6 +221,7 @@ def generate_scene(
         If the habit is not known.
     """
     options = {k: v for k, v in locals().items() if k != "seed" and v is not None}
+    options = {k: v for k, v in options.items() if v or k not in DRESSING}
     rng = np.random.default_rng([int(seed), 1])
     # all draws happen whatever the options say, so that one option does not reshuffle the rest
     drawn = {
@@ -217,6 +249,7 @@ def generate_scene(
     target = grow_any(
         seed, pick["habit"], height=height, trunk_radius=trunk_radius, density=density
     )
+    dress_tree(target, seed, stubs=stubs, spurs=spurs)
     others, offsets = _plant_neighbours(
         np.random.default_rng([int(seed), 3]), int(seed), pick["neighbours"],
         pick["row_spacing"], ground, pick["habit"],
@@ -224,6 +257,10 @@ def generate_scene(
     objects, truth = _place_objects(
         np.random.default_rng([int(seed), 4]), int(seed), pick, markers, target, ground
     )
+    for tree in (target, *others):
+        tree.paint_m = float(paint)
+    if wires:
+        objects.extend(_trellis(int(seed), pick["row_spacing"], wires, ground))
     return Scene(
         int(seed), [target, *others], np.array([[0.0, 0.0, 0.0], *offsets]), objects, truth,
         light, ground_seed, relief, {**options, **{k: pick[k] for k in drawn}},

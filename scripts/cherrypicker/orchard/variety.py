@@ -71,7 +71,11 @@ def scene_options(seed, forms=FORMS):
         "trunk_radius": round(radius, 4),
         "density": round(float(rng.uniform(0.6, 1.15)), 3),
         "row_spacing": round(float(max(2.2, 0.9 * height) * rng.uniform(1.0, 1.6)), 3),
-        "sky": str(rng.choice(["clear", "broken", "overcast"])),
+        "sky": str(rng.choice(["clear", "broken", "overcast", "low"])),
+        "paint": round(float(rng.uniform(0.3, 0.8)), 2) if rng.random() < 0.2 else 0.0,
+        "stubs": int(rng.integers(1, 6)) if rng.random() < 0.5 else 0,
+        "spurs": round(float(rng.uniform(2, 12)), 1) if "cherry" in form or form in HABITS else 0.0,
+        "wires": int(rng.integers(1, 4)) if rng.random() < 0.3 else 0,
         "markers": [],
     }
     for _ in range(int(rng.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))):
@@ -80,7 +84,7 @@ def scene_options(seed, forms=FORMS):
         number = int(rng.integers(0, 50))
         if (dictionary, number) in taken:
             continue
-        pose = str(rng.choice(["lying", "standing"]))
+        pose = str(rng.choice(["lying", "standing", "post"]))
         side = round(float(rng.uniform(0.10, 0.30)), 3)
         options["markers"].append(
             {"dictionary": dictionary, "id": number, "side_m": side, "pose": pose}
