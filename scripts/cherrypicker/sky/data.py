@@ -42,9 +42,10 @@ class SkyPhoto:
 
 
 def _pairs(folder: Path) -> list[tuple[Path, Path]]:
-    """Every photo of an ``images`` folder at any depth with its mask in ``masks`` beside it."""
+    """Every photo of an ``images`` or ``photos`` folder at any depth, with its mask beside it."""
     pairs = []
-    for images in sorted(p for p in folder.rglob("images") if p.is_dir()):
+    found = [*folder.rglob("images"), *folder.rglob("photos")]
+    for images in sorted(p for p in found if p.is_dir()):
         for photo in list_photos(images):
             candidates = [images.parent / "masks" / f"{photo.stem}{s}" for s in MASK_SUFFIXES]
             mask = next((c for c in candidates if c.is_file()), None)
@@ -92,7 +93,8 @@ def load_photos(folders: list[str], max_side: int) -> list[SkyPhoto]:
     Parameters
     ----------
     folders : list of str
-        Each holds, at any depth, ``images/`` and ``masks/`` with equal stems (255 = sky).
+        Each holds, at any depth, ``images/`` or ``photos/`` and ``masks/`` with equal stems (255 =
+        sky).
     max_side : int
         Longer side in pixels that larger photos are reduced to.
 

@@ -1,6 +1,8 @@
 """Sky masks of photos: the network at a working size, then the photo's own detail.
 
-The network sees a reduced photo, upright. Its probabilities are brought to full resolution by a
+The network sees a reduced photo, upright, as it is and at middle brightness: dusk and snow are not
+what it was trained on. What it says is evened out where no edge divides the photo, and the photo's
+own colours decide where it is in doubt. The probabilities are brought to full resolution by a
 guided filter [1]_ whose linear models are fitted at the working size and applied to the full photo
 [2]_, so that the mask follows edges that the network never saw. Twigs thinner than a pixel of the
 working size are then taken out of the sky by their contrast with the sky around them.
@@ -20,6 +22,7 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
+from cherrypicker.sky.smoothing import smooth_within_edges
 from cherrypicker.sky.unet import SkyUNet, to_tensor
 
 #: Rows per strip at full resolution; bounds the memory, changes no result.
@@ -37,6 +40,16 @@ COLOR_LIMIT = 4.0
 #: around a pixel from which its colour counts in full.
 SKY_REACH = 0.04
 NEAR_SHARE = 0.1
+#: How far ground reaches, and the share of it that counts in full: wood is thin.
+GROUND_REACH = 0.01
+GROUND_SHARE = 0.3
+#: Brightness, a share of white, that a photo is brought to for the network's second look, and the
+#: limits of its own brightness.
+MIDDLE_BRIGHTNESS = 0.45
+BRIGHTNESS_LIMITS = (0.05, 0.95)
+#: How far the network's log odds are evened out, a share of the longer side, and the difference in
+#: colour that counts as an edge.
+EVEN_REACH, EDGE_CONTRAST = 0.15, 0.3
 
 # EXIF orientation -> what brings the stored pixels upright: (mirror left-right first, quarter turns
 # counter-clockwise as np.rot90 counts).
@@ -129,6 +142,52 @@ def sky_probability(net: SkyUNet, image: np.ndarray, working_side: int) -> np.nd
         logits = net.to(memory_format=torch.channels_last)(x)
         probability = torch.sigmoid(logits)[0, 0, :height, :width]
     return probability.float().numpy().copy()
+
+
+def at_middle_brightness(image: np.ndarray) -> np.ndarray:
+    """Bring an image's mean to the middle by a power of its values, as another exposure would."""
+    mean = np.clip(float(image.mean()) / 255, *BRIGHTNESS_LIMITS)
+    power = np.log(MIDDLE_BRIGHTNESS) / np.log(mean)
+    table = np.rint(255 * (np.arange(256) / 255) ** power).astype(np.uint8)
+    return table[image]
+
+
+def photo_probability(net: SkyUNet, image: np.ndarray, working_side: int) -> np.ndarray:
+    """Run the network on a photo as it is and at middle brightness, and take the mean.
+
+    Parameters and result as of `sky_probability`; the mean is that of the log odds.
+    """
+    image = reduce_photo(image, working_side)
+    looks = [
+        sky_probability(net, seen, working_side) for seen in (image, at_middle_brightness(image))
+    ]
+    return _from_odds(np.mean([_log_odds(look) for look in looks], axis=0))
+
+
+def _log_odds(probability: np.ndarray) -> np.ndarray:
+    limited = np.clip(probability, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
+    return np.log(limited / (1 - limited))
+
+
+def _from_odds(odds: np.ndarray) -> np.ndarray:
+    return (1 / (1 + np.exp(-odds))).astype(np.float32)
+
+
+def even_out(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
+    """Even the network's log odds out where no edge divides the photo.
+
+    Grey clouds below bright ones, or a house above its dark windows, are of one piece.
+
+    Parameters
+    ----------
+    image : ndarray of shape (h, w, 3), uint8
+    probability : ndarray of shape (h, w), float32
+    """
+    # noise would be edges, summed over the way
+    calm = cv2.GaussianBlur(image, (3, 3), 0.6).astype(np.float32) / 255
+    reach = EVEN_REACH * max(probability.shape)
+    odds = _log_odds(probability).astype(np.float32)
+    return _from_odds(smooth_within_edges(calm, odds, reach, EDGE_CONTRAST))
 
 
 def guided_coefficients(
@@ -237,14 +296,15 @@ def refine_probability(image: np.ndarray, probability: np.ndarray, weight: float
     """
     if weight <= 0:
         return probability
-    limited = np.clip(probability, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
-    odds = np.log(limited / (1 - limited))
+    odds = _log_odds(probability)
     evidence = np.clip(weight * color_evidence(image, probability), -COLOR_LIMIT, COLOR_LIMIT)
-    # A white marker on the ground may have the colour of a cloud: colour makes sky only near sky.
-    sigma = SKY_REACH * max(probability.shape)
-    near = cv2.GaussianBlur((probability > 0.5).astype(np.float32), (0, 0), sigma)
-    odds += np.where(evidence > 0, evidence * np.clip(near / NEAR_SHARE, 0, 1), evidence)
-    return (1 / (1 + np.exp(-odds))).astype(np.float32)
+    # A white marker on the ground may have the colour of a cloud, a grey cloud that of a road:
+    # colour makes sky only near sky, and something else only near something else.
+    side, is_sky = max(probability.shape), (probability > 0.5).astype(np.float32)
+    near = cv2.GaussianBlur(is_sky, (0, 0), SKY_REACH * side) / NEAR_SHARE
+    away = cv2.GaussianBlur(1 - is_sky, (0, 0), GROUND_REACH * side) / GROUND_SHARE
+    odds += evidence * np.clip(np.where(evidence > 0, near, away), 0, 1)
+    return _from_odds(odds)
 
 
 def sky_mask(
@@ -269,7 +329,7 @@ def sky_mask(
     """
     small = reduce_photo(image, options.working_side_px)
     seen = np.ascontiguousarray(upright(small, orientation))
-    probability = sky_probability(net, seen, options.working_side_px)
+    probability = photo_probability(net, seen, options.working_side_px)
     return mask_from_probability(image, as_stored(probability, orientation), options)
 
 
@@ -295,7 +355,8 @@ def mask_from_probability(
     if probability.max() <= 1 - SURE:
         return mask
     small = reduce_photo(image, max(probability.shape))
-    probability = refine_probability(small, np.ascontiguousarray(probability), options.color_weight)
+    probability = even_out(small, np.ascontiguousarray(probability))
+    probability = refine_probability(small, probability, options.color_weight)
     guide = small.astype(np.float32) / 255
     models = guided_coefficients(guide, probability, options.guide_radius_px, options.guide_epsilon)
     models[..., :3] /= 255

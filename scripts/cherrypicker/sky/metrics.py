@@ -2,7 +2,39 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+
+#: Something before the sky narrower than this is a twig; sky this near to one is a gap; pixels.
+TWIG_PX, GAP_PX = 7, 4
+
+
+class CrownScores:
+    """How masks fare in bare crowns before the sky, by pixel counts over any number of photos."""
+
+    def __init__(self) -> None:
+        self.counts = np.zeros(4, np.int64)
+
+    def add(self, mask: np.ndarray, exact: np.ndarray) -> None:
+        """Add one photo: its mask and the exact one, (H, W) bool, True = sky."""
+        other = (~exact).astype(np.uint8)
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (TWIG_PX, TWIG_PX))
+        square = np.ones((2 * GAP_PX + 1, 2 * GAP_PX + 1), np.uint8)
+        is_thin = (other > 0) & (cv2.morphologyEx(other, cv2.MORPH_OPEN, disc) == 0)
+        twigs = is_thin & (cv2.dilate(exact.astype(np.uint8), square) > 0)
+        gaps = exact & (cv2.dilate(twigs.astype(np.uint8), square) > 0)
+        found = [mask & gaps, gaps, mask & twigs, twigs]
+        self.counts += [np.count_nonzero(part) for part in found]
+
+    def summary(self) -> dict[str, float]:
+        """Return ``gap_recall``, ``twigs_called_sky`` (shares) and the counts of both."""
+        found, gaps, wrong, twigs = self.counts.tolist()
+        return {
+            "gap_recall": found / gaps if gaps else 1.0,
+            "twigs_called_sky": wrong / twigs if twigs else 0.0,
+            "n_gap_pixels": gaps,
+            "n_twig_pixels": twigs,
+        }
 
 
 class Confusion:
