@@ -74,3 +74,19 @@ def test_two_crooked_or_tapered_stems_are_no_post():
 
 def test_few_points_give_no_post():
     assert find_post(np.random.default_rng(5).random((50, 3)), PostModel()) is None
+
+
+def test_a_straight_stem_that_carries_a_crown_is_no_post():
+    rng = np.random.default_rng(8)
+    stem = _tube(rng, 6000, (0, 0), 0.9, 0.05, 0.047)
+    post = _tube(rng, 3000, (0.2, 0.0), 1.8, 0.025, 0.025)
+    arms = [
+        _tube(rng, 2500, (0, 0), 0.9, 0.024, 0.02, lean=(0.7 * np.cos(a), 0.7 * np.sin(a)))
+        + [0, 0, 0.9]
+        for a in (0.5, 2.1, 3.6, 5.2)
+    ]
+    points = np.vstack([stem, post, *arms])
+    labels = np.full(len(points), Label.TRUNK, np.uint8)
+    labels[len(stem) + len(post) :] = Label.BRANCH
+    after = split_support_post(points, labels, FRAME, PostModel())
+    assert (after[: len(stem)] == Label.TRUNK).mean() > 0.98

@@ -25,6 +25,7 @@ LEVELS_IN_SPACINGS = 2.5  # thickness of a level set
 FEWEST_NODES = 4
 PIECE = 0.01  # share of all wood from which a piece has a course
 COURSE = np.cos(np.radians(35.0))  # how far a piece may be off another's course
+STUMP_SHARE = 0.1  # a piece that comes this low, as a share of the height, may be a stump
 LARGE = 0.1  # share of all wood from which a piece is large
 FOOT_SHARE = 0.35  # a stem whose foot is hidden starts in this share of the height
 
@@ -96,35 +97,39 @@ def _bridges(points, edges, gap_m, stem_gap_m):
     """Links over gaps and what a metre of each costs.
 
     Any two pieces are linked over short gaps; a large piece is also linked from its lower end
-    straight down to what it goes on from, which is cheaper than a detour over a touching twig.
+    straight down to what it goes on from, and a stump from its upper end straight up, which is
+    cheaper than a detour over a touching twig.
     """
     near = component_links(points, edges, gap_m)
     piece, _ = components(len(points), edges)
     size, tree = np.bincount(piece), cKDTree(points)
-    down = [np.empty((0, 2), dtype=np.int64)]
+    stump_below = points[:, 2].min() + STUMP_SHARE * np.ptp(points[:, 2])
+    along = [np.empty((0, 2), dtype=np.int64)]
     for index in np.flatnonzero(size >= max(PIECE * len(points), 2 * N_NEIGHBORS)):
-        link = _link_down(points, tree, piece, np.flatnonzero(piece == index), stem_gap_m)
-        if link is not None:
-            down.append(np.array([link]))
-    down = np.vstack(down)
-    cost = np.concatenate([np.full(len(near), GAP_COST), np.ones(len(down))])
-    return np.vstack([near, down]).astype(np.int64), cost
+        rows = np.flatnonzero(piece == index)
+        ends = [-1.0, 1.0] if points[rows, 2].min() <= stump_below else [-1.0]
+        for sense in ends:
+            link = _link_on(points, tree, piece, rows, stem_gap_m, sense)
+            if link is not None:
+                along.append(np.array([link]))
+    along = np.vstack(along)
+    cost = np.concatenate([np.full(len(near), GAP_COST), np.ones(len(along))])
+    return np.vstack([near, along]).astype(np.int64), cost
 
 
-def _link_down(points, tree, piece, rows, gap_m):
-    """Link from the lower end of a piece to the nearest other wood on its course, or None."""
-    end = rows[np.argmin(points[rows, 2])]
+def _link_on(points, tree, piece, rows, gap_m, sense):
+    """Link from the lower (sense -1) or upper (1) end of a piece to wood on its course, or None."""
+    end = rows[np.argmax(sense * points[rows, 2])]
     near = rows[np.linalg.norm(points[rows] - points[end], axis=1) <= 0.5 * gap_m]
     middle = points[near].mean(axis=0)
     heading = np.linalg.svd(points[near] - middle, full_matrices=False)[2][0]
-    heading = -heading if heading[2] > 0 else heading
+    heading = heading if sense * heading[2] > 0 else -heading
     ahead = (points[near] - middle) @ heading
     start = points[near[ahead >= np.quantile(ahead, 0.9)]].mean(axis=0)
     others = np.array(tree.query_ball_point(start, gap_m), dtype=np.int64)
     others = others[piece[others] != piece[end]]
     offset = points[others] - start
-    distance = np.linalg.norm(offset, axis=1)
-    others = others[offset @ heading >= COURSE * distance]
+    others = others[offset @ heading >= COURSE * np.linalg.norm(offset, axis=1)]
     if not len(others):
         return None
     other = others[np.argmin(np.linalg.norm(points[others] - start, axis=1))]

@@ -259,6 +259,8 @@ def _trunk_end(skeleton, nodes, stem, model):
         above = above[position[above] <= position[above[:1]] + diameter]
         if len(below) < 2 or len(above) < 2:  # nothing to compare with
             continue
+        if position[above[0]] > max(place + 2.5 * diameter, parting + diameter):
+            continue  # a gap: the stem tapers over it
         kept = np.median(stem.radius[above]) + ROUGH_M
         if kept < TRUNK_KEEPS * np.median(stem.radius[below]):
             # The arms of one fork are each followed back only roughly: their middle counts.

@@ -248,7 +248,25 @@ def _has_stem_beside(points, cylinder, model, height=0.6):
     return bool((counts >= 10).mean() >= 0.6)
 
 
-def find_post(points, model, seed=0):
+def _carries_crown(wood, cylinder, model, reach=0.15):
+    """Whether wood spreads out from the top of a cylinder, as from the fork of a short stem.
+
+    A post that stands in a crown has wood of the crown on one side of its top or two; a stem that
+    forks there has its arms all around.
+    """
+    offsets, z = cylinder.offsets(wood), wood[:, 2]
+    distance = np.linalg.norm(offsets, axis=1)
+    own = (np.abs(distance - cylinder.radius) < model.tolerance_m) & (z > cylinder.low)
+    own &= z < cylinder.high
+    aside = distance > cylinder.radius + 1.5 * model.tolerance_m
+    aside &= distance < cylinder.radius + 0.10
+    aside &= (z > cylinder.high - 0.05) & (z < cylinder.high + reach)
+    sector = np.floor((np.arctan2(offsets[aside, 1], offsets[aside, 0]) / np.pi + 1) * 6) % 12
+    wanted = 0.03 * reach * own.sum() / (cylinder.high - cylinder.low)
+    return bool((np.bincount(sector.astype(int), minlength=12) >= max(wanted, 3)).sum() >= 4)
+
+
+def find_post(points, model, seed=0, wood=None):
     """Support post among the trunk's points of one stem.
 
     Parameters
@@ -257,6 +275,8 @@ def find_post(points, model, seed=0):
         Trunk-labelled points in metres, z up.
     model : PostModel
     seed : int
+    wood : ndarray of shape (m, 3), optional
+        All wood around; a cylinder that carries a crown is a stem.
 
     Returns
     -------
@@ -271,7 +291,9 @@ def find_post(points, model, seed=0):
     for candidate in _candidates(fit_points, model, rng):
         refined = _refit(fit_points, candidate, model)
         result = None if refined is None else _grade(fit_points, refined, model)
-        if result is not None and _has_stem_beside(fit_points, result[1], model):
+        if result is None or not _has_stem_beside(fit_points, result[1], model):
+            continue
+        if wood is None or not _carries_crown(wood, result[1], model):
             graded.append(result)
     return min(graded, key=lambda entry: entry[0])[1] if graded else None
 
@@ -297,10 +319,11 @@ def split_support_post(points, labels, frame, model, seed=0):
     labels = labels.copy()
     local = points - frame.origin
     trunk = np.flatnonzero(labels == Label.TRUNK)
+    around = local[(labels == Label.TRUNK) | (labels == Label.BRANCH)]
     group = link_components(local[trunk], 0.25)
     for g in range(min(group.max() + 1 if len(group) else 0, _MAX_STEMS)):
         stem = trunk[group == g]
-        post = find_post(local[stem], model, seed)
+        post = find_post(local[stem], model, seed, around)
         if post is None:
             continue
         wood = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.BRANCH))
