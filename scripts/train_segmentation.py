@@ -40,6 +40,8 @@ def main(
     width,
     embedding,
     k,
+    minutes,
+    start,
     seed,
     threads,
     gpu,
@@ -53,6 +55,7 @@ def main(
         final_learning_rate,
         color_dropout,
         seed,
+        minutes,
     )
     sampling = Sampling(
         voxel_size_m=voxel_size_m,
@@ -68,6 +71,7 @@ def main(
         sampling=sampling,
         checkpoint=folder / "checkpoint.pt",
         network_settings={"width": width, "embedding": embedding, "k": k},
+        start=start,
         device=device,
     )
     held_out_seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + n_held_out)
@@ -108,6 +112,8 @@ parser.add_argument("--reference-height-m", type=float, default=3.5)
 parser.add_argument("--width", type=int, default=64)
 parser.add_argument("--embedding", type=int, default=192)
 parser.add_argument("-k", "--k", type=int, default=12)
+parser.add_argument("--minutes", type=float, help="stop after this time; the rate falls over it")
+parser.add_argument("--start", help="weights to go on from")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--threads", type=int, default=2)
 parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")

@@ -18,6 +18,7 @@ from cherrypicker.segmentation.training import (
     measure,
     network_labels,
     train,
+    wood_loss,
 )
 
 SAMPLING = Sampling(
@@ -181,3 +182,32 @@ def test_blocks_change_no_probability(monkeypatch):
     monkeypatch.setattr("cherrypicker.segmentation.inference._BLOCK", 100)
     np.testing.assert_array_equal(propagate(points, sampled, probabilities), whole)
     assert whole.any(axis=1).all()
+
+
+def test_the_wood_loss_forgives_trunk_for_branch_more_than_trunk_for_ground():
+    weights = torch.ones(7)
+    targets = torch.tensor([int(Label.TRUNK)] * 4)
+
+    def loss(label):
+        share = torch.full((4, 7), 0.01)
+        share[:, label] = 0.94
+        return float(wood_loss(share.log(), targets, weights))
+
+    assert loss(Label.TRUNK) < 0.1
+    assert loss(Label.TRUNK) < loss(Label.BRANCH) < 0.5 * loss(Label.GROUND)
+
+
+def test_a_training_with_a_time_limit_stops_and_goes_on_from_given_weights(trained, tmp_path):
+    weights = tmp_path / "start.pt"
+    save_weights(weights, trained[0], vars(SAMPLING))
+    schedule = Schedule(50, 4, 6, learning_rate=1e-9, final_learning_rate=1e-9, minutes=1e-4)
+    network, history = train(
+        [_tree(seed) for seed in range(4)],
+        schedule=schedule,
+        sampling=SAMPLING,
+        checkpoint=tmp_path / "checkpoint.pt",
+        start=weights,
+    )
+    assert len(history) < 50
+    before, after = trained[0].state_dict(), network.state_dict()
+    assert torch.allclose(before["embed.0.weight"], after["embed.0.weight"], atol=1e-6)

@@ -88,6 +88,8 @@ rule train_segmentation:
         width=cfg("train_segment.width"),
         embedding=cfg("train_segment.embedding"),
         k=cfg("train_segment.k"),
+        minutes=cfg("train_segment.minutes"),
+        start=cfg("train_segment.start"),
         seed=cfg("seed"),
     message:
         "train the point cloud network on generated scenes"

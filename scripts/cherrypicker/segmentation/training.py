@@ -6,6 +6,7 @@ centres are drawn so that rare classes come up as often as the ground.
 """
 
 import logging
+import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.augment import augment
-from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate
+from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
 from cherrypicker.segmentation.inference import predict_spheres
 from cherrypicker.segmentation.metrics import confusion_matrix, score_table, scores
 from cherrypicker.segmentation.refine import clean_trunk, smooth_probabilities
@@ -35,8 +36,9 @@ from cherrypicker.segmentation.spheres import (
 logger = logging.getLogger(__name__)
 
 IGNORED = -100  # nll_loss leaves these points out
-# Chance of a class to give a sphere's centre: wood twice as often as anything else.
-CENTER_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0, 1.0, 1.0, 0.7])
+# Chance of a class to give a sphere's centre: the rare classes as often as the wood.
+CENTER_WEIGHTS = np.array([0.8, 1.0, 1.2, 1.2, 1.4, 1.4, 0.6])
+BORDER_SHARE = 0.25  # weight of trunk against branch, whose border the stem's course decides
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,9 @@ class Schedule:
     color_dropout : float
         Share of the clouds shown without colour.
     seed : int
+    minutes : float or None
+        Stop after this time, with the rate falling over it rather than over the epochs; for a
+        machine whose load is not known beforehand. Two such runs differ.
     """
 
     epochs: int = 35
@@ -63,6 +68,7 @@ class Schedule:
     final_learning_rate: float = 3e-5
     color_dropout: float = 0.25
     seed: int = 0
+    minutes: float | None = None
 
 
 def network_labels(labels):
@@ -128,6 +134,36 @@ def class_weights(samples):
     return torch.tensor(np.where(counts > 0, weights, 1.0).clip(0.2, 5.0), dtype=torch.float32)
 
 
+def wood_loss(output, targets, weights):
+    """Negative log-likelihood with trunk and branch as one class, plus a share of it with two.
+
+    Where the trunk ends is decided by the stem's course (`stem_axis`); that something is wood,
+    only the network can tell.
+
+    Parameters
+    ----------
+    output : Tensor of shape (n, 7)
+        Log-probabilities.
+    targets : Tensor of shape (n,), int64
+        `IGNORED` rows do not count.
+    weights : Tensor of shape (7,)
+        Loss weights of the classes.
+
+    Returns
+    -------
+    Tensor
+        A scalar.
+    """
+    trunk, branch = int(Label.TRUNK), int(Label.BRANCH)
+    wood = torch.logaddexp(output[:, trunk], output[:, branch])
+    joined = output.clone()
+    joined[:, trunk], joined[:, branch] = wood, wood
+    nll = torch.nn.functional.nll_loss
+    apart = nll(output, targets, weights, ignore_index=IGNORED)
+    together = nll(joined, targets, weights, ignore_index=IGNORED)
+    return (1 - BORDER_SHARE) * together + BORDER_SHARE * apart
+
+
 def _batches(samples, network, sampling, schedule, epoch):
     """Batches of one epoch; the order and every draw follow from the seed and the epoch."""
     rng = np.random.default_rng([schedule.seed, epoch])
@@ -148,21 +184,25 @@ def _batches(samples, network, sampling, schedule, epoch):
         waiting = waiting[schedule.batch_spheres :]
 
 
-def _train_epoch(network, optimizer, samples, sampling, schedule, epoch, weights, device):
+def _train_epoch(network, optimizer, samples, sampling, schedule, epoch, weights, device, began):
     torch.manual_seed(schedule.seed * 100_003 + epoch)
     network.train()
     n_batches = max(1, len(samples) * schedule.spheres_per_cloud // schedule.batch_spheres)
     loss_sum = hit_sum = n_sum = 0.0
     for step, batch in enumerate(_batches(samples, network, sampling, schedule, epoch)):
         progress = (epoch + min(step / n_batches, 1.0)) / schedule.epochs
+        if schedule.minutes is not None:
+            progress = (time.monotonic() - began) / (60 * schedule.minutes)
+            if progress >= 1 and n_sum:
+                break
         decay = schedule.final_learning_rate / schedule.learning_rate
         for group in optimizer.param_groups:
-            group["lr"] = schedule.learning_rate * decay**progress
+            group["lr"] = schedule.learning_rate * decay ** min(progress, 1.0)
         features, graphs, sizes = collate([(f, g) for f, g, _ in batch])
         targets = torch.from_numpy(np.concatenate([t for _, _, t in batch])).to(device)
         graphs = [g if device == "cpu" else g.long().to(device) for g in graphs]
         output = network(features.to(device), graphs, sizes)
-        loss = torch.nn.functional.nll_loss(output, targets, weights, ignore_index=IGNORED)
+        loss = wood_loss(output, targets, weights)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -224,7 +264,9 @@ def _load_checkpoint(path, settings):
     return content
 
 
-def train(samples, *, schedule, sampling, checkpoint, network_settings=None, device="cpu"):
+def train(
+    samples, *, schedule, sampling, checkpoint, network_settings=None, start=None, device="cpu"
+):
     """Train a network, going on from the checkpoint where there is one of the same settings.
 
     Parameters
@@ -236,13 +278,16 @@ def train(samples, *, schedule, sampling, checkpoint, network_settings=None, dev
         Written after every epoch.
     network_settings : dict, optional
         Arguments of `Dgcnn`.
+    start : str or Path, optional
+        Weights to go on from, of a network of its own settings.
     device : str
 
     Returns
     -------
     network : Dgcnn
     history : list of dict
-        ``epoch``, ``loss``, ``accuracy`` (on the augmented training spheres).
+        ``epoch``, ``loss``, ``accuracy`` (on the augmented training spheres), ``seconds`` so far
+        (0 without a time limit).
 
     Raises
     ------
@@ -252,7 +297,8 @@ def train(samples, *, schedule, sampling, checkpoint, network_settings=None, dev
     if not samples:
         raise StageError("there are no training clouds", key="train_segment.n_scenes")
     torch.manual_seed(schedule.seed)
-    network = Dgcnn(**(network_settings or {})).to(device)
+    network = load_weights(start)[0] if start else Dgcnn(**(network_settings or {}))
+    network = network.to(device)
     optimizer = torch.optim.Adam(network.parameters(), lr=schedule.learning_rate)
     settings = {
         "network": network.settings,
@@ -268,13 +314,17 @@ def train(samples, *, schedule, sampling, checkpoint, network_settings=None, dev
         history = content["history"]
         logger.info("going on after epoch %d of %d", len(history), schedule.epochs)
     weights = class_weights(samples).to(device)
+    began = time.monotonic() - (history[-1]["seconds"] if history else 0.0)
     with Progress(schedule.epochs, "epochs") as bar:
         bar.step(len(history))
         for epoch in range(len(history), schedule.epochs):
             loss, accuracy = _train_epoch(
-                network, optimizer, samples, sampling, schedule, epoch, weights, device
+                network, optimizer, samples, sampling, schedule, epoch, weights, device, began
             )
-            history.append({"epoch": epoch + 1, "loss": loss, "accuracy": accuracy})
+            seconds = time.monotonic() - began if schedule.minutes is not None else 0.0
+            history.append(
+                {"epoch": epoch + 1, "loss": loss, "accuracy": accuracy, "seconds": seconds}
+            )
             logger.info("epoch %d: loss %.4f, accuracy %.3f", epoch + 1, loss, accuracy)
             with atomic_path(checkpoint) as temporary:
                 torch.save(
@@ -287,6 +337,8 @@ def train(samples, *, schedule, sampling, checkpoint, network_settings=None, dev
                     temporary,
                 )
             bar.step()
+            if schedule.minutes is not None and seconds >= 60 * schedule.minutes:
+                break
     return network.cpu().eval(), history
 
 

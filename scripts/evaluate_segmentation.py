@@ -1,0 +1,120 @@
+"""Measure the segmentation on generated scenes and scans that it was not trained on.
+
+Prints a table (F1 a class and mean IoU a set of clouds), writes it and the confusion matrices as
+JSON, and a plot of the matrix of the held-out scenes. Example:
+
+    python scripts/evaluate_segmentation.py --weights resources/weights/dgcnn.pt --workspace work \\
+        --scan results/cherry_vase=resources/demo/cherry_vase/truth --figure confusion.png
+"""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import write_json
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.segmentation.dgcnn import N_CLASSES, choose_device
+from cherrypicker.segmentation.held_out import (
+    confusion_figure,
+    judge,
+    of_sample,
+    of_scan,
+    table,
+    without_color,
+)
+from cherrypicker.segmentation.inference import Sampling
+from cherrypicker.segmentation.refine import Smoothing
+from cherrypicker.segmentation.scenes import HELD_OUT_SEED, load_samples
+from cherrypicker.segmentation.stem_axis import StemModel
+from cherrypicker.segmentation.support_post import PostModel
+
+TEMPLATES = ("cherry_whip", "fir", "larch", "pine")  # forms that the training never draws
+logger = logging.getLogger("cherrypicker")
+
+
+def main(
+    weights,
+    workspace,
+    *,
+    output,
+    figure,
+    scans,
+    n_scenes,
+    n_templates,
+    scene_points,
+    trace_stems,
+    seed,
+    threads,
+    gpu,
+):
+    sampling = Sampling(
+        None, reference_height_m=None, sphere_radius_m=None, sphere_points=None
+    )  # as the weights were trained
+    settings = {
+        "sampling": sampling,
+        "smoothing": Smoothing(),
+        "post": PostModel(),
+        "stems": StemModel() if trace_stems else None,
+        "seed": seed,
+        "device": choose_device(threads, gpu),
+    }
+    folder = Path(workspace)
+    seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + n_scenes)
+    others = range(HELD_OUT_SEED + 500, HELD_OUT_SEED + 500 + n_templates)
+    sets = {}
+    if n_scenes:
+        known = [of_sample("held-out", s) for s in load_samples(seeds, folder, scene_points)]
+        sets["held-out seeds"] = known
+        sets["held-out seeds, no colour"] = [without_color(one) for one in known]
+    if n_templates:
+        samples = load_samples(others, folder, scene_points, habits=TEMPLATES)
+        unknown = [of_sample("template", sample) for sample in samples]
+        sets["held-out forms"] = unknown
+        sets["held-out forms, no colour"] = [without_color(one) for one in unknown]
+    for pair in scans:
+        results, _, truth = pair.partition("=")
+        if not truth:
+            raise StageError("a scan is given as RESULTS=TRUTH", file=pair, key="--scan")
+        one = of_scan(results, truth)
+        sets[f"{one.name}, through photos"] = [one]
+        sets[f"{one.name}, through photos, no colour"] = [without_color(one)]
+    confusions = {name: _sum(name, clouds, weights, settings) for name, clouds in sets.items()}
+    text = table(confusions)
+    logger.info("F1 a class\n%s", text)
+    if output:
+        write_json(
+            output,
+            {"weights": Path(weights).name, "table": text}
+            | {name: matrix.tolist() for name, matrix in confusions.items()},
+        )
+    if figure and n_scenes:
+        confusion_figure(figure, confusions["held-out seeds"], "held-out seeds")
+
+
+def _sum(name, clouds, weights, settings):
+    """Confusion matrix over all clouds of a set."""
+    total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
+    for labelled in clouds:
+        total += judge(labelled, weights, **settings)[0]
+    logger.info("measured: %s (%d clouds)", name, len(clouds))
+    return total
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--weights", required=True, help="weights to measure")
+parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
+parser.add_argument("--output", default="", help="JSON to write")
+parser.add_argument("--figure", default="", help="PNG of the confusion matrix to write")
+parser.add_argument(
+    "--scan", dest="scans", action="append", default=[], help="RESULTS=TRUTH of a rendered scene"
+)
+parser.add_argument("--n-scenes", type=int, default=10)
+parser.add_argument("--n-templates", type=int, default=8)
+parser.add_argument("--scene-points", type=int, default=250_000)
+parser.add_argument("--no-trace-stems", dest="trace_stems", action="store_false")
+parser.add_argument("--seed", type=int, default=0)
+parser.add_argument("--threads", type=int, default=2)
+parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")
+run(main, parser, globals().get("snakemake"))
