@@ -1,7 +1,7 @@
 """Make the skeleton and the topology graph from the contracted points.
 
 Reads contracted.ply, contract.json and segmented.ply, writes skeleton.graphml, skeleton.ply,
-skeleton.swc and topology.graphml. Example:
+skeleton.swc and topology.graphml (the last three where a path is given). Example:
 
     python scripts/extract_graph.py --contracted contracted.ply --contract_report contract.json \
         --segmented segmented.ply --skeleton_graph skeleton.graphml --skeleton_ply skeleton.ply \
@@ -27,9 +27,9 @@ def main(
     contracted,
     segmented,
     skeleton_graph,
-    skeleton_ply,
-    skeleton_swc,
-    topology,
+    skeleton_ply=None,
+    skeleton_swc=None,
+    topology=None,
     *,
     contract_report=None,
     method="tree",
@@ -46,9 +46,12 @@ def main(
         base=read_json(contract_report)["base"] if contract_report else None,
     )
     axis_list = axes(skeleton)
-    write_skeleton_ply(skeleton_ply, skeleton, node_order(skeleton, axis_list))
-    write_skeleton_swc(skeleton_swc, skeleton)
-    write_topology_graphml(topology, fold(skeleton, axis_list))
+    if skeleton_ply:
+        write_skeleton_ply(skeleton_ply, skeleton, node_order(skeleton, axis_list))
+    if skeleton_swc:
+        write_skeleton_swc(skeleton_swc, skeleton)
+    if topology:
+        write_topology_graphml(topology, fold(skeleton, axis_list))
     write_skeleton_graphml(skeleton_graph, skeleton)
 
 
@@ -57,9 +60,9 @@ parser.add_argument("--contracted", required=True, help="contracted points, PLY"
 parser.add_argument("--segmented", required=True, help="labelled cloud that they come from")
 parser.add_argument("--contract_report", default=None, help="contract.json, for the stem's base")
 parser.add_argument("--skeleton_graph", required=True, help="skeleton.graphml")
-parser.add_argument("--skeleton_ply", required=True, help="skeleton.ply")
-parser.add_argument("--skeleton_swc", required=True, help="skeleton.swc")
-parser.add_argument("--topology", required=True, help="topology.graphml")
+parser.add_argument("--skeleton_ply", help="skeleton.ply")
+parser.add_argument("--skeleton_swc", help="skeleton.swc")
+parser.add_argument("--topology", help="topology.graphml")
 parser.add_argument("--method", choices=["tree", "mst"], default="tree")
 parser.add_argument("--spacing_m", type=float, default=0.01, help="distance between nodes")
 parser.add_argument("--n_neighbors", type=int, default=12, help="neighbours of a node")

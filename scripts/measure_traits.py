@@ -1,7 +1,8 @@
 """Measure a tree's traits on its skeleton and its labelled cloud.
 
 Reads skeleton.graphml, topology.graphml and segmented.ply, and for a scan from photos scale.json,
-sfm/report.json and crop.json; writes traits.json and branches.csv. Example:
+sfm/report.json and crop.json (with hand corrections edits.json); writes traits.json and
+branches.csv. Example:
 
     python scripts/measure_traits.py --skeleton skeleton.graphml --topology topology.graphml \\
         --segmented segmented.ply --traits traits.json --branches branches.csv
@@ -24,6 +25,7 @@ def main(
     scale=None,
     sparse=None,
     crop=None,
+    edits=None,
     **options,
 ):
     numbers, rows = measure_traits(
@@ -33,6 +35,7 @@ def main(
         scale=read_json(scale) if scale else None,
         sparse=read_json(sparse) if sparse else None,
         crop=read_json(crop) if crop else None,
+        edits=read_json(edits) if edits else None,
         **options,
     )
     write_text(branches, branches_csv(rows))
@@ -46,6 +49,7 @@ parser.add_argument("--segmented", required=True, help="labelled cloud")
 parser.add_argument("--scale", help="scale.json of a scan from photos")
 parser.add_argument("--sparse", help="sfm/report.json of a scan from photos")
 parser.add_argument("--crop", help="crop.json of a scan from photos")
+parser.add_argument("--edits", help="edits.json of a tree with hand corrections")
 parser.add_argument("--traits", required=True, help="JSON to write")
 parser.add_argument("--branches", required=True, help="CSV to write")
 parser.add_argument("--trunk_height", type=float, default=0.30, help="m over the foot")

@@ -57,6 +57,17 @@ PHOTO_SIZES = PhotoSizes()
 UNLABELLED_TREES = [name for name in LATE_TREES if name not in LABELLED_TREES]
 
 
+def edits_of(tree):
+    """Return the file of a tree's hand corrections, whether it is there or not."""
+    return lookup_key(SETTINGS_OF[tree], "graph.edits").replace("{tree}", tree)
+
+
+EDITED_TREES = [
+    name for name in TREES if edits_of(name) and Path(edits_of(name)).is_file()
+]
+UNEDITED_TREES = [name for name in TREES if name not in EDITED_TREES]
+
+
 def any_of(names):
     """Return a wildcard constraint that matches these trees only."""
     return "|".join(map(re.escape, names)) or "(?!)"

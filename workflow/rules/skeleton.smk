@@ -62,6 +62,8 @@ rule extract_graph:
         "logs/extract_graph/{tree}.log",
     benchmark:
         "benchmarks/extract_graph/{tree}.tsv"
+    wildcard_constraints:
+        tree=any_of(UNEDITED_TREES),
     conda:
         "../../envs/pointcloud.yaml"
     threads: threads_for("extract_graph")
@@ -77,3 +79,65 @@ rule extract_graph:
         "{wildcards.tree}: connect the skeleton and measure its radii"
     script:
         "../../scripts/extract_graph.py"
+
+
+# A tree with hand corrections: the solver's skeleton is kept, so that an edit costs no new solution.
+rule solve_graph:
+    input:
+        contracted="results/{tree}/contracted.ply",
+        contract_report="results/{tree}/contract.json",
+        segmented="results/{tree}/segmented.ply",
+        code=code("extract_graph"),
+    output:
+        skeleton_graph=ensure("results/{tree}/solved.graphml", non_empty=True),
+    log:
+        "logs/solve_graph/{tree}.log",
+    benchmark:
+        "benchmarks/solve_graph/{tree}.tsv"
+    wildcard_constraints:
+        tree=any_of(EDITED_TREES),
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: threads_for("extract_graph")
+    resources:
+        mem_mb=mb_for("extract_graph"),
+        runtime=minutes_for("extract_graph"),
+        gpu=0,
+    params:
+        method=cfg("graph.method"),
+        spacing_m=cfg("graph.spacing_m"),
+        n_neighbors=cfg("graph.n_neighbors"),
+    message:
+        "{wildcards.tree}: connect the skeleton and measure its radii"
+    script:
+        "../../scripts/extract_graph.py"
+
+
+rule edit_graph:
+    input:
+        solved="results/{tree}/solved.graphml",
+        edits=lambda wildcards: edits_of(wildcards.tree),
+        code=code("edit_graph"),
+    output:
+        skeleton_graph=ensure("results/{tree}/skeleton.graphml", non_empty=True),
+        skeleton_ply=ensure("results/{tree}/skeleton.ply", non_empty=True),
+        skeleton_swc=ensure("results/{tree}/skeleton.swc", non_empty=True),
+        topology=ensure("results/{tree}/topology.graphml", non_empty=True),
+        report="results/{tree}/edits.json",
+    log:
+        "logs/edit_graph/{tree}.log",
+    benchmark:
+        "benchmarks/edit_graph/{tree}.tsv"
+    wildcard_constraints:
+        tree=any_of(EDITED_TREES),
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=mb_for("extract_graph"),
+        runtime=minutes_for("extract_graph"),
+        gpu=0,
+    message:
+        "{wildcards.tree}: apply the hand corrections to the skeleton"
+    script:
+        "../../scripts/edit_graph.py"

@@ -9,6 +9,9 @@ rule measure_traits:
         scale=photo_only("results/{tree}/scale.json"),
         sparse=photo_only("results/{tree}/sfm/report.json"),
         crop=photo_only("results/{tree}/crop.json"),
+        edits=lambda wildcards: (
+            "results/{tree}/edits.json" if wildcards.tree in EDITED_TREES else []
+        ),
         code=code("measure_traits"),
     output:
         traits=ensure("results/{tree}/traits.json", non_empty=True),

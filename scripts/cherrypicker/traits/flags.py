@@ -90,7 +90,7 @@ def _shape_flags(foot, support, crown_width, confidence, length):
     return flags
 
 
-def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None):
+def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None, edits=None):
     """Warnings that earlier stages left in their reports, and an odd size of the whole.
 
     Parameters
@@ -101,6 +101,8 @@ def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None):
         Of the tree, in that unit.
     scale, sparse, crop : dict, optional
         ``scale.json``, ``sfm/report.json`` and ``crop.json`` where the scan has them.
+    edits : dict, optional
+        ``edits.json`` of a tree with hand corrections.
 
     Returns
     -------
@@ -127,5 +129,10 @@ def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None):
         flags.append(
             f"second_tree: {len(others)} other stem(s) stand in the region of interest; "
             "crop.target_xy chooses between them"
+        )
+    if edits and edits["lost"]:
+        flags.append(
+            f"edits_lost: {len(edits['lost'])} of {edits['n_edits']} hand corrections no longer "
+            f"find their place ({'; '.join(edits['lost'])})"
         )
     return flags

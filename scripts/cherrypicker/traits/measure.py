@@ -35,6 +35,7 @@ def measure_traits(
     scale=None,
     sparse=None,
     crop=None,
+    edits=None,
     seed=0,
 ):
     """Measure a tree's traits on its skeleton and its original points.
@@ -59,6 +60,8 @@ def measure_traits(
     scale, sparse, crop : dict, optional
         ``scale.json``, ``sfm/report.json`` and ``crop.json`` of a scan from photos; the scale's
         standard error enters every uncertainty.
+    edits : dict, optional
+        ``edits.json`` of a tree with hand corrections.
     seed : int, default 0
 
     Returns
@@ -138,7 +141,7 @@ def measure_traits(
     traits["trunk_end_height_m"] = _rounded(stem.height[-1])
     missing = [h for h, item in further.items() if item is None and h <= stem.height[-1] - 0.02]
     traits["flags"] = scan_flags(
-        cloud.unit, height=traits["height_m"], scale=scale, sparse=sparse, crop=crop
+        cloud.unit, height=traits["height_m"], scale=scale, sparse=sparse, crop=crop, edits=edits
     ) + quality_flags(
         trunk, trunk_height, missing, foot, support, crown.width, confidence, cloud.unit
     )

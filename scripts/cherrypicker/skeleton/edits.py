@@ -1,0 +1,246 @@
+"""Hand corrections of a skeleton, anchored in space so that they survive another run.
+
+An edit names places, not nodes: the nearest node within a tolerance is meant. Where none is, the
+edit is lost, which is reported and changes nothing. The result is one rooted tree, or an error.
+"""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+import yaml
+from scipy.spatial import cKDTree
+
+from cherrypicker.errors import StageError
+from cherrypicker.skeleton.model import Skeleton, rooted_order
+
+__all__ = ["Edit", "apply_edits", "read_edits"]
+
+logger = logging.getLogger(__name__)
+
+PLACES = {"connect": ("from", "to"), "cut": ("at",), "delete": ("at",), "move": ("from", "to")}
+TOLERANCE_M = 0.05
+BARE_STEPS = 3.0  # usual edge lengths from which a new edge bridges missing data
+
+
+@dataclass
+class Edit:
+    """One correction.
+
+    Attributes
+    ----------
+    kind : {"connect", "cut", "delete", "move"}
+    places : dict of str to ndarray of shape (3,)
+        ``from`` and ``to``, or ``at``, in the skeleton's frame and unit.
+    tolerance : float
+        How far the node that is meant may lie from its place.
+    """
+
+    kind: str
+    places: dict
+    tolerance: float = TOLERANCE_M
+
+    def __str__(self):
+        places = ", ".join(
+            f"{name} ({', '.join(f'{value:g}' for value in place)})"
+            for name, place in self.places.items()
+        )
+        return f"{self.kind} {places}"
+
+
+def read_edits(path):
+    """Read a tree's edits: a YAML list under ``edits``, applied in its order.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    list of Edit
+
+    Raises
+    ------
+    StageError
+        If the file cannot be read or an entry is no edit.
+    """
+    try:
+        with open(path, encoding="utf-8") as stream:
+            content = yaml.safe_load(stream) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise StageError(f"the edits cannot be read ({error})", file=path) from error
+    entries = content.get("edits") if isinstance(content, dict) else None
+    if not isinstance(entries, list):
+        raise StageError("no list under 'edits'", file=path, key="edits")
+    return [_parsed(entry, number, path) for number, entry in enumerate(entries, start=1)]
+
+
+def _parsed(entry, number, path):
+    key = f"edits, entry {number}"
+    kinds = [kind for kind in PLACES if isinstance(entry, dict) and kind in entry]
+    if len(kinds) != 1 or not set(entry) <= {kinds[0], "tolerance_m", "note"}:
+        raise StageError(
+            f"an edit has one of {', '.join(PLACES)}, and may have tolerance_m and note",
+            file=path,
+            key=key,
+        )
+    kind, given = kinds[0], entry[kinds[0]]
+    if not isinstance(given, dict) or set(given) != set(PLACES[kind]):
+        raise StageError(f"{kind} needs {' and '.join(PLACES[kind])}", file=path, key=key)
+    try:
+        places = {name: np.array(given[name], dtype=np.float64) for name in PLACES[kind]}
+        tolerance = float(entry.get("tolerance_m", TOLERANCE_M))
+    except (TypeError, ValueError) as error:
+        raise StageError(f"not a number ({error})", file=path, key=key) from error
+    if any(place.shape != (3,) or not np.isfinite(place).all() for place in places.values()):
+        raise StageError("a place is three finite numbers [x, y, z]", file=path, key=key)
+    if not tolerance > 0:
+        raise StageError("tolerance_m must be positive", file=path, key=key)
+    return Edit(kind, places, tolerance)
+
+
+def apply_edits(skeleton, edits):
+    """Apply edits one after the other.
+
+    connect: the wood at ``from`` leaves what it hung on and hangs on the node at ``to``; a piece
+    that was cut off before is joined there. cut: the wood from ``at`` outwards comes off; what no
+    later ``connect`` joins again is gone. delete: the wood from ``at`` outwards is gone. move: the
+    node at ``from`` goes to ``to``.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    edits : list of Edit
+
+    Returns
+    -------
+    skeleton : Skeleton
+    report : dict
+        ``n_edits``, ``n_applied``, ``lost`` (a sentence each) and ``length_dropped``.
+
+    Raises
+    ------
+    StageError
+        If an edit would close a cycle, or nothing of the tree is left.
+    """
+    tree = _EditedTree(skeleton)
+    lost = []
+    for number, edit in enumerate(edits, start=1):
+        anchors = ("from",) if edit.kind == "move" else PLACES[edit.kind]
+        nodes = [tree.nearest(edit.places[name], edit.tolerance) for name in anchors]
+        missing = [name for name, node in zip(anchors, nodes) if node < 0]
+        if missing:
+            lost.append(
+                f"edit {number} ({edit}): no node within {edit.tolerance:g} of {missing[0]}"
+            )
+            logger.warning("lost %s", lost[-1])
+            continue
+        tree.apply(number, edit, nodes)
+        logger.info("applied edit %d (%s)", number, edit)
+    edited, dropped = tree.result()
+    report = {
+        "n_edits": len(edits),
+        "n_applied": len(edits) - len(lost),
+        "lost": lost,
+        "length_dropped": round(dropped, 6),
+    }
+    return edited, report
+
+
+class _EditedTree:
+    """Nodes and parents while they are edited; -1 is the parent of the root and of cut pieces."""
+
+    def __init__(self, skeleton):
+        self.skeleton = skeleton
+        self.points = skeleton.points.copy()
+        self.parent = skeleton.parent.copy()
+        gap = skeleton.fields.get("gap", np.zeros(len(skeleton), dtype=np.int64))
+        self.gap = gap.copy()
+        self.alive = np.ones(len(skeleton), dtype=bool)
+        self.usual = float(np.median(skeleton.edge_length[1:])) if len(skeleton) > 1 else 0.0
+
+    def nearest(self, place, tolerance):
+        """Living node nearest to a place, -1 if none lies within the tolerance."""
+        rows = np.flatnonzero(self.alive)
+        distance, index = cKDTree(self.points[rows]).query(place)
+        return int(rows[index]) if distance <= tolerance else -1
+
+    def apply(self, number, edit, nodes):
+        """Apply one edit whose nodes were found."""
+        if edit.kind == "move":
+            self.points[nodes[0]] = edit.places["to"]
+        elif edit.kind == "connect":
+            self._connect(number, edit, *nodes)
+        elif nodes[0] == 0:
+            raise StageError(f"edit {number} ({edit}) would remove the root", key="graph.edits")
+        elif edit.kind == "cut":
+            self.parent[nodes[0]] = -1
+        else:
+            self.alive[self._beyond(nodes[0])] = False
+
+    def _connect(self, number, edit, start, target):
+        if self._top(start) != self._top(target):
+            self._hang_from(start)
+        elif start in self._way_down(target):
+            raise StageError(
+                f"edit {number} ({edit}) would close a cycle: 'to' lies beyond 'from'",
+                key="graph.edits",
+            )
+        self.parent[start] = target
+        length = np.linalg.norm(self.points[start] - self.points[target])
+        self.gap[start] = int(length > BARE_STEPS * self.usual)
+
+    def _way_down(self, node):
+        way = [node]
+        while self.parent[way[-1]] >= 0:
+            way.append(int(self.parent[way[-1]]))
+        return way
+
+    def _top(self, node):
+        return self._way_down(node)[-1]
+
+    def _hang_from(self, node):
+        """Turn a piece's parents round so that it hangs from a node."""
+        way = self._way_down(node)
+        gaps = [self.gap[item] for item in way]
+        for lower, item, gap in zip(way[1:], way[:-1], gaps):
+            self.parent[lower], self.gap[lower] = item, gap
+        self.parent[node] = -1
+
+    def _beyond(self, node):
+        """A node and all that hangs on it, (n_nodes,) bool."""
+        beyond = np.zeros(len(self.parent), dtype=bool)
+        beyond[node] = True
+        while True:
+            more = ~beyond & (self.parent >= 0) & beyond[np.maximum(self.parent, 0)]
+            if not more.any():
+                return beyond
+            beyond |= more
+
+    def result(self):
+        """Skeleton of what hangs on the root, and the length of what does not."""
+        keep = self._beyond(0) & self.alive
+        if np.count_nonzero(keep) < 2:
+            raise StageError("the edits leave nothing of the tree", key="graph.edits")
+        has_parent = self.alive & (self.parent >= 0)
+        length = np.linalg.norm(self.points - self.points[np.maximum(self.parent, 0)], axis=1)
+        before = float(self.skeleton.edge_length.sum())
+        kept = float(length[keep & has_parent].sum())
+        rows = np.flatnonzero(keep)
+        place = np.full(len(keep), -1)
+        place[rows] = np.arange(len(rows))
+        edges = np.stack([place[self.parent[rows[1:]]], np.arange(1, len(rows))], axis=1)
+        order, parent = rooted_order(len(rows), edges, 0)
+        rows, old = rows[order], self.skeleton
+        fields = {name: values[rows] for name, values in old.fields.items()}
+        fields["gap"] = self.gap[rows]
+        edited = Skeleton(
+            self.points[rows],
+            parent,
+            old.radius[rows],
+            old.label[rows],
+            fields,
+            old.unit,
+            old.frame,
+        )
+        return edited, max(before - kept, 0.0)

@@ -1,0 +1,45 @@
+"""Apply a tree's hand corrections to its solved skeleton.
+
+Reads solved.graphml and the tree's edits, writes skeleton.graphml, skeleton.ply, skeleton.swc,
+topology.graphml and edits.json, which names the edits that no longer find their place. Example:
+
+    python scripts/edit_graph.py --solved solved.graphml --edits config/edits/tree.yaml \\
+        --skeleton_graph skeleton.graphml --skeleton_ply skeleton.ply \\
+        --skeleton_swc skeleton.swc --topology topology.graphml --report edits.json
+"""
+
+from cherrypicker.files import write_json
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.skeleton import (
+    axes,
+    fold,
+    node_order,
+    read_skeleton,
+    write_skeleton_graphml,
+    write_skeleton_ply,
+    write_skeleton_swc,
+    write_topology_graphml,
+)
+from cherrypicker.skeleton.edits import apply_edits, read_edits
+
+
+def main(solved, edits, skeleton_graph, skeleton_ply, skeleton_swc, topology, report):
+    """Load, edit, save."""
+    skeleton, details = apply_edits(read_skeleton(solved), read_edits(edits))
+    axis_list = axes(skeleton)
+    write_skeleton_ply(skeleton_ply, skeleton, node_order(skeleton, axis_list))
+    write_skeleton_swc(skeleton_swc, skeleton)
+    write_topology_graphml(topology, fold(skeleton, axis_list))
+    write_skeleton_graphml(skeleton_graph, skeleton)
+    write_json(report, details)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--solved", required=True, help="the solver's skeleton, GraphML")
+parser.add_argument("--edits", required=True, help="the tree's hand corrections, YAML")
+parser.add_argument("--skeleton_graph", required=True, help="skeleton.graphml")
+parser.add_argument("--skeleton_ply", required=True, help="skeleton.ply")
+parser.add_argument("--skeleton_swc", required=True, help="skeleton.swc")
+parser.add_argument("--topology", required=True, help="topology.graphml")
+parser.add_argument("--report", required=True, help="what was applied and what was lost, JSON")
+run(main, parser, globals().get("snakemake"))
