@@ -1,6 +1,7 @@
 """Traits of a tree: trunk diameters, height, crown, lengths and branches, with uncertainties."""
 
-from cherrypicker.traits.branches import BRANCH_COLUMNS, branch_rows, branches_csv
+from cherrypicker.traits.branches import BRANCH_COLUMNS, branch_rows, branches_csv, totals_by_order
+from cherrypicker.traits.crown import alpha_volume, projected_area
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.stem_fit import ConeFit, fit_cone, search_circle
 from cherrypicker.traits.trunk import TrunkDiameter, measure_diameter
@@ -12,6 +13,7 @@ __all__ = [
     "Foot",
     "Support",
     "TrunkDiameter",
+    "alpha_volume",
     "branch_rows",
     "branches_csv",
     "find_foot",
@@ -19,5 +21,7 @@ __all__ = [
     "fit_cone",
     "measure_diameter",
     "measure_traits",
+    "projected_area",
     "search_circle",
+    "totals_by_order",
 ]

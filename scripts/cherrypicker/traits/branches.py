@@ -11,7 +11,7 @@ import numpy as np
 
 from cherrypicker.skeleton import axis_polyline
 
-__all__ = ["BRANCH_COLUMNS", "branch_rows", "branches_csv"]
+__all__ = ["BRANCH_COLUMNS", "branch_rows", "branches_csv", "totals_by_order"]
 
 BRANCH_COLUMNS = (
     "branch_id",
@@ -24,7 +24,18 @@ BRANCH_COLUMNS = (
     "insertion_angle_deg",
     "azimuth_deg",
     "base_height_m",
+    "mean_diameter_m",
+    "taper_mm_per_m",
+    "volume_m3",
+    "n_laterals",
+    "lateral_spacing_m",
+    "shoot_length_m",
+    "base_arc_deg",
+    "base_n_points",
+    "gap_share",
+    "flags",
 )
+_LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 _LEAST_WINDOW_M = 0.08
 _TIP_WINDOW_M = 0.03
 
@@ -47,7 +58,10 @@ def branch_rows(skeleton, axis_list, foot_z):
         it hangs on, so that lengths add up to the skeleton's. The insertion angle lies between the
         axis's first direction and its parent's at the junction; for the trunk it is its angle to
         the vertical. The azimuth runs from +x towards +y, 0 to 360 degrees. The trunk's parent is
-        -1.
+        -1. `lateral_spacing_m` is the median distance along the axis of successive laterals (None
+        with fewer than two), `shoot_length_m` the way from the last lateral to the tip, a candidate
+        for the last year's shoot. `flags` holds words joined by spaces: ``low_arc``,
+        ``few_points``, ``gap``.
     """
     return [_row(skeleton, axis_list, index, foot_z) for index in range(len(axis_list))]
 
@@ -58,17 +72,43 @@ def branches_csv(rows):
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(BRANCH_COLUMNS)
     for row in rows:
-        writer.writerow(
-            [
-                row[name] if isinstance(row[name], int) else f"{row[name]:.{_decimals(name)}f}"
-                for name in BRANCH_COLUMNS
-            ]
-        )
+        writer.writerow([_cell(name, row[name]) for name in BRANCH_COLUMNS])
     return stream.getvalue()
 
 
-def _decimals(name):
-    return 2 if name.endswith("_deg") else 5
+def _cell(name, value):
+    """Text of a cell; empty where there is no such number."""
+    if value is None:
+        return ""
+    if isinstance(value, int | str):
+        return value
+    decimals = 2 if name.endswith(("_deg", "_per_m")) else 8 if name.endswith("_m3") else 5
+    return f"{value:.{decimals}f}"
+
+
+def totals_by_order(rows):
+    """Number, length, volume and mean diameter of the axes of each order.
+
+    Parameters
+    ----------
+    rows : list of dict
+        From `branch_rows`.
+
+    Returns
+    -------
+    dict of int to dict
+        Order to ``n``, ``length``, ``volume`` and ``mean_diameter`` (weighted by length).
+    """
+    totals = {}
+    for row in rows:
+        total = totals.setdefault(row["order"], {"n": 0, "length": 0.0, "volume": 0.0, "sum": 0.0})
+        total["n"] += 1
+        total["length"] += row["length_m"]
+        total["volume"] += row["volume_m3"]
+        total["sum"] += row["mean_diameter_m"] * row["length_m"]
+    for total in totals.values():
+        total["mean_diameter"] = total.pop("sum") / max(total["length"], 1e-12)
+    return dict(sorted(totals.items()))
 
 
 def _row(skeleton, axis_list, index, foot_z):
@@ -97,6 +137,58 @@ def _row(skeleton, axis_list, index, foot_z):
         "insertion_angle_deg": float(np.degrees(np.arccos(cosine))),
         "azimuth_deg": float(np.degrees(np.arctan2(direction[1], direction[0])) % 360.0),
         "base_height_m": float(points[0, 2] - foot_z),
+        **_wood(axis, own, radius, along),
+        **_laterals(axis_list, index, along, line),
+        **_quality(skeleton, axis, own, skip, skip + window),
+    }
+
+
+def _wood(axis, own, radius, along):
+    """Mean diameter over the length, taper and volume of an axis, from its nodes' radii."""
+    at, r = own, radius
+    if axis.attach >= 0:  # from the node that it hangs on, with its own first radius
+        at, r = along, np.concatenate([radius[:1], radius])
+    step, thick, thin = np.diff(at), r[:-1], r[1:]
+    length = max(float(step.sum()), 1e-12)
+    is_sloped = len(at) > 1 and np.ptp(at) > 0
+    return {
+        "mean_diameter_m": float((step * (thick + thin)).sum() / length),
+        "taper_mm_per_m": float(-2e3 * np.polyfit(at, r, 1)[0]) if is_sloped else 0.0,
+        "volume_m3": float((np.pi / 3 * step * (thick**2 + thick * thin + thin**2)).sum()),
+    }
+
+
+def _laterals(axis_list, index, along, line):
+    """Number and spacing of the laterals of an axis, and the way from the last to the tip."""
+    feet = np.array([axis.attach for axis in axis_list if axis.parent == index], dtype=np.int64)
+    at = np.sort(along[np.flatnonzero(np.isin(line, feet))])  # a whorl counts as one place
+    return {
+        "n_laterals": len(feet),
+        "lateral_spacing_m": float(np.median(np.diff(at))) if len(at) > 1 else None,
+        "shoot_length_m": float(along[-1] - (at[-1] if len(at) else 0.0)),
+    }
+
+
+def _quality(skeleton, axis, own, low, high):
+    """What the base diameter rests on, and the share of the axis that bridges missing data."""
+    none = np.zeros(len(skeleton))
+    arc = _median_between(skeleton.fields.get("arc_deg", none)[axis.nodes], own, low, high)
+    count = _median_between(skeleton.fields.get("n_points", none)[axis.nodes], own, low, high)
+    length = skeleton.edge_length[axis.nodes]
+    bridged = float(length[skeleton.fields.get("gap", none)[axis.nodes] > 0].sum())
+    share = bridged / max(float(length.sum()), 1e-12)
+    words = []
+    if "arc_deg" in skeleton.fields and arc < _LOW_ARC_DEG:
+        words.append("low_arc")
+    if "n_points" in skeleton.fields and count < _FEW_POINTS:
+        words.append("few_points")
+    if share > _MUCH_GAP:
+        words.append("gap")
+    return {
+        "base_arc_deg": float(arc),
+        "base_n_points": int(round(count)),
+        "gap_share": share,
+        "flags": " ".join(words),
     }
 
 

@@ -8,9 +8,9 @@ surface is known.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
-__all__ = ["Crown", "crown_of", "measure_crown", "robust_top"]
+__all__ = ["Crown", "alpha_volume", "crown_of", "measure_crown", "projected_area", "robust_top"]
 
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
 _MAX_POINTS = 20_000
@@ -151,3 +151,48 @@ def _width(flat):
     extent = along.max(axis=0) - along.min(axis=0)
     widest = int(np.argmax(extent))
     return float((extent[widest] + extent[(widest + 90) % 180]) / 2)
+
+
+def projected_area(points):
+    """Area of the convex hull of points seen from above; 0 where they span none."""
+    if len(points) < 3:
+        return 0.0
+    try:
+        return float(ConvexHull(points[:, :2]).volume)
+    except QhullError:
+        return 0.0
+
+
+def alpha_volume(points, alpha, cell):
+    """Volume of the alpha shape of points: tetrahedra of their Delaunay mesh that are small.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3), float64
+    alpha : float
+        Largest radius of a tetrahedron's circumsphere: hollows wider than this are no crown.
+    cell : float
+        Points are thinned to one a cube of this side first.
+
+    Returns
+    -------
+    float
+        0 where the points span no volume.
+    """
+    if len(points) < 4:
+        return 0.0
+    cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    points = points[np.unique(cells, axis=0, return_index=True)[1]]
+    if len(points) < 4:
+        return 0.0
+    try:
+        corners = points[Delaunay(points).simplices]
+    except QhullError:
+        return 0.0
+    edges = corners[:, 1:] - corners[:, :1]
+    determinant = np.linalg.det(edges)
+    solid = np.abs(determinant) > 1e-12 * np.abs(edges).max() ** 3
+    edges, determinant = edges[solid], determinant[solid]
+    centre = np.linalg.solve(2 * edges, (edges**2).sum(axis=2)[..., None])[..., 0]
+    small = np.linalg.norm(centre, axis=1) <= alpha
+    return float(np.abs(determinant[small]).sum() / 6)

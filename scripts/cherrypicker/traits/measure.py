@@ -6,8 +6,8 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.skeleton import axes, axis_of_node
-from cherrypicker.traits.branches import branch_rows
-from cherrypicker.traits.crown import crown_of, measure_crown
+from cherrypicker.traits.branches import branch_rows, totals_by_order
+from cherrypicker.traits.crown import alpha_volume, crown_of, measure_crown, projected_area
 from cherrypicker.traits.flags import quality_flags, scan_flags
 from cherrypicker.traits.trunk import measure_near, stem_of
 from cherrypicker.traits.wood import find_foot, find_support, support_reach, wood_mask
@@ -17,6 +17,7 @@ __all__ = ["measure_traits"]
 logger = logging.getLogger(__name__)
 
 _MIN_WOOD_POINTS = 10
+_ALPHA_SHARE = 0.15  # of the crown's width: hollows wider than this are outside
 
 
 def measure_traits(
@@ -129,7 +130,12 @@ def measure_traits(
     _add(traits, "tcsa_cm2", area * trunk.diameter**2, area * trunk.samples**2, error, power=2)
     _add(traits, "crown_width_m", crown.width, samples[:, 1], error)
     _add(traits, "crown_volume_m3", crown.volume, samples[:, 2], error, power=3)
+    traits["crown_projected_area_m2"] = _rounded(projected_area(crown_points))
+    alpha = _ALPHA_SHARE * max(crown.width, 1e-9)
+    traits["crown_alpha_m"] = _rounded(alpha)
+    traits["crown_alpha_volume_m3"] = _rounded(alpha_volume(crown_points, alpha, alpha / 5))
     traits |= _counts(skeleton, topology, rows)
+    traits |= _shoots(rows)
     found = {height: item for height, item in further.items() if item is not None}
     traits["trunk_diameters"] = {f"{h:.2f}": _rounded(item.diameter) for h, item in found.items()}
     traits["trunk_diameters_se"] = {
@@ -160,21 +166,31 @@ def _measured(stem, wood, height, options):
 
 def _counts(skeleton, topology, rows):
     n_children = skeleton.n_children
-    lengths, counts = {}, {}
-    for row in rows:
-        order = str(row["order"])
-        lengths[order] = lengths.get(order, 0.0) + row["length_m"]
-        counts[order] = counts.get(order, 0) + 1
+    totals = totals_by_order(rows)
     n_junctions = int((n_children[1:] > 1).sum())
     n_tips = int((n_children == 0).sum())
     return {
         "total_length_m": _rounded(float(skeleton.edge_length.sum())),
         "n_junctions": n_junctions if topology is None else topology.n_junctions,
         "n_tips": n_tips if topology is None else topology.n_tips,
-        "length_by_order_m": {
-            order: _rounded(lengths[order]) for order in sorted(lengths, key=int)
+        "length_by_order_m": {str(k): _rounded(v["length"]) for k, v in totals.items()},
+        "n_branches_by_order": {str(k): v["n"] for k, v in totals.items()},
+        "volume_by_order_m3": {str(k): round(v["volume"], 8) for k, v in totals.items()},
+        "mean_diameter_by_order_m": {
+            str(k): _rounded(v["mean_diameter"]) for k, v in totals.items()
         },
-        "n_branches_by_order": {order: counts[order] for order in sorted(counts, key=int)},
+        "wood_volume_m3": round(sum(v["volume"] for v in totals.values()), 8),
+    }
+
+
+def _shoots(rows):
+    """Candidates for last year's shoots: what lies beyond the last lateral of every side axis."""
+    lengths = [row["shoot_length_m"] for row in rows if row["order"] > 0]
+    spacing = [row["lateral_spacing_m"] for row in rows if row["lateral_spacing_m"]]
+    return {
+        "n_shoots": len(lengths),
+        "mean_shoot_length_m": _rounded(np.mean(lengths)) if lengths else 0.0,
+        "lateral_spacing_m": _rounded(np.median(spacing)) if spacing else None,
     }
 
 
