@@ -110,6 +110,9 @@ def plot_fit(report, path):
         axes[0, column].set_title(name)
         axes[2, column].set_xlabel("radius of the wood, mm")
         axes[2, column].set_xscale("log")
+        ticks = [2, 3, 5, 10, 20, 40]
+        axes[2, column].set_xticks(ticks, [str(t) for t in ticks])
+        axes[2, column].minorticks_off()
     for row, what in zip(axes, ("offset from the surface, mm", "surface found, %", "lightness")):
         row[0].set_ylabel(what)
         row[0].legend(fontsize=7)

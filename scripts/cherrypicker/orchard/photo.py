@@ -10,7 +10,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path, read_npz, write_npz
+from cherrypicker.files import atomic_path, read_npz
 from cherrypicker.orchard.appearance import encode_srgb
 from cherrypicker.orchard.backdrop import backdrop
 
@@ -245,10 +245,11 @@ def write_maps(folder, name, depth, normals, mask, tree):
         (folder / part).mkdir(parents=True, exist_ok=True)
     with atomic_path(folder / "semantic" / f"{stem}.png") as partial:
         Image.fromarray(mask).save(partial, "PNG")
-    write_npz(
-        folder / "depth" / f"{stem}.npz", depth=depth.astype(np.float32),
-        normals=normals.astype(np.float16), tree=tree,
-    )  # fmt: skip
+    with atomic_path(folder / "depth" / f"{stem}.npz") as partial, open(partial, "wb") as file:
+        # most of a map is smooth or empty: packed it is a third or less
+        np.savez_compressed(
+            file, depth=depth.astype(np.float32), normals=normals.astype(np.float16), tree=tree
+        )
 
 
 def read_maps(folder, name):
