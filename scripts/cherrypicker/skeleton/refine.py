@@ -182,11 +182,12 @@ def _attach(strand, parent, spacing):
     run = strand.points[first:][s[first:] - s[first] <= reach]
     place = _meet(parent, strand.points[first], run, at[0], R[first], spacing)
     start = interpolate(parent.points, parent.points, np.array([place]))[0]
+    bridged = bool(strand.gap[: first + 1].any())
     n_between = max(1, int(round(np.linalg.norm(strand.points[first] - start) / spacing)))
+    n_between = 1 if bridged else n_between  # nothing was seen there: no nodes
     share = np.linspace(0, 1, n_between + 1)[:-1, None]
     bridge = start + share * (strand.points[first] - start)
     strand.at = float(place)
-    bridged = bool(strand.gap[: first + 1].any())
     strand.points = np.vstack([bridge, strand.points[first:]])
     for name, fill in (("radius", strand.radius[first]), ("label", strand.label[first])):
         values = getattr(strand, name)[first:]

@@ -166,11 +166,11 @@ def _set_on(parent, index, nodes, spacing, noise):
     bare = np.linalg.norm(nodes[0] - start)
     if bare > radius + FARTHEST_START * spacing:
         return None
-    n_between = max(1, int(round(bare / spacing)))
+    is_bridged = away[0] - radius > 2 * spacing + 3 * noise
+    n_between = 1 if is_bridged else max(1, int(round(bare / spacing)))
     share = np.linspace(0, 1, n_between + 1)[:-1, None]
     points = np.vstack([start + share * (nodes[0] - start), nodes])
     gap = np.zeros(len(points), dtype=np.int64)
-    is_bridged = away[0] - radius > 2 * spacing + 3 * noise
     gap[1 : n_between + 1] = int(is_bridged)
     thin = np.full(len(points), min(THIN_IN_SPACINGS * spacing, radius))
     label = np.full(len(points), 2 if parent.label[0] in (1, 2) else parent.label[0])
