@@ -81,7 +81,7 @@ def test_a_twig_keeps_its_tip_where_a_thick_stem_contracts():
     points = np.vstack([stem, twig])
     contracted = contract_points(points, options=preset_options("default")).points
     of_twig = contracted[len(stem) :]
-    assert of_twig[:, 0].max() > 0.325
+    assert of_twig[:, 0].max() > 0.32  # of 0.33
     free = of_twig[of_twig[:, 0] > 0.08]
     assert np.median(np.linalg.norm(free[:, 1:] - [0, 0.3], axis=1)) < 0.002
     of_stem = contracted[: len(stem)]

@@ -23,7 +23,7 @@ __all__ = ["contract_adaptively"]
 logger = logging.getLogger(__name__)
 
 N_SMOOTH = 8  # neighbours that the thickness is averaged over
-DENSE_FACTOR = 2.0  # a cloud with this many points a site is contracted at its sites
+DENSE_FACTOR = 8.0  # a cloud with this many points a site is contracted at its sites
 LEAST_LINEARITY = 0.9
 FLAT_FACTOR = 8.0  # a flat patch belongs to wood thicker than the patch is wide
 REACH_IN_SPACINGS, FEWEST_NEAR = 2.2, 3

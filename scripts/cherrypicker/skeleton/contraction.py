@@ -53,7 +53,7 @@ class ContractionOptions:
     mollify_factor : float
         Of the Laplacian, see `cotangent_laplacian`.
     site_size : float
-        Adaptive scheme: a cloud twice as dense as voxels of this size is contracted at one site a
+        Adaptive scheme: a cloud of eight points a voxel of this size is contracted at one site a
         voxel, in the unit of the points.
     """
 
