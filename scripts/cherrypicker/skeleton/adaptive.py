@@ -27,6 +27,7 @@ DENSE_FACTOR = 8.0  # a cloud with this many points a site is contracted at its 
 LEAST_LINEARITY = 0.9
 FLAT_FACTOR = 8.0  # a flat patch belongs to wood thicker than the patch is wide
 REACH_IN_SPACINGS, FEWEST_NEAR = 2.2, 3
+LEAST_REACH_IN_SITES = 1.5
 
 
 def contract_adaptively(points, weights, options, callback=None):
@@ -60,7 +61,7 @@ def contract_adaptively(points, weights, options, callback=None):
         of_site = np.empty(len(sites))
         of_site[member] = weights
     k = min(options.n_neighbors, len(sites) - 1)
-    neighbors, n_near = _neighbors(sites, k)
+    neighbors, n_near = _neighbors(sites, k, LEAST_REACH_IN_SITES * options.site_size)
     current, ratios, first_mass = sites, [], None
     stop = f"{options.max_iterations} iterations"
     start = time.perf_counter()
@@ -112,7 +113,7 @@ def _sites(points, weights, size):
     return means, member
 
 
-def _neighbors(points, k):
+def _neighbors(points, k, least_reach):
     """The k nearest other points of each point, and how many of them are near.
 
     On a twig of one point a voxel, k neighbours reach so far that its bends look like thickness.
@@ -127,7 +128,8 @@ def _neighbors(points, k):
     # among points that coincide a point need not be its own first neighbour, nor among its own
     own[:, -1] |= ~own.any(axis=1)
     neighbors = nearest[~own].reshape(len(points), k)
-    reach = REACH_IN_SPACINGS * float(np.median(distance[:, 1]))
+    # in a cloud that is dense in places, the median spacing is not that of the sparse ones
+    reach = max(REACH_IN_SPACINGS * float(np.median(distance[:, 1])), least_reach)
     n_near = np.count_nonzero(distance <= reach, axis=1) - 1
     return neighbors, np.clip(n_near, min(FEWEST_NEAR, k), k)
 
