@@ -23,6 +23,7 @@ include: "workflow/rules/benchmark_common.smk"
 include: "workflow/rules/benchmark.smk"
 include: "workflow/rules/skeleton_benchmark_common.smk"
 include: "workflow/rules/skeleton_benchmark.smk"
+include: "workflow/rules/traits_benchmark.smk"
 include: "workflow/rules/error_budget_common.smk"
 include: "workflow/rules/error_budget.smk"
 

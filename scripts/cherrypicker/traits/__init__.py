@@ -1,7 +1,7 @@
 """Traits of a tree: trunk diameters, height, crown, lengths and branches, with uncertainties."""
 
 from cherrypicker.traits.branches import BRANCH_COLUMNS, branch_rows, branches_csv, totals_by_order
-from cherrypicker.traits.crown import alpha_volume, projected_area
+from cherrypicker.traits.crown import alpha_volume, horizontal_width, projected_area
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.stem_fit import ConeFit, fit_cone, search_circle
 from cherrypicker.traits.trunk import TrunkDiameter, measure_diameter
@@ -19,6 +19,7 @@ __all__ = [
     "find_foot",
     "find_support",
     "fit_cone",
+    "horizontal_width",
     "measure_diameter",
     "measure_traits",
     "projected_area",

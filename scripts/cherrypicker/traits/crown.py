@@ -10,7 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
-__all__ = ["Crown", "alpha_volume", "crown_of", "measure_crown", "projected_area", "robust_top"]
+__all__ = [
+    "Crown",
+    "alpha_volume",
+    "crown_of",
+    "horizontal_width",
+    "measure_crown",
+    "projected_area",
+    "robust_top",
+]
 
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
 _MAX_POINTS = 20_000
@@ -140,12 +148,12 @@ def _extent(points):
     try:
         hull = ConvexHull(points)
     except QhullError:
-        return _width(points[:, :2]), 0.0
-    return _width(points[hull.vertices, :2]), float(hull.volume)
+        return horizontal_width(points[:, :2]), 0.0
+    return horizontal_width(points[hull.vertices, :2]), float(hull.volume)
 
 
-def _width(flat):
-    """Mean of the widest horizontal extent and the extent at right angles to it."""
+def horizontal_width(flat):
+    """Mean of the widest extent of flat points (n, 2) and the extent at right angles to it."""
     angle = np.radians(np.arange(180.0))
     along = flat @ np.vstack([np.cos(angle), np.sin(angle)])
     extent = along.max(axis=0) - along.min(axis=0)

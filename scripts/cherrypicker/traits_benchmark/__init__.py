@@ -1,0 +1,1 @@
+"""Benchmark of the traits: generated trees as cameras see them, measured against their truth."""
