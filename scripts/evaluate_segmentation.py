@@ -43,6 +43,7 @@ def main(
     scans,
     n_scenes,
     n_templates,
+    first_seed,
     scene_points,
     trace_stems,
     seed,
@@ -61,8 +62,8 @@ def main(
         "device": choose_device(threads, gpu),
     }
     folder = Path(workspace)
-    seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + n_scenes)
-    others = range(HELD_OUT_SEED + 500, HELD_OUT_SEED + 500 + n_templates)
+    seeds = range(first_seed, first_seed + n_scenes)
+    others = range(first_seed + 500, first_seed + 500 + n_templates)
     sets = {}
     if n_scenes:
         known = [of_sample("held-out", s) for s in load_samples(seeds, folder, scene_points)]
@@ -112,6 +113,9 @@ parser.add_argument(
 )
 parser.add_argument("--n-scenes", type=int, default=10)
 parser.add_argument("--n-templates", type=int, default=8)
+parser.add_argument(
+    "--first-seed", type=int, default=HELD_OUT_SEED, help="of the scenes; the forms' is 500 above"
+)
 parser.add_argument("--scene-points", type=int, default=250_000)
 parser.add_argument("--no-trace-stems", dest="trace_stems", action="store_false")
 parser.add_argument("--seed", type=int, default=0)

@@ -13,7 +13,7 @@ from cherrypicker.poses import write_poses
 
 __all__ = ["GENERATOR_VERSION", "tree_traits", "write_skeleton", "write_truth"]
 
-GENERATOR_VERSION = 1
+GENERATOR_VERSION = 2  # raised whenever a seed gives another scene: caches are named by it
 TRUNK_HEIGHT_M = 0.30
 
 
