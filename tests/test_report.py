@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
 from cherrypicker.report.marker_figure import marker_crops, marker_figure
+from cherrypicker.report.page import read_branches
 from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.stage_figures import example_figure, removed_points
 from cherrypicker.report.text import with_uncertainty
@@ -18,10 +20,12 @@ from cherrypicker.report.tree import report_tree
 from cherrypicker.report.viewer import pick_points, viewer_data
 from cherrypicker.skeleton import (
     Skeleton,
+    axes,
     fold,
     write_skeleton_graphml,
     write_topology_graphml,
 )
+from cherrypicker.traits.branches import BRANCH_COLUMNS, branch_rows, branches_csv
 
 PNGS = ("cloud", "label", "skeleton", "topology", "trunk", "thumbnail")
 
@@ -293,3 +297,24 @@ def test_removed_points():
 )
 def test_numbers_with_errors(value, error, power, unit, expected):
     assert with_uncertainty(value, error, power, 3, unit) == expected
+
+
+def test_branches_as_the_traits_write_them(tmp_path):
+    skeleton = y_skeleton("m")
+    rows = branch_rows(skeleton, axes(skeleton), 0.0)
+    path = tmp_path / "branches.csv"
+    path.write_text(branches_csv(rows))
+    read = read_branches(path)
+    assert [set(row) for row in read] == [set(BRANCH_COLUMNS)] * len(rows)
+    assert read[0]["parent_id"] == -1 and isinstance(read[0]["flags"], str)
+    assert any(row["lateral_spacing_m"] is None for row in read)  # an axis without laterals
+    assert [row["length_m"] for row in read] == pytest.approx(
+        [row["length_m"] for row in rows], abs=1e-5
+    )
+
+
+def test_an_axis_without_a_length_is_told(tmp_path):
+    path = tmp_path / "branches.csv"
+    path.write_text("branch_id,parent_id,order,length_m\n0,-1,0,\n")
+    with pytest.raises(StageError, match="table of branches"):
+        read_branches(path)

@@ -30,8 +30,27 @@ _FILES = (
 )
 
 
+_WHOLE = ("branch_id", "parent_id", "order")
+_TEXTS = ("flags",)
+_EVERY_AXIS_HAS = (
+    "length_m",
+    "chord_m",
+    "base_diameter_m",
+    "tip_diameter_m",
+    "insertion_angle_deg",
+    "azimuth_deg",
+    "base_height_m",
+)
+
+
 def read_branches(path):
-    """Read ``branches.csv`` as a list of dicts of numbers.
+    """Read ``branches.csv``.
+
+    Returns
+    -------
+    list of dict
+        A row an axis: int for the ids and the order, text for ``flags``, else float; None where
+        an axis has no such number (the spacing of laterals of one without any).
 
     Raises
     ------
@@ -41,13 +60,17 @@ def read_branches(path):
     try:
         with open(path, encoding="utf-8", newline="") as stream:
             rows = list(csv.DictReader(stream))
-        whole = ("branch_id", "parent_id", "order")
-        return [
-            {key: int(value) if key in whole else float(value) for key, value in row.items()}
-            for row in rows
-        ]
+        return [{key: _value(key, text) for key, text in row.items()} for row in rows]
     except (OSError, ValueError, TypeError) as error:
         raise StageError(f"not a readable table of branches ({error})", file=path) from error
+
+
+def _value(key, text):
+    if key in _TEXTS:
+        return text
+    if key in _WHOLE:
+        return int(text)
+    return float(text) if text or key in _EVERY_AXIS_HAS else None
 
 
 def render_report(

@@ -88,7 +88,7 @@ def branch_section(rows, unit):
     name = unit_name(unit)
     head = ["axis", "parent", "order"]
     head += [f"{what} [{name}]" for what in ("length", "chord", "base diameter", "tip diameter")]
-    head += ["insertion angle [°]", "azimuth [°]", f"base height [{name}]"]
+    head += ["insertion angle [°]", "azimuth [°]", f"base height [{name}]", "flags"]
     ordered = sorted(rows, key=lambda row: (row["order"], -row["length_m"]))
     lines = [
         [
@@ -102,6 +102,7 @@ def branch_section(rows, unit):
             f"{row['insertion_angle_deg']:.1f}",
             f"{row['azimuth_deg']:.1f}",
             f"{row['base_height_m']:.3f}",
+            ", ".join(row.get("flags", "").split()).replace("_", " "),
         ]
         for row in ordered
     ]
