@@ -65,7 +65,8 @@ def test_traits_of_the_whole_tree_beside_the_truth():
         {"true": true["height_m"], "found": true["height_m"], "low": 1.0, "high": 3.0}
     ]
     (width_pair,) = pairs["crown_width_m"]
-    assert width_pair["found"] - width_pair["true"] == pytest.approx(0.1)
+    # the true width is the surface's: a radius of 1 to 5 mm beyond either end of the skeleton
+    assert 0.090 < width_pair["found"] - width_pair["true"] < 0.098
     assert width_pair["low"] is None
 
 

@@ -10,6 +10,11 @@ import io
 import numpy as np
 
 from cherrypicker.skeleton import axis_polyline
+from cherrypicker.traits.branch_intervals import (
+    angle_interval,
+    diameter_interval,
+    typical_scatter,
+)
 
 __all__ = ["BRANCH_COLUMNS", "branch_rows", "branches_csv", "totals_by_order"]
 
@@ -34,13 +39,17 @@ BRANCH_COLUMNS = (
     "base_n_points",
     "gap_share",
     "flags",
+    "base_diameter_low_m",
+    "base_diameter_high_m",
+    "insertion_angle_low_deg",
+    "insertion_angle_high_deg",
 )
 _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 _LEAST_WINDOW_M = 0.08
 _TIP_WINDOW_M = 0.03
 
 
-def branch_rows(skeleton, axis_list, foot_z):
+def branch_rows(skeleton, axis_list, foot_z, *, scale_error=0.0):
     """Measure every axis.
 
     Parameters
@@ -50,6 +59,8 @@ def branch_rows(skeleton, axis_list, foot_z):
         From `cherrypicker.skeleton.axes`; the trunk first.
     foot_z : float
         Height of the stem's foot in the skeleton's frame.
+    scale_error : float, default 0
+        Relative standard error of the scan's scale, for the intervals.
 
     Returns
     -------
@@ -61,9 +72,14 @@ def branch_rows(skeleton, axis_list, foot_z):
         -1. `lateral_spacing_m` is the median distance along the axis of successive laterals (None
         with fewer than two), `shoot_length_m` the way from the last lateral to the tip, a candidate
         for the last year's shoot. `flags` holds words joined by spaces: ``low_arc``,
-        ``few_points``, ``gap``.
+        ``few_points``, ``gap``. The 90 % intervals (`..._low_...`, `..._high_...`) are None on a
+        skeleton that does not know how its points scatter.
     """
-    return [_row(skeleton, axis_list, index, foot_z) for index in range(len(axis_list))]
+    scatter = typical_scatter(skeleton)
+    return [
+        _row(skeleton, axis_list, index, foot_z, scatter, scale_error)
+        for index in range(len(axis_list))
+    ]
 
 
 def branches_csv(rows):
@@ -111,7 +127,7 @@ def totals_by_order(rows):
     return dict(sorted(totals.items()))
 
 
-def _row(skeleton, axis_list, index, foot_z):
+def _row(skeleton, axis_list, index, foot_z, scatter, scale_error):
     axis = axis_list[index]
     line = axis_polyline(axis)
     points = skeleton.points[line]
@@ -126,21 +142,50 @@ def _row(skeleton, axis_list, index, foot_z):
     else:
         reference = _parent_direction(skeleton, axis_list[axis.parent], axis.attach, window)
     cosine = float(np.clip(direction @ reference, -1.0, 1.0))
+    diameter = 2.0 * _median_between(radius, own, skip, skip + window)
+    angle = float(np.degrees(np.arccos(cosine)))
+    quality = _quality(skeleton, axis, own, skip, skip + window)
     return {
         "branch_id": index,
         "parent_id": int(axis.parent),
         "order": int(axis.order),
         "length_m": float(along[-1]),
         "chord_m": float(np.linalg.norm(points[-1] - points[0])),
-        "base_diameter_m": 2.0 * _median_between(radius, own, skip, skip + window),
+        "base_diameter_m": diameter,
         "tip_diameter_m": 2.0 * _median_between(radius, own, own[-1] - _TIP_WINDOW_M, own[-1]),
-        "insertion_angle_deg": float(np.degrees(np.arccos(cosine))),
+        "insertion_angle_deg": angle,
         "azimuth_deg": float(np.degrees(np.arctan2(direction[1], direction[0])) % 360.0),
         "base_height_m": float(points[0, 2] - foot_z),
         **_wood(axis, own, radius, along),
         **_laterals(axis_list, index, along, line),
-        **_quality(skeleton, axis, own, skip, skip + window),
+        **quality,
+        **_intervals(
+            diameter,
+            angle,
+            _scatter(skeleton, axis, own, skip, skip + window) or scatter,
+            quality["base_n_points"],
+            min(window, along[-1] - skip),
+            scale_error,
+        ),
     }
+
+
+def _scatter(skeleton, axis, own, low, high):
+    """Scatter of the points behind the base diameter; 0 where it was not fitted."""
+    if "residual" not in skeleton.fields:
+        return 0.0
+    return _median_between(skeleton.fields["residual"][axis.nodes], own, low, high)
+
+
+def _intervals(diameter, angle, scatter, n_points, stretch, scale_error):
+    """The columns of the 90 % intervals, None without a scatter."""
+    ends = [None] * 4
+    if scatter:
+        ends = [
+            *diameter_interval(diameter, scatter, scale_error),
+            *angle_interval(angle, scatter, n_points, stretch),
+        ]
+    return dict(zip(BRANCH_COLUMNS[-4:], ends, strict=True))
 
 
 def _wood(axis, own, radius, along):

@@ -118,12 +118,14 @@ def measure_traits(
     crown, samples = measure_crown(
         wood[support.point], crown_points, n_bootstrap=n_bootstrap, rng=rng
     )
-    error = _scale_samples(scale, cloud.unit, n_bootstrap, rng)
-    rows = branch_rows(skeleton, axis_list, foot.point[2])
+    scale_error = _scale_error(scale, cloud.unit)
+    error = 1.0 + scale_error * rng.standard_normal(n_bootstrap)
+    rows = branch_rows(skeleton, axis_list, foot.point[2], scale_error=scale_error)
     confidence = float(np.median(cloud["confidence"][is_wood])) if "confidence" in cloud else None
 
     traits = {"unit": cloud.unit}
-    _add(traits, "height_m", crown.top - foot.point[2], samples[:, 0] - foot.point[2], error)
+    heights = samples[:, 0] - foot.point[2] + foot.error * rng.standard_normal(n_bootstrap)
+    _add(traits, "height_m", crown.top - foot.point[2], heights, error)
     _add(traits, "trunk_diameter_m", trunk.diameter, trunk.samples, error)
     traits["trunk_height_m"] = _rounded(trunk.height)
     area = np.pi / 4 * 1e4
@@ -194,12 +196,11 @@ def _shoots(rows):
     }
 
 
-def _scale_samples(scale, unit, n_samples, rng):
-    """Factors by which the scale may be wrong, (n_samples,); ones where its error is unknown."""
-    draw = rng.standard_normal(n_samples)
+def _scale_error(scale, unit):
+    """Relative standard error of the scale; 0 where it is unknown."""
     if unit != "m" or not scale or not scale.get("scale") or not scale.get("scale_std"):
-        return np.ones(n_samples)
-    return 1.0 + draw * scale["scale_std"] / scale["scale"]
+        return 0.0
+    return scale["scale_std"] / scale["scale"]
 
 
 def _add(traits, name, value, samples, error, power=1):

@@ -14,6 +14,7 @@ _MIN_REACH_M = 0.03
 _GROUND_REACH_M = 0.6
 _MIN_GROUND_POINTS = 50
 _MAX_FOOT_STEP_M = 0.5
+_FOOT_ERROR = 1.6  # of the foot over the scatter of the ground around it; docs/traits.md
 
 
 @dataclass
@@ -29,11 +30,16 @@ class Foot:
         points, where no ground was seen) or ``root`` (the skeleton's root, where neither was).
     gap : float
         Height of the lowest wood at the stem over the foot, in the cloud's unit.
+    error : float
+        Standard error of the foot's height. The ground under the stem is not seen: it may lie as
+        far off the plane as the ground around it does. Without ground, how far the lowest points
+        lie from the skeleton's root; without either, the stem's radius.
     """
 
     point: np.ndarray
     source: str
     gap: float
+    error: float
 
 
 @dataclass
@@ -88,21 +94,29 @@ def find_foot(skeleton, points, labels):
     ground = points[labels == Label.GROUND]
     away = np.hypot(*(ground[:, :2] - root[:2]).T)
     ground = ground[(away > 1.3 * radius) & (away < max(_GROUND_REACH_M, 5.0 * radius))]
-    level = _ground_level(ground, root[:2])
+    level, scatter = _ground_level(ground, root[:2])
     if level is None or (beside.any() and abs(level - low) > _MAX_FOOT_STEP_M):
-        return Foot(np.array([root[0], root[1], low]), "wood" if beside.any() else "root", 0.0)
-    return Foot(np.array([root[0], root[1], level]), "ground", max(low - level, 0.0))
+        foot = np.array([root[0], root[1], low])
+        if beside.any():
+            return Foot(foot, "wood", 0.0, abs(low - float(root[2])))
+        return Foot(foot, "root", 0.0, radius)
+    foot = np.array([root[0], root[1], level])
+    return Foot(foot, "ground", max(low - level, 0.0), _FOOT_ERROR * scatter)
 
 
 def _ground_level(ground, at):
-    """Height of a robust plane through the ground points at `at`; None with too few around it."""
+    """Height of a robust plane through the ground points at `at`, and their scatter around it.
+
+    The height is None with too few points.
+    """
     if len(ground) < _MIN_GROUND_POINTS:
-        return None
+        return None, 0.0
     offset = ground[:, :2] - at
     sector = ((np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5) * 8).astype(int) % 8
     count = np.bincount(sector, minlength=8)
     if (count > 0).sum() < 4:
-        return float(np.median(ground[:, 2]))
+        middle = np.median(ground[:, 2])
+        return float(middle), float(1.4826 * np.median(np.abs(ground[:, 2] - middle)))
     design = np.column_stack([np.ones(len(ground)), offset])
     balance = 1.0 / np.sqrt(count[sector])
     weights, plane = balance, np.zeros(3)
@@ -114,7 +128,7 @@ def _ground_level(ground, at):
         residual = ground[:, 2] - design @ plane
         sigma = max(1.4826 * np.median(np.abs(residual)), 1e-4)
         weights = balance * (1.0 - np.clip(np.abs(residual) / (4.685 * sigma), 0, 1) ** 2) ** 2
-    return float(plane[0])
+    return float(plane[0]), float(sigma)
 
 
 def densify(skeleton, step):

@@ -110,13 +110,20 @@ def tree_pairs(tree, traits):
         Name to one pair: `true`, `found`, and `low`, `high` of the 90 % interval (None without).
     """
     true = tree_traits(tree)
-    # the generator's own width runs along x and y; the trait's runs along the widest extent
-    true["crown_width_m"] = horizontal_width(tree.skeleton().points[:, :2])
+    true["crown_width_m"] = _true_width(tree.skeleton())
     pairs = {}
     for name in SCALARS:
         low, high = traits.get(f"{name}_ci90", (None, None))
         pairs[name] = [_pair(true[name], traits[name], low, high)]
     return pairs
+
+
+def _true_width(skeleton):
+    """Width of the wood's surface; the generator's own runs along x and y, not the widest way."""
+    angle = np.radians(np.arange(0.0, 360.0, 10.0))
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    outline = skeleton.points[:, None, :2] + skeleton.radii[:, None, None] * around
+    return horizontal_width(outline.reshape(-1, 2))
 
 
 def branch_pairs(tree, skeleton, rows):
