@@ -13,6 +13,7 @@ from cherrypicker.report.figures import DPI, order_color, write_png
 from cherrypicker.report.stages import branch_section, scan_sections, stage_warnings
 from cherrypicker.report.text import STYLE, TRAIT_ROWS, unit_name, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
+from cherrypicker.traits.branches import AXIS_COLUMNS
 
 __all__ = ["TEMPLATE_FILES", "read_branches", "render_report"]
 
@@ -32,15 +33,6 @@ _FILES = (
 
 _WHOLE = ("branch_id", "parent_id", "order")
 _TEXTS = ("flags",)
-_EVERY_AXIS_HAS = (
-    "length_m",
-    "chord_m",
-    "base_diameter_m",
-    "tip_diameter_m",
-    "insertion_angle_deg",
-    "azimuth_deg",
-    "base_height_m",
-)
 
 
 def read_branches(path):
@@ -70,7 +62,7 @@ def _value(key, text):
         return text
     if key in _WHOLE:
         return int(text)
-    return float(text) if text or key in _EVERY_AXIS_HAS else None
+    return float(text) if text or key in AXIS_COLUMNS else None
 
 
 def render_report(

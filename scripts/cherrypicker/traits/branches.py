@@ -16,9 +16,10 @@ from cherrypicker.traits.branch_intervals import (
     typical_scatter,
 )
 
-__all__ = ["BRANCH_COLUMNS", "branch_rows", "branches_csv", "totals_by_order"]
+__all__ = ["AXIS_COLUMNS", "BRANCH_COLUMNS", "branch_rows", "branches_csv", "totals_by_order"]
 
-BRANCH_COLUMNS = (
+#: What every axis has, a number each; the others may be empty.
+AXIS_COLUMNS = (
     "branch_id",
     "parent_id",
     "order",
@@ -29,6 +30,9 @@ BRANCH_COLUMNS = (
     "insertion_angle_deg",
     "azimuth_deg",
     "base_height_m",
+)
+BRANCH_COLUMNS = (
+    *AXIS_COLUMNS,
     "mean_diameter_m",
     "taper_mm_per_m",
     "volume_m3",
