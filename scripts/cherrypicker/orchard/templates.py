@@ -13,7 +13,7 @@ from dataclasses import replace
 from cherrypicker.orchard.growth import grow_tree
 from cherrypicker.orchard.weber_penn import Level, Parameters, grow_weber_penn
 
-__all__ = ["CHERRIES", "CONIFERS", "TEMPLATES", "grow_any"]
+__all__ = ["CONIFERS", "TEMPLATES", "grow_any"]
 
 TEMPLATES = {
     "fir": Parameters(
@@ -127,7 +127,6 @@ TEMPLATES = {
     ),
 }  # fmt: skip
 CONIFERS = ("fir", "larch", "pine")
-CHERRIES = tuple(name for name in TEMPLATES if name.startswith("cherry"))
 
 
 def grow_any(seed, habit, *, height=None, trunk_radius=None, density=1.0, tip_radius=None):

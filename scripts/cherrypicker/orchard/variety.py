@@ -10,7 +10,7 @@ from cherrypicker.orchard.growth import HABITS
 from cherrypicker.orchard.scene import DICTIONARIES
 from cherrypicker.orchard.templates import TEMPLATES
 
-__all__ = ["FORMS", "scene_camera", "scene_name", "scene_options"]
+__all__ = ["FORMS", "scene_camera", "scene_options"]
 
 FORMS = (*HABITS, *TEMPLATES)
 # heights m, and trunk radius per height: from a whip to the tallest trees of an old orchard
@@ -25,11 +25,6 @@ CAMERAS = (
     CameraModel(1280, 960, 960.0, model="Orchard Five", sensor_diagonal_mm=12.1),
     CameraModel(1200, 900, 1180.0, model="Orchard Six", sensor_diagonal_mm=43.3),
 )
-
-
-def scene_name(form, seed):
-    """Name of a scene: its form and its seed."""
-    return f"{form}_{seed:06d}"
 
 
 def scene_options(seed, forms=FORMS):

@@ -27,7 +27,6 @@ FORK_KEEPS = 0.70
 FORK_TAPER = 0.12  # of a trunk that ends in a fork, not in a tip
 TIP_ROOM = 1.08  # a base is at least so much wider than the narrowest tip
 LEAST_LENGTH_M = 0.03
-_LEAST_TURN = 1e-9
 
 
 @dataclass(frozen=True)

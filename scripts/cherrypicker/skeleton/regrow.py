@@ -40,7 +40,6 @@ THIN_IN_SPACINGS = 0.25  # radius of the thinnest wood, for that number
 FARTHEST_START = 6.0  # spacings of bare way that a direction may bridge
 DIRECTION_SPAN = 5.0  # spacings of a cluster's inner end that tell its direction
 PATH_WIDTH = 1.5  # spacings around a traced way whose points are its own
-SMOOTHING = 3.0
 
 
 def surface_noise(skeleton):

@@ -12,7 +12,7 @@ from cherrypicker.skeleton.extract import extract_skeleton
 from cherrypicker.skeleton_benchmark.graph_scores import graph_of, score_graph
 from cherrypicker.skeleton_benchmark.point_scores import score_points
 
-__all__ = ["GRAPHS", "OURS", "PEERS", "SETTINGS", "measure_cloud"]
+__all__ = ["GRAPHS", "OURS", "SETTINGS", "measure_cloud"]
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +26,6 @@ OURS = {
 }
 GRAPHS = ("mst", "tree")
 GRAPHS_OF = ("slbc_default",)
-PEERS = ("peer_lbc", "peer_slbc")
 TRUNK_WEIGHT = 10.0
 
 

@@ -22,7 +22,6 @@ METHOD_NAMES = {
 GRAPH_NAMES = {"mst": "spanning tree", "tree": "tree solver", "own": "its own"}
 PAPER_RATIO = {"noise": 25.349 / 37.555, "holes": 26.353 / 51.072}
 SETTING_NAMES = {"noise": "noise", "holes": "noise and holes"}
-LEAST_TREES = 1
 
 
 def gather(paths):
