@@ -22,6 +22,8 @@ _SEARCH_POINTS = 400_000
 _DEPTH_BELOW_GROUND = 0.05
 # Cameras all around a target leave no gap in azimuth wider than this.
 _WIDEST_GAP_DEG = 170.0
+# Stems nearer to the target than this, in camera distances, are its own.
+_SAME_TREE = 0.12
 
 
 @dataclass
@@ -64,10 +66,7 @@ def crop_roi(points, poses, *, margin_fraction=0.0, target_xy=None, seed=0):
     StageError
         If the box holds no point, or `target_xy` lies outside the cloud.
     """
-    search = points
-    if len(points) > _SEARCH_POINTS:
-        chosen = np.random.default_rng(seed).choice(len(points), _SEARCH_POINTS, replace=False)
-        search = points[np.sort(chosen)]
+    search = _thin_randomly(points, seed)
     look_at, distance = look_at_point(poses, search)
     cells = ground_cells(search, 0.1 * distance, 2.5 * distance, 0.3 * distance)
     surface = GroundSurface(cells)
@@ -75,41 +74,18 @@ def crop_roi(points, poses, *, margin_fraction=0.0, target_xy=None, seed=0):
     warnings = []
     target, source, stem = _choose_target(search, stems, look_at, distance, target_xy, warnings)
     box = camera_box(poses.centers, target, margin_fraction, distance, warnings)
-    keep = np.all((points[:, :2] >= box[0]) & (points[:, :2] <= box[1]), axis=1)
-    if not keep.any():
-        raise StageError(
-            "the region of interest holds no point: x {:.3g} to {:.3g}, y {:.3g} to {:.3g}".format(
-                *box.T.ravel()
-            ),
-            key="crop.margin_fraction",
-        )
-    floor = _floor(surface, cells, points[keep], distance)
-    n_box = int(keep.sum())
-    keep &= points[:, 2] >= floor
-    if not keep.any():
-        raise StageError(
-            f"no point of the region of interest lies above z = {floor:.3g}; the cloud may be "
-            "upside down",
-            key="align.up_from",
-        )
-    apart = 0.12 * distance
+    in_box = _in_box(points, box)
+    floor = _floor(surface, cells, points[in_box], distance)
+    keep = _above_floor(points, in_box, floor)
     beside = [s for s in stems if s is not stem and _inside(s, box)]
-    others = [
-        s for s in beside if s.has_crown and np.hypot(s.x - target[0], s.y - target[1]) > apart
-    ]
-    for other in others:
-        warnings.append(
-            f"another stem stands in the region of interest at x {other.x:.3g}, y {other.y:.3g}, "
-            f"{np.hypot(other.x - target[0], other.y - target[1]) / distance:.2f} camera distances "
-            "from the target; crop.target_xy chooses between them"
-        )
+    others = _other_trees(beside, target, distance, warnings)
     kept = int(keep.sum())
     logger.info(
         "kept %s of %s points (%.1f %%); %s more inside the box lie below z = %.3g",
         f"{kept:,}",
         f"{len(points):,}",
         100 * kept / len(points),
-        f"{n_box - kept:,}",
+        f"{int(in_box.sum()) - kept:,}",
         floor,
     )
     for warning in warnings:
@@ -169,6 +145,54 @@ def camera_box(centers, target, margin_fraction, distance, warnings):
         lower, upper = np.minimum(lower, target - reach), np.maximum(upper, target + reach)
     margin = margin_fraction * (upper - lower)
     return np.stack([lower - margin, upper + margin])
+
+
+def _thin_randomly(points, seed):
+    """At most `_SEARCH_POINTS` points: enough to find ground and stems."""
+    if len(points) <= _SEARCH_POINTS:
+        return points
+    chosen = np.random.default_rng(seed).choice(len(points), _SEARCH_POINTS, replace=False)
+    return points[np.sort(chosen)]
+
+
+def _in_box(points, box):
+    """Mask of the points in the box; refuse when there are none."""
+    in_box = np.all((points[:, :2] >= box[0]) & (points[:, :2] <= box[1]), axis=1)
+    if not in_box.any():
+        raise StageError(
+            "the region of interest holds no point: x {:.3g} to {:.3g}, y {:.3g} to {:.3g}".format(
+                *box.T.ravel()
+            ),
+            key="crop.margin_fraction",
+        )
+    return in_box
+
+
+def _above_floor(points, in_box, floor):
+    """Mask of the points in the box that are not below the ground; refuse when there are none."""
+    keep = in_box & (points[:, 2] >= floor)
+    if not keep.any():
+        raise StageError(
+            f"no point of the region of interest lies above z = {floor:.3g}; the cloud may be "
+            "upside down",
+            key="align.up_from",
+        )
+    return keep
+
+
+def _other_trees(stems, target, distance, warnings):
+    """Stems with a crown that stand apart from the target; each gets a warning."""
+    others = []
+    for other in stems:
+        apart = np.hypot(other.x - target[0], other.y - target[1]) / distance
+        if not other.has_crown or apart <= _SAME_TREE:
+            continue
+        others.append(other)
+        warnings.append(
+            f"another stem stands in the region of interest at x {other.x:.3g}, y {other.y:.3g}, "
+            f"{apart:.2f} camera distances from the target; crop.target_xy chooses between them"
+        )
+    return others
 
 
 def _choose_target(points, stems, look_at, distance, target_xy, warnings):

@@ -78,23 +78,21 @@ def estimate_scale(
     )
     cam_from_world = np.array([view[2] for view in views])
     _check_found(detections, other_ids, [view[0] for view in views], dictionary, sides, min_images)
-    warnings, markers = [], []
-    for marker_id, side in sides.items():
-        own = [detection for detection in detections if detection.marker_id == marker_id]
-        markers.append(
-            _measure_marker(
-                marker_id,
-                side,
-                own,
-                cam_from_world,
-                min_images=min_images,
-                max_px=max_reprojection_px,
-                seed=seed,
-            )
+    warnings = []
+    markers = [
+        _measure_marker(
+            marker_id,
+            side,
+            [detection for detection in detections if detection.marker_id == marker_id],
+            cam_from_world,
+            min_images=min_images,
+            max_px=max_reprojection_px,
+            seed=seed,
         )
-    names = [Path(view[0]).name for view in views]
+        for marker_id, side in sides.items()
+    ]
     for marker in markers:
-        marker["images"] = [names[index] for index in marker["images"]]
+        marker["images"] = [Path(views[index][0]).name for index in marker["images"]]
     scale, scale_std = combine_markers(markers, warnings)
     _check_plausible(scale, scale_std, cam_from_world, markers, warnings)
     used = [marker for marker in markers if marker["used"]]
