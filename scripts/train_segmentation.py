@@ -15,8 +15,9 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device, save_weights
 from cherrypicker.segmentation.inference import Sampling
 from cherrypicker.segmentation.refine import Smoothing
-from cherrypicker.segmentation.scenes import HELD_OUT_SEED, load_samples
-from cherrypicker.segmentation.training import Schedule, measure, train
+from cherrypicker.segmentation.scenes import HELD_OUT_SEED, SceneFolders, load_samples
+from cherrypicker.segmentation.schedule import Schedule
+from cherrypicker.segmentation.training import measure, train
 
 
 def main(
@@ -45,6 +46,11 @@ def main(
     seed,
     threads,
     gpu,
+    scenes=(),
+    course="exponential",
+    warmup=0,
+    average=0.0,
+    class_balance=0.5,
 ):
     device = choose_device(threads, gpu)
     schedule = Schedule(
@@ -56,6 +62,10 @@ def main(
         color_dropout,
         seed,
         minutes,
+        course,
+        warmup,
+        average,
+        class_balance,
     )
     sampling = Sampling(
         voxel_size_m=voxel_size_m,
@@ -65,8 +75,12 @@ def main(
     )
     folder = Path(workspace)
     first = seed * n_scenes
+    if scenes:
+        samples = SceneFolders(scenes)
+    else:
+        samples = load_samples(range(first, first + n_scenes), folder / "scenes", scene_points)
     network, history = train(
-        load_samples(range(first, first + n_scenes), folder / "scenes", scene_points),
+        samples,
         schedule=schedule,
         sampling=sampling,
         checkpoint=folder / "checkpoint.pt",
@@ -74,18 +88,24 @@ def main(
         start=start,
         device=device,
     )
-    held_out_seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + n_held_out)
-    held_out = load_samples(held_out_seeds, folder / "scenes", scene_points)
-    measured = measure(network, held_out, sampling, Smoothing(), device=device)
-    save_weights(weights, network, asdict(sampling), {"epochs": epochs, "n_scenes": n_scenes})
+    done = history[-1]
+    meta = {"epochs": done["epoch"], "n_scenes": done["n_scenes"], "batches": done["n_batches"]}
+    save_weights(weights, network, asdict(sampling), meta)
+    held_out_seeds = list(range(HELD_OUT_SEED, HELD_OUT_SEED + n_held_out))
+    measured = {}
+    if held_out_seeds:
+        held_out = load_samples(held_out_seeds, folder / "scenes", scene_points)
+        measured = measure(network, held_out, sampling, Smoothing(), device=device)
     write_json(
         metrics,
         {
             "schedule": asdict(schedule),
             "sampling": asdict(sampling),
             "network": network.settings,
-            "training_seeds": [first, first + n_scenes - 1],
-            "held_out_seeds": [held_out_seeds[0], held_out_seeds[-1]],
+            "training_scenes": [Path(f).name for f in samples.files]
+            if scenes
+            else [first, first + n_scenes - 1],
+            "held_out_seeds": held_out_seeds,
             "history": history,
             "held_out": measured,
         },
@@ -97,7 +117,7 @@ parser.add_argument("--weights", required=True, help="weights to write")
 parser.add_argument("--metrics", required=True, help="JSON of schedule and measures to write")
 parser.add_argument("--workspace", required=True, help="folder of the scenes and the checkpoint")
 parser.add_argument("--n-scenes", type=int, default=100)
-parser.add_argument("--n-held-out", type=int, default=10)
+parser.add_argument("--n-held-out", type=int, default=10, help="0 leaves the measuring out")
 parser.add_argument("--scene-points", type=int, default=250_000)
 parser.add_argument("--epochs", type=int, default=35)
 parser.add_argument("--batch-spheres", type=int, default=16)
@@ -114,6 +134,17 @@ parser.add_argument("--embedding", type=int, default=192)
 parser.add_argument("-k", "--k", type=int, default=12)
 parser.add_argument("--minutes", type=float, help="stop after this time; the rate falls over it")
 parser.add_argument("--start", help="weights to go on from")
+parser.add_argument(
+    "--scenes", nargs="*", default=(), help="folders of scenes to train on, which may be growing"
+)
+parser.add_argument("--course", choices=("exponential", "cosine"), default="exponential")
+parser.add_argument("--warmup", type=int, default=0, help="batches over which the rate rises")
+parser.add_argument(
+    "--average", type=float, default=0.0, help="decay of the mean of the weights that is kept"
+)
+parser.add_argument(
+    "--class-balance", type=float, default=0.5, help="0: points weigh alike; 1: classes do"
+)
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--threads", type=int, default=2)
 parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")

@@ -71,7 +71,8 @@ def test_scenes_are_kept_to_a_quarter_of_a_millimetre(tmp_path, monkeypatch):
     )
     calls = []
 
-    def make(seed, n_points, *, habit=None):
+    def make(seed, n_points, *, habit=None, things):
+        assert things == "common"
         calls.append((seed, habit))
         return made
 

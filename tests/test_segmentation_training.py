@@ -11,9 +11,9 @@ from cherrypicker.segmentation.augment import Sample
 from cherrypicker.segmentation.dgcnn import Dgcnn, choose_device, save_weights
 from cherrypicker.segmentation.inference import Sampling, propagate, segment_cloud
 from cherrypicker.segmentation.refine import Smoothing
+from cherrypicker.segmentation.schedule import Schedule
 from cherrypicker.segmentation.training import (
     IGNORED,
-    Schedule,
     class_weights,
     measure,
     network_labels,
@@ -79,7 +79,7 @@ def test_training_learns_and_holds_on_a_new_tree(trained):
 def test_resumed_training_equals_an_uninterrupted_one(tmp_path):
     choose_device(1, 0)
     samples = [_tree(seed) for seed in range(2)]
-    schedule = Schedule(epochs=2, batch_spheres=4, spheres_per_cloud=6)
+    schedule = Schedule(epochs=2, batch_spheres=4, spheres_per_cloud=6, average=0.9, warmup=3)
     options = {"schedule": schedule, "sampling": SAMPLING, "network_settings": SMALL}
     whole, _ = train(samples, checkpoint=tmp_path / "a.pt", **options)
 
@@ -211,3 +211,35 @@ def test_a_training_with_a_time_limit_stops_and_goes_on_from_given_weights(train
     assert len(history) < 50
     before, after = trained[0].state_dict(), network.state_dict()
     assert torch.allclose(before["embed.0.weight"], after["embed.0.weight"], atol=1e-6)
+
+
+def test_the_rate_falls_as_asked_and_rises_at_first():
+    schedule = Schedule(learning_rate=1e-2, final_learning_rate=1e-4)
+    assert schedule.rate(0.5) == pytest.approx(1e-3)
+    cosine = Schedule(learning_rate=1e-2, final_learning_rate=1e-4, course="cosine", warmup=10)
+    assert cosine.rate(0.5) == pytest.approx(0.5 * (1e-2 + 1e-4))
+    assert cosine.rate(1.5) == pytest.approx(1e-4)
+    assert cosine.rate(0.0, 4) == pytest.approx(0.5e-2)
+    assert cosine.rate(0.0, 10) == pytest.approx(1e-2)
+
+
+def test_the_kept_weights_are_the_running_mean(tmp_path):
+    choose_device(1, 0)
+    options = {"sampling": SAMPLING, "network_settings": SMALL}
+    samples = [_tree(0)]
+    last = Schedule(1, 4, 12, learning_rate=0.01)
+    mean = Schedule(1, 4, 12, learning_rate=0.01, average=0.5)
+    plain, history = train(samples, schedule=last, checkpoint=tmp_path / "a.pt", **options)
+    kept, _ = train(samples, schedule=mean, checkpoint=tmp_path / "b.pt", **options)
+    content = torch.load(tmp_path / "b.pt", weights_only=True)
+    assert history[-1]["n_batches"] == content["n_batches"] == 3
+    name = "head.5.weight"
+    assert torch.equal(content["network"][name], plain.state_dict()[name])
+    assert torch.equal(content["average"]["module." + name], kept.state_dict()[name])
+    assert not torch.equal(kept.state_dict()[name], plain.state_dict()[name])
+
+
+def test_class_weights_without_balance_are_alike():
+    sample = _tree(0)
+    assert class_weights([sample], 0.0)[:3].tolist() == [1, 1, 1]
+    assert class_weights([sample], 0.5)[Label.TRUNK] > class_weights([sample], 0.5)[Label.GROUND]

@@ -11,34 +11,20 @@ from cherrypicker.orchard import generate_scene, sample_scene
 from cherrypicker.orchard.truth import GENERATOR_VERSION
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.augment import Sample
+from cherrypicker.segmentation.things import (
+    FORMS,
+    add_confusable,
+    common_things,
+    confusable_things,
+)
 
 logger = logging.getLogger(__name__)
 
 HELD_OUT_SEED = 900_000  # held-out seeds start here, far from any number of training seeds
-MARKER_DICTIONARIES = ("DICT_4X4_50", "DICT_5X5_100", "DICT_6X6_250", "DICT_APRILTAG_36h11")
 QUANTUM_M = 0.00025  # resolution of the coordinates in the cache; they reach 8 m
 
 
-def _things_of(rng):
-    """Options of `generate_scene`: what stands about the tree, rare classes often enough."""
-    markers = [
-        {
-            "dictionary": str(rng.choice(MARKER_DICTIONARIES)),
-            "id": int(rng.integers(0, 50)),
-            "side_m": float(rng.uniform(0.08, 0.30)),
-            "pose": str(rng.choice(["lying", "standing"])),
-        }
-        for _ in range(int(rng.choice([0, 1, 2, 3], p=[0.1, 0.4, 0.3, 0.2])))
-    ]
-    return {
-        "markers": markers,
-        "sign": bool(rng.random() < 0.75),
-        "cube": bool(rng.random() < 0.45),
-        "ring": bool(rng.random() < 0.5),
-    }
-
-
-def make_sample(seed, n_points=250_000, *, habit=None):
+def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
     """One labelled cloud "as seen" by a dense reconstruction.
 
     Half of the trees have the generator's own size, the others are 1.2 to 4.5 m tall.
@@ -51,6 +37,9 @@ def make_sample(seed, n_points=250_000, *, habit=None):
         Points at most; between a quarter and all of them are drawn.
     habit : str, optional
         As `generate_scene`; drawn from its trained forms by default.
+    things : {"common", "confusable"}
+        What stands about the tree: as in most orchards, or what passes for one another
+        (`cherrypicker.segmentation.things`).
 
     Returns
     -------
@@ -63,7 +52,12 @@ def make_sample(seed, n_points=250_000, *, habit=None):
         height = float(rng.uniform(1.2, 4.5))
         size = {"height": height, "trunk_radius": height * float(rng.uniform(0.011, 0.024))}
     n_points = int(n_points * np.exp(rng.uniform(np.log(0.25), 0.0)))
-    scene = generate_scene(seed, habit=habit, **size, **_things_of(rng))
+    if things == "common":
+        scene = generate_scene(seed, habit=habit, **size, **common_things(rng))
+    else:
+        form = habit or str(rng.choice(FORMS))
+        scene = generate_scene(seed, habit=form, **size, **confusable_things(rng))
+        add_confusable(scene, rng)
     cloud = sample_scene(
         scene,
         n_points,
@@ -79,34 +73,49 @@ def make_sample(seed, n_points=250_000, *, habit=None):
     )
 
 
-def load_samples(seeds, cache, n_points=250_000, *, habits=(None,)):
-    """Clouds of many seeds, made once and kept in a folder.
+def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="common"):
+    """Clouds of many seeds as files; those that are there already are kept.
 
     Parameters
     ----------
     seeds : iterable of int
-    cache : str or Path
-        Folder of one NPZ a scene, named by the generator's version, the form and the seed.
+    folder : str or Path
+        Gets one NPZ a scene, named by the generator's version, the form and the seed.
     n_points : int
         As `make_sample`.
     habits : sequence of str or None
         Forms, taken in turn.
+    things : {"common", "confusable"}
+        As `make_sample`.
+
+    Returns
+    -------
+    list of Path
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    seeds, files = list(seeds), []
+    with Progress(len(seeds), "generated scenes") as bar:
+        for number, seed in enumerate(seeds):
+            habit = habits[number % len(habits)]
+            kind = (habit or "any") + ("" if things == "common" else f"_{things}")
+            file = folder / f"scene_v{GENERATOR_VERSION}_{kind}_{seed:06d}_{n_points}.npz"
+            if not file.is_file():
+                _save(file, make_sample(seed, n_points, habit=habit, things=things))
+            files.append(file)
+            bar.step()
+    return files
+
+
+def load_samples(seeds, cache, n_points=250_000, *, habits=(None,), things="common"):
+    """Clouds of many seeds, made once and kept in a folder; parameters as `make_scenes`.
 
     Returns
     -------
     list of Sample
     """
-    folder = Path(cache)
-    folder.mkdir(parents=True, exist_ok=True)
-    seeds, samples = list(seeds), []
-    with Progress(len(seeds), "generated scenes") as bar:
-        for number, seed in enumerate(seeds):
-            habit = habits[number % len(habits)]
-            name = f"scene_v{GENERATOR_VERSION}_{habit or 'any'}_{seed:06d}_{n_points}.npz"
-            if not (folder / name).is_file():
-                _save(folder / name, make_sample(seed, n_points, habit=habit))
-            samples.append(_load(folder / name))
-            bar.step()
+    files = make_scenes(seeds, cache, n_points, habits=habits, things=things)
+    samples = [_load(file) for file in files]
     shares = np.bincount(np.concatenate([s.labels for s in samples]), minlength=256)
     logger.info(
         "%d scenes, points a class: %s",
@@ -114,6 +123,29 @@ def load_samples(seeds, cache, n_points=250_000, *, habits=(None,)):
         ", ".join(f"{label.name.lower()} {shares[label]:,}" for label in Label if shares[label]),
     )
     return samples
+
+
+class SceneFolders:
+    """Scenes kept as `load_samples` keeps them, read from disk one at a time.
+
+    Parameters
+    ----------
+    folders : sequence of str or Path
+    """
+
+    def __init__(self, folders):
+        self.folders = [Path(folder) for folder in folders]
+        self.refresh()
+
+    def refresh(self):
+        """Look which scenes are there by now."""
+        self.files = sorted(file for folder in self.folders for file in folder.glob("scene_*.npz"))
+
+    def __len__(self):
+        return len(self.files)
+
+    def __getitem__(self, number):
+        return _load(self.files[number])
 
 
 def _save(path, sample):

@@ -7,12 +7,13 @@ centres are drawn so that rare classes come up as often as the ground.
 
 import logging
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
@@ -39,36 +40,6 @@ IGNORED = -100  # nll_loss leaves these points out
 # Chance of a class to give a sphere's centre: the rare classes as often as the wood.
 CENTER_WEIGHTS = np.array([0.8, 1.0, 1.2, 1.2, 1.4, 1.4, 0.6])
 BORDER_SHARE = 0.25  # weight of trunk against branch, whose border the stem's course decides
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """Course of a training.
-
-    Attributes
-    ----------
-    epochs : int
-    batch_spheres : int
-    spheres_per_cloud : int
-        Spheres cut from each cloud in an epoch.
-    learning_rate, final_learning_rate : float
-        Adam's rate at the start and the end; it decays by an equal factor each step.
-    color_dropout : float
-        Share of the clouds shown without colour.
-    seed : int
-    minutes : float or None
-        Stop after this time, with the rate falling over it rather than over the epochs; for a
-        machine whose load is not known beforehand. Two such runs differ.
-    """
-
-    epochs: int = 35
-    batch_spheres: int = 16
-    spheres_per_cloud: int = 8
-    learning_rate: float = 0.003
-    final_learning_rate: float = 3e-5
-    color_dropout: float = 0.25
-    seed: int = 0
-    minutes: float | None = None
 
 
 def network_labels(labels):
@@ -123,14 +94,14 @@ def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
     return spheres
 
 
-def class_weights(samples):
-    """Loss weights (7,): inverse root of the class frequencies, within a factor of 5 of 1."""
+def class_weights(samples, power=0.5):
+    """Loss weights (7,): inverse power of the class frequencies, within a factor of 5 of 1."""
     counts = np.zeros(N_CLASSES)
     for sample in samples:
         targets = network_labels(sample.labels)
         counts += np.bincount(targets[targets >= 0], minlength=N_CLASSES)
     share = counts / counts.sum()
-    weights = np.sqrt(share[counts > 0].mean() / np.where(counts > 0, share, 1.0))
+    weights = (share[counts > 0].mean() / np.where(counts > 0, share, 1.0)) ** power
     return torch.tensor(np.where(counts > 0, weights, 1.0).clip(0.2, 5.0), dtype=torch.float32)
 
 
@@ -184,32 +155,77 @@ def _batches(samples, network, sampling, schedule, epoch):
         waiting = waiting[schedule.batch_spheres :]
 
 
-def _train_epoch(network, optimizer, samples, sampling, schedule, epoch, weights, device, began):
+class _Run:
+    """The changing parts of a training: network, optimiser, running mean, batches so far."""
+
+    def __init__(self, network, schedule, device):
+        self.network = network.to(device)
+        self.optimizer = torch.optim.Adam(network.parameters(), lr=schedule.learning_rate)
+        self.average = None
+        if schedule.average:
+            decay = get_ema_multi_avg_fn(schedule.average)
+            self.average = AveragedModel(network, multi_avg_fn=decay, use_buffers=True)
+        self.n_batches = 0
+        self.history = []
+
+    def step(self, batch, weights, rate, device):
+        """One batch; returns its loss, its right answers and its known points."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        features, graphs, sizes = collate([(f, g) for f, g, _ in batch])
+        targets = torch.from_numpy(np.concatenate([t for _, _, t in batch])).to(device)
+        graphs = [g if device == "cpu" else g.long().to(device) for g in graphs]
+        output = self.network(features.to(device), graphs, sizes)
+        loss = wood_loss(output, targets, weights)
+        self.optimizer.zero_grad()
+        loss.backward()
+        self.optimizer.step()
+        if self.average is not None:
+            self.average.update_parameters(self.network)
+        self.n_batches += 1
+        known = targets >= 0
+        hits = float((output.argmax(dim=1) == targets)[known].sum())
+        return float(loss.detach()), hits, float(known.sum())
+
+    def state(self):
+        """All of it, to go on from."""
+        return {
+            "network": self.network.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "average": self.average.state_dict() if self.average is not None else {},
+            "n_batches": self.n_batches,
+            "history": self.history,
+        }
+
+    def restore(self, content):
+        """Go on from what `state` gave."""
+        self.network.load_state_dict(content["network"])
+        self.optimizer.load_state_dict(content["optimizer"])
+        if self.average is not None:
+            self.average.load_state_dict(content["average"])
+        self.n_batches, self.history = content["n_batches"], content["history"]
+
+    def kept(self):
+        """The network to keep, on the CPU and in evaluation mode."""
+        network = self.network if self.average is None else self.average.module
+        return network.cpu().eval()
+
+
+def _train_epoch(run, samples, sampling, schedule, epoch, weights, device, began):
     torch.manual_seed(schedule.seed * 100_003 + epoch)
-    network.train()
+    run.network.train()
     n_batches = max(1, len(samples) * schedule.spheres_per_cloud // schedule.batch_spheres)
     loss_sum = hit_sum = n_sum = 0.0
-    for step, batch in enumerate(_batches(samples, network, sampling, schedule, epoch)):
+    for step, batch in enumerate(_batches(samples, run.network, sampling, schedule, epoch)):
         progress = (epoch + min(step / n_batches, 1.0)) / schedule.epochs
         if schedule.minutes is not None:
             progress = (time.monotonic() - began) / (60 * schedule.minutes)
             if progress >= 1 and n_sum:
                 break
-        decay = schedule.final_learning_rate / schedule.learning_rate
-        for group in optimizer.param_groups:
-            group["lr"] = schedule.learning_rate * decay ** min(progress, 1.0)
-        features, graphs, sizes = collate([(f, g) for f, g, _ in batch])
-        targets = torch.from_numpy(np.concatenate([t for _, _, t in batch])).to(device)
-        graphs = [g if device == "cpu" else g.long().to(device) for g in graphs]
-        output = network(features.to(device), graphs, sizes)
-        loss = wood_loss(output, targets, weights)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        known = targets >= 0
-        n_known = float(known.sum())
-        loss_sum += float(loss.detach()) * n_known
-        hit_sum += float((output.argmax(dim=1) == targets)[known].sum())
+        rate = schedule.rate(progress, run.n_batches)
+        loss, hits, n_known = run.step(batch, weights, rate, device)
+        loss_sum += loss * n_known
+        hit_sum += hits
         n_sum += n_known
     if n_sum == 0:
         raise StageError(
@@ -271,7 +287,8 @@ def train(
 
     Parameters
     ----------
-    samples : list of cherrypicker.segmentation.augment.Sample
+    samples : list of cherrypicker.segmentation.augment.Sample, or SceneFolders
+        Folders are looked through again before every epoch: they may grow.
     schedule : Schedule
     sampling : Sampling
     checkpoint : str or Path
@@ -287,59 +304,52 @@ def train(
     network : Dgcnn
     history : list of dict
         ``epoch``, ``loss``, ``accuracy`` (on the augmented training spheres), ``seconds`` so far
-        (0 without a time limit).
+        (0 without a time limit), ``n_scenes``, ``n_batches`` so far.
 
     Raises
     ------
     StageError
         There is nothing to train on.
     """
-    if not samples:
+    if not len(samples):
         raise StageError("there are no training clouds", key="train_segment.n_scenes")
     torch.manual_seed(schedule.seed)
     network = load_weights(start)[0] if start else Dgcnn(**(network_settings or {}))
-    network = network.to(device)
-    optimizer = torch.optim.Adam(network.parameters(), lr=schedule.learning_rate)
+    run = _Run(network, schedule, device)
+    grows = hasattr(samples, "refresh")
     settings = {
         "network": network.settings,
         "schedule": asdict(schedule),
         "sampling": asdict(sampling),
-        "n_samples": len(samples),
+        "n_samples": None if grows else len(samples),
     }
-    history = []
     content = _load_checkpoint(checkpoint, settings)
     if content is not None:
-        network.load_state_dict(content["network"])
-        optimizer.load_state_dict(content["optimizer"])
-        history = content["history"]
-        logger.info("going on after epoch %d of %d", len(history), schedule.epochs)
-    weights = class_weights(samples).to(device)
-    began = time.monotonic() - (history[-1]["seconds"] if history else 0.0)
+        run.restore(content)
+        logger.info("going on after epoch %d of %d", len(run.history), schedule.epochs)
+    weights = class_weights(samples, schedule.class_balance).to(device)
+    began = time.monotonic() - (run.history[-1]["seconds"] if run.history else 0.0)
     with Progress(schedule.epochs, "epochs") as bar:
-        bar.step(len(history))
-        for epoch in range(len(history), schedule.epochs):
+        bar.step(len(run.history))
+        for epoch in range(len(run.history), schedule.epochs):
+            if grows:
+                samples.refresh()
             loss, accuracy = _train_epoch(
-                network, optimizer, samples, sampling, schedule, epoch, weights, device, began
+                run, samples, sampling, schedule, epoch, weights, device, began
             )
             seconds = time.monotonic() - began if schedule.minutes is not None else 0.0
-            history.append(
-                {"epoch": epoch + 1, "loss": loss, "accuracy": accuracy, "seconds": seconds}
-            )
-            logger.info("epoch %d: loss %.4f, accuracy %.3f", epoch + 1, loss, accuracy)
+            entry = {"epoch": epoch + 1, "loss": loss, "accuracy": accuracy, "seconds": seconds}
+            run.history.append(entry | {"n_scenes": len(samples), "n_batches": run.n_batches})
+            logger.info(
+                "epoch %d, %d scenes, %d batches: loss %.4f, accuracy %.3f",
+                epoch + 1, len(samples), run.n_batches, loss, accuracy,
+            )  # fmt: skip
             with atomic_path(checkpoint) as temporary:
-                torch.save(
-                    {
-                        "settings": settings,
-                        "network": network.state_dict(),
-                        "optimizer": optimizer.state_dict(),
-                        "history": history,
-                    },
-                    temporary,
-                )
+                torch.save({"settings": settings} | run.state(), temporary)
             bar.step()
             if schedule.minutes is not None and seconds >= 60 * schedule.minutes:
                 break
-    return network.cpu().eval(), history
+    return run.kept(), run.history
 
 
 def measure(network, held_out, sampling, smoothing, *, device="cpu"):

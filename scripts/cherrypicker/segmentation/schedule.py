@@ -1,0 +1,60 @@
+"""Course of a training: its length, its rates, what the kept weights are a mean of."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Course of a training.
+
+    Attributes
+    ----------
+    epochs : int
+    batch_spheres : int
+    spheres_per_cloud : int
+        Spheres cut from each cloud in an epoch.
+    learning_rate, final_learning_rate : float
+        Adam's rate at the start and the end; it decays by an equal factor each step.
+    color_dropout : float
+        Share of the clouds shown without colour.
+    seed : int
+    minutes : float or None
+        Stop after this time, with the rate falling over it rather than over the epochs; for a
+        machine whose load is not known beforehand. Two such runs differ.
+    course : {"exponential", "cosine"}
+        How the rate falls: by an equal factor each step, or along half a cosine.
+    warmup : int
+        Batches over which the rate rises to its course, for a start from trained weights.
+    average : float
+        Decay of the running mean of the weights that is kept in place of the last ones; 0 keeps
+        the last ones.
+    class_balance : float
+        Loss weights are the class frequencies to this power, inverted: 0 weighs points alike.
+    """
+
+    epochs: int = 35
+    batch_spheres: int = 16
+    spheres_per_cloud: int = 8
+    learning_rate: float = 0.003
+    final_learning_rate: float = 3e-5
+    color_dropout: float = 0.25
+    seed: int = 0
+    minutes: float | None = None
+    course: str = "exponential"
+    warmup: int = 0
+    average: float = 0.0
+    class_balance: float = 0.5
+
+    def rate(self, progress, n_batches=None):
+        """Adam's rate at a share `progress` of the run, after `n_batches` batches of it."""
+        progress = min(progress, 1.0)
+        first, last = self.learning_rate, self.final_learning_rate
+        if self.course == "cosine":
+            rate = last + (first - last) * 0.5 * (1 + np.cos(np.pi * progress))
+        else:
+            rate = first * (last / first) ** progress
+        if n_batches is not None and n_batches < self.warmup:
+            rate *= (n_batches + 1) / self.warmup
+        return float(rate)
