@@ -37,6 +37,8 @@ from cherrypicker.orchard.photo import (
     develop,
     distorted,
     lens_map,
+    lens_margin,
+    maps_through,
     write_jpeg,
     write_maps,
 )
@@ -45,8 +47,6 @@ from cherrypicker.orchard.truth import write_truth
 from cherrypicker.orchard.variety import FORMS, scene_camera, scene_options
 
 logger = logging.getLogger("render_scene")
-
-LENS_MARGIN = 1.25  # a distorted photo is cut from a wider pinhole image
 
 
 def missing_files(folder, poses, args):
@@ -74,7 +74,7 @@ def render(scene, poses, camera, folder, args):
     if args.orchard is not None:
         effects = PhotoEffects.random(scene.seed) if args.imperfect else PhotoEffects(noise=0.0)
     is_pinhole = camera.k1 == camera.k2 == 0.0
-    wide = camera if is_pinhole else camera.widened(LENS_MARGIN)
+    wide = camera if is_pinhole else camera.widened(max(lens_margin(camera), 1.0))
     lens = None if is_pinhole else lens_map(wide, camera)
     wide_poses = poses if is_pinhole else poses_of(poses, wide)
     photos = Path(folder) / "photos"
@@ -82,24 +82,28 @@ def render(scene, poses, camera, folder, args):
     start = time.perf_counter()
     with BlenderScene(scene, wide, samples=args.samples, threads=args.threads) as stage:
         logger.info("scene built in %.0f s", time.perf_counter() - start)
-        for i in counted(no_photo, "photo"):
-            name = str(poses.names[i])
-            rng = np.random.default_rng([scene.seed, 81, i])
-            linear, sky = compose(*stage.colors(poses.cam_from_world[i]), scene, wide_poses, i)
-            if lens is not None:
-                linear = distorted(linear, lens)
-                sky = distorted(sky.astype(np.uint8), lens, nearest=True) > 0
-            if args.masks:
-                mask_path = Path(args.masks) / Path(name).with_suffix(".png")
-                mask_path.parent.mkdir(parents=True, exist_ok=True)
-                Image.fromarray(np.where(sky, 255, 0).astype(np.uint8)).save(mask_path)
-            write_jpeg(photos / name, develop(linear, rng, effects), camera, args.quality)
-        for i in counted(no_maps, "maps of photo"):
-            depth, normals, label, tree = stage.truth(poses.cam_from_world[i])
-            maps = [depth, normals, behind_all(label, scene, wide_poses, i), tree]
-            if lens is not None:
-                maps = [distorted(values, lens, nearest=True) for values in maps]
-            write_maps(Path(folder) / "truth", str(poses.names[i]), *maps)
+        for i in counted(sorted({*no_photo, *no_maps}), "photo"):
+            name, pose = str(poses.names[i]), poses.cam_from_world[i]
+            if i in no_maps:  # before the photo: a photo that is there has its maps
+                depth, normals, label, tree = stage.truth(pose)
+                maps = [depth, normals, behind_all(label, scene, wide_poses, i), tree]
+                maps = maps if lens is None else maps_through(lens, *maps)
+                write_maps(Path(folder) / "truth", name, *maps)
+            if i in no_photo:
+                linear, sky = compose(*stage.colors(pose), scene, wide_poses, i)
+                if lens is not None:
+                    linear = distorted(linear, lens)
+                    sky = distorted(sky.astype(np.uint8), lens, nearest=True) > 0
+                if args.masks:
+                    write_sky_mask(Path(args.masks) / Path(name).with_suffix(".png"), sky)
+                rng = np.random.default_rng([scene.seed, 81, i])
+                write_jpeg(photos / name, develop(linear, rng, effects), camera, args.quality)
+
+
+def write_sky_mask(path, sky):
+    """Write a mask (h, w), true where sky is, as 255 and 0."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.where(sky, 255, 0).astype(np.uint8)).save(path)
 
 
 def counted(items, what):
@@ -135,6 +139,7 @@ def parse_arguments():
     parser.add_argument("--noise", type=float, default=0.006, help="sensor noise, of 1 (0.006)")
     parser.add_argument("--forms", nargs="+", default=FORMS, help="for --orchard")
     parser.add_argument("--photos", type=int, default=48, help="photos, for --orchard (48)")
+    parser.add_argument("--size", type=int, default=0, help="longer side, px, for --orchard (0)")
     parser.add_argument("--lens", type=int, default=1, help="0: pinholes, for --orchard")
     parser.add_argument(
         "--imperfect", type=int, default=1, help="0: perfect cameras, for --orchard"
@@ -159,7 +164,7 @@ def main():
         scene, camera, rings = generate_scene(**preset["scene"]), preset["camera"], preset["rings"]
     elif args.orchard is not None:
         scene = generate_scene(args.orchard, **scene_options(args.orchard, args.forms))
-        camera = scene_camera(args.orchard, distortion=bool(args.lens))
+        camera = scene_camera(args.orchard, distortion=bool(args.lens), size_px=args.size)
         rings = default_rings(scene, camera, args.photos)
     else:
         scene, camera = generate_scene(args.seed), CameraModel()

@@ -65,6 +65,7 @@ rule make_orchard_scene:
         surface_points=ORCHARD["surface_points"],
         extent_m=ORCHARD["extent_m"],
         n_photos=ORCHARD["n_photos"],
+        photo_size_px=ORCHARD["photo_size_px"],
         distortion=ORCHARD["distortion"],
     message:
         "orchard: scene {wildcards.scene_seed}"
@@ -95,6 +96,7 @@ rule render_orchard_scene:
         seed=lambda wildcards: int(wildcards.scene_seed),
         forms=ORCHARD["forms"],
         n_photos=ORCHARD["n_photos"],
+        photo_size_px=ORCHARD["photo_size_px"],
         distortion=ORCHARD["distortion"],
         effects=ORCHARD["effects"],
     message:

@@ -25,6 +25,7 @@ INSTALL = (
 )
 # half width (m) and pixels of the ground's textures: 2 mm a pixel at the tree, coarser far off
 GROUND_TEXTURES = ((4.1, 4096), (12.0, 3072), (40.0, 2048))
+_SWITCH, _LIGHT, _TRUTH = "switch", -1e6, 1e6
 _PACK = 4.0  # a label is packed above a normal's component, which lies in [-1, 1]
 
 
@@ -49,11 +50,15 @@ def import_bpy():
 def new_material(bpy, name, light, color_socket):
     """A diffuse surface lit by the sun lamp, plus the sky's light by how far it faces up.
 
-    `color_socket(nodes, links)` builds the albedo and returns its output socket.
+    `color_socket(nodes, links)` builds the albedo and returns its output socket. The material's
+    switch turns the light into the truth, see `truth_light`: a change of a value, after which
+    Cycles need not read the meshes anew.
     """
     material = bpy.data.materials.new(name)
     if material.node_tree is None:  # Blender 5 makes it at once
         material.use_nodes = True
+    # the sky's share is written as emission, but no surface is a lamp to draw shadow rays to
+    material.cycles.emission_sampling = "NONE"
     nodes, links = material.node_tree.nodes, material.node_tree.links
     nodes.clear()
     albedo = color_socket(nodes, links)
@@ -80,9 +85,68 @@ def new_material(bpy, name, light, color_socket):
     total = nodes.new("ShaderNodeAddShader")
     links.new(emission.outputs[0], total.inputs[0])
     links.new(diffuse.outputs[0], total.inputs[1])
+    either = nodes.new("ShaderNodeMixShader")
+    links.new(_switch(nodes, links), either.inputs[0])
+    links.new(total.outputs[0], either.inputs[1])
+    links.new(truth_light(nodes, links), either.inputs[2])
     output = nodes.new("ShaderNodeOutputMaterial")
-    links.new(total.outputs[0], output.inputs["Surface"])
+    links.new(either.outputs[0], output.inputs["Surface"])
     return material
+
+
+def _switch(nodes, links):
+    """A socket of 0 (light) or 1 (truth) after the value node named `_SWITCH`.
+
+    The depth is added so that the sum is not known before a ray hits: else Cycles would leave the
+    other half of the material out, and read all meshes again at each turn of the switch.
+    """
+    value = nodes.new("ShaderNodeValue")
+    value.name = _SWITCH
+    value.outputs[0].default_value = _LIGHT
+    total = nodes.new("ShaderNodeMath")
+    total.operation = "ADD"
+    links.new(nodes.new("ShaderNodeCameraData").outputs["View Z Depth"], total.inputs[0])
+    links.new(value.outputs[0], total.inputs[1])
+    above = nodes.new("ShaderNodeMath")
+    above.operation = "GREATER_THAN"
+    above.inputs[1].default_value = 0.0
+    links.new(total.outputs[0], above.inputs[0])
+    return above.outputs[0]
+
+
+def truth_light(nodes, links):
+    """Light that is the truth: red depth, green and blue normals with class and tree.
+
+    Depth lies along the optical axis, m. Green is the normal's x in the camera plus 2 plus four
+    times the class, blue its y plus 2 plus four times the tree. The normal's z follows, since a
+    surface that is seen faces the camera.
+    """
+    depth = nodes.new("ShaderNodeCameraData").outputs["View Z Depth"]
+    turn = nodes.new("ShaderNodeVectorTransform")
+    turn.vector_type, turn.convert_from, turn.convert_to = "NORMAL", "WORLD", "CAMERA"
+    links.new(nodes.new("ShaderNodeNewGeometry").outputs["True Normal"], turn.inputs[0])
+    normal = nodes.new("ShaderNodeSeparateXYZ")
+    links.new(turn.outputs[0], normal.inputs[0])
+    attribute = nodes.new("ShaderNodeAttribute")
+    attribute.attribute_name = "truth"
+    kinds = nodes.new("ShaderNodeSeparateXYZ")
+    links.new(attribute.outputs["Vector"], kinds.inputs[0])
+    color = nodes.new("ShaderNodeCombineXYZ")
+    links.new(depth, color.inputs[0])
+    for k, axis in ((1, "X"), (2, "Y")):
+        packed = nodes.new("ShaderNodeMath")
+        packed.operation = "MULTIPLY_ADD"
+        links.new(kinds.outputs["XY"[k - 1]], packed.inputs[0])
+        packed.inputs[1].default_value = _PACK
+        links.new(normal.outputs[axis], packed.inputs[2])
+        above = nodes.new("ShaderNodeMath")  # light is never negative
+        above.operation = "ADD"
+        above.inputs[1].default_value = 2.0
+        links.new(packed.outputs[0], above.inputs[0])
+        links.new(above.outputs[0], color.inputs[k])
+    emission = nodes.new("ShaderNodeEmission")
+    links.new(color.outputs[0], emission.inputs["Color"])
+    return emission.outputs[0]
 
 
 def vertex_colors(nodes, _links):
@@ -284,50 +348,8 @@ def place(eye, cam_from_world):
     eye.matrix_world = Matrix(np.vstack([np.column_stack([rotation, center]), [0, 0, 0, 1]]))
 
 
-def truth_material(bpy):
-    """A material whose light is the truth: red depth, green and blue normals with class and tree.
-
-    Depth lies along the optical axis, m. Green is the normal's x in the camera plus 2 plus four
-    times the class, blue its y plus 2 plus four times the tree. The normal's z follows, since a
-    surface that is seen faces the camera.
-    """
-    material = bpy.data.materials.new("truth")
-    if material.node_tree is None:
-        material.use_nodes = True
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    nodes.clear()
-    depth = nodes.new("ShaderNodeCameraData").outputs["View Z Depth"]
-    turn = nodes.new("ShaderNodeVectorTransform")
-    turn.vector_type, turn.convert_from, turn.convert_to = "NORMAL", "WORLD", "CAMERA"
-    links.new(nodes.new("ShaderNodeNewGeometry").outputs["True Normal"], turn.inputs[0])
-    normal = nodes.new("ShaderNodeSeparateXYZ")
-    links.new(turn.outputs[0], normal.inputs[0])
-    attribute = nodes.new("ShaderNodeAttribute")
-    attribute.attribute_name = "truth"
-    kinds = nodes.new("ShaderNodeSeparateXYZ")
-    links.new(attribute.outputs["Vector"], kinds.inputs[0])
-    color = nodes.new("ShaderNodeCombineXYZ")
-    links.new(depth, color.inputs[0])
-    for k, axis in ((1, "X"), (2, "Y")):
-        packed = nodes.new("ShaderNodeMath")
-        packed.operation = "MULTIPLY_ADD"
-        links.new(kinds.outputs["XY"[k - 1]], packed.inputs[0])
-        packed.inputs[1].default_value = _PACK
-        links.new(normal.outputs[axis], packed.inputs[2])
-        above = nodes.new("ShaderNodeMath")  # light is never negative
-        above.operation = "ADD"
-        above.inputs[1].default_value = 2.0
-        links.new(packed.outputs[0], above.inputs[0])
-        links.new(above.outputs[0], color.inputs[k])
-    emission = nodes.new("ShaderNodeEmission")
-    links.new(color.outputs[0], emission.inputs["Color"])
-    output = nodes.new("ShaderNodeOutputMaterial")
-    links.new(emission.outputs[0], output.inputs["Surface"])
-    return material
-
-
 def unpack_truth(pixels):
-    """Split rendered truth (h, w, 4), rows from the top, into maps.
+    """Split rendered truth (h, w, 4), rows from the top, into maps; see `truth_light`.
 
     Returns
     -------
@@ -370,7 +392,6 @@ class BlenderScene:
         self.eye = set_up(self.bpy, scene, camera, samples, threads)
         add_things(self.bpy, scene, self._folder.name)
         add_ground(self.bpy, scene, self._folder.name)
-        self._truth = truth_material(self.bpy)
 
     def __enter__(self):
         return self
@@ -389,9 +410,11 @@ class BlenderScene:
         return path
 
     def _prepare(self, is_truth):
-        """Switch between light and truth: all meshes are read anew, so it is done once each."""
-        view, cycles = self.bpy.context.view_layer, self.bpy.context.scene.cycles
-        view.material_override = self._truth if is_truth else None
+        """Switch between light and truth."""
+        cycles = self.bpy.context.scene.cycles
+        for material in self.bpy.data.materials:
+            switch = material.node_tree.nodes[_SWITCH]
+            switch.outputs[0].default_value = _TRUTH if is_truth else _LIGHT
         cycles.samples = 1 if is_truth else self.samples
         cycles.pixel_filter_type = "BOX" if is_truth else "BLACKMAN_HARRIS"
         cycles.filter_width = 0.01 if is_truth else 1.5

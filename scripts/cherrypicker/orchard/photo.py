@@ -25,6 +25,8 @@ __all__ = [
     "distorted",
     "exif_of",
     "lens_map",
+    "lens_margin",
+    "maps_through",
     "pixel_rays",
     "read_maps",
     "write_jpeg",
@@ -33,6 +35,7 @@ __all__ = [
 
 SKY_ID, FAR_ID = 254, 255  # in semantic masks: sky, and the hills and houses at infinity
 _LENS_ITERATIONS = 12
+_ONE_SURFACE = 1.03  # depths of neighbouring pixels on one surface differ by less
 
 
 @dataclass(frozen=True)
@@ -163,10 +166,53 @@ def lens_map(wide, camera):
     return (pixels - 0.5).astype(np.float32)
 
 
+def lens_margin(camera):
+    """How many times wider than a photo the pinhole image must be that it is cut from."""
+    half = np.array([camera.width, camera.height]) / 2
+    reach = np.abs(lens_map(camera, camera) + 0.5 - half).reshape(-1, 2).max(axis=0)
+    return float(((reach + 2.0) / half).max())
+
+
 def distorted(image, lens, *, nearest=False):
     """An image seen through a lens, see `lens_map`."""
     how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
     return cv2.remap(image, lens, None, how, borderMode=cv2.BORDER_REPLICATE)
+
+
+def maps_through(lens, depth, normals, mask, tree):
+    """Maps of a pinhole image at the pixel centres of a photo with distortion.
+
+    The nearest pixel's values; the depth between four pixels of one surface is that of the plane
+    through them (its inverse is linear in the image).
+
+    Parameters
+    ----------
+    lens : ndarray of shape (h, w, 2), float32
+        See `lens_map`.
+    depth, normals, mask, tree : ndarray of shape (H, W, ...)
+        Of the pinhole image.
+
+    Returns
+    -------
+    list of ndarray of shape (h, w, ...)
+        In the same order.
+    """
+    near = [distorted(values, lens, nearest=True) for values in (depth, normals, mask, tree)]
+    height, width = depth.shape
+    x, y = np.clip(lens[..., 0], 0, width - 1.001), np.clip(lens[..., 1], 0, height - 1.001)
+    column, row = x.astype(np.int64), y.astype(np.int64)
+    corners = [(row + r) * width + column + c for r in (0, 1) for c in (0, 1)]
+    inverse = np.where(depth > 0, 1.0 / np.maximum(depth, 1e-6), 0.0).ravel()
+    kind = (mask.astype(np.int32) * 256 + tree).ravel()
+    at = np.stack([inverse[k] for k in corners])
+    is_one = (at.min(axis=0) > 0) & (at.max(axis=0) < _ONE_SURFACE * at.min(axis=0))
+    for k in corners[1:]:
+        is_one &= kind[k] == kind[corners[0]]
+    u, v = x - column, y - row
+    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+    blended = 1.0 / np.maximum((weights * at).sum(axis=0), 1e-9)
+    near[0] = np.where(is_one, blended, near[0]).astype(np.float32)
+    return near
 
 
 def _smear(rng, linear, longest):

@@ -18,6 +18,7 @@ HEIGHTS = {"cherry_whip": (1.0, 2.0), None: (1.3, 6.0)}
 RATIOS = {"cherry_whip": (0.011, 0.016), None: (0.014, 0.026)}
 RADIUS_M = (0.02, 0.15)
 WHIP_RADIUS_M = 0.008
+LEAST_SIZE_PX = 64
 CAMERAS = (
     CameraModel(800, 1200, 1050.0, model="Orchard One", sensor_diagonal_mm=9.5),
     CameraModel(1200, 800, 860.0, model="Orchard Three", sensor_diagonal_mm=28.2),
@@ -87,7 +88,7 @@ def scene_options(seed, forms=FORMS):
     return options
 
 
-def scene_camera(seed, *, distortion=True):
+def scene_camera(seed, *, distortion=True, size_px=0):
     """Draw the camera of a scene.
 
     Parameters
@@ -95,13 +96,28 @@ def scene_camera(seed, *, distortion=True):
     seed : int
     distortion : bool, default True
         With a lens of moderate radial distortion; else a pinhole.
+    size_px : int, default 0
+        Longer side of the photos, the field of view staying; 0 for the camera's own.
 
     Returns
     -------
     CameraModel
+
+    Raises
+    ------
+    StageError
+        If the size is above 0 and below `LEAST_SIZE_PX`.
     """
+    if 0 < size_px < LEAST_SIZE_PX:
+        raise StageError(
+            f"photos have a longer side of at least {LEAST_SIZE_PX} px, got {size_px}",
+            key="orchard.photo_size_px",
+        )
     rng = np.random.default_rng([int(seed), 409])
     camera = CAMERAS[int(rng.integers(len(CAMERAS)))]
+    if size_px:
+        factor = size_px / max(camera.width, camera.height)
+        camera = camera.resized(round(camera.width * factor), round(camera.height * factor))
     k1, k2 = float(rng.uniform(-0.12, 0.04)), float(rng.uniform(-0.01, 0.02))
     if not distortion:
         return camera
