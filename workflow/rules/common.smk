@@ -207,7 +207,9 @@ def prepare_run():
 
 
 def write_summary():
-    """Write the batch's table and page, also after failures."""
+    """Write the batch's table and page, also after failures; not where no tree was asked for."""
+    if not any(job.wildcards.get("tree") in TREES for job in workflow.dag.jobs):
+        return
     try:
         summarise(
             [dataclasses.asdict(tree) for tree in TREES.values()],
