@@ -5,6 +5,7 @@ import pytest
 
 from cherrypicker.classes import Label
 from cherrypicker.segmentation.spheres import TreeFrame
+from cherrypicker.segmentation.standing_posts import split_standing_posts, standing_columns
 from cherrypicker.segmentation.support_post import PostModel, find_post, split_support_post
 
 FRAME = TreeFrame(np.zeros(3), 1.0)
@@ -90,3 +91,56 @@ def test_a_straight_stem_that_carries_a_crown_is_no_post():
     labels[len(stem) + len(post) :] = Label.BRANCH
     after = split_support_post(points, labels, FRAME, PostModel())
     assert (after[: len(stem)] == Label.TRUNK).mean() > 0.98
+
+
+def _ground(rng, tilt=0.0):
+    xy = rng.uniform(-1, 1, (4000, 2))
+    return np.column_stack([xy, tilt * xy[:, 0] + rng.normal(0, 0.003, len(xy))])
+
+
+def _standing(rng, *tubes, tilt=0.0):
+    """Points, labels (ground and nothing but branch) and the number of each tube's points."""
+    ground = _ground(rng, tilt)
+    points = np.vstack([ground, *tubes])
+    labels = np.full(len(points), Label.BRANCH, np.uint8)
+    labels[: len(ground)] = Label.GROUND
+    return points, labels, np.cumsum([len(ground), *map(len, tubes)])
+
+
+def test_a_post_that_passes_for_a_branch_is_found_beside_a_stem():
+    rng = np.random.default_rng(9)
+    post = _tube(rng, 3000, (0.35, 0.1), 1.8, 0.03, 0.03)
+    points, labels, ends = _standing(rng, _stem(rng), post)
+    assert (split_support_post(points, labels, FRAME, PostModel()) == labels).all()
+    after = split_standing_posts(points, labels, FRAME, PostModel())
+    assert (after[ends[1] :] == Label.SUPPORT_POST).mean() > 0.95
+    assert (after[: ends[1]] == labels[: ends[1]]).all()
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_a_column_with_no_stem_near_it_is_no_post(far):
+    rng = np.random.default_rng(10)
+    post = _tube(rng, 3000, (0.8, 0.0), 1.8, 0.03, 0.03)
+    points, labels, _ = _standing(rng, *([_stem(rng)] if far else []), post)
+    assert (split_standing_posts(points, labels, FRAME, PostModel()) == labels).all()
+
+
+def test_of_two_straight_columns_side_by_side_one_stays_wood():
+    rng = np.random.default_rng(11)
+    tubes = [_tube(rng, 3000, (x, 0.0), 1.8, 0.03, 0.03) for x in (0.0, 0.3)]
+    points, labels, ends = _standing(rng, *tubes)
+    after = split_standing_posts(points, labels, FRAME, PostModel())
+    kinds = [np.median(after[a:b]) for a, b in zip(ends[:-1], ends[1:])]
+    assert sorted(kinds) == [Label.BRANCH, Label.SUPPORT_POST]
+
+
+def test_columns_rise_from_the_ground_whatever_its_slope():
+    rng = np.random.default_rng(12)
+    z_at = 0.3 * np.array([-0.6, 0.6])
+    low, high = (_tube(rng, 2000, (x, 0), 1.0, 0.03, 0.02) for x in (-0.6, 0.6))
+    low[:, 2] += z_at[0]
+    high[:, 2] += z_at[1]
+    hanging = _tube(rng, 2000, (0.0, 0.5), 1.0, 0.03, 0.02) + [0, 0, 0.4]
+    points, labels, _ = _standing(rng, low, high, hanging, tilt=0.3)
+    columns = standing_columns(points[labels != Label.GROUND], points[labels == Label.GROUND])
+    assert sorted(round(column[:, 0].mean(), 1) for column in columns) == [-0.6, 0.6]

@@ -20,6 +20,7 @@ from cherrypicker.segmentation.spheres import (
     voxel_mean,
     voxel_sample,
 )
+from cherrypicker.segmentation.standing_posts import split_standing_posts
 from cherrypicker.segmentation.stem_labels import relabel_wood
 from cherrypicker.segmentation.support_post import split_support_post
 
@@ -261,6 +262,7 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, stems=None, seed
         )
     if post is not None:
         labels = split_support_post(cloud.points, labels, frame, post)
+        labels = split_standing_posts(cloud.points, labels, frame, post)
     if stems is not None:
         chosen = relabel_wood(cloud.points, labels, frame, stems)
         moved = chosen != labels

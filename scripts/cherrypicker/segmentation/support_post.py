@@ -266,6 +266,41 @@ def _carries_crown(wood, cylinder, model, reach=0.15):
     return bool((np.bincount(sector.astype(int), minlength=12) >= max(wanted, 3)).sum() >= 4)
 
 
+def graded_posts(points, model, seed=0, wood=None, beside=None):
+    """Cylinders among wood that count as a support post, the straightest and most constant first.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3), float64
+        In metres, z up.
+    model : PostModel
+    seed : int
+    wood : ndarray of shape (m, 3), optional
+        All wood around; a cylinder that carries a crown is a stem.
+    beside : ndarray of shape (k, 3), optional
+        Where a stem must stand beside the post; among `points` by default.
+
+    Returns
+    -------
+    list of (float, Cylinder)
+        How far from a perfect post, and the post.
+    """
+    if len(points) < 200 or np.ptp(points[:, 2]) < model.min_height_m:
+        return []
+    rng = np.random.default_rng(seed)
+    fit_points = points[np.sort(rng.permutation(len(points))[:_MAX_FIT_POINTS])]
+    graded = []
+    for candidate in _candidates(fit_points, model, rng):
+        refined = _refit(fit_points, candidate, model)
+        result = None if refined is None else _grade(fit_points, refined, model)
+        stems = fit_points if beside is None else beside
+        if result is None or not _has_stem_beside(stems, result[1], model):
+            continue
+        if wood is None or not _carries_crown(wood, result[1], model):
+            graded.append(result)
+    return sorted(graded, key=lambda entry: entry[0])
+
+
 def find_post(points, model, seed=0, wood=None):
     """Support post among the trunk's points of one stem.
 
@@ -283,19 +318,34 @@ def find_post(points, model, seed=0, wood=None):
     Cylinder or None
         Of several cylinders with a stem beside them the straightest and most constant.
     """
-    if len(points) < 200 or np.ptp(points[:, 2]) < model.min_height_m:
-        return None
-    rng = np.random.default_rng(seed)
-    fit_points = points[np.sort(rng.permutation(len(points))[:_MAX_FIT_POINTS])]
-    graded = []
-    for candidate in _candidates(fit_points, model, rng):
-        refined = _refit(fit_points, candidate, model)
-        result = None if refined is None else _grade(fit_points, refined, model)
-        if result is None or not _has_stem_beside(fit_points, result[1], model):
-            continue
-        if wood is None or not _carries_crown(wood, result[1], model):
-            graded.append(result)
-    return min(graded, key=lambda entry: entry[0])[1] if graded else None
+    graded = graded_posts(points, model, seed, wood)
+    return graded[0][1] if graded else None
+
+
+def label_post(local, labels, post, model):
+    """Label the wood on a post's surface, in place, branches within half the reach of trunk.
+
+    Parameters
+    ----------
+    local : ndarray of shape (n, 3)
+        In the post's frame.
+    labels : ndarray of shape (n,), uint8
+    post : Cylinder
+    model : PostModel
+
+    Returns
+    -------
+    int
+        Number of points of the post.
+    """
+    wood = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.BRANCH))
+    z = local[wood, 2]
+    distance = post.distance(local[wood])
+    own = labels[wood] == Label.TRUNK
+    reach = post.radius + np.where(own, model.tolerance_m, 0.5 * model.tolerance_m)
+    chosen = wood[(distance < reach) & (z >= post.low - 0.05) & (z <= post.high + 0.05)]
+    labels[chosen] = Label.SUPPORT_POST
+    return len(chosen)
 
 
 def split_support_post(points, labels, frame, model, seed=0):
@@ -326,19 +376,13 @@ def split_support_post(points, labels, frame, model, seed=0):
         post = find_post(local[stem], model, seed, around)
         if post is None:
             continue
-        wood = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.BRANCH))
-        z = local[wood, 2]
-        distance = post.distance(local[wood])
-        own = labels[wood] == Label.TRUNK
-        reach = post.radius + np.where(own, model.tolerance_m, 0.5 * model.tolerance_m)
-        chosen = wood[(distance < reach) & (z >= post.low - 0.05) & (z <= post.high + 0.05)]
-        labels[chosen] = Label.SUPPORT_POST
+        n = label_post(local, labels, post, model)
         logger.info(
             "support post of %.0f mm diameter from %.2f to %.2f m: %s of %s points of its stem",
             2000 * post.radius,
             post.low,
             post.high,
-            f"{len(chosen):,}",
+            f"{n:,}",
             f"{len(stem):,}",
         )
     return labels
