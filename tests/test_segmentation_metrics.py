@@ -28,6 +28,16 @@ def test_perfect_prediction_scores_one():
     assert result["mean_iou"] == result["accuracy"] == result["total_iou"] == 1.0
 
 
+def test_a_class_that_the_truth_lacks_is_none_of_the_mean():
+    truth = np.array([0] * 8 + [1] * 4)
+    predicted = np.array([0] * 6 + [6] * 2 + [1] * 4)  # two points of ground called roof
+    result = scores(confusion_matrix(truth, predicted))
+    assert result["mean_iou"] == pytest.approx((6 / 8 + 1) / 2)
+    assert result["classes"]["roof"] == {
+        "iou": 0.0, "precision": 0.0, "recall": None, "f1": 0.0, "n_points": 0, "n_false": 2,
+    }  # fmt: skip
+
+
 def test_bad_input_is_refused():
     with pytest.raises(ValueError, match="differ in shape"):
         confusion_matrix(np.zeros(3), np.zeros(4))

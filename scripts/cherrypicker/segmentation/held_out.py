@@ -98,6 +98,9 @@ def judge(labelled, weights, **settings):
 def table(confusions):
     """Markdown table: a row a set of clouds, F1 of every class and the mean IoU.
 
+    A class that the truth lacks has a dash in place of an F1, and the share of all points that
+    were falsely found to be of it where that is a ten-thousandth or more.
+
     Parameters
     ----------
     confusions : dict of str to ndarray of shape (7, 7)
@@ -111,10 +114,12 @@ def table(confusions):
     lines = [f"| clouds | mean IoU | {' | '.join(names)} |", "|---" * (N_CLASSES + 2) + "|"]
     for name, confusion in confusions.items():
         result = scores(confusion)
-        cells = [
-            "-" if not entry["n_points"] else f"{entry['f1']:.3f}"
-            for entry in result["classes"].values()
-        ]
+        n_points = max(float(np.sum(confusion)), 1.0)
+        cells = []
+        for entry in result["classes"].values():
+            false = 100 * entry["n_false"] / n_points
+            absent = f"- ({false:.2f} %)" if false >= 0.01 else "-"
+            cells.append(f"{entry['f1']:.3f}" if entry["n_points"] else absent)
         lines.append(f"| {name} | {result['mean_iou']:.3f} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

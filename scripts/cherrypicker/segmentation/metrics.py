@@ -45,8 +45,15 @@ def scores(confusion):
     -------
     dict
         ``accuracy``, ``total_iou`` (over all points at once), ``mean_iou`` (over the classes that
-        occur in truth or prediction), and ``classes``: name to ``iou``, ``precision``, ``recall``,
-        ``f1`` and ``n_points`` of the truth. A measure without a denominator is None.
+        occur in the truth), and ``classes``: name to ``iou``, ``precision``, ``recall``, ``f1``,
+        ``n_points`` of the truth and ``n_false``, points found that are of another class. A
+        measure without a denominator is None.
+
+    Notes
+    -----
+    A class that the truth lacks is none of the mean: a single false point would pull it down by a
+    seventh, as much as missing a class that is there. What it takes still counts, in the IoU of
+    the classes that the points belong to, and stands in ``n_false``.
     """
     confusion = np.asarray(confusion, np.float64)
     hit = np.diag(confusion)
@@ -64,8 +71,9 @@ def scores(confusion):
             "recall": ratio(hit[c], in_truth[c]),
             "f1": ratio(2 * hit[c], in_truth[c] + in_prediction[c]),
             "n_points": int(in_truth[c]),
+            "n_false": int(in_prediction[c] - hit[c]),
         }
-    ious = [entry["iou"] for entry in classes.values() if entry["iou"] is not None]
+    ious = [entry["iou"] for entry in classes.values() if entry["n_points"]]
     return {
         "accuracy": ratio(hit.sum(), confusion.sum()),
         "total_iou": ratio(hit.sum(), union.sum()),
