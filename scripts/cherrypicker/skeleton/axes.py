@@ -8,7 +8,10 @@ next order.
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
+
+from cherrypicker.skeleton.tree_walks import child_rows, fill_reach
 
 __all__ = ["Axis", "axes", "axis_of_node", "axis_polyline", "node_order"]
 
@@ -52,116 +55,159 @@ def axes(skeleton, *, trunk_keeps=TRUNK_KEEPS):
     list of Axis
         The trunk first, parents before children; every node is in exactly one axis.
     """
-    tree = _Tree(skeleton)
-    found = []
-    waiting = [(0, 0, -1, -1)]  # first node, order, parent axis, attach node
-    while waiting:
-        node, order, parent_axis, attach = waiting.pop(0)
-        nodes, asides = [node], []
-        while len(tree.children[node]):
-            heir = _heir(tree, node)
-            if order == 0 and not _trunk_goes_on(tree, nodes, heir, trunk_keeps):
-                asides += [(child, node) for child in tree.children[node]]
+    length = skeleton.edge_length
+    ahead = fill_reach(skeleton.parent, length) + length  # from a node's parent up to its tip
+    start, child = child_rows(skeleton.parent)
+    tree = skeleton.points, skeleton.parent, skeleton.radius, length, ahead, start, child
+    nodes, first, order, parent, attach = _split(tree, trunk_keeps)
+    runs = np.split(nodes, first[1:-1])
+    return [Axis(*axis) for axis in zip(runs, order.tolist(), parent.tolist(), attach.tolist())]
+
+
+@numba.njit(cache=True)
+def _split(tree, trunk_keeps):
+    """Axes as runs of nodes: the runs, their starts, orders, parent axes and attach nodes."""
+    start, child = tree[5], tree[6]
+    n = len(tree[1])
+    nodes, filled = np.empty(n, dtype=np.int64), 0
+    first, head = np.zeros(n + 1, dtype=np.int64), np.zeros(n, dtype=np.int64)
+    order, above = np.zeros(n, dtype=np.int64), np.full(n, -1, dtype=np.int64)
+    attach, buffer = np.full(n, -1, dtype=np.int64), np.empty(n)
+    n_axes, index = 1, 0
+    while index < n_axes:
+        node = head[index]
+        nodes[filled] = node
+        filled += 1
+        while start[node] < start[node + 1]:
+            heir = _heir(tree, node, buffer)
+            own = nodes[first[index] : filled]
+            if order[index] == 0 and not _trunk_goes_on(tree, own, heir, trunk_keeps, buffer):
+                heir = -1
+            for at in range(start[node], start[node + 1]):
+                if child[at] != heir:
+                    head[n_axes], order[n_axes] = child[at], order[index] + 1
+                    above[n_axes], attach[n_axes] = index, node
+                    n_axes += 1
+            if heir < 0:
                 break
-            asides += [(child, node) for child in tree.children[node] if child != heir]
             node = heir
-            nodes.append(node)
-        index = len(found)
-        found.append(Axis(np.asarray(nodes, dtype=np.int64), order, parent_axis, attach))
-        waiting += [(child, order + 1, index, at) for child, at in asides]
-    return found
+            nodes[filled] = node
+            filled += 1
+        index += 1
+        first[index] = filled
+    return nodes, first[: n_axes + 1], order[:n_axes], above[:n_axes], attach[:n_axes]
 
 
-class _Tree:
-    """A skeleton with what every junction asks for, computed once."""
-
-    def __init__(self, skeleton):
-        self.radius, self.points = skeleton.radius, skeleton.points
-        self.parent = skeleton.parent
-        self.children = skeleton.children()
-        self.length = skeleton.edge_length
-        self.ahead = skeleton.reach() + self.length  # from a node's parent up to its farthest tip
-
-    def straightness(self, node, candidates):
-        """Cosine of the turn from the stretch before a junction into each child."""
-        reach = max(3 * self.radius[node], 3 * self.length[node])
-        before = self.points[node] - self.points[self._walk(node, reach, self._down)]
-        after = np.array([self.points[self._walk(c, reach, self._up)] for c in candidates])
-        after = after - self.points[node]
-        norm = np.linalg.norm(before) * np.linalg.norm(after, axis=1)
-        return after @ before / np.maximum(norm, 1e-12)
-
-    def _walk(self, node, reach, step):
-        travelled = 0.0
-        while travelled < reach:
-            following = step(node)
-            if following < 0:
-                break
-            travelled += self.length[max(node, following)]
-            node = following
-        return node
-
-    def _down(self, node):
-        return self.parent[node]
-
-    def _up(self, node):
-        children = self.children[node]
-        return children[np.argmax(self.ahead[children])] if len(children) else -1
-
-    def radius_ahead(self, node, skip, window):
-        """Median radius over a stretch of `window`, `skip` past the fork, on the longest way up."""
-        travelled, radii = self.length[node], []
-        while True:
-            if travelled >= skip:
-                radii.append(self.radius[node])
-            if travelled >= skip + window or not len(self.children[node]):
-                break
-            node = self.children[node][np.argmax(self.ahead[self.children[node]])]
-            travelled += self.length[node]
-        return _median(radii) if radii else float(self.radius[node])
-
-    def radius_behind(self, nodes, skip, window):
-        """Median radius over a stretch of `window`, `skip` before the last of a run of nodes."""
-        travelled, radii = 0.0, []
-        for node, below in zip(nodes[:0:-1], nodes[-2::-1]):
-            travelled += self.length[node]
-            if travelled > skip + window:
-                break
-            if travelled >= skip:
-                radii.append(self.radius[below])
-        if radii:
-            return _median(radii)
-        return float(self.radius[nodes[-2] if len(nodes) > 1 else nodes[0]])  # one long step
+@numba.njit(cache=True)
+def _farthest_child(tree, node):
+    """Child with the longest way up to a tip, -1 at a tip."""
+    _, _, _, _, ahead, start, child = tree
+    best = -1
+    for at in range(start[node], start[node + 1]):
+        if best < 0 or ahead[child[at]] > ahead[best]:
+            best = child[at]
+    return best
 
 
-def _median(values):
-    """Median of a short list: NumPy's takes longer than all the rest of a junction."""
-    ordered, half = sorted(values), len(values) // 2
-    if len(values) % 2:
-        return float(ordered[half])
-    return float(ordered[half - 1] + ordered[half]) / 2
+@numba.njit(cache=True)
+def _place_up(tree, node, reach):
+    """Node that lies `reach` up the longest way from a node."""
+    travelled, length = 0.0, tree[3]
+    while travelled < reach:
+        following = _farthest_child(tree, node)
+        if following < 0:
+            break
+        travelled += length[following]
+        node = following
+    return node
 
 
-def _heir(tree, node):
+@numba.njit(cache=True)
+def _place_down(tree, node, reach):
+    """Node that lies `reach` down the way from a node to the root."""
+    travelled, parent, length = 0.0, tree[1], tree[3]
+    while travelled < reach and parent[node] >= 0:
+        travelled += length[node]
+        node = parent[node]
+    return node
+
+
+@numba.njit(cache=True)
+def _straightness(tree, node, one):
+    """Cosine of the turn from the stretch before a junction into one of its children."""
+    points, _, radius, length, _, _, _ = tree
+    reach = max(3 * radius[node], 3 * length[node])
+    before = points[node] - points[_place_down(tree, node, reach)]
+    after = points[_place_up(tree, one, reach)] - points[node]
+    norm = np.sqrt((before**2).sum() * (after**2).sum())
+    return (before * after).sum() / max(norm, 1e-12)
+
+
+@numba.njit(cache=True)
+def _radius_ahead(tree, node, skip, stretch, buffer):
+    """Median radius over a stretch, `skip` past the fork below a node, on the longest way up."""
+    _, _, radius, length, _, _, _ = tree
+    travelled, n, last = length[node], 0, node
+    while True:
+        if travelled >= skip:
+            buffer[n] = radius[last]
+            n += 1
+        following = _farthest_child(tree, last)
+        if travelled >= skip + stretch or following < 0:
+            break
+        last = following
+        travelled += length[last]
+    return np.median(buffer[:n]) if n else radius[last]
+
+
+@numba.njit(cache=True)
+def _radius_behind(tree, nodes, skip, stretch, buffer):
+    """Median radius over a stretch, `skip` before the last of a run of nodes."""
+    _, _, radius, length, _, _, _ = tree
+    travelled, n = 0.0, 0
+    for at in range(len(nodes) - 1, 0, -1):
+        travelled += length[nodes[at]]
+        if travelled > skip + stretch:
+            break
+        if travelled >= skip:
+            buffer[n] = radius[nodes[at - 1]]
+            n += 1
+    if n:
+        return np.median(buffer[:n])
+    return radius[nodes[len(nodes) - 2]] if len(nodes) > 1 else radius[nodes[0]]  # one long step
+
+
+@numba.njit(cache=True)
+def _heir(tree, node, buffer):
     """Child that the axis goes on into: the thickest; among similar ones far reach and straight."""
-    candidates = tree.children[node]
+    _, _, radius, _, ahead, start, child = tree
+    candidates = child[start[node] : start[node + 1]]
     if len(candidates) == 1:
         return candidates[0]
-    skip = tree.radius[node]
-    radius = np.array([tree.radius_ahead(child, skip, 2 * skip) for child in candidates])
-    similar = radius >= SIMILAR_RADIUS * radius.max()
-    score = tree.ahead[candidates] * (1.2 + tree.straightness(node, candidates))
-    return candidates[np.argmax(np.where(similar, score, -1.0))]
+    thickness, thickest = np.empty(len(candidates)), 0.0
+    for row in range(len(candidates)):
+        skip = radius[node]
+        thickness[row] = _radius_ahead(tree, candidates[row], skip, 2 * skip, buffer)
+        thickest = max(thickest, thickness[row])
+    best, most = candidates[0], -np.inf
+    for row in range(len(candidates)):
+        if thickness[row] >= SIMILAR_RADIUS * thickest:
+            score = ahead[candidates[row]] * (1.2 + _straightness(tree, node, candidates[row]))
+            if score > most:
+                best, most = candidates[row], score
+    return best
 
 
-def _trunk_goes_on(tree, nodes, heir, trunk_keeps):
+@numba.njit(cache=True)
+def _trunk_goes_on(tree, nodes, heir, trunk_keeps, buffer):
     """Whether the trunk, whose nodes so far are `nodes`, goes on into `heir`."""
-    node = nodes[-1]
-    if len(tree.children[node]) == 1 or len(nodes) == 1:  # at the root there is no stem below
+    _, _, radius, _, _, start, _ = tree
+    node = nodes[len(nodes) - 1]
+    if start[node + 1] - start[node] == 1 or len(nodes) == 1:  # at the root there is no stem below
         return True
-    diameter = 2 * tree.radius[node]
-    above = tree.radius_ahead(heir, 0.5 * diameter, diameter)
-    return above >= trunk_keeps * tree.radius_behind(nodes, 0.5 * diameter, diameter)
+    diameter = 2 * radius[node]
+    above = _radius_ahead(tree, heir, 0.5 * diameter, diameter, buffer)
+    return above >= trunk_keeps * _radius_behind(tree, nodes, 0.5 * diameter, diameter, buffer)
 
 
 def axis_of_node(skeleton, axis_list):

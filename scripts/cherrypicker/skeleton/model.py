@@ -3,6 +3,10 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import depth_first_order
+
+from cherrypicker.skeleton.tree_walks import fill_reach, sum_from_root
 
 __all__ = ["Skeleton", "rooted_order"]
 
@@ -83,18 +87,11 @@ class Skeleton:
 
     def distance_to_root(self):
         """Length of the way along the skeleton from each node to the root, (n_nodes,) float64."""
-        distance = self.edge_length
-        for node in range(1, len(self)):
-            distance[node] += distance[self.parent[node]]
-        return distance
+        return sum_from_root(self.parent, self.edge_length)
 
     def reach(self):
         """Length of the longest way from each node up to a tip, (n_nodes,) float64."""
-        length, reach = self.edge_length, np.zeros(len(self))
-        for node in range(len(self) - 1, 0, -1):
-            parent = self.parent[node]
-            reach[parent] = max(reach[parent], reach[node] + length[node])
-        return reach
+        return fill_reach(self.parent, self.edge_length)
 
     def select(self, keep):
         """Skeleton of the nodes in `keep` (bool mask, closed under parents), order kept."""
@@ -137,9 +134,6 @@ def rooted_order(n_nodes, edges, root):
     ValueError
         If the edges are not a tree over all nodes.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import depth_first_order
-
     edges = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
     if len(edges) != n_nodes - 1:
         raise ValueError(f"a tree of {n_nodes} nodes has {n_nodes - 1} edges, got {len(edges)}")

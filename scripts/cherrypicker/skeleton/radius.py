@@ -6,6 +6,14 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.skeleton.tree_walks import (
+    child_rows,
+    fill_reach,
+    longest_children,
+    tangents,
+    window,
+)
+
 __all__ = ["assign_surface", "fit_circle", "fit_radii", "local_tangents"]
 
 logger = logging.getLogger(__name__)
@@ -14,6 +22,7 @@ FEWEST_POINTS = 5
 ARC_SECTORS = 24
 LEAST_ARC = 150.0  # a circle on less of the circumference says little about its centre
 MOST_SLICE_POINTS = 600
+SETTLED = 1e-3  # share of its radius that a circle moves less than in its last round
 
 
 def local_tangents(skeleton, reach):
@@ -31,30 +40,11 @@ def local_tangents(skeleton, reach):
         Unit vectors, from the root outwards.
     """
     reach = np.broadcast_to(np.asarray(reach, dtype=np.float64), (len(skeleton),))
-    ahead_length = skeleton.reach()
-    length, parent, points = skeleton.edge_length, skeleton.parent, skeleton.points
-    heir = np.full(len(skeleton), -1, dtype=np.int64)
-    for node in range(len(skeleton) - 1, 0, -1):
-        above = parent[node]
-        best = heir[above]
-        if best < 0 or ahead_length[node] + length[node] > ahead_length[best] + length[best]:
-            heir[above] = node
-    tangents = np.empty((len(skeleton), 3))
-    for node in range(len(skeleton)):
-        back, travelled = node, 0.0
-        while parent[back] >= 0 and travelled < reach[node]:
-            if back != node and heir[parent[back]] != back:
-                break  # beyond its own axis's base: another direction
-            travelled += length[back]
-            back = parent[back]
-        front, travelled = node, 0.0
-        while heir[front] >= 0 and travelled < reach[node]:
-            front = heir[front]
-            travelled += length[front]
-        tangents[node] = points[front] - points[back]
-    norm = np.linalg.norm(tangents, axis=1)
-    tangents[norm == 0] = (0.0, 0.0, 1.0)
-    return tangents / np.where(norm > 0, norm, 1.0)[:, None]
+    length, parent = skeleton.edge_length, skeleton.parent
+    heir = longest_children(parent, fill_reach(parent, length) + length)
+    found = tangents(skeleton.points, parent, length, heir, reach)
+    found[~found.any(axis=1)] = (0.0, 0.0, 1.0)
+    return found
 
 
 def assign_surface(skeleton, surface, step):
@@ -112,43 +102,68 @@ def fit_circle(xy, weights=None):
 @numba.njit(cache=True)
 def _circle(x, y, w):
     """Weighted algebraic circle: centre x, centre y, radius (NaN if the points are in line)."""
-    total = w.sum()
-    mx, my = (w * x).sum() / total, (w * y).sum() / total
-    u, v = x - mx, y - my
-    q = u * u + v * v
-    suu, svv, suv = (w * u * u).sum(), (w * v * v).sum(), (w * u * v).sum()
-    suq, svq = (w * u * q).sum() / 2, (w * v * q).sum() / 2
+    total = mx = my = 0.0
+    for row in range(len(x)):
+        total += w[row]
+        mx += w[row] * x[row]
+        my += w[row] * y[row]
+    mx, my = mx / total, my / total
+    suu = svv = suv = suq = svq = sq = 0.0
+    for row in range(len(x)):
+        u, v = x[row] - mx, y[row] - my
+        q = u * u + v * v
+        suu += w[row] * u * u
+        svv += w[row] * v * v
+        suv += w[row] * u * v
+        suq += w[row] * u * q
+        svq += w[row] * v * q
+        sq += w[row] * q
     determinant = suu * svv - suv * suv
     trace = suu + svv
     if trace <= 0 or determinant < 1e-8 * trace * trace:
         return mx, my, np.nan
-    a = (suq * svv - svq * suv) / determinant
-    b = (svq * suu - suq * suv) / determinant
-    return mx + a, my + b, np.sqrt(a * a + b * b + (w * q).sum() / total)
+    a = (suq * svv - svq * suv) / determinant / 2
+    b = (svq * suu - suq * suv) / determinant / 2
+    return mx + a, my + b, np.sqrt(a * a + b * b + sq / total)
+
+
+@numba.njit(cache=True)
+def _off_circle(x, y, cx, cy, radius, off):
+    """Distance of points from a circle, written to `off`."""
+    for row in range(len(x)):
+        off[row] = abs(np.sqrt((x[row] - cx) ** 2 + (y[row] - cy) ** 2) - radius)
 
 
 @numba.njit(cache=True)
 def _robust_circle(x, y, n_rounds):
     """Circle with Tukey weights: outliers and a neighbour's points lose their say."""
-    cx, cy, radius = _circle(x, y, np.ones(len(x)))
+    weights, off = np.ones(len(x)), np.empty(len(x))
+    cx, cy, radius = _circle(x, y, weights)
     for _ in range(n_rounds):
         if not np.isfinite(radius):
             break
-        off = np.abs(np.sqrt((x - cx) ** 2 + (y - cy) ** 2) - radius)
+        _off_circle(x, y, cx, cy, radius, off)
         limit = 4.0 * max(1.4826 * np.median(off), 1e-9)
-        weights = np.maximum(1 - (off / limit) ** 2, 0.0) ** 2
-        if np.count_nonzero(weights) < FEWEST_POINTS:
+        n_used = 0
+        for row in range(len(x)):
+            weights[row] = max(1 - (off[row] / limit) ** 2, 0.0) ** 2
+            n_used += weights[row] > 0
+        if n_used < FEWEST_POINTS:
             break
+        before_x, before_y, before_radius = cx, cy, radius
         cx, cy, radius = _circle(x, y, weights)
+        moved = abs(cx - before_x) + abs(cy - before_y) + abs(radius - before_radius)
+        if moved < SETTLED * before_radius:
+            break
     return cx, cy, radius
 
 
 @numba.njit(cache=True)
-def _arc_deg(x, y):
-    """Part of the circumference that points around the origin cover, degrees."""
+def _arc_deg(x, y, cx, cy):
+    """Part of the circumference that points around a centre cover, degrees."""
     seen = np.zeros(ARC_SECTORS, dtype=np.bool_)
     for row in range(len(x)):
-        turn = (np.arctan2(y[row], x[row]) + np.pi) / (2 * np.pi)
+        turn = (np.arctan2(y[row] - cy, x[row] - cx) + np.pi) / (2 * np.pi)
         seen[int(turn * ARC_SECTORS) % ARC_SECTORS] = True
     return 360.0 * seen.sum() / ARC_SECTORS
 
@@ -161,15 +176,14 @@ def _fit_slice(x, y):
     spread = 1.4826 * np.median(np.abs(away - simple))
     if len(x) >= 3 * FEWEST_POINTS:
         cx, cy, radius = _robust_circle(x, y, 6)
-        if np.isfinite(radius) and radius > 0:
-            arc = _arc_deg(x - cx, y - cy)
-            off = np.abs(np.sqrt((x - cx) ** 2 + (y - cy) ** 2) - radius)
-            residual = 1.4826 * np.median(off)
-            shift = np.sqrt(cx * cx + cy * cy)
-            sound = arc >= LEAST_ARC and radius <= 1.6 * simple and shift <= 1.2 * simple
-            if sound and residual <= 0.35 * radius and residual <= 1.05 * spread:
+        shift = np.sqrt(cx * cx + cy * cy)
+        if radius > 0 and radius <= 1.6 * simple and shift <= 1.2 * simple:
+            arc = _arc_deg(x, y, cx, cy)
+            _off_circle(x, y, cx, cy, radius, away)
+            residual = 1.4826 * np.median(away)
+            if arc >= LEAST_ARC and residual <= 0.35 * radius and residual <= 1.05 * spread:
                 return _without_noise(radius, residual), cx, cy, arc, residual
-    return _without_noise(simple, spread), 0.0, 0.0, _arc_deg(x, y), spread
+    return _without_noise(simple, spread), 0.0, 0.0, _arc_deg(x, y, 0.0, 0.0), spread
 
 
 @numba.njit(cache=True)
@@ -179,21 +193,24 @@ def _without_noise(radius, spread):
 
 
 @numba.njit(cache=True)
-def _fit_nodes(surface, start, window, window_start, nodes, tangents):
+def _fit_nodes(surface, start, tree, reach, nodes, along, most_points):
     """`_fit_slice` at every node; rows of `surface` are sorted by their node."""
+    parent, length, child_start, child = tree
     n_nodes = len(nodes)
     fits = np.full((n_nodes, 5), np.nan)
     centres = nodes.copy()
     counts = np.zeros(n_nodes, dtype=np.int64)
+    near = np.empty(n_nodes, dtype=np.int64)
     for node in range(n_nodes):
+        n_near = window(node, parent, length, child_start, child, reach[node], near)
         n_rows = 0
-        for near in window[window_start[node] : window_start[node + 1]]:
-            n_rows += start[near + 1] - start[near]
+        for at in range(n_near):
+            n_rows += start[near[at] + 1] - start[near[at]]
         counts[node] = n_rows
         if n_rows < FEWEST_POINTS:
             continue
-        stride = 1 + n_rows // MOST_SLICE_POINTS
-        t = tangents[node]
+        stride = 1 + n_rows // most_points
+        t = along[node]
         helper = np.zeros(3)
         helper[np.argmin(np.abs(t))] = 1.0
         u = np.cross(t, helper)
@@ -201,11 +218,13 @@ def _fit_nodes(surface, start, window, window_start, nodes, tangents):
         v = np.cross(t, u)
         x, y = np.empty(n_rows), np.empty(n_rows)
         filled = 0
-        for near in window[window_start[node] : window_start[node + 1]]:
-            for row in range(start[near], start[near + 1], stride):
-                offset = surface[row] - nodes[node]
-                x[filled] = (offset * u).sum()
-                y[filled] = (offset * v).sum()
+        for at in range(n_near):
+            for row in range(start[near[at]], start[near[at] + 1], stride):
+                a = surface[row, 0] - nodes[node, 0]
+                b = surface[row, 1] - nodes[node, 1]
+                c = surface[row, 2] - nodes[node, 2]
+                x[filled] = a * u[0] + b * u[1] + c * u[2]
+                y[filled] = a * v[0] + b * v[1] + c * v[2]
                 filled += 1
         radius, cx, cy, arc, residual = _fit_slice(x[:filled], y[:filled])
         fits[node] = radius, cx, cy, arc, residual
@@ -247,10 +266,10 @@ def fit_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001, rec
     start = np.searchsorted(owner[order], np.arange(n_nodes + 1))
     first_guess = _first_radii(distance[order], start, spacing)
     reach = np.clip(1.5 * first_guess, 1.5 * spacing, None)
-    tangents = local_tangents(skeleton, 2 * reach)
-    window, window_start = _windows(skeleton, reach)
+    tree = skeleton.parent, skeleton.edge_length, *child_rows(skeleton.parent)
+    along = local_tangents(skeleton, 2 * reach)
     fits, centres, n_points = _fit_nodes(
-        surface[order], start, window, window_start, skeleton.points, tangents
+        surface[order], start, tree, reach, skeleton.points, along, MOST_SLICE_POINTS
     )
     radius, arc, residual = fits[:, 0], np.nan_to_num(fits[:, 3]), np.nan_to_num(fits[:, 4])
     centre = centres if recentre else skeleton.points
@@ -271,53 +290,35 @@ def _first_radii(distance, start, spacing):
     return guess
 
 
-def _windows(skeleton, reach):
-    """Nodes within `reach` of each node along its path, down and up without forks, as CSR rows."""
-    length, parent, children = skeleton.edge_length, skeleton.parent, skeleton.children()
-    windows = []
-    for node in range(len(skeleton)):
-        own = [node]
-        back, travelled = node, length[node]
-        while parent[back] >= 0 and travelled <= reach[node] and len(children[parent[back]]) == 1:
-            back = parent[back]
-            own.append(back)
-            travelled += length[back]
-        front, travelled = node, 0.0
-        while len(children[front]) == 1:
-            front = children[front][0]
-            travelled += length[front]
-            if travelled > reach[node]:
-                break
-            own.append(front)
-        windows.append(own)
-    start = np.concatenate([[0], np.cumsum([len(own) for own in windows])])
-    return np.concatenate(windows).astype(np.int64), start.astype(np.int64)
-
-
 def _fill_along_paths(skeleton, radius):
     """Radii of nodes without points, between the nearest ones known below and above."""
     known = np.isfinite(radius)
     if known.all() or not known.any():
         return np.where(known, radius, 0.0)
-    length, parent, reach = skeleton.edge_length, skeleton.parent, skeleton.reach()
+    return _filled(radius, known, skeleton.parent, skeleton.edge_length, skeleton.reach())
+
+
+@numba.njit(cache=True)
+def _filled(radius, known, parent, length, reach):
+    n = len(radius)
     below, to_below = radius.copy(), np.where(known, 0.0, np.inf)
     above, to_above = radius.copy(), np.where(known, 0.0, np.inf)
-    longest = np.full(len(radius), -1.0)
-    for node in range(len(radius) - 1, 0, -1):  # the longest way up decides what lies above
-        up = parent[node]
-        if (
-            not known[up]
-            and np.isfinite(to_above[node])
-            and reach[node] + length[node] > longest[up]
-        ):
-            longest[up] = reach[node] + length[node]
+    longest = np.full(n, -1.0)
+    for node in range(n - 1, 0, -1):  # the longest way up decides what lies above
+        up, way = parent[node], reach[node] + length[node]
+        if not known[up] and np.isfinite(to_above[node]) and way > longest[up]:
+            longest[up] = way
             above[up], to_above[up] = above[node], to_above[node] + length[node]
-    for node in range(1, len(radius)):
-        if not known[node]:
+    filled = radius.copy()
+    for node in range(n):
+        if known[node]:
+            continue
+        if node:
             below[node] = below[parent[node]]
             to_below[node] = to_below[parent[node]] + length[node]
-    lower = np.where(np.isfinite(to_below), 1 / np.maximum(to_below, 1e-9), 0.0)
-    upper = np.where(np.isfinite(to_above), 1 / np.maximum(to_above, 1e-9), 0.0)
-    total = np.maximum(lower + upper, 1e-30)
-    filled = (lower * np.nan_to_num(below) + upper * np.nan_to_num(above)) / total
-    return np.where(known, radius, filled)
+        lower = 1 / max(to_below[node], 1e-9) if np.isfinite(to_below[node]) else 0.0
+        upper = 1 / max(to_above[node], 1e-9) if np.isfinite(to_above[node]) else 0.0
+        value = lower * below[node] if lower > 0 else 0.0
+        value += upper * above[node] if upper > 0 else 0.0
+        filled[node] = value / max(lower + upper, 1e-30)
+    return filled

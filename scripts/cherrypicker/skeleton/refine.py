@@ -3,9 +3,8 @@
 import logging
 from dataclasses import replace
 
+import numba
 import numpy as np
-from scipy.linalg import solveh_banded
-from scipy.optimize import isotonic_regression
 from scipy.spatial import cKDTree
 
 from cherrypicker.skeleton.axes import axes as find_axes
@@ -16,6 +15,7 @@ from cherrypicker.skeleton.strands import (
     join_strands,
     nearest_on_polyline,
     split_strands,
+    straight_back,
 )
 
 __all__ = [
@@ -58,23 +58,55 @@ def smooth_polyline(points, weights, stiffness, spacing=None):
     -------
     ndarray of shape (n, 3), float64
     """
-    n = len(points)
-    if n < 3:
+    points = np.asarray(points, dtype=np.float64)
+    if len(points) < 3:
         return points.copy()
-    slope = np.ones(n - 1)
+    slope = np.ones(len(points) - 1)
     if spacing is not None:
-        length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        length = np.diff(arc_length(points))
         slope = spacing / np.maximum(length, LEAST_STEP * spacing)
-    left, right = slope[:-1], slope[1:]
-    bands = np.zeros((3, n))  # upper form of W + stiffness D2^T D2
-    bands[2] = weights
-    bands[2, :-2] += stiffness * left**2
-    bands[2, 1:-1] += stiffness * (left + right) ** 2
-    bands[2, 2:] += stiffness * right**2
-    bands[1, 1:-1] -= stiffness * left * (left + right)
-    bands[1, 2:] -= stiffness * right * (left + right)
-    bands[0, 2:] += stiffness * left * right
-    return solveh_banded(bands, weights[:, None] * points)
+    return _whittaker(points, np.asarray(weights, dtype=np.float64), slope, float(stiffness))
+
+
+@numba.njit(cache=True)
+def _whittaker(points, weights, slope, stiffness):
+    """Solve (W + stiffness D2^T D2) X = W points by a banded Cholesky factorisation."""
+    n, d = points.shape
+    main, first, second = weights.copy(), np.zeros(n), np.zeros(n)
+    for row in range(1, n - 1):
+        left, right = slope[row - 1], slope[row]
+        main[row - 1] += stiffness * left * left
+        main[row] += stiffness * (left + right) ** 2
+        main[row + 1] += stiffness * right * right
+        first[row - 1] -= stiffness * left * (left + right)  # entry (i, i + 1)
+        first[row] -= stiffness * right * (left + right)
+        second[row - 1] += stiffness * left * right  # entry (i, i + 2)
+    found = np.empty((n, d))
+    for row in range(n):  # U^T U, U kept in the same three bands
+        if row > 0:
+            main[row] -= first[row - 1] ** 2
+            first[row] -= first[row - 1] * second[row - 1]
+        if row > 1:
+            main[row] -= second[row - 2] ** 2
+        main[row] = np.sqrt(main[row])
+        first[row] /= main[row]
+        second[row] /= main[row]
+        for column in range(d):
+            value = weights[row] * points[row, column]
+            if row > 0:
+                value -= first[row - 1] * found[row - 1, column]
+            if row > 1:
+                value -= second[row - 2] * found[row - 2, column]
+            found[row, column] = value / main[row]
+    for row in range(n - 1, -1, -1):
+        for column in range(d):
+            value = found[row, column]
+            if row < n - 1:
+                value -= first[row] * found[row + 1, column]
+            if row < n - 2:
+                value -= second[row] * found[row + 2, column]
+            found[row, column] = value / main[row]
+    return found
 
 
 def taper_radii(radius, weights):
@@ -90,12 +122,33 @@ def taper_radii(radius, weights):
     -------
     ndarray of shape (n,), float64
     """
-    window = min(5, len(radius) - (len(radius) + 1) % 2)
-    if window >= 3:
-        half = window // 2
-        padded = np.pad(radius, half, mode="edge")
-        radius = np.median(np.lib.stride_tricks.sliding_window_view(padded, window), axis=1)
-    return isotonic_regression(radius, weights=weights, increasing=False).x
+    return _taper(np.asarray(radius, dtype=np.float64), np.asarray(weights, dtype=np.float64))
+
+
+@numba.njit(cache=True)
+def _taper(radius, weights):
+    """Running median of five, then the pooled means of neighbours that grow outwards."""
+    n = len(radius)
+    half = min(5, n - (n + 1) % 2) // 2
+    mean, weight, count = np.empty(n), np.empty(n), np.zeros(n, dtype=np.int64)
+    around, n_blocks = np.empty(2 * half + 1), 0
+    for row in range(n):
+        for step in range(-half, half + 1):
+            around[step + half] = radius[min(max(row + step, 0), n - 1)]
+        mean[n_blocks], weight[n_blocks], count[n_blocks] = np.median(around), weights[row], 1
+        n_blocks += 1
+        while n_blocks > 1 and mean[n_blocks - 1] > mean[n_blocks - 2]:
+            last, before = n_blocks - 1, n_blocks - 2
+            total = weight[before] + weight[last]
+            mean[before] = (weight[before] * mean[before] + weight[last] * mean[last]) / total
+            weight[before] = total
+            count[before] += count[last]
+            n_blocks -= 1
+    tapered, row = np.empty(n), 0
+    for block in range(n_blocks):
+        tapered[row : row + count[block]] = mean[block]
+        row += count[block]
+    return tapered
 
 
 def taper_skeleton(skeleton):
@@ -210,23 +263,8 @@ def _meet(parent, end, run, at_now, R, spacing):
     )
     if len(run) < 3:
         return fallback
-    centre = run.mean(axis=0)
-    direction = np.linalg.svd(run - centre, full_matrices=False)[2][0]
-    direction *= 1.0 if direction @ (run[-1] - run[0]) >= 0 else -1.0
-    s = arc_length(parent.points)
-    window = 4 * R + 4 * spacing
-    places = np.linspace(max(0.0, at_now - window), min(s[-1], at_now + window), 81)
-    spots = interpolate(parent.points, parent.points, places)
-    offset = spots - centre
-    along = offset @ direction
-    aside = np.linalg.norm(offset - along[:, None] * direction, axis=1)
-    aside[along > 0] = np.inf  # only backwards
-    best = int(np.argmin(aside))
-    if not np.isfinite(aside[best]) or aside[best] > R + spacing:
-        return fallback
-    step = spots[min(best + 1, 80)] - spots[max(best - 1, 0)]
-    cosine = abs(step @ direction) / max(np.linalg.norm(step), 1e-12)
-    return float(places[best]) if cosine < LEAST_ANGLE_COSINE else fallback
+    place, cosine = straight_back(parent.points, run, at_now, 4 * R + 4 * spacing, R + spacing)
+    return float(place) if np.isfinite(place) and cosine < LEAST_ANGLE_COSINE else fallback
 
 
 def _smooth(strand, sides, spacing):
@@ -234,7 +272,7 @@ def _smooth(strand, sides, spacing):
     s = arc_length(strand.points)
     weights = np.ones(len(s))
     for side in sides:
-        thin = float(np.median(side.radius[:3])) / max(
+        thin = sorted(side.radius[:3].tolist())[len(side.radius[:3]) // 2] / max(
             float(interpolate(strand.points, strand.radius, np.array([side.at]))[0]), 1e-9
         )
         if thin > 0.25:
@@ -276,16 +314,8 @@ def _follow_surface(strand, points, spacing, noise):
     if stretch <= 0:
         return
     direction /= stretch
-    radius = float(np.median(strand.radius[before:]))
-    offset = points - strand.points[-1]
-    along = offset @ direction
-    aside = np.linalg.norm(offset - along[:, None] * direction, axis=1)
-    near = along[aside <= max(2 * radius, 3 * noise, spacing)]
-    n_before = np.count_nonzero((near <= 0) & (near > -stretch))
-    beyond = np.sort(near[near > 0])
-    steps = np.diff(beyond, prepend=0.0)
-    breaks = np.flatnonzero(steps > WIDEST_BREAK * spacing)
-    beyond = beyond[: breaks[0]] if len(breaks) else beyond
+    aside = max(2 * float(np.median(strand.radius[before:])), 3 * noise, spacing)
+    beyond, n_before = _beyond_tip(points, strand.points[-1], direction, stretch, aside, spacing)
     if n_before < FEWEST_AT_TIP or not len(beyond):
         return
     reach = min(len(beyond) / n_before * stretch, beyond[-1], LONGEST_EXTENSION * spacing)
@@ -299,6 +329,29 @@ def _follow_surface(strand, points, spacing, noise):
     strand.radius = np.concatenate([strand.radius, np.full(n, strand.radius[-1])])
     strand.label = np.concatenate([strand.label, np.full(n, strand.label[-1])])
     strand.gap = np.concatenate([strand.gap, np.zeros(n, dtype=int)])
+
+
+@numba.njit(cache=True)
+def _beyond_tip(points, tip, direction, stretch, aside, spacing):
+    """How far beyond a tip its points lie, up to the first break, and how many lie before it."""
+    beyond, n_beyond, n_before = np.empty(len(points)), 0, 0
+    for row in range(len(points)):
+        x, y, z = points[row, 0] - tip[0], points[row, 1] - tip[1], points[row, 2] - tip[2]
+        along = x * direction[0] + y * direction[1] + z * direction[2]
+        if x * x + y * y + z * z - along * along > aside * aside or along <= -stretch:
+            continue
+        if along > 0:
+            beyond[n_beyond] = along
+            n_beyond += 1
+        else:
+            n_before += 1
+    beyond = np.sort(beyond[:n_beyond])
+    last = 0.0
+    for row in range(n_beyond):
+        if beyond[row] - last > WIDEST_BREAK * spacing:
+            return beyond[:row], n_before
+        last = beyond[row]
+    return beyond, n_before
 
 
 def _reach_foot(strand, surface, spacing):

@@ -22,6 +22,7 @@ from cherrypicker.skeleton.strands import (
     join_strands,
     nearest_on_polyline,
     split_strands,
+    straight_back,
 )
 
 __all__ = ["regrow", "surface_noise"]
@@ -179,15 +180,6 @@ def _set_on(parent, index, nodes, spacing, noise):
 def _meeting_place(parent, nodes, at_now, radius, spacing):
     """Arc length on the parent's axis that a way's straight continuation meets."""
     run = nodes[arc_length(nodes) <= DIRECTION_SPAN * spacing]
-    centre = run.mean(axis=0)
-    direction = np.linalg.svd(run - centre, full_matrices=False)[2][0]
-    direction *= 1.0 if direction @ (run[-1] - run[0]) >= 0 else -1.0
-    length = arc_length(parent.points)[-1]
     window = 4 * radius + 4 * spacing
-    places = np.linspace(max(0.0, at_now - window), min(length, at_now + window), 41)
-    offset = interpolate(parent.points, parent.points, places) - centre
-    along = offset @ direction
-    aside = np.linalg.norm(offset - along[:, None] * direction, axis=1)
-    aside[along > 0] = np.inf  # only backwards
-    best = int(np.argmin(aside))
-    return float(places[best]) if aside[best] <= radius + spacing else at_now
+    place, _ = straight_back(parent.points, run, at_now, window, radius + spacing)
+    return float(place) if np.isfinite(place) else at_now

@@ -5,6 +5,8 @@ import numpy as np
 
 __all__ = ["farthest_point_sample", "median_spacing", "thin_to_limit", "voxel_thin"]
 
+BLOCKS_ACROSS = 40  # the largest side of a cloud in blocks of farthest point sampling
+
 
 def voxel_thin(points, size, groups=None):
     """Thin points to one a voxel and group.
@@ -90,31 +92,62 @@ def farthest_point_sample(points, spacing, *, first=0, max_samples=None):
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     limit = len(points) if max_samples is None else min(max_samples, len(points))
-    return _farthest(points, float(spacing), int(first), limit)
+    order, start = _blocks(points)
+    return _farthest(points[order], order, start, float(spacing), int(first), limit)
+
+
+def _blocks(points):
+    """Points in blocks that lie together: rows block by block, and where each block starts."""
+    low = points.min(axis=0)
+    side = max(float(np.ptp(points, axis=0).max()), 1e-300) / BLOCKS_ACROSS
+    cell = np.floor((points - low) / side).astype(np.int64)
+    key = (cell[:, 0] * (BLOCKS_ACROSS + 1) + cell[:, 1]) * (BLOCKS_ACROSS + 1) + cell[:, 2]
+    order = np.argsort(key, kind="stable")
+    start = np.flatnonzero(np.diff(key[order], prepend=-1) != 0)
+    return order, np.append(start, len(points))
 
 
 @numba.njit(cache=True)
-def _farthest(points, spacing, first, limit):
-    n_points = len(points)
+def _farthest(points, row_of, start, spacing, first, limit):
+    """Farthest point sampling; blocks that a new sample is too far from are passed over."""
+    n_points, n_blocks = len(points), len(start) - 1
     samples = np.empty(limit, dtype=np.int64)
     nearest = np.zeros(n_points, dtype=np.int64)
     distance = np.full(n_points, np.inf)
-    current, n_samples = first, 0
+    low, high = np.empty((n_blocks, 3)), np.empty((n_blocks, 3))
+    worst, worst_at = np.full(n_blocks, np.inf), start[:n_blocks].copy()
+    for block in range(n_blocks):
+        for axis in range(3):
+            own = points[start[block] : start[block + 1], axis]
+            low[block, axis], high[block, axis] = own.min(), own.max()
+    current, n_samples = np.flatnonzero(row_of == first)[0], 0
     while n_samples < limit:
-        samples[n_samples] = current
-        worst, worst_row = -1.0, -1
-        for row in range(n_points):
-            dx = points[row, 0] - points[current, 0]
-            dy = points[row, 1] - points[current, 1]
-            dz = points[row, 2] - points[current, 2]
-            squared = dx * dx + dy * dy + dz * dz
-            if squared < distance[row]:
-                distance[row] = squared
-                nearest[row] = n_samples
-            if distance[row] > worst:
-                worst, worst_row = distance[row], row
+        samples[n_samples] = row_of[current]
+        at = points[current]
+        far, far_row = -1.0, n_points
+        for block in range(n_blocks):
+            outside = 0.0
+            for axis in range(3):
+                beside = max(low[block, axis] - at[axis], at[axis] - high[block, axis], 0.0)
+                outside += beside * beside
+            if outside < worst[block]:
+                own_worst = -1.0
+                for row in range(start[block], start[block + 1]):
+                    x, y, z = points[row, 0] - at[0], points[row, 1] - at[1], points[row, 2] - at[2]
+                    squared = x * x + y * y + z * z
+                    if squared < distance[row]:
+                        distance[row] = squared
+                        nearest[row] = n_samples
+                    if distance[row] > own_worst:
+                        own_worst = distance[row]
+                        worst_at[block] = row
+                worst[block] = own_worst
+            block_row = row_of[worst_at[block]]
+            if worst[block] > far or (worst[block] == far and block_row < far_row):
+                far, far_row, current = worst[block], block_row, worst_at[block]
         n_samples += 1
-        if worst <= spacing * spacing:
+        if far <= spacing * spacing:
             break
-        current = worst_row
-    return samples[:n_samples], nearest
+    unsorted = np.empty(n_points, dtype=np.int64)
+    unsorted[row_of] = nearest
+    return samples[:n_samples], unsorted

@@ -2,12 +2,24 @@
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from cherrypicker.skeleton.axes import axes as find_axes
+from cherrypicker.skeleton.local_frames import eigenvalue, eigenvector
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 
-__all__ = ["Strand", "arc_length", "join_strands", "nearest_on_polyline", "split_strands"]
+__all__ = [
+    "Strand",
+    "arc_length",
+    "interpolate",
+    "join_strands",
+    "nearest_on_polyline",
+    "split_strands",
+    "straight_back",
+]
+
+N_PLACES = 81  # on a parent's axis that a side axis may start from
 
 
 @dataclass
@@ -37,8 +49,18 @@ class Strand:
 
 def arc_length(points):
     """Arc length of each point of a polyline, (n,) float64, 0 at the first."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return _arc_length(np.ascontiguousarray(points, dtype=np.float64))
+
+
+@numba.njit(cache=True)
+def _arc_length(points):
+    along = np.zeros(len(points))
+    for row in range(1, len(points)):
+        x = points[row, 0] - points[row - 1, 0]
+        y = points[row, 1] - points[row - 1, 1]
+        z = points[row, 2] - points[row - 1, 2]
+        along[row] = along[row - 1] + np.sqrt(x * x + y * y + z * z)
+    return along
 
 
 def nearest_on_polyline(polyline, points):
@@ -55,26 +77,123 @@ def nearest_on_polyline(polyline, points):
         Arc length of the nearest place.
     distance : ndarray of shape (m,)
     """
-    if len(polyline) == 1:
-        return np.zeros(len(points)), np.linalg.norm(points - polyline[0], axis=1)
-    start, step = polyline[:-1], np.diff(polyline, axis=0)
-    length = np.maximum(np.linalg.norm(step, axis=1), 1e-12)
-    offset = points[:, None] - start[None]  # (m, n - 1, 3)
-    share = np.clip(np.einsum("mnk,nk->mn", offset, step) / length**2, 0.0, 1.0)
-    away = np.linalg.norm(offset - share[..., None] * step, axis=2)
-    best = np.argmin(away, axis=1)
-    rows = np.arange(len(points))
-    at = arc_length(polyline)[best] + share[rows, best] * length[best]
-    return at, away[rows, best]
+    return _nearest(
+        np.ascontiguousarray(polyline, dtype=np.float64),
+        np.ascontiguousarray(points, dtype=np.float64),
+    )
+
+
+@numba.njit(cache=True)
+def _nearest(line, points):
+    place, distance = np.zeros(len(points)), np.full(len(points), np.inf)
+    travelled = 0.0
+    for piece in range(max(len(line) - 1, 1)):
+        end = min(piece + 1, len(line) - 1)
+        dx = line[end, 0] - line[piece, 0]
+        dy = line[end, 1] - line[piece, 1]
+        dz = line[end, 2] - line[piece, 2]
+        squared = max(dx * dx + dy * dy + dz * dz, 1e-24)
+        for row in range(len(points)):
+            x = points[row, 0] - line[piece, 0]
+            y = points[row, 1] - line[piece, 1]
+            z = points[row, 2] - line[piece, 2]
+            share = min(max((x * dx + y * dy + z * dz) / squared, 0.0), 1.0)
+            x, y, z = x - share * dx, y - share * dy, z - share * dz
+            away = x * x + y * y + z * z
+            if away < distance[row]:
+                distance[row], place[row] = away, travelled + share * np.sqrt(squared)
+        travelled += np.sqrt(squared)
+    return place, np.sqrt(distance)
 
 
 def interpolate(strand_points, values, at):
     """Values along a polyline at given arc lengths (columns one by one)."""
-    s = arc_length(strand_points)
-    values = np.asarray(values, dtype=np.float64)
+    values = np.ascontiguousarray(values, dtype=np.float64)
+    along = _arc_length(np.ascontiguousarray(strand_points))
+    at = np.ascontiguousarray(at, dtype=np.float64)
     if values.ndim == 1:
-        return np.interp(at, s, values)
-    return np.stack([np.interp(at, s, column) for column in values.T], axis=-1)
+        return np.interp(at, along, values)
+    return _between(along, values, at)
+
+
+@numba.njit(cache=True)
+def _between(along, values, at):
+    found = np.empty((len(at), values.shape[1]))
+    for row in range(len(at)):
+        above = min(max(np.searchsorted(along, at[row]), 1), len(along) - 1)
+        below = max(above - 1, 0)
+        length = along[above] - along[below]
+        share = (at[row] - along[below]) / length if length > 0 else 0.0
+        share = min(max(share, 0.0), 1.0)
+        for column in range(values.shape[1]):
+            step = values[above, column] - values[below, column]
+            found[row, column] = values[below, column] + share * step
+    return found
+
+
+def straight_back(line, run, around, window, limit):
+    """Place on a polyline that the straight continuation of a run of points backwards meets.
+
+    Parameters
+    ----------
+    line : ndarray of shape (n, 3), float64
+        The parent's axis.
+    run : ndarray of shape (m, 3), float64
+        Points outwards along the side axis.
+    around, window : float
+        Arc length on the line that is looked around, and how far either way.
+    limit : float
+        Largest distance between the line and the continuation.
+
+    Returns
+    -------
+    place : float
+        Arc length; NaN where the two do not meet.
+    cosine : float
+        Of the angle between the two there.
+    """
+    return _straight_back(
+        np.ascontiguousarray(line), np.ascontiguousarray(run), around, window, limit
+    )
+
+
+@numba.njit(cache=True)
+def _straight_back(line, run, around, window, limit):
+    along = _arc_length(line)
+    centre, direction = _direction(run)
+    low, high = max(0.0, around - window), min(along[-1], around + window)
+    spots = _between(along, line, low + (high - low) * np.arange(N_PLACES) / (N_PLACES - 1))
+    best, least = -1, np.inf
+    for row in range(N_PLACES):
+        offset = spots[row] - centre
+        ahead = (offset * direction).sum()
+        aside = np.sqrt(max((offset * offset).sum() - ahead * ahead, 0.0))
+        if ahead <= 0 and aside < least:  # only backwards
+            best, least = row, aside
+    if best < 0 or least > limit:
+        return np.nan, 0.0
+    step = spots[min(best + 1, N_PLACES - 1)] - spots[max(best - 1, 0)]
+    cosine = abs((step * direction).sum()) / max(np.sqrt((step * step).sum()), 1e-12)
+    return low + (high - low) * best / (N_PLACES - 1), cosine
+
+
+@numba.njit(cache=True)
+def _direction(run):
+    """Middle and main direction of a run of points, from its first to its last."""
+    n = len(run)
+    centre = np.zeros(3)
+    for row in range(n):
+        centre += run[row] / n
+    xx = yy = zz = xy = xz = yz = 0.0
+    for row in range(n):
+        x, y, z = run[row, 0] - centre[0], run[row, 1] - centre[1], run[row, 2] - centre[2]
+        xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
+        xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
+    first = eigenvalue(xx, yy, zz, xy, xz, yz, True)
+    direction = np.array(eigenvector(xx, yy, zz, xy, xz, yz, first))
+    if (direction * (run[n - 1] - run[0])).sum() < 0:
+        direction = -direction
+    return centre, direction
 
 
 def split_strands(skeleton):
@@ -162,20 +281,33 @@ def _stations(s, gap, wanted, spacing):
 
     Pieces that bridge missing data have no nodes of their own: none were seen there.
     """
-    length = float(s[-1])
-    bare = np.flatnonzero(gap[1:] > 0)
-    bare = bare[s[bare + 1] - s[bare] > spacing]
-    stops = np.concatenate(
-        [[0.0], np.sort(np.concatenate([wanted, s[bare], s[bare + 1]])), [length]]
-    )
-    merged = [0.0]
-    for stop in stops[1:-1]:  # junctions closer than a third of the spacing share a node
-        if stop - merged[-1] > spacing / 3 and length - stop > spacing / 3:
-            merged.append(float(stop))
-    merged.append(float(length))
-    pieces = [np.zeros(1)]
-    for a, b in zip(merged[:-1], merged[1:]):
-        middle = np.searchsorted(s, (a + b) / 2) - 1
-        n_steps = 1 if middle in bare else max(1, int(round((b - a) / spacing)))
-        pieces.append(np.linspace(a, b, n_steps + 1)[1:])
-    return np.concatenate(pieces)
+    return _divided(s, gap, np.sort(wanted), spacing)
+
+
+@numba.njit(cache=True)
+def _divided(s, gap, wanted, spacing):
+    n, length = len(s), s[-1]
+    stops, n_stops = np.empty(2 * n + len(wanted) + 2), 0
+    for row in range(1, n):
+        if gap[row] > 0 and s[row] - s[row - 1] > spacing:
+            stops[n_stops], stops[n_stops + 1] = s[row - 1], s[row]
+            n_stops += 2
+    stops[n_stops : n_stops + len(wanted)] = wanted
+    stops = np.sort(stops[: n_stops + len(wanted)])
+    merged, n_merged = np.zeros(len(stops) + 2), 1
+    for stop in stops:  # junctions closer than a third of the spacing share a node
+        if stop - merged[n_merged - 1] > spacing / 3 and length - stop > spacing / 3:
+            merged[n_merged] = stop
+            n_merged += 1
+    merged[n_merged] = length
+    at = np.zeros(1 + n_merged + int(length / spacing + n_merged))
+    filled = 1
+    for piece in range(n_merged):
+        a, b = merged[piece], merged[piece + 1]
+        middle = np.searchsorted(s, (a + b) / 2)
+        is_bare = 0 < middle < n and gap[middle] > 0 and s[middle] - s[middle - 1] > spacing
+        n_steps = 1 if is_bare else max(1, int(np.rint((b - a) / spacing)))
+        for step in range(1, n_steps + 1):
+            at[filled] = a + (b - a) * step / n_steps
+            filled += 1
+    return at[:filled]

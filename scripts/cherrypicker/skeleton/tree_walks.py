@@ -1,0 +1,118 @@
+"""Walks along a rooted tree that is stored as parents before children (compiled)."""
+
+import numba
+import numpy as np
+
+__all__ = ["child_rows", "fill_reach", "longest_children", "sum_from_root", "tangents", "window"]
+
+
+@numba.njit(cache=True)
+def child_rows(parent):
+    """Children of each node as compressed rows.
+
+    Parameters
+    ----------
+    parent : ndarray of shape (n_nodes,), int64
+        -1 for node 0, else smaller than the node's own number.
+
+    Returns
+    -------
+    start : ndarray of shape (n_nodes + 1,), int64
+    child : ndarray of shape (n_nodes - 1,), int64
+        The children of node i are ``child[start[i]:start[i + 1]]``, in increasing order.
+    """
+    n = len(parent)
+    start = np.zeros(n + 1, dtype=np.int64)
+    for node in range(1, n):
+        start[parent[node] + 1] += 1
+    for node in range(n):
+        start[node + 1] += start[node]
+    filled = start[:n].copy()
+    child = np.empty(max(n - 1, 0), dtype=np.int64)
+    for node in range(1, n):
+        child[filled[parent[node]]] = node
+        filled[parent[node]] += 1
+    return start, child
+
+
+@numba.njit(cache=True)
+def fill_reach(parent, length):
+    """Length of the longest way from each node up to a tip, (n_nodes,) float64."""
+    reach = np.zeros(len(parent))
+    for node in range(len(parent) - 1, 0, -1):
+        reach[parent[node]] = max(reach[parent[node]], reach[node] + length[node])
+    return reach
+
+
+@numba.njit(cache=True)
+def sum_from_root(parent, values):
+    """Sum of a node's value and those of all nodes below it, (n_nodes,) float64."""
+    total = values.copy()
+    for node in range(1, len(parent)):
+        total[node] += total[parent[node]]
+    return total
+
+
+@numba.njit(cache=True)
+def longest_children(parent, ahead):
+    """Child of each node with the largest `ahead` (the later one on a tie), -1 at tips."""
+    heir = np.full(len(parent), -1, dtype=np.int64)
+    for node in range(len(parent) - 1, 0, -1):
+        best = heir[parent[node]]
+        if best < 0 or ahead[node] > ahead[best]:
+            heir[parent[node]] = node
+    return heir
+
+
+@numba.njit(cache=True)
+def tangents(points, parent, length, heir, reach):
+    """Direction at each node, from the nodes within `reach` (n_nodes,) along its own axis.
+
+    `heir` is the child that the axis goes on into. Zeros where all of them coincide.
+    """
+    found = np.zeros((len(parent), 3))
+    for node in range(len(parent)):
+        back, travelled = node, 0.0
+        while parent[back] >= 0 and travelled < reach[node]:
+            if back != node and heir[parent[back]] != back:
+                break  # beyond its own axis's base: another direction
+            travelled += length[back]
+            back = parent[back]
+        front, travelled = node, 0.0
+        while heir[front] >= 0 and travelled < reach[node]:
+            front = heir[front]
+            travelled += length[front]
+        x = points[front, 0] - points[back, 0]
+        y = points[front, 1] - points[back, 1]
+        z = points[front, 2] - points[back, 2]
+        norm = np.sqrt(x * x + y * y + z * z)
+        if norm > 0:
+            found[node, 0], found[node, 1], found[node, 2] = x / norm, y / norm, z / norm
+    return found
+
+
+@numba.njit(cache=True)
+def window(node, parent, length, start, child, reach, found):
+    """Nodes within `reach` of a node along its path, down and up without forks.
+
+    Writes them to `found` (n_nodes,) and returns their number.
+    """
+    found[0], n = node, 1
+    back, travelled = node, length[node]
+    while parent[back] >= 0 and travelled <= reach:
+        below = parent[back]
+        if start[below + 1] - start[below] != 1:
+            break
+        back = below
+        found[n] = back
+        n += 1
+        travelled += length[back]
+    front, travelled = node, 0.0
+    while start[front + 1] - start[front] == 1:
+        front = child[start[front]]
+        travelled += length[front]
+        if travelled > reach:
+            break
+        found[n] = front
+        n += 1
+    return n
