@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import render_scene
-from cherrypicker.orchard import blender, photo
+from cherrypicker.orchard import blender, ground, photo
 from cherrypicker.orchard.appearance import encode_srgb
 from cherrypicker.orchard.cameras import CameraModel, Ring, ring_poses
 from cherrypicker.orchard.mesh import box
@@ -46,12 +46,29 @@ def test_photo_carries_the_focal_length_that_colmap_reads(tmp_path):
     assert guess.mean_focal_length() == pytest.approx(210.0, rel=0.04)
 
 
-def test_ground_texture_has_north_on_top():
-    image = blender.bake_ground(3, 1.0, 16)
-    from cherrypicker.orchard.appearance import ground_color
+@pytest.mark.parametrize("kind", sorted(ground.GROUNDS))
+def test_ground_texture_is_the_ground_s_color_with_north_on_top(kind):
+    half, size = 1.5, 24
+    image = ground.bake_ground(3, half, size, kind)
+    axis = (np.arange(size) + 0.5) / size * 2 * half - half
+    places = np.stack(np.meshgrid(axis, -axis), axis=-1).reshape(-1, 2)
+    wanted = 255 * encode_srgb(ground.ground_color(places, 3, kind)).reshape(size, size, 3)
+    assert np.abs(image - wanted).max() < 1.0
+    assert image.std() > 5
 
-    north_west = ground_color(np.array([[-1 + 1 / 16, 1 - 1 / 16]]), 3)
-    np.testing.assert_allclose(image[0, 0], north_west[0], rtol=1e-5)
+
+def test_grounds_differ_and_unknown_ones_are_refused():
+    places = np.random.default_rng(0).uniform(-2, 2, (4000, 2))
+    means = np.array([ground.ground_color(places, 3, kind).mean(axis=0) for kind in ground.GROUNDS])
+    apart = np.linalg.norm(means[:, None] - means[None], axis=2) + np.eye(len(means))
+    assert apart.min() > 0.005
+    strip = np.column_stack([places[:, 0], 0.1 * places[:, 1]])
+    away = strip + [0.0, 5.0]
+    for kind, in_strip in (("mulch", True), ("gravel", False)):
+        gap = np.subtract(*(ground.ground_color(at, 3, kind).mean(axis=0) for at in (strip, away)))
+        assert (np.abs(gap).max() > 0.03) == in_strip
+    with pytest.raises(ValueError, match="ground"):
+        ground.ground_color(places, 3, "lava")
 
 
 def test_srgb_round_trip():
@@ -62,7 +79,8 @@ def test_srgb_round_trip():
 @pytest.mark.slow
 def test_rendered_ring_lies_where_the_truth_says(tmp_path, monkeypatch):
     pytest.importorskip("bpy")
-    monkeypatch.setattr(blender, "GROUND_TEXTURES", ((4.1, 256), (40.0, 256)))
+    monkeypatch.setattr(blender, "GROUND_TEXTURES", ((1.25, 6.0), (3.5, 30.0)))
+    monkeypatch.setattr(blender, "HORIZON_PIXEL_M", 0.5)
     scene = generate_scene(3, neighbours=0, ring=True, sky="overcast", sign=False, post=False)
     camera = CameraModel(width=240, height=360, focal_px=315.0)
     poses = ring_poses([Ring(2, 0.6, 1.2, 0.45)], camera, seed=1)

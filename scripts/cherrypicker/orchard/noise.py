@@ -7,11 +7,11 @@ on the clouds sees the bark and the ground that the photos show.
 import numpy as np
 from numba import njit
 
-__all__ = ["fbm", "spots"]
+__all__ = ["fbm", "hash_cell", "spots", "value_noise"]
 
 
 @njit(cache=True, inline="always")
-def _hash(i, j, k, seed):
+def hash_cell(i, j, k, seed):
     """Mix three lattice coordinates and a seed into a number in [0, 1)."""
     # numba widens products of 32-bit integers: every step is cut back to 32 bits
     h = np.uint32(np.uint32(seed) * np.uint32(0x9E3779B1))
@@ -25,22 +25,24 @@ def _hash(i, j, k, seed):
     return np.float64(h) / 4294967296.0
 
 
+@njit(cache=True, inline="always")
+def _layer(a, b, c, fx, fy, seed):
+    near = hash_cell(a, b, c, seed) * (1 - fx) + hash_cell(a + 1, b, c, seed) * fx
+    far = hash_cell(a, b + 1, c, seed) * (1 - fx) + hash_cell(a + 1, b + 1, c, seed) * fx
+    return near * (1 - fy) + far * fy
+
+
 @njit(cache=True)
-def _value(x, y, z, seed):
+def value_noise(x, y, z, seed):
     """Value noise at one point, in [0, 1]."""
     i, j, k = np.floor(x), np.floor(y), np.floor(z)
     fx, fy, fz = x - i, y - j, z - k
     fx, fy, fz = fx * fx * (3 - 2 * fx), fy * fy * (3 - 2 * fy), fz * fz * (3 - 2 * fz)
     a, b, c = np.int64(i), np.int64(j), np.int64(k)
-    lo = (_hash(a, b, c, seed) * (1 - fx) + _hash(a + 1, b, c, seed) * fx) * (1 - fy) + (
-        _hash(a, b + 1, c, seed) * (1 - fx) + _hash(a + 1, b + 1, c, seed) * fx
-    ) * fy
+    low = _layer(a, b, c, fx, fy, seed)
     if fz == 0.0:
-        return lo
-    hi = (_hash(a, b, c + 1, seed) * (1 - fx) + _hash(a + 1, b, c + 1, seed) * fx) * (1 - fy) + (
-        _hash(a, b + 1, c + 1, seed) * (1 - fx) + _hash(a + 1, b + 1, c + 1, seed) * fx
-    ) * fy
-    return lo * (1 - fz) + hi * fz
+        return low
+    return low * (1 - fz) + _layer(a, b, c + 1, fx, fy, seed) * fz
 
 
 @njit(cache=True)
@@ -49,7 +51,7 @@ def _fbm(points, octaves, gain, seed, out):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         amplitude, total, norm = 1.0, 0.0, 0.0
         for octave in range(octaves):
-            total += amplitude * (_value(x, y, z, seed + octave) - 0.5)
+            total += amplitude * (value_noise(x, y, z, seed + octave) - 0.5)
             norm += amplitude * amplitude
             amplitude *= gain
             # a factor off 2 and a shift keep the lattices of the octaves apart
@@ -69,15 +71,15 @@ def _spots(points, density, seed, flat, strength, tint):
         for a in range(i - 1, i + 2):
             for b in range(j - 1, j + 2):
                 for c in range(k - depth, k + depth + 1):
-                    if _hash(a, b, c, seed) >= density:
+                    if hash_cell(a, b, c, seed) >= density:
                         continue
-                    dx = x - a - _hash(a, b, c, seed + 1)
-                    dy = y - b - _hash(a, b, c, seed + 2)
-                    dz = 0.0 if flat else z - c - _hash(a, b, c, seed + 3)
-                    radius = 0.25 + 0.55 * _hash(a, b, c, seed + 4)
+                    dx = x - a - hash_cell(a, b, c, seed + 1)
+                    dy = y - b - hash_cell(a, b, c, seed + 2)
+                    dz = 0.0 if flat else z - c - hash_cell(a, b, c, seed + 3)
+                    radius = 0.25 + 0.55 * hash_cell(a, b, c, seed + 4)
                     value = 1.0 - np.sqrt(dx * dx + dy * dy + dz * dz) / radius
                     if value > best:
-                        best, best_tint = value, _hash(a, b, c, seed + 5)
+                        best, best_tint = value, hash_cell(a, b, c, seed + 5)
         strength[n] = best
         tint[n] = best_tint
 
