@@ -80,10 +80,14 @@ def render(scene, poses, camera, folder, args):
     photos = Path(folder) / "photos"
     photos.mkdir(parents=True, exist_ok=True)
     start = time.perf_counter()
-    with BlenderScene(scene, wide, samples=args.samples, threads=args.threads) as stage:
+    options = {"samples": args.samples, "threads": args.threads}
+    distance = float(np.linalg.norm(poses.centers[:, :2], axis=1).mean())
+    with BlenderScene(scene, wide, distance=distance, **options) as stage:
         logger.info("scene built in %.0f s", time.perf_counter() - start)
         for i in counted(sorted({*no_photo, *no_maps}), "photo"):
             name, pose = str(poses.names[i]), poses.cam_from_world[i]
+            if scene.wind_m > 0:
+                stage.blow(i)
             if i in no_maps:  # before the photo: a photo that is there has its maps
                 depth, normals, label, tree = stage.truth(pose)
                 maps = [depth, normals, behind_all(label, scene, wide_poses, i), tree]

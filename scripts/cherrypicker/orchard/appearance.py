@@ -9,8 +9,8 @@ from cherrypicker.orchard.noise import fbm, spots
 __all__ = [
     "Light",
     "bark_color",
+    "bark_relief",
     "encode_srgb",
-    "ground_color",
     "image_color",
     "make_light",
     "surface_color",
@@ -43,6 +43,8 @@ SKIES = {
     "overcast": (0.22, (1.0, 1.0, 1.0), (1.18, 1.20, 1.24), (0.66, 0.65, 0.63), (35, 60)),
     "low": (1.25, (1.0, 0.80, 0.58), (0.58, 0.63, 0.76), (0.36, 0.32, 0.28), (9, 18)),
 }
+SMOOTH_M = 0.005  # wood of this radius and less has no relief
+RELIEF, RELIEF_M = 0.07, 0.0025
 DRAWN_SKIES = ("clear", "broken", "overcast")
 
 
@@ -108,6 +110,37 @@ def bark_color(rest, radius, seed):
     return np.clip(_mix(color, lichens, 0.85 * cover), 0.01, 0.8)
 
 
+def bark_relief(rest, radius, material):
+    """How far bark stands out from the smooth stem: plates and cracks of old wood, lenticels.
+
+    Parameters
+    ----------
+    rest, radius : ndarray of shape (N, 3) and (N,)
+        As in `bark_color`.
+    material : dict
+        `seed`, and `relief`: the depth, of that of old cherry trees; 0 for smooth wood.
+
+    Returns
+    -------
+    ndarray of shape (N,), float64
+        m, outwards; at most `RELIEF` of the radius and `RELIEF_M`, each way, times `relief`.
+    """
+    height = np.zeros(len(rest))
+    old = np.flatnonzero(radius > SMOOTH_M)
+    if not material.get("relief") or len(old) == 0:
+        return height
+    rest, radius = rest[old], radius[old]
+    seed = int(np.random.default_rng([int(material["seed"]), 31]).integers(1 << 30))
+    # the colour's own patterns, so that dark cracks are deep and pale lenticels stand out
+    plates = fbm(rest * np.array([25, 25, 95]), octaves=2, gain=0.75, seed=seed + 11)
+    crack = np.abs(fbm(rest * np.array([110, 110, 45]), octaves=3, seed=seed + 37) - 0.5)
+    lenticel, _ = spots(rest * np.array([80, 80, 230]), density=0.45, seed=seed + 23)
+    shape = 1.6 * (plates - 0.5) - 0.8 * np.clip(1.0 - crack / 0.06, 0, 1) + 0.5 * lenticel
+    depth = np.minimum(RELIEF * (radius - SMOOTH_M), RELIEF_M)
+    height[old] = material["relief"] * depth * np.clip(shape, -1, 1)
+    return height
+
+
 def _painted(color, rest, s, material):
     """White paint against frost on the stem's foot, worn off here and there, its rim uneven."""
     wear = fbm(rest * 22, octaves=4, gain=0.65, seed=material["seed"] + 71)
@@ -123,56 +156,6 @@ def wood_color(rest, seed, base=(0.36, 0.29, 0.20)):
     knots, _ = spots(rest * np.array([9, 9, 6]), density=0.3, seed=seed + 17)
     tone = (0.45 + 0.75 * streak) * (0.55 + 0.9 * dirt) * (1.0 - 0.6 * knots)
     return np.clip(np.asarray(base) * tone[:, None], 0.01, 0.8)
-
-
-def ground_color(xy, seed):
-    """Albedo of the orchard floor: grass alleys, a bare strip along the row, pebbles, dead leaves.
-
-    Parameters
-    ----------
-    xy : ndarray of shape (N, 2)
-        Position, m; the row runs along x.
-    seed : int
-        Seed of the floor; it also draws the mix of grass and soil.
-
-    Returns
-    -------
-    ndarray of shape (N, 3)
-        Linear RGB.
-    """
-    rng = np.random.default_rng([int(seed), 41])
-    s = int(rng.integers(1 << 30))
-    bare, strip = rng.uniform(0.25, 0.55), rng.uniform(0.4, 0.9)
-    green = np.array([0.125, 0.170, 0.050]) * rng.uniform(0.8, 1.2)
-    dry = np.array([0.33, 0.28, 0.13]) * rng.uniform(0.8, 1.1)
-    earth = np.array([0.190, 0.135, 0.090]) * rng.uniform(0.75, 1.25)
-    p = np.column_stack([xy, np.zeros(len(xy))])
-
-    tone = fbm(p * 2.5, octaves=5, gain=0.7, seed=s)
-    fine = fbm(p * 42, octaves=4, gain=0.8, seed=s + 11)
-    # blades: noise stretched along two crossing directions, chosen patch by patch
-    u, v = (p[:, 0] + 0.6 * p[:, 1]), (p[:, 1] - 0.6 * p[:, 0])
-    zero = np.zeros(len(p))
-    blades_a = fbm(np.column_stack([220 * u, 38 * v, zero]), octaves=2, gain=0.7, seed=s + 23)
-    blades_b = fbm(np.column_stack([34 * u, 200 * v, zero]), octaves=2, gain=0.7, seed=s + 29)
-    pick = fbm(p * 18, octaves=1, seed=s + 31) > 0.5
-    blades = np.where(pick, blades_a, blades_b)
-    grass = _mix(green, dry, 1.7 * (tone - 0.36)) * (0.10 + 1.25 * blades + 0.55 * fine)[:, None]
-    soil = earth * (0.15 + 0.9 * fine + 0.8 * tone)[:, None]
-    cover = np.clip((bare - fbm(p * 1.6, octaves=5, gain=0.65, seed=s + 41)) / 0.05, -4, 4)
-    cover = cover + 5.0 * (1.0 - np.abs(xy[:, 1]) / strip)
-    color = _mix(grass, soil, 0.5 + 0.4 * cover + 1.2 * (blades - 0.5))
-    for cells, density, seed_, low, high in (
-        (26.0, 0.18, s + 53, (0.16, 0.15, 0.14), (0.48, 0.46, 0.42)),  # pebbles
-        (60.0, 0.22, s + 59, (0.05, 0.045, 0.04), (0.36, 0.30, 0.22)),  # clods and straw
-        (15.0, 0.28, s + 67, (0.16, 0.085, 0.04), (0.42, 0.25, 0.11)),  # dead leaves
-    ):
-        # the fine noise frays the rims
-        frayed = p * cells + 0.55 * np.column_stack([fine - 0.5, blades - 0.5, zero])
-        strength, tint = spots(frayed, density=density, seed=seed_, flat=True)
-        spot = np.asarray(low) + tint[:, None] * (np.asarray(high) - np.asarray(low))
-        color = _mix(color, spot * (0.55 + 0.9 * fine)[:, None], 5.0 * strength)
-    return np.clip(color, 0.006, 0.8)
 
 
 def image_color(image, uv):

@@ -21,12 +21,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from cherrypicker.orchard.appearance import encode_srgb, ground_color, surface_color
+from cherrypicker.orchard.appearance import bark_relief, encode_srgb, surface_color
 from cherrypicker.orchard.backdrop import backdrop
+from cherrypicker.orchard.buds import bud_mesh
 from cherrypicker.orchard.cameras import CameraModel, Ring, ring_poses
+from cherrypicker.orchard.ground import ground_color
 from cherrypicker.orchard.mesh import NO_TREE
 from cherrypicker.orchard.noise import fbm
-from cherrypicker.orchard.surfaces import ground, lit, things
+from cherrypicker.orchard.surfaces import ground, lit, on_mesh, things
 from cherrypicker.orchard.tubes import sample_tubes
 from cherrypicker.orchard.visibility import choose_views
 
@@ -36,6 +38,7 @@ SPILL_REACH_PX = 2.0  # radius of wood at which a silhouette grows by 1/e of tha
 SKY_ELEVATION = 0.06  # sine over which the sky begins
 NEIGHBOURS = 4  # photos whose distance is the baseline
 OVERSAMPLE = 2.2
+THIN_THING_M = 0.01  # wires and threads are lost as twigs are
 MOST_THING_M2 = 0.8  # a roof would take most of the points by its area alone
 
 
@@ -208,23 +211,35 @@ def _wood(rng, scene, density, extent, widen):
             [np.cos(sample.angle), np.sin(sample.angle)], axis=1
         )
         rest = np.column_stack([around, sample.s]) + shift[sample.axis]
-        kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
-        parts.append(
-            {
-                "points": sample.points + offset,
-                "normals": sample.normals,
-                "tangents": sample.tangents,
-                "albedo": surface_color(
-                    {"kind": "bark", "seed": tree.bark_seed, "paint_m": tree.paint_m},
-                    {"rest": rest, "radius": sample.radius, "axis": sample.axis, "s": sample.s},
-                    len(sample),
-                ),
-                "label": kinds[sample.axis],
-                "radius": sample.radius,
-                "tree": np.full(len(sample), number, np.uint8),
-            }
-        )
+        height = bark_relief(rest, sample.radius, tree.bark)
+        at = {"rest": rest, "radius": sample.radius, "axis": sample.axis, "s": sample.s}
+        points = sample.points + offset + height[:, None] * sample.normals
+        parts.append(_bark(tree, number, points, sample.normals, sample.tangents, at))
+        if tree.buds is not None:
+            mesh = bud_mesh(tree.buds).moved(offset)
+            n = rng.poisson(density * mesh.face_areas().sum())
+            points, normals, at = on_mesh(rng, mesh, n)
+            inside = np.hypot(points[:, 0], points[:, 1]) < extent
+            at = {k: v[inside] for k, v in at.items()}
+            along = _axis_tangents(tree, at["axis"])
+            parts.append(_bark(tree, number, points[inside], normals[inside], along, at))
     return parts
+
+
+def _axis_tangents(tree, axis):
+    """Mean direction (n, 3) of the axes that points belong to."""
+    whole = np.array([a.points[-1] - a.points[0] for a in tree.axes])
+    return (whole / np.linalg.norm(whole, axis=1, keepdims=True))[axis]
+
+
+def _bark(tree, number, points, normals, tangents, at):
+    """Points on a tree as the model needs them; `at`: where on its axes they lie."""
+    kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
+    return {
+        "points": points, "normals": normals, "tangents": tangents,
+        "albedo": surface_color(tree.bark, at, len(points)), "label": kinds[at["axis"]],
+        "radius": at["radius"], "tree": np.full(len(points), number, np.uint8),
+    }  # fmt: skip
 
 
 def _surface(rng, scene, n_points, extent, ground_share, widen):
@@ -303,7 +318,8 @@ def _behind(scene, points, rays):
     near = np.hypot(hit[:, 0], hit[:, 1]) < 40.0
     index = np.flatnonzero(down)[near]
     up = np.tile([0.0, 0.0, 1.0], (len(index), 1))
-    radiance[index] = scene.light.shade(ground_color(hit[near, :2], scene.ground_seed), up)
+    floor = ground_color(hit[near, :2], scene.ground_seed, scene.ground_kind)
+    radiance[index] = scene.light.shade(floor, up)
     return radiance
 
 
@@ -382,7 +398,7 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
 def _kept(rng, cloud, seen, cover, pixel, rays):
     """Which points stereo finds among those that enough photos see."""
     points, radius = cloud["points"], cloud["radius"]
-    wood = cloud["tree"] != NO_TREE
+    wood = (cloud["tree"] != NO_TREE) | (radius < THIN_THING_M)
     patches = fbm(points * 9, octaves=2, seed=int(rng.integers(1 << 30))) - 0.5
     width = 2 * radius / pixel + 6.0 * seen.patchiness * seen.width_soft_px * patches
     sharp = seen.width_soft_px * (1.0 - 0.8 * seen.patchiness)

@@ -12,9 +12,21 @@ from PIL import Image
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.orchard.appearance import encode_srgb, ground_color, surface_color
+from cherrypicker.orchard.appearance import bark_relief, encode_srgb, surface_color
+from cherrypicker.orchard.ground import bake_ground
+from cherrypicker.orchard.materials import (
+    LIGHT,
+    PACK,
+    SWITCH,
+    TRUTH,
+    ground_colors,
+    image_colors,
+    new_material,
+    vertex_colors,
+)
 from cherrypicker.orchard.mesh import NO_TREE, ground_disc
 from cherrypicker.orchard.photo import decode_srgb
+from cherrypicker.orchard.wind import moved_points, sway
 
 __all__ = ["INSTALL", "BlenderScene"]
 
@@ -23,10 +35,10 @@ INSTALL = (
     "envs/requirements-render.txt && .venv-render/bin/pip install --no-deps "
     "opencv-contrib-python-headless==5.0.0.93"
 )
-# half width (m) and pixels of the ground's textures: 2 mm a pixel at the tree, coarser far off
-GROUND_TEXTURES = ((4.1, 4096), (12.0, 3072), (40.0, 2048))
-_SWITCH, _LIGHT, _TRUTH = "switch", -1e6, 1e6
-_PACK = 4.0  # a label is packed above a normal's component, which lies in [-1, 1]
+# the ground's textures: half width (of the cameras' distance) and pixel (of a photo's at the tree)
+GROUND_TEXTURES = ((1.25, 0.85), (3.5, 3.4))
+HORIZON_M, HORIZON_PIXEL_M = 40.0, 0.06
+LEAST_DISTANCE_M = 2.0
 
 
 def import_bpy():
@@ -47,166 +59,12 @@ def import_bpy():
     return bpy
 
 
-def new_material(bpy, name, light, color_socket):
-    """A diffuse surface lit by the sun lamp, plus the sky's light by how far it faces up.
-
-    `color_socket(nodes, links)` builds the albedo and returns its output socket. The material's
-    switch turns the light into the truth, see `truth_light`: a change of a value, after which
-    Cycles need not read the meshes anew.
-    """
-    material = bpy.data.materials.new(name)
-    if material.node_tree is None:  # Blender 5 makes it at once
-        material.use_nodes = True
-    # the sky's share is written as emission, but no surface is a lamp to draw shadow rays to
-    material.cycles.emission_sampling = "NONE"
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    nodes.clear()
-    albedo = color_socket(nodes, links)
-    normal = nodes.new("ShaderNodeNewGeometry").outputs["Normal"]
-    axis = nodes.new("ShaderNodeSeparateXYZ")
-    links.new(normal, axis.inputs[0])
-    up = nodes.new("ShaderNodeMapRange")
-    up.inputs["From Min"].default_value = -1.0
-    links.new(axis.outputs["Z"], up.inputs["Value"])
-    ambient = nodes.new("ShaderNodeMix")
-    ambient.data_type = "RGBA"
-    links.new(up.outputs["Result"], ambient.inputs["Factor"])
-    sockets = [s for s in ambient.inputs if s.type == "RGBA"]
-    sockets[0].default_value = (*light.ambient_bottom, 1.0)
-    sockets[1].default_value = (*light.ambient_top, 1.0)
-    product = nodes.new("ShaderNodeVectorMath")
-    product.operation = "MULTIPLY"
-    links.new(albedo, product.inputs[0])
-    links.new(next(s for s in ambient.outputs if s.type == "RGBA"), product.inputs[1])
-    emission = nodes.new("ShaderNodeEmission")
-    links.new(product.outputs[0], emission.inputs["Color"])
-    diffuse = nodes.new("ShaderNodeBsdfDiffuse")
-    links.new(albedo, diffuse.inputs["Color"])
-    total = nodes.new("ShaderNodeAddShader")
-    links.new(emission.outputs[0], total.inputs[0])
-    links.new(diffuse.outputs[0], total.inputs[1])
-    either = nodes.new("ShaderNodeMixShader")
-    links.new(_switch(nodes, links), either.inputs[0])
-    links.new(total.outputs[0], either.inputs[1])
-    links.new(truth_light(nodes, links), either.inputs[2])
-    output = nodes.new("ShaderNodeOutputMaterial")
-    links.new(either.outputs[0], output.inputs["Surface"])
-    return material
-
-
-def _switch(nodes, links):
-    """A socket of 0 (light) or 1 (truth) after the value node named `_SWITCH`.
-
-    The depth is added so that the sum is not known before a ray hits: else Cycles would leave the
-    other half of the material out, and read all meshes again at each turn of the switch.
-    """
-    value = nodes.new("ShaderNodeValue")
-    value.name = _SWITCH
-    value.outputs[0].default_value = _LIGHT
-    total = nodes.new("ShaderNodeMath")
-    total.operation = "ADD"
-    links.new(nodes.new("ShaderNodeCameraData").outputs["View Z Depth"], total.inputs[0])
-    links.new(value.outputs[0], total.inputs[1])
-    above = nodes.new("ShaderNodeMath")
-    above.operation = "GREATER_THAN"
-    above.inputs[1].default_value = 0.0
-    links.new(total.outputs[0], above.inputs[0])
-    return above.outputs[0]
-
-
-def truth_light(nodes, links):
-    """Light that is the truth: red depth, green and blue normals with class and tree.
-
-    Depth lies along the optical axis, m. Green is the normal's x in the camera plus 2 plus four
-    times the class, blue its y plus 2 plus four times the tree. The normal's z follows, since a
-    surface that is seen faces the camera.
-    """
-    depth = nodes.new("ShaderNodeCameraData").outputs["View Z Depth"]
-    turn = nodes.new("ShaderNodeVectorTransform")
-    turn.vector_type, turn.convert_from, turn.convert_to = "NORMAL", "WORLD", "CAMERA"
-    links.new(nodes.new("ShaderNodeNewGeometry").outputs["True Normal"], turn.inputs[0])
-    normal = nodes.new("ShaderNodeSeparateXYZ")
-    links.new(turn.outputs[0], normal.inputs[0])
-    attribute = nodes.new("ShaderNodeAttribute")
-    attribute.attribute_name = "truth"
-    kinds = nodes.new("ShaderNodeSeparateXYZ")
-    links.new(attribute.outputs["Vector"], kinds.inputs[0])
-    color = nodes.new("ShaderNodeCombineXYZ")
-    links.new(depth, color.inputs[0])
-    for k, axis in ((1, "X"), (2, "Y")):
-        packed = nodes.new("ShaderNodeMath")
-        packed.operation = "MULTIPLY_ADD"
-        links.new(kinds.outputs["XY"[k - 1]], packed.inputs[0])
-        packed.inputs[1].default_value = _PACK
-        links.new(normal.outputs[axis], packed.inputs[2])
-        above = nodes.new("ShaderNodeMath")  # light is never negative
-        above.operation = "ADD"
-        above.inputs[1].default_value = 2.0
-        links.new(packed.outputs[0], above.inputs[0])
-        links.new(above.outputs[0], color.inputs[k])
-    emission = nodes.new("ShaderNodeEmission")
-    links.new(color.outputs[0], emission.inputs["Color"])
-    return emission.outputs[0]
-
-
-def vertex_colors(nodes, _links):
-    """Albedo from the mesh's colour attribute."""
-    attribute = nodes.new("ShaderNodeAttribute")
-    attribute.attribute_name = "albedo"
-    return attribute.outputs["Color"]
-
-
-def image_colors(image, interpolation):
-    """Albedo from an image by the mesh's uv."""
-
-    def build(nodes, links):
-        attribute = nodes.new("ShaderNodeAttribute")
-        attribute.attribute_name = "uv3"
-        texture = nodes.new("ShaderNodeTexImage")
-        texture.image, texture.interpolation, texture.extension = image, interpolation, "EXTEND"
-        links.new(attribute.outputs["Vector"], texture.inputs["Vector"])
-        return texture.outputs["Color"]
-
-    return build
-
-
-def ground_colors(image, half):
-    """Albedo from an image that spans [-half, half] metres in x and y."""
-
-    def build(nodes, links):
-        position = nodes.new("ShaderNodeNewGeometry").outputs["Position"]
-        mapping = nodes.new("ShaderNodeMapping")
-        mapping.inputs["Scale"].default_value = (0.5 / half, 0.5 / half, 0.0)
-        mapping.inputs["Location"].default_value = (0.5, 0.5, 0.0)
-        links.new(position, mapping.inputs["Vector"])
-        texture = nodes.new("ShaderNodeTexImage")
-        texture.image, texture.interpolation, texture.extension = image, "Linear", "EXTEND"
-        links.new(mapping.outputs["Vector"], texture.inputs["Vector"])
-        return texture.outputs["Color"]
-
-    return build
-
-
-def load_image(bpy, folder, name, linear):
-    """Hand a linear albedo image (H, W, 3) to Blender by way of an 8-bit file."""
+def load_image(bpy, folder, name, pixels):
+    """Hand an sRGB image (H, W, 3) uint8 to Blender by way of a file."""
     path = str(Path(folder) / f"{name}.png")
-    Image.fromarray(np.round(255 * encode_srgb(linear)).astype(np.uint8)).save(
-        path, compress_level=1
-    )
+    Image.fromarray(pixels).save(path, compress_level=1)
     image = bpy.data.images.load(path)
     image.colorspace_settings.name = "sRGB"
-    return image
-
-
-def bake_ground(seed, half, size):
-    """Ground albedo over a square of half width `half` m as an image (size, size, 3), float32."""
-    axis = (np.arange(size) + 0.5) / size * 2 * half - half
-    image = np.empty((size, size, 3), np.float32)
-    rows = max(1, 2_000_000 // size)
-    for start in range(0, size, rows):
-        y = -axis[start : start + rows]
-        xy = np.stack(np.meshgrid(axis, y), axis=-1).reshape(-1, 2)
-        image[start : start + rows] = ground_color(xy, seed).reshape(len(y), size, 3)
     return image
 
 
@@ -255,18 +113,29 @@ def truth_attribute(labels, tree):
     return np.column_stack([labels, np.full(len(labels), min(tree, 16)), np.zeros(len(labels))])
 
 
-def add_things(bpy, scene, folder):
-    """Trees and the other objects."""
-    painted = new_material(bpy, "painted", scene.light, vertex_colors)
+def add_trees(bpy, scene, painted):
+    """Trees with the relief of their bark; per tree the mesh in Blender and our own."""
+    made = []
     for tree in scene.tree_objects(row_step=0.002, side_step=0.002, max_sides=160):
-        albedo = surface_color(tree.material, tree.mesh.attributes, len(tree.mesh.vertices))
+        mesh, at = tree.mesh, tree.mesh.attributes
+        albedo = surface_color(tree.material, at, len(mesh.vertices))
+        if tree.material["relief"] > 0:
+            height = bark_relief(at["rest"], at["radius"], tree.material)
+            mesh = mesh.moved(height[:, None] * mesh.vertex_normals())
         labels = np.array([int(a.label) for a in scene.trees[tree.tree].axes])
-        truth = truth_attribute(labels[tree.mesh.attributes["axis"]], tree.tree)
-        data = add_mesh(bpy, tree.name, tree.mesh, [painted], albedo=albedo, truth=truth)
+        truth = truth_attribute(labels[at["axis"]], tree.tree)
+        data = add_mesh(bpy, tree.name, mesh, [painted], albedo=albedo, truth=truth)
         data.polygons.foreach_set("use_smooth", np.ones(len(data.polygons), bool))
+        made.append((data, mesh))
+    return made
+
+
+def add_things(bpy, scene, folder, painted):
+    """All that is neither a tree nor the ground."""
     for thing in scene.objects:
         if thing.material["kind"] == "image":
-            image = load_image(bpy, folder, thing.name, thing.material["image"])
+            pixels = np.round(255 * encode_srgb(thing.material["image"])).astype(np.uint8)
+            image = load_image(bpy, folder, thing.name, pixels)
             filtering = {"closest": "Closest", "linear": "Linear"}[thing.material["filter"]]
             material = new_material(bpy, thing.name, scene.light, image_colors(image, filtering))
             uv = np.clip(thing.mesh.attributes["uv"], 0, 1)
@@ -280,19 +149,35 @@ def add_things(bpy, scene, folder):
             add_mesh(bpy, thing.name, fine, [painted], albedo=albedo, truth=truth)
 
 
-def add_ground(bpy, scene, folder):
+def ground_textures(distance, focal_px):
+    """Half widths (m) and sizes (px) of the ground's textures, from the finest to the horizon's.
+
+    Parameters
+    ----------
+    distance : float
+        Of the cameras from the tree, m.
+    focal_px : float
+    """
+    distance = max(distance, LEAST_DISTANCE_M)
+    made = []
+    for reach, pixels in GROUND_TEXTURES:
+        half = min(reach * distance, 0.8 * HORIZON_M)
+        made.append((half, int(np.ceil(2 * half / (pixels * distance / focal_px)))))
+    return [*made, (HORIZON_M, int(2 * HORIZON_M / HORIZON_PIXEL_M))]
+
+
+def add_ground(bpy, scene, folder, textures):
     """The ground disc with a fine texture near the tree and coarser ones beyond."""
-    outer = GROUND_TEXTURES[-1][0]
-    mesh = ground_disc(scene.ground_height, outer=outer, rings=420, sectors=360)
+    mesh = ground_disc(scene.ground_height, outer=HORIZON_M, rings=420, sectors=360)
     middle = mesh.vertices[mesh.faces].mean(1)
-    reach = [half - 0.1 for half, _ in GROUND_TEXTURES[:-1]]
+    reach = [half - 0.1 for half, _ in textures[:-1]]
     zone = np.searchsorted(reach, np.hypot(middle[:, 0], middle[:, 1]))
     materials = []
-    for half, size in GROUND_TEXTURES:
-        linear = bake_ground(scene.ground_seed, half, size)
-        image = load_image(bpy, folder, f"ground_{half:.0f}", linear)
+    for number, (half, size) in enumerate(textures):
+        pixels = bake_ground(scene.ground_seed, half, size, scene.ground_kind)
+        image = load_image(bpy, folder, f"ground_{number}", pixels)
         colors = ground_colors(image, half)
-        materials.append(new_material(bpy, f"ground_{half:.0f}", scene.light, colors))
+        materials.append(new_material(bpy, f"ground_{number}", scene.light, colors))
     truth = truth_attribute(np.full(len(mesh.vertices), int(Label.GROUND)), NO_TREE)
     data = add_mesh(bpy, "ground", mesh, materials, face_material=zone, truth=truth)
     data.polygons.foreach_set("use_smooth", np.ones(len(data.polygons), bool))
@@ -349,7 +234,7 @@ def place(eye, cam_from_world):
 
 
 def unpack_truth(pixels):
-    """Split rendered truth (h, w, 4), rows from the top, into maps; see `truth_light`.
+    """Split rendered truth (h, w, 4), rows from the top, into maps; see `materials.truth_light`.
 
     Returns
     -------
@@ -362,8 +247,8 @@ def unpack_truth(pixels):
     """
     there = pixels[..., 3] > 0.5
     depth = np.where(there, pixels[..., 0], 0).astype(np.float32)
-    kind = np.clip(np.round((pixels[..., 1:3] - 2.0) / _PACK), 0, 255)
-    x, y = np.moveaxis(pixels[..., 1:3] - 2.0 - _PACK * kind, -1, 0)
+    kind = np.clip(np.round((pixels[..., 1:3] - 2.0) / PACK), 0, 255)
+    x, y = np.moveaxis(pixels[..., 1:3] - 2.0 - PACK * kind, -1, 0)
     x, y = np.clip(x, -1, 1), np.clip(-y, -1, 1)  # Blender's camera has y up
     z = -np.sqrt(np.clip(1.0 - x**2 - y**2, 0, 1))
     normals = np.where(there[..., None], np.stack([x, y, z], -1), 0).astype(np.float32)
@@ -379,19 +264,24 @@ class BlenderScene:
     ----------
     scene : cherrypicker.orchard.scene.Scene
     camera : CameraModel
+    distance : float
+        Of the cameras from the tree, m: how fine the ground's textures are.
     samples : int
         Cycles' samples a pixel.
     threads : int
     """
 
-    def __init__(self, scene, camera, *, samples=4, threads=2):
+    def __init__(self, scene, camera, *, distance=2.5, samples=4, threads=2):
         self.bpy = import_bpy()
         self.bpy.ops.wm.read_factory_settings(use_empty=True)
         self._folder = tempfile.TemporaryDirectory()
         self.samples = samples
         self.eye = set_up(self.bpy, scene, camera, samples, threads)
-        add_things(self.bpy, scene, self._folder.name)
-        add_ground(self.bpy, scene, self._folder.name)
+        painted = new_material(self.bpy, "painted", scene.light, vertex_colors)
+        self._scene, self._trees = scene, add_trees(self.bpy, scene, painted)
+        add_things(self.bpy, scene, self._folder.name, painted)
+        textures = ground_textures(distance, camera.focal_px)
+        add_ground(self.bpy, scene, self._folder.name, textures)
 
     def __enter__(self):
         return self
@@ -413,11 +303,22 @@ class BlenderScene:
         """Switch between light and truth."""
         cycles = self.bpy.context.scene.cycles
         for material in self.bpy.data.materials:
-            switch = material.node_tree.nodes[_SWITCH]
-            switch.outputs[0].default_value = _TRUTH if is_truth else _LIGHT
+            switch = material.node_tree.nodes[SWITCH]
+            switch.outputs[0].default_value = TRUTH if is_truth else LIGHT
         cycles.samples = 1 if is_truth else self.samples
         cycles.pixel_filter_type = "BOX" if is_truth else "BLACKMAN_HARRIS"
         cycles.filter_width = 0.01 if is_truth else 1.5
+
+    def blow(self, photo):
+        """Bend the trees as the wind does in a photo, see `wind.sway`."""
+        scene = self._scene
+        for tree, (data, mesh) in zip(scene.trees, self._trees):
+            moved = moved_points(
+                tree, sway(tree, scene.wind_m, scene.seed, photo), mesh.attributes["axis"],
+                mesh.attributes["s"],
+            )  # fmt: skip
+            data.vertices.foreach_set("co", (mesh.vertices + moved).astype(np.float32).ravel())
+            data.update()
 
     def colors(self, cam_from_world):
         """Linear colours (h, w, 3) float64 and cover (h, w) of all surfaces in a photo."""
@@ -433,7 +334,7 @@ class BlenderScene:
         path = self._render("truth.exr", "OPEN_EXR", "32")
         image = self.bpy.data.images.load(str(path))
         image.colorspace_settings.name = "Non-Color"
-        image.alpha_mode = "CHANNEL_PACKED"
+        image.alpha_mode = "CHANNELPACKED"
         width, height = image.size
         pixels = np.empty(4 * width * height, np.float32)
         image.pixels.foreach_get(pixels)

@@ -130,13 +130,22 @@ class Skeleton:
 class Tree:
     """A grown tree: its habit's name, its axes (parents before children) and its bark's seed.
 
-    `paint_m` is the height up to which its stem is painted white, 0 for none.
+    `paint_m` is the height up to which its stem is painted white, 0 for none, `relief` the depth
+    of its bark's relief (see `appearance.bark_relief`), `buds` a `buds.Buds` or None.
     """
 
     habit: str
     axes: list = field(default_factory=list)
     bark_seed: int = 0
     paint_m: float = 0.0
+    relief: float = 0.0
+    buds: object = None
+
+    @property
+    def bark(self):
+        """The material of its wood, see `appearance.surface_color`."""
+        return {"kind": "bark", "seed": self.bark_seed, "paint_m": self.paint_m,
+                "relief": self.relief}  # fmt: skip
 
     def skeleton(self):
         """Join the axes into one rooted skeleton whose junctions share a node."""

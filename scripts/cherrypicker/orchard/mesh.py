@@ -48,6 +48,17 @@ class Mesh:
         a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
         return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
+    def vertex_normals(self):
+        """Outward unit normals at the vertices, shape (V, 3), faces weighted by their area."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        face = np.cross(b - a, c - a)
+        normals = np.empty_like(self.vertices)
+        for k in range(3):
+            normals[:, k] = np.bincount(
+                self.faces.ravel(), np.repeat(face[:, k], 3), len(self.vertices)
+            )
+        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+
 
 @dataclass
 class SceneObject:
@@ -63,6 +74,8 @@ class SceneObject:
         `kind` (bark, wood, image, plain) and what that kind needs, see `surface_color`.
     tree : int
         0 the target, 1.. neighbours, 255 no tree.
+    radius : float
+        How thick it is, m: stereo loses wires and threads as it loses twigs.
     """
 
     name: str
@@ -70,6 +83,7 @@ class SceneObject:
     mesh: Mesh
     material: dict
     tree: int = NO_TREE
+    radius: float = 0.05
 
 
 def join(meshes):

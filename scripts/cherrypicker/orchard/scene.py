@@ -10,15 +10,19 @@ import numpy as np
 from cherrypicker.classes import Label
 from cherrypicker.orchard.appearance import make_light
 from cherrypicker.orchard.boards import board_on_post, checker_cube, marker_object, stem_ring
+from cherrypicker.orchard.buds import bud_mesh, set_buds
 from cherrypicker.orchard.dressing import dress_tree
+from cherrypicker.orchard.ground import GROUNDS
 from cherrypicker.orchard.growth import HABITS
-from cherrypicker.orchard.mesh import SceneObject, cylinder, join, quad_board, tree_mesh
+from cherrypicker.orchard.mesh import SceneObject, join, tree_mesh
 from cherrypicker.orchard.noise import fbm
+from cherrypicker.orchard.structures import foil_roof, support_post, trellis
+from cherrypicker.orchard.structures import net as hang_net
 from cherrypicker.orchard.templates import grow_any
 
 __all__ = ["Scene", "generate_scene"]
 
-DRESSING = ("wires", "paint", "stubs", "spurs")
+DRESSING = ("wires", "paint", "stubs", "spurs", "buds", "relief", "wind", "net")
 DICTIONARIES = ("DICT_4X4_50", "DICT_5X5_100", "DICT_6X6_250", "DICT_APRILTAG_36h11")
 
 
@@ -44,6 +48,10 @@ class Scene:
         Amplitudes of the gentle and of the fine relief, m.
     options : dict
         What was asked for, for the record.
+    ground_kind : str
+        A key of `ground.GROUNDS`.
+    wind_m : float
+        Amplitude of the sway from photo to photo, see `wind.sway`; the scene is at rest.
     """
 
     seed: int
@@ -55,6 +63,8 @@ class Scene:
     ground_seed: int
     ground_relief_m: tuple
     options: dict = field(default_factory=dict)
+    ground_kind: str = "meadow"
+    wind_m: float = 0.0
 
     @property
     def target(self):
@@ -71,12 +81,17 @@ class Scene:
         return np.concatenate([np.empty((0, 3)), *nodes])
 
     def tree_objects(self, **resolution):
-        """One bark object per tree, meshed at the resolution asked for (see `tree_mesh`)."""
+        """One bark object per tree, meshed at the resolution asked for (see `tree_mesh`).
+
+        Buds are part of it; the relief of the bark is not (see `appearance.bark_relief`).
+        """
         made = []
         for i, (tree, offset) in enumerate(zip(self.trees, self.offsets)):
-            mesh = tree_mesh(tree, **resolution).moved(offset)
-            material = {"kind": "bark", "seed": tree.bark_seed, "paint_m": tree.paint_m}
-            made.append(SceneObject(f"tree{i}", int(Label.BRANCH), mesh, material, i))
+            mesh = tree_mesh(tree, **resolution)
+            if tree.buds is not None:
+                mesh = join([mesh, bud_mesh(tree.buds)])
+            name, label = f"tree{i}", int(Label.BRANCH)
+            made.append(SceneObject(name, label, mesh.moved(offset), tree.bark, i))
         return made
 
 
@@ -99,48 +114,6 @@ def _around(rng, low, high, avoid=None, spread=0.9):
             break
     avoid.append(azimuth)
     return rng.uniform(low, high) * np.array([np.cos(azimuth), np.sin(azimuth)]), azimuth
-
-
-def _roof(rng, seed):
-    """Two panels of translucent foil over the row."""
-    z, pitch = rng.uniform(2.9, 3.6), np.radians(rng.uniform(12, 28))
-    width = rng.uniform(1.1, 1.7)
-    panels = []
-    for sign in (-1, 1):
-        c, s = np.cos(sign * pitch), np.sin(sign * pitch)
-        turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-        middle = (0, -sign * width / 2 * c, z - abs(s) * width / 2)
-        panels.append(quad_board(7.0, width, 0.004).moved(middle, turn))
-    tone = rng.uniform(0.35, 0.6) * np.array([0.95, 1.0, 1.05])
-    material = {"kind": "plain", "seed": seed + 5, "color": tuple(tone)}
-    return SceneObject("roof", int(Label.ROOF), join(panels), material)
-
-
-def _post(rng, seed, ground, xy):
-    height, radius = rng.uniform(1.5, 2.4), rng.uniform(0.018, 0.038)
-    z = ground(xy[None])[0]
-    lean = rng.normal(size=2) * 0.01
-    mesh = cylinder((*xy, z - 0.05), (*(xy + lean), z + height), radius, rows=60)
-    color = ((0.36, 0.29, 0.20), (0.30, 0.27, 0.24), (0.42, 0.36, 0.24))[rng.integers(3)]
-    material = {"kind": "wood", "seed": seed + 9, "color": color}
-    return SceneObject("support_post", int(Label.SUPPORT_POST), mesh, material)
-
-
-def _trellis(seed, spacing, n_wires, ground):
-    """Two posts beside the tree and wires between and beyond them, along the row."""
-    rng = np.random.default_rng([seed, 7])
-    made, half, y = [], 0.5 * spacing * rng.uniform(0.9, 1.05), rng.choice([-1, 1]) * 0.05
-    top = rng.uniform(1.6, 2.4)
-    for i, x in enumerate((-half, half)):
-        post = _post(np.random.default_rng([seed, 8, i]), seed + i, ground, np.array([x, y]))
-        post.name = f"row_post_{i}"
-        made.append(post)
-    steel = {"kind": "plain", "seed": seed + 12, "color": (0.30, 0.30, 0.31)}
-    for i in range(n_wires):
-        z = top * (i + 1) / (n_wires + 0.3)
-        wire = cylinder((-2 * half, y, z), (2 * half, y, z), 0.0015, sides=6, rows=40)
-        made.append(SceneObject(f"wire_{i}", int(Label.SUPPORT_POST), wire, steel))
-    return made
 
 
 def _plant_neighbours(rng, seed, n, spacing, ground, habit):
@@ -174,6 +147,11 @@ def generate_scene(
     paint=0.0,
     stubs=0,
     spurs=0.0,
+    buds=0.0,
+    relief=0.0,
+    ground="meadow",
+    net=None,
+    wind=0.0,
 ):
     """Lay out a random orchard scene; every option left at None is drawn from the seed.
 
@@ -210,6 +188,16 @@ def generate_scene(
         Branches of the target that were cut back to a stub.
     spurs : float, default 0
         Short fruiting spurs a metre of the target's older branches.
+    buds : float, default 0
+        Buds a metre of the young wood of all trees, and one on each tip.
+    relief : float, default 0
+        Depth of the relief of the bark of all trees, of that of old cherry trees.
+    ground : str, default "meadow"
+        Kind of floor, a key of `ground.GROUNDS`.
+    net : {"over", "along"}, optional
+        A net over the row or beside it; none by default.
+    wind : float, default 0
+        How far the tip of a twig of 0.5 m sways from photo to photo, m root mean square.
 
     Returns
     -------
@@ -218,8 +206,10 @@ def generate_scene(
     Raises
     ------
     ValueError
-        If the habit is not known.
+        If the habit, the ground or the net is not known.
     """
+    if ground not in GROUNDS:
+        raise ValueError(f"ground must be one of {', '.join(GROUNDS)}, got {ground!r}")
     options = {k: v for k, v in locals().items() if k != "seed" and v is not None}
     options = {k: v for k, v in options.items() if v or k not in DRESSING}
     rng = np.random.default_rng([int(seed), 1])
@@ -239,11 +229,11 @@ def generate_scene(
         "ring": ring, "cube": cube, "post": post, "roof": roof,
     }  # fmt: skip
     pick = {k: drawn[k] if given[k] is None else given[k] for k in drawn}
-    relief = (rng.uniform(0.04, 0.20), rng.uniform(0.015, 0.05))
+    slopes = (rng.uniform(0.04, 0.20), rng.uniform(0.015, 0.05))
     ground_seed = int(rng.integers(1 << 30))
 
-    def ground(xy):
-        return _ground_height(xy, ground_seed, relief)
+    def level(xy):
+        return _ground_height(xy, ground_seed, slopes)
 
     light = make_light(np.random.default_rng([int(seed), 2]), sky)
     target = grow_any(
@@ -252,18 +242,24 @@ def generate_scene(
     dress_tree(target, seed, stubs=stubs, spurs=spurs)
     others, offsets = _plant_neighbours(
         np.random.default_rng([int(seed), 3]), int(seed), pick["neighbours"],
-        pick["row_spacing"], ground, pick["habit"],
+        pick["row_spacing"], level, pick["habit"],
     )  # fmt: skip
     objects, truth = _place_objects(
-        np.random.default_rng([int(seed), 4]), int(seed), pick, markers, target, ground
+        np.random.default_rng([int(seed), 4]), int(seed), pick, markers, target, level
     )
-    for tree in (target, *others):
-        tree.paint_m = float(paint)
+    for i, tree in enumerate((target, *others)):
+        tree.paint_m, tree.relief = float(paint), float(relief)
+        if buds > 0:
+            tree.buds = set_buds(np.random.default_rng([int(seed), 10, i]), tree, float(buds))
     if wires:
-        objects.extend(_trellis(int(seed), pick["row_spacing"], wires, ground))
+        objects.extend(trellis(int(seed), pick["row_spacing"], wires, level))
+    if net:
+        top = float(target.skeleton().points[:, 2].max())
+        objects.extend(hang_net(int(seed), net, top, level))
     return Scene(
         int(seed), [target, *others], np.array([[0.0, 0.0, 0.0], *offsets]), objects, truth,
-        light, ground_seed, relief, {**options, **{k: pick[k] for k in drawn}},
+        light, ground_seed, slopes, {**options, **{k: pick[k] for k in drawn}}, ground,
+        float(wind),
     )  # fmt: skip
 
 
@@ -282,7 +278,7 @@ def _place_objects(rng, seed, pick, markers, target, ground):
         side = rng.choice([-1, 1])
         xy = np.array([side * rng.uniform(0.10, 0.22), rng.normal() * 0.03])
         taken.append(np.arctan2(xy[1], xy[0]))
-        objects.append(_post(rng, seed, ground, xy))
+        objects.append(support_post(rng, seed, ground, xy))
     for wanted in markers:
         xy, azimuth = _around(rng, 0.45, 0.95, taken)
         xy = np.asarray(wanted.get("xy", xy), float)
@@ -305,5 +301,5 @@ def _place_objects(rng, seed, pick, markers, target, ground):
     if pick["ring"]:
         objects.append(stem_ring(rng, seed, target.axes[0]))
     if pick["roof"]:
-        objects.append(_roof(rng, seed))
+        objects.append(foil_roof(rng, seed))
     return objects, truth

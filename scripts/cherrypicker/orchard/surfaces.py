@@ -4,14 +4,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.orchard.appearance import ground_color, surface_color
+from cherrypicker.orchard.appearance import bark_relief, surface_color
+from cherrypicker.orchard.ground import ground_color
 from cherrypicker.orchard.mesh import NO_TREE
 
-__all__ = ["area_within", "ground", "lit", "surface", "things"]
+__all__ = ["area_within", "ground", "lit", "on_mesh", "surface", "things"]
 
 
-def _on_mesh(rng, mesh, n):
-    """n points spread by area; positions, normals and interpolated attributes."""
+def on_mesh(rng, mesh, n):
+    """Spread n points over a mesh by area: positions, normals, a dict of what is interpolated."""
     areas = np.cumsum(mesh.face_areas())
     face = np.searchsorted(areas, rng.random(n) * areas[-1], side="right")
     corners = mesh.faces[np.minimum(face, len(mesh.faces) - 1)]
@@ -65,8 +66,10 @@ def _wood(rng, scene, density, extent):
     for thing in scene.tree_objects():
         tree = scene.trees[thing.tree]
         n = rng.poisson(density * thing.mesh.face_areas().sum())
-        points, normals, attributes = _on_mesh(rng, thing.mesh, n)
+        points, normals, attributes = on_mesh(rng, thing.mesh, n)
         axis = attributes["axis"]
+        height = bark_relief(attributes["rest"], attributes["radius"], thing.material)
+        points += height[:, None] * normals
         local = points - scene.offsets[thing.tree]
         keep = ~_inside_parent(tree, local, axis)
         keep &= ~_inside_sibling(tree, local, attributes["s"])
@@ -96,14 +99,14 @@ def things(rng, scene, density, extent, *, most_m2=np.inf):
     parts = []
     for thing in scene.objects:
         n = rng.poisson(density * min(thing.mesh.face_areas().sum(), most_m2))
-        points, normals, attributes = _on_mesh(rng, thing.mesh, n)
+        points, normals, attributes = on_mesh(rng, thing.mesh, n)
         keep = np.hypot(points[:, 0], points[:, 1]) < extent
         keep &= points[:, 2] > scene.ground_height(points[:, :2]) - 0.002
         if not keep.any():
             continue
         albedo = surface_color(thing.material, attributes, n)[keep]
         labels = np.full(keep.sum(), thing.label, np.uint8)
-        radius = np.full(keep.sum(), 0.05)
+        radius = np.full(keep.sum(), thing.radius)
         parts.append((points[keep], normals[keep], albedo, labels, radius, NO_TREE))
     return parts
 
@@ -120,7 +123,7 @@ def ground(rng, scene, density, extent):
     normals = np.column_stack([-dx, -dy, np.ones(n)])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     labels = np.full(n, int(Label.GROUND), np.uint8)
-    albedo = ground_color(xy, scene.ground_seed)
+    albedo = ground_color(xy, scene.ground_seed, scene.ground_kind)
     return (np.column_stack([xy, z]), normals, albedo, labels, np.full(n, 0.05), NO_TREE)
 
 

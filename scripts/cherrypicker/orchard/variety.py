@@ -6,9 +6,11 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.orchard.cameras import CameraModel
+from cherrypicker.orchard.ground import GROUNDS
 from cherrypicker.orchard.growth import HABITS
 from cherrypicker.orchard.scene import DICTIONARIES
-from cherrypicker.orchard.templates import TEMPLATES
+from cherrypicker.orchard.structures import NETS
+from cherrypicker.orchard.templates import CONIFERS, TEMPLATES
 
 __all__ = ["FORMS", "scene_camera", "scene_options"]
 
@@ -85,7 +87,21 @@ def scene_options(seed, forms=FORMS):
         options["markers"].append(
             {"dictionary": dictionary, "id": number, "side_m": side, "pose": pose}
         )
-    return options
+    return {**options, **_look(seed, form)}
+
+
+def _look(seed, form):
+    """Options of bark, buds, floor, nets and wind."""
+    rng = np.random.default_rng([int(seed), 433])
+    grounds = [kind for kind in GROUNDS if kind != "meadow"]
+    drawn = {
+        "ground": "meadow" if rng.random() < 0.4 else str(rng.choice(grounds)),
+        "relief": round(float(rng.uniform(0.2, 1.0)), 2),
+        "buds": round(float(rng.uniform(15, 40)), 1) if rng.random() < 0.5 else 0.0,
+        "net": str(rng.choice(NETS)) if rng.random() < 0.2 else None,
+        "wind": round(float(rng.uniform(0.003, 0.03)), 4) if rng.random() < 0.3 else 0.0,
+    }
+    return drawn if form not in CONIFERS else {**drawn, "buds": 0.0}
 
 
 def scene_camera(seed, *, distortion=True, size_px=0):
