@@ -6,6 +6,7 @@ from cherrypicker.classes import Label
 from cherrypicker.segmentation.refine import (
     Smoothing,
     clean_trunk,
+    keep_sheets,
     link_components,
     smooth_probabilities,
 )
@@ -56,3 +57,33 @@ def test_the_largest_stem_stays_where_none_reaches_the_ground():
 def test_no_trunk_is_left_alone():
     probabilities = _one_hot(np.full(20, int(Label.BRANCH)))
     assert clean_trunk(np.zeros((20, 3)), probabilities, Smoothing()) is probabilities
+
+
+def _called_roof(n, second=Label.BRANCH):
+    probabilities = np.zeros((n, 7), np.float32)
+    probabilities[:, Label.ROOF], probabilities[:, second] = 0.6, 0.4
+    return probabilities
+
+
+def test_a_sloping_noisy_sheet_stays_roof_to_its_edges():
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(-1.5, 1.5, 20000), rng.uniform(0, 1.2, 20000)
+    sheet = np.column_stack([x, y, 3.0 - 0.4 * y + rng.normal(0, 0.01, len(x))])
+    kept = keep_sheets(sheet, _called_roof(len(sheet))).argmax(axis=1) == Label.ROOF
+    assert kept.mean() > 0.99
+
+
+def test_a_dense_crown_and_rods_are_no_roof():
+    rng = np.random.default_rng(3)
+    crown = rng.uniform(-0.6, 0.6, (8000, 3)) + [0, 0, 3.0]
+    rod = rng.normal(0, 0.004, (2000, 3)) + np.outer(np.linspace(0, 1.5, 2000), [0.8, 0, 0.6])
+    points = np.vstack([crown, rod + [3.0, 0, 1.0]])
+    after = keep_sheets(points, _called_roof(len(points)))
+    assert (after.argmax(axis=1) == Label.BRANCH).mean() > 0.99
+    assert np.allclose(after.sum(axis=1), 1.0)
+
+
+def test_what_is_not_called_roof_is_left_alone():
+    points = np.random.default_rng(4).random((500, 3))
+    probabilities = _one_hot(np.full(500, Label.BRANCH))
+    assert keep_sheets(points, probabilities) is probabilities

@@ -11,7 +11,7 @@ from cherrypicker.classes import CLASS_NAMES, Label
 from cherrypicker.errors import StageError
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, collate, load_weights
-from cherrypicker.segmentation.refine import clean_trunk, smooth_probabilities
+from cherrypicker.segmentation.refine import clean_trunk, keep_sheets, smooth_probabilities
 from cherrypicker.segmentation.spheres import (
     cover,
     features_of,
@@ -250,7 +250,7 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, stems=None, seed
     points, colors, frame = sample_cloud(cloud, sampling, rng)
     probabilities = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     probabilities = smooth_probabilities(points, probabilities, smoothing)
-    probabilities = clean_trunk(points, probabilities, smoothing)
+    probabilities = clean_trunk(points, keep_sheets(points, probabilities), smoothing)
     full = propagate(frame.apply(cloud.points), points, probabilities)
     labels = _likeliest(full)
     confidence = full.max(axis=1).clip(0.0, 1.0).astype(np.float32)

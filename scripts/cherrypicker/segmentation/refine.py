@@ -1,4 +1,4 @@
-"""Clean-up of the network's probabilities: neighbourhood vote and the trunk's connectedness."""
+"""Clean-up of the network's probabilities: neighbourhood vote, false roofs, trunk islands."""
 
 import logging
 from dataclasses import dataclass
@@ -12,6 +12,12 @@ from cherrypicker.classes import Label
 from cherrypicker.segmentation.spheres import voxel_sample
 
 logger = logging.getLogger(__name__)
+
+SHEET_REACH_M = 0.2  # a roof is flat over this distance
+SHEET_STEP_M = 0.04  # cells that its shape is taken from
+MAX_THICKNESS = 0.05  # least variance of a sheet's points, as a share of all of it
+MIN_BREADTH = 0.15  # middle variance, as a share of the largest; a rod has none
+MIN_SHEET_CELLS = 6
 
 
 @dataclass(frozen=True)
@@ -143,5 +149,64 @@ def clean_trunk(points, probabilities, smoothing):
         f"{len(island):,}",
         f"{len(trunk):,}",
         100 * len(island) / len(trunk),
+    )
+    return result
+
+
+def _is_sheet(cells):
+    """Which points (n, 3) lie in a flat patch: by the variances within `SHEET_REACH_M`."""
+    pairs = cKDTree(cells).query_pairs(SHEET_REACH_M, output_type="ndarray")
+    own = np.arange(len(cells))
+    i = np.concatenate([own, pairs[:, 0], pairs[:, 1]])
+    j = np.concatenate([own, pairs[:, 1], pairs[:, 0]])
+    n = np.bincount(i, minlength=len(cells))
+    offset = cells[j] - cells[i]
+    moments = np.empty((len(cells), 3, 3))
+    mean = np.stack([np.bincount(i, offset[:, a], len(cells)) / n for a in range(3)], axis=1)
+    for a in range(3):
+        for b in range(a, 3):
+            second = np.bincount(i, offset[:, a] * offset[:, b], len(cells)) / n
+            moments[:, a, b] = moments[:, b, a] = second - mean[:, a] * mean[:, b]
+    low, middle, high = np.linalg.eigvalsh(moments).clip(0.0).T
+    is_flat = low <= MAX_THICKNESS * (low + middle + high)
+    return is_flat & (middle >= MIN_BREADTH * high) & (n >= MIN_SHEET_CELLS)
+
+
+def keep_sheets(points, probabilities):
+    """Take the class roof from what is no sheet, such as the dense crown of a laser scan.
+
+    Roofs and nets are sheets. Of each connected piece of roof half must be flat, else all of it
+    goes to the likeliest other class; of a piece that stays, so do the points off the sheet.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3)
+        In the tree's frame.
+    probabilities : ndarray of shape (n, 7), float32
+
+    Returns
+    -------
+    ndarray of shape (n, 7), float32
+        A copy with a roof probability of 0 where there is no sheet.
+    """
+    roof = np.flatnonzero(probabilities.argmax(axis=1) == Label.ROOF)
+    if not len(roof):
+        return probabilities
+    cells, cell_of, _ = voxel_sample(points[roof], SHEET_STEP_M)
+    flat = _is_sheet(cells)
+    piece = link_components(cells, 0.12)
+    share = np.bincount(piece, flat) / np.bincount(piece)
+    # what touches a sheet bends its patch a little: the neighbours' mean decides
+    near = cKDTree(cells).query(cells, k=min(9, len(cells)))[1].reshape(len(cells), -1)
+    stays = (share[piece] >= 0.5) & (flat[near].mean(axis=1) >= 0.5)
+    lost = roof[~stays[cell_of]]
+    result = probabilities.copy()
+    result[lost, Label.ROOF] = 0.0
+    result[lost, Label.BRANCH] += 1e-6  # what the network is certain of is wood then
+    result[lost] /= result[lost].sum(axis=1, keepdims=True)
+    logger.info(
+        "%s of %s roof points lie in no sheet and became another class",
+        f"{len(lost):,}",
+        f"{len(roof):,}",
     )
     return result
