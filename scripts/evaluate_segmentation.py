@@ -1,10 +1,11 @@
 """Measure the segmentation on generated scenes and scans that it was not trained on.
 
 Prints a table (F1 a class and mean IoU a set of clouds), writes it and the confusion matrices as
-JSON, and a plot of the matrix of the held-out scenes. Example:
+JSON, a plot of the matrix of the held-out scenes, and a picture of the scans' labels. Example:
 
     python scripts/evaluate_segmentation.py --weights resources/weights/dgcnn.pt --workspace work \\
-        --scan results/cherry_vase=resources/demo/cherry_vase/truth --figure confusion.png
+        --scan results/cherry_vase=resources/demo/cherry_vase/truth --figure confusion.png \\
+        --labels-figure labels.png
 """
 
 import logging
@@ -24,6 +25,7 @@ from cherrypicker.segmentation.held_out import (
     table,
     without_color,
 )
+from cherrypicker.segmentation.held_out import labels_figure as draw_labels
 from cherrypicker.segmentation.inference import Sampling
 from cherrypicker.segmentation.refine import Smoothing
 from cherrypicker.segmentation.scenes import HELD_OUT_SEED, load_samples
@@ -40,7 +42,9 @@ def main(
     *,
     output,
     figure,
+    labels_figure,
     scans,
+    colors,
     n_scenes,
     n_templates,
     first_seed,
@@ -68,20 +72,25 @@ def main(
     if n_scenes:
         known = [of_sample("held-out", s) for s in load_samples(seeds, folder, scene_points)]
         sets["held-out seeds"] = known
-        sets["held-out seeds, no colour"] = [without_color(one) for one in known]
     if n_templates:
         samples = load_samples(others, folder, scene_points, habits=TEMPLATES)
-        unknown = [of_sample("template", sample) for sample in samples]
-        sets["held-out forms"] = unknown
-        sets["held-out forms, no colour"] = [without_color(one) for one in unknown]
+        sets["held-out forms"] = [of_sample("template", sample) for sample in samples]
     for pair in scans:
         results, _, truth = pair.partition("=")
         if not truth:
             raise StageError("a scan is given as RESULTS=TRUTH", file=pair, key="--scan")
         one = of_scan(results, truth)
         sets[f"{one.name}, through photos"] = [one]
-        sets[f"{one.name}, through photos, no colour"] = [without_color(one)]
-    confusions = {name: _sum(name, clouds, weights, settings) for name, clouds in sets.items()}
+    confusions, panels = {}, []
+    for name, clouds in sets.items():
+        if colors != "without":
+            confusions[name], found = _sum(name, clouds, weights, settings)
+            if "through photos" in name:
+                panels += _panels(clouds[0], found[0])
+        if colors != "with":
+            bare = [without_color(one) for one in clouds]
+            of_bare = f"{name}, no colour"
+            confusions[of_bare], _ = _sum(of_bare, bare, weights, settings)
     text = table(confusions)
     logger.info("F1 a class\n%s", text)
     if output:
@@ -90,17 +99,28 @@ def main(
             {"weights": Path(weights).name, "table": text}
             | {name: matrix.tolist() for name, matrix in confusions.items()},
         )
-    if figure and n_scenes:
+    if figure and "held-out seeds" in confusions:
         confusion_figure(figure, confusions["held-out seeds"], "held-out seeds")
+    if labels_figure and panels:
+        draw_labels(labels_figure, panels, columns=4)
 
 
 def _sum(name, clouds, weights, settings):
-    """Confusion matrix over all clouds of a set."""
-    total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
-    for labelled in clouds:
-        total += judge(labelled, weights, **settings)[0]
+    """Confusion matrix over all clouds of a set, and the labels of each."""
+    total, found = np.zeros((N_CLASSES, N_CLASSES), np.int64), []
+    for number, labelled in enumerate(clouds):
+        confusion, labels = judge(labelled, weights, **settings)
+        total += confusion
+        found.append(labels)
+        logger.info("%s, cloud %d\n%s", name, number, table({str(number): confusion}))
     logger.info("measured: %s (%d clouds)", name, len(clouds))
-    return total
+    return total, found
+
+
+def _panels(labelled, labels):
+    """Found beside true for the picture."""
+    points = labelled.cloud.points
+    return [(f"{labelled.name}, found", points, labels), ("true", points, labelled.truth)]
 
 
 parser = stage_parser(__doc__)
@@ -108,6 +128,10 @@ parser.add_argument("--weights", required=True, help="weights to measure")
 parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
 parser.add_argument("--output", default="", help="JSON to write")
 parser.add_argument("--figure", default="", help="PNG of the confusion matrix to write")
+parser.add_argument("--labels-figure", default="", help="PNG of the scans' labels to write")
+parser.add_argument(
+    "--colors", choices=("with", "without", "both"), default="both", help="colours of the clouds"
+)
 parser.add_argument(
     "--scan", dest="scans", action="append", default=[], help="RESULTS=TRUTH of a rendered scene"
 )

@@ -150,8 +150,8 @@ def confusion_figure(path, confusion, title):
     plt.close(figure)
 
 
-def labels_figure(path, panels, *, half_width=2.2, most_points=150_000):
-    """Side views coloured by label, one column a panel.
+def labels_figure(path, panels, *, half_width=2.2, most_points=150_000, columns=None):
+    """Side views coloured by label.
 
     Parameters
     ----------
@@ -161,6 +161,8 @@ def labels_figure(path, panels, *, half_width=2.2, most_points=150_000):
         Points further than this from the z axis are left out, m.
     most_points : int
         Drawn of each panel, chosen with a fixed seed.
+    columns : int, optional
+        Panels side by side; all by default.
     """
     import matplotlib
 
@@ -171,8 +173,12 @@ def labels_figure(path, panels, *, half_width=2.2, most_points=150_000):
     for label, color in CLASS_COLORS.items():
         colors[int(label)] = color
     colors[int(Label.TRUNK)] = (0.85, 0.35, 0.0)
-    figure, axes = plt.subplots(1, len(panels), figsize=(4.2 * len(panels), 4.6), squeeze=False)
-    for plot, (title, points, labels) in zip(axes[0], panels):
+    columns = min(columns or len(panels), len(panels))
+    rows = -(-len(panels) // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(4.2 * columns, 4.6 * rows), squeeze=False)
+    for plot in axes.flat:
+        plot.set_axis_off()
+    for plot, (title, points, labels) in zip(axes.flat, panels):
         rows = np.flatnonzero(np.hypot(points[:, 0], points[:, 1]) < half_width)
         rows = np.random.default_rng(0).permutation(rows)[:most_points]
         rows = rows[np.argsort(points[rows, 1])[::-1]]
@@ -180,7 +186,6 @@ def labels_figure(path, panels, *, half_width=2.2, most_points=150_000):
         plot.scatter(points[rows, 0], points[rows, 2], s=size, c=colors[labels[rows]], lw=0)
         plot.set_aspect("equal")
         plot.set_title(title, fontsize=9)
-        plot.set_axis_off()
     figure.tight_layout()
     _save(figure, path)
     plt.close(figure)

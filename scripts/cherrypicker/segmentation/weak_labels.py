@@ -1,0 +1,154 @@
+"""Laser scans of real trees with what truth comes with them: weak labels, or none but "all wood".
+
+The labels come from skeletons that other tools fitted to the same clouds, so they hold where those
+do; a scan of one tree cut free has no ground and no things, so that every label but trunk and
+branch is wrong there.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label
+from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud, read_cloud
+from cherrypicker.skeleton.axes import axes, node_order
+from cherrypicker.skeleton.model import Skeleton
+
+__all__ = ["SCANS", "Scan", "read_scan", "read_weak_skeleton", "wood_share", "wood_by_order"]
+
+STEP = 0.25  # of a node's radius at least: how finely an edge is sampled
+MOST_STEPS = 200
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A scan of `../shared/data/clouds`.
+
+    Attributes
+    ----------
+    cloud : str
+        PLY below the folder of the clouds.
+    unit_m : float
+        Length of the file's unit.
+    truth : str
+        "label" for a field of the cloud, a CSV of a skeleton (id, parent, x, y, z, radius), or ""
+        where nothing but "all of it is wood" is known.
+    """
+
+    cloud: str
+    unit_m: float = 1.0
+    truth: str = ""
+
+
+SCANS = (
+    Scan("archi/Tree_2_dense_qsmlabel.ply", truth="label"),
+    Scan("archi/Tree_1_point_cloud.ply", truth="archi/Tree_1_qsm_skeleton.csv"),
+    Scan("plantscan3d/puu1.ply", 0.001, "plantscan3d/puu1_skeleton.csv"),
+    *(
+        Scan(f"adtree/{name}.ply")
+        for name in (
+            "Lille_11", "Lille_2", "Paris_Luxembourg_1", "tree1", "tree13", "tree33", "tree7"
+        )
+    ),
+    *(Scan(f"vezy_branches/{n}.ply") for n in ("A1B2", "A3B4", "A4B5", "A5B8", "A6B10", "A6B9")),
+)  # fmt: skip
+
+
+def read_weak_skeleton(path, unit_m=1.0):
+    """Skeleton of a CSV with columns id, parent, x, y, z, radius; parents in any order.
+
+    Parameters
+    ----------
+    path : path-like
+    unit_m : float
+        Length of the file's unit.
+
+    Returns
+    -------
+    Skeleton
+        In metres.
+
+    Raises
+    ------
+    StageError
+        If the file is missing, or its nodes are no tree.
+    """
+    try:
+        rows = np.genfromtxt(path, delimiter=",", names=True)
+        number = {int(key): i for i, key in enumerate(rows["id"])}
+        parent = np.array([number.get(int(key), -1) for key in rows["parent"]])
+    except (OSError, ValueError) as error:
+        raise StageError("the skeleton cannot be read", file=path) from error
+    depth = np.zeros(len(parent), int)
+    above = parent.copy()
+    for _ in range(len(parent)):
+        reached = above >= 0
+        if not reached.any():
+            break
+        depth[reached] += 1
+        above[reached] = parent[above[reached]]
+    if (above >= 0).any() or (parent < 0).sum() != 1:
+        raise StageError("the skeleton's nodes are no tree with one root", file=path)
+    order = np.argsort(depth, kind="stable")
+    place = np.empty(len(order), int)
+    place[order] = np.arange(len(order))
+    points = np.column_stack([rows["x"], rows["y"], rows["z"]])[order] * unit_m
+    above = np.where(parent[order] < 0, -1, place[parent[order]])
+    radius = rows["radius"][order] * unit_m
+    for i in np.flatnonzero(~np.isfinite(radius)):  # left open by the other tool
+        radius[i] = radius[above[i]] if i else np.nanmedian(radius)
+    return Skeleton(points, above, radius, np.zeros(len(order), int))
+
+
+def wood_by_order(points, skeleton):
+    """Trunk where the nearest wood surface of a skeleton is of order 0, else branch.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3), float64
+    skeleton : Skeleton
+        In the points' frame.
+
+    Returns
+    -------
+    ndarray of shape (n,), uint8
+    """
+    order = node_order(skeleton, axes(skeleton))
+    nodes = np.arange(1, len(skeleton))
+    wanted = skeleton.edge_length[nodes] / np.maximum(STEP * skeleton.radius[nodes], 1e-4)
+    steps = np.clip(np.ceil(wanted), 1, MOST_STEPS).astype(int)
+    rows = np.repeat(nodes, steps)
+    share = (np.arange(steps.sum()) - np.repeat(np.cumsum(steps) - steps, steps)) / steps[rows - 1]
+    start, end = skeleton.points[rows], skeleton.points[skeleton.parent[rows]]
+    places = start + share[:, None] * (end - start)
+    distance, nearest = cKDTree(places).query(points, k=8, workers=1)
+    off = distance - skeleton.radius[rows][nearest]
+    best = np.take_along_axis(nearest, np.abs(off).argmin(axis=1)[:, None], axis=1)[:, 0]
+    return np.where(order[rows[best]] == 0, Label.TRUNK, Label.BRANCH).astype(np.uint8)
+
+
+def read_scan(scan, folder):
+    """The cloud of a scan in metres and its weak labels (n,) uint8, or None where it has none.
+
+    Raises
+    ------
+    StageError
+        If a file is missing or broken.
+    """
+    folder = Path(folder)
+    cloud = read_cloud(folder / scan.cloud)
+    points = cloud.points * scan.unit_m
+    metric = PointCloud(points - points.min(axis=0), colors=cloud.colors)
+    if scan.truth == "label":
+        return metric, cloud["label"].astype(np.uint8)
+    if not scan.truth:
+        return metric, None
+    return metric, wood_by_order(points, read_weak_skeleton(folder / scan.truth, scan.unit_m))
+
+
+def wood_share(labels):
+    """Share of points that are trunk, branch or support post, in a cloud that is all wood."""
+    return float(np.isin(labels, (Label.TRUNK, Label.BRANCH, Label.SUPPORT_POST)).mean())
