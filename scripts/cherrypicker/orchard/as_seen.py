@@ -236,27 +236,48 @@ def _bark(tree, number, points, normals, tangents, at):
     """Points on a tree as the model needs them; `at`: where on its axes they lie."""
     kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
     return {
-        "points": points, "normals": normals, "tangents": tangents,
-        "albedo": surface_color(tree.bark, at, len(points)), "label": kinds[at["axis"]],
+        "points": points, "normals": normals, "tangents": tangents, "label": kinds[at["axis"]],
         "radius": at["radius"], "tree": np.full(len(points), number, np.uint8),
+        "paint": lambda rows: surface_color(tree.bark, _select(at, rows), len(rows)),
     }  # fmt: skip
 
 
 def _surface(rng, scene, n_points, extent, ground_share, widen):
-    """Points on all surfaces, about n_points; a dict of joined arrays."""
+    """Points on all surfaces, about n_points: a dict of joined arrays, and painters.
+
+    `part` and `row` say whose points they were: a painter makes colours for rows of its own part,
+    once it is known which points are found.
+    """
     wood_area = sum(_wood_area(t, o, extent) for t, o in zip(scene.trees, scene.offsets))
     other_area = sum(min(t.mesh.face_areas().sum(), MOST_THING_M2) for t in scene.objects)
     density = n_points * (1 - ground_share) / (wood_area + other_area)
     parts = _wood(rng, scene, density, extent, widen)
     flat = things(rng, scene, 0.7 * density, extent, most_m2=MOST_THING_M2)
-    flat.append(ground(rng, scene, ground_share * n_points / (np.pi * extent**2), extent))
+    floor = ground_share * n_points / (np.pi * extent**2)
+    flat.append(ground(rng, scene, floor, extent, is_colored=False))
     names = ("points", "normals", "albedo", "label", "radius")
     for part in flat:
         made = dict(zip(names, part))
         made["tangents"] = np.zeros_like(part[0])
         made["tree"] = np.full(len(part[0]), NO_TREE, np.uint8)
+        made["paint"] = made.pop("albedo").__getitem__
         parts.append(made)
-    return {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
+    xy = flat[-1][0][:, :2]
+    parts[-1]["paint"] = lambda rows: ground_color(xy[rows], scene.ground_seed, scene.ground_kind)
+    painters = [part.pop("paint") for part in parts]
+    for number, part in enumerate(parts):
+        part["part"] = np.full(len(part["points"]), number, np.int32)
+        part["row"] = np.arange(len(part["points"]))
+    return {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}, painters
+
+
+def _albedo(cloud, painters):
+    """Colours (n, 3) of the points, linear."""
+    albedo = np.empty((len(cloud["points"]), 3))
+    for number, paint in enumerate(painters):
+        here = np.flatnonzero(cloud["part"] == number)
+        albedo[here] = paint(cloud["row"][here])
+    return albedo
 
 
 def _select(cloud, keep):
@@ -360,7 +381,7 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     poses = seen.poses(scene) if poses is None else poses
     focal = poses.K[:, 0, 0]
     widen = seen.spill_px * np.median(np.linalg.norm(poses.centers, axis=1) / focal)
-    cloud = _surface(rng, scene, OVERSAMPLE * n_points, extent, ground_share, widen)
+    cloud, painters = _surface(rng, scene, OVERSAMPLE * n_points, extent, ground_share, widen)
     skeletons = [t.skeleton() for t in scene.trees]
     nodes = np.concatenate([s.points + o for s, o in zip(skeletons, scene.offsets)])
     n_views, photo = choose_views(
@@ -380,7 +401,7 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     points, cover = _moved(rng, cloud, seen, rays, pixel, sigma)
     keep = _kept(rng, cloud, seen, cover, pixel, rays)
     cloud, points, cover, rays = _select(cloud, keep), points[keep], cover[keep], rays[keep]
-    linear = scene.light.shade(cloud["albedo"], cloud["normals"], lit(scene, cloud))
+    linear = scene.light.shade(_albedo(cloud, painters), cloud["normals"], lit(scene, cloud))
     mixed = np.flatnonzero(cover < 0.97)
     share = cover[mixed, None]
     behind = _behind(scene, points[mixed], rays[mixed])

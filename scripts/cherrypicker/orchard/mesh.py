@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 
 __all__ = [
     "NO_TREE",
@@ -14,6 +15,7 @@ __all__ = [
     "join",
     "quad_board",
     "ring",
+    "transported",
     "tree_mesh",
 ]
 
@@ -96,16 +98,24 @@ def join(meshes):
     )
 
 
+@njit(cache=True)
+def transported(tangents, first):
+    """Unit vectors (n, 3) across the tangents of one axis, carried along it without twist."""
+    normals = np.empty_like(tangents)
+    n = first.copy()
+    for i in range(len(tangents)):
+        t = tangents[i]
+        n = n - t * (n[0] * t[0] + n[1] * t[1] + n[2] * t[2])
+        n = n / np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+        normals[i] = n
+    return normals
+
+
 def _frames(tangents):
     """Two unit vectors across each tangent, transported along the curve without twist."""
-    normals = np.empty_like(tangents)
     t = tangents[0]
     ref = np.array([1.0, 0.0, 0.0]) if abs(t[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
-    n = np.cross(t, ref)
-    for i, t in enumerate(tangents):
-        n = n - t * (n @ t)
-        n = n / np.linalg.norm(n)
-        normals[i] = n
+    normals = transported(np.ascontiguousarray(tangents), np.cross(t, ref))
     return normals, np.cross(tangents, normals)
 
 

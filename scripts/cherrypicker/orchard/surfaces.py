@@ -61,9 +61,9 @@ def _inside_sibling(tree, points, s):
     return inside
 
 
-def _wood(rng, scene, density, extent):
+def _wood(rng, scene, trees, density, extent, is_colored):
     parts = []
-    for thing in scene.tree_objects():
+    for thing in trees:
         tree = scene.trees[thing.tree]
         n = rng.poisson(density * thing.mesh.face_areas().sum())
         points, normals, attributes = on_mesh(rng, thing.mesh, n)
@@ -75,9 +75,10 @@ def _wood(rng, scene, density, extent):
         keep &= ~_inside_sibling(tree, local, attributes["s"])
         keep &= np.hypot(points[:, 0], points[:, 1]) < extent
         labels = np.array([int(a.label) for a in tree.axes], np.uint8)[axis]
-        albedo = surface_color(
-            thing.material, {k: v[keep] for k, v in attributes.items()}, keep.sum()
-        )
+        albedo = np.empty((keep.sum(), 0))
+        if is_colored:
+            kept = {k: v[keep] for k, v in attributes.items()}
+            albedo = surface_color(thing.material, kept, len(albedo))
         parts.append(
             (
                 points[keep],
@@ -91,7 +92,7 @@ def _wood(rng, scene, density, extent):
     return parts
 
 
-def things(rng, scene, density, extent, *, most_m2=np.inf):
+def things(rng, scene, density, extent, *, most_m2=np.inf, is_colored=True):
     """Points on all that is neither a tree nor the ground: a list of tuples as `surface` joins.
 
     A thing gets at most the points of `most_m2` square metres.
@@ -104,14 +105,16 @@ def things(rng, scene, density, extent, *, most_m2=np.inf):
         keep &= points[:, 2] > scene.ground_height(points[:, :2]) - 0.002
         if not keep.any():
             continue
-        albedo = surface_color(thing.material, attributes, n)[keep]
+        albedo = np.empty((keep.sum(), 0))
+        if is_colored:
+            albedo = surface_color(thing.material, attributes, n)[keep]
         labels = np.full(keep.sum(), thing.label, np.uint8)
         radius = np.full(keep.sum(), thing.radius)
         parts.append((points[keep], normals[keep], albedo, labels, radius, NO_TREE))
     return parts
 
 
-def ground(rng, scene, density, extent):
+def ground(rng, scene, density, extent, *, is_colored=True):
     """Points on the ground, a tuple as `surface` joins."""
     n = rng.poisson(density * np.pi * extent**2)
     r, a = extent * np.sqrt(rng.random(n)), rng.uniform(0, 2 * np.pi, n)
@@ -123,7 +126,9 @@ def ground(rng, scene, density, extent):
     normals = np.column_stack([-dx, -dy, np.ones(n)])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     labels = np.full(n, int(Label.GROUND), np.uint8)
-    albedo = ground_color(xy, scene.ground_seed, scene.ground_kind)
+    albedo = np.empty((n, 0))
+    if is_colored:
+        albedo = ground_color(xy, scene.ground_seed, scene.ground_kind)
     return (np.column_stack([xy, z]), normals, albedo, labels, np.full(n, 0.05), NO_TREE)
 
 
@@ -133,15 +138,18 @@ def area_within(mesh, extent):
     return mesh.face_areas()[np.hypot(middle[:, 0], middle[:, 1]) < extent].sum()
 
 
-def surface(rng, scene, n_points, extent, ground_share):
+def surface(rng, scene, n_points, extent, ground_share, *, is_colored=True):
     """All surfaces, sized to about n_points; a dict of joined arrays."""
-    wood_area = sum(area_within(t.mesh, extent) for t in scene.tree_objects())
+    trees = scene.tree_objects()
+    wood_area = sum(area_within(t.mesh, extent) for t in trees)
     other_area = sum(
         min(t.mesh.face_areas().sum(), 0.6 if t.label != Label.ROOF else 4.0) for t in scene.objects
     )
     density = n_points * (1 - ground_share) / (wood_area + other_area)
-    parts = _wood(rng, scene, density, extent) + things(rng, scene, 0.7 * density, extent)
-    parts.append(ground(rng, scene, ground_share * n_points / (np.pi * extent**2), extent))
+    parts = _wood(rng, scene, trees, density, extent, is_colored)
+    parts += things(rng, scene, 0.7 * density, extent, is_colored=is_colored)
+    floor = ground_share * n_points / (np.pi * extent**2)
+    parts.append(ground(rng, scene, floor, extent, is_colored=is_colored))
     names = ("points", "normals", "albedo", "label", "radius")
     cloud = {k: np.concatenate([p[i] for p in parts]) for i, k in enumerate(names)}
     cloud["tree"] = np.concatenate([np.full(len(p[0]), p[5], np.uint8) for p in parts])
@@ -159,9 +167,8 @@ def lit(scene, cloud):
     across = np.column_stack([cloud["points"] @ side, cloud["points"] @ np.cross(side, sun)])
     depth = cloud["points"] @ sun
     blockers = np.flatnonzero(wood)
-    distance, nearest = cKDTree(across[blockers]).query(
-        across, k=4, distance_upper_bound=0.007, workers=1
-    )
+    tree = cKDTree(across[blockers], balanced_tree=False, compact_nodes=False)
+    distance, nearest = tree.query(across, k=4, distance_upper_bound=0.007, workers=1)
     found = distance < 0.007
     gap = depth[blockers][np.where(found, nearest, 0)] - depth[:, None]
     shadow = (found & (gap > 0.03)).any(1)

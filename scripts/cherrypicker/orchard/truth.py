@@ -8,7 +8,7 @@ import numpy as np
 from cherrypicker.files import atomic_path, write_json
 from cherrypicker.orchard.mesh import NO_TREE
 from cherrypicker.orchard.sampling import sample_scene
-from cherrypicker.pointcloud import PointCloud, write_cloud
+from cherrypicker.pointcloud import write_cloud
 from cherrypicker.poses import write_poses
 
 __all__ = ["GENERATOR_VERSION", "tree_traits", "write_skeleton", "write_truth"]
@@ -60,12 +60,6 @@ def write_skeleton(path, skeleton):
             out.writerow([i, parent, *xyz, f"{r:.5f}", order, label])
 
 
-def _without_colors(cloud):
-    """The shipped truth is positions and classes only: small."""
-    fields = {k: cloud.fields[k] for k in ("label", "tree")}
-    return PointCloud(cloud.points, fields=fields, frame="metric", unit="m")
-
-
 def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name="", camera=None):
     """Write `poses.npz`, `skeleton.csv`, `cloud.ply`, `traits.json` and `scene.json`.
 
@@ -89,8 +83,10 @@ def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name="", 
     folder.mkdir(parents=True, exist_ok=True)
     write_poses(folder / "poses.npz", poses)
     write_skeleton(folder / "skeleton.csv", scene.target.skeleton())
-    cloud = sample_scene(scene, n_points, exact=True, extent=extent, ground_share=0.3)
-    write_cloud(folder / "cloud.ply", _without_colors(cloud))
+    cloud = sample_scene(
+        scene, n_points, exact=True, extent=extent, ground_share=0.3, is_colored=False
+    )
+    write_cloud(folder / "cloud.ply", cloud)
     write_json(folder / "traits.json", tree_traits(scene.target))
     write_json(
         folder / "scene.json",

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from cherrypicker.orchard.mesh import transported
+
 __all__ = ["TubeSample", "inside_wood", "sample_tubes"]
 
 INSIDE = 0.98  # nearer to another axis than this share of its radius is inside its wood
@@ -44,26 +46,13 @@ class TubeSample:
         return TubeSample(**{name: values[keep] for name, values in vars(self).items()})
 
 
-@njit(cache=True)
-def _transported(tangents, first):
-    """Unit vectors across the tangents of one axis, carried along it without twist."""
-    normals = np.empty_like(tangents)
-    n = first.copy()
-    for i in range(len(tangents)):
-        t = tangents[i]
-        n = n - t * (n[0] * t[0] + n[1] * t[1] + n[2] * t[2])
-        n = n / np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
-        normals[i] = n
-    return normals
-
-
 def _segments(tree):
     """All segments of the axes, end to end, and the axis that each belongs to."""
     table = {k: [] for k in ("a", "b", "ra", "rb", "ua", "ub", "ta", "tb", "s", "axis")}
     for i, axis in enumerate(tree.axes):
         t = axis.tangents
         reference = np.array([1.0, 0.0, 0.0] if abs(t[0, 2]) > 0.7 else [0.0, 0.0, 1.0])
-        u = _transported(t, np.cross(t[0], reference))
+        u = transported(t, np.cross(t[0], reference))
         for key, values in (("", axis.points), ("r", axis.radii), ("u", u), ("t", t)):
             table[f"{key}a" if key else "a"].append(values[:-1])
             table[f"{key}b" if key else "b"].append(values[1:])

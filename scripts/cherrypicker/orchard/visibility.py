@@ -39,19 +39,21 @@ def _choose(
     for i in range(len(points)):
         total = 0.0
         draw = draws[i]
-        px, py, pz = points[i]
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
         for c in range(len(rotations)):
             rx, ry, rz = centers[c, 0] - px, centers[c, 1] - py, centers[c, 2] - pz
-            dot = rx * normals[i, 0] + ry * normals[i, 1] + rz * normals[i, 2]
+            dot = rx * nx + ry * ny + rz * nz
             squared = rx * rx + ry * ry + rz * rz
             if dot <= 0 or dot * dot < least * least * squared:
                 continue
-            r, t = rotations[c], offsets[c]
-            z = r[2, 0] * px + r[2, 1] * py + r[2, 2] * pz + t[2]
-            x = r[0, 0] * px + r[0, 1] * py + r[0, 2] * pz + t[0]
-            y = r[1, 0] * px + r[1, 1] * py + r[1, 2] * pz + t[1]
+            # the parts of one array one by one: a view of it costs more than the sum
+            r, t = rotations, offsets
+            z = r[c, 2, 0] * px + r[c, 2, 1] * py + r[c, 2, 2] * pz + t[c, 2]
             if z < 0.1:
                 continue
+            x = r[c, 0, 0] * px + r[c, 0, 1] * py + r[c, 0, 2] * pz + t[c, 0]
+            y = r[c, 1, 0] * px + r[c, 1, 1] * py + r[c, 1, 2] * pz + t[c, 1]
             u = focal[c] * x / z + 0.5 * width[c]
             v = focal[c] * y / z + 0.5 * height[c]
             if u < 0 or v < 0 or u >= width[c] or v >= height[c]:
@@ -60,7 +62,7 @@ def _choose(
                 continue
             n_views[i] += 1
             # one photo by weight, in one pass: the draw is stretched over what it still means
-            weight = dot / squared**1.5
+            weight = dot / (squared * np.sqrt(squared))
             total += weight
             share = weight / total
             if draw < share:
