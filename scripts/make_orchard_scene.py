@@ -6,6 +6,7 @@ scene.json) and as_seen.ply. Example:
     python scripts/make_orchard_scene.py --seed 7 --as_seen results/orchard/scenes/7/as_seen.ply
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +21,11 @@ from cherrypicker.runner import run, stage_parser
 
 def main(
     as_seen, *, seed, forms=FORMS, n_points=200_000, surface_points=150_000, extent_m=3.0,
-    n_photos=48, photo_size_px=0, distortion=True,
+    n_photos=48, photo_size_px=0, distortion=True, chosen="{}",
 ):  # fmt: skip
     """Write the truth, then the cloud."""
     folder = Path(as_seen).parent
-    options = scene_options(seed, forms)
+    options = scene_options(seed, forms, json.loads(chosen))
     scene = generate_scene(seed, **options)
     camera = scene_camera(seed, distortion=distortion, size_px=photo_size_px)
     poses = ring_poses(
@@ -51,5 +52,6 @@ parser.add_argument("--surface_points", type=int, default=150_000, help="of the 
 parser.add_argument("--extent_m", type=float, default=3.0, help="radius of the clouds, m")
 parser.add_argument("--n_photos", type=int, default=48)
 parser.add_argument("--photo_size_px", type=int, default=0, help="longer side, 0: the cameras' own")
+parser.add_argument("--chosen", default="{}", help="JSON of the config's orchard.chosen")
 parser.add_argument("--distortion", type=int, default=1, help="0: pinholes")
 run(main, parser, globals().get("snakemake"))

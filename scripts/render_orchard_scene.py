@@ -22,7 +22,7 @@ RENDER = Path(__file__).with_name("render_scene.py")
 
 def main(
     scene, rendered, *, blender_python, seed, forms=FORMS, n_photos=48, photo_size_px=0,
-    distortion=True, effects=True, threads=2,
+    distortion=True, effects=True, chosen="{}", threads=2,
 ):  # fmt: skip
     """Render what is missing, then list the photos."""
     folder = Path(rendered).parent
@@ -37,7 +37,7 @@ def main(
         blender_python, str(RENDER), "--orchard", str(seed), "--forms", *forms, "--output",
         str(folder), "--photos", str(n_photos), "--threads", str(threads), "--maps",
         "--lens", str(int(distortion)), "--imperfect", str(int(effects)),
-        "--size", str(photo_size_px),
+        "--size", str(photo_size_px), "--chosen", chosen,
     ]  # fmt: skip
     try:
         done = subprocess.run(command, check=False)
@@ -65,6 +65,7 @@ parser.add_argument("--seed", type=int, required=True)
 parser.add_argument("--forms", nargs="+", default=FORMS)
 parser.add_argument("--n_photos", type=int, default=48)
 parser.add_argument("--photo_size_px", type=int, default=0, help="longer side, 0: the cameras' own")
+parser.add_argument("--chosen", default="{}", help="JSON of the config's orchard.chosen")
 parser.add_argument("--distortion", type=int, default=1)
 parser.add_argument("--effects", type=int, default=1, help="0: perfect cameras")
 parser.add_argument("--threads", type=int, default=2)

@@ -15,6 +15,7 @@ and any other scene, a random one of a seed, by
 """
 
 import argparse
+import json
 import logging
 import sys
 import time
@@ -142,6 +143,7 @@ def parse_arguments():
     parser.add_argument("--quality", type=int, default=80, help="JPEG quality (80)")
     parser.add_argument("--noise", type=float, default=0.006, help="sensor noise, of 1 (0.006)")
     parser.add_argument("--forms", nargs="+", default=FORMS, help="for --orchard")
+    parser.add_argument("--chosen", default="{}", help="JSON of options, for --orchard")
     parser.add_argument("--photos", type=int, default=48, help="photos, for --orchard (48)")
     parser.add_argument("--size", type=int, default=0, help="longer side, px, for --orchard (0)")
     parser.add_argument("--lens", type=int, default=1, help="0: pinholes, for --orchard")
@@ -167,7 +169,9 @@ def main():
         preset = PRESETS[args.preset]
         scene, camera, rings = generate_scene(**preset["scene"]), preset["camera"], preset["rings"]
     elif args.orchard is not None:
-        scene = generate_scene(args.orchard, **scene_options(args.orchard, args.forms))
+        scene = generate_scene(
+            args.orchard, **scene_options(args.orchard, args.forms, json.loads(args.chosen))
+        )
         camera = scene_camera(args.orchard, distortion=bool(args.lens), size_px=args.size)
         rings = default_rings(scene, camera, args.photos)
     else:

@@ -24,6 +24,8 @@ from cherrypicker.orchard.photo import (
     develop,
     distorted,
     lens_map,
+    lens_margin,
+    maps_through,
     read_maps,
     write_maps,
 )
@@ -46,7 +48,7 @@ def make(folder, seed, *options):
 def test_scene_on_disk_is_read_by_the_pipeline_s_own_readers(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        done = make(tmp_path / name, 5)
+        done = make(tmp_path / name, 5, "--chosen", '{"wind_m": 0.01}')
         assert done.returncode == 0, done.stderr
     cloud = read_cloud(tmp_path / "a/as_seen.ply", required=("label", "tree", "colors"))
     assert 2000 < len(cloud) <= 6000
@@ -66,6 +68,46 @@ def test_scene_on_disk_is_read_by_the_pipeline_s_own_readers(tmp_path):
 def test_unknown_forms_are_refused():
     with pytest.raises(StageError, match="oak"):
         scene_options(1, ["oak"])
+
+
+def test_chosen_options_stand_over_drawn_ones():
+    drawn = scene_options(7)
+    chosen = scene_options(7, chosen={"net": "none", "wind_m": 0.05, "ground": "mulch"})
+    assert chosen == {**drawn, "net": None, "wind": 0.05, "ground": "mulch"}
+    with pytest.raises(StageError, match="snow"):
+        scene_options(7, chosen={"snow": 1})
+
+
+def test_photos_of_another_size_keep_their_field_of_view():
+    for seed in range(5):
+        large, small = scene_camera(seed), scene_camera(seed, size_px=300)
+        assert max(small.width, small.height) == 300
+        assert small.focal_px / small.width == pytest.approx(large.focal_px / large.width, rel=5e-3)
+        assert (small.k1, small.k2) == (large.k1, large.k2)
+    with pytest.raises(StageError, match="photo_size_px"):
+        scene_camera(1, size_px=20)
+
+
+def test_depth_between_pixels_is_that_of_the_plane():
+    camera = CameraModel(width=120, height=90, focal_px=90.0, k1=-0.12, k2=0.01)
+    wide = camera.widened(lens_margin(camera))
+    assert 1.0 < lens_margin(camera) < 1.25
+    lens = lens_map(wide, camera)
+    assert lens.min() >= 0
+    assert (lens <= [wide.width - 1, wide.height - 1]).all()
+    x, y = np.meshgrid(np.arange(wide.width) + 0.5, np.arange(wide.height) + 0.5)
+    u, v = (x - wide.width / 2) / 90.0, (y - wide.height / 2) / 90.0
+    depth = 1.0 / (0.4 + 0.1 * u - 0.05 * v)  # a plane
+    mask = np.zeros(depth.shape, np.uint8)
+    mask[:, : wide.width // 2] = 1
+    normals = np.zeros((*depth.shape, 3))
+    found, _, kinds, _ = maps_through(lens, depth.astype(np.float32), normals, mask, mask)
+    u, v = (np.moveaxis(lens, -1, 0) + 0.5 - np.array([[[wide.width]], [[wide.height]]]) / 2) / 90.0
+    off = np.abs(found - 1.0 / (0.4 + 0.1 * u - 0.05 * v))
+    inside = np.abs(lens[..., 0] + 0.5 - wide.width / 2) > 1
+    assert off[inside].max() < 1e-4
+    assert off.max() < 0.02
+    assert set(np.unique(kinds)) == {0, 1}
 
 
 def test_options_cover_forms_and_sizes():

@@ -1,5 +1,7 @@
 # The synthetic orchard, see docs/orchard.md. Only `snakemake orchard` and `orchard_skeletons` run it.
 
+import json
+
 ORCHARD = SETTINGS["orchard"]
 ORCHARD_SEEDS = range(ORCHARD["seed"], ORCHARD["seed"] + ORCHARD["n_scenes"])
 ORCHARD_FILES = ["as_seen.ply", "truth/scene.json"]
@@ -61,6 +63,7 @@ rule make_orchard_scene:
     params:
         seed=lambda wildcards: int(wildcards.scene_seed),
         forms=ORCHARD["forms"],
+        chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
         n_points=ORCHARD["n_points"],
         surface_points=ORCHARD["surface_points"],
         extent_m=ORCHARD["extent_m"],
@@ -95,6 +98,7 @@ rule render_orchard_scene:
         blender_python=ORCHARD["blender_python"],
         seed=lambda wildcards: int(wildcards.scene_seed),
         forms=ORCHARD["forms"],
+        chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
         n_photos=ORCHARD["n_photos"],
         photo_size_px=ORCHARD["photo_size_px"],
         distortion=ORCHARD["distortion"],

@@ -334,7 +334,7 @@ class BlenderScene:
         path = self._render("truth.exr", "OPEN_EXR", "32")
         image = self.bpy.data.images.load(str(path))
         image.colorspace_settings.name = "Non-Color"
-        image.alpha_mode = "CHANNELPACKED"
+        image.alpha_mode = "CHANNEL_PACKED"
         width, height = image.size
         pixels = np.empty(4 * width * height, np.float32)
         image.pixels.foreach_get(pixels)

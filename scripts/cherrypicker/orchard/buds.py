@@ -47,7 +47,7 @@ def _across(tangents, angle):
 
 
 def set_buds(rng, tree, per_metre):
-    """Set a bud on every tip and more along the young wood.
+    """Set a bud on every thin tip and more along the young wood.
 
     Parameters
     ----------
@@ -77,10 +77,12 @@ def set_buds(rng, tree, per_metre):
         side = _across(along, angle)
         seats = node(axis.points) + 0.8 * node(axis.radii) * side
         directions = along + rng.uniform(*LEAN, (len(at), 1)) * side
-        tip = axis.points[-1:] + 0.5 * axis.radii[-1] * tangents[-1:]
-        seats = np.vstack([seats, tip])
-        directions = np.vstack([directions, tangents[-1:]])
-        parts.append((seats, directions, np.append(at, s[-1]), np.full(len(seats), number)))
+        if axis.radii[-1] <= YOUNG_M:  # a stub has no bud on its cut
+            tip = axis.points[-1:] + 0.5 * axis.radii[-1] * tangents[-1:]
+            seats = np.vstack([seats, tip])
+            directions = np.vstack([directions, tangents[-1:]])
+            at = np.append(at, s[-1])
+        parts.append((seats, directions, at, np.full(len(seats), number)))
     points, directions, s, axis = (np.concatenate(values) for values in zip(*parts))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     length = rng.uniform(*LENGTH_M, len(points))

@@ -21,6 +21,11 @@ RATIOS = {"cherry_whip": (0.011, 0.016), None: (0.014, 0.026)}
 RADIUS_M = (0.02, 0.15)
 WHIP_RADIUS_M = 0.008
 LEAST_SIZE_PX = 64
+# keys of the config and the options of `generate_scene` that they set
+CHOSEN = {
+    "sky": "sky", "ground": "ground", "net": "net", "wind_m": "wind", "buds_per_m": "buds",
+    "relief": "relief", "neighbours": "neighbours",
+}  # fmt: skip
 CAMERAS = (
     CameraModel(800, 1200, 1050.0, model="Orchard One", sensor_diagonal_mm=9.5),
     CameraModel(1200, 800, 860.0, model="Orchard Three", sensor_diagonal_mm=28.2),
@@ -30,7 +35,7 @@ CAMERAS = (
 )
 
 
-def scene_options(seed, forms=FORMS):
+def scene_options(seed, forms=FORMS, chosen=None):
     """Draw the options of `generate_scene` for one scene of an orchard.
 
     Parameters
@@ -39,6 +44,9 @@ def scene_options(seed, forms=FORMS):
         Equal arguments give equal options.
     forms : sequence of str
         The forms to draw from.
+    chosen : dict, optional
+        What is not drawn, by the keys of the config's `orchard.chosen`: `sky`, `ground`, `net`
+        ("none" for none), `wind_m`, `buds_per_m`, `relief`, `neighbours`.
 
     Returns
     -------
@@ -48,8 +56,14 @@ def scene_options(seed, forms=FORMS):
     Raises
     ------
     StageError
-        If a form is not known.
+        If a form or a key of `chosen` is not known.
     """
+    unknown = sorted(set(chosen or {}) - set(CHOSEN))
+    if unknown:
+        raise StageError(
+            f"scenes have {', '.join(CHOSEN)} to choose, got {', '.join(unknown)}",
+            key="orchard.chosen",
+        )
     unknown = [form for form in forms if form not in FORMS]
     if unknown or not forms:
         raise StageError(
@@ -87,7 +101,9 @@ def scene_options(seed, forms=FORMS):
         options["markers"].append(
             {"dictionary": dictionary, "id": number, "side_m": side, "pose": pose}
         )
-    return {**options, **_look(seed, form)}
+    options |= _look(seed, form)
+    options |= {CHOSEN[key]: value for key, value in (chosen or {}).items()}
+    return {**options, "net": None if options["net"] == "none" else options["net"]}
 
 
 def _look(seed, form):
