@@ -21,15 +21,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from cherrypicker.orchard.appearance import bark_relief, encode_srgb, surface_color
+from cherrypicker.orchard.appearance import encode_srgb
 from cherrypicker.orchard.backdrop import backdrop
-from cherrypicker.orchard.buds import bud_mesh
 from cherrypicker.orchard.cameras import CameraModel, Ring, ring_poses
 from cherrypicker.orchard.ground import ground_color
 from cherrypicker.orchard.mesh import NO_TREE
 from cherrypicker.orchard.noise import fbm
-from cherrypicker.orchard.surfaces import ground, lit, on_mesh, things
-from cherrypicker.orchard.tubes import sample_tubes
+from cherrypicker.orchard.seen_surface import paint, painted_surface, select
+from cherrypicker.orchard.surfaces import lit
 from cherrypicker.orchard.visibility import choose_views
 
 __all__ = ["AsSeen", "see_scene"]
@@ -39,7 +38,6 @@ SKY_ELEVATION = 0.06  # sine over which the sky begins
 NEIGHBOURS = 4  # photos whose distance is the baseline
 OVERSAMPLE = 2.2
 THIN_THING_M = 0.01  # wires and threads are lost as twigs are
-MOST_THING_M2 = 0.8  # a roof would take most of the points by its area alone
 
 
 @dataclass(frozen=True)
@@ -187,103 +185,6 @@ def _baselines(centers):
     return np.maximum(np.median(near, axis=1), 0.05)
 
 
-def _wood_area(tree, offset, extent):
-    """Area (m2) of a tree's surface within `extent` of the z axis."""
-    total = 0.0
-    for axis in tree.axes:
-        step = np.linalg.norm(np.diff(axis.points, axis=0), axis=1)
-        middle = 0.5 * (axis.points[1:] + axis.points[:-1]) + offset
-        inside = np.hypot(middle[:, 0], middle[:, 1]) < extent
-        total += np.pi * ((axis.radii[1:] + axis.radii[:-1]) * step)[inside].sum()
-    return total
-
-
-def _wood(rng, scene, density, extent, widen):
-    """Points on all trees, with tangents."""
-    parts = []
-    for number, (tree, offset) in enumerate(zip(scene.trees, scene.offsets)):
-        sample = sample_tubes(rng, tree, density, widen=widen)
-        at = sample.points + offset
-        sample = sample.select(np.hypot(at[:, 0], at[:, 1]) < extent)
-        # the same place on the bark as in the rendered mesh
-        shift = np.random.default_rng([tree.bark_seed, 23]).uniform(-50, 50, (len(tree.axes), 3))
-        around = sample.radius[:, None] * np.stack(
-            [np.cos(sample.angle), np.sin(sample.angle)], axis=1
-        )
-        rest = np.column_stack([around, sample.s]) + shift[sample.axis]
-        height = bark_relief(rest, sample.radius, tree.bark)
-        at = {"rest": rest, "radius": sample.radius, "axis": sample.axis, "s": sample.s}
-        points = sample.points + offset + height[:, None] * sample.normals
-        parts.append(_bark(tree, number, points, sample.normals, sample.tangents, at))
-        if tree.buds is not None:
-            mesh = bud_mesh(tree.buds).moved(offset)
-            n = rng.poisson(density * mesh.face_areas().sum())
-            points, normals, at = on_mesh(rng, mesh, n)
-            inside = np.hypot(points[:, 0], points[:, 1]) < extent
-            at = {k: v[inside] for k, v in at.items()}
-            along = _axis_tangents(tree, at["axis"])
-            parts.append(_bark(tree, number, points[inside], normals[inside], along, at))
-    return parts
-
-
-def _axis_tangents(tree, axis):
-    """Mean direction (n, 3) of the axes that points belong to."""
-    whole = np.array([a.points[-1] - a.points[0] for a in tree.axes])
-    return (whole / np.linalg.norm(whole, axis=1, keepdims=True))[axis]
-
-
-def _bark(tree, number, points, normals, tangents, at):
-    """Points on a tree as the model needs them; `at`: where on its axes they lie."""
-    kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
-    return {
-        "points": points, "normals": normals, "tangents": tangents, "label": kinds[at["axis"]],
-        "radius": at["radius"], "tree": np.full(len(points), number, np.uint8),
-        "paint": lambda rows: surface_color(tree.bark, _select(at, rows), len(rows)),
-    }  # fmt: skip
-
-
-def _surface(rng, scene, n_points, extent, ground_share, widen):
-    """Points on all surfaces, about n_points: a dict of joined arrays, and painters.
-
-    `part` and `row` say whose points they were: a painter makes colours for rows of its own part,
-    once it is known which points are found.
-    """
-    wood_area = sum(_wood_area(t, o, extent) for t, o in zip(scene.trees, scene.offsets))
-    other_area = sum(min(t.mesh.face_areas().sum(), MOST_THING_M2) for t in scene.objects)
-    density = n_points * (1 - ground_share) / (wood_area + other_area)
-    parts = _wood(rng, scene, density, extent, widen)
-    flat = things(rng, scene, 0.7 * density, extent, most_m2=MOST_THING_M2)
-    floor = ground_share * n_points / (np.pi * extent**2)
-    flat.append(ground(rng, scene, floor, extent, is_colored=False))
-    names = ("points", "normals", "albedo", "label", "radius")
-    for part in flat:
-        made = dict(zip(names, part))
-        made["tangents"] = np.zeros_like(part[0])
-        made["tree"] = np.full(len(part[0]), NO_TREE, np.uint8)
-        made["paint"] = made.pop("albedo").__getitem__
-        parts.append(made)
-    xy = flat[-1][0][:, :2]
-    parts[-1]["paint"] = lambda rows: ground_color(xy[rows], scene.ground_seed, scene.ground_kind)
-    painters = [part.pop("paint") for part in parts]
-    for number, part in enumerate(parts):
-        part["part"] = np.full(len(part["points"]), number, np.int32)
-        part["row"] = np.arange(len(part["points"]))
-    return {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}, painters
-
-
-def _albedo(cloud, painters):
-    """Colours (n, 3) of the points, linear."""
-    albedo = np.empty((len(cloud["points"]), 3))
-    for number, paint in enumerate(painters):
-        here = np.flatnonzero(cloud["part"] == number)
-        albedo[here] = paint(cloud["row"][here])
-    return albedo
-
-
-def _select(cloud, keep):
-    return {k: v[keep] for k, v in cloud.items()}
-
-
 def _holes(rng, cloud, seen):
     """Which points do not lie in a hole."""
     points = cloud["points"]
@@ -381,7 +282,9 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     poses = seen.poses(scene) if poses is None else poses
     focal = poses.K[:, 0, 0]
     widen = seen.spill_px * np.median(np.linalg.norm(poses.centers, axis=1) / focal)
-    cloud, painters = _surface(rng, scene, OVERSAMPLE * n_points, extent, ground_share, widen)
+    cloud, painters = painted_surface(
+        rng, scene, OVERSAMPLE * n_points, extent, ground_share, widen
+    )
     skeletons = [t.skeleton() for t in scene.trees]
     nodes = np.concatenate([s.points + o for s, o in zip(skeletons, scene.offsets)])
     n_views, photo = choose_views(
@@ -391,7 +294,7 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     keep = n_views >= seen.min_views
     if not keep.any():
         raise ValueError(f"{len(poses)} photos see nothing of the scene together")
-    cloud, photo = _select(cloud, keep), photo[keep]
+    cloud, photo = select(cloud, keep), photo[keep]
     rays = poses.centers[photo] - cloud["points"]
     distance = np.linalg.norm(rays, axis=1)
     rays /= distance[:, None]
@@ -400,8 +303,8 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     sigma = seen.match_px * pixel * distance / baseline
     points, cover = _moved(rng, cloud, seen, rays, pixel, sigma)
     keep = _kept(rng, cloud, seen, cover, pixel, rays)
-    cloud, points, cover, rays = _select(cloud, keep), points[keep], cover[keep], rays[keep]
-    linear = scene.light.shade(_albedo(cloud, painters), cloud["normals"], lit(scene, cloud))
+    cloud, points, cover, rays = select(cloud, keep), points[keep], cover[keep], rays[keep]
+    linear = scene.light.shade(paint(cloud, painters), cloud["normals"], lit(scene, cloud))
     mixed = np.flatnonzero(cover < 0.97)
     share = cover[mixed, None]
     behind = _behind(scene, points[mixed], rays[mixed])

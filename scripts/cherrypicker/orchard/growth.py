@@ -5,11 +5,11 @@ orders are trunk (0), scaffold (1), lateral (2) and twig (3). Three trained form
 the central leader, the spindle (many short flat scaffolds) and the open vase.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker.classes import Label
+from cherrypicker.orchard.tree import Axis, Skeleton, Tree
 
 __all__ = [
     "HABITS",
@@ -65,118 +65,6 @@ HABITS = {
         forked=True,
     ),
 }
-
-
-@dataclass
-class Axis:
-    """One axis of a tree.
-
-    Attributes
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Nodes along the axis, m, tree frame; the first lies on the parent's node.
-    radii : ndarray of shape (n,), float64
-        Radius at each node, m.
-    order : int
-        0 trunk, 1 scaffold, 2 lateral, 3 twig.
-    parent : int
-        Index of the parent axis, -1 for the trunk.
-    parent_node : int
-        Node of the parent that the axis starts on.
-    """
-
-    points: np.ndarray
-    radii: np.ndarray
-    order: int
-    parent: int = -1
-    parent_node: int = -1
-
-    @property
-    def arclength(self):
-        """Arc length at each node, shape (n,), m."""
-        steps = np.diff(self.points, axis=0)
-        way = np.zeros(len(self.points))
-        np.cumsum(np.sqrt((steps * steps).sum(axis=1)), out=way[1:])
-        return way
-
-    @property
-    def tangents(self):
-        """Unit tangents at the nodes, shape (n, 3)."""
-        p = self.points
-        d = np.empty_like(p)  # np.gradient takes ten times as long on so few nodes
-        d[1:-1] = (p[2:] - p[:-2]) / 2.0
-        d[0], d[-1] = p[1] - p[0], p[-1] - p[-2]
-        return d / np.sqrt((d * d).sum(axis=1))[:, None]
-
-    @property
-    def label(self):
-        """`Label.TRUNK` for order 0, else `Label.BRANCH`."""
-        return Label.TRUNK if self.order == 0 else Label.BRANCH
-
-
-@dataclass
-class Skeleton:
-    """Exact skeleton: per node the parent (-1 root), position and radius (m), order, label."""
-
-    parents: np.ndarray
-    points: np.ndarray
-    radii: np.ndarray
-    orders: np.ndarray
-    labels: np.ndarray
-
-    def edge_lengths(self):
-        """Length of the edge from each node to its parent, shape (n,), m; 0 for the root."""
-        lengths = np.linalg.norm(self.points - self.points[self.parents], axis=1)
-        lengths[self.parents < 0] = 0.0
-        return lengths
-
-
-@dataclass
-class Tree:
-    """A grown tree: its habit's name, its axes (parents before children) and its bark's seed.
-
-    `paint_m` is the height up to which its stem is painted white, 0 for none, `relief` the depth
-    of its bark's relief (see `appearance.bark_relief`), `buds` a `buds.Buds` or None.
-    """
-
-    habit: str
-    axes: list = field(default_factory=list)
-    bark_seed: int = 0
-    paint_m: float = 0.0
-    relief: float = 0.0
-    buds: object = None
-
-    @property
-    def bark(self):
-        """The material of its wood, see `appearance.surface_color`."""
-        return {"kind": "bark", "seed": self.bark_seed, "paint_m": self.paint_m,
-                "relief": self.relief}  # fmt: skip
-
-    def skeleton(self):
-        """Join the axes into one rooted skeleton whose junctions share a node."""
-        parents, first = [], []
-        total = 0
-        for axis in self.axes:
-            start = 0 if axis.parent < 0 else 1  # a child's first node is its parent's
-            first.append(total - start)
-            ids = total + np.arange(len(axis.points) - start)
-            link = ids - 1
-            link[0] = -1 if axis.parent < 0 else first[axis.parent] + axis.parent_node
-            parents.append(link)
-            total += len(ids)
-
-        def joined(values):
-            kept = [v if a.parent < 0 else v[1:] for v, a in zip(values, self.axes)]
-            return np.concatenate(kept)
-
-        n = [len(a.points) for a in self.axes]
-        return Skeleton(
-            parents=np.concatenate(parents),
-            points=joined([a.points for a in self.axes]),
-            radii=joined([a.radii for a in self.axes]),
-            orders=joined([np.full(k, a.order) for k, a in zip(n, self.axes)]),
-            labels=joined([np.full(k, int(a.label)) for k, a in zip(n, self.axes)]),
-        )
 
 
 def _unit(v):
