@@ -30,7 +30,7 @@ def main(
     camera = scene_camera(seed, distortion=distortion, size_px=photo_size_px)
     poses = ring_poses(
         default_rings(scene, camera, n_photos), camera, seed=seed, ground=scene.ground_height,
-        obstacles=scene.neighbour_wood(),
+        obstacles=scene.obstacles(),
     )  # fmt: skip
     write_truth(
         folder / "truth", scene, poses, n_points=surface_points, extent=extent_m,

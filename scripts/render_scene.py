@@ -182,7 +182,7 @@ def main():
         camera,
         seed=scene.seed,
         ground=scene.ground_height,
-        obstacles=scene.neighbour_wood(),
+        obstacles=scene.obstacles(),
     )
     if args.orchard is None:  # the orchard's rule writes its own
         name = args.preset or f"seed {args.seed}"

@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label
 from cherrypicker.orchard import generate_scene, sample_scene
 from cherrypicker.orchard.appearance import RELIEF_M, SMOOTH_M, bark_relief
+from cherrypicker.orchard.cameras import CameraModel, Ring, ring_poses
 from cherrypicker.orchard.mesh import NO_TREE, box
 from cherrypicker.orchard.variety import scene_options
 from cherrypicker.orchard.wind import moved_points, sway
@@ -101,6 +102,17 @@ def test_nets_are_threads_of_class_roof():
         assert (cloud["tree"][cloud["label"] == Label.ROOF] == NO_TREE).all()
     with pytest.raises(ValueError, match="net"):
         generate_scene(4, **BARE, net="under")
+
+
+def test_no_photographer_stands_in_a_post():
+    scene = generate_scene(4, **BARE, wires=2, row_spacing=2.6)
+    posts = [t.mesh.vertices for t in scene.objects if t.name.startswith("row_post")]
+    rings = [Ring(24, 1.1, 1.35, 1.0)]
+    free = ring_poses(rings, CameraModel(), seed=1)
+    clear = ring_poses(rings, CameraModel(), seed=1, obstacles=scene.obstacles())
+    gaps = [cKDTree(np.concatenate(posts)).query(p.centers)[0].min() for p in (free, clear)]
+    assert gaps[0] < 0.3
+    assert gaps[1] > 0.35
 
 
 def test_wind_moves_twigs_and_keeps_the_tree_whole(plain):

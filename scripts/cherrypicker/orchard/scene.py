@@ -16,7 +16,7 @@ from cherrypicker.orchard.ground import GROUNDS
 from cherrypicker.orchard.growth import HABITS
 from cherrypicker.orchard.mesh import SceneObject, join, tree_mesh
 from cherrypicker.orchard.noise import fbm
-from cherrypicker.orchard.structures import foil_roof, support_post, trellis
+from cherrypicker.orchard.structures import WIRE_RADIUS_M, foil_roof, support_post, trellis
 from cherrypicker.orchard.structures import net as hang_net
 from cherrypicker.orchard.templates import grow_any
 
@@ -79,6 +79,15 @@ class Scene:
         """Skeleton nodes of all trees but the target, shape (n, 3), m."""
         nodes = [t.skeleton().points + o for t, o in zip(self.trees[1:], self.offsets[1:])]
         return np.concatenate([np.empty((0, 3)), *nodes])
+
+    def obstacles(self):
+        """Where no photographer can stand: wood of the neighbours and posts, shape (n, 3), m."""
+        posts = [
+            thing.mesh.vertices
+            for thing in self.objects
+            if thing.label == Label.SUPPORT_POST and thing.radius > WIRE_RADIUS_M
+        ]
+        return np.concatenate([self.neighbour_wood(), *posts])
 
     def tree_objects(self, **resolution):
         """One bark object per tree, meshed at the resolution asked for (see `tree_mesh`).

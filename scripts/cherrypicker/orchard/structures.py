@@ -5,7 +5,7 @@ import numpy as np
 from cherrypicker.classes import Label
 from cherrypicker.orchard.mesh import Mesh, SceneObject, cylinder, join, quad_board
 
-__all__ = ["NETS", "foil_roof", "net", "support_post", "trellis"]
+__all__ = ["NETS", "WIRE_RADIUS_M", "foil_roof", "net", "support_post", "trellis"]
 
 NETS = ("over", "along")
 WIRE_RADIUS_M = 0.0015
