@@ -18,6 +18,7 @@ from cherrypicker.poses import read_poses
 from cherrypicker.segmentation.dgcnn import N_CLASSES
 from cherrypicker.segmentation.inference import segment_cloud
 from cherrypicker.segmentation.metrics import confusion_matrix, scores
+from cherrypicker.segmentation.scenes import hidden_bark
 from cherrypicker.segmentation.training import IGNORED, network_labels
 
 __all__ = ["LabelledCloud", "confusion_figure", "judge", "labels_figure", "of_sample", "of_scan"]
@@ -63,6 +64,7 @@ def of_scan(results, truth):
     results, truth = Path(results), Path(truth)
     cloud = read_cloud(results / "metric.ply")
     surface = read_cloud(truth / "cloud.ply", required=("label",))
+    surface = surface.select(~hidden_bark(surface.points, surface["label"]))
     moved = compare_cameras(
         read_poses(results / "metric_poses.npz"), read_poses(truth / "poses.npz")
     )

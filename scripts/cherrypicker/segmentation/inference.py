@@ -264,7 +264,7 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, stems=None, seed
         labels = split_support_post(cloud.points, labels, frame, post)
         labels = split_standing_posts(cloud.points, labels, frame, post)
     if stems is not None:
-        chosen = relabel_wood(cloud.points, labels, frame, stems)
+        chosen = relabel_wood(cloud.points, labels, frame, stems, cloud.colors)
         moved = chosen != labels
         wood = full[moved, Label.TRUNK] + full[moved, Label.BRANCH]
         labels, confidence[moved] = chosen, wood.clip(0.0, 1.0)

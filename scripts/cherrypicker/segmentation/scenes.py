@@ -4,6 +4,7 @@ import logging
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.files import atomic_path
@@ -21,6 +22,7 @@ from cherrypicker.segmentation.things import (
 logger = logging.getLogger(__name__)
 
 HELD_OUT_SEED = 900_000  # held-out seeds start here, far from any number of training seeds
+UNDER_RING_M = 0.01  # wood this near to a ring's points is under it
 QUANTUM_M = 0.00025  # resolution of the coordinates in the cache; they reach 8 m
 
 
@@ -65,12 +67,37 @@ def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
         extent=float(rng.uniform(1.5, 3.2)),
         ground_share=float(rng.uniform(0.25, 0.5)),
     )
-    return Sample(
-        cloud.points.astype(np.float32),
-        np.rint(cloud.colors * 255).astype(np.uint8),
-        cloud["label"],
-        cloud["tree"],
+    return without_hidden_bark(
+        Sample(
+            cloud.points.astype(np.float32),
+            np.rint(cloud.colors * 255).astype(np.uint8),
+            cloud["label"],
+            cloud["tree"],
+        )
     )
+
+
+def hidden_bark(points, labels):
+    """Which wood lies under a calibration ring, where nothing can see it, (n,) bool.
+
+    The sampled surface of a scene has the bark below a sleeve as well as the sleeve.
+    """
+    hidden = np.zeros(len(points), bool)
+    rings = points[labels == Label.CALIBRATION_UNIT]
+    if not len(rings):
+        return hidden
+    low, high = rings.min(axis=0) - UNDER_RING_M, rings.max(axis=0) + UNDER_RING_M
+    wood = np.isin(labels, (Label.TRUNK, Label.BRANCH))
+    rows = np.flatnonzero(wood & (points > low).all(axis=1) & (points < high).all(axis=1))
+    distance, _ = cKDTree(rings).query(points[rows], distance_upper_bound=UNDER_RING_M)
+    hidden[rows] = np.isfinite(distance)
+    return hidden
+
+
+def without_hidden_bark(sample):
+    """A sample (`cherrypicker.segmentation.augment.Sample`) without its `hidden_bark`."""
+    hidden = hidden_bark(sample.points, sample.labels)
+    return sample.select(~hidden) if hidden.any() else sample
 
 
 def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="common"):
@@ -158,4 +185,5 @@ def _save(path, sample):
 def _load(path):
     with np.load(path, allow_pickle=False) as arrays:
         points = arrays["points"].astype(np.float32) * np.float32(QUANTUM_M)
-        return Sample(points, arrays["colors"], arrays["labels"], arrays["trees"])
+        sample = Sample(points, arrays["colors"], arrays["labels"], arrays["trees"])
+    return without_hidden_bark(sample)  # older files have it

@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.segmentation.stem_axis import trace_stems
+from cherrypicker.segmentation.stem_rings import ring_points
 
 logger = logging.getLogger(__name__)
 
@@ -18,7 +19,7 @@ END_CAP = 0.6  # a trunk that ends at a fork is closed by a dome of this share o
 REACHES = 0.03  # how near a wood point lies to the thinned wood of the tree it belongs to
 
 
-def relabel_wood(points, labels, frame, model=None):
+def relabel_wood(points, labels, frame, model=None, colors=None):
     """Decide between trunk and branch by the course of the stems.
 
     Every stem that stands in the cloud is trunk from the ground to where the rule of the labels
@@ -31,11 +32,13 @@ def relabel_wood(points, labels, frame, model=None):
     labels : ndarray of shape (n_points,), uint8
     frame : cherrypicker.segmentation.spheres.TreeFrame
     model : cherrypicker.segmentation.stem_axis.StemModel, optional
+    colors : ndarray of shape (n_points, 3), optional
+        In [0, 1]; white rings on the stems become calibration unit.
 
     Returns
     -------
     ndarray of shape (n_points,), uint8
-        A copy; only labels trunk and branch differ.
+        A copy; only what was trunk or branch differs.
     """
     result = labels.copy()
     rows = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.BRANCH))
@@ -56,6 +59,12 @@ def relabel_wood(points, labels, frame, model=None):
         if stem.is_sound:
             is_trunk = on_stem(wood[own], stem)
             result[rows[own]] = np.where(is_trunk, Label.TRUNK, Label.BRANCH)
+            if colors is not None:
+                on = rows[own[is_trunk]]
+                # in true metres: a tall tree's ring is shrunk with it
+                places, radius = _dense(stem.points / frame.scale, stem.radius / frame.scale)
+                is_ring = ring_points(wood[own[is_trunk]] / frame.scale, colors[on], places, radius)
+                result[on[is_ring]] = Label.CALIBRATION_UNIT
         _log_stem(stem, len(own))
     changed = np.count_nonzero(result[rows] != labels[rows])
     logger.info("the stems' course changed %.1f %% of the wood", 100 * changed / len(rows))
