@@ -36,7 +36,7 @@ INSTALL = (
     "opencv-contrib-python-headless==5.0.0.93"
 )
 # the ground's textures: half width (of the cameras' distance) and pixel (of a photo's at the tree)
-GROUND_TEXTURES = ((1.25, 1.0), (3.5, 4.0))
+GROUND_TEXTURES = ((1.25, 1.0), (3.5, 3.0))
 HORIZON_M, HORIZON_PIXEL_M = 40.0, 0.08
 LEAST_DISTANCE_M = 2.0
 
