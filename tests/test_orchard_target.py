@@ -74,6 +74,8 @@ def test_chosen_options_stand_over_drawn_ones():
     drawn = scene_options(7)
     chosen = scene_options(7, chosen={"net": "none", "wind_m": 0.05, "ground": "mulch"})
     assert chosen == {**drawn, "net": None, "wind": 0.05, "ground": "mulch"}
+    left = {"sky": "drawn", "net": "drawn", "wind_m": -1, "neighbours": -1}
+    assert scene_options(7, chosen=left) == drawn
     with pytest.raises(StageError, match="snow"):
         scene_options(7, chosen={"snow": 1})
 

@@ -46,7 +46,8 @@ def scene_options(seed, forms=FORMS, chosen=None):
         The forms to draw from.
     chosen : dict, optional
         What is not drawn, by the keys of the config's `orchard.chosen`: `sky`, `ground`, `net`
-        ("none" for none), `wind_m`, `buds_per_m`, `relief`, `neighbours`.
+        ("none" for none), `wind_m`, `buds_per_m`, `relief`, `neighbours`. "drawn" and numbers
+        below 0 choose nothing.
 
     Returns
     -------
@@ -102,7 +103,10 @@ def scene_options(seed, forms=FORMS, chosen=None):
             {"dictionary": dictionary, "id": number, "side_m": side, "pose": pose}
         )
     options |= _look(seed, form)
-    options |= {CHOSEN[key]: value for key, value in (chosen or {}).items()}
+    for key, value in (chosen or {}).items():
+        is_drawn = value == "drawn" if isinstance(value, str) else value < 0
+        if not is_drawn:
+            options[CHOSEN[key]] = value
     return {**options, "net": None if options["net"] == "none" else options["net"]}
 
 
