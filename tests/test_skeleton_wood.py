@@ -113,3 +113,17 @@ def test_voxels_keep_classes_apart_and_means_inside():
     np.testing.assert_allclose(means[member[5]], points[member == member[5]].mean(axis=0))
     thinned, *_, size = thin_to_limit(points, 0.01, 300)
     assert len(thinned) <= 300 and size > 0.01
+
+
+def test_long_piece_is_kept_over_a_gap_that_it_does_not_point_across():
+    points, labels, _ = small_tree(0)
+    limb = tube((0.16, 0.0, 1.28), (0.16, 0.7, 1.30), 0.008, rng=np.random.default_rng(3))
+    stray = np.array([0.0, -0.2, 1.28]) + np.random.default_rng(4).normal(0, 0.01, (60, 3))
+    top = points[:, 2] < 1.15
+    everything = np.vstack([points[top], limb, stray])
+    kinds = np.concatenate([labels[top], np.full(len(limb) + len(stray), 2)])
+    _, source, _ = voxel_thin(everything, 0.01)
+    keep = select_target_wood(everything[source], kinds[source], target_xy=(0, 0)).keep
+    is_limb = (source >= top.sum()) & (source < top.sum() + len(limb))
+    assert keep[is_limb].all()
+    assert not keep[source >= top.sum() + len(limb)].any()

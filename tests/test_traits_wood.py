@@ -11,6 +11,7 @@ from cherrypicker.traits import (
     projected_area,
     totals_by_order,
 )
+from cherrypicker.traits.wood import missed_wood
 
 
 @pytest.fixture
@@ -84,3 +85,17 @@ def test_crown_of_two_cubes_is_not_what_lies_between():
     assert projected_area(cubes) == pytest.approx(4.0, rel=0.05)
     assert alpha_volume(np.zeros((10, 3)), 1.0, 0.1) == 0.0
     assert projected_area(np.zeros((10, 3))) == 0.0
+
+
+def test_wood_without_an_axis_is_counted_where_it_touches_the_tree():
+    rng = np.random.default_rng(5)
+    stem = np.column_stack([rng.normal(0, 0.004, (900, 2)), rng.uniform(0, 1, 900)])
+    shoot = np.column_stack([rng.uniform(0.0, 0.3, 100), rng.normal(0, 0.004, (100, 2)) + [0, 0.5]])
+    other = np.array([0.8, 0, 0.5]) + rng.normal(0, 0.02, (200, 3))
+    wood = np.vstack([stem, shoot, other])
+    away = np.hypot(wood[:, 0], wood[:, 1])
+    share, length = missed_wood(wood, away < 0.05, away > 0.05, 0.03)
+    n_missed = np.count_nonzero(away[900:1000] > 0.05)
+    assert share == pytest.approx(n_missed / (n_missed + np.count_nonzero(away < 0.05)))
+    assert length == pytest.approx(0.25, abs=0.04)
+    assert missed_wood(wood[:900], away[:900] < 0.05, away[:900] > 0.05, 0.03) == (0.0, 0.0)

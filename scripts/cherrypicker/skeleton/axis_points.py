@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
-__all__ = ["axis_points", "line_shift"]
+__all__ = ["axis_points", "ball_means", "line_shift"]
 
 BALLS = (2.4, 4.5, 8.0)  # radii, in spacings
 ROUNDS = 3
@@ -89,14 +89,39 @@ def line_shift(points, places, radius, rounds):
     direction : ndarray of shape (n_places, 3), float64
         Of the line, either way.
     """
+    sorted_points, key, low, shape = _in_cells(points, places, radius)
+    return _shift(sorted_points, key, low, shape, places.copy(), radius, rounds)
+
+
+def ball_means(points, places, radius):
+    """Mean of the points in a ball around each place; the place itself where there are none."""
+    sorted_points, key, low, shape = _in_cells(points, places, radius)
+    return _means(sorted_points, key, low, shape, np.asarray(places, dtype=np.float64), radius)
+
+
+def _in_cells(points, places, radius):
+    """Points sorted by cells of a ball's radius, the cells' keys and the grid."""
     low = np.minimum(points.min(axis=0), places.min(axis=0)) - 2 * radius
     high = np.maximum(points.max(axis=0), places.max(axis=0)) + 2 * radius
     shape = np.ceil((high - low) / radius).astype(np.int64) + 1
     cell = np.floor((points - low) / radius).astype(np.int64)
     key = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
     order = np.argsort(key, kind="stable")
-    sorted_points = np.ascontiguousarray(points[order])
-    return _shift(sorted_points, key[order], low, shape, places.copy(), radius, rounds)
+    return np.ascontiguousarray(points[order], dtype=np.float64), key[order], low, shape
+
+
+@numba.njit(cache=True)
+def _means(points, key, low, shape, places, radius):
+    means = places.copy()
+    rows, cell = np.empty((9, 2), dtype=np.int64), np.full(3, -1, dtype=np.int64)
+    for place in range(len(places)):
+        _find_rows(key, low, shape, places[place], radius, cell, rows)
+        n, x, y, z, _ = _ball_sums(points, rows, places[place], radius)
+        if n:
+            means[place, 0] += x
+            means[place, 1] += y
+            means[place, 2] += z
+    return means
 
 
 @numba.njit(cache=True)
@@ -105,64 +130,75 @@ def _shift(points, key, low, shape, places, radius, rounds):
     line, width = np.zeros(n_places), np.zeros(n_places)
     count = np.zeros(n_places, dtype=np.int64)
     direction = np.zeros((n_places, 3))
-    total, product = np.zeros(3), np.zeros(6)
+    rows, cell = np.empty((9, 2), dtype=np.int64), np.empty(3, dtype=np.int64)
     for place in range(n_places):
+        cell[:] = -1
         for _ in range(rounds):
-            total[:] = 0.0
-            product[:] = 0.0
-            n = _gather(points, key, low, shape, places[place], radius, total, product)
+            _find_rows(key, low, shape, places[place], radius, cell, rows)
+            n, x, y, z, c = _ball_sums(points, rows, places[place], radius)
             count[place] = n
             if n < FEWEST_POINTS:
                 break
-            mean = total / n
-            c = product / n
-            c[0] -= mean[0] * mean[0]
-            c[1] -= mean[1] * mean[1]
-            c[2] -= mean[2] * mean[2]
-            c[3] -= mean[0] * mean[1]
-            c[4] -= mean[0] * mean[2]
-            c[5] -= mean[1] * mean[2]
             first, second, third = _eigenvalues(c)
-            x, y, z = _eigenvector(c, first)
-            along = mean[0] * x + mean[1] * y + mean[2] * z
-            places[place, 0] += mean[0] - along * x
-            places[place, 1] += mean[1] - along * y
-            places[place, 2] += mean[2] - along * z
-            direction[place, 0], direction[place, 1], direction[place, 2] = x, y, z
+            u, v, w = _eigenvector(c, first)
+            along = x * u + y * v + z * w
+            places[place, 0] += x - along * u
+            places[place, 1] += y - along * v
+            places[place, 2] += z - along * w
+            direction[place, 0], direction[place, 1], direction[place, 2] = u, v, w
             line[place] = 1 - second / max(first, 1e-18)
             width[place] = np.sqrt(max(second, 0.0) + max(third, 0.0))
     return places, line, width, count, direction
 
 
 @numba.njit(cache=True)
-def _gather(points, key, low, shape, place, radius, total, product):
-    """Sums of the offsets, and of their products, of the points in a ball; their number."""
-    n = 0
+def _find_rows(key, low, shape, place, radius, cell, rows):
+    """Rows of the points in the 27 cells around a place, as nine runs; kept while it stays."""
     a = int((place[0] - low[0]) / radius)
     b = int((place[1] - low[1]) / radius)
     c = int((place[2] - low[2]) / radius)
+    if a == cell[0] and b == cell[1] and c == cell[2]:
+        return
+    cell[0], cell[1], cell[2] = a, b, c
+    run = 0
     for i in range(a - 1, a + 2):
         for j in range(b - 1, b + 2):
             first = (i * shape[1] + j) * shape[2] + c - 1
             row = np.searchsorted(key, first)
+            rows[run, 0] = row
             while row < len(key) and key[row] <= first + 2:
-                x = points[row, 0] - place[0]
-                y = points[row, 1] - place[1]
-                z = points[row, 2] - place[2]
                 row += 1
-                if x * x + y * y + z * z > radius * radius:
-                    continue
-                n += 1
-                total[0] += x
-                total[1] += y
-                total[2] += z
-                product[0] += x * x
-                product[1] += y * y
-                product[2] += z * z
-                product[3] += x * y
-                product[4] += x * z
-                product[5] += y * z
-    return n
+            rows[run, 1] = row
+            run += 1
+
+
+@numba.njit(cache=True)
+def _ball_sums(points, rows, place, radius):
+    """Number, mean offset and covariance (xx, yy, zz, xy, xz, yz) of the points in a ball."""
+    n, limit = 0, radius * radius
+    sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
+    for run in range(9):
+        for row in range(rows[run, 0], rows[run, 1]):
+            x = points[row, 0] - place[0]
+            y = points[row, 1] - place[1]
+            z = points[row, 2] - place[2]
+            if x * x + y * y + z * z > limit:
+                continue
+            n += 1
+            sx, sy, sz = sx + x, sy + y, sz + z
+            xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
+            xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
+    m = max(n, 1)
+    sx, sy, sz = sx / m, sy / m, sz / m
+    spread = (
+        xx / m - sx * sx,
+        yy / m - sy * sy,
+        zz / m - sz * sz,
+        xy / m - sx * sy,
+        xz / m - sx * sz,
+        yz / m - sy * sz,
+    )
+    return n, sx, sy, sz, spread
 
 
 @numba.njit(cache=True)

@@ -74,10 +74,18 @@ def _from_ends(nodes, piece, outward, is_end, scale):
     ends = np.flatnonzero(is_end)
     if not len(ends):
         return np.empty((0, 2), dtype=np.int64), np.empty(0)
-    groups = cKDTree(nodes).query_ball_point(nodes[ends], REACH_M * scale)
-    count = np.array([len(group) for group in groups])
-    start = np.repeat(ends, count)
-    stop = np.concatenate(groups).astype(np.int64)
+    largest = np.argmax(np.bincount(piece))
+    pairs = [np.empty((2, 0), dtype=np.int64)]
+    for own, others in (  # the largest piece need not look for its own
+        (ends[piece[ends] == largest], np.flatnonzero(piece != largest)),
+        (ends[piece[ends] != largest], np.arange(len(nodes))),
+    ):
+        if len(own) and len(others):
+            near = cKDTree(nodes[own]).sparse_distance_matrix(
+                cKDTree(nodes[others]), REACH_M * scale, output_type="ndarray"
+            )
+            pairs.append(np.stack([own[near["i"]], others[near["j"]]]))
+    start, stop = np.hstack(pairs)
     foreign = piece[start] != piece[stop]
     start, stop = start[foreign], stop[foreign]
     step = nodes[stop] - nodes[start]

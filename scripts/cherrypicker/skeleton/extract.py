@@ -19,7 +19,7 @@ __all__ = ["extract_skeleton"]
 
 logger = logging.getLogger(__name__)
 
-REGROWTHS = 1
+MOST_SURFACE_POINTS = 120_000  # behind all radii but the final ones
 RESOLUTION_FACTOR = 1.3  # samples need not be closer than the points that entered the contraction
 
 
@@ -52,13 +52,14 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     resolution = RESOLUTION_FACTOR * median_spacing(entered, cKDTree(entered))
     spacing = max(auto_spacing(contracted.points, spacing_m), resolution)
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
+    some = surface[:: 1 + len(surface) // MOST_SURFACE_POINTS]
     moved = np.linalg.norm(contracted.points - entered, axis=1)
     max_radius = max(3 * spacing, 1.5 * float(np.quantile(moved, 0.99)))
     radii = {"spacing": spacing, "max_radius": max_radius}
     if method == "mst":
         skeleton = spanning_tree(contracted.points, labels, spacing_m=spacing, k=k, base=base)
         skeleton = _in_frame_of(skeleton, contracted)
-        return fit_radii(skeleton, surface, recentre=False, **radii)
+        return fit_radii(skeleton, surface, recentre=False, is_final=True, **radii)
     points, keep, direction = axis_points(entered, contracted.points, spacing)
     keep &= without_foot(points, entered[labels == Label.TRUNK], base)
     skeleton = solve_tree(
@@ -70,21 +71,18 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
         direction=direction[keep],
         seen=np.vstack([points, contracted.points]),
     )
-    skeleton = fit_radii(_in_frame_of(skeleton, contracted), surface, recentre=False, **radii)
+    skeleton = fit_radii(_in_frame_of(skeleton, contracted), some, recentre=False, **radii)
     noise = surface_noise(skeleton)
     skeleton = prune_unseen(skeleton, entered, spacing, noise)
-    skeleton = taper_skeleton(fit_radii(skeleton, surface, recentre=True, **radii))
+    skeleton = taper_skeleton(fit_radii(skeleton, some, recentre=True, **radii))
     skeleton = prune_stem_strays(skeleton, spacing, noise)
     skeleton = refine_skeleton(skeleton, entered, spacing, noise)
-    for _ in range(REGROWTHS):
-        skeleton = taper_skeleton(fit_radii(skeleton, surface, recentre=False, **radii))
-        skeleton, n_added = regrow(skeleton, entered, spacing)
-        if not n_added:
-            break
-    skeleton = fit_radii(skeleton, surface, recentre=True, **radii)
+    skeleton = taper_skeleton(fit_radii(skeleton, some, recentre=False, **radii))
+    skeleton, _ = regrow(skeleton, entered, spacing)
+    skeleton = fit_radii(skeleton, some, recentre=True, **radii)
     skeleton = prune_unseen(skeleton, entered, spacing, noise)
     skeleton = prune_stem_strays(taper_skeleton(skeleton), spacing, noise)
-    return taper_skeleton(fit_radii(skeleton, surface, recentre=False, **radii))
+    return taper_skeleton(fit_radii(skeleton, surface, recentre=False, is_final=True, **radii))
 
 
 def _in_frame_of(skeleton, cloud):

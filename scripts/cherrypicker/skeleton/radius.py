@@ -22,6 +22,10 @@ FEWEST_POINTS = 5
 ARC_SECTORS = 24
 LEAST_ARC = 150.0  # a circle on less of the circumference says little about its centre
 MOST_SLICE_POINTS = 600
+CLEAR_ARC, CLEAR_SPREAD, FEWEST_CLEAR = 240.0, 0.25, 10  # circles that tell the noise
+CLEAR_QUANTILE = 0.25  # bark, flutes and bends scatter points as well: the calmer circles count
+RAYLEIGH_SPREAD = 0.6  # robust spread of the distances from an axis without radius, over the noise
+LEAST_SHARE = 0.3  # of the distance of its points that a radius has
 SETTLED = 1e-3  # share of its radius that a circle moves less than in its last round
 
 
@@ -170,7 +174,7 @@ def _arc_deg(x, y, cx, cy):
 
 @numba.njit(cache=True)
 def _fit_slice(x, y):
-    """Radius, centre x, centre y, covered arc and residual of one slice around the origin."""
+    """Radius, centre x, centre y, covered arc, residual of one slice; whether it is a circle's."""
     away = np.sqrt(x * x + y * y)
     simple = np.median(away)
     spread = 1.4826 * np.median(np.abs(away - simple))
@@ -182,14 +186,32 @@ def _fit_slice(x, y):
             _off_circle(x, y, cx, cy, radius, away)
             residual = 1.4826 * np.median(away)
             if arc >= LEAST_ARC and residual <= 0.35 * radius and residual <= 1.05 * spread:
-                return _without_noise(radius, residual), cx, cy, arc, residual
-    return _without_noise(simple, spread), 0.0, 0.0, _arc_deg(x, y, 0.0, 0.0), spread
+                return radius, cx, cy, arc, residual, 1.0
+    return simple, 0.0, 0.0, _arc_deg(x, y, 0.0, 0.0), spread, 0.0
 
 
-@numba.njit(cache=True)
-def _without_noise(radius, spread):
-    """Radius less what noise adds: points at r with noise s lie sqrt(r^2 + s^2) away (Rice)."""
-    return np.sqrt(max(radius * radius - spread * spread, 0.25 * radius * radius))
+def _without_noise(fits, is_final):
+    """Radii less what noise adds to them.
+
+    Points at r from an axis, with noise s across it, lie at distances of a Rice distribution, whose
+    squared median is r^2 + s^2 where r is large and 1.386 s^2 where it is none. Wood thinner than
+    the noise hides it: the distances then scatter by less than s. So s is the scatter around the
+    clear circles of thicker wood, but no more than thin wood's own scatter allows for.
+    """
+    radius, spread, is_circle = fits[:, 0], fits[:, 4], fits[:, 5] > 0
+    clear = is_circle & (fits[:, 3] >= CLEAR_ARC) & (spread < CLEAR_SPREAD * radius)
+    noise = spread
+    if is_final and np.count_nonzero(clear) >= FEWEST_CLEAR:
+        noise = np.maximum(spread, np.quantile(spread[clear], CLEAR_QUANTILE))
+        noise = np.where(is_circle, spread, np.minimum(noise, spread / RAYLEIGH_SPREAD))
+    squared, noise = radius**2, np.maximum(noise, 1e-12) ** 2
+    found = squared - noise
+    if not is_final:
+        return np.sqrt(np.maximum(found, 0.25 * squared))
+    for _ in range(3):
+        share = 0.386 * np.exp(-np.maximum(found, 0.0) / (2 * noise))
+        found = squared - noise * (1 + np.where(is_circle, 0.0, share))
+    return np.sqrt(np.maximum(found, LEAST_SHARE**2 * squared))
 
 
 @numba.njit(cache=True)
@@ -197,7 +219,7 @@ def _fit_nodes(surface, start, tree, reach, nodes, along, most_points):
     """`_fit_slice` at every node; rows of `surface` are sorted by their node."""
     parent, length, child_start, child = tree
     n_nodes = len(nodes)
-    fits = np.full((n_nodes, 5), np.nan)
+    fits = np.full((n_nodes, 6), np.nan)
     centres = nodes.copy()
     counts = np.zeros(n_nodes, dtype=np.int64)
     near = np.empty(n_nodes, dtype=np.int64)
@@ -226,13 +248,16 @@ def _fit_nodes(surface, start, tree, reach, nodes, along, most_points):
                 x[filled] = a * u[0] + b * u[1] + c * u[2]
                 y[filled] = a * v[0] + b * v[1] + c * v[2]
                 filled += 1
-        radius, cx, cy, arc, residual = _fit_slice(x[:filled], y[:filled])
-        fits[node] = radius, cx, cy, arc, residual
+        fit = _fit_slice(x[:filled], y[:filled])
+        fits[node] = fit
+        _, cx, cy, _, _, _ = fit
         centres[node] += cx * u + cy * v
     return fits, centres, counts
 
 
-def fit_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001, recentre=True):
+def fit_radii(
+    skeleton, surface, *, spacing, max_radius, least_radius=0.001, recentre=True, is_final=False
+):
     """Radius of each node, and its place on the axis, from the surface points around it.
 
     The points nearest to the node and its neighbours within a radius along the axis are
@@ -252,6 +277,9 @@ def fit_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001, rec
     least_radius : float, default 0.001
     recentre : bool, default True
         Move nodes to the centre of their circles.
+    is_final : bool, default False
+        Take the noise that the clear circles of thick wood show off thin wood as well. Pruning
+        compares points with radii that do not.
 
     Returns
     -------
@@ -271,7 +299,10 @@ def fit_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001, rec
     fits, centres, n_points = _fit_nodes(
         surface[order], start, tree, reach, skeleton.points, along, MOST_SLICE_POINTS
     )
-    radius, arc, residual = fits[:, 0], np.nan_to_num(fits[:, 3]), np.nan_to_num(fits[:, 4])
+    arc, residual = np.nan_to_num(fits[:, 3]), np.nan_to_num(fits[:, 4])
+    radius = np.full(n_nodes, np.nan)
+    known = np.isfinite(fits[:, 0])
+    radius[known] = _without_noise(fits[known], is_final)
     centre = centres if recentre else skeleton.points
     radius = np.maximum(_fill_along_paths(skeleton, radius), least_radius)
     fields = dict(skeleton.fields, n_points=n_points, arc_deg=arc, residual=residual)

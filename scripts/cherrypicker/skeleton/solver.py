@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
+from cherrypicker.skeleton.axis_points import ball_means
 from cherrypicker.skeleton.bridges import bridge_pieces
 from cherrypicker.skeleton.graph import sample_nodes
 from cherrypicker.skeleton.model import Skeleton, rooted_order
@@ -69,7 +70,7 @@ def solve_tree(points, labels, *, spacing_m=0.01, k=12, base=None, direction=Non
         If there are too few points or they coincide.
     """
     samples, label, spacing = sample_nodes(points, labels, spacing_m, base)
-    nodes = _local_means(points, points[samples], spacing)
+    nodes = ball_means(points, points[samples], spacing)  # contraction leaves jitter
     scale = float(np.ptp(points, axis=0).max()) / 2.5  # turns cost the same share of any tree
     edges, n_links = _candidate_edges(nodes, label, k, spacing, scale)
     if direction is not None:
@@ -122,12 +123,6 @@ def _bare_length(nodes, edges, length, seen, spacing):
     beside = BESIDE_IN_SPACINGS * spacing
     away, _ = cKDTree(seen).query(places, distance_upper_bound=2 * beside)
     return length * np.bincount(edge, away > beside, len(edges)) / n_steps
-
-
-def _local_means(points, samples, spacing):
-    """Samples moved to the mean of the points within a spacing: contraction leaves jitter."""
-    groups = cKDTree(points).query_ball_point(samples, spacing)
-    return np.array([points[rows].mean(axis=0) for rows in groups])
 
 
 def _candidate_edges(nodes, label, k, spacing, scale):

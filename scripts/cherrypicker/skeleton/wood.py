@@ -23,6 +23,7 @@ LEAST_GAP_IN_SPACINGS = 8.0
 GAP_COST = 3.0  # a metre of missing data counts as this many of wood
 BORDER_IN_SPACINGS = 3.0
 ANY_DIRECTION_SHARE = 0.4  # of the longest gap: a shorter one is bridged in any direction
+LONG_IN_GAPS = 3.0  # a piece this much longer than its gap is bridged in any direction as well
 FEWEST_IN_LINE = 5
 END_SHARE = 0.6  # of the longest gap: the length of an end that tells its direction
 LINE_SHARE = 0.75  # share of the variance along its axis from which a piece has a direction
@@ -75,7 +76,7 @@ def select_target_wood(
         outside.
     gap_m : float, default 0.25
         Longest gap along the direction of a branch that is still bridged; 0.4 of it in any
-        other direction.
+        other direction, all of it for a piece three times as long as its gap.
     stem_gap_m : float, default 0.6
         Longest gap between two pieces of trunk.
 
@@ -138,7 +139,25 @@ def _bridges(points, labels, edges, gap_m, stem_gap_m):
         if len(rows) >= FEWEST_IN_LINE:
             found = _links_along(points, tree, main_wood, group, rows, gap_m)
             along += [np.array([link]) for link in found]
-    return np.vstack([near, stem, *along])
+    links = np.vstack([near, stem, *along])
+    return np.vstack([links, _links_of_long(points, np.vstack([edges, links]), gap_m)])
+
+
+def _links_of_long(points, edges, gap_m):
+    """Shortest links of pieces much longer than their gap: no stray points, whatever they point to.
+
+    A limb whose lower end no photo shows has several ends, and none need point to the stem.
+    """
+    piece, n_pieces = components(len(points), edges)
+    if n_pieces == 1:
+        return np.empty((0, 2), dtype=np.int64)
+    low, high = np.full((n_pieces, 3), np.inf), np.full((n_pieces, 3), -np.inf)
+    np.minimum.at(low, piece, points)
+    np.maximum.at(high, piece, points)
+    extent = np.linalg.norm(high - low, axis=1)
+    links = component_links(points, edges, gap_m)
+    gap = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
+    return links[extent[piece[links]].min(axis=1) >= LONG_IN_GAPS * gap]
 
 
 def _links_along(points, tree, main_wood, group, rows, gap_m):

@@ -7,9 +7,11 @@ directions and base diameters are taken beyond the parent's surface.
 import csv
 import io
 
+import numba
 import numpy as np
 
 from cherrypicker.skeleton import axis_polyline
+from cherrypicker.skeleton.strands import arc_length
 from cherrypicker.traits.branch_intervals import (
     angle_interval,
     diameter_interval,
@@ -79,11 +81,8 @@ def branch_rows(skeleton, axis_list, foot_z, *, scale_error=0.0):
         ``few_points``, ``gap``. The 90 % intervals (`..._low_...`, `..._high_...`) are None on a
         skeleton that does not know how its points scatter.
     """
-    scatter = typical_scatter(skeleton)
-    return [
-        _row(skeleton, axis_list, index, foot_z, scatter, scale_error)
-        for index in range(len(axis_list))
-    ]
+    tree = _Measured(skeleton, axis_list)
+    return [_row(tree, index, foot_z, scale_error) for index in range(len(axis_list))]
 
 
 def branches_csv(rows):
@@ -131,24 +130,43 @@ def totals_by_order(rows):
     return dict(sorted(totals.items()))
 
 
-def _row(skeleton, axis_list, index, foot_z, scatter, scale_error):
-    axis = axis_list[index]
+class _Measured:
+    """A skeleton with what every axis asks for, computed once."""
+
+    def __init__(self, skeleton, axis_list):
+        self.axes, self.points, self.radius = axis_list, skeleton.points, skeleton.radius
+        self.scatter = typical_scatter(skeleton)
+        none = np.zeros(len(skeleton))
+        self.length, self.fields = skeleton.edge_length, skeleton.fields
+        self.arc = np.asarray(skeleton.fields.get("arc_deg", none), dtype=np.float64)
+        self.count = np.asarray(skeleton.fields.get("n_points", none), dtype=np.float64)
+        self.residual = np.asarray(skeleton.fields.get("residual", none), dtype=np.float64)
+        self.gap = np.asarray(skeleton.fields.get("gap", none))
+        self.along = [arc_length(skeleton.points[axis_polyline(axis)]) for axis in axis_list]
+        self.feet = [[] for _ in axis_list]
+        for axis in axis_list:
+            if axis.parent >= 0:
+                self.feet[axis.parent].append(axis.attach)
+
+
+def _row(tree, index, foot_z, scale_error):
+    axis, along = tree.axes[index], tree.along[index]
     line = axis_polyline(axis)
-    points = skeleton.points[line]
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    points = tree.points[line]
     own = along if axis.attach < 0 else along[1:]  # of the axis's own nodes
-    radius = skeleton.radius[axis.nodes]
-    skip = 0.0 if axis.attach < 0 else min(skeleton.radius[axis.attach], 0.5 * along[-1])
+    radius = tree.radius[axis.nodes]
+    skip = 0.0 if axis.attach < 0 else min(tree.radius[axis.attach], 0.5 * along[-1])
     window = max(_LEAST_WINDOW_M, 4.0 * float(radius[0]))
     direction = _direction(points, along, skip, skip + window)
     if axis.attach < 0:
         reference = np.array([0.0, 0.0, 1.0])
     else:
-        reference = _parent_direction(skeleton, axis_list[axis.parent], axis.attach, window)
+        reference = _parent_direction(tree, axis.parent, axis.attach, window)
     cosine = float(np.clip(direction @ reference, -1.0, 1.0))
     diameter = 2.0 * _median_between(radius, own, skip, skip + window)
     angle = float(np.degrees(np.arccos(cosine)))
-    quality = _quality(skeleton, axis, own, skip, skip + window)
+    quality = _quality(tree, axis, own, skip, skip + window)
+    scatter = _median_between(tree.residual[axis.nodes], own, skip, skip + window)
     return {
         "branch_id": index,
         "parent_id": int(axis.parent),
@@ -161,24 +179,17 @@ def _row(skeleton, axis_list, index, foot_z, scatter, scale_error):
         "azimuth_deg": float(np.degrees(np.arctan2(direction[1], direction[0])) % 360.0),
         "base_height_m": float(points[0, 2] - foot_z),
         **_wood(axis, own, radius, along),
-        **_laterals(axis_list, index, along, line),
+        **_laterals(tree.feet[index], along, line),
         **quality,
         **_intervals(
             diameter,
             angle,
-            _scatter(skeleton, axis, own, skip, skip + window) or scatter,
+            scatter or tree.scatter,
             quality["base_n_points"],
             min(window, along[-1] - skip),
             scale_error,
         ),
     }
-
-
-def _scatter(skeleton, axis, own, low, high):
-    """Scatter of the points behind the base diameter; 0 where it was not fitted."""
-    if "residual" not in skeleton.fields:
-        return 0.0
-    return _median_between(skeleton.fields["residual"][axis.nodes], own, low, high)
 
 
 def _intervals(diameter, angle, scatter, n_points, stretch, scale_error):
@@ -202,14 +213,13 @@ def _wood(axis, own, radius, along):
     is_sloped = len(at) > 1 and np.ptp(at) > 0
     return {
         "mean_diameter_m": float((step * (thick + thin)).sum() / length),
-        "taper_mm_per_m": float(-2e3 * np.polyfit(at, r, 1)[0]) if is_sloped else 0.0,
+        "taper_mm_per_m": -2e3 * float(_slope(at, r[:, None])[0]) if is_sloped else 0.0,
         "volume_m3": float((np.pi / 3 * step * (thick**2 + thick * thin + thin**2)).sum()),
     }
 
 
-def _laterals(axis_list, index, along, line):
+def _laterals(feet, along, line):
     """Number and spacing of the laterals of an axis, and the way from the last to the tip."""
-    feet = np.array([axis.attach for axis in axis_list if axis.parent == index], dtype=np.int64)
     at = np.sort(along[np.flatnonzero(np.isin(line, feet))])  # a whorl counts as one place
     return {
         "n_laterals": len(feet),
@@ -218,18 +228,16 @@ def _laterals(axis_list, index, along, line):
     }
 
 
-def _quality(skeleton, axis, own, low, high):
+def _quality(tree, axis, own, low, high):
     """What the base diameter rests on, and the share of the axis that bridges missing data."""
-    none = np.zeros(len(skeleton))
-    arc = _median_between(skeleton.fields.get("arc_deg", none)[axis.nodes], own, low, high)
-    count = _median_between(skeleton.fields.get("n_points", none)[axis.nodes], own, low, high)
-    length = skeleton.edge_length[axis.nodes]
-    bridged = float(length[skeleton.fields.get("gap", none)[axis.nodes] > 0].sum())
-    share = bridged / max(float(length.sum()), 1e-12)
+    arc = _median_between(tree.arc[axis.nodes], own, low, high)
+    count = _median_between(tree.count[axis.nodes], own, low, high)
+    length = tree.length[axis.nodes]
+    share = float(length[tree.gap[axis.nodes] > 0].sum()) / max(float(length.sum()), 1e-12)
     words = []
-    if "arc_deg" in skeleton.fields and arc < _LOW_ARC_DEG:
+    if "arc_deg" in tree.fields and arc < _LOW_ARC_DEG:
         words.append("low_arc")
-    if "n_points" in skeleton.fields and count < _FEW_POINTS:
+    if "n_points" in tree.fields and count < _FEW_POINTS:
         words.append("few_points")
     if share > _MUCH_GAP:
         words.append("gap")
@@ -241,14 +249,31 @@ def _quality(skeleton, axis, own, low, high):
     }
 
 
+@numba.njit(cache=True)
 def _median_between(values, along, low, high):
     """Median of the values whose position lies in a stretch; the nearest one's where none does."""
-    inside = (along >= low - 1e-9) & (along <= high + 1e-9)
-    if not inside.any():
-        inside = np.arange(len(values)) == np.argmin(np.abs(along - (low + high) / 2))
-    return float(np.median(values[inside]))
+    inside, n, nearest = np.empty(len(values)), 0, 0
+    middle = (low + high) / 2
+    for row in range(len(values)):
+        if low - 1e-9 <= along[row] <= high + 1e-9:
+            inside[n] = values[row]
+            n += 1
+        if abs(along[row] - middle) < abs(along[nearest] - middle):
+            nearest = row
+    return np.median(inside[:n]) if n else values[nearest]
 
 
+@numba.njit(cache=True)
+def _slope(at, values):
+    """Slope of the line through the values (n, d) over their positions (n,), (d,) float64."""
+    offset = at - at.mean()
+    slope = np.zeros(values.shape[1])
+    for column in range(values.shape[1]):
+        slope[column] = (offset * values[:, column]).sum() / (offset * offset).sum()
+    return slope
+
+
+@numba.njit(cache=True)
 def _direction(points, along, low, high):
     """Unit direction of a polyline over a stretch: a line fitted to even samples of it."""
     if len(points) < 2 or along[-1] <= 0:
@@ -256,23 +281,23 @@ def _direction(points, along, low, high):
     low, high = max(low, 0.0), min(high, along[-1])
     if high - low < 1e-9:
         low, high = 0.0, along[-1]
-    at = np.linspace(low, high, 12)
-    samples = np.array([np.interp(at, along, axis) for axis in points.T]).T
-    slope = np.polyfit(at, samples, 1)[0]
-    norm = np.linalg.norm(slope)
-    chord = samples[-1] - samples[0]
+    at = low + (high - low) * np.arange(12) / 11
+    samples = np.empty((12, 3))
+    for column in range(3):
+        samples[:, column] = np.interp(at, along, points[:, column])
+    slope = _slope(at, samples)
+    norm = np.sqrt((slope * slope).sum())
     if norm < 1e-9:
-        return chord / max(np.linalg.norm(chord), 1e-12)
+        chord = samples[-1] - samples[0]
+        return chord / max(np.sqrt((chord * chord).sum()), 1e-12)
     return slope / norm
 
 
-def _parent_direction(skeleton, parent, attach, window):
+def _parent_direction(tree, parent, attach, window):
     """Direction of the parent axis through a junction, over `window` on either side of it."""
-    line = axis_polyline(parent)
-    points = skeleton.points[line]
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    line, along = axis_polyline(tree.axes[parent]), tree.along[parent]
     at = along[np.flatnonzero(line == attach)[0]]
     low, high = at - window, at + window
     if at >= along[-1] - 1e-9:  # the parent ends here: only what lies below counts
         low = at - 2 * window
-    return _direction(points, along, low, high)
+    return _direction(tree.points[line], along, low, high)

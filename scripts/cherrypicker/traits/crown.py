@@ -7,6 +7,7 @@ surface is known.
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
@@ -23,6 +24,8 @@ __all__ = [
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
 _MAX_POINTS = 20_000
 _LAG_RANK = 21
+_N_DIRECTIONS, _N_OUTERMOST = 128, 12  # points in each direction can decide the crown's extent
+_WAYS = np.vstack([np.cos(np.radians(np.arange(180.0))), np.sin(np.radians(np.arange(180.0)))])
 _LAG_SHARE = 0.4  # of the drop from the third to the 21st highest point; measured, docs/traits.md
 
 
@@ -98,9 +101,11 @@ def measure_crown(tree_points, crown_points, *, n_bootstrap, rng):
         Top, width and volume of each bootstrap sample. The top's are drawn upwards and the
         width's outwards as well, for the ends of shoots that a scan loses.
     """
+    directions = rng.standard_normal((_N_DIRECTIONS, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
     crown = Crown(robust_top(tree_points[:, 2]), *_extent(crown_points))
     top_points = _upper(tree_points)
-    shell = _thin(crown_points, rng)
+    shell = _thin(crown_points, directions)
     top_spacing, shell_spacing = _spacing(top_points), _spacing(shell)
     samples = np.empty((n_bootstrap, 3))
     for i in range(n_bootstrap):
@@ -110,10 +115,10 @@ def measure_crown(tree_points, crown_points, *, n_bootstrap, rng):
         if len(shell):
             drawn = rng.integers(0, len(shell), len(shell))
             jitter = shell_spacing[drawn, None] * rng.standard_normal((len(drawn), 3)) / 2
-            samples[i, 1:] = _extent(shell[drawn] + jitter)
+            samples[i, 1:] = _extent(shell[drawn] + jitter, directions)
         else:
             samples[i, 1:] = 0.0
-    # The shell is thinned to the points that can matter; its own bias is taken off.
+    # Of a sample only the outermost point of each direction counts; the bias is taken off.
     for column, value in enumerate((crown.top, crown.width, crown.volume)):
         samples[:, column] += value - np.median(samples[:, column])
     samples[:, 0] += _unseen_tip(tree_points[:, 2]) * rng.exponential(size=n_bootstrap)
@@ -149,17 +154,33 @@ def _upper(points):
     return points[np.argsort(-points[:, 2], kind="stable")[:500]]
 
 
-def _thin(points, rng):
+def _thin(points, directions):
     """Points near the convex hull in many directions: what decides width and volume."""
     if len(points) < 200:
         return points
-    if len(points) > _MAX_POINTS * 10:
-        points = points[rng.choice(len(points), _MAX_POINTS * 10, replace=False)]
-    directions = rng.standard_normal((128, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    reach = points @ directions.T
-    outermost = np.argpartition(-reach, 12, axis=0)[:12]
-    return points[np.unique(outermost)]
+    rows = _outermost(np.ascontiguousarray(points), directions, _N_OUTERMOST)
+    return points[np.unique(rows)]
+
+
+@numba.njit(cache=True)
+def _outermost(points, directions, n):
+    """Rows of the `n` points that reach farthest in each direction, (n_directions, n)."""
+    rows = np.empty((len(directions), n), dtype=np.int64)
+    reach = np.empty(n)
+    for number in range(len(directions)):
+        x, y, z = directions[number]
+        filled = 0
+        for row in range(len(points)):
+            far = points[row, 0] * x + points[row, 1] * y + points[row, 2] * z
+            if filled == n and far <= reach[n - 1]:
+                continue
+            at = min(filled, n - 1)
+            while at > 0 and reach[at - 1] < far:
+                reach[at], rows[number, at] = reach[at - 1], rows[number, at - 1]
+                at -= 1
+            reach[at], rows[number, at] = far, row
+            filled = min(filled + 1, n)
+    return rows
 
 
 def _spacing(points):
@@ -169,8 +190,13 @@ def _spacing(points):
     return np.minimum(distance, 3 * np.median(distance))
 
 
-def _extent(points):
-    """Width and convex volume; zeros where the points span no volume."""
+def _extent(points, directions=None):
+    """Width and convex volume; zeros where the points span no volume.
+
+    With directions, (n, 3), only of the outermost point in each.
+    """
+    if directions is not None and len(points) > len(directions):
+        points = points[np.unique(_outermost(points, directions, 1))]
     if len(points) < 4:
         return 0.0, 0.0
     try:
@@ -187,11 +213,22 @@ def horizontal_width(flat):
 
 def _widest_and_across(flat):
     """Unit direction of the widest extent, to whole degrees, and the one at right angles to it."""
-    angle = np.radians(np.arange(180.0))
-    along = flat @ np.vstack([np.cos(angle), np.sin(angle)])
-    widest = angle[np.argmax(np.ptp(along, axis=0))]
-    way = np.array([np.cos(widest), np.sin(widest)])
+    extent = _extents(np.ascontiguousarray(flat, dtype=np.float64), *_WAYS)
+    way = _WAYS[:, np.argmax(extent)]
     return way, np.array([-way[1], way[0]])
+
+
+@numba.njit(cache=True)
+def _extents(flat, x, y):
+    """Extent of flat points in each of several directions."""
+    extent = np.empty(len(x))
+    for way in range(len(x)):
+        low, high = np.inf, -np.inf
+        for row in range(len(flat)):
+            along = flat[row, 0] * x[way] + flat[row, 1] * y[way]
+            low, high = min(low, along), max(high, along)
+        extent[way] = high - low
+    return extent
 
 
 def projected_area(points):

@@ -10,6 +10,7 @@ _LOW_ARC_DEG = 240.0
 _LOW_CONFIDENCE = 0.6
 _ROUGH = 0.12  # share of the radius that the points scatter
 _FEW_PHOTOS = 0.9
+_MISSED_SHARE, _MISSED_LENGTH_M = 0.01, 0.15
 _LOOSE_SCALE = 0.01
 _PLAUSIBLE_HEIGHT_M = (0.15, 25.0)  # of a fruit tree
 
@@ -82,6 +83,12 @@ def _shape_flags(foot, support, crown_width, confidence, length):
         flags.append(
             f"stray_pieces: {support.n_stray} piece(s) of skeleton beyond gaps, "
             f"{support.stray_length:.2f} {length} in all, do not count for height and crown"
+        )
+    if support.missed_share > _MISSED_SHARE or support.missed_length > _MISSED_LENGTH_M:
+        flags.append(
+            f"wood_left_out: {100 * support.missed_share:.1f} % of the wood points lie far from "
+            f"the skeleton, the largest piece is {support.missed_length:.2f} {length} long; "
+            "height, crown and lengths may be too small"
         )
     if crown_width == 0:
         flags.append("no_crown: the tree has no junction, crown width and volume are 0")

@@ -6,14 +6,28 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
+from cherrypicker.skeleton.neighbors import components
+from cherrypicker.skeleton.sampling import voxel_thin
 
-__all__ = ["Foot", "Support", "densify", "find_foot", "find_support", "support_reach", "wood_mask"]
+__all__ = [
+    "Foot",
+    "Support",
+    "densify",
+    "find_foot",
+    "find_support",
+    "missed_wood",
+    "support_reach",
+    "wood_mask",
+]
 
 _SAMPLE_M = 0.01
 _MIN_REACH_M = 0.03
+_REACH_POINTS = 5_000  # enough for a median
 _GROUND_REACH_M = 0.6
 _MIN_GROUND_POINTS = 50
 _MAX_FOOT_STEP_M = 0.5
+_MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
+_MIN_MISSED_POINTS = 10
 _FOOT_ERROR = 1.6  # of the foot over the scatter of the ground around it; docs/traits.md
 
 
@@ -56,6 +70,9 @@ class Support:
         Lengths of the stretches that run through no wood points, in the skeleton's unit.
     n_stray, stray_length : int, float
         Pieces left out, and their length.
+    missed_share, missed_length : float
+        Share of the tree's wood points that the skeleton leaves out, and the extent of the
+        largest cluster of them, see `missed_wood`.
     """
 
     node: np.ndarray
@@ -63,6 +80,8 @@ class Support:
     gaps: np.ndarray
     n_stray: int
     stray_length: float
+    missed_share: float = 0.0
+    missed_length: float = 0.0
 
 
 def wood_mask(labels):
@@ -177,7 +196,8 @@ def support_reach(wood, min_neighbours=4):
         1.5 times the median distance to the ``min_neighbours``-th neighbour, 0.03 at least.
     """
     k = min(min_neighbours + 1, len(wood))
-    distance = cKDTree(wood).query(wood, k=[k], workers=-1)[0]
+    some = wood[:: 1 + len(wood) // _REACH_POINTS]
+    distance = cKDTree(wood).query(some, k=[k])[0]
     return max(_MIN_REACH_M, 1.5 * float(np.median(distance)))
 
 
@@ -230,7 +250,45 @@ def find_support(skeleton, wood, *, max_gap, min_stray, reach=_MIN_REACH_M, min_
     allowed = np.maximum(2.0 * radius[sample], reach)
     point = kept[owner[sample]] & (close <= allowed)
     point[point] &= _has_neighbours(tree, wood[point], reach, min_neighbours)
-    return Support(kept, point, run[is_gap], len(stray), float(beyond[stray].sum()))
+    missed = missed_wood(wood, point, close > np.maximum(2.0 * radius[sample], _MISSED_M), reach)
+    return Support(kept, point, run[is_gap], len(stray), float(beyond[stray].sum()), *missed)
+
+
+def missed_wood(wood, supported, is_far, reach):
+    """Wood that a skeleton leaves out: clusters of points far from it that touch its own.
+
+    Parameters
+    ----------
+    wood : ndarray of shape (n_wood, 3), float64
+    supported, is_far : ndarray of shape (n_wood,), bool
+        Points that belong to the skeleton, and points far from it.
+    reach : float
+        Points this near touch each other.
+
+    Returns
+    -------
+    share : float
+        Of all the skeleton's and left-out points. A neighbour that touches the tree counts too.
+    length : float
+        Diagonal of the box around the largest cluster, in the unit of `wood`.
+    """
+    if not is_far.any() or not supported.any():
+        return 0.0, 0.0
+    sites, _, member = voxel_thin(wood[is_far], reach)
+    pairs = cKDTree(sites).query_pairs(2 * reach, output_type="ndarray")
+    cluster, n_clusters = components(len(sites), pairs)
+    distance = cKDTree(wood[supported]).query(sites, distance_upper_bound=2 * reach)[0]
+    touches = np.bincount(cluster, np.isfinite(distance), n_clusters) > 0
+    count = np.bincount(cluster, np.bincount(member, minlength=len(sites)), n_clusters)
+    touches &= count >= _MIN_MISSED_POINTS
+    if not touches.any():
+        return 0.0, 0.0
+    low, high = np.full((n_clusters, 3), np.inf), np.full((n_clusters, 3), -np.inf)
+    np.minimum.at(low, cluster, sites)
+    np.maximum.at(high, cluster, sites)
+    n_missed = float(count[touches].sum())
+    length = np.linalg.norm((high - low)[touches], axis=1).max()
+    return n_missed / (n_missed + np.count_nonzero(supported)), float(length)
 
 
 def _has_neighbours(tree, points, reach, n_neighbours):
