@@ -1,6 +1,10 @@
 """Training of the sky network: data, splits, augmentation, resuming."""
 
+import json
 import logging
+import subprocess
+import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -129,6 +133,36 @@ def test_a_killed_training_goes_on_as_if_nothing_had_been(folder, tmp_path, capl
     assert all(torch.equal(whole[k], resumed[k]) for k in whole)
 
 
+def test_one_cycle_rises_and_falls(folder):
+    torch.set_num_threads(1)
+    training, validation = split_photos(load_photos([str(folder)], 100), 0.2, [], seed=0)
+    options = TrainOptions(
+        epochs=6, learning_rate=1e-2, schedule="one_cycle", samples_per_epoch=3, **SMALL
+    )
+    _, history = train_network(training, validation, options)
+    rates = [epoch["learning_rate"] for epoch in history["epochs"]]
+    assert rates[0] == pytest.approx(1e-3) and max(rates) == rates[1] <= 1e-2
+    assert rates[1:] == sorted(rates[1:], reverse=True) and rates[-1] < 2e-3
+
+
+def test_the_average_lags_behind_and_a_time_limit_loses_nothing(folder, tmp_path, caplog):
+    torch.set_num_threads(1)
+    training, validation = split_photos(load_photos([str(folder)], 100), 0.2, [], seed=0)
+
+    def train(name, **changes):
+        settings = {"weight_average": 0.9, "schedule": "one_cycle", "learning_rate": 1e-2}
+        options = TrainOptions(epochs=2, samples_per_epoch=6, **{**SMALL, **settings, **changes})
+        return train_network(training, validation, options, tmp_path / name)[0].state_dict()
+
+    whole, last = train("whole.pt"), train("last.pt", weight_average=0.0)
+    assert not torch.equal(whole["head.weight"], last["head.weight"])
+    with caplog.at_level(logging.WARNING):
+        train("short.pt", time_limit_min=1e-6)
+    assert "time limit ends the training after epoch 1" in caplog.text
+    resumed = train("short.pt")
+    assert all(torch.equal(whole[key], resumed[key]) for key in whole)
+
+
 def test_a_foreign_checkpoint_is_not_used(folder, tmp_path, caplog):
     training, validation = split_photos(load_photos([str(folder)], 100), 0.2, [], seed=0)
     options = TrainOptions(epochs=1, samples_per_epoch=3, **SMALL)
@@ -139,3 +173,17 @@ def test_a_foreign_checkpoint_is_not_used(folder, tmp_path, caplog):
         train_network(training, validation, other, tmp_path / "c.pt")
         train_network(training, validation, other, tmp_path / "d.pt")
     assert "starting afresh" in caplog.text and "unreadable" in caplog.text
+
+
+def test_the_script_keeps_its_checkpoint_after_the_time_limit_only(folder, tmp_path):
+    script = Path(__file__).parents[1] / "scripts/train_sky.py"
+    command = [sys.executable, script, "--folders", folder, "--weights", tmp_path / "w.npz"]
+    command += ["--metrics", tmp_path / "m.json", "--exclude", "set/p[12].jpg", "--epochs", "2"]
+    command += ["--samples_per_epoch", "3", "--image_size", "64", "--threads", "1"]
+    subprocess.run([*command, "--time_limit_min", "1e-6"], check=True)
+    metrics = json.loads((tmp_path / "m.json").read_text())
+    assert len(metrics["epochs"]) == 1 and metrics["n_training"] + metrics["n_validation"] == 8
+    assert (tmp_path / "checkpoint.pt").is_file()
+    subprocess.run(command, check=True)
+    assert len(json.loads((tmp_path / "m.json").read_text())["epochs"]) == 2
+    assert not (tmp_path / "checkpoint.pt").exists()
