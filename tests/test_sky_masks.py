@@ -73,6 +73,17 @@ def test_thin_branches_that_the_network_never_saw_stay_out_of_the_sky():
     assert np.mean(mask[20:460, 150:1200:100] == 255) > 0.98
 
 
+def test_sunlit_twigs_before_a_grey_cloud_stay_out_of_the_sky():
+    """They hold hardly less blue than the cloud, but far more red."""
+    image, _ = scene(960, 1280)
+    image[:480] = (196, 196, 198)
+    for column in range(100, 1200, 100):
+        image[:480, column : column + 2] = (212, 204, 182)
+    mask = sky_mask(BrightTop(), image, MaskOptions(working_side_px=320))
+    assert np.mean(mask[20:460, 100:1200:100] == 0) > 0.98
+    assert np.mean(mask[20:460, 150:1200:100] == 255) > 0.98
+
+
 def test_mask_edge_lies_where_the_photo_has_it():
     image, sky = scene(960, 1280)
     mask = sky_mask(BrightTop(), image, MaskOptions(working_side_px=240))

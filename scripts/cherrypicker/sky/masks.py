@@ -51,6 +51,9 @@ BRIGHTNESS_LIMITS = (0.05, 0.95)
 #: colour that counts as an edge.
 EVEN_REACH, EDGE_CONTRAST = 0.15, 0.3
 
+#: Weight of red above blue against blue in the contrast of twigs.
+WARMTH = 2.0
+
 # EXIF orientation -> what brings the stored pixels upright: (mirror left-right first, quarter turns
 # counter-clockwise as np.rot90 counts).
 _UPRIGHT = {
@@ -83,8 +86,8 @@ class MaskOptions:
         Weight of the photo's own sky and ground colours against the network, see
         `refine_probability`; 0 for none.
     twig_contrast : float
-        A thin structure this much darker in blue than the sky beside it is not sky; 0 turns
-        the test off.
+        A thin structure this much darker in blue, or yellower, than the sky beside it is not sky;
+        0 turns the test off.
     """
 
     working_side_px: int = 800
@@ -92,7 +95,7 @@ class MaskOptions:
     guide_radius_px: int = 5
     guide_epsilon: float = 3e-4
     color_weight: float = 0.5
-    twig_contrast: float = 0.1
+    twig_contrast: float = 0.09
 
 
 def upright(image: np.ndarray, orientation: int) -> np.ndarray:
@@ -238,18 +241,19 @@ def _enlarge(small: np.ndarray, size: tuple[int, int], top: int, rows: int) -> n
 
 
 def _twigs(image: np.ndarray, chroma_limit: np.ndarray, reach: int, contrast: float) -> np.ndarray:
-    """Find thin structures darker in blue than what surrounds them, and not bluer.
+    """Find thin structures darker in blue or yellower than what surrounds them, and not bluer.
 
-    Blue separates wood from sky best: even lit bark holds less blue than a clear or white sky. A
-    gap between clouds is darker than the clouds as well, but bluer, and stays sky.
+    Blue separates wood from sky best: even lit bark holds less blue than a clear or white sky.
+    Before a grey cloud it may hold as much, but more red. A gap between clouds is darker than the
+    clouds as well, but bluer, and stays sky.
     """
-    blue = np.ascontiguousarray(image[..., 2])
+    blue, red = (np.ascontiguousarray(image[..., k]) for k in (2, 0))
+    cold = cv2.addWeighted(blue, 1.0, cv2.subtract(red, blue), -WARMTH, 0.0)
     if reach > 7:  # fine photos: noise would pass for contrast
-        blue = cv2.blur(blue, (3, 3))
+        cold = cv2.blur(cold, (3, 3))
     kernel = np.ones((reach, reach), np.uint8)
-    depth = cv2.subtract(cv2.morphologyEx(blue, cv2.MORPH_CLOSE, kernel), blue)
-    chroma = cv2.subtract(blue, np.ascontiguousarray(image[..., 0]))
-    return (depth > 255 * contrast) & (chroma < chroma_limit)
+    depth = cv2.subtract(cv2.morphologyEx(cold, cv2.MORPH_CLOSE, kernel), cold)
+    return (depth > 255 * contrast) & (cv2.subtract(blue, red) < chroma_limit)
 
 
 def color_evidence(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
