@@ -134,4 +134,5 @@ def test_a_crown_that_thins_out_may_be_wider():
     crown, samples = measure_crown(x, np.vstack([x, y]), n_bootstrap=2000, rng=rng)
     assert crown.width == pytest.approx((2.0 + step * (n - 1)) / 2, abs=1e-3)
     lag = 0.4 * 18 * step  # of each of the four ends, see above
-    assert samples[:, 1].mean() - crown.width == pytest.approx(lag, rel=0.15)
+    assert samples[:, 1].mean() - crown.width == pytest.approx(0.35 * 4 * lag, rel=0.15)
+    assert np.quantile(samples[:, 1], 0.05) < crown.width  # the outermost points are noisy

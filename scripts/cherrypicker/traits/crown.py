@@ -24,6 +24,7 @@ __all__ = [
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
 _MAX_POINTS = 20_000
 _LAG_RANK = 21
+_LOST_WIDTH, _NOISY_WIDTH = 0.35, 0.2  # of the four sides' summed lags; measured, docs/traits.md
 _N_DIRECTIONS, _N_OUTERMOST = 128, 12  # points in each direction can decide the crown's extent
 _WAYS = np.vstack([np.cos(np.radians(np.arange(180.0))), np.sin(np.radians(np.arange(180.0)))])
 _LAG_SHARE = 0.4  # of the drop from the third to the 21st highest point; measured, docs/traits.md
@@ -142,11 +143,12 @@ def _unseen_width(flat, n_samples, rng):
     """Draw (n_samples,) what unseen ends on the crown's four sides add to its width.
 
     A side ends in several shoots that reach nearly as far, so that the loss of one shortens it by
-    less: half of the four ends' sum, and half of that.
+    less; the outermost points are the noisiest, which errs either way.
     """
     along, across = _widest_and_across(flat)
-    lags = [_unseen_tip(sign * flat @ way) for way in (along, across) for sign in (1, -1)]
-    return rng.exponential(size=n_samples) * sum(lags) / 4
+    lags = sum(_unseen_tip(sign * flat @ way) for way in (along, across) for sign in (1, -1))
+    unseen = _LOST_WIDTH * rng.exponential(size=n_samples)
+    return lags * (unseen + _NOISY_WIDTH * rng.standard_normal(n_samples))
 
 
 def _upper(points):

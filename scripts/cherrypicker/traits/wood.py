@@ -28,6 +28,7 @@ _MIN_GROUND_POINTS = 50
 _MAX_FOOT_STEP_M = 0.5
 _MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
 _MIN_MISSED_POINTS = 10
+_BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
 _FOOT_ERROR = 1.6  # of the foot over the scatter of the ground around it; docs/traits.md
 
 
@@ -255,7 +256,7 @@ def find_support(skeleton, wood, *, max_gap, min_stray, reach=_MIN_REACH_M, min_
 
 
 def missed_wood(wood, supported, is_far, reach):
-    """Wood that a skeleton leaves out: clusters of points far from it that touch its own.
+    """Wood that a skeleton leaves out: clusters of points far from it that lie beside its own.
 
     Parameters
     ----------
@@ -268,7 +269,7 @@ def missed_wood(wood, supported, is_far, reach):
     Returns
     -------
     share : float
-        Of all the skeleton's and left-out points. A neighbour that touches the tree counts too.
+        Of all the skeleton's and left-out points. A neighbour's wood beside the tree counts too.
     length : float
         Diagonal of the box around the largest cluster, in the unit of `wood`.
     """
@@ -277,7 +278,7 @@ def missed_wood(wood, supported, is_far, reach):
     sites, _, member = voxel_thin(wood[is_far], reach)
     pairs = cKDTree(sites).query_pairs(2 * reach, output_type="ndarray")
     cluster, n_clusters = components(len(sites), pairs)
-    distance = cKDTree(wood[supported]).query(sites, distance_upper_bound=2 * reach)[0]
+    distance = cKDTree(wood[supported]).query(sites, distance_upper_bound=max(2 * reach, _BESIDE_M))[0]
     touches = np.bincount(cluster, np.isfinite(distance), n_clusters) > 0
     count = np.bincount(cluster, np.bincount(member, minlength=len(sites)), n_clusters)
     touches &= count >= _MIN_MISSED_POINTS
