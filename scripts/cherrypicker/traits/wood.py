@@ -278,7 +278,9 @@ def missed_wood(wood, supported, is_far, reach):
     sites, _, member = voxel_thin(wood[is_far], reach)
     pairs = cKDTree(sites).query_pairs(2 * reach, output_type="ndarray")
     cluster, n_clusters = components(len(sites), pairs)
-    distance = cKDTree(wood[supported]).query(sites, distance_upper_bound=max(2 * reach, _BESIDE_M))[0]
+    distance = cKDTree(wood[supported]).query(
+        sites, distance_upper_bound=max(2 * reach, _BESIDE_M)
+    )[0]
     touches = np.bincount(cluster, np.isfinite(distance), n_clusters) > 0
     count = np.bincount(cluster, np.bincount(member, minlength=len(sites)), n_clusters)
     touches &= count >= _MIN_MISSED_POINTS
