@@ -13,6 +13,7 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import read_skeleton, read_topology
 from cherrypicker.traits import branches_csv, measure_traits
+from cherrypicker.traits.other_stems import only_trees
 
 
 def main(
@@ -28,13 +29,15 @@ def main(
     edits=None,
     **options,
 ):
+    cloud = read_cloud(segmented, required=("label",))
+    scale = read_json(scale) if scale else None
     numbers, rows = measure_traits(
         read_skeleton(skeleton),
-        read_cloud(segmented, required=("label",)),
+        cloud,
         read_topology(topology),
-        scale=read_json(scale) if scale else None,
+        scale=scale,
         sparse=read_json(sparse) if sparse else None,
-        crop=read_json(crop) if crop else None,
+        crop=only_trees(read_json(crop), cloud, (scale or {}).get("scale")) if crop else None,
         edits=read_json(edits) if edits else None,
         **options,
     )
