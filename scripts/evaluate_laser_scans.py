@@ -4,7 +4,7 @@ Prints a table: the share of the points found to be wood (all of them are), and 
 branch against weak labels where there are any. Writes it as JSON, and a picture. Example:
 
     python scripts/evaluate_laser_scans.py --weights resources/weights/dgcnn.pt \
-        --clouds ../shared/data/clouds --output laser.json --figure laser.png
+        --clouds data/clouds --output laser.json --figure laser.png
 """
 
 import logging

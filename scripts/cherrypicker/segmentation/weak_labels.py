@@ -25,7 +25,7 @@ MOST_STEPS = 200
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan of `../shared/data/clouds`.
+    """A published laser scan of a leafless tree or branch.
 
     Attributes
     ----------
