@@ -23,6 +23,8 @@ from cherrypicker.traits import branch_rows, horizontal_width, measure_traits
 
 __all__ = [
     "SCALARS",
+    "as_pair",
+    "axis_pairs",
     "branch_pairs",
     "make_tree",
     "match_axes",
@@ -114,7 +116,7 @@ def tree_pairs(tree, traits):
     pairs = {}
     for name in SCALARS:
         low, high = traits.get(f"{name}_ci90", (None, None))
-        pairs[name] = [_pair(true[name], traits[name], low, high)]
+        pairs[name] = [as_pair(true[name], traits[name], low, high)]
     return pairs
 
 
@@ -144,13 +146,32 @@ def branch_pairs(tree, skeleton, rows):
     pairs : dict of str to list of dict
     n_axes, n_matched : int
     """
-    truth = true_skeleton(tree.skeleton())
+    return axis_pairs(true_skeleton(tree.skeleton()), skeleton, rows)
+
+
+def axis_pairs(truth, skeleton, rows, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
+    """`branch_pairs` with a true skeleton, and tolerances for those that are none too exact.
+
+    Parameters
+    ----------
+    truth, skeleton : Skeleton
+        In one frame, metres.
+    rows : list of dict
+        A row an axis of `skeleton`.
+    near_m, base_m : float
+        See `match_axes`.
+
+    Returns
+    -------
+    pairs : dict of str to list of dict
+    n_axes, n_matched : int
+    """
     true_axes = axes(truth)
     true_rows = branch_rows(truth, true_axes, 0.0)
     wanted = [i for i, row in enumerate(true_rows) if i and row["length_m"] >= LEAST_LENGTH_M]
     lines = [truth.points[axis_polyline(true_axes[i])] for i in wanted]
     found = [skeleton.points[axis_polyline(axis)] for axis in axes(skeleton)[1:]]
-    matched = match_axes(lines, found)
+    matched = match_axes(lines, found, near_m=near_m, base_m=base_m)
     pairs = {"base_diameter_m": [], "insertion_angle_deg": []}
     for i, j in matched:
         true, got = true_rows[wanted[i]], rows[j + 1]
@@ -160,7 +181,7 @@ def branch_pairs(tree, skeleton, rows):
     return pairs, len(wanted), len(matched)
 
 
-def match_axes(true_lines, found_lines):
+def match_axes(true_lines, found_lines, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
     """Match axes one to one by where they run.
 
     A found axis may stand for a true one where 70 % of the true one's length lies within 2 cm of
@@ -171,6 +192,8 @@ def match_axes(true_lines, found_lines):
     ----------
     true_lines, found_lines : list of ndarray of shape (n, 3), float64
         Polylines from base to tip, metres.
+    near_m, base_m : float
+        Other distances than these 2 cm and 5 cm.
 
     Returns
     -------
@@ -184,8 +207,8 @@ def match_axes(true_lines, found_lines):
     dense_found = [_dense(line) for line in found_lines]
     for i, line in enumerate(true_lines):
         dense = _dense(line)
-        for j in bases.query_ball_point(line[0], NEAR_BASE_M):
-            near[i, j] = (cKDTree(dense_found[j]).query(dense)[0] <= NEAR_M).mean()
+        for j in bases.query_ball_point(line[0], base_m):
+            near[i, j] = (cKDTree(dense_found[j]).query(dense)[0] <= near_m).mean()
     near[near < NEAR_SHARE] = 0.0
     rows, columns = linear_sum_assignment(-near)
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if near[i, j] > 0]
@@ -202,9 +225,10 @@ def _branch_pair(true, found, name):
     """Pair of one column; its interval's columns are named after it."""
     stem, unit = name.rsplit("_", 1)
     low, high = found.get(f"{stem}_low_{unit}"), found.get(f"{stem}_high_{unit}")
-    return _pair(true[name], found[name], low, high)
+    return as_pair(true[name], found[name], low, high)
 
 
-def _pair(true, found, low, high):
+def as_pair(true, found, low, high):
+    """A true and a found value and the ends of its interval, None where there is none."""
     values = {"true": true, "found": found, "low": low, "high": high}
     return {key: None if value is None else float(value) for key, value in values.items()}

@@ -23,7 +23,7 @@ def gather(reports):
     Parameters
     ----------
     reports : iterable of dict
-        From `cherrypicker.traits_benchmark.pairs.measure_tree`.
+        From `cherrypicker.traits_benchmark.pairs.measure_tree`, or `references.compare_results`.
 
     Returns
     -------
@@ -82,9 +82,7 @@ def write_table(reports):
     n_axes = sum(report["n_axes"] for report in reports)
     n_matched = sum(report["n_matched"] for report in reports)
     lines = [
-        f"{len(reports)} trees, seeds {min(r['seed'] for r in reports)} to"
-        f" {max(r['seed'] for r in reports)}, {np.mean([r['n_points'] for r in reports]):,.0f}"
-        f" points on average; {n_matched} of {n_axes} axes of 10 cm and more were found.",
+        f"{_which(reports)}; {n_matched} of {n_axes} axes of 10 cm and more were found.",
         "",
         "| trait | unit | n | MAE | asked for | bias | 90 % intervals that hold the truth"
         " | median width |",
@@ -92,6 +90,9 @@ def write_table(reports):
     ]
     for name, (words, unit, factor, bar) in NAMES.items():
         score = score_pairs(joined[name])
+        if not score["n"]:
+            lines.append(f"| {words} | {unit} | 0 | | | | no reference | |")
+            continue
         covered = "none given"
         if score["coverage"] is not None:
             held = round(score["coverage"] * score["n_intervals"])
@@ -100,6 +101,15 @@ def write_table(reports):
         cells += ["" if bar is None else f"{bar:g}", _number(score["bias"], factor, "+")]
         lines.append("| " + " | ".join([*cells, covered, _number(score["width"], factor)]) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _which(reports):
+    """Of which trees a table is."""
+    if "seed" not in reports[0]:
+        return f"{len(reports)} trees ({', '.join(report['name'] for report in reports)})"
+    seeds = [report["seed"] for report in reports]
+    mean = np.mean([report["n_points"] for report in reports])
+    return f"{len(seeds)} trees, seeds {min(seeds)} to {max(seeds)}, {mean:,.0f} points on average"
 
 
 def _number(value, factor, sign=""):
