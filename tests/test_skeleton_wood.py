@@ -70,6 +70,24 @@ def test_gaps_along_a_branch_are_kept_and_far_blobs_dropped():
     assert wood.report["n_floating"] >= is_blob.sum()
 
 
+def test_a_sparse_top_over_a_dense_foot_is_kept():
+    rng = np.random.default_rng(5)
+    step = np.concatenate([np.full(1000, 0.002), 0.002 * 1.1 ** np.arange(1, 56)])
+    angle = rng.uniform(0, 2 * np.pi, len(step))  # 2 mm apart at the foot, 38 cm at the top
+    pole = np.column_stack([0.02 * np.cos(angle), 0.02 * np.sin(angle), np.cumsum(step)])
+    wood = select_target_wood(pole, np.full(len(pole), 2))
+    assert wood.keep.all()
+
+
+def test_sparse_strays_around_dense_wood_are_dropped():
+    points, labels, _ = small_tree(0)
+    strays = np.random.default_rng(6).uniform((0.5, -1.0, 0.2), (2.0, 1.0, 1.2), (40, 3))
+    _, source, _ = voxel_thin(np.vstack([points, strays]), 0.008)
+    label = np.concatenate([labels, np.full(40, 2)])[source]
+    wood = select_target_wood(np.vstack([points, strays])[source], label)
+    assert not wood.keep[source >= len(points)].any()
+
+
 def test_ring_gap_in_the_stem_does_not_lose_the_crown():
     points, labels, _ = small_tree(0)
     hidden = (points[:, 2] > 0.2) & (points[:, 2] < 0.38)

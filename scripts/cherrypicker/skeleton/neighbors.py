@@ -5,9 +5,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-__all__ = ["component_links", "components", "knn_edges", "sparse_graph"]
+__all__ = ["component_links", "components", "knn_edges", "sparse_graph", "touching_edges"]
 
 FIRST_K = 16
+RANK = 3  # of the neighbour whose distance is a point's own spacing: pairs of points do not fool it
 
 
 def knn_edges(points, k, max_distance=np.inf):
@@ -28,12 +29,51 @@ def knn_edges(points, k, max_distance=np.inf):
     if k < 1:
         return np.empty((0, 2), dtype=np.int64)
     distance, neighbor = cKDTree(points).query(points, k=k + 1, distance_upper_bound=max_distance)
-    rows = np.repeat(np.arange(len(points)), k + 1)
-    pairs = np.stack([rows, neighbor.ravel()], axis=1)[np.isfinite(distance.ravel())]
+    return _pairs(neighbor, np.isfinite(distance))
+
+
+def _pairs(neighbor, keep):
+    """Pairs of a row and its neighbours that are kept, each once, the smaller row first, sorted."""
+    n = len(neighbor)
+    row, column = np.nonzero(keep)
+    pairs = np.stack([row, neighbor[row, column]], axis=1)
     pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
-    key = np.sort(pairs[:, 0].astype(np.int64) * len(points) + pairs[:, 1])
+    key = np.sort(pairs[:, 0].astype(np.int64) * n + pairs[:, 1])
     key = key[np.diff(key, prepend=-1) != 0]  # np.unique would hash them, ten times slower
-    return np.stack(np.divmod(key, len(points)), axis=1)
+    return np.stack(np.divmod(key, n), axis=1)
+
+
+def touching_edges(points, k, reach, local_reach):
+    """Edges between neighbours that touch: as near as the points lie there.
+
+    A laser scan is dense at the foot of a tree and sparse in its crown. A point's local spacing is
+    the median, over its `k` neighbours, of the distance to their third nearest point: a stray
+    point takes that of the wood that it lies beside.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+    k : int
+    reach : float
+        Points touch within this many median distances to the nearest neighbour,
+    local_reach : float
+        and where this is more, within this many of the mean of their local spacings.
+
+    Returns
+    -------
+    edges : ndarray of shape (n_edges, 2), int64
+        As `knn_edges`.
+    spacing : float
+        The median distance to the nearest neighbour.
+    """
+    k = min(k, len(points) - 1)
+    if k < 1:
+        return np.empty((0, 2), dtype=np.int64), 0.0
+    distance, neighbor = cKDTree(points).query(points, k=k + 1)
+    spacing = float(np.median(distance[:, 1]))
+    local = np.median(distance[:, min(RANK, k)][neighbor[:, 1:]], axis=1)
+    limit = np.maximum(reach * spacing, local_reach * local)
+    return _pairs(neighbor, distance <= (limit[:, None] + limit[neighbor]) / 2), spacing
 
 
 def sparse_graph(n_nodes, edges, weights):

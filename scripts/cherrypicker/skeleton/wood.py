@@ -9,8 +9,12 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.skeleton.neighbors import component_links, components, knn_edges, sparse_graph
-from cherrypicker.skeleton.sampling import median_spacing
+from cherrypicker.skeleton.neighbors import (
+    component_links,
+    components,
+    sparse_graph,
+    touching_edges,
+)
 from cherrypicker.skeleton.stems import Stem, find_stems
 
 __all__ = ["TargetWood", "select_target_wood"]
@@ -19,6 +23,7 @@ logger = logging.getLogger(__name__)
 
 N_NEIGHBORS = 10
 REACH_IN_SPACINGS = 3.5  # neighbours within this many point spacings touch each other
+LOCAL_REACH = 2.0  # or, where points lie farther apart than elsewhere, within this many local ones
 LEAST_GAP_IN_SPACINGS = 8.0
 GAP_COST = 3.0  # a metre of missing data counts as this many of wood
 BORDER_IN_SPACINGS = 3.0
@@ -91,8 +96,7 @@ def select_target_wood(
     """
     if not len(points):
         raise StageError("no wood points", key="contract.classes")
-    spacing = median_spacing(points, cKDTree(points)) if len(points) > 1 else 0.0
-    edges = knn_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
+    edges, spacing = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS, LOCAL_REACH)
     gap_m = max(gap_m, LEAST_GAP_IN_SPACINGS * spacing)  # of a coarse scan of a big tree
     links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
     stems = find_stems(points, ground, labels) or [_lowest_base(points, labels)]
