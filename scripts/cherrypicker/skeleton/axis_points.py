@@ -90,7 +90,8 @@ def line_shift(points, places, radius, rounds):
         Of the line, either way.
     """
     sorted_points, key, low, shape = _in_cells(points, places, radius)
-    return _shift(sorted_points, key, low, shape, places.copy(), radius, rounds)
+    order = np.argsort(_keys(places, low, shape, radius), kind="stable")  # neighbours in turn
+    return _shift(sorted_points, key, low, shape, order, places.copy(), radius, rounds)
 
 
 def ball_means(points, places, radius):
@@ -100,14 +101,20 @@ def ball_means(points, places, radius):
 
 
 def _in_cells(points, places, radius):
-    """Points sorted by cells of a ball's radius, the cells' keys and the grid."""
+    """Columns of the points sorted by cells of a ball's radius, their cells and the grid."""
     low = np.minimum(points.min(axis=0), places.min(axis=0)) - 2 * radius
     high = np.maximum(points.max(axis=0), places.max(axis=0)) + 2 * radius
     shape = np.ceil((high - low) / radius).astype(np.int64) + 1
-    cell = np.floor((points - low) / radius).astype(np.int64)
-    key = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    key = _keys(points, low, shape, radius)
     order = np.argsort(key, kind="stable")
-    return np.ascontiguousarray(points[order], dtype=np.float64), key[order], low, shape
+    columns = np.ascontiguousarray(points[order].T, dtype=np.float64)
+    return columns, key[order], low, shape
+
+
+def _keys(points, low, shape, radius):
+    """Number of the cell that each point lies in."""
+    cell = np.floor((points - low) / radius).astype(np.int64)
+    return (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
 
 
 @numba.njit(cache=True)
@@ -125,14 +132,13 @@ def _means(points, key, low, shape, places, radius):
 
 
 @numba.njit(cache=True)
-def _shift(points, key, low, shape, places, radius, rounds):
+def _shift(points, key, low, shape, order, places, radius, rounds):
     n_places = len(places)
     line, width = np.zeros(n_places), np.zeros(n_places)
     count = np.zeros(n_places, dtype=np.int64)
     direction = np.zeros((n_places, 3))
-    rows, cell = np.empty((9, 2), dtype=np.int64), np.empty(3, dtype=np.int64)
-    for place in range(n_places):
-        cell[:] = -1
+    rows, cell = np.empty((9, 2), dtype=np.int64), np.full(3, -1, dtype=np.int64)
+    for place in order:
         for _ in range(rounds):
             _find_rows(key, low, shape, places[place], radius, cell, rows)
             n, x, y, z, c = _ball_sums(points, rows, places[place], radius)
@@ -172,23 +178,22 @@ def _find_rows(key, low, shape, place, radius, cell, rows):
             run += 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath={"reassoc", "contract", "nsz"})  # sums of several points at once
 def _ball_sums(points, rows, place, radius):
     """Number, mean offset and covariance (xx, yy, zz, xy, xz, yz) of the points in a ball."""
-    n, limit = 0, radius * radius
-    sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
+    limit = radius * radius
+    n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
+    px, py, pz = place
     for run in range(9):
         for row in range(rows[run, 0], rows[run, 1]):
-            x = points[row, 0] - place[0]
-            y = points[row, 1] - place[1]
-            z = points[row, 2] - place[2]
-            if x * x + y * y + z * z > limit:
-                continue
-            n += 1
-            sx, sy, sz = sx + x, sy + y, sz + z
-            xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
-            xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
-    m = max(n, 1)
+            x, y, z = points[0, row] - px, points[1, row] - py, points[2, row] - pz
+            inside = 1.0 if x * x + y * y + z * z <= limit else 0.0
+            n += inside
+            u, v, w = inside * x, inside * y, inside * z
+            sx, sy, sz = sx + u, sy + v, sz + w
+            xx, yy, zz = xx + u * x, yy + v * y, zz + w * z
+            xy, xz, yz = xy + u * y, xz + u * z, yz + v * z
+    m = max(n, 1.0)
     sx, sy, sz = sx / m, sy / m, sz / m
     spread = (
         xx / m - sx * sx,
@@ -198,7 +203,7 @@ def _ball_sums(points, rows, place, radius):
         xz / m - sx * sz,
         yz / m - sy * sz,
     )
-    return n, sx, sy, sz, spread
+    return int(n), sx, sy, sz, spread
 
 
 @numba.njit(cache=True)
