@@ -211,44 +211,71 @@ def _collect(nodes, source, target, direction, way, before, spacing):
     best[reached] = order[first]
     cover = COVER_IN_SPACINGS * spacing
     near = cKDTree(nodes).query_ball_point(nodes, cover)
-    covered = np.zeros(len(nodes), dtype=bool)
-    passing = [[] for _ in nodes]  # tree nodes near each sample, with their directions
-    ids, parent, step, heading = [0], [-1], [-1], [np.zeros(3)]
-    for sample in near[0]:
-        passing[sample].append(0)
-        covered[sample] = True
-    far_first = [node for node in reached[np.argsort(-way[best[reached]], kind="stable")]]
-    for tip in far_first:
+    start = np.concatenate([[0], np.cumsum([len(rows) for rows in near])])
+    near = np.concatenate(near).astype(np.int64)
+    far_first = reached[np.argsort(-way[best[reached]], kind="stable")]
+    return _chains(nodes, target, direction, best, before, far_first, start, near)
+
+
+@numba.njit(cache=True)
+def _chains(nodes, target, direction, best, before, far_first, start, near):
+    """The tree's nodes: sample, parent and edge of each; rows of `near` lie around each sample."""
+    covered = np.zeros(len(nodes), dtype=np.bool_)
+    # tree nodes that pass by each sample, in turn: (tree node, next of them)
+    passing, n_passing = np.empty((2 * len(near), 2), dtype=np.int64), 0
+    first, last = np.full(len(nodes), -1), np.full(len(nodes), -1)
+    tree = np.empty((2 * len(nodes), 3), dtype=np.int64)  # sample, parent, edge
+    tree[0], n_tree, n_seen = (0, -1, -1), 1, 0
+    chain = np.empty(len(before), dtype=np.int64)
+    for turn in range(-1, len(far_first)):
+        tip = far_first[turn] if turn >= 0 else 0
         if covered[tip]:
             continue
-        chain, edge, joint = [], best[tip], 0
+        n_chain, joint = 0, 0
+        edge = best[tip] if turn >= 0 else -1
         while edge >= 0:
-            joint = _joint(
-                passing[target[edge]], direction[edge], heading, ids, nodes, target[edge]
-            )
+            joint = _joint(first, passing, direction, edge, tree, nodes, target[edge])
             if joint >= 0:
                 break
-            chain.append(edge)
+            chain[n_chain] = edge
+            n_chain += 1
             edge, joint = before[edge], 0
-        for edge in reversed(chain):
-            ids.append(int(target[edge]))
-            parent.append(joint)
-            step.append(int(edge))
-            heading.append(direction[edge])
-            joint = len(ids) - 1
-            for sample in near[ids[-1]]:
-                passing[sample].append(joint)
-                covered[sample] = True
-    return tuple(np.array(values, dtype=np.int64) for values in (ids, parent, step))
+        for at in range(n_chain - 1, -1, -1):
+            if n_tree == len(tree):
+                tree = np.concatenate((tree, np.empty_like(tree)))
+            tree[n_tree] = (target[chain[at]], joint, chain[at])
+            joint = n_tree
+            n_tree += 1
+        while n_seen < n_tree:
+            sample = tree[n_seen, 0]
+            for row in range(start[sample], start[sample + 1]):
+                if n_passing == len(passing):
+                    passing = np.concatenate((passing, np.empty_like(passing)))
+                passing[n_passing] = (n_seen, -1)
+                if first[near[row]] < 0:
+                    first[near[row]] = n_passing
+                else:
+                    passing[last[near[row]], 1] = n_passing
+                last[near[row]] = n_passing
+                n_passing += 1
+                covered[near[row]] = True
+            n_seen += 1
+    return tree[:n_tree, 0].copy(), tree[:n_tree, 1].copy(), tree[:n_tree, 2].copy()
 
 
-def _joint(candidates, direction, heading, ids, nodes, sample):
-    """Nearest tree node around a sample that heads the same way, or -1."""
+@numba.njit(cache=True)
+def _joint(first, passing, direction, edge, tree, nodes, sample):
+    """Nearest tree node around a sample that heads the same way as an edge, or -1."""
     best, nearest = -1, np.inf
-    for tree_node in candidates:
-        if tree_node and heading[tree_node] @ direction < SAME_DIRECTION:
-            continue
-        distance = np.linalg.norm(nodes[ids[tree_node]] - nodes[sample])
+    at = first[sample]
+    while at >= 0:
+        tree_node, at = passing[at]
+        if tree_node:
+            heading = direction[tree[tree_node, 2]]
+            if (heading * direction[edge]).sum() < SAME_DIRECTION:
+                continue
+        away = nodes[tree[tree_node, 0]] - nodes[sample]
+        distance = (away * away).sum()
         if distance < nearest:
             best, nearest = tree_node, distance
     return best

@@ -2,6 +2,7 @@
 
 import logging
 
+import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -99,19 +100,26 @@ def prune_stem_strays(skeleton, spacing, noise):
 
 def _terminal_ways(skeleton):
     """Terminal way of each node (-1 for none), and the junction that each way ends at."""
-    n_children, parent = skeleton.n_children, skeleton.parent
-    way = np.full(len(skeleton), -1, dtype=np.int64)
-    ends = []
-    for tip in np.flatnonzero(n_children == 0):
-        node, nodes = tip, []
+    return _ways(skeleton.parent, skeleton.n_children)
+
+
+@numba.njit(cache=True)
+def _ways(parent, n_children):
+    way = np.full(len(parent), -1, dtype=np.int64)
+    ends, n_ways = np.empty(len(parent), dtype=np.int64), 0
+    for tip in range(len(parent)):
+        if n_children[tip]:
+            continue
+        node = tip
         while node > 0 and n_children[node] <= 1:
-            nodes.append(node)
+            way[node] = n_ways
             node = parent[node]
         if node == 0 and n_children[0] <= 1:
-            continue  # the only axis
-        way[nodes] = len(ends)
-        ends.append(int(node))
-    return way, ends
+            way[way == n_ways] = -1  # the only axis
+            continue
+        ends[n_ways] = node
+        n_ways += 1
+    return way, ends[:n_ways]
 
 
 class _Places:
