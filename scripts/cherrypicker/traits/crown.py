@@ -262,7 +262,9 @@ def alpha_volume(points, alpha, cell):
     if len(points) < 4:
         return 0.0
     cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
-    points = points[np.unique(cells, axis=0, return_index=True)[1]]
+    shape = cells.max(axis=0) + 1
+    key = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+    points = points[np.unique(key, return_index=True)[1]]
     if len(points) < 4:
         return 0.0
     try:

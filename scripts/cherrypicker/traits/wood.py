@@ -29,6 +29,7 @@ _MAX_FOOT_STEP_M = 0.5
 _MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
 _MIN_MISSED_POINTS = 10
 _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
+_WITHIN = 1.75  # cells of this share of a length are narrower than it across all corners
 _FOOT_ERROR = 1.6  # of the foot over the scatter of the ground around it; docs/traits.md
 
 
@@ -295,8 +296,15 @@ def missed_wood(wood, supported, is_far, reach):
 
 
 def _has_neighbours(tree, points, reach, n_neighbours):
+    """Points with `n_neighbours` others of the tree's within reach, (n_points,) bool."""
     if len(points) == 0:
         return np.zeros(0, dtype=bool)
     n_asked = min(n_neighbours + 1, tree.n)
-    distance = tree.query(points, k=[n_asked])[0][:, 0]
-    return distance <= reach
+    cells = np.floor((points - points.min(axis=0)) * (_WITHIN / reach)).astype(np.int64)
+    shape = cells.max(axis=0) + 1
+    key = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+    _, cell, count = np.unique(key, return_inverse=True, return_counts=True)
+    found = (count >= n_asked)[cell]  # all of a cell are within reach of one another
+    alone = np.flatnonzero(~found)
+    found[alone] = tree.query(points[alone], k=[n_asked])[0][:, 0] <= reach
+    return found
