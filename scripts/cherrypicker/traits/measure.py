@@ -3,6 +3,7 @@
 import logging
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.skeleton import axes, axis_of_node
@@ -90,8 +91,14 @@ def measure_traits(
     rng = np.random.default_rng(seed)
     axis_list = axes(skeleton)
     foot = find_foot(skeleton, cloud.points, labels)
+    tree = cKDTree(wood)
     support = find_support(
-        skeleton, wood, max_gap=max_gap, min_stray=min_stray, reach=support_reach(wood)
+        skeleton,
+        wood,
+        max_gap=max_gap,
+        min_stray=min_stray,
+        reach=support_reach(wood, tree=tree),
+        tree=tree,
     )
     if not support.point.any():
         raise StageError("no wood point lies near the skeleton", key="graph")

@@ -29,7 +29,7 @@ _MAX_FOOT_STEP_M = 0.5
 _MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
 _MIN_MISSED_POINTS = 10
 _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
-_WITHIN = 1.75  # cells of this share of a length are narrower than it across all corners
+_CELLS_PER_REACH = 1.75  # a cell's corners are then nearer to one another than the reach
 _FOOT_ERROR = 1.6  # of the foot over the scatter of the ground around it; docs/traits.md
 
 
@@ -184,13 +184,15 @@ def densify(skeleton, step):
     )
 
 
-def support_reach(wood, min_neighbours=4):
+def support_reach(wood, min_neighbours=4, tree=None):
     """Distance within which a wood point has company: 0.03, or more in a sparse scan.
 
     Parameters
     ----------
     wood : ndarray of shape (n_wood, 3), float64
     min_neighbours : int, default 4
+    tree : scipy.spatial.cKDTree, optional
+        Of `wood`, where there is one.
 
     Returns
     -------
@@ -199,11 +201,14 @@ def support_reach(wood, min_neighbours=4):
     """
     k = min(min_neighbours + 1, len(wood))
     some = wood[:: 1 + len(wood) // _REACH_POINTS]
-    distance = cKDTree(wood).query(some, k=[k])[0]
+    tree = cKDTree(wood) if tree is None else tree
+    distance = tree.query(some, k=[k])[0]
     return max(_MIN_REACH_M, 1.5 * float(np.median(distance)))
 
 
-def find_support(skeleton, wood, *, max_gap, min_stray, reach=_MIN_REACH_M, min_neighbours=4):
+def find_support(
+    skeleton, wood, *, max_gap, min_stray, reach=_MIN_REACH_M, min_neighbours=4, tree=None
+):
     """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
 
     Parameters
@@ -219,15 +224,17 @@ def find_support(skeleton, wood, *, max_gap, min_stray, reach=_MIN_REACH_M, min_
         A wood point supports the skeleton within 1.5 radii or this distance.
     min_neighbours : int, default 4
         Wood points needed within `reach` of a point for it not to float alone.
+    tree : scipy.spatial.cKDTree, optional
+        Of `wood`, where there is one.
 
     Returns
     -------
     Support
     """
     samples, owner, radius, spacing = densify(skeleton, _SAMPLE_M)
-    tree = cKDTree(wood)
-    distance = tree.query(samples)[0]
-    near = distance <= np.maximum(1.5 * radius, reach)
+    tree = cKDTree(wood) if tree is None else tree
+    enough = np.maximum(1.5 * radius, reach)
+    near = tree.query(samples, distance_upper_bound=1.001 * enough.max())[0] <= enough
     bare = np.zeros(len(skeleton))  # bare length of each node's edge to its parent
     np.add.at(bare, owner[~near], spacing[~near])
     length = skeleton.edge_length
@@ -279,12 +286,13 @@ def missed_wood(wood, supported, is_far, reach):
     sites, _, member = voxel_thin(wood[is_far], reach)
     pairs = cKDTree(sites).query_pairs(2 * reach, output_type="ndarray")
     cluster, n_clusters = components(len(sites), pairs)
-    distance = cKDTree(wood[supported]).query(
-        sites, distance_upper_bound=max(2 * reach, _BESIDE_M)
-    )[0]
-    touches = np.bincount(cluster, np.isfinite(distance), n_clusters) > 0
     count = np.bincount(cluster, np.bincount(member, minlength=len(sites)), n_clusters)
-    touches &= count >= _MIN_MISSED_POINTS
+    large = (count >= _MIN_MISSED_POINTS)[cluster]
+    if not large.any():
+        return 0.0, 0.0
+    own = cKDTree(wood[supported], balanced_tree=False, compact_nodes=False)  # a few queries only
+    distance, _ = own.query(sites[large], distance_upper_bound=max(2 * reach, _BESIDE_M))
+    touches = np.bincount(cluster[large], np.isfinite(distance), n_clusters) > 0
     if not touches.any():
         return 0.0, 0.0
     low, high = np.full((n_clusters, 3), np.inf), np.full((n_clusters, 3), -np.inf)
@@ -300,7 +308,7 @@ def _has_neighbours(tree, points, reach, n_neighbours):
     if len(points) == 0:
         return np.zeros(0, dtype=bool)
     n_asked = min(n_neighbours + 1, tree.n)
-    cells = np.floor((points - points.min(axis=0)) * (_WITHIN / reach)).astype(np.int64)
+    cells = np.floor((points - points.min(axis=0)) * (_CELLS_PER_REACH / reach)).astype(np.int64)
     shape = cells.max(axis=0) + 1
     key = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
     _, cell, count = np.unique(key, return_inverse=True, return_counts=True)
