@@ -281,8 +281,13 @@ def _smooth(strand, sides, spacing):
     if strand.parent >= 0:
         weights[0] = BASE_WEIGHT
     weights[-1] = max(weights[-1], 0.5)
-    nodes = max(SMOOTH_NODES, 0.5 * float(np.median(strand.radius)) / spacing)
+    nodes = max(SMOOTH_NODES, 0.5 * _median(strand.radius) / spacing)
     strand.points = smooth_polyline(strand.points, weights, nodes**4, spacing)
+
+
+@numba.njit(cache=True)
+def _median(values):
+    return np.median(values)
 
 
 def _points_by_axis(skeleton, surface):
@@ -314,7 +319,7 @@ def _follow_surface(strand, points, spacing, noise):
     if stretch <= 0:
         return
     direction /= stretch
-    aside = max(2 * float(np.median(strand.radius[before:])), 3 * noise, spacing)
+    aside = max(2 * _median(strand.radius[before:]), 3 * noise, spacing)
     beyond, n_before = _beyond_tip(points, strand.points[-1], direction, stretch, aside, spacing)
     if n_before < FEWEST_AT_TIP or not len(beyond):
         return

@@ -9,6 +9,7 @@ calibration ring, a post, a twig, floaters) get weight zero.
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from cherrypicker.errors import StageError
@@ -161,6 +162,29 @@ def fit_cone(local, circle, *, prior_weights=None, n_iterations=30):
     return ConeFit(parameters, float(sigma), weights, arc)
 
 
+@numba.njit(cache=True)
+def _level_shifts(residual, level, sector, n_levels, min_points):
+    """Median over its sectors of each level's median residuals, NaN where points are too few."""
+    shift, own = np.full(n_levels, np.nan), np.empty(len(residual))
+    n_sectors = sector.max() + 1 if len(sector) else 0
+    medians = np.empty(n_sectors)
+    for at in range(n_levels):
+        if (level == at).sum() < min_points:
+            continue
+        n_medians = 0
+        for part in range(n_sectors):
+            n_own = 0
+            for row in range(len(residual)):
+                if level[row] == at and sector[row] == part:
+                    own[n_own] = residual[row]
+                    n_own += 1
+            if n_own:
+                medians[n_medians] = np.median(own[:n_own])
+                n_medians += 1
+        shift[at] = np.median(medians[:n_medians])
+    return shift
+
+
 def steady_levels(local, fit, *, n_levels=16, min_points=6):
     """Points of the levels whose radius goes with the others'.
 
@@ -185,14 +209,7 @@ def steady_levels(local, fit, *, n_levels=16, min_points=6):
     sector = _sector(offset, 12)
     residual = _residuals(local, fit.parameters)
     near = np.abs(residual) < 0.4 * fit.radius
-    shift = np.full(n_levels, np.nan)
-    for i in range(n_levels):
-        inside = near & (level == i)
-        if inside.sum() >= min_points:
-            medians = [
-                np.median(residual[inside & (sector == s)]) for s in np.unique(sector[inside])
-            ]
-            shift[i] = np.median(medians)
+    shift = _level_shifts(residual[near], level[near], sector[near], n_levels, min_points)
     known = np.flatnonzero(np.isfinite(shift))
     if len(known) < 6:
         return np.ones(len(local), dtype=bool)
