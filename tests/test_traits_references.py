@@ -97,6 +97,14 @@ def test_two_roots_are_no_tree(tmp_path):
         read_reference_skeleton(path)
 
 
+def test_a_cycle_beside_the_root_is_an_error_that_names_the_file(tmp_path):
+    path = tmp_path / "tree.csv"
+    path.write_text("id,parent,x,y,z,radius\n0,-1,0,0,0,1\n1,2,0,0,1,1\n2,1,0,0,2,1\n")
+    with pytest.raises(StageError, match="not one tree") as caught:
+        read_reference_skeleton(path)
+    assert caught.value.file == str(path)
+
+
 def test_measures_of_a_skeleton():
     measures = skeleton_measures(small_skeleton(), [1.0, 3.0])
     assert measures["height_m"] == pytest.approx(2.0)

@@ -15,7 +15,7 @@ from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.skeleton.axes import axes, node_order
-from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.model import Skeleton, rooted_order
 
 __all__ = ["SCANS", "Scan", "read_scan", "read_weak_skeleton", "wood_share", "wood_by_order"]
 
@@ -82,21 +82,13 @@ def read_weak_skeleton(path, unit_m=1.0):
         parent = np.array([number.get(int(key), -1) for key in rows["parent"]])
     except (OSError, ValueError) as error:
         raise StageError("the skeleton cannot be read", file=path) from error
-    depth = np.zeros(len(parent), int)
-    above = parent.copy()
-    for _ in range(len(parent)):
-        reached = above >= 0
-        if not reached.any():
-            break
-        depth[reached] += 1
-        above[reached] = parent[above[reached]]
-    if (above >= 0).any() or (parent < 0).sum() != 1:
-        raise StageError("the skeleton's nodes are no tree with one root", file=path)
-    order = np.argsort(depth, kind="stable")
-    place = np.empty(len(order), int)
-    place[order] = np.arange(len(order))
+    roots = np.flatnonzero(parent < 0)
+    edges = np.stack([np.flatnonzero(parent >= 0), parent[parent >= 0]], axis=1)
+    try:
+        order, above = rooted_order(len(parent), edges, int(roots[0]) if len(roots) else 0)
+    except ValueError as error:
+        raise StageError("the skeleton's nodes are no tree with one root", file=path) from error
     points = np.column_stack([rows["x"], rows["y"], rows["z"]])[order] * unit_m
-    above = np.where(parent[order] < 0, -1, place[parent[order]])
     radius = rows["radius"][order] * unit_m
     for i in np.flatnonzero(~np.isfinite(radius)):  # left open by the other tool
         radius[i] = radius[above[i]] if i else np.nanmedian(radius)

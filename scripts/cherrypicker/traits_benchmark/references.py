@@ -126,9 +126,10 @@ def read_reference_skeleton(path):
     if len(roots) != 1 or len(place) != len(values):
         raise StageError(f"{len(roots)} nodes without a parent, 1 expected", file=path)
     edges = np.stack([np.flatnonzero(parent >= 0), parent[parent >= 0]], axis=1)
-    order, new_parent = rooted_order(len(values), edges, int(roots[0]))
-    if len(order) != len(values):
-        raise StageError("the nodes are not one tree", file=path)
+    try:
+        order, new_parent = rooted_order(len(values), edges, int(roots[0]))
+    except ValueError as error:
+        raise StageError(f"the nodes are not one tree ({error})", file=path) from error
     radius = radius[order]
     for node in np.flatnonzero(np.isnan(radius)):
         radius[node] = radius[new_parent[node]] if node else 0.0
