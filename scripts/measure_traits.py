@@ -1,8 +1,8 @@
 """Measure a tree's traits on its skeleton and its labelled cloud.
 
 Reads skeleton.graphml, topology.graphml and segmented.ply, and for a scan from photos scale.json,
-sfm/report.json and crop.json (with hand corrections edits.json); writes traits.json and
-branches.csv. Example:
+metric_poses.npz, sfm/report.json and crop.json (with hand corrections edits.json); writes
+traits.json and branches.csv. Example:
 
     python scripts/measure_traits.py --skeleton skeleton.graphml --topology topology.graphml \\
         --segmented segmented.ply --traits traits.json --branches branches.csv
@@ -10,6 +10,7 @@ branches.csv. Example:
 
 from cherrypicker.files import read_json, write_json, write_text
 from cherrypicker.pointcloud import read_cloud
+from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import read_skeleton, read_topology
 from cherrypicker.traits import branches_csv, measure_traits
@@ -27,6 +28,7 @@ def main(
     sparse=None,
     crop=None,
     edits=None,
+    metric_poses=None,
     **options,
 ):
     cloud = read_cloud(segmented, required=("label",))
@@ -39,6 +41,7 @@ def main(
         sparse=read_json(sparse) if sparse else None,
         crop=only_trees(read_json(crop), cloud, (scale or {}).get("scale")) if crop else None,
         edits=read_json(edits) if edits else None,
+        poses=read_poses(metric_poses) if metric_poses else None,
         **options,
     )
     write_text(branches, branches_csv(rows))
@@ -52,6 +55,7 @@ parser.add_argument("--segmented", required=True, help="labelled cloud")
 parser.add_argument("--scale", help="scale.json of a scan from photos")
 parser.add_argument("--sparse", help="sfm/report.json of a scan from photos")
 parser.add_argument("--crop", help="crop.json of a scan from photos")
+parser.add_argument("--metric_poses", help="poses in the segmented cloud's frame")
 parser.add_argument("--edits", help="edits.json of a tree with hand corrections")
 parser.add_argument("--traits", required=True, help="JSON to write")
 parser.add_argument("--branches", required=True, help="CSV to write")

@@ -7,6 +7,7 @@ rule measure_traits:
         topology="results/{tree}/topology.graphml",
         segmented="results/{tree}/segmented.ply",
         scale=photo_only("results/{tree}/scale.json"),
+        metric_poses=photo_only("results/{tree}/metric_poses.npz"),
         sparse=photo_only("results/{tree}/sfm/report.json"),
         crop=photo_only("results/{tree}/crop.json"),
         edits=lambda wildcards: (

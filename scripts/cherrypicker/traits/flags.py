@@ -97,7 +97,7 @@ def _shape_flags(foot, support, crown_width, confidence, length):
     return flags
 
 
-def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None, edits=None):
+def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None, edits=None, edges=()):
     """Warnings that earlier stages left in their reports, and an odd size of the whole.
 
     Parameters
@@ -110,6 +110,8 @@ def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None, edits=N
         ``scale.json``, ``sfm/report.json`` and ``crop.json`` where the scan has them.
     edits : dict, optional
         ``edits.json`` of a tree with hand corrections.
+    edges : sequence of FrameEdge
+        Sides of the tree beyond which few photos look.
 
     Returns
     -------
@@ -131,6 +133,7 @@ def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None, edits=N
         n_photos, n_registered = sparse.get("n_photos"), sparse.get("n_registered")
         if n_photos and n_registered is not None and n_registered < _FEW_PHOTOS * n_photos:
             flags.append(f"few_photos: {n_registered} of {n_photos} photos registered")
+    flags += _edge_flags(edges, unit_name(unit))
     others = (crop or {}).get("other_stems") or []
     if others:
         flags.append(
@@ -141,5 +144,26 @@ def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None, edits=N
         flags.append(
             f"edits_lost: {len(edits['lost'])} of {edits['n_edits']} hand corrections no longer "
             f"find their place ({'; '.join(edits['lost'])})"
+        )
+    return flags
+
+
+def _edge_flags(edges, length):
+    """One warning for a top that the photos may cut off, one for all such sides of the crown."""
+    top = [edge for edge in edges if edge.azimuth_deg is None]
+    sides = [edge for edge in edges if edge.azimuth_deg is not None]
+    flags = [
+        f"top_outside_photos: {edge.n_photos} photos frame what is {edge.beyond:.2f} {length} "
+        f"above the highest wood, {edge.n_usual} the tree; height may be too small, photograph "
+        "the tree from farther away"
+        for edge in top
+    ]
+    if sides:
+        azimuths = ", ".join(f"{edge.azimuth_deg:.0f}" for edge in sides)
+        least = min(sides, key=lambda edge: edge.n_photos)
+        flags.append(
+            f"side_outside_photos: towards azimuth {azimuths} degrees as few as {least.n_photos} "
+            f"photos frame what is {least.beyond:.2f} {length} beyond the outermost wood, "
+            f"{least.n_usual} the tree; the crown's width may be too small"
         )
     return flags

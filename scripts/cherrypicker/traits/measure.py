@@ -10,6 +10,7 @@ from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.traits.branches import branch_rows, totals_by_order
 from cherrypicker.traits.crown import alpha_volume, crown_of, measure_crown, projected_area
 from cherrypicker.traits.flags import quality_flags, scan_flags
+from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.trunk import measure_near, stem_of
 from cherrypicker.traits.wood import find_foot, find_support, support_reach, wood_mask
 
@@ -38,6 +39,7 @@ def measure_traits(
     sparse=None,
     crop=None,
     edits=None,
+    poses=None,
     seed=0,
 ):
     """Measure a tree's traits on its skeleton and its original points.
@@ -64,6 +66,8 @@ def measure_traits(
         standard error enters every uncertainty.
     edits : dict, optional
         ``edits.json`` of a tree with hand corrections.
+    poses : Poses, optional
+        Of the photos, in the cloud's frame and unit: tells where they, not the tree, end.
     seed : int, default 0
 
     Returns
@@ -156,7 +160,13 @@ def measure_traits(
     traits["trunk_end_height_m"] = _rounded(stem.height[-1])
     missing = [h for h, item in further.items() if item is None and h <= stem.height[-1] - 0.02]
     traits["flags"] = scan_flags(
-        cloud.unit, height=traits["height_m"], scale=scale, sparse=sparse, crop=crop, edits=edits
+        cloud.unit,
+        height=traits["height_m"],
+        scale=scale,
+        sparse=sparse,
+        crop=crop,
+        edits=edits,
+        edges=() if poses is None else frame_edges(poses, wood[support.point]),
     ) + quality_flags(
         trunk, trunk_height, missing, foot, support, crown.width, confidence, cloud.unit
     )

@@ -1,0 +1,94 @@
+"""Where the photos end, not the tree: sides of the wood beyond which few photos look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cherrypicker.poses import Poses
+
+__all__ = ["FrameEdge", "frame_edges"]
+
+BEYOND = 0.05  # of the tree's extent: what lies so far beyond its outermost wood
+FEWEST = 0.25  # of the photos that frame the tree
+RANK = 3  # the outermost points but two: no stray point stands for a side
+N_AZIMUTHS = 8
+MOST_POINTS = 2000  # enough to tell how many photos frame the tree
+
+
+@dataclass(frozen=True)
+class FrameEdge:
+    """A side of a tree beyond which few photos look.
+
+    Attributes
+    ----------
+    azimuth_deg : float or None
+        From +x towards +y; None above the tree.
+    beyond : float
+        How far beyond the outermost wood the photos were asked, unit of the cloud.
+    n_photos, n_usual : int
+        Photos that frame that place, and the median over the wood.
+    """
+
+    azimuth_deg: float | None
+    beyond: float
+    n_photos: int
+    n_usual: int
+
+
+def frame_edges(poses: Poses, wood: np.ndarray) -> list[FrameEdge]:
+    """Find the sides, and the top, where the tree may go on outside the photos.
+
+    A tree that ends inside the photos is surrounded by places that they frame as well, sky or
+    neighbours; where it is cut off at their edge, what lies `BEYOND` its outermost wood is framed
+    by less than `FEWEST` of the photos that frame the wood itself.
+
+    Parameters
+    ----------
+    poses : Poses
+        In the frame and unit of `wood`, z up.
+    wood : ndarray of shape (n_wood, 3), float64
+        The tree's points.
+
+    Returns
+    -------
+    list of FrameEdge
+        The top first, then by azimuth; empty where the photos frame all sides.
+    """
+    usual = int(np.median(framing_photos(poses, wood[:: 1 + len(wood) // MOST_POINTS])))
+    azimuths = np.arange(N_AZIMUTHS) * 2 * np.pi / N_AZIMUTHS
+    directions = np.zeros((N_AZIMUTHS + 1, 3))
+    directions[0, 2] = 1.0
+    directions[1:, 0], directions[1:, 1] = np.cos(azimuths), np.sin(azimuths)
+    along = wood @ directions.T
+    steps = BEYOND * np.ptp(along, axis=0)
+    rank = min(RANK, len(wood))
+    outermost = wood[np.argpartition(along, -rank, axis=0)[-rank]]
+    counts = framing_photos(poses, outermost + steps[:, None] * directions)
+    names = [None, *np.degrees(azimuths).tolist()]
+    return [
+        FrameEdge(name, float(step), int(count), usual)
+        for name, step, count in zip(names, steps, counts, strict=True)
+        if count < FEWEST * usual
+    ]
+
+
+def framing_photos(poses: Poses, points: np.ndarray) -> np.ndarray:
+    """Count the photos in whose frame each point lies, hidden or not.
+
+    Parameters
+    ----------
+    poses : Poses
+    points : ndarray of shape (n_points, 3)
+
+    Returns
+    -------
+    ndarray of shape (n_points,), int64
+    """
+    count = np.zeros(len(points), dtype=np.int64)
+    for photo in range(len(poses)):
+        uv, depth = poses.project(points, photo)
+        size = (poses.width[photo], poses.height[photo])
+        count += (depth > 0) & ((uv > 0) & (uv < size)).all(axis=1)
+    return count

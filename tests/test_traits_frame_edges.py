@@ -1,0 +1,61 @@
+"""Sides of a tree beyond which few photos look."""
+
+import numpy as np
+import pytest
+
+from cherrypicker.poses import Poses
+from cherrypicker.traits.flags import scan_flags
+from cherrypicker.traits.frame_edges import frame_edges
+
+N_PHOTOS, DISTANCE, FOCAL = 12, 4.0, 1000.0
+
+
+def ring(width=1000, height=2000, azimuths=None):
+    """Level photos from a ring at height 1, all aimed at the axis x = y = 0."""
+    azimuths = np.arange(N_PHOTOS) * 2 * np.pi / N_PHOTOS if azimuths is None else azimuths
+    poses = []
+    for azimuth in azimuths:
+        back = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        down = np.array([0.0, 0.0, -1.0])
+        rotation = np.stack([np.cross(down, -back), down, -back])
+        center = DISTANCE * back + [0, 0, 1.0]
+        poses.append(np.column_stack([rotation, -rotation @ center]))
+    n = len(poses)
+    K = np.array([[FOCAL, 0, width / 2], [0, FOCAL, height / 2], [0, 0, 1]])
+    names = [f"{i}.jpg" for i in range(n)]
+    return Poses(names, poses, np.tile(K, (n, 1, 1)), np.full(n, width), np.full(n, height))
+
+
+def column(top, half_width=0.3):
+    rng = np.random.default_rng(0)
+    low, high = (-half_width, -half_width, 0.0), (half_width, half_width, top)
+    return rng.uniform(low, high, (4000, 3))
+
+
+def test_frame_around_tree():
+    assert frame_edges(ring(), column(top=2.5)) == []
+
+
+def test_top_outside():
+    # the frame ends 1 m above the camera's height at half the distance of 4 m: 2 m at the axis
+    cut = ring(height=500)
+    (edge,) = frame_edges(cut, column(top=1.98))
+    assert edge.azimuth_deg is None
+    assert edge.beyond == pytest.approx(0.05 * 1.98, rel=0.01)
+    assert (edge.n_photos, edge.n_usual) == (0, N_PHOTOS)
+    (flag,) = scan_flags("m", edges=[edge])
+    assert flag.startswith("top_outside_photos: 0 photos frame what is 0.10 m above")
+
+
+def test_sides_outside():
+    # photos from two opposite sides, whose frames end 0.28 m (at the axis) to the left and right
+    cut = ring(width=140, azimuths=np.repeat([0.0, np.pi], 6))
+    edges = frame_edges(cut, column(top=1.5, half_width=0.28))
+    assert {edge.azimuth_deg for edge in edges} >= {90.0, 270.0}
+    assert not {0.0, 180.0, None} & {edge.azimuth_deg for edge in edges}
+    (flag,) = scan_flags("m", edges=edges)
+    assert flag.startswith("side_outside_photos: towards azimuth")
+
+
+def test_few_points():
+    assert frame_edges(ring(), column(top=1.0)[:1]) == []
