@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from scipy.optimize import isotonic_regression
 
-from cherrypicker.skeleton.refine import smooth_polyline, taper_radii
-from cherrypicker.skeleton.sampling import farthest_point_sample
-from cherrypicker.skeleton.strands import (
+from cherrypicker.skeleton.polylines import (
     arc_length,
     interpolate,
     nearest_on_polyline,
     straight_back,
 )
+from cherrypicker.skeleton.refine import taper_radii
+from cherrypicker.skeleton.refine_axes import smooth
+from cherrypicker.skeleton.sampling import farthest_point_sample
 from cherrypicker.skeleton.tree_walks import (
     child_rows,
     fill_reach,
@@ -63,7 +64,7 @@ def test_smoothing_solves_its_equation(n):
     slope = spacing / np.maximum(length, 0.5 * spacing)
     bends = np.diff(slope[:, None] * np.diff(np.eye(n), axis=0), axis=0)
     wanted = np.linalg.solve(np.diag(weights) + 7.0 * bends.T @ bends, weights[:, None] * points)
-    np.testing.assert_allclose(smooth_polyline(points, weights, 7.0, spacing), wanted, rtol=1e-9)
+    np.testing.assert_allclose(smooth(points, weights, 7.0, spacing), wanted, rtol=1e-9)
 
 
 def test_farthest_points_are_those_of_the_plain_algorithm():

@@ -14,7 +14,8 @@ from cherrypicker.skeleton.graph import find_root, spanning_tree
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.neighbors import component_links, components, knn_edges
 from cherrypicker.skeleton.radius import fit_circle, fit_radii
-from cherrypicker.skeleton.refine import smooth_polyline, taper_radii
+from cherrypicker.skeleton.refine import taper_radii
+from cherrypicker.skeleton.refine_axes import smooth
 from cherrypicker.skeleton.solver import solve_tree
 
 
@@ -153,9 +154,9 @@ def test_stretch_without_points_takes_radii_from_both_sides():
 
 def test_smoothing_keeps_lines_and_calms_noise():
     line = np.column_stack([np.arange(40.0)] * 3)
-    np.testing.assert_allclose(smooth_polyline(line, np.ones(40), 50.0), line, atol=1e-8)
+    np.testing.assert_allclose(smooth(line, np.ones(40), 200.0, np.sqrt(3)), line, atol=1e-8)
     noisy = line + np.random.default_rng(0).normal(0, 0.3, line.shape)
-    calm = smooth_polyline(noisy, np.ones(40), 50.0)
+    calm = smooth(noisy, np.ones(40), 200.0, np.sqrt(3))
     assert np.abs(calm - line).mean() < 0.6 * np.abs(noisy - line).mean()
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from cherrypicker.skeleton.tree_walks import child_rows, fill_reach
 
-__all__ = ["Axis", "axes", "axis_of_node", "axis_polyline", "node_order"]
+__all__ = ["Axis", "axes", "axis_of_node", "axis_polyline", "axis_runs", "node_order"]
 
 TRUNK_KEEPS = 0.8  # share of the radius that a trunk keeps over a fork
 SIMILAR_RADIUS = 0.85  # children this close in radius are told apart by how far they reach
@@ -55,13 +55,34 @@ def axes(skeleton, *, trunk_keeps=TRUNK_KEEPS):
     list of Axis
         The trunk first, parents before children; every node is in exactly one axis.
     """
+    nodes, first, *rest = axis_runs(skeleton, trunk_keeps=trunk_keeps)
+    first = first.tolist()
+    runs = [nodes[a:b] for a, b in zip(first[:-1], first[1:])]
+    return [Axis(*axis) for axis in zip(runs, *(values.tolist() for values in rest))]
+
+
+def axis_runs(skeleton, *, trunk_keeps=TRUNK_KEEPS):
+    """The same axes as flat arrays, for compiled code.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    trunk_keeps : float, default 0.8
+
+    Returns
+    -------
+    nodes : ndarray of shape (n_nodes,), int64
+        The nodes of all axes, one axis after the other.
+    first : ndarray of shape (n_axes + 1,), int64
+        Axis i has the nodes ``nodes[first[i]:first[i + 1]]``.
+    order, parent, attach : ndarray of shape (n_axes,), int64
+        As in `Axis`.
+    """
     length = skeleton.edge_length
     ahead = fill_reach(skeleton.parent, length) + length  # from a node's parent up to its tip
     start, child = child_rows(skeleton.parent)
     tree = skeleton.points, skeleton.parent, skeleton.radius, length, ahead, start, child
-    nodes, first, order, parent, attach = _split(tree, trunk_keeps)
-    runs = np.split(nodes, first[1:-1])
-    return [Axis(*axis) for axis in zip(runs, order.tolist(), parent.tolist(), attach.tolist())]
+    return _split(tree, trunk_keeps)
 
 
 @numba.njit(cache=True)

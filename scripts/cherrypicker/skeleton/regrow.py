@@ -13,17 +13,15 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from cherrypicker.skeleton.axes import axes, axis_of_node
-from cherrypicker.skeleton.radius import assign_surface
-from cherrypicker.skeleton.strands import (
-    Strand,
+from cherrypicker.skeleton.axes import axis_runs
+from cherrypicker.skeleton.polylines import (
     arc_length,
     interpolate,
-    join_strands,
     nearest_on_polyline,
-    split_strands,
     straight_back,
 )
+from cherrypicker.skeleton.radius import assign_surface
+from cherrypicker.skeleton.strands import join_strands, split_strands
 
 __all__ = ["regrow", "surface_noise"]
 
@@ -78,21 +76,23 @@ def regrow(skeleton, surface, spacing):
     sure = (excess > least + (SURE_IN_NOISE - CLEAR_IN_NOISE) * noise)[rows]
     clusters = _clusters(surface[rows], spacing, sure)
     density = _area_density(skeleton)
-    axis_of = axis_of_node(skeleton, axes(skeleton))
-    strands = split_strands(skeleton)
-    n_before = len(strands)
+    nodes, first, *_ = axis_runs(skeleton)
+    axis_of = np.empty(len(skeleton), dtype=np.int64)
+    axis_of[nodes] = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    strands, added = split_strands(skeleton), []
     for own, graph in clusters:
         trace = _trace(surface[rows[own]], excess[rows[own]], graph, spacing)
         if trace is None or len(own) < _expected(trace, density, spacing):
             continue
         nodes, first = trace
         parent = int(axis_of[owner[rows[own[first]]]])
-        strand = _set_on(strands[parent], parent, nodes, spacing, noise)
+        strand = _set_on(strands, parent, nodes, spacing, noise)
         if strand is not None:
-            strands.append(strand)
-    n_added = len(strands) - n_before
-    logger.info("%d side axes added that points show, of %d clusters", n_added, len(clusters))
-    return join_strands(strands, spacing, unit=skeleton.unit, frame=skeleton.frame), n_added
+            added.append(strand)
+    logger.info("%d side axes added that points show, of %d clusters", len(added), len(clusters))
+    strands = strands.with_more(added)
+    skeleton = join_strands(strands, spacing, unit=skeleton.unit, frame=skeleton.frame)
+    return skeleton, len(added)
 
 
 def _area_density(skeleton):
@@ -157,12 +157,14 @@ def _trace(points, excess, graph, spacing):
     return nodes, first
 
 
-def _set_on(parent, index, nodes, spacing, noise):
+def _set_on(strands, index, nodes, spacing, noise):
     """Side strand of traced nodes that starts on its parent's axis; None where it cannot."""
-    at_now, away = nearest_on_polyline(parent.points, nodes[:1])
-    radius = float(interpolate(parent.points, parent.radius, at_now)[0])
-    at = _meeting_place(parent, nodes, float(at_now[0]), radius, spacing)
-    start = interpolate(parent.points, parent.points, np.array([at]))[0]
+    rows = strands.rows(index)
+    line, thick, kind = strands.points[rows], strands.radius[rows], strands.label[rows.start]
+    at_now, away = nearest_on_polyline(line, nodes[:1])
+    radius = float(interpolate(line, thick, at_now)[0])
+    at = _meeting_place(line, nodes, float(at_now[0]), radius, spacing)
+    start = interpolate(line, line, np.array([at]))[0]
     bare = np.linalg.norm(nodes[0] - start)
     if bare > radius + FARTHEST_START * spacing:
         return None
@@ -173,13 +175,14 @@ def _set_on(parent, index, nodes, spacing, noise):
     gap = np.zeros(len(points), dtype=np.int64)
     gap[1 : n_between + 1] = int(is_bridged)
     thin = np.full(len(points), min(THIN_IN_SPACINGS * spacing, radius))
-    label = np.full(len(points), 2 if parent.label[0] in (1, 2) else parent.label[0])
-    return Strand(points, thin, label, gap, index, at)
+    label = np.full(len(points), 2 if kind in (1, 2) else kind)
+    columns = {"points": points, "radius": thin, "label": label, "gap": gap}
+    return {**columns, "parent": index, "at": at}
 
 
-def _meeting_place(parent, nodes, at_now, radius, spacing):
+def _meeting_place(line, nodes, at_now, radius, spacing):
     """Arc length on the parent's axis that a way's straight continuation meets."""
     run = nodes[arc_length(nodes) <= DIRECTION_SPAN * spacing]
     window = 4 * radius + 4 * spacing
-    place, _ = straight_back(parent.points, run, at_now, window, radius + spacing)
+    place, _ = straight_back(line, run, at_now, window, radius + spacing)
     return float(place) if np.isfinite(place) else at_now

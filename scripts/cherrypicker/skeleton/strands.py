@@ -5,195 +5,71 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from cherrypicker.skeleton.axes import axes as find_axes
-from cherrypicker.skeleton.local_frames import eigenvalue, eigenvector
+from cherrypicker.skeleton.axes import axis_runs
 from cherrypicker.skeleton.model import Skeleton, rooted_order
+from cherrypicker.skeleton.polylines import along_polyline, arc_length, between, interpolate
 
 __all__ = [
-    "Strand",
+    "Strands",
     "arc_length",
+    "grown",
     "interpolate",
     "join_strands",
-    "nearest_on_polyline",
+    "side_rows",
     "split_strands",
-    "straight_back",
 ]
-
-N_PLACES = 81  # on a parent's axis that a side axis may start from
 
 
 @dataclass
-class Strand:
-    """One axis while it is refined.
+class Strands:
+    """The axes of a tree while they are refined, as polylines one after the other.
 
     Attributes
     ----------
-    points : ndarray of shape (n, 3)
-        From the base (for a side axis the point on its parent's axis) to the tip.
-    radius, label : ndarray of shape (n,)
-    gap : ndarray of shape (n,), int
+    points : ndarray of shape (n, 3), float64
+        Each strand from its base (for a side axis the point on its parent's axis) to its tip.
+    radius : ndarray of shape (n,), float64
+    label : ndarray of shape (n,), int64
+    gap : ndarray of shape (n,), int64
         1 where the piece before the point bridges missing data.
-    parent : int
-        Index of the parent strand, -1 for the trunk.
-    at : float
-        Arc length on the parent's strand where this one starts.
+    start : ndarray of shape (n_strands + 1,), int64
+        Strand i has the rows from ``start[i]`` to ``start[i + 1]``.
+    parent : ndarray of shape (n_strands,), int64
+        Parent strand of each, before its own; -1 for the trunk, which is the first.
+    at : ndarray of shape (n_strands,), float64
+        Arc length on the parent's strand where each starts.
     """
 
     points: np.ndarray
     radius: np.ndarray
     label: np.ndarray
     gap: np.ndarray
-    parent: int
-    at: float
+    start: np.ndarray
+    parent: np.ndarray
+    at: np.ndarray
 
+    def __len__(self):
+        return len(self.parent)
 
-def arc_length(points):
-    """Arc length of each point of a polyline, (n,) float64, 0 at the first."""
-    return _arc_length(np.ascontiguousarray(points, dtype=np.float64))
+    def rows(self, index):
+        """Slice of the rows of one strand."""
+        return slice(self.start[index], self.start[index + 1])
 
-
-@numba.njit(cache=True)
-def _arc_length(points):
-    along = np.zeros(len(points))
-    for row in range(1, len(points)):
-        x = points[row, 0] - points[row - 1, 0]
-        y = points[row, 1] - points[row - 1, 1]
-        z = points[row, 2] - points[row - 1, 2]
-        along[row] = along[row - 1] + np.sqrt(x * x + y * y + z * z)
-    return along
-
-
-def nearest_on_polyline(polyline, points):
-    """Nearest place on a polyline for each point.
-
-    Parameters
-    ----------
-    polyline : ndarray of shape (n, 3)
-    points : ndarray of shape (m, 3)
-
-    Returns
-    -------
-    at : ndarray of shape (m,)
-        Arc length of the nearest place.
-    distance : ndarray of shape (m,)
-    """
-    return _nearest(
-        np.ascontiguousarray(polyline, dtype=np.float64),
-        np.ascontiguousarray(points, dtype=np.float64),
-    )
-
-
-@numba.njit(cache=True)
-def _nearest(line, points):
-    place, distance = np.zeros(len(points)), np.full(len(points), np.inf)
-    travelled = 0.0
-    for piece in range(max(len(line) - 1, 1)):
-        end = min(piece + 1, len(line) - 1)
-        dx = line[end, 0] - line[piece, 0]
-        dy = line[end, 1] - line[piece, 1]
-        dz = line[end, 2] - line[piece, 2]
-        squared = max(dx * dx + dy * dy + dz * dz, 1e-24)
-        for row in range(len(points)):
-            x = points[row, 0] - line[piece, 0]
-            y = points[row, 1] - line[piece, 1]
-            z = points[row, 2] - line[piece, 2]
-            share = min(max((x * dx + y * dy + z * dz) / squared, 0.0), 1.0)
-            x, y, z = x - share * dx, y - share * dy, z - share * dz
-            away = x * x + y * y + z * z
-            if away < distance[row]:
-                distance[row], place[row] = away, travelled + share * np.sqrt(squared)
-        travelled += np.sqrt(squared)
-    return place, np.sqrt(distance)
-
-
-def interpolate(strand_points, values, at):
-    """Values along a polyline at given arc lengths (columns one by one)."""
-    values = np.ascontiguousarray(values, dtype=np.float64)
-    along = _arc_length(np.ascontiguousarray(strand_points))
-    at = np.ascontiguousarray(at, dtype=np.float64)
-    if values.ndim == 1:
-        return np.interp(at, along, values)
-    return _between(along, values, at)
-
-
-@numba.njit(cache=True)
-def _between(along, values, at):
-    found = np.empty((len(at), values.shape[1]))
-    for row in range(len(at)):
-        above = min(max(np.searchsorted(along, at[row]), 1), len(along) - 1)
-        below = max(above - 1, 0)
-        length = along[above] - along[below]
-        share = (at[row] - along[below]) / length if length > 0 else 0.0
-        share = min(max(share, 0.0), 1.0)
-        for column in range(values.shape[1]):
-            step = values[above, column] - values[below, column]
-            found[row, column] = values[below, column] + share * step
-    return found
-
-
-def straight_back(line, run, around, window, limit):
-    """Place on a polyline that the straight continuation of a run of points backwards meets.
-
-    Parameters
-    ----------
-    line : ndarray of shape (n, 3), float64
-        The parent's axis.
-    run : ndarray of shape (m, 3), float64
-        Points outwards along the side axis.
-    around, window : float
-        Arc length on the line that is looked around, and how far either way.
-    limit : float
-        Largest distance between the line and the continuation.
-
-    Returns
-    -------
-    place : float
-        Arc length; NaN where the two do not meet.
-    cosine : float
-        Of the angle between the two there.
-    """
-    return _straight_back(
-        np.ascontiguousarray(line), np.ascontiguousarray(run), around, window, limit
-    )
-
-
-@numba.njit(cache=True)
-def _straight_back(line, run, around, window, limit):
-    along = _arc_length(line)
-    centre, direction = _direction(run)
-    low, high = max(0.0, around - window), min(along[-1], around + window)
-    spots = _between(along, line, low + (high - low) * np.arange(N_PLACES) / (N_PLACES - 1))
-    best, least = -1, np.inf
-    for row in range(N_PLACES):
-        offset = spots[row] - centre
-        ahead = (offset * direction).sum()
-        aside = np.sqrt(max((offset * offset).sum() - ahead * ahead, 0.0))
-        if ahead <= 0 and aside < least:  # only backwards
-            best, least = row, aside
-    if best < 0 or least > limit:
-        return np.nan, 0.0
-    step = spots[min(best + 1, N_PLACES - 1)] - spots[max(best - 1, 0)]
-    cosine = abs((step * direction).sum()) / max(np.sqrt((step * step).sum()), 1e-12)
-    return low + (high - low) * best / (N_PLACES - 1), cosine
-
-
-@numba.njit(cache=True)
-def _direction(run):
-    """Middle and main direction of a run of points, from its first to its last."""
-    n = len(run)
-    centre = np.zeros(3)
-    for row in range(n):
-        centre += run[row] / n
-    xx = yy = zz = xy = xz = yz = 0.0
-    for row in range(n):
-        x, y, z = run[row, 0] - centre[0], run[row, 1] - centre[1], run[row, 2] - centre[2]
-        xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
-        xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
-    first = eigenvalue(xx, yy, zz, xy, xz, yz, True)
-    direction = np.array(eigenvector(xx, yy, zz, xy, xz, yz, first))
-    if (direction * (run[n - 1] - run[0])).sum() < 0:
-        direction = -direction
-    return centre, direction
+    def with_more(self, more):
+        """Strands with further side axes, dicts of the columns of one strand each, at the end."""
+        columns = {
+            name: np.concatenate([getattr(self, name), *(one[name] for one in more)])
+            for name in ("points", "radius", "label", "gap")
+        }
+        sizes = [len(one["points"]) for one in more]
+        start = np.concatenate([self.start, self.start[-1] + np.cumsum(sizes, dtype=np.int64)])
+        parent = np.append(self.parent, [one["parent"] for one in more]).astype(np.int64)
+        return Strands(
+            **columns,
+            start=start,
+            parent=parent,
+            at=np.append(self.at, [one["at"] for one in more]),
+        )
 
 
 def split_strands(skeleton):
@@ -205,23 +81,47 @@ def split_strands(skeleton):
 
     Returns
     -------
-    list of Strand
+    Strands
     """
-    axis_list = find_axes(skeleton)
+    nodes, first, _, parent, attach = axis_runs(skeleton)
     gap = skeleton.fields.get("gap", np.zeros(len(skeleton), dtype=np.int64))
+    row = np.insert(nodes, first[1:-1], attach[1:])  # a side axis starts in its parent's node
+    start = first + np.maximum(np.arange(len(first)) - 1, 0)
+    points, radius, label = skeleton.points[row], skeleton.radius[row], skeleton.label[row]
+    gap = gap[row].astype(np.int64)
+    head = start[1:-1]
+    radius[head], label[head], gap[head] = radius[head + 1], label[head + 1], 0  # its own values
     position = np.zeros(len(skeleton))
-    strands = []
-    for axis in axis_list:
-        nodes = axis.nodes if axis.attach < 0 else np.concatenate([[axis.attach], axis.nodes])
-        points = skeleton.points[nodes]
-        radius, label, bridged = skeleton.radius[nodes], skeleton.label[nodes], gap[nodes]
-        if axis.attach >= 0:  # the attach node is the parent's: its own values come after it
-            radius, label, bridged = radius.copy(), label.copy(), bridged.copy()
-            radius[0], label[0], bridged[0] = radius[1], label[1], 0
-        at = position[axis.attach] if axis.attach >= 0 else 0.0
-        position[axis.nodes] = arc_length(points)[-len(axis.nodes) :]
-        strands.append(Strand(points, radius, label, bridged, axis.parent, at))
-    return strands
+    own = np.ones(len(row), dtype=bool)
+    own[head] = False
+    position[nodes] = _along_each(points, start)[own]
+    at = np.where(attach >= 0, position[attach], 0.0)
+    return Strands(points, radius, label, gap, start, parent, at)
+
+
+@numba.njit(cache=True)
+def _along_each(points, start):
+    """Arc length of each point of several polylines."""
+    along = np.empty(len(points))
+    for index in range(len(start) - 1):
+        a, b = start[index], start[index + 1]
+        along[a:b] = along_polyline(points[a:b])
+    return along
+
+
+@numba.njit(cache=True)
+def side_rows(parent):
+    """Strands that start on each strand, as compressed rows: starts and strands, increasing."""
+    n = len(parent)
+    start = np.zeros(n + 1, dtype=np.int64)
+    for index in range(1, n):
+        start[parent[index] + 1] += 1
+    start = np.cumsum(start)
+    side, filled = np.empty(max(n - 1, 0), dtype=np.int64), start.copy()
+    for index in range(1, n):
+        side[filled[parent[index]]] = index
+        filled[parent[index]] += 1
+    return start, side
 
 
 def join_strands(strands, spacing, *, unit, frame):
@@ -231,8 +131,7 @@ def join_strands(strands, spacing, *, unit, frame):
 
     Parameters
     ----------
-    strands : list of Strand
-        Parents before children.
+    strands : Strands
     spacing : float
     unit, frame : str
 
@@ -241,51 +140,71 @@ def join_strands(strands, spacing, *, unit, frame):
     Skeleton
         With the field ``gap``.
     """
-    children = [[] for _ in strands]
-    for index, strand in enumerate(strands):
-        if strand.parent >= 0:
-            children[strand.parent].append(index)
-    points, radius, label, gap, edges = [], [], [], [], []
-    start_node = {0: None}
-    total = 0
-    for index, strand in enumerate(strands):
-        s = arc_length(strand.points)
-        wanted = [strands[child].at for child in children[index]]
-        at = _stations(s, strand.gap, np.clip(wanted, 0, s[-1]), spacing)
-        nearest = np.clip(np.searchsorted(s, at - 1e-12), 0, len(s) - 1)
-        own = slice(0 if strand.parent < 0 else 1, None)  # a side strand starts in a parent's node
-        ids = total + np.arange(len(at[own]))
-        points.append(interpolate(strand.points, strand.points, at)[own])
-        radius.append(interpolate(strand.points, strand.radius, at)[own])
-        label.append(strand.label[nearest][own])
-        gap.append(strand.gap[nearest][own])
-        chain = ids if strand.parent < 0 else np.concatenate([[start_node[index]], ids])
-        edges.append(np.stack([chain[:-1], chain[1:]], axis=1))
-        for child, place in zip(children[index], np.clip(wanted, 0, s[-1])):
-            start_node[child] = int(chain[np.argmin(np.abs(at - place))])
-        total += len(ids)
-    order, parent = rooted_order(total, np.vstack(edges), 0)
+    columns = strands.points, strands.radius, strands.label, strands.gap
+    values, kinds, above = _sampled(
+        columns, strands.start, strands.parent, strands.at, float(spacing)
+    )
+    edges = np.stack([above[1:], np.arange(1, len(above))], axis=1)
+    order, parent = rooted_order(len(above), edges, 0)
+    values, kinds = values[order], kinds[order]
+    gap = {"gap": kinds[:, 1].copy()}
     return Skeleton(
-        np.vstack(points)[order],
-        parent,
-        np.concatenate(radius)[order],
-        np.concatenate(label)[order],
-        {"gap": np.concatenate(gap)[order].astype(np.int64)},
-        unit,
-        frame,
+        values[:, :3].copy(), parent, values[:, 3].copy(), kinds[:, 0].copy(), gap, unit, frame
     )
 
 
+@numba.njit(cache=True)
+def grown(table, n):
+    """A table with at least `n` rows: itself, or one of twice that with its rows."""
+    if n <= len(table):
+        return table
+    larger = np.empty((2 * n, table.shape[1]), dtype=table.dtype)
+    larger[: len(table)] = table
+    return larger
+
+
+@numba.njit(cache=True)
+def _sampled(columns, start, parent, at, spacing):
+    """Nodes of the joined strands: x, y, z, radius; label, gap; and the node below each."""
+    points, radius, label, gap = columns
+    n_points, total = len(points), 0
+    values, kinds = np.empty((n_points, 4)), np.empty((n_points, 2), dtype=np.int64)
+    above = np.empty((n_points, 1), dtype=np.int64)
+    side_start, side = side_rows(parent)
+    base = np.full(len(parent), -1, dtype=np.int64)
+    for index in range(len(parent)):
+        a, b = start[index], start[index + 1]
+        s = along_polyline(points[a:b])
+        sides = side[side_start[index] : side_start[index + 1]]
+        wanted = np.empty(len(sides))
+        for row in range(len(sides)):
+            wanted[row] = min(max(at[sides[row]], 0.0), s[-1])
+        places = _stations(s, gap[a:b], np.sort(wanted), spacing)
+        first = 0 if index == 0 else 1  # a side strand starts in a node of its parent's
+        n_own = len(places) - first
+        values, kinds = grown(values, total + n_own), grown(kinds, total + n_own)
+        above = grown(above, total + n_own)
+        spots = between(s, points[a:b], places)
+        thick = between(s, radius[a:b].reshape(-1, 1), places)
+        for row in range(first, len(places)):
+            node = total + row - first
+            values[node, :3], values[node, 3] = spots[row], thick[row, 0]
+            near = a + min(np.searchsorted(s, places[row] - 1e-12), b - a - 1)
+            kinds[node, 0], kinds[node, 1] = label[near], gap[near]
+            above[node, 0] = node - 1 if row > first else base[index]
+        for row in range(len(sides)):
+            nearest = np.argmin(np.abs(places - wanted[row]))
+            base[sides[row]] = base[index] if nearest < first else total + nearest - first
+        total += n_own
+    return values[:total], kinds[:total], above[:total, 0].copy()
+
+
+@numba.njit(cache=True)
 def _stations(s, gap, wanted, spacing):
     """Arc lengths of the nodes: the ends, the junctions, and even steps between them.
 
     Pieces that bridge missing data have no nodes of their own: none were seen there.
     """
-    return _divided(s, gap, np.sort(wanted), spacing)
-
-
-@numba.njit(cache=True)
-def _divided(s, gap, wanted, spacing):
     n, length = len(s), s[-1]
     stops, n_stops = np.empty(2 * n + len(wanted) + 2), 0
     for row in range(1, n):
