@@ -13,7 +13,6 @@ from cherrypicker.evaluation import (
     evaluate,
     fit_similarity,
     missed_bars,
-    read_truth_skeleton,
 )
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
@@ -175,12 +174,7 @@ def test_labels_by_nearest_true_point():
     assert report["label_f1"] == {"trunk": pytest.approx(2 / 3), "branch": pytest.approx(2 / 3)}
 
 
-def test_bad_truth_is_the_users_error(tmp_path):
-    with pytest.raises(StageError, match="true skeleton"):
-        read_truth_skeleton(tmp_path / "skeleton.csv")
-    (tmp_path / "skeleton.csv").write_text("id,parent,x\n0,-1,0\n")
-    with pytest.raises(StageError, match="not a skeleton table"):
-        read_truth_skeleton(tmp_path / "skeleton.csv")
+def test_cameras_of_another_scene_are_the_users_error():
     found = ring()
     found.names = np.array([f"other_{i}.jpg" for i in range(len(found))])
     with pytest.raises(StageError, match="0 photos"):

@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 import make_skeleton_set
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.evaluation import read_truth_skeleton
 from cherrypicker.orchard import generate_scene, sample_scene
 from cherrypicker.orchard.blender import unpack_truth
 from cherrypicker.orchard.cameras import CameraModel, Ring, default_rings, ring_poses
@@ -32,6 +31,7 @@ from cherrypicker.orchard.photo import (
 from cherrypicker.orchard.variety import FORMS, scene_camera, scene_options
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
+from cherrypicker.skeleton import read_skeleton_csv
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 
@@ -54,7 +54,7 @@ def test_scene_on_disk_is_read_by_the_pipeline_s_own_readers(tmp_path):
     assert 2000 < len(cloud) <= 6000
     assert {Label.GROUND, Label.TRUNK, Label.BRANCH} <= set(np.unique(cloud["label"]))
     assert len(read_poses(tmp_path / "a/truth/poses.npz")) == 20
-    skeleton = read_truth_skeleton(tmp_path / "a/truth/skeleton.csv")
+    skeleton = read_skeleton_csv(tmp_path / "a/truth/skeleton.csv")
     traits = json.loads((tmp_path / "a/truth/traits.json").read_text())
     assert skeleton.edge_length.sum() == pytest.approx(traits["total_length_m"], rel=1e-3)
     assert len(read_cloud(tmp_path / "a/truth/cloud.ply", required=("label",))) > 2000
@@ -221,7 +221,7 @@ def test_set_of_skeletons_on_disk(tmp_path):
     noise = read_cloud(tmp_path / "fir_00/noise.ply", required=("label", "confidence"))
     holes = read_cloud(tmp_path / "fir_00/holes.ply", required=("label",))
     assert len(holes) < len(noise)
-    skeleton = read_truth_skeleton(tmp_path / "fir_00/skeleton.csv")
+    skeleton = read_skeleton_csv(tmp_path / "fir_00/skeleton.csv")
     tree = json.loads((tmp_path / "fir_00/tree.json").read_text())
     assert skeleton.edge_length.sum() == pytest.approx(tree["traits"]["total_length_m"], rel=1e-3)
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cherrypicker.classes import Label
-from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.segmentation import weak_labels
-from cherrypicker.segmentation.weak_labels import Scan, read_scan, read_weak_skeleton, wood_by_order
+from cherrypicker.segmentation.weak_labels import Scan, read_scan, wood_by_order
+from cherrypicker.skeleton import read_skeleton_csv
 
 # a stem of 40 mm radius to 1 m, a thin lateral at 0.5 m; children before their parents, one
 # radius left open
@@ -19,19 +19,10 @@ CSV = """id,parent,x,y,z,radius
 """
 
 
-def test_a_skeleton_is_read_in_any_order_and_unit(tmp_path):
-    path = tmp_path / "s.csv"
-    path.write_text(CSV)
-    skeleton = read_weak_skeleton(path, 0.001)
-    assert skeleton.parent.tolist()[0] == -1 and (skeleton.parent[1:] < np.arange(1, 4)).all()
-    assert skeleton.points[:, 2].max() == pytest.approx(1.0)
-    assert skeleton.radius[1] == pytest.approx(0.04)  # the open one takes its parent's
-
-
 def test_points_take_the_order_of_the_nearest_surface(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text(CSV)
-    skeleton = read_weak_skeleton(path, 0.001)
+    skeleton = read_skeleton_csv(path, 0.001)
     z = np.linspace(0.05, 0.95, 60)
     stem = np.column_stack([np.full(60, -0.04), np.zeros(60), z])
     share = np.linspace(0.25, 1.0, 60)
@@ -49,15 +40,6 @@ def test_a_scan_comes_in_metres_from_its_own_corner(tmp_path):
     assert np.ptp(cloud.points[:, 2]) == pytest.approx(0.8)
     assert labels.tolist() == [Label.TRUNK, Label.BRANCH, Label.TRUNK]
     assert read_scan(Scan("t.ply"), tmp_path)[1] is None
-
-
-def test_what_is_no_tree_is_an_error_that_names_the_file(tmp_path):
-    path = tmp_path / "loop.csv"
-    path.write_text("id,parent,x,y,z,radius\n0,-1,0,0,0,1\n1,2,0,0,1,1\n2,1,0,0,2,1\n")
-    with pytest.raises(StageError, match="no tree with one root"):
-        read_weak_skeleton(path)
-    with pytest.raises(StageError, match="cannot be read"):
-        read_weak_skeleton(tmp_path / "absent.csv")
 
 
 def test_a_post_counts_as_wood():

@@ -5,12 +5,11 @@ import pytest
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
-from cherrypicker.skeleton import axes, write_skeleton_graphml
+from cherrypicker.skeleton import axes, read_skeleton_csv, write_skeleton_graphml
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits import branch_rows, branches_csv
 from cherrypicker.traits_benchmark.references import (
     compare_results,
-    read_reference_skeleton,
     read_reference_table,
     skeleton_measures,
 )
@@ -83,26 +82,11 @@ def test_a_reference_skeleton_in_any_order(tmp_path):
     true = small_skeleton()
     path = tmp_path / "tree.csv"
     write_reference(path, true, order=np.random.default_rng(0).permutation(len(true)), without=[30])
-    read = read_reference_skeleton(path)
+    read = read_skeleton_csv(path)
     assert read.edge_length.sum() == pytest.approx(true.edge_length.sum())
     z = read.points[:, 2]
     (bare,) = np.flatnonzero(np.isclose(z, 2.0) & np.isclose(read.points[:, 0], 0))
     assert read.radius[bare] == pytest.approx(true.radius[29])  # its parent's
-
-
-def test_two_roots_are_no_tree(tmp_path):
-    path = tmp_path / "tree.csv"
-    path.write_text("id,parent,x,y,z,radius\n0,-1,0,0,0,1\n1,0,0,0,1,1\n2,9,0,0,2,1\n")
-    with pytest.raises(StageError, match="2 nodes without a parent"):
-        read_reference_skeleton(path)
-
-
-def test_a_cycle_beside_the_root_is_an_error_that_names_the_file(tmp_path):
-    path = tmp_path / "tree.csv"
-    path.write_text("id,parent,x,y,z,radius\n0,-1,0,0,0,1\n1,2,0,0,1,1\n2,1,0,0,2,1\n")
-    with pytest.raises(StageError, match="not one tree") as caught:
-        read_reference_skeleton(path)
-    assert caught.value.file == str(path)
 
 
 def test_measures_of_a_skeleton():

@@ -7,7 +7,6 @@ every distance. A full rotation is allowed, since the tilt has a bar of its own.
 ready have no cameras and are compared in the frame they came in.
 """
 
-import csv
 import logging
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
-from cherrypicker.skeleton import Skeleton, read_skeleton
+from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
 from cherrypicker.traits.wood import densify
 
 __all__ = [
@@ -32,7 +31,6 @@ __all__ = [
     "evaluate",
     "fit_similarity",
     "missed_bars",
-    "read_truth_skeleton",
 ]
 
 logger = logging.getLogger(__name__)
@@ -113,7 +111,7 @@ def evaluate(results, truth):
     skeleton = read_skeleton(results / "skeleton.graphml")
     skeleton.points = skeleton.points @ rotation.T + translation
     report["n_components"] = 1  # anything else is no tree, which the reader refuses
-    report |= compare_skeletons(skeleton, read_truth_skeleton(truth / "skeleton.csv"))
+    report |= compare_skeletons(skeleton, read_skeleton_csv(truth / "skeleton.csv"))
     report |= _compare_traits(read_json(results / "traits.json"), read_json(truth / "traits.json"))
     if (truth / "cloud.ply").is_file() and (results / "segmented.ply").is_file():
         cloud = read_cloud(results / "segmented.ply", required=("label",))
@@ -203,51 +201,6 @@ def compare_cameras(found, truth):
         "rotation": rotation,
         "translation": translation,
     }
-
-
-def read_truth_skeleton(path):
-    """Read ``truth/skeleton.csv``: columns id, parent, x, y, z, radius, order, label.
-
-    Returns
-    -------
-    Skeleton
-        With a field ``order``.
-
-    Raises
-    ------
-    StageError
-        If the file is missing or not a tree.
-    """
-    try:
-        with open(path, encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream))
-        number = {int(row["id"]): i for i, row in enumerate(rows)}
-        parent = np.array([number.get(int(row["parent"]), -1) for row in rows], dtype=np.int64)
-        points = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
-        radius = np.array([float(row["radius"]) for row in rows])
-        order = np.array([int(row.get("order") or 0) for row in rows])
-        label = np.array([int(row.get("label") or 1) for row in rows])
-        sequence = _parents_first(parent)
-        new_id = np.empty(len(rows), dtype=np.int64)
-        new_id[sequence] = np.arange(len(rows))
-        parent = np.where(parent < 0, -1, new_id[parent])[sequence]
-        fields = {"order": order[sequence]}
-        return Skeleton(points[sequence], parent, radius[sequence], label[sequence], fields)
-    except OSError as error:
-        raise StageError(f"the true skeleton cannot be read ({error})", file=path) from error
-    except (KeyError, ValueError, TypeError, IndexError) as error:
-        raise StageError(f"not a skeleton table ({error!r})", file=path) from error
-
-
-def _parents_first(parent):
-    depth = np.zeros(len(parent), dtype=np.int64)
-    current = parent.copy()
-    while (current >= 0).any():
-        depth[current >= 0] += 1
-        current = np.where(current >= 0, parent[current], -1)
-        if depth.max() > len(parent):
-            raise ValueError("the parents form a cycle")
-    return np.argsort(depth, kind="stable")
 
 
 def compare_skeletons(found, truth, *, tolerance=0.02, min_radius=0.005):

@@ -1,8 +1,10 @@
-"""Atomic writes and JSON, the same bytes for the same content."""
+"""Atomic writes, JSON, NPZ and CSV; the same bytes for the same content."""
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 import os
 import re
 import shutil
@@ -149,6 +151,52 @@ def read_npz(path: str | os.PathLike, required: tuple[str, ...] = ()) -> dict[st
     if missing:
         raise StageError(f"array(s) {', '.join(missing)} missing", file=path)
     return arrays
+
+
+def read_table(
+    path: str | os.PathLike, required: tuple[str, ...] = ()
+) -> list[tuple[int, dict[str, str]]]:
+    """Read the rows of a CSV with a header, each with its line number.
+
+    Raises
+    ------
+    StageError
+        If the file cannot be read, has no row, lacks a required column, or has a row that ends
+        before one.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(stream)
+            rows = list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise StageError(f"cannot be read: {error}", file=path) from error
+    missing = [name for name in required if name not in (reader.fieldnames or ())]
+    if missing or not rows:
+        raise StageError(f"no {', '.join(missing) or 'rows'} in the table", file=path)
+    if any(row[name] is None for row in rows for name in required):
+        raise StageError("a row is shorter than the header", file=path)
+    return list(enumerate(rows, start=2))
+
+
+def cell_number(
+    text: str | None, path: str | os.PathLike, line: int, missing: float | None = None
+) -> float:
+    """Turn a cell of a table into a number; ``missing``, if given, for an empty cell or NaN.
+
+    Raises
+    ------
+    StageError
+        If the cell holds no finite number.
+    """
+    try:
+        value = float(text or "nan")
+    except ValueError:
+        value = math.inf
+    if math.isnan(value) and missing is not None:
+        return missing
+    if not math.isfinite(value):
+        raise StageError(f"row {line}: {text!r} is no number", file=path)
+    return value
 
 
 def _plain(value: object) -> object:

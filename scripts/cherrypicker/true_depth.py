@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.evaluation import read_truth_skeleton
 from cherrypicker.mvs.workspace import View
 from cherrypicker.pointcloud import read_cloud
+from cherrypicker.skeleton import read_skeleton_csv
 
 #: Facets around a tube: the middle of one lies 0.9 % of the radius inside the true surface.
 N_SIDES = 24
@@ -139,7 +139,7 @@ class TrueScene:
         is_ground = cloud["label"] == Label.GROUND
         is_other = ~is_ground & ~(is_wood & (cloud["tree"] == 0))
         self._load(
-            tube_mesh(read_truth_skeleton(truth / "skeleton.csv")),
+            tube_mesh(read_skeleton_csv(truth / "skeleton.csv")),
             ground_mesh(cloud.points[is_ground]),
             square_mesh(cloud.points[is_other]),
         )

@@ -14,12 +14,13 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.evaluation import compare_cameras, read_truth_skeleton
+from cherrypicker.evaluation import compare_cameras
 from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.progress import Progress
+from cherrypicker.skeleton import read_skeleton_csv
 from cherrypicker.stereo_benchmark.true_cameras import triangulate_true_cameras
 from cherrypicker.stereo_benchmark.truth import sample_skeleton
 from cherrypicker.traits.wood import densify
@@ -178,7 +179,7 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> None:
     take_over(before, results, (*_METRIC, "segmented.ply"))
     cloud = read_cloud(results / "segmented.ply", required=("label",))
     rotation, translation = _to_truth(results, truth)
-    skeleton = read_truth_skeleton(truth / "skeleton.csv")
+    skeleton = read_skeleton_csv(truth / "skeleton.csv")
     samples, node, _, _ = densify(skeleton, SKELETON_STEP_M)
     points = (samples - translation) @ rotation
     wood = np.flatnonzero(np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH)))
@@ -207,7 +208,7 @@ def _to_truth(results: Path, truth: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def _true_classes(truth: Path) -> tuple[np.ndarray, np.ndarray]:
     """Samples of all true surfaces, (n, 3), and their classes, (n,) uint8."""
-    tree = sample_skeleton(read_truth_skeleton(truth / "skeleton.csv"), step=SURFACE_STEP_M)
+    tree = sample_skeleton(read_skeleton_csv(truth / "skeleton.csv"), step=SURFACE_STEP_M)
     cloud = read_cloud(truth / "cloud.ply", required=("label", "tree"))
     is_wood = np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH))
     other = ~(is_wood & (cloud["tree"] == 0))

@@ -49,7 +49,7 @@ def tree_traits(tree):
 
 
 def write_skeleton(path, skeleton):
-    """Write a `growth.Skeleton` as the table that `evaluation.read_truth_skeleton` reads."""
+    """Write a `growth.Skeleton` as the table that `skeleton.read_skeleton_csv` reads."""
     with atomic_path(path) as partial, open(partial, "w", newline="") as handle:
         out = csv.writer(handle, lineterminator="\n")
         out.writerow(["id", "parent", "x", "y", "z", "radius", "order", "label"])

@@ -12,12 +12,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.skeleton.axes import axes, node_order
-from cherrypicker.skeleton.model import Skeleton, rooted_order
+from cherrypicker.skeleton.csv_table import read_skeleton_csv
 
-__all__ = ["SCANS", "Scan", "read_scan", "read_weak_skeleton", "wood_share", "wood_by_order"]
+__all__ = ["SCANS", "Scan", "read_scan", "wood_share", "wood_by_order"]
 
 STEP = 0.25  # of a node's radius at least: how finely an edge is sampled
 MOST_STEPS = 200
@@ -55,44 +54,6 @@ SCANS = (
     ),
     *(Scan(f"vezy_branches/{n}.ply") for n in ("A1B2", "A3B4", "A4B5", "A5B8", "A6B10", "A6B9")),
 )  # fmt: skip
-
-
-def read_weak_skeleton(path, unit_m=1.0):
-    """Skeleton of a CSV with columns id, parent, x, y, z, radius; parents in any order.
-
-    Parameters
-    ----------
-    path : path-like
-    unit_m : float
-        Length of the file's unit.
-
-    Returns
-    -------
-    Skeleton
-        In metres.
-
-    Raises
-    ------
-    StageError
-        If the file is missing, or its nodes are no tree.
-    """
-    try:
-        rows = np.genfromtxt(path, delimiter=",", names=True)
-        number = {int(key): i for i, key in enumerate(rows["id"])}
-        parent = np.array([number.get(int(key), -1) for key in rows["parent"]])
-    except (OSError, ValueError) as error:
-        raise StageError("the skeleton cannot be read", file=path) from error
-    roots = np.flatnonzero(parent < 0)
-    edges = np.stack([np.flatnonzero(parent >= 0), parent[parent >= 0]], axis=1)
-    try:
-        order, above = rooted_order(len(parent), edges, int(roots[0]) if len(roots) else 0)
-    except ValueError as error:
-        raise StageError("the skeleton's nodes are no tree with one root", file=path) from error
-    points = np.column_stack([rows["x"], rows["y"], rows["z"]])[order] * unit_m
-    radius = rows["radius"][order] * unit_m
-    for i in np.flatnonzero(~np.isfinite(radius)):  # left open by the other tool
-        radius[i] = radius[above[i]] if i else np.nanmedian(radius)
-    return Skeleton(points, above, radius, np.zeros(len(order), int))
 
 
 def wood_by_order(points, skeleton):
@@ -138,7 +99,7 @@ def read_scan(scan, folder):
         return metric, cloud["label"].astype(np.uint8)
     if not scan.truth:
         return metric, None
-    return metric, wood_by_order(points, read_weak_skeleton(folder / scan.truth, scan.unit_m))
+    return metric, wood_by_order(points, read_skeleton_csv(folder / scan.truth, scan.unit_m))
 
 
 def wood_share(labels):

@@ -5,6 +5,7 @@ are first used, since the stages that only read skeletons have no need of compil
 """
 
 from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, axis_polyline, node_order
+from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.skeleton.exports import (
     read_skeleton,
     read_topology,
@@ -28,6 +29,7 @@ __all__ = [
     "fold",
     "node_order",
     "read_skeleton",
+    "read_skeleton_csv",
     "read_topology",
     "skeletonize",
     "write_skeleton_graphml",

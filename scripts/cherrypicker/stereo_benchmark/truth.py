@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.evaluation import read_truth_skeleton
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import Poses, read_poses
+from cherrypicker.skeleton import read_skeleton_csv
 
 # Distance between samples of the surface, m: moves a distance of 5 mm by less than 0.1 mm
 STEP_M = 0.0015
@@ -90,7 +90,7 @@ def load_true_surface(
         If a file is missing or broken.
     """
     truth = Path(truth)
-    skeleton = read_truth_skeleton(truth / "skeleton.csv")
+    skeleton = read_skeleton_csv(truth / "skeleton.csv")
     cloud = read_cloud(truth / "cloud.ply", required=("label", "tree"))
     is_target = np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH)) & (cloud["tree"] == 0)
     others = cloud.points[~is_target]

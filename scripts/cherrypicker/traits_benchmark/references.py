@@ -1,14 +1,12 @@
 """Traits of measured trees beside reference measures: tapes, callipers, reference skeletons."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json
-from cherrypicker.skeleton import axes, read_skeleton
-from cherrypicker.skeleton.model import Skeleton, rooted_order
+from cherrypicker.files import cell_number, read_json, read_table
+from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
 from cherrypicker.traits import horizontal_width
 from cherrypicker.traits_benchmark.pairs import (
     NEAR_BASE_M,
@@ -21,7 +19,6 @@ from cherrypicker.traits_benchmark.tables import NAMES
 
 __all__ = [
     "compare_results",
-    "read_reference_skeleton",
     "read_reference_table",
     "skeleton_measures",
 ]
@@ -29,7 +26,6 @@ __all__ = [
 NORMAL_90 = 1.645  # standard deviations from the middle of a normal 90 % interval to its ends
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 TABLE_COLUMNS = ("name", "trait", "value", "unit")
-SKELETON_COLUMNS = ("id", "parent", "x", "y", "z", "radius")
 
 
 def read_reference_table(path):
@@ -52,12 +48,12 @@ def read_reference_table(path):
         If the file cannot be read, or a row has an unknown trait or unit or no number.
     """
     measures = {}
-    for number, row in _rows(path, TABLE_COLUMNS):
+    for number, row in read_table(path, TABLE_COLUMNS):
         trait = row["trait"].strip()
         unit = UNITS.get(row["unit"].strip())
         if unit is None or not _is_known(trait):
             raise StageError(f"row {number}: no trait {trait!r} in {row['unit']!r}", file=path)
-        value = unit * _float(row["value"], path, number)
+        value = unit * cell_number(row["value"], path, number)
         measures.setdefault(row["name"].strip(), {})[trait] = value
     return measures
 
@@ -67,73 +63,6 @@ def _is_known(trait):
     if height:
         return name == "trunk_diameter_m" and height.replace(".", "", 1).isdigit()
     return name in SCALARS
-
-
-def _rows(path, columns):
-    """Numbered rows of a CSV that has at least these columns."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            rows = list(reader)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise StageError(f"cannot be read: {error}", file=path) from error
-    missing = [name for name in columns if name not in (reader.fieldnames or ())]
-    if missing or not rows:
-        raise StageError(f"no {', '.join(missing) or 'rows'} in the table", file=path)
-    if any(row[name] is None for row in rows for name in columns):
-        raise StageError("a row is shorter than the header", file=path)
-    return list(enumerate(rows, start=2))
-
-
-def _float(text, path, number):
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise StageError(f"row {number}: {text!r} is no number", file=path)
-    return value
-
-
-def read_reference_skeleton(path):
-    """Read a reference skeleton.
-
-    Parameters
-    ----------
-    path : path-like
-        CSV with the columns `id`, `parent` (-1 at the root), `x`, `y`, `z`, `radius`: metres, in
-        the frame of the results. A radius that is left out is the parent's.
-
-    Returns
-    -------
-    Skeleton
-
-    Raises
-    ------
-    StageError
-        If the file cannot be read or its nodes are no rooted tree.
-    """
-    rows = _rows(path, SKELETON_COLUMNS)
-    values = np.array(
-        [[_float(row[c], path, number) for c in SKELETON_COLUMNS[:5]] for number, row in rows]
-    )
-    radius = np.array(
-        [_float(row["radius"], path, number) if row["radius"] else np.nan for number, row in rows]
-    )
-    place = {node: row for row, node in enumerate(values[:, 0])}
-    parent = np.array([place.get(node, -1) for node in values[:, 1]])
-    roots = np.flatnonzero(parent < 0)
-    if len(roots) != 1 or len(place) != len(values):
-        raise StageError(f"{len(roots)} nodes without a parent, 1 expected", file=path)
-    edges = np.stack([np.flatnonzero(parent >= 0), parent[parent >= 0]], axis=1)
-    try:
-        order, new_parent = rooted_order(len(values), edges, int(roots[0]))
-    except ValueError as error:
-        raise StageError(f"the nodes are not one tree ({error})", file=path) from error
-    radius = radius[order]
-    for node in np.flatnonzero(np.isnan(radius)):
-        radius[node] = radius[new_parent[node]] if node else 0.0
-    return Skeleton(values[order, 2:5], new_parent, radius, np.full(len(values), 2))
 
 
 def skeleton_measures(skeleton, trunk_heights):
@@ -183,7 +112,7 @@ def compare_results(
     measures : dict of str to float, optional
         The tree's row of `read_reference_table`; it comes before what the skeleton says.
     skeleton_path : path-like, optional
-        See `read_reference_skeleton`.
+        See `read_skeleton_csv`.
     near_m, base_m : float
         How near an axis runs and starts to stand for a reference axis, see `match_axes`.
 
@@ -199,7 +128,7 @@ def compare_results(
     """
     folder = Path(folder)
     found = read_json(folder / "traits.json")
-    reference = None if skeleton_path is None else read_reference_skeleton(skeleton_path)
+    reference = None if skeleton_path is None else read_skeleton_csv(skeleton_path)
     diameters = _trunk_diameters(found)
     wanted = {} if reference is None else skeleton_measures(reference, diameters)
     wanted |= measures or {}
@@ -218,7 +147,7 @@ def compare_results(
     report["n_axes"] = report["n_matched"] = 0
     if reference is not None:
         skeleton = read_skeleton(folder / "skeleton.graphml")
-        rows = [_numbers(row) for _, row in _rows(folder / "branches.csv", ("branch_id",))]
+        rows = [_numbers(row) for _, row in read_table(folder / "branches.csv", ("branch_id",))]
         pairs, n_axes, n_matched = axis_pairs(
             reference, skeleton, rows, near_m=near_m, base_m=base_m
         )
