@@ -286,6 +286,11 @@ def test_circle_beside_a_bigger_one():
     assert fit.arc_deg >= 300
 
 
+def test_points_that_leave_a_cone_open_are_an_error():
+    with pytest.raises(StageError, match="no cone fits"):
+        fit_cone(np.full((20, 3), np.nan), np.array([0.0, 0.0, 0.05]))
+
+
 def test_a_vase_whose_trunk_ends_below_a_height_is_no_warning():
     tree = Tree(height=0.8)
     tree.add_branch(0.78, 40, 0, 0.8, radius=0.02)

@@ -40,19 +40,19 @@ def diameter_interval(diameter, scatter, scale_error=0.0):
 
     Parameters
     ----------
-    diameter, scatter : float
+    diameter, scatter : float or ndarray of shape (n,), float64
         The diameter and the standard deviation of the points around it, in one unit.
     scale_error : float, default 0
         Relative standard error of the scan's scale.
 
     Returns
     -------
-    low, high : float
+    low, high : float or ndarray of shape (n,), float64
     """
-    thickness = max(diameter, 1e-9)
+    thickness = np.maximum(diameter, 1e-9)
     error = scatter * np.hypot(_SHARED, _THIN * 2.0 * scatter / thickness)
-    half = _Z90 * float(np.hypot(error, scale_error * diameter))
-    return max(diameter - half, 0.0), diameter + half
+    half = _Z90 * np.hypot(error, scale_error * diameter)
+    return np.maximum(diameter - half, 0.0), diameter + half
 
 
 def angle_interval(angle_deg, scatter, n_points, stretch):
@@ -60,19 +60,19 @@ def angle_interval(angle_deg, scatter, n_points, stretch):
 
     Parameters
     ----------
-    angle_deg : float
-    scatter : float
-        Standard deviation of the points around the branch's surface.
-    n_points : float
+    angle_deg, scatter : float or ndarray of shape (n,), float64
+        Angle, and standard deviation of the points around the branch's surface.
+    n_points : float or ndarray of shape (n,)
         Points behind a radius.
-    stretch : float
+    stretch : float or ndarray of shape (n,), float64
         Length that the direction is taken over, in the unit of `scatter`.
 
     Returns
     -------
-    low, high : float
+    low, high : float or ndarray of shape (n,), float64
         Degrees, within 0 to 180.
     """
-    slope = scatter / (max(stretch, 1e-9) * np.sqrt(max(n_points, _LEAST_POINTS)))
-    half = _Z90 * float(np.hypot(_LEAST_ANGLE_DEG, _BEND * np.degrees(slope)))
-    return max(angle_deg - half, 0.0), min(angle_deg + half, 180.0)
+    length, n_points = np.maximum(stretch, 1e-9), np.maximum(n_points, _LEAST_POINTS)
+    slope = scatter / (length * np.sqrt(n_points))
+    half = _Z90 * np.hypot(_LEAST_ANGLE_DEG, _BEND * np.degrees(slope))
+    return np.maximum(angle_deg - half, 0.0), np.minimum(angle_deg + half, 180.0)

@@ -7,11 +7,9 @@ directions and base diameters are taken beyond the parent's surface.
 import csv
 import io
 
-import numba
 import numpy as np
 
-from cherrypicker.skeleton import axis_polyline
-from cherrypicker.skeleton.strands import arc_length
+from cherrypicker.traits.axis_shapes import axis_shapes
 from cherrypicker.traits.branch_intervals import (
     angle_interval,
     diameter_interval,
@@ -51,8 +49,6 @@ BRANCH_COLUMNS = (
     "insertion_angle_high_deg",
 )
 _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
-_LEAST_WINDOW_M = 0.08
-_TIP_WINDOW_M = 0.03
 
 
 def branch_rows(skeleton, axis_list, foot_z, *, scale_error=0.0):
@@ -81,8 +77,61 @@ def branch_rows(skeleton, axis_list, foot_z, *, scale_error=0.0):
         ``few_points``, ``gap``. The 90 % intervals (`..._low_...`, `..._high_...`) are None on a
         skeleton that does not know how its points scatter.
     """
-    tree = _Measured(skeleton, axis_list)
-    return [_row(tree, index, foot_z, scale_error) for index in range(len(axis_list))]
+    shape = axis_shapes(skeleton, axis_list)
+    count = np.rint(shape["base_n_points"]).astype(np.int64)
+    columns = {
+        "branch_id": range(len(axis_list)),
+        "parent_id": [int(axis.parent) for axis in axis_list],
+        "order": [int(axis.order) for axis in axis_list],
+        "length_m": shape["length"],
+        "chord_m": shape["chord"],
+        "base_diameter_m": shape["base_diameter"],
+        "tip_diameter_m": shape["tip_diameter"],
+        "insertion_angle_deg": shape["insertion_angle"],
+        "azimuth_deg": shape["azimuth"],
+        "base_height_m": shape["base_z"] - foot_z,
+        "mean_diameter_m": shape["mean_diameter"],
+        "taper_mm_per_m": shape["taper"],
+        "volume_m3": shape["volume"],
+        "n_laterals": shape["n_laterals"].astype(np.int64),
+        "lateral_spacing_m": _or_none(shape["lateral_spacing"]),
+        "shoot_length_m": shape["shoot_length"],
+        "base_arc_deg": shape["base_arc"],
+        "base_n_points": count,
+        "gap_share": shape["gap_share"],
+        "flags": _flags(skeleton, shape),
+        **_intervals(shape, count, typical_scatter(skeleton), scale_error),
+    }
+    listed = [c.tolist() if isinstance(c, np.ndarray) else c for c in columns.values()]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*listed, strict=True)]
+
+
+def _or_none(values):
+    return [None if np.isnan(value) else value for value in values.tolist()]
+
+
+def _flags(skeleton, shape):
+    """What is weak about each axis, words joined by spaces."""
+    weak = {
+        "low_arc": ("arc_deg" in skeleton.fields) & (shape["base_arc"] < _LOW_ARC_DEG),
+        "few_points": ("n_points" in skeleton.fields) & (shape["base_n_points"] < _FEW_POINTS),
+        "gap": shape["gap_share"] > _MUCH_GAP,
+    }
+    rows = zip(*(column.tolist() for column in weak.values()), strict=True)
+    return [" ".join(word for word, is_so in zip(weak, row, strict=True) if is_so) for row in rows]
+
+
+def _intervals(shape, count, typical, scale_error):
+    """The columns of the 90 % intervals, None without a scatter."""
+    n_axes = len(count)
+    if typical is None:
+        return {name: [None] * n_axes for name in BRANCH_COLUMNS[-4:]}
+    scatter = np.where(shape["base_residual"] > 0, shape["base_residual"], typical)
+    ends = [
+        *diameter_interval(shape["base_diameter"], scatter, scale_error),
+        *angle_interval(shape["insertion_angle"], scatter, count, shape["stretch"]),
+    ]
+    return dict(zip(BRANCH_COLUMNS[-4:], ends, strict=True))
 
 
 def branches_csv(rows):
@@ -128,176 +177,3 @@ def totals_by_order(rows):
     for total in totals.values():
         total["mean_diameter"] = total.pop("sum") / max(total["length"], 1e-12)
     return dict(sorted(totals.items()))
-
-
-class _Measured:
-    """A skeleton with what every axis asks for, computed once."""
-
-    def __init__(self, skeleton, axis_list):
-        self.axes, self.points, self.radius = axis_list, skeleton.points, skeleton.radius
-        self.scatter = typical_scatter(skeleton)
-        none = np.zeros(len(skeleton))
-        self.length, self.fields = skeleton.edge_length, skeleton.fields
-        self.arc = np.asarray(skeleton.fields.get("arc_deg", none), dtype=np.float64)
-        self.count = np.asarray(skeleton.fields.get("n_points", none), dtype=np.float64)
-        self.residual = np.asarray(skeleton.fields.get("residual", none), dtype=np.float64)
-        self.gap = np.asarray(skeleton.fields.get("gap", none))
-        self.along = [arc_length(skeleton.points[axis_polyline(axis)]) for axis in axis_list]
-        self.feet = [[] for _ in axis_list]
-        for axis in axis_list:
-            if axis.parent >= 0:
-                self.feet[axis.parent].append(axis.attach)
-
-
-def _row(tree, index, foot_z, scale_error):
-    axis, along = tree.axes[index], tree.along[index]
-    line = axis_polyline(axis)
-    points = tree.points[line]
-    own = along if axis.attach < 0 else along[1:]  # of the axis's own nodes
-    radius = tree.radius[axis.nodes]
-    skip = 0.0 if axis.attach < 0 else min(tree.radius[axis.attach], 0.5 * along[-1])
-    window = max(_LEAST_WINDOW_M, 4.0 * float(radius[0]))
-    direction = _direction(points, along, skip, skip + window)
-    if axis.attach < 0:
-        reference = np.array([0.0, 0.0, 1.0])
-    else:
-        reference = _parent_direction(tree, axis.parent, axis.attach, window)
-    cosine = float(np.clip(direction @ reference, -1.0, 1.0))
-    diameter = 2.0 * _median_between(radius, own, skip, skip + window)
-    angle = float(np.degrees(np.arccos(cosine)))
-    quality = _quality(tree, axis, own, skip, skip + window)
-    scatter = _median_between(tree.residual[axis.nodes], own, skip, skip + window)
-    return {
-        "branch_id": index,
-        "parent_id": int(axis.parent),
-        "order": int(axis.order),
-        "length_m": float(along[-1]),
-        "chord_m": float(np.linalg.norm(points[-1] - points[0])),
-        "base_diameter_m": diameter,
-        "tip_diameter_m": 2.0 * _median_between(radius, own, own[-1] - _TIP_WINDOW_M, own[-1]),
-        "insertion_angle_deg": angle,
-        "azimuth_deg": float(np.degrees(np.arctan2(direction[1], direction[0])) % 360.0),
-        "base_height_m": float(points[0, 2] - foot_z),
-        **_wood(axis, own, radius, along),
-        **_laterals(tree.feet[index], along, line),
-        **quality,
-        **_intervals(
-            diameter,
-            angle,
-            scatter or tree.scatter,
-            quality["base_n_points"],
-            min(window, along[-1] - skip),
-            scale_error,
-        ),
-    }
-
-
-def _intervals(diameter, angle, scatter, n_points, stretch, scale_error):
-    """The columns of the 90 % intervals, None without a scatter."""
-    ends = [None] * 4
-    if scatter:
-        ends = [
-            *diameter_interval(diameter, scatter, scale_error),
-            *angle_interval(angle, scatter, n_points, stretch),
-        ]
-    return dict(zip(BRANCH_COLUMNS[-4:], ends, strict=True))
-
-
-def _wood(axis, own, radius, along):
-    """Mean diameter over the length, taper and volume of an axis, from its nodes' radii."""
-    at, r = own, radius
-    if axis.attach >= 0:  # from the node that it hangs on, with its own first radius
-        at, r = along, np.concatenate([radius[:1], radius])
-    step, thick, thin = np.diff(at), r[:-1], r[1:]
-    length = max(float(step.sum()), 1e-12)
-    is_sloped = len(at) > 1 and np.ptp(at) > 0
-    return {
-        "mean_diameter_m": float((step * (thick + thin)).sum() / length),
-        "taper_mm_per_m": -2e3 * float(_slope(at, r[:, None])[0]) if is_sloped else 0.0,
-        "volume_m3": float((np.pi / 3 * step * (thick**2 + thick * thin + thin**2)).sum()),
-    }
-
-
-def _laterals(feet, along, line):
-    """Number and spacing of the laterals of an axis, and the way from the last to the tip."""
-    at = np.sort(along[np.flatnonzero(np.isin(line, feet))])  # a whorl counts as one place
-    return {
-        "n_laterals": len(feet),
-        "lateral_spacing_m": float(np.median(np.diff(at))) if len(at) > 1 else None,
-        "shoot_length_m": float(along[-1] - (at[-1] if len(at) else 0.0)),
-    }
-
-
-def _quality(tree, axis, own, low, high):
-    """What the base diameter rests on, and the share of the axis that bridges missing data."""
-    arc = _median_between(tree.arc[axis.nodes], own, low, high)
-    count = _median_between(tree.count[axis.nodes], own, low, high)
-    length = tree.length[axis.nodes]
-    share = float(length[tree.gap[axis.nodes] > 0].sum()) / max(float(length.sum()), 1e-12)
-    words = []
-    if "arc_deg" in tree.fields and arc < _LOW_ARC_DEG:
-        words.append("low_arc")
-    if "n_points" in tree.fields and count < _FEW_POINTS:
-        words.append("few_points")
-    if share > _MUCH_GAP:
-        words.append("gap")
-    return {
-        "base_arc_deg": float(arc),
-        "base_n_points": int(round(count)),
-        "gap_share": share,
-        "flags": " ".join(words),
-    }
-
-
-@numba.njit(cache=True)
-def _median_between(values, along, low, high):
-    """Median of the values whose position lies in a stretch; the nearest one's where none does."""
-    inside, n, nearest = np.empty(len(values)), 0, 0
-    middle = (low + high) / 2
-    for row in range(len(values)):
-        if low - 1e-9 <= along[row] <= high + 1e-9:
-            inside[n] = values[row]
-            n += 1
-        if abs(along[row] - middle) < abs(along[nearest] - middle):
-            nearest = row
-    return np.median(inside[:n]) if n else values[nearest]
-
-
-@numba.njit(cache=True)
-def _slope(at, values):
-    """Slope of the line through the values (n, d) over their positions (n,), (d,) float64."""
-    offset = at - at.mean()
-    slope = np.zeros(values.shape[1])
-    for column in range(values.shape[1]):
-        slope[column] = (offset * values[:, column]).sum() / (offset * offset).sum()
-    return slope
-
-
-@numba.njit(cache=True)
-def _direction(points, along, low, high):
-    """Unit direction of a polyline over a stretch: a line fitted to even samples of it."""
-    if len(points) < 2 or along[-1] <= 0:
-        return np.array([0.0, 0.0, 1.0])
-    low, high = max(low, 0.0), min(high, along[-1])
-    if high - low < 1e-9:
-        low, high = 0.0, along[-1]
-    at = low + (high - low) * np.arange(12) / 11
-    samples = np.empty((12, 3))
-    for column in range(3):
-        samples[:, column] = np.interp(at, along, points[:, column])
-    slope = _slope(at, samples)
-    norm = np.sqrt((slope * slope).sum())
-    if norm < 1e-9:
-        chord = samples[-1] - samples[0]
-        return chord / max(np.sqrt((chord * chord).sum()), 1e-12)
-    return slope / norm
-
-
-def _parent_direction(tree, parent, attach, window):
-    """Direction of the parent axis through a junction, over `window` on either side of it."""
-    line, along = axis_polyline(tree.axes[parent]), tree.along[parent]
-    at = along[np.flatnonzero(line == attach)[0]]
-    low, high = at - window, at + window
-    if at >= along[-1] - 1e-9:  # the parent ends here: only what lies below counts
-        low = at - 2 * window
-    return _direction(tree.points[line], along, low, high)

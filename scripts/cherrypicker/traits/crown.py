@@ -24,6 +24,7 @@ __all__ = [
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
 _MAX_POINTS = 20_000
 _LAG_RANK = 21
+_N_UPPER = 500
 _LOST_WIDTH, _NOISY_WIDTH = 0.35, 0.2  # of the four sides' summed lags; measured, docs/traits.md
 _N_DIRECTIONS, _N_OUTERMOST = 128, 12  # points in each direction can decide the crown's extent
 _WAYS = np.vstack([np.cos(np.radians(np.arange(180.0))), np.sin(np.radians(np.arange(180.0)))])
@@ -55,7 +56,7 @@ def robust_top(z):
     return float(np.partition(z, len(z) - rank)[len(z) - rank])
 
 
-def crown_of(skeleton, axis_owner, wood, supported):
+def crown_of(skeleton, axis_owner, wood, support):
     """Wood points of the crown: everything but the trunk below its first junction.
 
     Parameters
@@ -64,7 +65,8 @@ def crown_of(skeleton, axis_owner, wood, supported):
     axis_owner : ndarray of shape (n_nodes,), int64
         Axis of each node, 0 is the trunk.
     wood : ndarray of shape (n_wood, 3), float64
-    supported : ndarray of shape (n_wood,), bool
+    support : Support
+        Of these points.
 
     Returns
     -------
@@ -79,8 +81,14 @@ def crown_of(skeleton, axis_owner, wood, supported):
     while node >= 0:
         is_clear_stem[node] = True
         node = skeleton.parent[node]
-    _, nearest = cKDTree(skeleton.points).query(wood)
-    return supported & ~is_clear_stem[nearest]
+    # Only points beside the clear stem can have one of its nodes as the nearest.
+    stem, away = skeleton.points[is_clear_stem], support.farthest + skeleton.edge_length.max() / 2
+    beside = support.point & (wood >= stem.min(axis=0) - away).all(axis=1)
+    beside = np.flatnonzero(beside & (wood <= stem.max(axis=0) + away).all(axis=1))
+    _, nearest = cKDTree(skeleton.points).query(wood[beside])
+    in_crown = support.point.copy()
+    in_crown[beside] = ~is_clear_stem[nearest]
+    return in_crown
 
 
 def measure_crown(tree_points, crown_points, *, n_bootstrap, rng):
@@ -152,8 +160,10 @@ def _unseen_width(flat, n_samples, rng):
 
 
 def _upper(points):
-    """Points that can become the top: the highest 500."""
-    return points[np.argsort(-points[:, 2], kind="stable")[:500]]
+    """Points that can become the top: the highest."""
+    if len(points) > _N_UPPER:
+        points = points[points[:, 2] >= np.partition(points[:, 2], -_N_UPPER)[-_N_UPPER]]
+    return points[np.argsort(-points[:, 2], kind="stable")[:_N_UPPER]]
 
 
 def _thin(points, directions):

@@ -3,16 +3,22 @@
 import logging
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.traits.branches import branch_rows, totals_by_order
+from cherrypicker.traits.company import sort_into_cells
 from cherrypicker.traits.crown import alpha_volume, crown_of, measure_crown, projected_area
 from cherrypicker.traits.flags import quality_flags, scan_flags
 from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.trunk import measure_near, stem_of
-from cherrypicker.traits.wood import find_foot, find_support, support_reach, wood_mask
+from cherrypicker.traits.wood import (
+    MIN_REACH_M,
+    find_foot,
+    find_support,
+    support_reach,
+    wood_mask,
+)
 
 __all__ = ["measure_traits"]
 
@@ -95,14 +101,14 @@ def measure_traits(
     rng = np.random.default_rng(seed)
     axis_list = axes(skeleton)
     foot = find_foot(skeleton, cloud.points, labels)
-    tree = cKDTree(wood)
+    cells, _ = sort_into_cells(wood, MIN_REACH_M)
     support = find_support(
         skeleton,
         wood,
         max_gap=max_gap,
         min_stray=min_stray,
-        reach=support_reach(wood, tree=tree),
-        tree=tree,
+        reach=support_reach(wood, cells=cells),
+        cells=cells,
     )
     if not support.point.any():
         raise StageError("no wood point lies near the skeleton", key="graph")
@@ -125,7 +131,7 @@ def measure_traits(
     stem = stem_of(skeleton, axis_list[0].nodes, foot)
     trunk = measure_near(stem, wood, trunk_height, **options)
     further = {height: _measured(stem, wood, height, options) for height in sorted(trunk_heights)}
-    crown_points = wood[crown_of(skeleton, axis_of_node(skeleton, axis_list), wood, support.point)]
+    crown_points = wood[crown_of(skeleton, axis_of_node(skeleton, axis_list), wood, support)]
     crown, samples = measure_crown(
         wood[support.point], crown_points, n_bootstrap=n_bootstrap, rng=rng
     )

@@ -13,6 +13,14 @@ import numba
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.traits.cone_steps import (
+    MAD_TO_SIGMA,
+    iterate_cone,
+    normal_sums,
+    radial_residuals,
+    tilt_damping,
+    tukey_weights,
+)
 
 __all__ = [
     "ConeFit",
@@ -24,9 +32,8 @@ __all__ = [
 ]
 
 N_SECTORS = 36
-_TUKEY = 4.685  # 95 % efficiency on Gaussian residuals
-_MAD_TO_SIGMA = 1.4826
 _MAX_BALANCE = 5.0
+_PROMISING = 40  # circles whose sectors are looked at
 
 
 @dataclass
@@ -101,17 +108,42 @@ def search_circle(points, tolerance, radius_range, rng, *, n_trials=600, max_poi
     circles = circles[usable]
     if not len(circles):
         raise StageError("no circle fits the stem points", key="traits.trunk_height_m")
-    offset = np.hypot(
-        points[:, 0, None] - circles[:, 0], points[:, 1, None] - circles[:, 1]
-    )  # (n_points, n_circles)
-    miss = np.minimum(((offset - circles[:, 2]) / tolerance) ** 2, 1.0)
-    score = np.array(
-        [
-            ((1.0 - miss[:, i]) * _sector_weights(points - circles[i, :2])).sum()
-            for i in _promising(miss)
-        ]
-    )
-    return circles[_promising(miss)[int(np.argmax(score))]]
+    return circles[_best_circle(np.ascontiguousarray(points), circles, tolerance)]
+
+
+@numba.njit(cache=True)
+def _best_circle(points, circles, tolerance):
+    """Row of the circle that most points lie near, by sectors, of those with the least miss."""
+    promising, missed, n = np.empty(_PROMISING, dtype=np.int64), np.empty(_PROMISING), 0
+    for row in range(len(circles)):
+        total = 0.0
+        for point in range(len(points)):
+            total += _miss(points[point], circles[row], tolerance)
+            if n == _PROMISING and total >= missed[n - 1]:
+                break
+        else:
+            at = min(n, _PROMISING - 1)
+            while at > 0 and missed[at - 1] > total:
+                missed[at], promising[at] = missed[at - 1], promising[at - 1]
+                at -= 1
+            missed[at], promising[at] = total, row
+            n = min(n + 1, _PROMISING)
+    best, most = promising[0], -1.0
+    for row in promising[:n]:
+        weights, score = _sector_weights(points - circles[row, :2]), 0.0
+        for point in range(len(points)):
+            score += (1.0 - _miss(points[point], circles[row], tolerance)) * weights[point]
+        if score > most:
+            best, most = row, score
+    return best
+
+
+@numba.njit(cache=True)
+def _miss(point, circle, tolerance):
+    """Squared distance of a point from a circle in tolerances, 1 at most."""
+    x, y = point[0] - circle[0], point[1] - circle[1]
+    away = (np.sqrt(x * x + y * y) - circle[2]) / tolerance
+    return min(away * away, 1.0)
 
 
 def fit_cone(local, circle, *, prior_weights=None, n_iterations=30):
@@ -139,24 +171,11 @@ def fit_cone(local, circle, *, prior_weights=None, n_iterations=30):
     parameters = np.concatenate([circle, np.zeros(3)])
     if prior_weights is None:
         prior_weights = _sector_weights(local[:, :2] - circle[:2])
-    residual = _residuals(local, parameters)
-    sigma = max(0.15 * circle[2], 1e-9)
-    for _ in range(n_iterations):
-        weights = _tukey(residual, sigma)
-        parameters, step = _gauss_newton(local, parameters, residual, weights * prior_weights)
-        residual = _residuals(local, parameters)
-        near = np.abs(residual) < 3.0 * sigma
-        if near.sum() < 6:
-            break
-        spread = _MAD_TO_SIGMA * np.median(np.abs(residual[near]))
-        # Shrinks towards the spread of the inliers by at most a third a step: a fast drop would
-        # lock the fit onto the first guess.
-        sigma = max(spread, 0.67 * sigma, 1e-4 * circle[2])
-        if step < 1e-6 * circle[2] and sigma <= 1.01 * max(spread, 1e-4 * circle[2]):
-            break
+    local = np.ascontiguousarray(local)
+    parameters, residual, sigma = iterate_cone(local, parameters, prior_weights, n_iterations)
     if not np.isfinite(parameters).all() or parameters[2] <= 0:
         raise StageError("no cone fits the stem points", key="traits.trunk_height_m")
-    weights = _tukey(residual, sigma)
+    weights = tukey_weights(residual, sigma)
     offset = local[:, :2] - parameters[:2] - local[:, 2:] * parameters[3:5]
     arc = arc_coverage(offset[weights > 0])
     return ConeFit(parameters, float(sigma), weights, arc)
@@ -207,7 +226,7 @@ def steady_levels(local, fit, *, n_levels=16, min_points=6):
     level = np.minimum(level, n_levels - 1)
     offset = local[:, :2] - fit.parameters[:2] - local[:, 2:] * fit.parameters[3:5]
     sector = _sector(offset, 12)
-    residual = _residuals(local, fit.parameters)
+    residual = radial_residuals(local, fit.parameters)
     near = np.abs(residual) < 0.4 * fit.radius
     shift = _level_shifts(residual[near], level[near], sector[near], n_levels, min_points)
     known = np.flatnonzero(np.isfinite(shift))
@@ -217,7 +236,7 @@ def steady_levels(local, fit, *, n_levels=16, min_points=6):
     slopes = (shift[known[second]] - shift[known[first]]) / (known[second] - known[first])
     deviation = shift - np.median(slopes) * np.arange(n_levels)
     deviation -= np.median(deviation[known])
-    spread = _MAD_TO_SIGMA * np.median(np.abs(deviation[known]))
+    spread = MAD_TO_SIGMA * np.median(np.abs(deviation[known]))
     allowed = max(3.0 * spread, 0.02 * fit.radius)
     is_steady = np.isnan(deviation) | (np.abs(deviation) <= allowed)
     return is_steady[level]
@@ -253,12 +272,9 @@ def bootstrap_radii(local, fit, n_samples, rng, *, n_sectors=12, n_levels=4):
     weights = weights * _sector_weights(offset)
     # One Gauss-Newton step from the fit to all points, its sums kept per cell: the refits differ
     # little from that fit, and a sample then costs a 6 x 6 system.
-    jacobian, damping = _linearised(points, fit.parameters, weights)
-    weighted = jacobian * weights[:, None]
-    normals = np.zeros((len(cells), 6, 6))
-    gradients = np.zeros((len(cells), 6))
-    np.add.at(normals, cell, weighted[:, :, None] * jacobian[:, None, :])
-    np.add.at(gradients, cell, weighted * _residuals(points, fit.parameters)[:, None])
+    residual = radial_residuals(points, fit.parameters)
+    normals, gradients = normal_sums(points, fit.parameters, residual, weights, cell, len(cells))
+    damping = tilt_damping(points, weights)
     drawn = rng.multinomial(len(cells), np.full(len(cells), 1.0 / len(cells)), n_samples)
     normal = np.einsum("sc,cij->sij", drawn, normals) + np.diag(damping)
     gradient = drawn @ gradients + damping * np.concatenate([np.zeros(3), fit.parameters[3:]])
@@ -271,22 +287,24 @@ def arc_coverage(offset, n_sectors=N_SECTORS):
     return 360.0 * len(np.unique(_sector(offset, n_sectors))) / n_sectors
 
 
+@numba.njit(cache=True)
 def _sector(offset, n_sectors):
-    turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
-    return np.minimum((turn * n_sectors).astype(int), n_sectors - 1)
+    sector = np.empty(len(offset), dtype=np.int64)
+    for row in range(len(offset)):
+        turn = np.arctan2(offset[row, 1], offset[row, 0]) / (2 * np.pi) + 0.5
+        sector[row] = min(int(turn * n_sectors), n_sectors - 1)
+    return sector
 
 
+@numba.njit(cache=True)
 def _sector_weights(offset):
     """Weights that even out the number of points per sector, at most by `_MAX_BALANCE`."""
-    sector = _sector(offset, N_SECTORS)
-    count = np.bincount(sector, minlength=N_SECTORS)
+    sector, count = _sector(offset, N_SECTORS), np.zeros(N_SECTORS)
+    for part in sector:
+        count[part] += 1
     typical = np.median(count[count > 0])
-    return np.clip(typical / count[sector], 1.0 / _MAX_BALANCE, _MAX_BALANCE)
-
-
-def _promising(miss, n=40):
-    """The candidates with the least plain miss, best first."""
-    return np.argsort(miss.sum(axis=0), kind="stable")[:n]
+    balance = typical / np.maximum(count, 1.0)
+    return np.minimum(np.maximum(balance, 1.0 / _MAX_BALANCE), _MAX_BALANCE)[sector]
 
 
 def _circles_through(triples):
@@ -299,39 +317,3 @@ def _circles_through(triples):
         u = (ac[:, 1] * ab2 - ab[:, 1] * ac2) / cross
         v = (ab[:, 0] * ac2 - ac[:, 0] * ab2) / cross
     return np.column_stack([a[:, 0] + u, a[:, 1] + v, np.hypot(u, v)])
-
-
-def _residuals(local, parameters):
-    offset = local[:, :2] - parameters[:2] - local[:, 2:] * parameters[3:5]
-    return np.hypot(offset[:, 0], offset[:, 1]) - parameters[2] - parameters[5] * local[:, 2]
-
-
-def _tukey(residual, sigma):
-    scaled = np.clip(np.abs(residual) / (_TUKEY * sigma), 0.0, 1.0)
-    return (1.0 - scaled**2) ** 2
-
-
-def _linearised(local, parameters, weights):
-    """Jacobian of the residuals, and the damping that keeps a thin slab from tipping over."""
-    offset = local[:, :2] - parameters[:2] - local[:, 2:] * parameters[3:5]
-    unit = offset / np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-12)[:, None]
-    jacobian = np.empty((len(local), 6))
-    jacobian[:, :2] = -unit
-    jacobian[:, 2] = -1.0
-    jacobian[:, 3:5] = -unit * local[:, 2:]
-    jacobian[:, 5] = -local[:, 2]
-    extent = max(np.abs(local[:, 2]).max(), 1e-9)
-    total = max(float(weights.sum()), 1e-12)
-    return jacobian, total * np.array([*(1e-9,) * 3, *(1e-3 * extent**2,) * 3])
-
-
-def _gauss_newton(local, parameters, residual, weights):
-    """One weighted step; returns the new parameters and the largest move of centre or radius."""
-    jacobian, damping = _linearised(local, parameters, weights)
-    weighted = jacobian * weights[:, None]
-    pull = np.concatenate([np.zeros(3), parameters[3:]])
-    normal = weighted.T @ jacobian + np.diag(damping)
-    step = -np.linalg.solve(normal, weighted.T @ residual + damping * pull)
-    limit = 0.5 * abs(parameters[2])
-    step[:3] = np.clip(step[:3], -limit, limit)
-    return parameters + step, float(np.abs(step[:3]).max())

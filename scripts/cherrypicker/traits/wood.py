@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.skeleton.neighbors import components
 from cherrypicker.skeleton.sampling import voxel_thin
+from cherrypicker.traits.company import have_company, sort_into_cells
 
 __all__ = [
+    "MIN_REACH_M",
     "Foot",
     "Support",
     "densify",
@@ -21,7 +24,8 @@ __all__ = [
 ]
 
 _SAMPLE_M = 0.01
-_MIN_REACH_M = 0.03
+MIN_REACH_M = 0.03
+_SPARSE = 1.5  # reach over the distance to a neighbour
 _REACH_POINTS = 5_000  # enough for a median
 _GROUND_REACH_M = 0.6
 _MIN_GROUND_POINTS = 50
@@ -29,7 +33,6 @@ _MAX_FOOT_STEP_M = 0.5
 _MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
 _MIN_MISSED_POINTS = 10
 _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
-_CELLS_PER_REACH = 1.75  # a cell's corners are then nearer to one another than the reach
 _FOOT_ERROR = 1.6  # of the foot over the scatter of the ground around it; docs/traits.md
 
 
@@ -68,6 +71,8 @@ class Support:
         False for pieces that hang on a bridged gap and are too small to be a branch.
     point : ndarray of shape (n_wood,), bool
         Wood points near a supported node's piece of skeleton that do not float alone.
+    farthest : float
+        No such point lies farther from the skeleton than this.
     gaps : ndarray of shape (n_gaps,), float64
         Lengths of the stretches that run through no wood points, in the skeleton's unit.
     n_stray, stray_length : int, float
@@ -79,6 +84,7 @@ class Support:
 
     node: np.ndarray
     point: np.ndarray
+    farthest: float
     gaps: np.ndarray
     n_stray: int
     stray_length: float
@@ -184,15 +190,15 @@ def densify(skeleton, step):
     )
 
 
-def support_reach(wood, min_neighbours=4, tree=None):
+def support_reach(wood, min_neighbours=4, cells=None):
     """Distance within which a wood point has company: 0.03, or more in a sparse scan.
 
     Parameters
     ----------
     wood : ndarray of shape (n_wood, 3), float64
     min_neighbours : int, default 4
-    tree : scipy.spatial.cKDTree, optional
-        Of `wood`, where there is one.
+    cells : Cells, optional
+        Of `wood`, where it is sorted already.
 
     Returns
     -------
@@ -201,13 +207,16 @@ def support_reach(wood, min_neighbours=4, tree=None):
     """
     k = min(min_neighbours + 1, len(wood))
     some = wood[:: 1 + len(wood) // _REACH_POINTS]
-    tree = cKDTree(wood) if tree is None else tree
-    distance = tree.query(some, k=[k])[0]
-    return max(_MIN_REACH_M, 1.5 * float(np.median(distance)))
+    if cells is not None:  # spares a tree of all points
+        is_near = have_company(cells, some, np.full(len(some), MIN_REACH_M / _SPARSE), k)
+        if 2 * is_near.sum() > len(some):
+            return MIN_REACH_M
+    distance = cKDTree(wood).query(some, k=[k])[0]
+    return max(MIN_REACH_M, _SPARSE * float(np.median(distance)))
 
 
 def find_support(
-    skeleton, wood, *, max_gap, min_stray, reach=_MIN_REACH_M, min_neighbours=4, tree=None
+    skeleton, wood, *, max_gap, min_stray, reach=MIN_REACH_M, min_neighbours=4, cells=None
 ):
     """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
 
@@ -224,43 +233,54 @@ def find_support(
         A wood point supports the skeleton within 1.5 radii or this distance.
     min_neighbours : int, default 4
         Wood points needed within `reach` of a point for it not to float alone.
-    tree : scipy.spatial.cKDTree, optional
-        Of `wood`, where there is one.
+    cells : Cells, optional
+        Of `wood`, where it is sorted already; cells about as large as `reach` are quick.
 
     Returns
     -------
     Support
     """
     samples, owner, radius, spacing = densify(skeleton, _SAMPLE_M)
-    tree = cKDTree(wood) if tree is None else tree
-    enough = np.maximum(1.5 * radius, reach)
-    near = tree.query(samples, distance_upper_bound=1.001 * enough.max())[0] <= enough
-    bare = np.zeros(len(skeleton))  # bare length of each node's edge to its parent
-    np.add.at(bare, owner[~near], spacing[~near])
-    length = skeleton.edge_length
-    run = np.zeros(len(skeleton))  # length of the bare stretch that ends at the node
-    for node in range(1, len(skeleton)):
-        if bare[node] > 0.5 * length[node]:
-            run[node] = bare[node] + run[skeleton.parent[node]]
-    children_bare = np.zeros(len(skeleton), dtype=bool)
-    children_bare[skeleton.parent[1:][run[1:] > 0]] = True
-    is_gap = (run > max_gap) & ~children_bare
-    beyond = np.zeros(
-        len(skeleton)
-    )  # length of skeleton from the node upwards, bare parts left out
-    for node in range(len(skeleton) - 1, 0, -1):
-        beyond[skeleton.parent[node]] += beyond[node] + length[node] - bare[node]
-    kept = np.ones(len(skeleton), dtype=bool)
-    stray = np.flatnonzero(is_gap & (beyond < min_stray))
-    kept[stray] = False
-    for node in range(1, len(skeleton)):
-        kept[node] &= kept[skeleton.parent[node]]
+    cells = sort_into_cells(wood, reach)[0] if cells is None else cells
+    near = have_company(cells, samples, np.maximum(1.5 * radius, reach), 1)
+    bare = np.bincount(owner[~near], spacing[~near], len(skeleton))  # length of each node's edge
+    run, is_gap, beyond, kept = _gaps(
+        skeleton.parent, skeleton.edge_length, bare, float(max_gap), float(min_stray)
+    )
+    n_stray = np.count_nonzero(is_gap & (beyond < min_stray))
+    stray_length = float(beyond[is_gap & (beyond < min_stray)].sum())
     close, sample = cKDTree(samples).query(wood)
-    allowed = np.maximum(2.0 * radius[sample], reach)
-    point = kept[owner[sample]] & (close <= allowed)
-    point[point] &= _has_neighbours(tree, wood[point], reach, min_neighbours)
+    allowed = np.maximum(2.0 * radius, reach)
+    point = kept[owner[sample]] & (close <= allowed[sample])
+    rows = np.flatnonzero(point)
+    point[rows] = have_company(cells, wood[rows], np.full(len(rows), reach), min_neighbours + 1)
     missed = missed_wood(wood, point, close > np.maximum(2.0 * radius[sample], _MISSED_M), reach)
-    return Support(kept, point, run[is_gap], len(stray), float(beyond[stray].sum()), *missed)
+    return Support(kept, point, allowed.max(), run[is_gap], n_stray, stray_length, *missed)
+
+
+@numba.njit(cache=True)
+def _gaps(parent, length, bare, max_gap, min_stray):
+    """Gaps of a skeleton whose edges are bare over some length, and what small lies beyond them.
+
+    Returns the bare length that ends at each node, whether a gap ends there, the length of
+    skeleton from there upwards without its bare parts, and which nodes are no such small piece.
+    """
+    n = len(parent)
+    run, beyond = np.zeros(n), np.zeros(n)
+    goes_on, is_gap = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+    kept = np.ones(n, dtype=np.bool_)
+    for node in range(1, n):  # parents come before children
+        if bare[node] > 0.5 * length[node]:
+            run[node] = bare[node] + run[parent[node]]
+            goes_on[parent[node]] |= run[node] > 0
+    for node in range(n - 1, 0, -1):
+        beyond[parent[node]] += beyond[node] + length[node] - bare[node]
+    for node in range(n):
+        is_gap[node] = run[node] > max_gap and not goes_on[node]
+        kept[node] = not (is_gap[node] and beyond[node] < min_stray)
+        if node:
+            kept[node] &= kept[parent[node]]
+    return run, is_gap, beyond, kept
 
 
 def missed_wood(wood, supported, is_far, reach):
@@ -290,9 +310,10 @@ def missed_wood(wood, supported, is_far, reach):
     large = (count >= _MIN_MISSED_POINTS)[cluster]
     if not large.any():
         return 0.0, 0.0
-    own = cKDTree(wood[supported], balanced_tree=False, compact_nodes=False)  # a few queries only
-    distance, _ = own.query(sites[large], distance_upper_bound=max(2 * reach, _BESIDE_M))
-    touches = np.bincount(cluster[large], np.isfinite(distance), n_clusters) > 0
+    beside = max(2 * reach, _BESIDE_M)
+    own, _ = sort_into_cells(wood[supported], beside)
+    is_beside = have_company(own, sites[large], np.full(large.sum(), beside), 1)
+    touches = np.bincount(cluster[large], is_beside, n_clusters) > 0
     if not touches.any():
         return 0.0, 0.0
     low, high = np.full((n_clusters, 3), np.inf), np.full((n_clusters, 3), -np.inf)
@@ -301,18 +322,3 @@ def missed_wood(wood, supported, is_far, reach):
     n_missed = float(count[touches].sum())
     length = np.linalg.norm((high - low)[touches], axis=1).max()
     return n_missed / (n_missed + np.count_nonzero(supported)), float(length)
-
-
-def _has_neighbours(tree, points, reach, n_neighbours):
-    """Points with `n_neighbours` others of the tree's within reach, (n_points,) bool."""
-    if len(points) == 0:
-        return np.zeros(0, dtype=bool)
-    n_asked = min(n_neighbours + 1, tree.n)
-    cells = np.floor((points - points.min(axis=0)) * (_CELLS_PER_REACH / reach)).astype(np.int64)
-    shape = cells.max(axis=0) + 1
-    key = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
-    _, cell, count = np.unique(key, return_inverse=True, return_counts=True)
-    found = (count >= n_asked)[cell]  # all of a cell are within reach of one another
-    alone = np.flatnonzero(~found)
-    found[alone] = tree.query(points[alone], k=[n_asked])[0][:, 0] <= reach
-    return found

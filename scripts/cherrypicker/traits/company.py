@@ -1,0 +1,140 @@
+"""Which places have points near: points sorted into cells, looked up by columns of cells."""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+__all__ = ["Cells", "have_company", "sort_into_cells"]
+
+_MOST_CELLS = 2.0**62
+
+
+@dataclass
+class Cells:
+    """Points sorted by the cell that holds them.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        In the order of their cells.
+    key : ndarray of shape (n_points,), int64
+        Number of each one's cell, increasing.
+    low, shape : ndarray of shape (3,)
+        Corner of the first cell, and cells along each axis.
+    size : float
+        Side of a cell.
+    """
+
+    points: np.ndarray
+    key: np.ndarray
+    low: np.ndarray
+    shape: np.ndarray
+    size: float
+
+
+def sort_into_cells(points, size):
+    """Sort points into cubic cells.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        One at least.
+    size : float
+        Side of a cell; larger where the cells' numbers would not fit 64 bits.
+
+    Returns
+    -------
+    Cells
+    order : ndarray of shape (n_points,), int64
+        Rows of `points` in the order of their cells.
+    """
+    low = points.min(axis=0)
+    extent = points.max(axis=0) - low
+    while np.prod(extent / size + 1.0) > _MOST_CELLS:
+        size *= 2.0
+    shape = (extent // size).astype(np.int64) + 1
+    key = _keys(np.ascontiguousarray(points, dtype=np.float64), low, shape, size)
+    order = np.argsort(key, kind="stable")
+    return Cells(points[order], key[order], low, shape, float(size)), order
+
+
+def have_company(cells, places, reach, n_points):
+    """Places with points near.
+
+    Parameters
+    ----------
+    cells : Cells
+    places : ndarray of shape (n_places, 3), float64
+    reach : ndarray of shape (n_places,), float64
+    n_points : int
+        Points asked for within `reach`; a place that is one of the points counts itself.
+
+    Returns
+    -------
+    ndarray of shape (n_places,), bool
+    """
+    places = np.ascontiguousarray(places, dtype=np.float64)
+    return _company(
+        cells.points, cells.key, cells.low, cells.shape, cells.size, places, reach, n_points
+    )
+
+
+@numba.njit(cache=True)
+def _keys(points, low, shape, size):
+    """Number of the cell of each point."""
+    key = np.empty(len(points), dtype=np.int64)
+    for row in range(len(points)):
+        number = 0
+        for axis in range(3):
+            cell = min(int((points[row, axis] - low[axis]) // size), shape[axis] - 1)
+            number = number * shape[axis] + cell
+        key[row] = number
+    return key
+
+
+@numba.njit(cache=True)
+def _first(key, wanted, low, high):
+    """First row of sorted keys, between two rows, that is not below `wanted`."""
+    while low < high:
+        middle = (low + high) // 2
+        if key[middle] < wanted:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@numba.njit(cache=True)
+def _company(points, key, low, shape, size, places, reach, n_points):
+    """Walk the columns of cells around each place, the nearest first, until enough are found."""
+    enough, n = np.zeros(len(places), dtype=np.bool_), len(key)
+    for place in range(len(places)):
+        x, y, z = places[place]
+        limit = reach[place] * reach[place]
+        wide = int(np.ceil(reach[place] / size))
+        i, j = int((x - low[0]) // size), int((y - low[1]) // size)
+        first_k = max(int((z - reach[place] - low[2]) // size), 0)
+        last_k = min(int((z + reach[place] - low[2]) // size), shape[2] - 1)
+        found = 0
+        for ring in range(wide + 1):
+            for a in range(max(i - ring, 0), min(i + ring, shape[0] - 1) + 1):
+                for b in range(max(j - ring, 0), min(j + ring, shape[1] - 1) + 1):
+                    if max(abs(a - i), abs(b - j)) < ring:
+                        continue
+                    column = (a * shape[1] + b) * shape[2]
+                    row = _first(key, column + first_k, 0, n)
+                    while row < n and key[row] <= column + last_k:
+                        u, v, w = points[row, 0] - x, points[row, 1] - y, points[row, 2] - z
+                        found += u * u + v * v + w * w <= limit
+                        if found >= n_points:
+                            break
+                        row += 1
+                    if found >= n_points:
+                        break
+                if found >= n_points:
+                    break
+            if found >= n_points:
+                enough[place] = True
+                break
+    return enough

@@ -1,0 +1,131 @@
+"""Compiled steps of the robust cone fit: residuals, weights, normal equations, iterations.
+
+A cone is six numbers, see `cherrypicker.traits.stem_fit.ConeFit`; points lie in its slab's frame.
+"""
+
+import numba
+import numpy as np
+
+__all__ = [
+    "MAD_TO_SIGMA",
+    "iterate_cone",
+    "normal_sums",
+    "radial_residuals",
+    "tilt_damping",
+    "tukey_weights",
+]
+
+MAD_TO_SIGMA = 1.4826
+_TUKEY = 4.685  # 95 % efficiency on Gaussian residuals
+
+
+@numba.njit(cache=True)
+def iterate_cone(local, parameters, prior_weights, n_iterations):
+    """Parameters, residuals and their spread; the parameters are NaN without a solution."""
+    first_radius = parameters[2]
+    sigma = max(0.15 * first_radius, 1e-9)
+    residual = radial_residuals(local, parameters)
+    for _ in range(n_iterations):
+        weights = tukey_weights(residual, sigma) * prior_weights
+        parameters, step = _gauss_newton(local, parameters, residual, weights)
+        if not np.isfinite(step):
+            break
+        residual = radial_residuals(local, parameters)
+        near = np.abs(residual[np.abs(residual) < 3.0 * sigma])
+        if len(near) < 6:
+            break
+        spread = MAD_TO_SIGMA * np.median(near)
+        # Shrinks towards the spread of the inliers by at most a third a step: a fast drop would
+        # lock the fit onto the first guess.
+        sigma = max(spread, 0.67 * sigma, 1e-4 * first_radius)
+        if step < 1e-6 * first_radius and sigma <= 1.01 * max(spread, 1e-4 * first_radius):
+            break
+    return parameters, residual, sigma
+
+
+@numba.njit(cache=True)
+def radial_residuals(local, parameters):
+    """Distances of points (n, 3) from a cone's surface, across its axis, outwards positive."""
+    residual = np.empty(len(local))
+    for row in range(len(local)):
+        u, v, w = local[row]
+        u -= parameters[0] + w * parameters[3]
+        v -= parameters[1] + w * parameters[4]
+        residual[row] = np.sqrt(u * u + v * v) - parameters[2] - parameters[5] * w
+    return residual
+
+
+@numba.njit(cache=True)
+def tukey_weights(residual, sigma):
+    """Tukey's biweights of residuals that scatter by `sigma`, 0 to 1."""
+    scaled = np.minimum(np.abs(residual) / (_TUKEY * sigma), 1.0)
+    return (1.0 - scaled**2) ** 2
+
+
+@numba.njit(cache=True)
+def normal_sums(local, parameters, residual, weights, cell, n_cells):
+    """Normal matrices (n_cells, 6, 6) and gradients (n_cells, 6) of the points of each cell."""
+    normals, gradients = np.zeros((n_cells, 6, 6)), np.zeros((n_cells, 6))
+    slope = np.empty(6)
+    for row in range(len(local)):
+        u, v, w = local[row]
+        u -= parameters[0] + w * parameters[3]
+        v -= parameters[1] + w * parameters[4]
+        away = max(np.sqrt(u * u + v * v), 1e-12)
+        slope[0], slope[1], slope[2] = -u / away, -v / away, -1.0
+        slope[3], slope[4], slope[5] = slope[0] * w, slope[1] * w, -w
+        normal, gradient = normals[cell[row]], gradients[cell[row]]
+        for i in range(6):
+            weighted = slope[i] * weights[row]
+            gradient[i] += weighted * residual[row]
+            for j in range(6):
+                normal[i, j] += weighted * slope[j]
+    return normals, gradients
+
+
+@numba.njit(cache=True)
+def tilt_damping(local, weights):
+    """What keeps a thin slab from tipping over, (6,)."""
+    extent, total = max(np.abs(local[:, 2]).max(), 1e-9), max(weights.sum(), 1e-12)
+    damping = np.full(6, 1e-9 * total)
+    damping[3:] = 1e-3 * extent**2 * total
+    return damping
+
+
+@numba.njit(cache=True)
+def _gauss_newton(local, parameters, residual, weights):
+    """One weighted step; returns the new parameters and the largest move of centre or radius.
+
+    Both are NaN where the points leave the step open.
+    """
+    one = np.zeros(len(local), dtype=np.int64)
+    normals, gradients = normal_sums(local, parameters, residual, weights, one, 1)
+    damping = tilt_damping(local, weights)
+    for i in range(6):
+        normals[0, i, i] += damping[i]
+        if i >= 3:
+            gradients[0, i] += damping[i] * parameters[i]
+    step = -_solved(normals[0], gradients[0])
+    limit = 0.5 * abs(parameters[2])
+    step[:3] = np.minimum(np.maximum(step[:3], -limit), limit)
+    return parameters + step, np.abs(step[:3]).max()
+
+
+@numba.njit(cache=True)
+def _solved(matrix, right):
+    """Solution of symmetric equations by Cholesky's factors, NaN where they have none."""
+    n, factor, found = len(right), np.zeros(matrix.shape), np.empty(len(right))
+    for i in range(n):
+        for j in range(i + 1):
+            rest = matrix[i, j] - (factor[i, :j] * factor[j, :j]).sum()
+            if i > j:
+                factor[i, j] = rest / factor[j, j]
+            elif rest > 0:
+                factor[i, i] = np.sqrt(rest)
+            else:
+                return np.full(n, np.nan)
+    for i in range(n):
+        found[i] = (right[i] - (factor[i, :i] * found[:i]).sum()) / factor[i, i]
+    for i in range(n - 1, -1, -1):
+        found[i] = (found[i] - (factor[i + 1 :, i] * found[i + 1 :]).sum()) / factor[i, i]
+    return found
