@@ -1,11 +1,11 @@
 """Which places have points near: points sorted into cells, looked up by columns of cells."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
 
-__all__ = ["Cells", "have_company", "sort_into_cells"]
+__all__ = ["Cells", "have_company", "rows_in_box", "sort_into_cells"]
 
 _MOST_CELLS = 2.0**62
 
@@ -24,6 +24,8 @@ class Cells:
         Corner of the first cell, and cells along each axis.
     size : float
         Side of a cell.
+    order : ndarray of shape (n_points,), int64
+        Rows that the points had before.
     """
 
     points: np.ndarray
@@ -31,6 +33,12 @@ class Cells:
     low: np.ndarray
     shape: np.ndarray
     size: float
+    order: np.ndarray
+
+    def select(self, chosen):
+        """Those points that `chosen`, (n_points,) bool in their old order, names."""
+        rows = np.flatnonzero(chosen[self.order])
+        return replace(self, points=self.points[rows], key=self.key[rows], order=self.order[rows])
 
 
 def sort_into_cells(points, size):
@@ -46,17 +54,16 @@ def sort_into_cells(points, size):
     Returns
     -------
     Cells
-    order : ndarray of shape (n_points,), int64
-        Rows of `points` in the order of their cells.
     """
-    low = points.min(axis=0)
-    extent = points.max(axis=0) - low
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    low, high = _ends(points)
+    extent = high - low
     while np.prod(extent / size + 1.0) > _MOST_CELLS:
         size *= 2.0
     shape = (extent // size).astype(np.int64) + 1
-    key = _keys(np.ascontiguousarray(points, dtype=np.float64), low, shape, size)
+    key = _keys(points, low, shape, size)
     order = np.argsort(key, kind="stable")
-    return Cells(points[order], key[order], low, shape, float(size)), order
+    return Cells(points[order], key[order], low, shape, float(size), order)
 
 
 def have_company(cells, places, reach, n_points):
@@ -78,6 +85,34 @@ def have_company(cells, places, reach, n_points):
     return _company(
         cells.points, cells.key, cells.low, cells.shape, cells.size, places, reach, n_points
     )
+
+
+def rows_in_box(points, low, high):
+    """Rows of points (n, 3) between two corners (3,) of a box, faces included, in order."""
+    return _rows_in_box(np.ascontiguousarray(points, dtype=np.float64), low, high)
+
+
+@numba.njit(cache=True)
+def _rows_in_box(points, low, high):
+    rows, n = np.empty(len(points), dtype=np.int64), 0
+    for row in range(len(points)):
+        inside = True
+        for axis in range(3):
+            inside &= low[axis] <= points[row, axis] <= high[axis]
+        rows[n] = row
+        n += inside
+    return rows[:n].copy()
+
+
+@numba.njit(cache=True)
+def _ends(points):
+    """Least and largest of each coordinate."""
+    low, high = points[0].copy(), points[0].copy()
+    for row in range(len(points)):
+        for axis in range(3):
+            low[axis] = min(low[axis], points[row, axis])
+            high[axis] = max(high[axis], points[row, axis])
+    return low, high
 
 
 @numba.njit(cache=True)

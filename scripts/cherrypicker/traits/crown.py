@@ -1,8 +1,8 @@
-"""Height and crown of a tree from its wood points, with bootstrap samples of each.
+"""Height and crown of a tree from its wood points, with samples of each.
 
-Extremes of a cloud (its top, its hull) can only shrink when points are drawn again, so the
-bootstrap is smoothed: a drawn point moves by the local point spacing, the scale on which the
-surface is known.
+Both reach as far as the points do, less what noise carries beyond the wood, plus what the scan
+lost of the shoots that end there, see `cherrypicker.traits.shoot_ends`. The estimates are the
+medians of the samples.
 """
 
 from dataclasses import dataclass
@@ -11,10 +11,16 @@ import numba
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
+from cherrypicker.traits.company import rows_in_box
+from cherrypicker.traits.shoot_ends import draw_losses, grow_hull
+
 __all__ = [
     "Crown",
+    "Hull",
     "alpha_volume",
+    "clear_stem",
     "crown_of",
+    "hull_of",
     "horizontal_width",
     "measure_crown",
     "projected_area",
@@ -22,13 +28,11 @@ __all__ = [
 ]
 
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
-_MAX_POINTS = 20_000
-_LAG_RANK = 21
-_N_UPPER = 500
-_LOST_WIDTH, _NOISY_WIDTH = 0.35, 0.2  # of the four sides' summed lags; measured, docs/traits.md
-_N_DIRECTIONS, _N_OUTERMOST = 128, 12  # points in each direction can decide the crown's extent
-_WAYS = np.vstack([np.cos(np.radians(np.arange(180.0))), np.sin(np.radians(np.arange(180.0)))])
-_LAG_SHARE = 0.4  # of the drop from the third to the 21st highest point; measured, docs/traits.md
+_WAYS = np.vstack([np.cos(np.radians(np.arange(360.0))), np.sin(np.radians(np.arange(360.0)))])
+# Of the points' scatter: how far the outermost lie beyond the wood, and how much that varies.
+_OVERSHOOT, _OVERSHOOT_SPREAD = 0.6, 1.5
+# Errors that nothing shows, over the distance within which wood points have company.
+_TOP_ERROR, _WIDTH_ERROR, _HULL_ERROR = 0.1, 0.1, 0.033
 
 
 @dataclass
@@ -50,10 +54,68 @@ class Crown:
     volume: float
 
 
+@dataclass
+class Hull:
+    """Convex hull of points.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n_vertices, 3), float64
+        Its vertices; all points where they span no volume.
+    reach : ndarray of shape (360,), float64
+        How far it reaches horizontally, in whole degrees from +x towards +y.
+    normals, offsets, areas : ndarray of shape (n_faces, 3), (n_faces,), (n_faces,), float64
+        Of its faces; a point p is `normals @ p + offsets` outside.
+    volume : float
+    """
+
+    points: np.ndarray
+    reach: np.ndarray
+    normals: np.ndarray
+    offsets: np.ndarray
+    areas: np.ndarray
+    volume: float
+
+
+def hull_of(points):
+    """The :class:`Hull` of points, (n, 3) float64 with n of 1 at least."""
+    try:
+        hull = ConvexHull(points) if len(points) > 3 else None
+    except QhullError:
+        hull = None
+    if hull is None:
+        none = np.zeros(0)
+        reach = (points[:, :2] @ _WAYS).max(axis=0)
+        return Hull(points, reach, np.zeros((0, 3)), none, none, 0.0)
+    corners, vertices = points[hull.simplices], points[hull.vertices]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return Hull(
+        vertices,
+        (vertices[:, :2] @ _WAYS).max(axis=0),
+        np.ascontiguousarray(hull.equations[:, :3]),
+        np.ascontiguousarray(hull.equations[:, 3]),
+        np.linalg.norm(across, axis=1) / 2,
+        float(hull.volume),
+    )
+
+
 def robust_top(z):
     """z of the third highest point (of the highest with fewer points)."""
     rank = min(_TOP_RANK, len(z))
     return float(np.partition(z, len(z) - rank)[len(z) - rank])
+
+
+def clear_stem(skeleton, axis_owner):
+    """Nodes of the trunk up to its first junction, (n_nodes,) bool; all where there is none."""
+    junctions = np.flatnonzero((skeleton.n_children > 1) & (axis_owner == 0))
+    if not len(junctions):
+        return np.ones(len(skeleton), dtype=bool)
+    is_clear_stem = np.zeros(len(skeleton), dtype=bool)
+    node = junctions.min()  # parents come before children: the lowest along the trunk
+    while node >= 0:
+        is_clear_stem[node] = True
+        node = skeleton.parent[node]
+    return is_clear_stem
 
 
 def crown_of(skeleton, axis_owner, wood, support):
@@ -73,161 +135,67 @@ def crown_of(skeleton, axis_owner, wood, support):
     ndarray of shape (n_wood,), bool
         None set where the tree has no junction.
     """
-    junctions = np.flatnonzero((skeleton.n_children > 1) & (axis_owner == 0))
-    if not len(junctions):
+    is_clear_stem = clear_stem(skeleton, axis_owner)
+    if is_clear_stem.all():
         return np.zeros(len(wood), dtype=bool)
-    is_clear_stem = np.zeros(len(skeleton), dtype=bool)
-    node = junctions.min()  # parents come before children: the lowest along the trunk
-    while node >= 0:
-        is_clear_stem[node] = True
-        node = skeleton.parent[node]
     # Only points beside the clear stem can have one of its nodes as the nearest.
     stem, away = skeleton.points[is_clear_stem], support.farthest + skeleton.edge_length.max() / 2
-    beside = support.point & (wood >= stem.min(axis=0) - away).all(axis=1)
-    beside = np.flatnonzero(beside & (wood <= stem.max(axis=0) + away).all(axis=1))
+    beside = rows_in_box(wood, stem.min(axis=0) - away, stem.max(axis=0) + away)
+    beside = beside[support.point[beside]]
     _, nearest = cKDTree(skeleton.points).query(wood[beside])
     in_crown = support.point.copy()
     in_crown[beside] = ~is_clear_stem[nearest]
     return in_crown
 
 
-def measure_crown(tree_points, crown_points, *, n_bootstrap, rng):
-    """Measure top, crown width and volume, and the same of resampled points.
+def measure_crown(tree_points, hull, ends, scatter, reach, *, n_samples, rng):
+    """Measure top, crown width and volume, and how sure they are.
 
     Parameters
     ----------
     tree_points : ndarray of shape (n, 3), float64
         Supported wood points of the whole tree.
-    crown_points : ndarray of shape (m, 3), float64
-        Those of the crown; may be empty.
-    n_bootstrap : int
+    hull : Hull or None
+        Of the crown's points; None without a crown.
+    ends : ShootEnds
+    scatter : float
+        Of the points around the skeleton's radii; 0 where it is not known.
+    reach : float
+        Distance within which wood points have company.
+    n_samples : int
+        With 0 the points' own extent is taken.
     rng : numpy.random.Generator
 
     Returns
     -------
     crown : Crown
-    samples : ndarray of shape (n_bootstrap, 3), float64
-        Top, width and volume of each bootstrap sample. The top's are drawn upwards and the
-        width's outwards as well, for the ends of shoots that a scan loses.
+    samples : ndarray of shape (n_samples, 3), float64
+        Top, width and volume of each sample.
     """
-    directions = rng.standard_normal((_N_DIRECTIONS, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    crown = Crown(robust_top(tree_points[:, 2]), *_extent(crown_points))
-    top_points = _upper(tree_points)
-    shell = _thin(crown_points, directions)
-    top_spacing, shell_spacing = _spacing(top_points), _spacing(shell)
-    samples = np.empty((n_bootstrap, 3))
-    for i in range(n_bootstrap):
-        drawn = rng.integers(0, len(top_points), len(top_points))
-        z = top_points[drawn, 2] + top_spacing[drawn] * rng.standard_normal(len(drawn)) / 2
-        samples[i, 0] = robust_top(z)
-        if len(shell):
-            drawn = rng.integers(0, len(shell), len(shell))
-            jitter = shell_spacing[drawn, None] * rng.standard_normal((len(drawn), 3)) / 2
-            samples[i, 1:] = _extent(shell[drawn] + jitter, directions)
-        else:
-            samples[i, 1:] = 0.0
-    # Of a sample only the outermost point of each direction counts; the bias is taken off.
-    for column, value in enumerate((crown.top, crown.width, crown.volume)):
-        samples[:, column] += value - np.median(samples[:, column])
-    samples[:, 0] += _unseen_tip(tree_points[:, 2]) * rng.exponential(size=n_bootstrap)
-    if len(crown_points):
-        samples[:, 1] += _unseen_width(crown_points[:, :2], n_bootstrap, rng)
-    return crown, samples
-
-
-def _unseen_tip(z):
-    """Mean length of the tip above the highest points, from how the points thin out below it.
-
-    A scan loses the end of a shoot, and no point that it has tells by how much. Where the points
-    thin out over a long way to the top, more is missing than where they end at once.
-    """
-    n_below = min(_LAG_RANK, len(z))
-    below = np.partition(z, len(z) - n_below)[len(z) - n_below]
-    return _LAG_SHARE * max(robust_top(z) - float(below), 0.0)
-
-
-def _unseen_width(flat, n_samples, rng):
-    """Draw (n_samples,) what unseen ends on the crown's four sides add to its width.
-
-    A side ends in several shoots that reach nearly as far, so that the loss of one shortens it by
-    less; the outermost points are the noisiest, which errs either way.
-    """
-    along, across = _widest_and_across(flat)
-    lags = sum(_unseen_tip(sign * flat @ way) for way in (along, across) for sign in (1, -1))
-    unseen = _LOST_WIDTH * rng.exponential(size=n_samples)
-    return lags * (unseen + _NOISY_WIDTH * rng.standard_normal(n_samples))
-
-
-def _upper(points):
-    """Points that can become the top: the highest."""
-    if len(points) > _N_UPPER:
-        points = points[points[:, 2] >= np.partition(points[:, 2], -_N_UPPER)[-_N_UPPER]]
-    return points[np.argsort(-points[:, 2], kind="stable")[:_N_UPPER]]
-
-
-def _thin(points, directions):
-    """Points near the convex hull in many directions: what decides width and volume."""
-    if len(points) < 200:
-        return points
-    rows = _outermost(np.ascontiguousarray(points), directions, _N_OUTERMOST)
-    return points[np.unique(rows)]
-
-
-@numba.njit(cache=True)
-def _outermost(points, directions, n):
-    """Rows of the `n` points that reach farthest in each direction, (n_directions, n)."""
-    rows = np.empty((len(directions), n), dtype=np.int64)
-    reach = np.empty(n)
-    for number in range(len(directions)):
-        x, y, z = directions[number]
-        filled = 0
-        for row in range(len(points)):
-            far = points[row, 0] * x + points[row, 1] * y + points[row, 2] * z
-            if filled == n and far <= reach[n - 1]:
-                continue
-            at = min(filled, n - 1)
-            while at > 0 and reach[at - 1] < far:
-                reach[at], rows[number, at] = reach[at - 1], rows[number, at - 1]
-                at -= 1
-            reach[at], rows[number, at] = far, row
-            filled = min(filled + 1, n)
-    return rows
-
-
-def _spacing(points):
-    if len(points) < 2:
-        return np.zeros(len(points))
-    distance = cKDTree(points).query(points, k=2)[0][:, 1]
-    return np.minimum(distance, 3 * np.median(distance))
-
-
-def _extent(points, directions=None):
-    """Width and convex volume; zeros where the points span no volume.
-
-    With directions, (n, 3), only of the outermost point in each.
-    """
-    if directions is not None and len(points) > len(directions):
-        points = points[np.unique(_outermost(points, directions, 1))]
-    if len(points) < 4:
-        return 0.0, 0.0
-    try:
-        hull = ConvexHull(points)
-    except QhullError:
-        return horizontal_width(points[:, :2]), 0.0
-    return horizontal_width(points[hull.vertices, :2]), float(hull.volume)
+    plain = Crown(robust_top(tree_points[:, 2]), 0.0, 0.0)
+    if hull is not None:
+        plain.width, plain.volume = horizontal_width(hull.points[:, :2]), hull.volume
+    if n_samples == 0:
+        return plain, np.zeros((0, 3))
+    losses = draw_losses(ends, n_samples, rng)
+    over = scatter * (_OVERSHOOT + _OVERSHOOT_SPREAD * rng.standard_normal(n_samples))
+    errors = reach * rng.standard_normal((n_samples, 3))
+    tops = np.full((n_samples, 1), plain.top)
+    grown = ends.points[:, 2] + losses * ends.directions[:, 2]
+    samples = np.zeros((n_samples, 3))
+    samples[:, 0] = np.hstack([tops, grown]).max(axis=1) + _TOP_ERROR * errors[:, 0]
+    if hull is not None:
+        samples[:, 1:] = grow_hull(hull, ends, losses, over)
+        samples[:, 1] += _WIDTH_ERROR * errors[:, 1]
+        samples[:, 2] += _HULL_ERROR * errors[:, 2] * hull.areas.sum()
+    return Crown(*(float(value) for value in np.median(samples, axis=0))), samples
 
 
 def horizontal_width(flat):
-    """Mean of the widest extent of flat points (n, 2) and the extent at right angles to it."""
-    return float(np.mean([np.ptp(flat @ way) for way in _widest_and_across(flat)]))
-
-
-def _widest_and_across(flat):
-    """Unit direction of the widest extent, to whole degrees, and the one at right angles to it."""
-    extent = _extents(np.ascontiguousarray(flat, dtype=np.float64), *_WAYS)
-    way = _WAYS[:, np.argmax(extent)]
-    return way, np.array([-way[1], way[0]])
+    """Mean of the widest extent of flat points (n, 2), to whole degrees, and that across it."""
+    extent = _extents(np.ascontiguousarray(flat, dtype=np.float64), *_WAYS[:, :180])
+    widest = np.argmax(extent)
+    return float(extent[widest] + extent[(widest + 90) % 180]) / 2
 
 
 @numba.njit(cache=True)

@@ -6,11 +6,19 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.skeleton import axes, axis_of_node
+from cherrypicker.traits.branch_intervals import typical_scatter
 from cherrypicker.traits.branches import branch_rows, totals_by_order
 from cherrypicker.traits.company import sort_into_cells
-from cherrypicker.traits.crown import alpha_volume, crown_of, measure_crown, projected_area
+from cherrypicker.traits.crown import (
+    alpha_volume,
+    crown_of,
+    hull_of,
+    measure_crown,
+    projected_area,
+)
 from cherrypicker.traits.flags import quality_flags, scan_flags
 from cherrypicker.traits.frame_edges import frame_edges
+from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.trunk import measure_near, stem_of
 from cherrypicker.traits.wood import (
     MIN_REACH_M,
@@ -101,13 +109,14 @@ def measure_traits(
     rng = np.random.default_rng(seed)
     axis_list = axes(skeleton)
     foot = find_foot(skeleton, cloud.points, labels)
-    cells, _ = sort_into_cells(wood, MIN_REACH_M)
+    cells = sort_into_cells(wood, MIN_REACH_M)
+    reach = support_reach(wood, cells=cells)
     support = find_support(
         skeleton,
         wood,
         max_gap=max_gap,
         min_stray=min_stray,
-        reach=support_reach(wood, cells=cells),
+        reach=reach,
         cells=cells,
     )
     if not support.point.any():
@@ -132,8 +141,15 @@ def measure_traits(
     trunk = measure_near(stem, wood, trunk_height, **options)
     further = {height: _measured(stem, wood, height, options) for height in sorted(trunk_heights)}
     crown_points = wood[crown_of(skeleton, axis_of_node(skeleton, axis_list), wood, support)]
+    hull = hull_of(crown_points) if len(crown_points) else None
     crown, samples = measure_crown(
-        wood[support.point], crown_points, n_bootstrap=n_bootstrap, rng=rng
+        wood[support.point],
+        hull,
+        find_shoot_ends(skeleton, support.node, cells, reach),
+        typical_scatter(skeleton) or 0.0,
+        reach,
+        n_samples=n_bootstrap,
+        rng=rng,
     )
     scale_error = _scale_error(scale, cloud.unit)
     error = 1.0 + scale_error * rng.standard_normal(n_bootstrap)
@@ -149,7 +165,9 @@ def measure_traits(
     _add(traits, "tcsa_cm2", area * trunk.diameter**2, area * trunk.samples**2, error, power=2)
     _add(traits, "crown_width_m", crown.width, samples[:, 1], error)
     _add(traits, "crown_volume_m3", crown.volume, samples[:, 2], error, power=3)
-    traits["crown_projected_area_m2"] = _rounded(projected_area(crown_points))
+    traits["crown_projected_area_m2"] = _rounded(
+        projected_area(crown_points if hull is None else hull.points)
+    )
     alpha = _ALPHA_SHARE * max(crown.width, 1e-9)
     traits["crown_alpha_m"] = _rounded(alpha)
     traits["crown_alpha_volume_m3"] = _rounded(alpha_volume(crown_points, alpha, alpha / 5))

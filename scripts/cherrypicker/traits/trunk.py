@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.traits.company import rows_in_box
 from cherrypicker.traits.stem_fit import bootstrap_radii, fit_cone, search_circle, steady_levels
 
 __all__ = ["Stem", "TrunkDiameter", "measure_diameter", "stem_of"]
@@ -22,6 +23,7 @@ _MAX_POINTS = 4000
 _LYING_DEG = 60.0
 _RECUT_DEG = 2.0
 _SHARED_ERROR = 0.7  # error of the diameter over the scatter of the points; docs/traits.md
+_HIDDEN_ERROR = 0.006  # of the diameter: what smooth surfaces are off by all the same
 
 
 @dataclass
@@ -174,10 +176,11 @@ def _diameter_samples(local, fit, n_bootstrap, rng):
 
     Photogrammetry moves a whole surface outwards or inwards by a part of the scatter that it shows;
     no resampling of points sees that. On generated scans with known stems the diameter was off by
-    0.7 of the scatter.
+    0.7 of the scatter, and by 0.6 % where hardly any was.
     """
     samples = 2.0 * bootstrap_radii(local, fit, n_bootstrap, rng)
-    return samples + _SHARED_ERROR * fit.sigma * rng.standard_normal(len(samples))
+    error = np.hypot(_SHARED_ERROR * fit.sigma, _HIDDEN_ERROR * 2.0 * fit.radius)
+    return samples + error * rng.standard_normal(len(samples))
 
 
 def _fit_section(wood, center, axis, guess, half_height, min_points, rng):
@@ -245,7 +248,7 @@ def _slab(points, center, axis, half_height, reach):
     u /= np.linalg.norm(u)
     frame = np.vstack([u, np.cross(axis, u), axis])
     box = np.hypot(half_height, reach)
-    near = (np.abs(points - center) <= box).all(axis=1)
+    near = rows_in_box(points, center - box, center + box)
     local = (points[near] - center) @ frame.T
     inside = np.abs(local[:, 2]) <= half_height
     inside &= np.hypot(local[:, 0], local[:, 1]) <= reach

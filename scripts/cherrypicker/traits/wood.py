@@ -25,6 +25,7 @@ __all__ = [
 
 _SAMPLE_M = 0.01
 MIN_REACH_M = 0.03
+_ON_SKELETON = 0.2  # of the reach: points this near belong to the skeleton for sure
 _SPARSE = 1.5  # reach over the distance to a neighbour
 _REACH_POINTS = 5_000  # enough for a median
 _GROUND_REACH_M = 0.6
@@ -33,7 +34,7 @@ _MAX_FOOT_STEP_M = 0.5
 _MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
 _MIN_MISSED_POINTS = 10
 _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
-_FOOT_ERROR = 1.6  # of the foot over the scatter of the ground around it; docs/traits.md
+_FOOT_ERROR = 1.4  # of the foot over the scatter of the ground around it; docs/traits.md
 
 
 @dataclass
@@ -70,7 +71,8 @@ class Support:
     node : ndarray of shape (n_nodes,), bool
         False for pieces that hang on a bridged gap and are too small to be a branch.
     point : ndarray of shape (n_wood,), bool
-        Wood points near a supported node's piece of skeleton that do not float alone.
+        Wood points on a supported node's piece of skeleton, and those near it that do not float
+        alone.
     farthest : float
         No such point lies farther from the skeleton than this.
     gaps : ndarray of shape (n_gaps,), float64
@@ -241,7 +243,7 @@ def find_support(
     Support
     """
     samples, owner, radius, spacing = densify(skeleton, _SAMPLE_M)
-    cells = sort_into_cells(wood, reach)[0] if cells is None else cells
+    cells = sort_into_cells(wood, reach) if cells is None else cells
     near = have_company(cells, samples, np.maximum(1.5 * radius, reach), 1)
     bare = np.bincount(owner[~near], spacing[~near], len(skeleton))  # length of each node's edge
     run, is_gap, beyond, kept = _gaps(
@@ -253,8 +255,12 @@ def find_support(
     allowed = np.maximum(2.0 * radius, reach)
     point = kept[owner[sample]] & (close <= allowed[sample])
     rows = np.flatnonzero(point)
+    # The sparse end of a shoot has few points; those on the skeleton need no company.
+    point[rows] = close[rows] <= np.maximum(radius[sample[rows]], _ON_SKELETON * reach)
+    rows = rows[~point[rows]]
     point[rows] = have_company(cells, wood[rows], np.full(len(rows), reach), min_neighbours + 1)
-    missed = missed_wood(wood, point, close > np.maximum(2.0 * radius[sample], _MISSED_M), reach)
+    is_far = close > np.maximum(2.0 * radius[sample], _MISSED_M)
+    missed = missed_wood(wood, point, is_far, reach, cells=cells)
     return Support(kept, point, allowed.max(), run[is_gap], n_stray, stray_length, *missed)
 
 
@@ -283,7 +289,7 @@ def _gaps(parent, length, bare, max_gap, min_stray):
     return run, is_gap, beyond, kept
 
 
-def missed_wood(wood, supported, is_far, reach):
+def missed_wood(wood, supported, is_far, reach, cells=None):
     """Wood that a skeleton leaves out: clusters of points far from it that lie beside its own.
 
     Parameters
@@ -293,6 +299,8 @@ def missed_wood(wood, supported, is_far, reach):
         Points that belong to the skeleton, and points far from it.
     reach : float
         Points this near touch each other.
+    cells : Cells, optional
+        Of `wood`, where it is sorted already.
 
     Returns
     -------
@@ -311,7 +319,8 @@ def missed_wood(wood, supported, is_far, reach):
     if not large.any():
         return 0.0, 0.0
     beside = max(2 * reach, _BESIDE_M)
-    own, _ = sort_into_cells(wood[supported], beside)
+    cells = sort_into_cells(wood, beside) if cells is None else cells
+    own = cells.select(supported)
     is_beside = have_company(own, sites[large], np.full(large.sum(), beside), 1)
     touches = np.bincount(cluster[large], is_beside, n_clusters) > 0
     if not touches.any():
