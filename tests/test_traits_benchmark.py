@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from cherrypicker.errors import StageError
 from cherrypicker.orchard.growth import grow_tree
@@ -60,6 +61,7 @@ def test_traits_of_the_whole_tree_beside_the_truth():
     true = tree_traits(tree)
     width = horizontal_width(tree.skeleton().points[:, :2])
     found = true | {"crown_width_m": width + 0.1, "height_m_ci90": [1.0, 3.0]}
+    found["crown_volume_m3"] = 1.0
     pairs = tree_pairs(tree, found)
     assert pairs["height_m"] == [
         {"true": true["height_m"], "found": true["height_m"], "low": 1.0, "high": 3.0}
@@ -68,6 +70,9 @@ def test_traits_of_the_whole_tree_beside_the_truth():
     # the true width is the surface's: a radius of 1 to 5 mm beyond either end of the skeleton
     assert 0.090 < width_pair["found"] - width_pair["true"] < 0.098
     assert width_pair["low"] is None
+    (volume_pair,) = pairs["crown_volume_m3"]
+    whole = ConvexHull(tree.skeleton().points).volume  # from the foot on, but without radii
+    assert 0.5 * whole < volume_pair["true"] < 1.1 * whole
 
 
 def test_the_cloud_is_the_targets_and_repeats():
@@ -87,7 +92,8 @@ def pair(true, found, low=None, high=None):
 
 def report(seed):
     names = ("trunk_diameter_m", "base_diameter_m", "insertion_angle_deg", "crown_width_m")
-    traits = {name: [pair(0.100, 0.102)] for name in (*names, "total_length_m")}
+    names = (*names, "crown_volume_m3", "total_length_m")
+    traits = {name: [pair(0.100, 0.102)] for name in names}
     traits["height_m"] = [pair(2.00, 1.98, 1.97, 1.99), pair(2.00, 2.01, 1.99, 2.03)]
     return {"seed": seed, "n_points": 1000, "traits": traits, "n_axes": 10, "n_matched": 8}
 
@@ -109,6 +115,12 @@ def test_table_and_figure():
     assert "16 of 20 axes" in text
     assert "| height | cm | 4 | 1.50 | 2 | -0.50 | 2 of 4 (50 %) | 3.00 |" in text
     assert "| crown width | cm | 2 | 0.20 |  | +0.20 | none given |  |" in text
-    assert len(traits_figure(reports).axes) == 6
+    assert "By form" not in text
+    assert len(traits_figure(reports).axes) == 7
+    forms = [report(1) | {"habit": "vase"}, report(2) | {"habit": "leader"}]
+    by_form = write_table(forms).split("By form")[1].splitlines()
+    assert by_form[2] == "| form | trees | height, cm |"
+    assert by_form[4] == "| leader | 1 | 1.50, 1 of 2 (50 %) |"
+    assert by_form[5] == "| vase | 1 | 1.50, 1 of 2 (50 %) |"
     with pytest.raises(StageError, match="no tree"):
         write_table([])

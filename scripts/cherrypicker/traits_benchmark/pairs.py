@@ -14,12 +14,13 @@ from cherrypicker.orchard.mesh import NO_TREE
 from cherrypicker.orchard.sampling import sample_scene
 from cherrypicker.orchard.scene import generate_scene
 from cherrypicker.orchard.truth import tree_traits
-from cherrypicker.skeleton import axes, axis_polyline
+from cherrypicker.skeleton import axes, axis_of_node, axis_polyline
 from cherrypicker.skeleton.contract_wood import contract_wood
 from cherrypicker.skeleton.contraction import preset_options
 from cherrypicker.skeleton.extract import extract_skeleton
 from cherrypicker.skeleton_benchmark.set_tree import true_skeleton
 from cherrypicker.traits import branch_rows, horizontal_width, measure_traits
+from cherrypicker.traits.crown import clear_stem, hull_of
 
 __all__ = [
     "SCALARS",
@@ -33,7 +34,13 @@ __all__ = [
     "tree_pairs",
 ]
 
-SCALARS = ("trunk_diameter_m", "height_m", "crown_width_m", "total_length_m")
+SCALARS = (
+    "trunk_diameter_m",
+    "height_m",
+    "crown_width_m",
+    "crown_volume_m3",
+    "total_length_m",
+)
 LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
 LEAST_DIAMETER_M = 0.010  # thinner bases do not count for the diameter
 NEAR_M, NEAR_SHARE = 0.02, 0.7  # an axis is found where this share of it has a match this near
@@ -113,6 +120,7 @@ def tree_pairs(tree, traits):
     """
     true = tree_traits(tree)
     true["crown_width_m"] = _true_width(tree.skeleton())
+    true["crown_volume_m3"] = _true_volume(true_skeleton(tree.skeleton()))
     pairs = {}
     for name in SCALARS:
         low, high = traits.get(f"{name}_ci90", (None, None))
@@ -126,6 +134,19 @@ def _true_width(skeleton):
     around = np.column_stack([np.cos(angle), np.sin(angle)])
     outline = skeleton.points[:, None, :2] + skeleton.radii[:, None, None] * around
     return horizontal_width(outline.reshape(-1, 2))
+
+
+def _true_volume(skeleton):
+    """Volume of the convex hull of the wood's surface beyond the stem's first fork."""
+    height, turn = np.radians(np.mgrid[-90:91:30, 0:360:30].reshape(2, -1))
+    around = np.column_stack(
+        [np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)]
+    )
+    rows = ~clear_stem(skeleton, axis_of_node(skeleton, axes(skeleton)))
+    if not rows.any():
+        return 0.0
+    surface = skeleton.points[rows, None] + skeleton.radius[rows, None, None] * around
+    return hull_of(surface.reshape(-1, 3)).volume
 
 
 def branch_pairs(tree, skeleton, rows):

@@ -13,6 +13,7 @@ NAMES = {
     "height_m": ("height", "cm", 1e2, 2.0),
     "insertion_angle_deg": ("insertion angle", "deg", 1.0, 6.0),
     "crown_width_m": ("crown width", "cm", 1e2, None),
+    "crown_volume_m3": ("crown volume", "dm3", 1e3, None),
     "total_length_m": ("total length", "m", 1.0, None),
 }  # name in words, unit, factor, largest MAE asked for
 
@@ -93,14 +94,40 @@ def write_table(reports):
         if not score["n"]:
             lines.append(f"| {words} | {unit} | 0 | | | | no reference | |")
             continue
-        covered = "none given"
-        if score["coverage"] is not None:
-            held = round(score["coverage"] * score["n_intervals"])
-            covered = f"{held} of {score['n_intervals']} ({100 * score['coverage']:.0f} %)"
+        covered = _covered(score)
         cells = [words, unit, str(score["n"]), _number(score["mae"], factor)]
         cells += ["" if bar is None else f"{bar:g}", _number(score["bias"], factor, "+")]
         lines.append("| " + " | ".join([*cells, covered, _number(score["width"], factor)]) + " |")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *_by_form(reports)]) + "\n"
+
+
+def _covered(score):
+    if score["coverage"] is None:
+        return "none given"
+    held = round(score["coverage"] * score["n_intervals"])
+    return f"{held} of {score['n_intervals']} ({100 * score['coverage']:.0f} %)"
+
+
+def _by_form(reports):
+    """Lines of a table of the traits with intervals by the trees' forms; none without forms."""
+    forms = sorted({report["habit"] for report in reports if "habit" in report})
+    if not forms:
+        return []
+    joined = {form: gather(r for r in reports if r.get("habit") == form) for form in forms}
+    names = [name for name in NAMES if score_pairs(joined[forms[0]][name])["n_intervals"]]
+    lines = [
+        "",
+        "By form, MAE with the intervals that hold the truth:",
+        "",
+        "| form | trees |" + "".join(f" {NAMES[name][0]}, {NAMES[name][1]} |" for name in names),
+        "|---|" + "---:|" * (len(names) + 1),
+    ]
+    for form in forms:
+        scores = [(score_pairs(joined[form][name]), NAMES[name][2]) for name in names]
+        cells = [f"{_number(score['mae'], factor)}, {_covered(score)}" for score, factor in scores]
+        n_trees = sum(report.get("habit") == form for report in reports)
+        lines.append(f"| {form} | {n_trees} | " + " | ".join(cells) + " |")
+    return lines
 
 
 def _which(reports):
@@ -123,8 +150,11 @@ def traits_figure(reports):
     -------
     matplotlib.figure.Figure
     """
-    figure = Figure(figsize=(10, 6.4), layout="constrained")
-    for axis, (name, pairs) in zip(figure.subplots(2, 3).flat, gather(reports).items()):
+    figure = Figure(figsize=(12, 6.2), layout="constrained")
+    panels = figure.subplots(2, 4).flat
+    for axis in panels[len(NAMES) :]:
+        axis.remove()
+    for axis, (name, pairs) in zip(panels, gather(reports).items()):
         words, unit, factor, _ = NAMES[name]
         true, found = factor * pairs["true"], factor * pairs["found"]
         if np.isfinite(pairs["low"]).any():
