@@ -9,6 +9,7 @@ from cherrypicker.classes import CLASS_NAMES, Label
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.contraction import contract_points
+from cherrypicker.skeleton.limbs import recentre_limbs
 from cherrypicker.skeleton.sampling import median_spacing, thin_to_limit
 from cherrypicker.skeleton.stem_gap import fill_stem_gaps
 from cherrypicker.skeleton.tube import recentre_stem
@@ -140,12 +141,16 @@ def contract_wood(
         [weight_of[label], np.full(len(filler), weight_of[Label.TRUNK])]
     )
     result = contract_points(entering, entering_weight if method == "slbc" else None, options)
-    moved, n_on_axis = result.points, 0
+    moved, n_on_axis, n_on_rings = result.points, 0, 0
     if method == "slbc" and options is not None and options.scheme == "adaptive":
         stem = _mostly_trunk(entering, label, len(filler))
         moved = moved.copy()
         moved[stem], is_moved = recentre_stem(entering[stem], moved[stem], base, spacing=spacing)
         n_on_axis = int(np.count_nonzero(is_moved))
+        taken = np.zeros(len(entering), dtype=bool)
+        taken[stem] = is_moved
+        moved, on_ring = recentre_limbs(entering, moved, base, spacing=spacing, taken=taken)
+        n_on_rings = int(np.count_nonzero(on_ring[: len(points)]))
     contracted = PointCloud(
         moved[: len(points)],
         fields={"label": label.astype(np.uint8), "source": source.astype(np.int32)},
@@ -160,6 +165,7 @@ def contract_wood(
         "n_contracted": len(points),
         "n_filled": len(filler),
         "n_on_stem_axis": n_on_axis,
+        "n_on_limb_axes": n_on_rings,
         "mass_ratio": [round(value, 6) for value in result.mass_ratio],
         "stop": result.stop,
         "wood": wood_report,
