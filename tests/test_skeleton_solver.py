@@ -7,8 +7,9 @@ from scipy.spatial import cKDTree
 from skeleton_shapes import labelled_cloud, sample_axes, sample_skeleton, small_tree, tube
 
 from cherrypicker.errors import StageError
-from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import axes, fold
+from cherrypicker.skeleton.contract_wood import contract_wood
+from cherrypicker.skeleton.contraction import preset_options
 from cherrypicker.skeleton.extract import extract_skeleton
 from cherrypicker.skeleton.graph import find_root, spanning_tree
 from cherrypicker.skeleton.model import Skeleton
@@ -169,24 +170,11 @@ def test_tapered_radii_never_grow():
 
 @pytest.fixture(scope="module")
 def tree_case():
-    """A surface cloud, and the axes' points as an ideal contraction with sources."""
+    """The contracted points of a small tree, its surface cloud and its true axes."""
     points, labels, true_axes = small_tree(3, noise=0.001)
-    ideal, label, source = [], [], []
-    nearest = cKDTree(points)
-    for start, end, *_, kind in true_axes:
-        piece = way(start, end, step=0.003)
-        ideal.append(piece)
-        label.append(np.full(len(piece), kind))
-        source.append(nearest.query(piece)[1])
-    contracted = PointCloud(
-        np.vstack(ideal),
-        fields={
-            "label": np.concatenate(label).astype(np.uint8),
-            "source": np.concatenate(source).astype(np.int32),
-        },
-        frame="metric",
-    )
-    return contracted, labelled_cloud(points, labels), true_axes
+    cloud = labelled_cloud(points, labels)
+    contracted, _ = contract_wood(cloud, options=preset_options())
+    return contracted, cloud, true_axes
 
 
 @pytest.mark.parametrize("method", ["mst", "tree"])

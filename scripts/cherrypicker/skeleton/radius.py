@@ -4,8 +4,8 @@ import logging
 
 import numba
 import numpy as np
-from scipy.spatial import cKDTree
 
+from cherrypicker.skeleton.edge_search import nearest_edges
 from cherrypicker.skeleton.tree_walks import (
     child_rows,
     fill_reach,
@@ -51,36 +51,23 @@ def local_tangents(skeleton, reach):
     return found
 
 
-def assign_surface(skeleton, surface, step):
-    """Nearest place on the skeleton's edges for each surface point.
+def assign_surface(skeleton, surface):
+    """Node of the nearest edge of the skeleton to each surface point.
 
     Parameters
     ----------
     skeleton : Skeleton
     surface : ndarray of shape (n_points, 3)
-    step : float
-        Edges are sampled at this distance.
 
     Returns
     -------
     node : ndarray of shape (n_points,), int64
         Nearer end of the nearest edge.
     distance : ndarray of shape (n_points,), float64
-        Distance to the sampled edges.
+        Distance to that edge.
     """
-    length, parent = skeleton.edge_length, skeleton.parent
-    n_steps = np.maximum(1, np.ceil(length / step).astype(np.int64))
-    n_steps[0] = 1
-    node = np.repeat(np.arange(len(skeleton)), n_steps)
-    first = np.repeat(np.cumsum(n_steps) - n_steps, n_steps)
-    share = (np.arange(len(node)) - first) / n_steps[node]  # 0 at the node, towards 1 at its parent
-    above = np.where(parent[node] >= 0, parent[node], 0)
-    places = skeleton.points[node] + share[:, None] * (
-        skeleton.points[above] - skeleton.points[node]
-    )
-    owner = np.where(share <= 0.5, node, above)
-    distance, nearest = cKDTree(places).query(surface, workers=1)
-    return owner[nearest], distance
+    node, share, distance = nearest_edges(skeleton, surface)
+    return np.where(share <= 0.5, node, np.maximum(skeleton.parent[node], 0)), distance
 
 
 def fit_circle(xy, weights=None):
@@ -287,7 +274,7 @@ def fit_radii(
         With `radius` and the fields ``n_points``, ``arc_deg``, ``residual``.
     """
     n_nodes = len(skeleton)
-    owner, distance = assign_surface(skeleton, surface, spacing / 3)
+    owner, distance = assign_surface(skeleton, surface)
     near = distance <= max_radius
     owner, distance, surface = owner[near], distance[near], surface[near]
     order = np.argsort(owner, kind="stable")

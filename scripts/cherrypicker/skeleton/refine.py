@@ -5,17 +5,15 @@ from dataclasses import replace
 
 import numba
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.skeleton.axes import axis_runs
+from cherrypicker.skeleton.edge_search import nearest_edges
 from cherrypicker.skeleton.refine_axes import refine_strands
 from cherrypicker.skeleton.strands import join_strands, split_strands
 
 __all__ = ["refine_skeleton", "taper_radii", "taper_skeleton"]
 
 logger = logging.getLogger(__name__)
-
-NEAR_NODES = 6
 
 
 def taper_radii(radius, weights):
@@ -123,10 +121,6 @@ def _points_by_axis(skeleton, surface):
     nodes, first, *_ = axis_runs(skeleton)
     owner = np.empty(len(skeleton), dtype=np.int64)
     owner[nodes] = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    n_near = min(NEAR_NODES, len(skeleton))
-    distance, near = cKDTree(skeleton.points).query(surface, k=n_near)
-    distance, near = distance.reshape(-1, n_near), near.reshape(-1, n_near)
-    best = np.argmin(distance - skeleton.radius[near], axis=1)
-    axis = owner[near[np.arange(len(surface)), best]]
+    axis = owner[nearest_edges(skeleton, surface, outside=True)[0]]
     order = np.argsort(axis, kind="stable")
     return order, np.searchsorted(axis[order], np.arange(len(first)))

@@ -66,7 +66,7 @@ def regrow(skeleton, surface, spacing):
     n_added : int
     """
     noise = surface_noise(skeleton)
-    owner, distance = assign_surface(skeleton, surface, spacing / 3)
+    owner, distance = assign_surface(skeleton, surface)
     radius = skeleton.radius[owner]
     excess = distance - radius
     least = np.maximum(CLEAR_IN_NOISE * noise, LEAST_CLEAR * spacing) + CLEAR_IN_RADII * radius

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.skeleton.axes import axes
+from cherrypicker.skeleton.edge_search import sections_around
 
 __all__ = ["prune_stem_strays", "prune_unseen"]
 
@@ -17,7 +18,7 @@ LEAST_CLEAR = 0.6  # spacings
 MOST_AWAY = 2.0  # spacings beyond its radius that a way's own points may lie from it
 LEAST_POINTS = 5
 LEAST_PER_SPACING = 0.5  # points a spacing of way beyond the other wood
-NEIGHBORS = 12
+NEAR_SECTIONS = 6
 MOST_ROUNDS = 30
 DEAD = -2
 
@@ -42,15 +43,15 @@ def prune_unseen(skeleton, surface, spacing, noise):
     -------
     Skeleton
     """
-    places = _Places(skeleton, surface, spacing)
     clear = max(CLEAR_IN_NOISE * noise, LEAST_CLEAR * spacing)
+    most_away = MOST_AWAY * spacing + 3 * noise
+    evidence = _Evidence(skeleton, surface, spacing, clear, most_away)
     alive = np.ones(len(skeleton), dtype=bool)
     for _ in range(MOST_ROUNDS):
-        rows = np.flatnonzero(alive)
         own, ends = _terminal_ways(skeleton.select(alive))
         way = np.full(len(skeleton), DEAD, dtype=np.int64)
-        way[rows] = own
-        seen, wanted = places.evidence(way, len(ends), clear, MOST_AWAY * spacing + 3 * noise)
+        way[alive] = own
+        seen, wanted = evidence.of(way, len(ends))
         weak = np.flatnonzero(seen < wanted)
         if not len(weak):
             break
@@ -122,41 +123,80 @@ def _ways(parent, n_children):
     return way, ends[:n_ways]
 
 
-class _Places:
-    """Places along a skeleton and the nearest of them to each surface point, and to each other."""
+class _Evidence:
+    """The wood around each surface point and around each place along a skeleton.
 
-    def __init__(self, skeleton, surface, spacing):
+    Both are kept by sections, the pieces of the skeleton between junctions and tips: whatever is
+    pruned, a way consists of whole sections.
+    """
+
+    def __init__(self, skeleton, surface, spacing, clear, most_away):
         n_steps = np.maximum(np.ceil(skeleton.edge_length / spacing).astype(np.int64), 1)
-        self.node = np.repeat(np.arange(len(skeleton)), n_steps)
+        node = np.repeat(np.arange(len(skeleton)), n_steps)
         start = np.repeat(np.cumsum(n_steps) - n_steps, n_steps)
-        share = (np.arange(len(self.node)) - start) / n_steps[self.node]
-        up = np.maximum(skeleton.parent, 0)
-        step = (skeleton.points[up] - skeleton.points)[self.node]
-        points = skeleton.points[self.node] + share[:, None] * step
-        tree, k = cKDTree(points), min(NEIGHBORS, len(points))
-        radius = skeleton.radius[self.node]
-        distance, near = tree.query(surface, k=k)
-        self.near = near.reshape(-1, k)
-        self.outside = distance.reshape(-1, k) - radius[self.near]
-        distance, near = tree.query(points, k=k)
-        self.beside = near.reshape(-1, k)
-        self.between = distance.reshape(-1, k) - radius[self.beside]
+        share = (np.arange(len(node)) - start) / n_steps[node]
+        step = skeleton.points[np.maximum(skeleton.parent, 0)] - skeleton.points
+        places = skeleton.points[node] + share[:, None] * step[node]
+        section = _sections(skeleton.parent, skeleton.n_children)
+        self.own = section[node]
+        nothing = np.full(len(surface), -1)
+        limits = max(clear, most_away), clear
+        around = (surface, nothing), (places, self.own)
+        self.around, self.beside = (
+            sections_around(skeleton, section, *which, limit, NEAR_SECTIONS)
+            for which, limit in zip(around, limits)
+        )
+        self.limits = clear, most_away
 
-    def evidence(self, way, n_ways, clear, most_away):
+    def of(self, way, n_ways):
         """Points of its own that each terminal way has, and how many it needs.
 
         `way` holds the terminal way of each node, -1 for none and `DEAD` for those cut off.
         """
-        owner = way[self.node]
-        outside = np.where(owner[self.near] == DEAD, np.inf, self.outside)
-        rows = np.arange(len(outside))
-        nearest = np.argmin(outside, axis=1)
-        own = owner[self.near[rows, nearest]]
-        others = np.where(owner[self.near] == own[:, None], np.inf, outside).min(axis=1)
-        counts = (own >= 0) & (others > clear) & (outside[rows, nearest] < most_away)
-        seen = np.bincount(own[counts], minlength=n_ways).astype(np.float64)
-        # the length of each way beyond the other wood, over which the points should be spread
-        other = (owner[self.beside] == owner[:, None]) | (owner[self.beside] == DEAD)
-        beside = np.where(other, np.inf, self.between).min(axis=1)
-        free = np.bincount(owner[(owner >= 0) & (beside > clear)], minlength=n_ways)
+        seen, free = _count(way, n_ways, *self.around, self.own, *self.beside, *self.limits)
         return seen, np.maximum(LEAST_POINTS, LEAST_PER_SPACING * free)
+
+
+@numba.njit(cache=True)
+def _sections(parent, n_children):
+    """Upper end of the piece between junctions that each node belongs to."""
+    section = np.arange(len(parent))
+    for node in range(len(parent) - 1, 0, -1):
+        if n_children[parent[node]] == 1:
+            section[parent[node]] = section[node]
+    return section
+
+
+@numba.njit(cache=True)
+def _count(way, n_ways, near, outside, own, beside, between, clear, most_away):
+    """Surface points of each way that lie clear of other wood, and places of it that do."""
+    seen, free = np.zeros(n_ways), np.zeros(n_ways)
+    for row in range(len(near)):
+        mine, others = DEAD, np.inf
+        for at in range(near.shape[1]):
+            if near[row, at] < 0:
+                break
+            which = way[near[row, at]]
+            if which in (DEAD, mine):
+                continue
+            if mine != DEAD:
+                others = outside[row, at]
+                break
+            mine = which if outside[row, at] < most_away else -1
+            if mine < 0:
+                break
+        if mine >= 0 and others > clear:
+            seen[mine] += 1
+    for row in range(len(own)):
+        mine, others = way[own[row]], np.inf
+        if mine < 0:
+            continue
+        for at in range(beside.shape[1]):
+            if beside[row, at] < 0:
+                break
+            which = way[beside[row, at]]
+            if which not in (DEAD, mine):
+                others = between[row, at]
+                break
+        free[mine] += others > clear
+    return seen, free
