@@ -7,6 +7,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
+from cherrypicker.skeleton.graphml import GraphColumns, read_graphml, write_graphml
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.topology import Topology, TopologyEdge
 
@@ -23,12 +24,6 @@ SWC_TYPE = {1: 2}  # class trunk as SWC's axon (2), all else as dendrite (3): vi
 LARGEST_ROUNDING = 1e-5  # float32 is enough while it moves no vertex by more than this
 
 
-def _write_graph(path, graph):
-    """Write GraphML with the standard library's XML, so that equal graphs give equal bytes."""
-    with atomic_path(path) as temporary:
-        nx.write_graphml_xml(graph, str(temporary), prettyprint=True, named_key_ids=True)
-
-
 def write_skeleton_graphml(path, skeleton):
     """Write ``skeleton.graphml``: one node a skeleton node, ids "0" (the root) and up.
 
@@ -38,25 +33,19 @@ def write_skeleton_graphml(path, skeleton):
     skeleton : Skeleton
         Its `fields` become further node attributes; ``gap`` becomes an edge attribute.
     """
-    graph = nx.Graph(root="0", unit=skeleton.unit, frame=skeleton.frame)
-    length = skeleton.edge_length
     fields = {name: values.tolist() for name, values in skeleton.fields.items() if name != "gap"}
     gap = skeleton.fields.get("gap")
-    for node in range(len(skeleton)):
-        x, y, z = skeleton.points[node].tolist()
-        graph.add_node(
-            str(node),
-            x=x,
-            y=y,
-            z=z,
-            radius=float(skeleton.radius[node]),
-            label=int(skeleton.label[node]),
-            **{name: values[node] for name, values in fields.items()},
-        )
-    for node in range(1, len(skeleton)):
-        extra = {} if gap is None else {"gap": int(gap[node])}
-        graph.add_edge(str(skeleton.parent[node]), str(node), length=float(length[node]), **extra)
-    _write_graph(path, graph)
+    ids = list(map(str, range(len(skeleton))))
+    nodes = dict(zip("xyz", skeleton.points.T.astype(float).tolist(), strict=True))
+    nodes["radius"] = skeleton.radius.astype(float).tolist()
+    nodes["label"] = skeleton.label.astype(int).tolist()
+    edge_data = {"length": skeleton.edge_length[1:].astype(float).tolist()}
+    if gap is not None:
+        edge_data["gap"] = gap[1:].astype(int).tolist()
+    attributes = {"root": "0", "unit": skeleton.unit, "frame": skeleton.frame}
+    edges = list(zip(map(str, skeleton.parent[1:].tolist()), ids[1:], strict=True))
+    with atomic_path(path) as temporary:
+        write_graphml(temporary, GraphColumns(attributes, ids, nodes | fields, edges, edge_data))
 
 
 def write_topology_graphml(path, topology):
@@ -67,22 +56,19 @@ def write_topology_graphml(path, topology):
     path : path-like
     topology : Topology
     """
-    graph = nx.Graph(root="0", unit=topology.unit, frame=topology.frame)
-    for node, kind, (x, y, z) in zip(
-        topology.nodes.tolist(), topology.kind, topology.points.tolist()
-    ):
-        graph.add_node(str(node), x=x, y=y, z=z, kind=kind)
-    for edge in topology.edges:
-        graph.add_edge(
-            str(edge.parent),
-            str(edge.child),
-            length=edge.length,
-            radius_start=edge.radius_start,
-            radius_end=edge.radius_end,
-            order=edge.order,
-            path=" ".join(map(str, edge.path.tolist())),
-        )
-    _write_graph(path, graph)
+    nodes = dict(zip("xyz", topology.points.T.astype(float).tolist(), strict=True))
+    nodes["kind"] = list(topology.kind)
+    edge_data = {
+        name: [float(getattr(edge, name)) for edge in topology.edges]
+        for name in ("length", "radius_start", "radius_end")
+    }
+    edge_data["order"] = [int(edge.order) for edge in topology.edges]
+    edge_data["path"] = [" ".join(map(str, edge.path.tolist())) for edge in topology.edges]
+    attributes = {"root": "0", "unit": topology.unit, "frame": topology.frame}
+    ids = list(map(str, topology.nodes.tolist()))
+    edges = [(str(edge.parent), str(edge.child)) for edge in topology.edges]
+    with atomic_path(path) as temporary:
+        write_graphml(temporary, GraphColumns(attributes, ids, nodes, edges, edge_data))
 
 
 def _read_graph(path):
@@ -90,10 +76,10 @@ def _read_graph(path):
     if not Path(path).is_file():
         raise StageError("the graph is missing", file=path, key="graph.method")
     try:
-        graph = nx.read_graphml(path)
+        graph = read_graphml(path)
     except (nx.NetworkXError, SyntaxError, ValueError) as error:
         raise StageError(f"not a readable GraphML file: {error}", file=path) from error
-    if str(graph.graph.get("root")) not in graph:
+    if str(graph.attributes.get("root")) not in graph.ids:
         raise StageError("the graph has no `root` attribute that names a node", file=path)
     return graph
 
@@ -117,26 +103,26 @@ def read_skeleton(path):
         If the file is missing, unreadable, not a tree, or lacks an attribute.
     """
     graph = _read_graph(path)
-    names = list(graph.nodes)
+    names = graph.ids
     number = {name: index for index, name in enumerate(names)}
     edges = np.array([(number[a], number[b]) for a, b in graph.edges], dtype=np.int64)
-    root = number[str(graph.graph["root"])]
+    root = number[str(graph.attributes["root"])]
     try:
         order, parent = rooted_order(len(names), edges, root)
-        columns = {
-            key: np.array([graph.nodes[name][key] for name in names])
-            for key in graph.nodes[names[root]]
-        }
+        columns = {name: np.array(values) for name, values in graph.nodes.items()}
         points = np.stack([columns.pop(axis) for axis in "xyz"], axis=1)
         radius, label = columns.pop("radius"), columns.pop("label")
     except (KeyError, ValueError) as error:
         raise StageError(f"not a skeleton: {error}", file=path) from error
-    if all("gap" in data for _, _, data in graph.edges(data=True)) and len(edges):
+    if "gap" in graph.edge_data:
+        child = order[1:]
+        upper = np.full(len(names), -1, dtype=np.int64)
+        upper[child] = order[parent[1:]]
+        is_child = upper[edges[:, 1]] == edges[:, 0]
         columns["gap"] = np.zeros(len(names), dtype=np.int64)
-        for node in range(1, len(names)):
-            a, b = names[order[node]], names[order[parent[node]]]
-            columns["gap"][order[node]] = graph.edges[a, b]["gap"]
-    unit, frame = graph.graph.get("unit", "m"), graph.graph.get("frame", "metric")
+        columns["gap"][np.where(is_child, edges[:, 1], edges[:, 0])] = graph.edge_data["gap"]
+    unit = graph.attributes.get("unit", "m")
+    frame = graph.attributes.get("frame", "metric")
     if root == 0 and _is_rooted(names, edges):
         order, parent = np.arange(len(names)), _parents(len(names), edges)
     return Skeleton(
@@ -182,29 +168,22 @@ def read_topology(path):
     """
     graph = _read_graph(path)
     try:
-        nodes = np.array(sorted(int(name) for name in graph.nodes), dtype=np.int64)
-        data = [graph.nodes[str(node)] for node in nodes]
-        points = np.array([[item[axis] for axis in "xyz"] for item in data], dtype=np.float64)
+        nodes = np.array([int(name) for name in graph.ids], dtype=np.int64)
+        order = np.argsort(nodes)
+        points = np.array([graph.nodes[axis] for axis in "xyz"], dtype=np.float64).T[order]
+        data = graph.edge_data
         edges = []
-        for _, _, item in graph.edges(data=True):
-            way = np.array([int(node) for node in item["path"].split()], dtype=np.int64)
-            edges.append(
-                TopologyEdge(
-                    int(way[0]),
-                    int(way[-1]),
-                    way,
-                    item["length"],
-                    item["radius_start"],
-                    item["radius_end"],
-                    item["order"],
-                )
-            )
-        kind = [item["kind"] for item in data]
+        for row, path_text in enumerate(data["path"] if graph.edges else ()):
+            way = np.array([int(node) for node in path_text.split()], dtype=np.int64)
+            numbers = [data[name][row] for name in ("length", "radius_start", "radius_end")]
+            edges.append(TopologyEdge(int(way[0]), int(way[-1]), way, *numbers, data["order"][row]))
+        kind = [graph.nodes["kind"][row] for row in order]
     except (KeyError, ValueError) as error:
         raise StageError(f"not a topology: {error!r}", file=path) from error
     edges.sort(key=lambda edge: edge.child)
-    unit, frame = graph.graph.get("unit", "m"), graph.graph.get("frame", "metric")
-    return Topology(nodes, kind, points, edges, unit, frame)
+    unit = graph.attributes.get("unit", "m")
+    frame = graph.attributes.get("frame", "metric")
+    return Topology(nodes[order], kind, points, edges, unit, frame)
 
 
 def write_skeleton_swc(path, skeleton):

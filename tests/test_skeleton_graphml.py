@@ -1,0 +1,81 @@
+"""GraphML as columns, beside networkx."""
+
+import networkx as nx
+import pytest
+
+from cherrypicker.skeleton import graphml
+from cherrypicker.skeleton.graphml import GraphColumns, read_graphml, write_graphml
+
+
+def columns(kind="a tip"):
+    return GraphColumns(
+        {"root": "0", "unit": "m"},
+        ["0", "1", "2", "7"],
+        {"x": [0.5, -1e-9, 3e22, float("inf")], "label": [1, 2, 2, 3], "kind": [kind] * 4},
+        [("0", "1"), ("7", "1"), ("0", "2")],
+        {"length": [0.25, 1.0, 0.1], "gap": [0, 1, 0]},
+    )
+
+
+def as_networkx(graph):
+    other = nx.Graph(**graph.attributes)
+    for row, name in enumerate(graph.ids):
+        other.add_node(name, **{key: values[row] for key, values in graph.nodes.items()})
+    for row, (a, b) in enumerate(graph.edges):
+        other.add_edge(a, b, **{key: values[row] for key, values in graph.edge_data.items()})
+    return other
+
+
+def write_by_networkx(graph, path, **options):
+    nx.write_graphml_xml(as_networkx(graph), str(path), **options)
+
+
+@pytest.mark.parametrize("kind", ["a tip", "<thin> & \u00e4"])
+def test_bytes_are_those_of_networkx(tmp_path, kind):
+    write_graphml(tmp_path / "own.graphml", columns(kind))
+    write_by_networkx(columns(kind), tmp_path / "nx.graphml", prettyprint=True, named_key_ids=True)
+    assert (tmp_path / "own.graphml").read_bytes() == (tmp_path / "nx.graphml").read_bytes()
+
+
+def test_own_layout_is_read_without_networkx(tmp_path, monkeypatch):
+    write_graphml(tmp_path / "own.graphml", columns())
+    monkeypatch.setattr(graphml, "_read_any", None)
+    found = read_graphml(tmp_path / "own.graphml")
+    assert found.edges == [("0", "1"), ("0", "2"), ("1", "7")]  # by their first nodes
+    assert found.edge_data == {"length": [0.25, 0.1, 1.0], "gap": [0, 0, 1]}
+    expected = columns()
+    assert (found.ids, found.nodes) == (expected.ids, expected.nodes)
+    assert found.attributes == expected.attributes
+    assert [type(values[0]) for values in found.nodes.values()] == [float, int, str]
+
+
+def test_other_layouts_are_read_as_well(tmp_path):
+    write_by_networkx(columns("a & b"), tmp_path / "flat.graphml", named_key_ids=True)
+    found = read_graphml(tmp_path / "flat.graphml")
+    assert found.nodes == columns("a & b").nodes
+    assert found.edge_data["gap"] == [0, 0, 1]
+    assert found.attributes == {"root": "0", "unit": "m"}
+    (tmp_path / "lone.graphml").write_bytes(
+        (tmp_path / "flat.graphml").read_bytes().replace(b'<data key="label">2</data>', b"", 1)
+    )
+    lone = read_graphml(tmp_path / "lone.graphml")
+    assert set(found.nodes) - set(lone.nodes) == {"label"}  # one node lacks it
+
+
+def test_nodes_that_differ_are_not_read_by_their_layout(tmp_path):
+    write_graphml(tmp_path / "own.graphml", columns())
+    text = (tmp_path / "own.graphml").read_text()
+    line = '      <data key="label">2</data>\n'
+    assert text.count(line) == 2
+    moved = text.replace(line, "", 1).replace(line, 2 * line, 1)
+    assert graphml._read_own_layout(text) is not None
+    assert graphml._read_own_layout(moved) is None
+    assert graphml._read_own_layout(text + "<more/>") is None
+
+
+def test_a_single_node(tmp_path):
+    graph = GraphColumns({"root": "0"}, ["0"], {"x": [1.0]}, [], {})
+    write_graphml(tmp_path / "own.graphml", graph)
+    write_by_networkx(graph, tmp_path / "nx.graphml", prettyprint=True, named_key_ids=True)
+    assert (tmp_path / "own.graphml").read_bytes() == (tmp_path / "nx.graphml").read_bytes()
+    assert read_graphml(tmp_path / "own.graphml") == graph
