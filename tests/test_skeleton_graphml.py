@@ -79,3 +79,9 @@ def test_a_single_node(tmp_path):
     write_by_networkx(graph, tmp_path / "nx.graphml", prettyprint=True, named_key_ids=True)
     assert (tmp_path / "own.graphml").read_bytes() == (tmp_path / "nx.graphml").read_bytes()
     assert read_graphml(tmp_path / "own.graphml") == graph
+
+
+def test_what_is_no_graphml_is_a_value_error(tmp_path):
+    (tmp_path / "own.graphml").write_text("<graphml/>")
+    with pytest.raises(ValueError, match="graphml"):
+        read_graphml(tmp_path / "own.graphml")

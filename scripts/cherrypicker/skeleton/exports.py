@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import networkx as nx
 import numpy as np
 
 from cherrypicker.errors import StageError
@@ -77,7 +76,7 @@ def _read_graph(path):
         raise StageError("the graph is missing", file=path, key="graph.method")
     try:
         graph = read_graphml(path)
-    except (nx.NetworkXError, SyntaxError, ValueError) as error:
+    except (SyntaxError, ValueError) as error:
         raise StageError(f"not a readable GraphML file: {error}", file=path) from error
     if str(graph.attributes.get("root")) not in graph.ids:
         raise StageError("the graph has no `root` attribute that names a node", file=path)

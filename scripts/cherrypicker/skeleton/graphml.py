@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-import networkx as nx
-
 __all__ = ["GraphColumns", "read_graphml", "write_graphml"]
 
 _HEAD = """<?xml version='1.0' encoding='utf-8'?>
@@ -128,7 +126,7 @@ def read_graphml(path):
 
     Raises
     ------
-    networkx.NetworkXError, SyntaxError, ValueError
+    SyntaxError, ValueError
         If the file is no GraphML.
     """
     try:
@@ -194,7 +192,12 @@ def _read_part(text, kind, opening, declared):
 
 def _read_any(path):
     """Columns by networkx; attributes that only some nodes or edges have are left out."""
-    graph = nx.read_graphml(path)
+    import networkx as nx  # takes longer to import than our own files to read
+
+    try:
+        graph = nx.read_graphml(path)
+    except nx.NetworkXError as error:
+        raise ValueError(str(error)) from error
     edges, edge_data = list(graph.edges), [data for _, _, data in graph.edges(data=True)]
     attributes = {k: v for k, v in graph.graph.items() if k not in ("node_default", "edge_default")}
     nodes = _shared([data for _, data in graph.nodes(data=True)])
