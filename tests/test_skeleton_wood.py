@@ -145,3 +145,18 @@ def test_long_piece_is_kept_over_a_gap_that_it_does_not_point_across():
     is_limb = (source >= top.sum()) & (source < top.sum() + len(limb))
     assert keep[is_limb].all()
     assert not keep[source >= top.sum() + len(limb)].any()
+
+
+@pytest.mark.parametrize(("size", "is_bridged"), [(3.5, True), (1.0, False)])
+def test_a_cut_through_a_tall_tree_is_bridged_as_its_height_allows(size, is_bridged):
+    """A scan that lacks the 50 cm between two heights, with crumbs of wood in between."""
+    rng = np.random.default_rng(5)
+    line = np.linspace(0, 1, 240)[:, None]
+    stem = (0, 0, 1.0) * line
+    limbs = np.vstack([(0, 0, 1.0) + line * way for way in ((0.3, 0, 2), (-0.3, 0.1, 2))])
+    points = np.vstack([stem, limbs]) * size
+    points = points[np.abs(points[:, 2] - size - 0.25) > 0.25]
+    crumbs = (0.12, 0, size + 0.08) + rng.normal(0, 0.02, (12, 3))
+    points = np.vstack([points, crumbs])
+    wood = select_target_wood(points, np.full(len(points), 2))
+    assert (wood.keep[:-12].mean() > 0.95) == is_bridged

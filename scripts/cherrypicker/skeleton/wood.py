@@ -25,6 +25,7 @@ N_NEIGHBORS = 10
 REACH_IN_SPACINGS = 3.5  # neighbours within this many point spacings touch each other
 LOCAL_REACH = 2.0  # or, where points lie farther apart than elsewhere, within this many local ones
 LEAST_GAP_IN_SPACINGS = 8.0
+GAP_HEIGHT_M = 4.0  # gaps are meant for trees up to this tall, and grow with taller ones
 GAP_COST = 3.0  # a metre of missing data counts as this many of wood
 BORDER_IN_SPACINGS = 3.0
 ANY_DIRECTION_SHARE = 0.4  # of the longest gap: a shorter one is bridged in any direction
@@ -81,7 +82,8 @@ def select_target_wood(
         outside.
     gap_m : float, default 0.25
         Longest gap along the direction of a branch that is still bridged; 0.4 of it in any
-        other direction, all of it for a piece three times as long as its gap.
+        other direction, all of it for a piece three times as long as its gap. In a tree taller
+        than 4 m it grows with the height.
     stem_gap_m : float, default 0.6
         Longest gap between two pieces of trunk.
 
@@ -97,6 +99,7 @@ def select_target_wood(
     if not len(points):
         raise StageError("no wood points", key="contract.classes")
     edges, spacing = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS, LOCAL_REACH)
+    gap_m *= max(1.0, float(np.ptp(points[:, 2])) / GAP_HEIGHT_M)
     gap_m = max(gap_m, LEAST_GAP_IN_SPACINGS * spacing)  # of a coarse scan of a big tree
     links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
     stems = find_stems(points, ground, labels) or [_lowest_base(points, labels)]
@@ -159,7 +162,12 @@ def _links_of_long(points, edges, gap_m):
     np.minimum.at(low, piece, points)
     np.maximum.at(high, piece, points)
     extent = np.linalg.norm(high - low, axis=1)
-    links = component_links(points, edges, gap_m)
+    # shorter pieces have no gap left that they are long beside, and would lie between long ones
+    rows = np.flatnonzero((extent >= LONG_IN_GAPS * ANY_DIRECTION_SHARE * gap_m)[piece])
+    if not len(rows):
+        return np.empty((0, 2), dtype=np.int64)
+    own_edges = _edges_among(rows, edges, len(points))
+    links = rows[component_links(points[rows], own_edges, gap_m)]
     gap = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
     return links[extent[piece[links]].min(axis=1) >= LONG_IN_GAPS * gap]
 
