@@ -9,6 +9,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.neighbors import component_links, knn_edges, sparse_graph
 from cherrypicker.skeleton.sampling import farthest_point_sample
+from cherrypicker.skeleton.stems import lowest_thick
 
 __all__ = [
     "FEWEST_NODES",
@@ -25,6 +26,8 @@ logger = logging.getLogger(__name__)
 FEWEST_NODES = 3
 FEWEST_STEM_POINTS = 12
 MOST_SAMPLES = 20_000
+THICK_SHARE, MOSTLY_TRUNK = 0.02, 0.5  # around the foot, that its label may be believed
+MOST_FOOT_SPREAD = 0.3  # of its radius
 FOOT_SHARE = 0.05  # of the height: how far above its lowest point the stem's foot is looked for
 
 
@@ -50,16 +53,19 @@ def find_root(points, labels, base=None):
     Returns
     -------
     int
+        The lowest trunk point; where the wood around it is no trunk, the lowest thick wood.
     """
     rows = np.flatnonzero(labels == 1)
-    rows = rows if len(rows) else np.arange(len(points))
     height = float(np.ptp(points[:, 2])) or 1.0
-    if base is None:
-        return int(rows[np.argmin(points[rows, 2])])
-    base = np.asarray(base, dtype=np.float64)
-    aside = np.linalg.norm(points[rows, :2] - base[:2], axis=1)
-    rows = rows[aside <= max(3 * aside.min(), FOOT_SHARE * height)]
-    return int(rows[np.argmin(points[rows, 2])])
+    if len(rows):
+        if base is not None:
+            aside = np.linalg.norm(points[rows, :2] - np.asarray(base)[:2], axis=1)
+            rows = rows[aside <= max(3 * aside.min(), FOOT_SHARE * height)]
+        root = int(rows[np.argmin(points[rows, 2])])
+        around = np.linalg.norm(points - points[root], axis=1) < THICK_SHARE * height
+        if np.mean(labels[around] == 1) >= MOSTLY_TRUNK:
+            return root
+    return lowest_thick(points, THICK_SHARE * height, 2 * FOOT_SHARE * height, base)
 
 
 def without_foot(points, stem_points, base):
@@ -93,7 +99,10 @@ def without_foot(points, stem_points, base):
     if len(foot) < FEWEST_STEM_POINTS:
         return keep
     middle = np.median(foot[:, :2], axis=0)
-    radius = float(np.median(np.linalg.norm(foot[:, :2] - middle, axis=1)))
+    away = np.linalg.norm(foot[:, :2] - middle, axis=1)
+    radius = float(np.median(away))
+    if np.median(np.abs(away - radius)) > MOST_FOOT_SPREAD * radius:
+        return keep  # stray labels, no stem
     low = float(np.quantile(foot[:, 2], 0.02)) + 1.2 * radius
     keep = (points[:, 2] > low) | (np.linalg.norm(points[:, :2] - middle, axis=1) > 2.5 * radius)
     return keep if np.count_nonzero(keep) >= FEWEST_NODES else np.ones(len(points), dtype=bool)

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 
-__all__ = ["Stem", "find_stems", "ground_height"]
+__all__ = ["Stem", "find_stems", "ground_height", "lowest_thick"]
 
 logger = logging.getLogger(__name__)
 
@@ -21,6 +21,7 @@ LEAST_EXTENT = 0.5
 SAME_STEM = 0.10
 FEWEST_POINTS = 8
 MOSTLY_TRUNK, HARDLY_TRUNK = 0.5, 0.1
+THICK = 0.3  # of the most points around a low place: about half lie around a stem's end
 
 
 @dataclass
@@ -135,3 +136,33 @@ def _merge_close(points, height, stems, distance):
         else:
             merged.append(stem)
     return merged
+
+
+def lowest_thick(points, radius, reach, base=None):
+    """Row of the lowest point of the thickest low wood: the foot of a stem that no label tells.
+
+    Twigs may hang lower than the foot, but have fewer points around.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Contracted or surface points, z up.
+    radius : float
+        Of the ball whose points count as thickness.
+    reach : float
+        How far above the lowest point, and aside of the base, the foot is looked for.
+    base : array-like of 3 floats, optional
+        Where the stem stands, about.
+
+    Returns
+    -------
+    int
+    """
+    rows = np.arange(len(points))
+    if base is not None:
+        aside = np.linalg.norm(points[:, :2] - np.asarray(base)[:2], axis=1)
+        rows = np.flatnonzero(aside <= max(reach, 1.5 * aside.min()))
+    rows = rows[points[rows, 2] <= points[rows, 2].min() + reach]
+    count = cKDTree(points).query_ball_point(points[rows], radius, return_length=True)
+    rows = rows[count >= THICK * count.max()]
+    return int(rows[np.argmin(points[rows, 2])])
