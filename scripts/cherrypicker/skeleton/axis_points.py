@@ -17,6 +17,7 @@ ROUNDS = 3
 LEAST_LINE = 0.5  # 1 - second over first eigenvalue of the points in the ball
 MOST_WIDTH, NOISE_WIDTH = 0.4, 0.16  # of the ball's radius, and in spacings
 FEWEST_POINTS = 4
+BATCH, FAR_AWAY = 16, 1e9
 EXPLAINED_WIDTHS = 1.6  # of the width of a line: where most of its points lie
 NEAR_CONTRACTED, NEAR_IN_WIDTHS = 2.0, 0.6  # spacings, and widths, that the two may differ
 
@@ -61,8 +62,10 @@ def axis_points(points, contracted, spacing):
     keep = np.ones(len(points), dtype=bool)
     lines = np.flatnonzero(around > 0)
     if len(lines) and len(waiting):
-        away, nearest = cKDTree(found[lines]).query(points[waiting])
-        keep[waiting] = away > EXPLAINED_WIDTHS * around[lines[nearest]]
+        reach = EXPLAINED_WIDTHS * np.append(around[lines], np.inf)  # the last: of none so near
+        limit = 1.01 * reach[:-1].max()
+        away, nearest = cKDTree(found[lines]).query(points[waiting], distance_upper_bound=limit)
+        keep[waiting] = (away > reach[nearest]) | (nearest == len(lines))
     return found, keep, direction
 
 
@@ -120,10 +123,10 @@ def _keys(points, low, shape, radius):
 @numba.njit(cache=True)
 def _means(points, key, low, shape, places, radius):
     means = places.copy()
-    rows, cell = np.empty((9, 2), dtype=np.int64), np.full(3, -1, dtype=np.int64)
+    near, cell = np.empty((3, BATCH)), np.full(4, -1, dtype=np.int64)
     for place in range(len(places)):
-        _find_rows(key, low, shape, places[place], radius, cell, rows)
-        n, x, y, z, _ = _ball_sums(points, rows, places[place], radius)
+        near = _gather(points, key, low, shape, places[place], radius, cell, near)
+        n, x, y, z, _ = _ball_sums(near, cell[3], places[place], radius)
         if n:
             means[place, 0] += x
             means[place, 1] += y
@@ -137,11 +140,11 @@ def _shift(points, key, low, shape, order, places, radius, rounds):
     line, width = np.zeros(n_places), np.zeros(n_places)
     count = np.zeros(n_places, dtype=np.int64)
     direction = np.zeros((n_places, 3))
-    rows, cell = np.empty((9, 2), dtype=np.int64), np.full(3, -1, dtype=np.int64)
+    near, cell = np.empty((3, BATCH)), np.full(4, -1, dtype=np.int64)
     for place in order:
         for _ in range(rounds):
-            _find_rows(key, low, shape, places[place], radius, cell, rows)
-            n, x, y, z, c = _ball_sums(points, rows, places[place], radius)
+            near = _gather(points, key, low, shape, places[place], radius, cell, near)
+            n, x, y, z, c = _ball_sums(near, cell[3], places[place], radius)
             count[place] = n
             if n < FEWEST_POINTS:
                 break
@@ -158,41 +161,53 @@ def _shift(points, key, low, shape, order, places, radius, rounds):
 
 
 @numba.njit(cache=True)
-def _find_rows(key, low, shape, place, radius, cell, rows):
-    """Rows of the points in the 27 cells around a place, as nine runs; kept while it stays."""
+def _gather(points, key, low, shape, place, radius, cell, near):
+    """Points in the 27 cells around a place, one after the other; kept while it stays in its cell.
+
+    `cell` holds the cell and the number of points in `near`, which far-away ones make a multiple
+    of `BATCH`: what is left over from one is summed many times slower.
+    """
     a = int((place[0] - low[0]) / radius)
     b = int((place[1] - low[1]) / radius)
     c = int((place[2] - low[2]) / radius)
     if a == cell[0] and b == cell[1] and c == cell[2]:
-        return
-    cell[0], cell[1], cell[2] = a, b, c
-    run = 0
+        return near
+    n = 0
     for i in range(a - 1, a + 2):
         for j in range(b - 1, b + 2):
             first = (i * shape[1] + j) * shape[2] + c - 1
             row = np.searchsorted(key, first)
-            rows[run, 0] = row
-            while row < len(key) and key[row] <= first + 2:
-                row += 1
-            rows[run, 1] = row
-            run += 1
+            end = row
+            while end < len(key) and key[end] <= first + 2:
+                end += 1
+            if n + end - row + BATCH > near.shape[1]:
+                larger = np.empty((3, 2 * (n + end - row + BATCH)))
+                larger[:, :n] = near[:, :n]
+                near = larger
+            for axis in range(3):
+                for at in range(end - row):
+                    near[axis, n + at] = points[axis, row + at]
+            n += end - row
+    padded = -(-n // BATCH) * BATCH
+    near[:, n:padded] = FAR_AWAY
+    cell[0], cell[1], cell[2], cell[3] = a, b, c, padded
+    return near
 
 
 @numba.njit(cache=True, fastmath={"reassoc", "contract", "nsz"})  # sums of several points at once
-def _ball_sums(points, rows, place, radius):
+def _ball_sums(points, n_points, place, radius):
     """Number, mean offset and covariance (xx, yy, zz, xy, xz, yz) of the points in a ball."""
     limit = radius * radius
     n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
     px, py, pz = place
-    for run in range(9):
-        for row in range(rows[run, 0], rows[run, 1]):
-            x, y, z = points[0, row] - px, points[1, row] - py, points[2, row] - pz
-            inside = 1.0 if x * x + y * y + z * z <= limit else 0.0
-            n += inside
-            u, v, w = inside * x, inside * y, inside * z
-            sx, sy, sz = sx + u, sy + v, sz + w
-            xx, yy, zz = xx + u * x, yy + v * y, zz + w * z
-            xy, xz, yz = xy + u * y, xz + u * z, yz + v * z
+    for row in range(n_points):
+        x, y, z = points[0, row] - px, points[1, row] - py, points[2, row] - pz
+        inside = 1.0 if x * x + y * y + z * z <= limit else 0.0
+        n += inside
+        u, v, w = inside * x, inside * y, inside * z
+        sx, sy, sz = sx + u, sy + v, sz + w
+        xx, yy, zz = xx + u * x, yy + v * y, zz + w * z
+        xy, xz, yz = xy + u * y, xz + u * z, yz + v * z
     m = max(n, 1.0)
     sx, sy, sz = sx / m, sy / m, sz / m
     spread = (
