@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import isotonic_regression
+from scipy.optimize import isotonic_regression, minimize
 
+from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.polylines import (
     arc_length,
     interpolate,
     nearest_on_polyline,
     straight_back,
 )
-from cherrypicker.skeleton.refine import taper_radii
+from cherrypicker.skeleton.refine import _never_growing, taper_radii, taper_skeleton
 from cherrypicker.skeleton.refine_axes import smooth
 from cherrypicker.skeleton.sampling import farthest_point_sample
 from cherrypicker.skeleton.tree_walks import (
@@ -97,3 +98,39 @@ def test_side_axis_starts_where_it_points_back_to():
     assert cosine == pytest.approx(np.sqrt(0.5), abs=0.01)
     assert np.isnan(straight_back(line, run + [0, 0.1, 0], 0.45, 0.4, 0.02)[0])
     assert np.isnan(straight_back(line, run[::-1], 0.45, 0.4, 0.02)[0])
+
+
+def test_radii_of_a_tree_are_the_nearest_that_never_grow():
+    rng = np.random.default_rng(0)
+    parent = np.array([-1, *(rng.integers(max(i - 6, 0), i) for i in range(1, 60))])
+    radius, weights = rng.uniform(0.01, 0.05, 60), rng.uniform(0.2, 2.0, 60)
+    found = _never_growing(parent, radius, weights)
+    assert (found[1:] <= found[parent[1:]] + 1e-12).all()
+    limits = [
+        {"type": "ineq", "fun": lambda r, i=i: r[parent[i]] - r[i]} for i in range(1, len(parent))
+    ]
+    wanted = minimize(
+        lambda r: 1e4 * (weights * (r - radius) ** 2).sum(),
+        np.full(60, 0.03),
+        constraints=limits,
+        method="SLSQP",
+        options={"maxiter": 500, "ftol": 1e-12},
+    )
+    np.testing.assert_allclose(found, wanted.x, atol=2e-5)
+
+
+def test_a_limb_is_not_made_thin_by_its_fork():
+    stem = np.column_stack([np.zeros((51, 2)), np.linspace(0, 1, 51)])
+    twig = stem[50] + np.column_stack([0.01 * np.arange(1, 5), np.zeros(4), 0.01 * np.arange(1, 5)])
+    limb = twig[-1] + np.column_stack([np.zeros(60), 0.01 * np.arange(1, 61), np.zeros(60)])
+    n = 51 + 4 + 60
+    radius = np.concatenate([np.full(51, 0.04), np.full(4, 0.008), np.full(60, 0.022)])
+    fields = {"arc_deg": np.full(n, 360.0), "n_points": np.full(n, 400)}
+    fields["n_points"][51:55] = 20  # of a fork, whose points most nodes share
+    skeleton = Skeleton(
+        np.vstack([stem, twig, limb]), np.arange(-1, n - 1), radius, np.ones(n, dtype=int), fields
+    )
+    tapered = taper_skeleton(skeleton).radius
+    assert (tapered[55:] > 0.021).all()
+    assert (tapered[51:55] > 0.021).all()
+    np.testing.assert_allclose(tapered[:51], 0.04)

@@ -29,39 +29,81 @@ def taper_radii(radius, weights):
     -------
     ndarray of shape (n,), float64
     """
-    return _taper(np.asarray(radius, dtype=np.float64), np.asarray(weights, dtype=np.float64))
+    radius, n = np.asarray(radius, dtype=np.float64), len(radius)
+    smooth = _running_medians(np.arange(n), np.array([0, n]), radius)
+    return _never_growing(np.arange(-1, n - 1), smooth, np.asarray(weights, dtype=np.float64))
 
 
 @numba.njit(cache=True)
-def _taper(radius, weights):
-    """Running median of five, then the pooled means of neighbours that grow outwards."""
+def _running_medians(nodes, first, radius):
+    """Running medians of five along each run of nodes, ends repeated."""
+    smooth = radius.copy()
+    for run in range(len(first) - 1):
+        own = nodes[first[run] : first[run + 1]]
+        half = min(5, len(own) - (len(own) + 1) % 2) // 2
+        around = np.empty(2 * half + 1)
+        for row in range(len(own)):
+            for step in range(-half, half + 1):
+                around[step + half] = radius[own[min(max(row + step, 0), len(own) - 1)]]
+            smooth[own[row]] = np.median(around)
+    return smooth
+
+
+@numba.njit(cache=True)
+def _never_growing(parent, radius, weights):
+    """Weighted least-squares radii that are nowhere larger than their parent's.
+
+    From the tips to the root every node pools with the child block of the largest mean for as
+    long as that mean is above its own (isotonic regression on a tree, Pardalos and Xue 1999).
+    """
     n = len(radius)
-    half = min(5, n - (n + 1) % 2) // 2
-    mean, weight, count = np.empty(n), np.empty(n), np.zeros(n, dtype=np.int64)
-    around, n_blocks = np.empty(2 * half + 1), 0
-    for row in range(n):
-        for step in range(-half, half + 1):
-            around[step + half] = radius[min(max(row + step, 0), n - 1)]
-        mean[n_blocks], weight[n_blocks], count[n_blocks] = np.median(around), weights[row], 1
-        n_blocks += 1
-        while n_blocks > 1 and mean[n_blocks - 1] > mean[n_blocks - 2]:
-            last, before = n_blocks - 1, n_blocks - 2
-            total = weight[before] + weight[last]
-            mean[before] = (weight[before] * mean[before] + weight[last] * mean[last]) / total
-            weight[before] = total
-            count[before] += count[last]
-            n_blocks -= 1
-    tapered, row = np.empty(n), 0
-    for block in range(n_blocks):
-        tapered[row : row + count[block]] = mean[block]
-        row += count[block]
-    return tapered
+    total, mass, block = weights * radius, weights.copy(), np.arange(n)
+    first, last = np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
+    after = np.full(n, -1, dtype=np.int64)  # the next child block of the same parent's
+    for node in range(n - 1, -1, -1):  # parents come before children
+        while first[node] >= 0:
+            best, before_best, before, at = -1, -1, -1, first[node]
+            while at >= 0:
+                if best < 0 or total[at] * mass[best] > total[best] * mass[at]:
+                    best, before_best = at, before
+                before, at = at, after[at]
+            if total[best] * mass[node] <= total[node] * mass[best]:
+                break
+            if before_best < 0:
+                first[node] = after[best]
+            else:
+                after[before_best] = after[best]
+            if last[node] == best:
+                last[node] = before_best
+            if first[best] >= 0:
+                if first[node] < 0:
+                    first[node] = first[best]
+                else:
+                    after[last[node]] = first[best]
+                last[node] = last[best]
+            total[node] += total[best]
+            mass[node] += mass[best]
+            block[best] = node
+        up = parent[node]
+        if up >= 0:
+            if first[up] < 0:
+                first[up] = node
+            else:
+                after[last[up]] = node
+            last[up] = node
+    found = np.empty(n)
+    for node in range(n):
+        block[node] = block[block[node]]
+        found[node] = total[block[node]] / mass[block[node]]
+    return found
 
 
 def taper_skeleton(skeleton):
-    """Radii that never grow along an axis and never exceed the parent's at the junction.
+    """Radii that never grow from the root to a tip, near the measured ones.
 
-    Nodes that the radius fit trusts more (more of the circumference, more points) weigh more.
+    Nodes that the radius fit trusts more (more of the circumference, more points) weigh more. All
+    axes are fitted at once: where a thick limb leaves a fork whose own nodes have few points, the
+    limb's radii say how thick the fork is.
 
     Parameters
     ----------
@@ -74,21 +116,9 @@ def taper_skeleton(skeleton):
     """
     trust = 1e-3 + skeleton.fields["arc_deg"] / 360 * np.sqrt(skeleton.fields["n_points"])
     trust = np.where(skeleton.n_children > 1, 0.1 * trust, trust)
-    nodes, first, _, _, attach = axis_runs(skeleton)
-    return replace(skeleton, radius=_taper_axes(nodes, first, attach, skeleton.radius, trust))
-
-
-@numba.njit(cache=True)
-def _taper_axes(nodes, first, attach, radius, weights):
-    """Tapered radii of all axes, each at most its parent's where it starts."""
-    radius = radius.copy()
-    for index in range(len(attach)):
-        own = nodes[first[index] : first[index + 1]]
-        most = radius[attach[index]] if attach[index] >= 0 else np.inf
-        tapered = _taper(radius[own], weights[own])
-        for row in range(len(own)):
-            radius[own[row]] = min(tapered[row], most)
-    return radius
+    nodes, first, *_ = axis_runs(skeleton)
+    smooth = _running_medians(nodes, first, skeleton.radius)
+    return replace(skeleton, radius=_never_growing(skeleton.parent, smooth, trust))
 
 
 def refine_skeleton(skeleton, surface, spacing, noise=0.0):
