@@ -64,7 +64,8 @@ def axis_points(points, contracted, spacing):
     if len(lines) and len(waiting):
         reach = EXPLAINED_WIDTHS * np.append(around[lines], np.inf)  # the last: of none so near
         limit = 1.01 * reach[:-1].max()
-        away, nearest = cKDTree(found[lines]).query(points[waiting], distance_upper_bound=limit)
+        lines_tree = cKDTree(found[lines], balanced_tree=False)
+        away, nearest = lines_tree.query(points[waiting], distance_upper_bound=limit)
         keep[waiting] = (away > reach[nearest]) | (nearest == len(lines))
     return found, keep, direction
 

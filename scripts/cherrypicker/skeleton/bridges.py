@@ -57,8 +57,12 @@ def _cost(length, turn, scale):
 
 def _ends(nodes, piece, spacing):
     """Which nodes are ends of their piece, and the direction that each points to."""
-    distance, near = cKDTree(nodes).query(nodes, k=min(MOST_NEIGHBORS, len(nodes)))
-    own = (piece[near] == piece[:, None]) & (distance <= END_SPAN * spacing)
+    reach = END_SPAN * spacing * (1 + 1e-9)
+    k = min(MOST_NEIGHBORS, len(nodes))
+    distance, near = cKDTree(nodes).query(nodes, k=k, distance_upper_bound=reach)
+    found = near < len(nodes)
+    distance, near = np.where(found, distance, 0.0), np.where(found, near, 0)
+    own = found & (piece[near] == piece[:, None])
     own[:, 0] = False
     count = own.sum(axis=1)
     middle = (nodes[near] * own[..., None]).sum(axis=1) / np.maximum(count, 1)[:, None]

@@ -221,19 +221,19 @@ def _around(edges, radius, section, places, order, own, limit, k):
                 reach = limit + radius[edge]
                 if squared <= reach * reach:
                     away = np.sqrt(squared) - radius[edge]
-                    _keep(near[place], outside[place], section[edge], away)
+                    _keep(near, outside, place, section[edge], away)
     return near, outside
 
 
 @numba.njit(cache=True)
-def _keep(near, outside, section, away):
-    """Put a piece into its place among the nearest so far, each once."""
-    slot = 0
-    while slot < len(near) - 1 and near[slot] != section and near[slot] >= 0:
+def _keep(near, outside, place, section, away):
+    """Put a piece into its place among the nearest of a place so far, each once."""
+    slot, last = 0, near.shape[1] - 1
+    while slot < last and near[place, slot] != section and near[place, slot] >= 0:
         slot += 1
-    if away >= outside[slot]:
+    if away >= outside[place, slot]:
         return
-    while slot and outside[slot - 1] > away:
-        near[slot], outside[slot] = near[slot - 1], outside[slot - 1]
+    while slot and outside[place, slot - 1] > away:
+        near[place, slot], outside[place, slot] = near[place, slot - 1], outside[place, slot - 1]
         slot -= 1
-    near[slot], outside[slot] = section, away
+    near[place, slot], outside[place, slot] = section, away

@@ -49,7 +49,7 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     """
     labels = np.asarray(contracted["label"])
     entered = cloud.points[contracted["source"]]
-    resolution = RESOLUTION_FACTOR * median_spacing(entered, cKDTree(entered))
+    resolution = RESOLUTION_FACTOR * median_spacing(entered, cKDTree(entered, balanced_tree=False))
     spacing = max(auto_spacing(contracted.points, spacing_m), resolution)
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
     some = surface[:: 1 + len(surface) // MOST_SURFACE_POINTS]

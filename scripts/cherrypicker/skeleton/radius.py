@@ -210,6 +210,7 @@ def _fit_nodes(surface, start, tree, reach, nodes, along, most_points):
     centres = nodes.copy()
     counts = np.zeros(n_nodes, dtype=np.int64)
     near = np.empty(n_nodes, dtype=np.int64)
+    u, v, x, y = np.empty(3), np.empty(3), np.empty(1), np.empty(1)
     for node in range(n_nodes):
         n_near = window(node, parent, length, child_start, child, reach[node], near)
         n_rows = 0
@@ -219,13 +220,9 @@ def _fit_nodes(surface, start, tree, reach, nodes, along, most_points):
         if n_rows < FEWEST_POINTS:
             continue
         stride = 1 + n_rows // most_points
-        t = along[node]
-        helper = np.zeros(3)
-        helper[np.argmin(np.abs(t))] = 1.0
-        u = np.cross(t, helper)
-        u /= np.sqrt((u * u).sum())
-        v = np.cross(t, u)
-        x, y = np.empty(n_rows), np.empty(n_rows)
+        _across(along[node, 0], along[node, 1], along[node, 2], u, v)
+        if n_rows > len(x):
+            x, y = np.empty(2 * n_rows), np.empty(2 * n_rows)
         filled = 0
         for at in range(n_near):
             for row in range(start[near[at]], start[near[at] + 1], stride):
@@ -236,10 +233,25 @@ def _fit_nodes(surface, start, tree, reach, nodes, along, most_points):
                 y[filled] = a * v[0] + b * v[1] + c * v[2]
                 filled += 1
         fit = _fit_slice(x[:filled], y[:filled])
-        fits[node] = fit
-        _, cx, cy, _, _, _ = fit
-        centres[node] += cx * u + cy * v
+        for column in range(6):
+            fits[node, column] = fit[column]
+        for axis in range(3):
+            centres[node, axis] += fit[1] * u[axis] + fit[2] * v[axis]
     return fits, centres, counts
+
+
+@numba.njit(cache=True)
+def _across(x, y, z, u, v):
+    """Two directions across a unit vector and one another, written to `u` and `v`."""
+    if abs(x) <= abs(y) and abs(x) <= abs(z):  # its cross product with the axis it is farthest from
+        u[0], u[1], u[2] = 0.0, z, -y
+    elif abs(y) <= abs(z):
+        u[0], u[1], u[2] = -z, 0.0, x
+    else:
+        u[0], u[1], u[2] = y, -x, 0.0
+    norm = np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    u[0], u[1], u[2] = u[0] / norm, u[1] / norm, u[2] / norm
+    v[0], v[1], v[2] = y * u[2] - z * u[1], z * u[0] - x * u[2], x * u[1] - y * u[0]
 
 
 def fit_radii(

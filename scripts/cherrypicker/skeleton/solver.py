@@ -121,7 +121,7 @@ def _bare_length(nodes, edges, length, seen, spacing):
     a, b = nodes[edges[:, 0]], nodes[edges[:, 1]]
     places = a[edge] + share[:, None] * (b - a)[edge]
     beside = BESIDE_IN_SPACINGS * spacing
-    away, _ = cKDTree(seen).query(places, distance_upper_bound=2 * beside)
+    away, _ = cKDTree(seen, balanced_tree=False).query(places, distance_upper_bound=2 * beside)
     return length * np.bincount(edge, away > beside, len(edges)) / n_steps
 
 
@@ -210,9 +210,12 @@ def _collect(nodes, source, target, direction, way, before, spacing):
     best = np.full(len(nodes), -1, dtype=np.int64)
     best[reached] = order[first]
     cover = COVER_IN_SPACINGS * spacing
-    near = cKDTree(nodes).query_ball_point(nodes, cover)
-    start = np.concatenate([[0], np.cumsum([len(rows) for rows in near])])
-    near = np.concatenate(near).astype(np.int64)
+    pairs = cKDTree(nodes).query_pairs(cover, output_type="ndarray")
+    itself = np.arange(len(nodes))
+    row = np.concatenate([pairs[:, 0], pairs[:, 1], itself])
+    order = np.argsort(row, kind="stable")
+    start = np.searchsorted(row[order], np.arange(len(nodes) + 1))
+    near = np.concatenate([pairs[:, 1], pairs[:, 0], itself])[order].astype(np.int64)
     far_first = reached[np.argsort(-way[best[reached]], kind="stable")]
     return _chains(nodes, target, direction, best, before, far_first, start, near)
 
