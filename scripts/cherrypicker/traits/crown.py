@@ -32,7 +32,7 @@ _WAYS = np.vstack([np.cos(np.radians(np.arange(360.0))), np.sin(np.radians(np.ar
 # Of the points' scatter: how far the outermost lie beyond the wood, and how much that varies.
 _OVERSHOOT, _OVERSHOOT_SPREAD = 0.6, 1.5
 # Errors that nothing shows, over the distance within which wood points have company.
-_TOP_ERROR, _WIDTH_ERROR, _HULL_ERROR = 0.1, 0.27, 0.1
+_TOP_ERROR, _WIDTH_ERROR, _HULL_ERROR = 0.1, 0.27, 0.13
 
 
 @dataclass
