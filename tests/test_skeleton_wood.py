@@ -36,6 +36,21 @@ def test_neighbour_is_cut_off_even_where_crowns_touch(gap):
     np.testing.assert_allclose(wood.base[:2], 0, atol=0.03)
 
 
+def test_branches_labelled_ground_do_not_bury_the_foot(caplog):
+    points, labels, _ = small_tree(0)
+    top = points[:, 2].max()
+    rng = np.random.default_rng(0)
+    wrong = np.column_stack([rng.uniform(-0.4, 0.4, (60, 2)), np.full(60, 0.35 * top)])
+    (stem,) = find_stems(points, wrong, labels)
+    np.testing.assert_allclose(stem.base[:2], 0, atol=0.03)
+    assert stem.base[2] < 0.1 * top
+    assert "below what is labelled ground" in caplog.text
+    caplog.clear()
+    ground = wrong * [1, 1, 0]
+    assert find_stems(points, ground, labels)[0].base[2] < 0.1 * top
+    assert not caplog.text
+
+
 def test_target_follows_target_xy():
     points, labels, tree = two_trees(1.2)
     wood = select_target_wood(points, labels, target_xy=(1.2, 0))

@@ -21,6 +21,7 @@ LEAST_EXTENT = 0.5
 SAME_STEM = 0.10
 FEWEST_POINTS = 8
 MOSTLY_TRUNK, HARDLY_TRUNK = 0.5, 0.1
+BURIED, MOST_BURIED = 0.05, 0.1  # so far below the ground (of the height), more than that share
 THICK = 0.3  # of the most points around a low place: about half lie around a stem's end
 
 
@@ -85,8 +86,7 @@ def find_stems(points, ground=None, labels=None):
     list of Stem
         Most points first; empty where nothing looks like a stem.
     """
-    ground = np.empty((0, 3)) if ground is None else ground
-    height = points[:, 2] - ground_height(points[:, :2], ground, points[:, 2].min())
+    height = _height(points, np.empty((0, 3)) if ground is None else ground)
     full = float(np.quantile(height, 0.995))
     if full <= 0:
         return []
@@ -106,6 +106,22 @@ def find_stems(points, ground=None, labels=None):
     if labels is not None:
         found = _without_branches(found, labels)
     return _merge_close(points, height, found, SAME_STEM * full)
+
+
+def _height(points, ground):
+    """Heights above the ground, or above the lowest point where much wood lies under the ground.
+
+    Of a scan without ground some low branches may be called so, high above the foot.
+    """
+    lowest = points[:, 2].min()
+    height = points[:, 2] - ground_height(points[:, :2], ground, lowest)
+    buried = np.mean(height < -BURIED * np.ptp(points[:, 2]))
+    if buried <= MOST_BURIED:
+        return height
+    logger.warning(
+        "%.0f %% of the wood lie below what is labelled ground: it is not used", 100 * buried
+    )
+    return points[:, 2] - lowest
 
 
 def _without_branches(stems, labels):
