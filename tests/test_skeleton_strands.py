@@ -89,3 +89,19 @@ def test_bent_start_is_straightened_and_short_tips_reach_the_end_of_their_points
     assert refined.points[0, 2] == pytest.approx(-0.015, abs=0.01)
     line = refined.points[refined.label == 2]
     assert np.abs(line[:, 2] - line[:, 0] - 0.4).max() < 0.015
+
+
+def test_side_axes_of_side_axes_stay_where_they_are():
+    skeleton = stem_with_twig(along_x(0.01, 0.3))
+    up = np.arange(1, 21) * STEP
+    shoot = np.column_stack([np.full(20, 0.15), np.zeros(20), 0.5 + up])
+    points = np.vstack([skeleton.points, shoot])
+    parent = np.concatenate([skeleton.parent, [115], 131 + np.arange(19)])
+    radius = np.concatenate([skeleton.radius, np.full(20, 0.003)])
+    label = np.concatenate([skeleton.label, np.full(20, 2)])
+    strands = split_strands(Skeleton(points, parent, radius, label))
+    assert strands.parent.tolist() == [-1, 0, 1]
+    joined = join_strands(strands, STEP, unit="m", frame="metric")
+    forks = joined.points[joined.n_children == 2]
+    np.testing.assert_allclose(forks[np.argsort(forks[:, 0])], [[0, 0, 0.5], [0.15, 0, 0.5]])
+    assert joined.edge_length.max() < 1.5 * STEP
