@@ -95,3 +95,31 @@ def test_few_points_are_no_limb():
     moved, is_moved = recentred(points)
     assert not is_moved.any()
     np.testing.assert_array_equal(moved, points)
+
+
+def test_a_short_ring_of_twigs_is_no_limb():
+    angle = np.arange(16) * 2 * np.pi / 16
+    twigs = [tube(0.004, height=0.07, seed=i)[0] for i in range(16)]
+    around = np.stack([0.05 * np.cos(angle), 0.05 * np.sin(angle), np.full(16, 0.3)], axis=1)
+    below, _ = tube(0.004, height=0.3)
+    points = np.vstack([below, *(twig + at for twig, at in zip(twigs, around))])
+    assert not recentred(points)[1].any()
+    long, _ = tube(0.05)
+    assert recentred(np.vstack([below, long + (0, 0, 0.3)]))[1].any()
+
+
+def test_the_start_of_a_side_limb_stays_its_own():
+    stem, _ = tube(0.06, height=0.8)
+    side, _ = tube(0.02, height=0.5, seed=1)
+    side = side[:, [2, 1, 0]] * (1, 1, -1) + (0.06, 0, 0.4)
+    points = np.vstack([stem, side])
+    is_side = np.arange(len(points)) >= len(stem)
+    moved, _ = recentred(points)
+    beside = is_side & (points[:, 0] > 0.08)
+    assert off_axis(moved[beside], np.array([0.0, 0, 1])).min() > 0.06
+
+
+def test_rings_around_an_axis_claim_nothing():
+    stem, _ = tube(0.06, height=0.8)
+    taken = np.random.default_rng(0).random(len(stem)) < 0.6  # the rest is the start of side limbs
+    assert not recentred(stem, taken=taken)[1].any()

@@ -23,10 +23,8 @@ logger = logging.getLogger(__name__)
 
 N_NEIGHBORS = 8
 REACH_IN_SPACINGS = 3.5
-SITE_IN_SPACINGS, DENSE_SHARE = (
-    1.5,
-    0.6,
-)  # a cloud that thins to this share is thinned for the rings
+SITE_IN_SPACINGS = 1.5
+DENSE_SHARE = 0.6  # a cloud that thins to this share is thinned for the rings
 BAND_IN_SPACINGS = 2.5
 FEWEST_IN_BAND, FEWEST_ON_RING = 4, 10
 CHAIN = 8  # most bands each way that a ring is fitted with
@@ -42,6 +40,7 @@ RIDGE = 1e-3  # holds the centre of a short arc
 HOPELESS_SPREAD = 0.5  # of the radius, after two rounds
 MOST_STEP, MOST_ASIDE = 1.3, 0.3  # of the radius, between a ring and the next
 LEAST_COSINE = np.cos(np.radians(25.0))
+RUN_IN_RADII = 2.0  # shortest limb, from its first ring to its last: those two share no points
 RINGS_NEAR = 4  # that may claim a point
 CLAIM_IN_RADII = 2.0  # along the limb: over a hole, a whorl, the rim of the foot
 ON_RING, MOST_OFF = 3.0, 0.5  # spreads, and radii, that a point on a ring lies from the circle
@@ -66,7 +65,7 @@ def recentre_limbs(points, contracted, base, *, spacing, taken):
     contracted : ndarray of shape (n_points, 3), float64
     is_moved : ndarray of shape (n_points,), bool
     """
-    sites, spacing = _sites(points, spacing)
+    sites, member, spacing = _sites(points, spacing)
     edges = knn_edges(sites, N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
     if not len(edges):
         return contracted, np.zeros(len(points), dtype=bool)
@@ -83,11 +82,22 @@ def recentre_limbs(points, contracted, base, *, spacing, taken):
     rings = _rings(sorted_sites, start, below, above, rings[0], spacing, near_rings)
     centre, along, radius, spread = rings
     centre = _smoothed(centre, along, radius, below, above)
-    sound = np.flatnonzero(_agreeing(centre, along, radius, below, above))
+    band = band[member]
+    is_sound = _in_runs(centre, along, radius, below, above)
+    if taken.any():  # rings around what has an axis are no limbs'
+        is_sound &= cKDTree(points[taken]).query(centre)[0] > radius
+    sound = np.flatnonzero(is_sound)
     if not len(sound):
         return contracted, np.zeros(len(points), dtype=bool)
     rings = tuple(part[sound] for part in (centre, along, radius, spread))
-    rows, places = _claimed(points, contracted, rings, spacing)
+    reach = np.ceil(CLAIM_IN_RADII * rings[2] / (BAND_IN_SPACINGS * spacing)).astype(np.int64)
+    keys = _chains(sound, reach + 1, below, above)
+
+    def is_own(ring, band):
+        key = ring * n_bands + band
+        return keys[np.minimum(np.searchsorted(keys, key), len(keys) - 1)] == key
+
+    rows, places = _claimed(points, contracted, rings, spacing, band, is_own)
     is_free = ~taken[rows]
     moved, on = contracted.copy(), np.zeros(len(points), dtype=bool)
     moved[rows[is_free]] = places[is_free]
@@ -104,11 +114,16 @@ def _around(rows, below, above):
     return rows
 
 
-def _agreeing(centre, along, radius, below, above):
-    """Rings that one of the next two up or down the limb goes on with: no tuft's chance circles."""
-    agrees = np.zeros(len(radius), dtype=bool)
+def _in_runs(centre, along, radius, below, above):
+    """Rings that go on along a limb for `RUN_IN_RADII`: no tuft's chance circles.
+
+    Two rings agree when one is among the next two up or down from the other, and their axes and
+    radii are alike. Rings that share points agree by chance as well; ends of a run share none.
+    """
     last = len(radius)
     radius, below, above = np.append(radius, 0.0), np.append(below, -1), np.append(above, -1)
+    rows = np.arange(last)
+    pairs = []
     for way in (below, above):
         next_one = way[:last]
         for other in (next_one, way[next_one]):
@@ -118,27 +133,60 @@ def _agreeing(centre, along, radius, below, above):
             thin = np.minimum(radius[:last], radius[other])
             alike = np.maximum(radius[:last], radius[other]) <= MOST_STEP * thin
             straight = np.abs((along * axis).sum(axis=1)) >= LEAST_COSINE
-            agrees |= (thin > 0) & alike & straight & (aside <= MOST_ASIDE * thin)
-    return agrees
+            agree = (thin > 0) & alike & straight & (aside <= MOST_ASIDE * thin)
+            pairs.append(np.stack([rows[agree], other[agree]], axis=1))
+    pairs = np.vstack(pairs)
+    n_runs, run = connected_components(sparse_graph(last, pairs, np.ones(len(pairs))), False)
+    low, high = np.full((n_runs, 3), np.inf), np.full((n_runs, 3), -np.inf)
+    np.minimum.at(low, run, centre)
+    np.maximum.at(high, run, centre)
+    length = np.linalg.norm(high - low, axis=1)[run]
+    return (radius[:last] > 0) & (length >= RUN_IN_RADII * radius[:last])
+
+
+def _chains(sound, n_each, below, above):
+    """Pairs of ring and band whose points it may claim: its own and `n_each` up and down the limb.
+
+    Returns
+    -------
+    ndarray of int64, sorted
+        Number of the ring among `sound` times the number of bands, plus the band.
+    """
+    below, above = np.append(below, -1), np.append(above, -1)
+    number = np.arange(len(sound)) * (len(below) - 1)
+    keys = [number + sound]
+    for way in (below, above):
+        at = sound
+        for step in range(1, n_each.max() + 1):
+            at = way[at]
+            keys.append((number + at)[(at >= 0) & (step <= n_each)])
+    return np.unique(np.concatenate(keys))
 
 
 def _sites(points, spacing):
-    """Fewer points of a dense cloud, and their distance: rings need no more."""
+    """Fewer points of a dense cloud, the site of each point, and the sites' distance.
+
+    Rings need no more.
+    """
     size = SITE_IN_SPACINGS * spacing
-    sites, _, _ = voxel_thin(points, size)
+    sites, _, member = voxel_thin(points, size)
     if len(sites) > DENSE_SHARE * len(points):
-        return points, spacing
-    return sites, size
+        return points, np.arange(len(points)), spacing
+    return sites, member, size
 
 
-def _claimed(points, contracted, rings, spacing):
-    """Which points lie on rings, or have contracted into one, and their places on its axis."""
+def _claimed(points, contracted, rings, spacing, band, is_own):
+    """Which points lie on rings, or have contracted into one, and their places on its axis.
+
+    Side limbs leave through a ring as well, but their bands are none of its limb's: `is_own` tells
+    for rings and bands, two (n,) int arrays.
+    """
     centre, along, radius, spread = rings
     k = min(RINGS_NEAR, len(centre))
     reach = np.hypot(CLAIM_IN_RADII, 1 + MOST_OFF) * radius.max() + BAND_IN_SPACINGS * spacing
     near = cKDTree(centre).query(points, k=k, distance_upper_bound=reach)[1].reshape(-1, k)
     rows = np.flatnonzero(near[:, 0] < len(centre))
-    points, contracted, near = points[rows], contracted[rows], near[rows]
+    points, contracted, near, band = points[rows], contracted[rows], near[rows], band[rows]
     near = np.where(near < len(centre), near, near[:, :1])
     moved, best = contracted.copy(), np.full(len(rows), np.inf)
     for ring in near.T:
@@ -152,7 +200,7 @@ def _claimed(points, contracted, rings, spacing):
         on |= (away < own) & (np.linalg.norm(contracted - foot, axis=1) < own)
         place = np.abs(place)
         on &= place <= np.maximum(CLAIM_IN_RADII * own, BAND_IN_SPACINGS * spacing)
-        on &= place < best
+        on &= (place < best) & is_own(ring, band)
         moved[on] = foot[on]
         best[on] = place[on]
     on = np.isfinite(best)
