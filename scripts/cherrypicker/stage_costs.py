@@ -170,8 +170,8 @@ CLOUD_STAGES = {
 # The skeleton is drawn from a bounded number of points, so its time hardly grows with the cloud
 _TREE_STAGES = {
     "contract_cloud": StageCost(
-        cpu_s={"base": 15.0, "points_m": 3.0},
-        memory_mb={"base": 640.0, "points_m": 60.0},
+        cpu_s={"base": 4.0, "points_m": 2.0},
+        memory_mb={"base": 450.0, "points_m": 60.0},
         disk_mb={"base": 0.6},
         max_threads=2,
         after=("segment_cloud",),
