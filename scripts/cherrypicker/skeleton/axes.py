@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from cherrypicker.skeleton.ordering import median
 from cherrypicker.skeleton.tree_walks import child_rows, fill_reach
 
 __all__ = ["Axis", "axes", "axis_of_node", "axis_polyline", "axis_runs", "node_order"]
@@ -158,10 +159,12 @@ def _straightness(tree, node, one):
     """Cosine of the turn from the stretch before a junction into one of its children."""
     points, _, radius, length, _, _, _ = tree
     reach = max(3 * radius[node], 3 * length[node])
-    before = points[node] - points[_place_down(tree, node, reach)]
-    after = points[_place_up(tree, one, reach)] - points[node]
-    norm = np.sqrt((before**2).sum() * (after**2).sum())
-    return (before * after).sum() / max(norm, 1e-12)
+    down, up = _place_down(tree, node, reach), _place_up(tree, one, reach)
+    before = after = both = 0.0
+    for axis in range(3):
+        a, b = points[node, axis] - points[down, axis], points[up, axis] - points[node, axis]
+        before, after, both = before + a * a, after + b * b, both + a * b
+    return both / max(np.sqrt(before * after), 1e-12)
 
 
 @numba.njit(cache=True)
@@ -178,7 +181,7 @@ def _radius_ahead(tree, node, skip, stretch, buffer):
             break
         last = following
         travelled += length[last]
-    return np.median(buffer[:n]) if n else radius[last]
+    return median(buffer[:n]) if n else radius[last]
 
 
 @numba.njit(cache=True)
@@ -194,7 +197,7 @@ def _radius_behind(tree, nodes, skip, stretch, buffer):
             buffer[n] = radius[nodes[at - 1]]
             n += 1
     if n:
-        return np.median(buffer[:n])
+        return median(buffer[:n])
     return radius[nodes[len(nodes) - 2]] if len(nodes) > 1 else radius[nodes[0]]  # one long step
 
 

@@ -10,6 +10,8 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.skeleton.ordering import first_not_below
+
 __all__ = ["axis_points", "ball_means", "line_shift"]
 
 BALLS = (2.4, 4.5, 8.0)  # radii, in spacings
@@ -126,7 +128,8 @@ def _means(points, key, low, shape, places, radius):
     means = places.copy()
     near, cell = np.empty((3, BATCH)), np.full(4, -1, dtype=np.int64)
     for place in range(len(places)):
-        near = _gather(points, key, low, shape, places[place], radius, cell, near)
+        px, py, pz = places[place, 0], places[place, 1], places[place, 2]
+        near = _gather(points, key, low, shape, px, py, pz, radius, cell, near)
         n, x, y, z, _ = _ball_sums(near, cell[3], places[place], radius)
         if n:
             means[place, 0] += x
@@ -144,7 +147,8 @@ def _shift(points, key, low, shape, order, places, radius, rounds):
     near, cell = np.empty((3, BATCH)), np.full(4, -1, dtype=np.int64)
     for place in order:
         for _ in range(rounds):
-            near = _gather(points, key, low, shape, places[place], radius, cell, near)
+            px, py, pz = places[place, 0], places[place, 1], places[place, 2]
+            near = _gather(points, key, low, shape, px, py, pz, radius, cell, near)
             n, x, y, z, c = _ball_sums(near, cell[3], places[place], radius)
             count[place] = n
             if n < FEWEST_POINTS:
@@ -162,35 +166,39 @@ def _shift(points, key, low, shape, order, places, radius, rounds):
 
 
 @numba.njit(cache=True)
-def _gather(points, key, low, shape, place, radius, cell, near):
+def _gather(points, key, low, shape, px, py, pz, radius, cell, near):
     """Points in the 27 cells around a place, one after the other; kept while it stays in its cell.
 
     `cell` holds the cell and the number of points in `near`, which far-away ones make a multiple
     of `BATCH`: what is left over from one is summed many times slower.
     """
-    a = int((place[0] - low[0]) / radius)
-    b = int((place[1] - low[1]) / radius)
-    c = int((place[2] - low[2]) / radius)
+    a = int((px - low[0]) / radius)
+    b = int((py - low[1]) / radius)
+    c = int((pz - low[2]) / radius)
     if a == cell[0] and b == cell[1] and c == cell[2]:
         return near
     n = 0
     for i in range(a - 1, a + 2):
         for j in range(b - 1, b + 2):
             first = (i * shape[1] + j) * shape[2] + c - 1
-            row = np.searchsorted(key, first)
+            row = first_not_below(key, first)
             end = row
             while end < len(key) and key[end] <= first + 2:
                 end += 1
             if n + end - row + BATCH > near.shape[1]:
                 larger = np.empty((3, 2 * (n + end - row + BATCH)))
-                larger[:, :n] = near[:, :n]
+                for axis in range(3):
+                    for at in range(n):
+                        larger[axis, at] = near[axis, at]
                 near = larger
             for axis in range(3):
                 for at in range(end - row):
                     near[axis, n + at] = points[axis, row + at]
             n += end - row
     padded = -(-n // BATCH) * BATCH
-    near[:, n:padded] = FAR_AWAY
+    for axis in range(3):
+        for at in range(n, padded):
+            near[axis, at] = FAR_AWAY
     cell[0], cell[1], cell[2], cell[3] = a, b, c, padded
     return near
 

@@ -92,8 +92,10 @@ def _cells(points):
     n, side = len(points), 0.0
     low, key = np.zeros(3), np.zeros(n, dtype=np.int64)
     for axis in range(3 if n else 0):
-        low[axis] = points[:, axis].min()
-        side = max(side, points[:, axis].max() - low[axis])
+        high = low[axis] = points[0, axis]
+        for row in range(n):
+            low[axis], high = min(low[axis], points[row, axis]), max(high, points[row, axis])
+        side = max(side, high - low[axis])
     scale = (2**BITS - 1) / max(side, TINY)
     for row in range(n):
         for axis in range(3):

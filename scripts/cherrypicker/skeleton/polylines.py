@@ -4,6 +4,7 @@ import numba
 import numpy as np
 
 from cherrypicker.skeleton.local_frames import eigenvalue, eigenvector
+from cherrypicker.skeleton.ordering import first_not_below
 
 __all__ = [
     "along_polyline",
@@ -26,7 +27,7 @@ def arc_length(points):
 
 @numba.njit(cache=True)
 def along_polyline(points):
-    """`arc_length`, compiled."""
+    """`arc_length`, compiled; further columns after x, y and z do not count."""
     along = np.zeros(len(points))
     for row in range(1, len(points)):
         x = points[row, 0] - points[row - 1, 0]
@@ -77,7 +78,9 @@ def nearest_places(line, points):
             if away < distance[row]:
                 distance[row], place[row] = away, travelled + share * np.sqrt(squared)
         travelled += np.sqrt(squared)
-    return place, np.sqrt(distance)
+    for row in range(len(points)):
+        distance[row] = np.sqrt(distance[row])
+    return place, distance
 
 
 def interpolate(strand_points, values, at):
@@ -95,7 +98,7 @@ def between(along, values, at):
     """Rows of `values`, known at increasing arc lengths, at other arc lengths (compiled)."""
     found = np.empty((len(at), values.shape[1]))
     for row in range(len(at)):
-        above = min(max(np.searchsorted(along, at[row]), 1), len(along) - 1)
+        above = min(max(first_not_below(along, at[row]), 1), len(along) - 1)
         below = max(above - 1, 0)
         length = along[above] - along[below]
         share = (at[row] - along[below]) / length if length > 0 else 0.0
@@ -136,37 +139,42 @@ def straight_back(line, run, around, window, limit):
 def meet_backwards(line, run, around, window, limit):
     """`straight_back`, compiled."""
     along = along_polyline(line)
-    centre, direction = _direction(run)
+    cx, cy, cz, u, v, w = _direction(run)
     low, high = max(0.0, around - window), min(along[-1], around + window)
-    spots = between(along, line, low + (high - low) * np.arange(N_PLACES) / (N_PLACES - 1))
+    at = np.empty(N_PLACES)
+    for row in range(N_PLACES):
+        at[row] = low + (high - low) * row / (N_PLACES - 1)
+    spots = between(along, line, at)
     best, least = -1, np.inf
     for row in range(N_PLACES):
-        offset = spots[row] - centre
-        ahead = (offset * direction).sum()
-        aside = np.sqrt(max((offset * offset).sum() - ahead * ahead, 0.0))
+        x, y, z = spots[row, 0] - cx, spots[row, 1] - cy, spots[row, 2] - cz
+        ahead = x * u + y * v + z * w
+        aside = np.sqrt(max(x * x + y * y + z * z - ahead * ahead, 0.0))
         if ahead <= 0 and aside < least:  # only backwards
             best, least = row, aside
     if best < 0 or least > limit:
         return np.nan, 0.0
-    step = spots[min(best + 1, N_PLACES - 1)] - spots[max(best - 1, 0)]
-    cosine = abs((step * direction).sum()) / max(np.sqrt((step * step).sum()), 1e-12)
-    return low + (high - low) * best / (N_PLACES - 1), cosine
+    above, below = min(best + 1, N_PLACES - 1), max(best - 1, 0)
+    x, y = spots[above, 0] - spots[below, 0], spots[above, 1] - spots[below, 1]
+    z = spots[above, 2] - spots[below, 2]
+    return at[best], abs(x * u + y * v + z * w) / max(np.sqrt(x * x + y * y + z * z), 1e-12)
 
 
 @numba.njit(cache=True)
 def _direction(run):
-    """Middle and main direction of a run of points, from its first to its last."""
+    """Middle (x, y, z) and main direction (u, v, w) of points, from the first to the last."""
     n = len(run)
-    centre = np.zeros(3)
+    cx = cy = cz = 0.0
     for row in range(n):
-        centre += run[row] / n
+        cx, cy, cz = cx + run[row, 0] / n, cy + run[row, 1] / n, cz + run[row, 2] / n
     xx = yy = zz = xy = xz = yz = 0.0
     for row in range(n):
-        x, y, z = run[row, 0] - centre[0], run[row, 1] - centre[1], run[row, 2] - centre[2]
+        x, y, z = run[row, 0] - cx, run[row, 1] - cy, run[row, 2] - cz
         xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
         xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
     first = eigenvalue(xx, yy, zz, xy, xz, yz, True)
-    direction = np.array(eigenvector(xx, yy, zz, xy, xz, yz, first))
-    if (direction * (run[n - 1] - run[0])).sum() < 0:
-        direction = -direction
-    return centre, direction
+    u, v, w = eigenvector(xx, yy, zz, xy, xz, yz, first)
+    x, y, z = run[n - 1, 0] - run[0, 0], run[n - 1, 1] - run[0, 1], run[n - 1, 2] - run[0, 2]
+    if u * x + v * y + w * z < 0:
+        u, v, w = -u, -v, -w
+    return cx, cy, cz, u, v, w

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from cherrypicker.skeleton.edge_search import nearest_edges
+from cherrypicker.skeleton.ordering import median
 from cherrypicker.skeleton.tree_walks import (
     child_rows,
     fill_reach,
@@ -119,22 +120,23 @@ def _circle(x, y, w):
 
 
 @numba.njit(cache=True)
-def _off_circle(x, y, cx, cy, radius, off):
-    """Distance of points from a circle, written to `off`."""
+def _off_circle(x, y, cx, cy, radius, off, copy):
+    """Distance of points from a circle, written to `off` and to `copy`."""
     for row in range(len(x)):
         off[row] = abs(np.sqrt((x[row] - cx) ** 2 + (y[row] - cy) ** 2) - radius)
+        copy[row] = off[row]
 
 
 @numba.njit(cache=True)
 def _robust_circle(x, y, n_rounds):
     """Circle with Tukey weights: outliers and a neighbour's points lose their say."""
-    weights, off = np.ones(len(x)), np.empty(len(x))
+    weights, off, scratch = np.ones(len(x)), np.empty(len(x)), np.empty(len(x))
     cx, cy, radius = _circle(x, y, weights)
     for _ in range(n_rounds):
         if not np.isfinite(radius):
             break
-        _off_circle(x, y, cx, cy, radius, off)
-        limit = 4.0 * max(1.4826 * np.median(off), 1e-9)
+        _off_circle(x, y, cx, cy, radius, off, scratch)
+        limit = 4.0 * max(1.4826 * median(scratch), 1e-9)
         n_used = 0
         for row in range(len(x)):
             weights[row] = max(1 - (off[row] / limit) ** 2, 0.0) ** 2
@@ -152,26 +154,32 @@ def _robust_circle(x, y, n_rounds):
 @numba.njit(cache=True)
 def _arc_deg(x, y, cx, cy):
     """Part of the circumference that points around a centre cover, degrees."""
-    seen = np.zeros(ARC_SECTORS, dtype=np.bool_)
+    seen, n_seen = np.zeros(ARC_SECTORS, dtype=np.int64), 0
     for row in range(len(x)):
         turn = (np.arctan2(y[row] - cy, x[row] - cx) + np.pi) / (2 * np.pi)
-        seen[int(turn * ARC_SECTORS) % ARC_SECTORS] = True
-    return 360.0 * seen.sum() / ARC_SECTORS
+        seen[int(turn * ARC_SECTORS) % ARC_SECTORS] = 1
+    for sector in range(ARC_SECTORS):
+        n_seen += seen[sector]
+    return 360.0 * n_seen / ARC_SECTORS
 
 
 @numba.njit(cache=True)
 def _fit_slice(x, y):
     """Radius, centre x, centre y, covered arc, residual of one slice; whether it is a circle's."""
-    away = np.sqrt(x * x + y * y)
-    simple = np.median(away)
-    spread = 1.4826 * np.median(np.abs(away - simple))
+    away = np.empty(len(x))
+    for row in range(len(x)):
+        away[row] = np.sqrt(x[row] * x[row] + y[row] * y[row])
+    simple = median(away)
+    for row in range(len(x)):
+        away[row] = abs(away[row] - simple)
+    spread = 1.4826 * median(away)
     if len(x) >= 3 * FEWEST_POINTS:
         cx, cy, radius = _robust_circle(x, y, 6)
         shift = np.sqrt(cx * cx + cy * cy)
         if radius > 0 and radius <= 1.6 * simple and shift <= 1.2 * simple:
             arc = _arc_deg(x, y, cx, cy)
-            _off_circle(x, y, cx, cy, radius, away)
-            residual = 1.4826 * np.median(away)
+            _off_circle(x, y, cx, cy, radius, away, away)
+            residual = 1.4826 * median(away)
             if arc >= LEAST_ARC and residual <= 0.35 * radius and residual <= 1.05 * spread:
                 return radius, cx, cy, arc, residual, 1.0
     return simple, 0.0, 0.0, _arc_deg(x, y, 0.0, 0.0), spread, 0.0
@@ -312,11 +320,15 @@ def fit_radii(
 
 @numba.njit(cache=True)
 def _first_radii(distance, start, spacing):
-    """Median distance of the points that each node owns; the spacing where there are none."""
+    """Median distance of the points that each node owns; the spacing where there are none.
+
+    Reorders the distances of each node.
+    """
     guess = np.full(len(start) - 1, spacing)
     for node in range(len(guess)):
         if start[node + 1] > start[node]:
-            guess[node] = np.median(distance[start[node] : start[node + 1]])
+            own = distance[start[node] : start[node + 1]]
+            guess[node] = median(own)
     return guess
 
 
@@ -331,8 +343,10 @@ def _fill_along_paths(skeleton, radius):
 @numba.njit(cache=True)
 def _filled(radius, known, parent, length, reach):
     n = len(radius)
-    below, to_below = radius.copy(), np.where(known, 0.0, np.inf)
-    above, to_above = radius.copy(), np.where(known, 0.0, np.inf)
+    below, to_below = radius.copy(), np.full(n, np.inf)
+    for node in range(n):
+        to_below[node] = 0.0 if known[node] else np.inf
+    above, to_above = radius.copy(), to_below.copy()
     longest = np.full(n, -1.0)
     for node in range(n - 1, 0, -1):  # the longest way up decides what lies above
         up, way = parent[node], reach[node] + length[node]

@@ -8,6 +8,7 @@ import numpy as np
 
 from cherrypicker.skeleton.axes import axis_runs
 from cherrypicker.skeleton.edge_search import nearest_edges
+from cherrypicker.skeleton.ordering import median
 from cherrypicker.skeleton.refine_axes import refine_strands
 from cherrypicker.skeleton.strands import join_strands, split_strands
 
@@ -45,7 +46,7 @@ def _running_medians(nodes, first, radius):
         for row in range(len(own)):
             for step in range(-half, half + 1):
                 around[step + half] = radius[own[min(max(row + step, 0), len(own) - 1)]]
-            smooth[own[row]] = np.median(around)
+            smooth[own[row]] = median(around)
     return smooth
 
 
@@ -57,7 +58,10 @@ def _never_growing(parent, radius, weights):
     long as that mean is above its own (isotonic regression on a tree, Pardalos and Xue 1999).
     """
     n = len(radius)
-    total, mass, block = weights * radius, weights.copy(), np.arange(n)
+    total, mass, block = weights.copy(), weights.copy(), np.empty(n, dtype=np.int64)
+    for node in range(n):
+        total[node] *= radius[node]
+        block[node] = node
     first, last = np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
     after = np.full(n, -1, dtype=np.int64)  # the next child block of the same parent's
     for node in range(n - 1, -1, -1):  # parents come before children

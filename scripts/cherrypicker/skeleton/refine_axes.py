@@ -6,6 +6,7 @@ All compiled: a tree has hundreds of axes of a few dozen nodes each.
 import numba
 import numpy as np
 
+from cherrypicker.skeleton.ordering import first_not_below, median, sort_in_place
 from cherrypicker.skeleton.polylines import (
     along_polyline,
     between,
@@ -28,6 +29,7 @@ LEAST_EXTENSION = 0.2  # spacings
 TIP_STRETCH = 5  # spacings before the tip that tell its direction and its share of points
 WIDEST_BREAK = 2.0  # spacings without points that end a tip
 FEWEST_AT_TIP = 4
+FOOT_QUANTILE = 0.98  # of the points below the foot: where the trunk ends
 
 
 def refine_strands(strands, surface, order, first, spacing, noise):
@@ -45,12 +47,18 @@ def refine_strands(strands, surface, order, first, spacing, noise):
     -------
     Strands
     """
-    columns = np.column_stack([strands.points, strands.radius])
-    kinds = np.stack([strands.label, strands.gap], axis=1)
-    tree = strands.start, strands.parent, strands.at
-    values, kinds, start, at = _refined(
-        columns, kinds, tree, surface, order, first, float(spacing), float(noise)
+    table = np.column_stack([strands.points, strands.radius, strands.label, strands.gap])
+    values, start, at = _refined(
+        np.ascontiguousarray(table, dtype=np.float64),
+        strands.start,
+        strands.parent,
+        strands.at,
+        surface[order],
+        first,
+        float(spacing),
+        float(noise),
     )
+    kinds = values[:, 4:].astype(np.int64)
     return Strands(
         np.ascontiguousarray(values[:, :3]),
         values[:, 3].copy(),
@@ -63,94 +71,122 @@ def refine_strands(strands, surface, order, first, spacing, noise):
 
 
 @numba.njit(cache=True)
-def _refined(columns, kinds, tree, surface, order, first, spacing, noise):
-    """`refine_strands` on columns x, y, z, radius and label, gap."""
-    start, parent, at = tree
+def _refined(table, start, parent, at, surface, first, spacing, noise):
+    """`refine_strands` on one table of the columns x, y, z, radius, label and gap."""
     place = at.copy()
     side_start, side = side_rows(parent)
     new_start = np.zeros(len(start), dtype=np.int64)
-    values, marks = np.empty_like(columns), np.empty_like(kinds)
+    values = np.empty((len(table), 6))
     for index in range(len(parent)):
-        a, b = start[index], start[index + 1]
-        line, mark = columns[a:b], kinds[a:b]
+        line = table[start[index] : start[index + 1]]
         if index:
-            low, high = new_start[parent[index]], new_start[parent[index] + 1]
-            line, mark, place[index] = _attached(line, mark, values[low:high], spacing)
+            below = values[new_start[parent[index]] : new_start[parent[index] + 1]]
+            line, place[index] = _attached(line, below, spacing)
         sides = side[side_start[index] : side_start[index + 1]]
-        weights = _weights(line, columns, start, at, sides, spacing)
+        weights = _weights(line, table, start, at, sides, spacing)
         if index:
             weights[0] = BASE_WEIGHT
-        nodes = max(SMOOTH_NODES, 0.5 * np.median(line[:, 3]) / spacing)
-        points = smooth(np.ascontiguousarray(line[:, :3]), weights, nodes**4, spacing)
-        own = surface[order[first[index] : first[index + 1]]]
-        ahead = _beyond_the_tip(points, line[:, 3], own, spacing, noise)
+        nodes = max(SMOOTH_NODES, 0.5 * _median_radius(line) / spacing)
+        points = smooth(line, weights, nodes**4, spacing)
+        own = surface[first[index] : first[index + 1]]
+        ahead = _beyond_the_tip(points, line, own, spacing, noise)
+        n_nodes = len(points) + len(ahead)
         foot = np.empty((0, 3))
         if index == 0:
-            foot = _below_the_foot(points, line[:, 3], len(points) + len(ahead), surface, spacing)
-        low, below = new_start[index], len(foot)
-        top = low + below + len(points)
-        new_start[index + 1] = top + len(ahead)
-        values, marks = grown(values, top + len(ahead)), grown(marks, top + len(ahead))
-        for row in range(low, top + len(ahead)):
-            near = min(max(row - low - below, 0), len(points) - 1)
-            values[row, 3], marks[row, 0], marks[row, 1] = line[near, 3], mark[near, 0], 0
-        values[low : low + below, :3], values[low + below : top, :3] = foot, points
-        values[top : top + len(ahead), :3] = ahead
-        marks[low + below : top, 1] = mark[:, 1]
-    total = new_start[len(parent)]
-    return values[:total], marks[:total], new_start, place
+            foot = _below_the_foot(points, line, n_nodes, surface, spacing)
+        low = new_start[index]
+        new_start[index + 1] = low + len(foot) + n_nodes
+        values = grown(values, new_start[index + 1])
+        _write(values, low, foot, points, ahead, line)
+    return values[: new_start[len(parent)]], new_start, place
 
 
 @numba.njit(cache=True)
-def _attached(line, mark, parent, spacing):
+def _write(values, low, foot, points, ahead, line):
+    """Put the nodes of an axis into the table: what carries it on is as its next node is."""
+    n_foot, n_points = len(foot), len(points)
+    for row in range(n_foot + n_points + len(ahead)):
+        node, last = row - n_foot, n_points - 1
+        near = min(max(node, 0), last)
+        for column in range(3):
+            if node < 0:
+                values[low + row, column] = foot[row, column]
+            elif node > last:
+                values[low + row, column] = ahead[node - n_points, column]
+            else:
+                values[low + row, column] = points[node, column]
+        values[low + row, 3], values[low + row, 4] = line[near, 3], line[near, 4]
+        values[low + row, 5] = line[near, 5] if near == node else 0.0
+
+
+@numba.njit(cache=True)
+def _median_radius(line):
+    """Median radius of a stretch of an axis."""
+    radius = np.empty(len(line))
+    for row in range(len(line)):
+        radius[row] = line[row, 3]
+    return median(radius)
+
+
+@numba.njit(cache=True)
+def _attached(line, parent, spacing):
     """Let a side axis run straight from where it is clear of its parent to the parent's axis.
 
     The contraction pulls the first stretch of a side axis towards its parent and bends it; beyond
     `CLEAR_OF_PARENT` radii it runs as it grew. Returns its columns and its place on the parent.
     """
-    points, parent_points = line[:, :3].copy(), parent[:, :3].copy()
-    along = along_polyline(parent_points)
-    at, distance = nearest_places(parent_points, points)
-    R = between(along, parent[:, 3:].copy(), at)[:, 0]
-    last = len(points) - 1
+    along = along_polyline(parent)
+    at, distance = nearest_places(parent, line)
+    R = between(along, parent, at)[:, 3]
+    last = len(line) - 1
     first = last
     for row in range(last, 0, -1):
         if distance[row] > CLEAR_OF_PARENT * R[row] + spacing:
             first = row
-    while first > 1:  # what is left out must lie along the straight way, or inside the parent
-        if _off_line(points[:first], points[first], distance > R) <= spacing:
-            break
+    # what is left out must lie along the straight way, or inside the parent
+    while first > 1 and _off_line(line, first, distance, R) > spacing:
         first -= 1
-    s = along_polyline(points)
+    s = along_polyline(line)
     reach, end = max(2.0 * R[first], 5 * spacing), first
     while end <= last and s[end] - s[first] <= reach:
         end += 1
-    place = _meet(parent_points, points[first:end], at[0], R[first], spacing)
-    begin = between(along, parent_points, np.array([place]))[0]
-    bridged = mark[: first + 1, 1].any()
-    way = points[first] - begin
-    n = max(1, int(np.rint(np.sqrt((way * way).sum()) / spacing)))
-    n = 1 if bridged else n  # nothing was seen there: no nodes
-    new = np.empty((n + len(line) - first, 4))
-    new_mark = np.empty((len(new), 2), dtype=np.int64)
-    for row in range(n):
-        new[row, :3], new[row, 3] = begin + row / n * way, line[first, 3]
-        new_mark[row, 0], new_mark[row, 1] = mark[first, 0], bridged
-    new[n:], new_mark[n:] = line[first:], mark[first:]
-    return new, new_mark, place
+    spot = np.empty(1)
+    spot[0] = _meet(parent, line[first:end], at[0], R[first], spacing)
+    begin = between(along, parent, spot)
+    bridged, way = 0.0, np.empty(3)
+    for row in range(first + 1):
+        bridged = 1.0 if line[row, 5] != 0 else bridged
+    for column in range(3):
+        way[column] = line[first, column] - begin[0, column]
+    n = 1
+    if bridged == 0:  # else nothing was seen there: no nodes
+        length = np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+        n = max(1, int(np.rint(length / spacing)))
+    new = np.empty((n + len(line) - first, 6))
+    for row in range(len(new)):
+        for column in range(6):
+            new[row, column] = line[max(row - n, 0) + first, column]
+        if row < n:
+            for column in range(3):
+                new[row, column] = begin[0, column] + row / n * way[column]
+            new[row, 5] = bridged
+    return new, spot[0]
 
 
 @numba.njit(cache=True)
-def _off_line(points, end, counts):
-    """Largest distance of the points that count from the line between the first and `end`."""
-    way = end - points[0]
-    way = way / max(np.sqrt((way * way).sum()), 1e-12)
+def _off_line(line, end, distance, R):
+    """Largest distance, of points outside the parent, from the line between the first and `end`."""
+    ox, oy, oz = line[0, 0], line[0, 1], line[0, 2]
+    u, v, w = line[end, 0] - ox, line[end, 1] - oy, line[end, 2] - oz
+    length = max(np.sqrt(u * u + v * v + w * w), 1e-12)
+    u, v, w = u / length, v / length, w / length
     largest = 0.0
-    for row in range(1, len(points)):
-        if counts[row]:
-            offset = points[row] - points[0]
-            offset = offset - (offset * way).sum() * way
-            largest = max(largest, np.sqrt((offset * offset).sum()))
+    for row in range(1, end):
+        if distance[row] > R[row]:
+            x, y, z = line[row, 0] - ox, line[row, 1] - oy, line[row, 2] - oz
+            ahead = x * u + y * v + z * w
+            x, y, z = x - ahead * u, y - ahead * v, z - ahead * w
+            largest = max(largest, np.sqrt(x * x + y * y + z * z))
     return largest
 
 
@@ -167,15 +203,18 @@ def _meet(parent, run, at_now, R, spacing):
 
 
 @numba.njit(cache=True)
-def _weights(line, columns, start, at, sides, spacing):
+def _weights(line, table, start, at, sides, spacing):
     """Say of the nodes of an axis when it is smoothed: little near thick side axes."""
-    s = along_polyline(line[:, :3].copy())
-    radius = line[:, 3:].copy()
-    weights = np.ones(len(s))
+    s = along_polyline(line)
+    weights, spot, thin = np.ones(len(s)), np.empty(1), np.empty(3)
     for index in sides:
-        thin = np.sort(columns[start[index] : min(start[index] + 3, start[index + 1]), 3])
-        own = between(s, radius, at[index : index + 1])[0, 0]
-        if thin[len(thin) // 2] > THICK_SIDE * max(own, 1e-9):
+        spot[0] = at[index]
+        own = between(s, line, spot)[0, 3]
+        n_thin = min(3, start[index + 1] - start[index])
+        for row in range(n_thin):
+            thin[row] = table[start[index] + row, 3]
+        sort_in_place(thin[:n_thin])
+        if thin[n_thin // 2] > THICK_SIDE * max(own, 1e-9):
             reach = 1.5 * own + spacing
             for row in range(len(s)):
                 if abs(s[row] - at[index]) <= reach:
@@ -186,17 +225,27 @@ def _weights(line, columns, start, at, sides, spacing):
 
 @numba.njit(cache=True)
 def smooth(points, weights, stiffness, spacing):
-    """Smooth a polyline by a penalty on the change of its slope, nodes `spacing` apart or more."""
-    if len(points) < 3:
-        return points.copy()
-    slope = spacing / np.maximum(np.diff(along_polyline(points)), LEAST_STEP * spacing)
+    """Smooth a polyline by a penalty on the change of its slope, nodes `spacing` apart or more.
+
+    `points` may have further columns after x, y and z; returns an array of shape (n, 3).
+    """
+    n, s = len(points), along_polyline(points)
+    slope = np.empty(n)
+    for row in range(n - 1):
+        slope[row] = spacing / max(s[row + 1] - s[row], LEAST_STEP * spacing)
     return whittaker(points, weights, slope, stiffness)
 
 
 @numba.njit(cache=True)
 def whittaker(points, weights, slope, stiffness):
     """Solve (W + stiffness D2^T D2) X = W points by a banded Cholesky factorisation."""
-    n, d = points.shape
+    n, d = len(points), 3
+    found = np.empty((n, d))
+    if n < 3:
+        for row in range(n):
+            for column in range(d):
+                found[row, column] = points[row, column]
+        return found
     main, first, second = weights.copy(), np.zeros(n), np.zeros(n)
     for row in range(1, n - 1):
         left, right = slope[row - 1], slope[row]
@@ -206,7 +255,6 @@ def whittaker(points, weights, slope, stiffness):
         first[row - 1] -= stiffness * left * (left + right)  # entry (i, i + 1)
         first[row] -= stiffness * right * (left + right)
         second[row - 1] += stiffness * left * right  # entry (i, i + 2)
-    found = np.empty((n, d))
     for row in range(n):  # U^T U, U kept in the same three bands
         if row > 0:
             main[row] -= first[row - 1] ** 2
@@ -235,7 +283,7 @@ def whittaker(points, weights, slope, stiffness):
 
 
 @numba.njit(cache=True)
-def _beyond_the_tip(points, radius, surface, spacing, noise):
+def _beyond_the_tip(points, line, surface, spacing, noise):
     """Nodes from the tip on to where the axis's own points end: contraction shortens tips.
 
     As many points as lie beyond the tip are worth so much length as they take before it, whatever
@@ -245,29 +293,46 @@ def _beyond_the_tip(points, radius, surface, spacing, noise):
     if last < 2 or len(surface) < FEWEST_AT_TIP:
         return nothing
     s = along_polyline(points)
-    before = max(0, np.searchsorted(s, s[last] - TIP_STRETCH * spacing) - 1)
+    before = max(0, first_not_below(s, s[last] - TIP_STRETCH * spacing) - 1)
     before = min(before, last - 2)
-    direction = points[last] - points[before]
-    stretch = np.sqrt((direction * direction).sum())
+    direction, stretch = _direction(points[before], points[last])
     if stretch <= 0:
         return nothing
-    direction /= stretch
-    aside = max(2 * np.median(radius[before:]), 3 * noise, spacing)
-    beyond, n_before = _points_around_tip(surface, points[last], direction, stretch, aside, spacing)
-    if n_before < FEWEST_AT_TIP or not len(beyond):
+    aside = max(2 * _median_radius(line[before:]), 3 * noise, spacing)
+    beyond, n_beyond, n_before = _points_around_tip(
+        surface, points, direction, stretch, aside, spacing
+    )
+    if n_before < FEWEST_AT_TIP or not n_beyond:
         return nothing
-    reach = min(len(beyond) / n_before * stretch, beyond[-1], LONGEST_EXTENSION * spacing)
+    reach = min(n_beyond / n_before * stretch, beyond[n_beyond - 1], LONGEST_EXTENSION * spacing)
     if reach < LEAST_EXTENSION * spacing:
         return nothing
     n = max(int(np.ceil(reach / spacing - 0.5)), 1)
-    steps = reach * (np.arange(n) + 1) / n
-    return points[last] + steps.reshape(-1, 1) * direction
+    ahead = np.empty((n, 3))
+    for row in range(n):
+        for column in range(3):
+            step = reach * (row + 1) / n
+            ahead[row, column] = points[last, column] + step * direction[column]
+    return ahead
 
 
 @numba.njit(cache=True)
-def _points_around_tip(points, tip, direction, stretch, aside, spacing):
-    """How far beyond a tip its points lie, up to the first break, and how many lie before it."""
+def _direction(begin, end):
+    """Unit vector from one point to another, and their distance."""
+    found = np.empty(3)
+    for column in range(3):
+        found[column] = end[column] - begin[column]
+    length = np.sqrt(found[0] * found[0] + found[1] * found[1] + found[2] * found[2])
+    for column in range(3):
+        found[column] /= max(length, 1e-300)
+    return found, length
+
+
+@numba.njit(cache=True)
+def _points_around_tip(points, line, direction, stretch, aside, spacing):
+    """How far beyond a tip its points lie, in order, how many to the first break and before it."""
     beyond, n_beyond, n_before = np.empty(len(points)), 0, 0
+    tip = line[len(line) - 1]
     for row in range(len(points)):
         x, y, z = points[row, 0] - tip[0], points[row, 1] - tip[1], points[row, 2] - tip[2]
         along = x * direction[0] + y * direction[1] + z * direction[2]
@@ -278,27 +343,25 @@ def _points_around_tip(points, tip, direction, stretch, aside, spacing):
             n_beyond += 1
         else:
             n_before += 1
-    beyond = np.sort(beyond[:n_beyond])
+    sort_in_place(beyond[:n_beyond])
     last = 0.0
     for row in range(n_beyond):
         if beyond[row] - last > WIDEST_BREAK * spacing:
-            return beyond[:row], n_before
+            return beyond, row, n_before
         last = beyond[row]
-    return beyond, n_before
+    return beyond, n_beyond, n_before
 
 
 @numba.njit(cache=True)
-def _below_the_foot(points, radius, n_nodes, surface, spacing):
+def _below_the_foot(points, line, n_nodes, surface, spacing):
     """Nodes that carry the trunk's foot on, straight, to the lowest points of its surface."""
     nothing = np.empty((0, 3))
     s = along_polyline(points)
-    thick = np.median(radius[: max(3, n_nodes // 20)])
-    n_run = min(max(3, np.searchsorted(s, max(4 * thick, 6 * spacing))), len(points))
-    direction = points[0] - points[n_run - 1]
-    length = np.sqrt((direction * direction).sum())
+    thick = _median_radius(line[: max(3, n_nodes // 20)])
+    n_run = min(max(3, first_not_below(s, max(4 * thick, 6 * spacing))), len(points))
+    direction, length = _direction(points[n_run - 1], points[0])
     if length == 0:
         return nothing
-    direction /= length
     below, n_below = np.empty(len(surface)), 0
     for row in range(len(surface)):
         x = surface[row, 0] - points[0, 0]
@@ -312,6 +375,14 @@ def _below_the_foot(points, radius, n_nodes, surface, spacing):
                 n_below += 1
     if n_below < 5:
         return nothing
-    n_steps = int(np.quantile(below[:n_below], 0.98) // spacing)
-    steps = spacing * np.arange(n_steps, 0, -1)
-    return points[0] + steps.reshape(-1, 1) * direction
+    sort_in_place(below[:n_below])
+    rank = FOOT_QUANTILE * (n_below - 1)
+    low = int(rank)
+    high = min(low + 1, n_below - 1)
+    lowest = below[low] * (1 - (rank - low)) + below[high] * (rank - low)
+    n_steps = int(lowest // spacing)
+    foot = np.empty((n_steps, 3))
+    for row in range(n_steps):
+        for column in range(3):
+            foot[row, column] = points[0, column] + spacing * (n_steps - row) * direction[column]
+    return foot

@@ -217,7 +217,8 @@ def _collect(nodes, source, target, direction, way, before, spacing):
     start = np.searchsorted(row[order], np.arange(len(nodes) + 1))
     near = np.concatenate([pairs[:, 1], pairs[:, 0], itself])[order].astype(np.int64)
     far_first = reached[np.argsort(-way[best[reached]], kind="stable")]
-    return _chains(nodes, target, direction, best, before, far_first, start, near)
+    tree = _chains(nodes, target, direction, best, before, far_first, start, near)
+    return tree[:, 0].copy(), tree[:, 1].copy(), tree[:, 2].copy()
 
 
 @numba.njit(cache=True)
@@ -226,9 +227,10 @@ def _chains(nodes, target, direction, best, before, far_first, start, near):
     covered = np.zeros(len(nodes), dtype=np.bool_)
     # tree nodes that pass by each sample, in turn: (tree node, next of them)
     passing, n_passing = np.empty((2 * len(near), 2), dtype=np.int64), 0
-    first, last = np.full(len(nodes), -1), np.full(len(nodes), -1)
+    first = np.full(len(nodes), -1, dtype=np.int64)
+    last = np.full(len(nodes), -1, dtype=np.int64)
     tree = np.empty((2 * len(nodes), 3), dtype=np.int64)  # sample, parent, edge
-    tree[0], n_tree, n_seen = (0, -1, -1), 1, 0
+    tree[0, 0], tree[0, 1], tree[0, 2], n_tree, n_seen = 0, -1, -1, 1, 0
     chain = np.empty(len(before), dtype=np.int64)
     for turn in range(-1, len(far_first)):
         tip = far_first[turn] if turn >= 0 else 0
@@ -245,16 +247,17 @@ def _chains(nodes, target, direction, best, before, far_first, start, near):
             edge, joint = before[edge], 0
         for at in range(n_chain - 1, -1, -1):
             if n_tree == len(tree):
-                tree = np.concatenate((tree, np.empty_like(tree)))
-            tree[n_tree] = (target[chain[at]], joint, chain[at])
+                tree = _doubled(tree)
+            tree[n_tree, 0], tree[n_tree, 1] = target[chain[at]], joint
+            tree[n_tree, 2] = chain[at]
             joint = n_tree
             n_tree += 1
         while n_seen < n_tree:
             sample = tree[n_seen, 0]
             for row in range(start[sample], start[sample + 1]):
                 if n_passing == len(passing):
-                    passing = np.concatenate((passing, np.empty_like(passing)))
-                passing[n_passing] = (n_seen, -1)
+                    passing = _doubled(passing)
+                passing[n_passing, 0], passing[n_passing, 1] = n_seen, -1
                 if first[near[row]] < 0:
                     first[near[row]] = n_passing
                 else:
@@ -263,7 +266,17 @@ def _chains(nodes, target, direction, best, before, far_first, start, near):
                 n_passing += 1
                 covered[near[row]] = True
             n_seen += 1
-    return tree[:n_tree, 0].copy(), tree[:n_tree, 1].copy(), tree[:n_tree, 2].copy()
+    return tree[:n_tree]
+
+
+@numba.njit(cache=True)
+def _doubled(table):
+    """A table of whole numbers with as many rows again, to be filled."""
+    larger = np.empty((2 * len(table), table.shape[1]), dtype=np.int64)
+    for row in range(len(table)):
+        for column in range(table.shape[1]):
+            larger[row, column] = table[row, column]
+    return larger
 
 
 @numba.njit(cache=True)
@@ -272,13 +285,17 @@ def _joint(first, passing, direction, edge, tree, nodes, sample):
     best, nearest = -1, np.inf
     at = first[sample]
     while at >= 0:
-        tree_node, at = passing[at]
+        tree_node, at = passing[at, 0], passing[at, 1]
         if tree_node:
-            heading = direction[tree[tree_node, 2]]
-            if (heading * direction[edge]).sum() < SAME_DIRECTION:
+            cosine = 0.0
+            for axis in range(3):
+                cosine += direction[tree[tree_node, 2], axis] * direction[edge, axis]
+            if cosine < SAME_DIRECTION:
                 continue
-        away = nodes[tree[tree_node, 0]] - nodes[sample]
-        distance = (away * away).sum()
+        distance = 0.0
+        for axis in range(3):
+            away = nodes[tree[tree_node, 0], axis] - nodes[sample, axis]
+            distance += away * away
         if distance < nearest:
             best, nearest = tree_node, distance
     return best

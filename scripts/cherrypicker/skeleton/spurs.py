@@ -116,7 +116,9 @@ def _ways(parent, n_children):
             way[node] = n_ways
             node = parent[node]
         if node == 0 and n_children[0] <= 1:
-            way[way == n_ways] = -1  # the only axis
+            for other in range(len(parent)):  # the only axis
+                if way[other] == n_ways:
+                    way[other] = -1
             continue
         ends[n_ways] = node
         n_ways += 1

@@ -7,6 +7,7 @@ import numpy as np
 
 from cherrypicker.skeleton.axes import axis_runs
 from cherrypicker.skeleton.model import Skeleton, rooted_order
+from cherrypicker.skeleton.ordering import first_not_below, sort_in_place
 from cherrypicker.skeleton.polylines import along_polyline, arc_length, between, interpolate
 
 __all__ = [
@@ -105,7 +106,9 @@ def _along_each(points, start):
     along = np.empty(len(points))
     for index in range(len(start) - 1):
         a, b = start[index], start[index + 1]
-        along[a:b] = along_polyline(points[a:b])
+        own = along_polyline(points[a:b])
+        for row in range(a, b):
+            along[row] = own[row - a]
     return along
 
 
@@ -116,7 +119,8 @@ def side_rows(parent):
     start = np.zeros(n + 1, dtype=np.int64)
     for index in range(1, n):
         start[parent[index] + 1] += 1
-    start = np.cumsum(start)
+    for index in range(n):
+        start[index + 1] += start[index]
     side, filled = np.empty(max(n - 1, 0), dtype=np.int64), start.copy()
     for index in range(1, n):
         side[filled[parent[index]]] = index
@@ -141,8 +145,12 @@ def join_strands(strands, spacing, *, unit, frame):
         With the field ``gap``.
     """
     columns = strands.points, strands.radius, strands.label, strands.gap
-    values, kinds, above = _sampled(
-        columns, strands.start, strands.parent, strands.at, float(spacing)
+    table = np.ascontiguousarray(np.column_stack(columns), dtype=np.float64)
+    table = _sampled(table, strands.start, strands.parent, strands.at, float(spacing))
+    values, kinds, above = (
+        table[:, :4],
+        table[:, 4:6].astype(np.int64),
+        table[:, 6].astype(np.int64),
     )
     edges = np.stack([above[1:], np.arange(1, len(above))], axis=1)
     order, parent = rooted_order(len(above), edges, 0)
@@ -155,52 +163,63 @@ def join_strands(strands, spacing, *, unit, frame):
 
 @numba.njit(cache=True)
 def grown(table, n):
-    """A table with at least `n` rows: itself, or one of twice that with its rows."""
+    """A table of floats with at least `n` rows: itself, or one of twice that with its rows."""
     if n <= len(table):
         return table
-    larger = np.empty((2 * n, table.shape[1]), dtype=table.dtype)
-    larger[: len(table)] = table
+    larger = np.empty((2 * n, table.shape[1]))
+    for row in range(len(table)):
+        for column in range(table.shape[1]):
+            larger[row, column] = table[row, column]
     return larger
 
 
 @numba.njit(cache=True)
 def _sampled(columns, start, parent, at, spacing):
-    """Nodes of the joined strands: x, y, z, radius; label, gap; and the node below each."""
-    points, radius, label, gap = columns
-    n_points, total = len(points), 0
-    values, kinds = np.empty((n_points, 4)), np.empty((n_points, 2), dtype=np.int64)
-    above = np.empty((n_points, 1), dtype=np.int64)
+    """Nodes of the joined strands: x, y, z, radius, label, gap, and the node below each.
+
+    `columns` (n, 6) are the first six of these, strand after strand.
+    """
+    table, total = np.empty((len(columns), 7)), 0
     side_start, side = side_rows(parent)
     base = np.full(len(parent), -1, dtype=np.int64)
     for index in range(len(parent)):
-        a, b = start[index], start[index + 1]
-        s = along_polyline(points[a:b])
+        line = columns[start[index] : start[index + 1]]
+        s = along_polyline(line)
         sides = side[side_start[index] : side_start[index + 1]]
         wanted = np.empty(len(sides))
         for row in range(len(sides)):
             wanted[row] = min(max(at[sides[row]], 0.0), s[-1])
-        places = _stations(s, gap[a:b], np.sort(wanted), spacing)
+        places = _stations(s, line, wanted, spacing)
         first = 0 if index == 0 else 1  # a side strand starts in a node of its parent's
         n_own = len(places) - first
-        values, kinds = grown(values, total + n_own), grown(kinds, total + n_own)
-        above = grown(above, total + n_own)
-        spots = between(s, points[a:b], places)
-        thick = between(s, radius[a:b].reshape(-1, 1), places)
+        table = grown(table, total + n_own)
+        spots = between(s, line, places)
         for row in range(first, len(places)):
             node = total + row - first
-            values[node, :3], values[node, 3] = spots[row], thick[row, 0]
-            near = a + min(np.searchsorted(s, places[row] - 1e-12), b - a - 1)
-            kinds[node, 0], kinds[node, 1] = label[near], gap[near]
-            above[node, 0] = node - 1 if row > first else base[index]
+            near = min(first_not_below(s, places[row] - 1e-12), len(line) - 1)
+            for column in range(4):
+                table[node, column] = spots[row, column]
+            table[node, 4], table[node, 5] = line[near, 4], line[near, 5]
+            table[node, 6] = node - 1 if row > first else base[index]
         for row in range(len(sides)):
-            nearest = np.argmin(np.abs(places - wanted[row]))
+            nearest = _nearest(places, wanted[row])
             base[sides[row]] = base[index] if nearest < first else total + nearest - first
         total += n_own
-    return values[:total], kinds[:total], above[:total, 0].copy()
+    return table[:total]
 
 
 @numba.njit(cache=True)
-def _stations(s, gap, wanted, spacing):
+def _nearest(places, wanted):
+    """First of the places that is nearest to the wanted one."""
+    best = 0
+    for row in range(1, len(places)):
+        if abs(places[row] - wanted) < abs(places[best] - wanted):
+            best = row
+    return best
+
+
+@numba.njit(cache=True)
+def _stations(s, line, wanted, spacing):
     """Arc lengths of the nodes: the ends, the junctions, and even steps between them.
 
     Pieces that bridge missing data have no nodes of their own: none were seen there.
@@ -208,13 +227,16 @@ def _stations(s, gap, wanted, spacing):
     n, length = len(s), s[-1]
     stops, n_stops = np.empty(2 * n + len(wanted) + 2), 0
     for row in range(1, n):
-        if gap[row] > 0 and s[row] - s[row - 1] > spacing:
+        if line[row, 5] > 0 and s[row] - s[row - 1] > spacing:
             stops[n_stops], stops[n_stops + 1] = s[row - 1], s[row]
             n_stops += 2
-    stops[n_stops : n_stops + len(wanted)] = wanted
-    stops = np.sort(stops[: n_stops + len(wanted)])
-    merged, n_merged = np.zeros(len(stops) + 2), 1
-    for stop in stops:  # junctions closer than a third of the spacing share a node
+    for place in wanted:
+        stops[n_stops] = place
+        n_stops += 1
+    sort_in_place(stops[:n_stops])
+    merged, n_merged = np.zeros(n_stops + 2), 1
+    for row in range(n_stops):  # junctions closer than a third of the spacing share a node
+        stop = stops[row]
         if stop - merged[n_merged - 1] > spacing / 3 and length - stop > spacing / 3:
             merged[n_merged] = stop
             n_merged += 1
@@ -223,8 +245,8 @@ def _stations(s, gap, wanted, spacing):
     filled = 1
     for piece in range(n_merged):
         a, b = merged[piece], merged[piece + 1]
-        middle = np.searchsorted(s, (a + b) / 2)
-        is_bare = 0 < middle < n and gap[middle] > 0 and s[middle] - s[middle - 1] > spacing
+        middle = first_not_below(s, (a + b) / 2)
+        is_bare = 0 < middle < n and line[middle, 5] > 0 and s[middle] - s[middle - 1] > spacing
         n_steps = 1 if is_bare else max(1, int(np.rint((b - a) / spacing)))
         for step in range(1, n_steps + 1):
             at[filled] = a + (b - a) * step / n_steps

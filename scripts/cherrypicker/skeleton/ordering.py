@@ -1,0 +1,72 @@
+"""Medians, sorting and look-ups for compiled code (small functions that compile fast).
+
+NumPy's own, called in a compiled function, are compiled anew into every function that calls them
+and take seconds on the first run of a machine.
+"""
+
+import numba
+import numpy as np
+
+__all__ = ["first_not_below", "median", "sort_in_place"]
+
+
+@numba.njit(cache=True)
+def median(values):
+    """Median of values (one at least), NaN if one of them is; puts them in another order."""
+    n = len(values)
+    for row in range(n):
+        if np.isnan(values[row]):
+            return np.nan
+    middle, low, high = n // 2, 0, n - 1
+    while low < high:  # Hoare's selection
+        pivot, left, right = values[(low + high) // 2], low, high
+        while left <= right:
+            while values[left] < pivot:
+                left += 1
+            while values[right] > pivot:
+                right -= 1
+            if left <= right:
+                values[left], values[right] = values[right], values[left]
+                left += 1
+                right -= 1
+        if middle <= right:
+            high = right
+        elif middle >= left:
+            low = left
+        else:
+            break
+    if n % 2:
+        return values[middle]
+    below = values[0]
+    for row in range(1, middle):
+        below = max(below, values[row])
+    return 0.5 * (below + values[middle])
+
+
+@numba.njit(cache=True)
+def sort_in_place(values):
+    """Sort values, the least first (Shell's sort)."""
+    n, gap = len(values), 1
+    while gap < n // 3:
+        gap = 3 * gap + 1
+    while gap:
+        for row in range(gap, n):
+            value, at = values[row], row
+            while at >= gap and values[at - gap] > value:
+                values[at] = values[at - gap]
+                at -= gap
+            values[at] = value
+        gap //= 3
+
+
+@numba.njit(cache=True)
+def first_not_below(values, wanted):
+    """First row of increasing values that is not below `wanted`; their number if all are."""
+    low, high = 0, len(values)
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] < wanted:
+            low = middle + 1
+        else:
+            high = middle
+    return low
