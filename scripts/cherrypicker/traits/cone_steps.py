@@ -6,6 +6,8 @@ A cone is six numbers, see `cherrypicker.traits.stem_fit.ConeFit`; points lie in
 import numba
 import numpy as np
 
+from cherrypicker.skeleton.ordering import median
+
 __all__ = [
     "MAD_TO_SIGMA",
     "iterate_cone",
@@ -24,17 +26,23 @@ def iterate_cone(local, parameters, prior_weights, n_iterations):
     """Parameters, residuals and their spread; the parameters are NaN without a solution."""
     first_radius = parameters[2]
     sigma = max(0.15 * first_radius, 1e-9)
-    residual = radial_residuals(local, parameters)
+    residual, near = radial_residuals(local, parameters), np.empty(len(local))
     for _ in range(n_iterations):
-        weights = tukey_weights(residual, sigma) * prior_weights
+        weights = tukey_weights(residual, sigma)
+        for row in range(len(weights)):
+            weights[row] *= prior_weights[row]
         parameters, step = _gauss_newton(local, parameters, residual, weights)
         if not np.isfinite(step):
             break
         residual = radial_residuals(local, parameters)
-        near = np.abs(residual[np.abs(residual) < 3.0 * sigma])
-        if len(near) < 6:
+        n_near = 0
+        for row in range(len(residual)):
+            if abs(residual[row]) < 3.0 * sigma:
+                near[n_near] = abs(residual[row])
+                n_near += 1
+        if n_near < 6:
             break
-        spread = MAD_TO_SIGMA * np.median(near)
+        spread = MAD_TO_SIGMA * median(near[:n_near])
         # Shrinks towards the spread of the inliers by at most a third a step: a fast drop would
         # lock the fit onto the first guess.
         sigma = max(spread, 0.67 * sigma, 1e-4 * first_radius)
@@ -48,7 +56,7 @@ def radial_residuals(local, parameters):
     """Distances of points (n, 3) from a cone's surface, across its axis, outwards positive."""
     residual = np.empty(len(local))
     for row in range(len(local)):
-        u, v, w = local[row]
+        u, v, w = local[row, 0], local[row, 1], local[row, 2]
         u -= parameters[0] + w * parameters[3]
         v -= parameters[1] + w * parameters[4]
         residual[row] = np.sqrt(u * u + v * v) - parameters[2] - parameters[5] * w
@@ -58,8 +66,11 @@ def radial_residuals(local, parameters):
 @numba.njit(cache=True)
 def tukey_weights(residual, sigma):
     """Tukey's biweights of residuals that scatter by `sigma`, 0 to 1."""
-    scaled = np.minimum(np.abs(residual) / (_TUKEY * sigma), 1.0)
-    return (1.0 - scaled**2) ** 2
+    weights = np.empty(len(residual))
+    for row in range(len(residual)):
+        scaled = min(abs(residual[row]) / (_TUKEY * sigma), 1.0)
+        weights[row] = (1.0 - scaled * scaled) * (1.0 - scaled * scaled)
+    return weights
 
 
 @numba.njit(cache=True)
@@ -68,27 +79,30 @@ def normal_sums(local, parameters, residual, weights, cell, n_cells):
     normals, gradients = np.zeros((n_cells, 6, 6)), np.zeros((n_cells, 6))
     slope = np.empty(6)
     for row in range(len(local)):
-        u, v, w = local[row]
+        u, v, w = local[row, 0], local[row, 1], local[row, 2]
         u -= parameters[0] + w * parameters[3]
         v -= parameters[1] + w * parameters[4]
         away = max(np.sqrt(u * u + v * v), 1e-12)
         slope[0], slope[1], slope[2] = -u / away, -v / away, -1.0
         slope[3], slope[4], slope[5] = slope[0] * w, slope[1] * w, -w
-        normal, gradient = normals[cell[row]], gradients[cell[row]]
+        at = cell[row]
         for i in range(6):
             weighted = slope[i] * weights[row]
-            gradient[i] += weighted * residual[row]
+            gradients[at, i] += weighted * residual[row]
             for j in range(6):
-                normal[i, j] += weighted * slope[j]
+                normals[at, i, j] += weighted * slope[j]
     return normals, gradients
 
 
 @numba.njit(cache=True)
 def tilt_damping(local, weights):
     """What keeps a thin slab from tipping over, (6,)."""
-    extent, total = max(np.abs(local[:, 2]).max(), 1e-9), max(weights.sum(), 1e-12)
-    damping = np.full(6, 1e-9 * total)
-    damping[3:] = 1e-3 * extent**2 * total
+    extent, total = 1e-9, 0.0
+    for row in range(len(local)):
+        extent, total = max(extent, abs(local[row, 2])), total + weights[row]
+    total, damping = max(total, 1e-12), np.empty(6)
+    for i in range(6):
+        damping[i] = 1e-9 * total if i < 3 else 1e-3 * (extent * extent) * total
     return damping
 
 
@@ -99,16 +113,21 @@ def _gauss_newton(local, parameters, residual, weights):
     Both are NaN where the points leave the step open.
     """
     one = np.zeros(len(local), dtype=np.int64)
-    normals, gradients = normal_sums(local, parameters, residual, weights, one, 1)
+    normals, gradients = normal_sums(local, parameters, residual, weights, one, np.int64(1))
     damping = tilt_damping(local, weights)
     for i in range(6):
         normals[0, i, i] += damping[i]
         if i >= 3:
             gradients[0, i] += damping[i] * parameters[i]
-    step = -_solved(normals[0], gradients[0])
-    limit = 0.5 * abs(parameters[2])
-    step[:3] = np.minimum(np.maximum(step[:3], -limit), limit)
-    return parameters + step, np.abs(step[:3]).max()
+    step, limit, largest = _solved(normals[0], gradients[0]), 0.5 * abs(parameters[2]), 0.0
+    for i in range(6):
+        if np.isnan(step[i]):
+            largest = np.nan
+        elif i < 3:
+            step[i] = min(max(step[i], -limit), limit)
+            largest = max(largest, abs(step[i]))
+        step[i] = parameters[i] - step[i]
+    return step, largest
 
 
 @numba.njit(cache=True)
@@ -117,15 +136,26 @@ def _solved(matrix, right):
     n, factor, found = len(right), np.zeros(matrix.shape), np.empty(len(right))
     for i in range(n):
         for j in range(i + 1):
-            rest = matrix[i, j] - (factor[i, :j] * factor[j, :j]).sum()
+            rest = 0.0
+            for k in range(j):
+                rest += factor[i, k] * factor[j, k]
+            rest = matrix[i, j] - rest
             if i > j:
                 factor[i, j] = rest / factor[j, j]
             elif rest > 0:
                 factor[i, i] = np.sqrt(rest)
             else:
-                return np.full(n, np.nan)
+                for k in range(n):
+                    found[k] = np.nan
+                return found
     for i in range(n):
-        found[i] = (right[i] - (factor[i, :i] * found[:i]).sum()) / factor[i, i]
+        rest = 0.0
+        for k in range(i):
+            rest += factor[i, k] * found[k]
+        found[i] = (right[i] - rest) / factor[i, i]
     for i in range(n - 1, -1, -1):
-        found[i] = (found[i] - (factor[i + 1 :, i] * found[i + 1 :]).sum()) / factor[i, i]
+        rest = 0.0
+        for k in range(i + 1, n):
+            rest += factor[k, i] * found[k]
+        found[i] = (found[i] - rest) / factor[i, i]
     return found

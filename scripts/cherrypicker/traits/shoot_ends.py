@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from cherrypicker.skeleton.ordering import first_not_below
 from cherrypicker.traits.company import Cells
 
 __all__ = ["ShootEnds", "draw_losses", "find_shoot_ends", "grow_hull"]
@@ -111,10 +112,12 @@ def grow_hull(hull, ends, losses, overshoot):
         Width (mean of the widest horizontal extent and that across it) and volume, to which each
         end that sticks out adds the pyramids over the faces that it sees.
     """
+    height = np.ascontiguousarray(hull.normals @ ends.points.T + hull.offsets[:, None])
+    rise = np.ascontiguousarray(hull.normals @ ends.directions.T)
     return _grown(
         hull.reach,
-        hull.normals,
-        hull.offsets,
+        height,  # of each end over each face
+        rise,
         hull.areas,
         hull.volume,
         np.ascontiguousarray(ends.points),
@@ -153,29 +156,34 @@ def _count_along(points, key, low, shape, size, ends, directions, behind, ahead,
         for a in range(first[0], last[0] + 1):
             for b in range(first[1], last[1] + 1):
                 column = (a * shape[1] + b) * shape[2]
-                at = np.searchsorted(key, column + first[2])
+                at = first_not_below(key, column + first[2])
                 while at < n and key[at] <= column + last[2]:
-                    offset = points[at] - ends[row]
-                    along = (offset * directions[row]).sum()
-                    off = (offset * offset).sum() - along * along
+                    along = off = 0.0
+                    for axis in range(3):
+                        offset = points[at, axis] - ends[row, axis]
+                        along += offset * directions[row, axis]
+                        off += offset * offset
+                    off -= along * along
                     count[row] += -behind <= along <= ahead and off < aside[row] * aside[row]
                     at += 1
     return count
 
 
 @numba.njit(cache=True)
-def _grown(reach, normals, offsets, areas, volume, ends, directions, losses, overshoot):
+def _grown(reach, height, rise, areas, volume, ends, directions, losses, overshoot):
     n_ways, n_samples = len(reach), len(losses)
     half, quarter = n_ways // 2, n_ways // 4
     x, y = np.empty(n_ways), np.empty(n_ways)
     for way in range(n_ways):
         x[way], y[way] = np.cos(2 * np.pi * way / n_ways), np.sin(2 * np.pi * way / n_ways)
-    height = normals @ ends.T + offsets[:, None]  # of each end over each face
-    rise = normals @ directions.T
-    out, surface = np.empty((n_samples, 2)), areas.sum()
+    out, far, surface = np.empty((n_samples, 2)), np.empty(n_ways), 0.0
+    for face in range(len(areas)):
+        surface += areas[face]
     for sample in range(n_samples):
         over = overshoot[sample]
-        far, grown = reach - over, volume - surface * over
+        for way in range(n_ways):
+            far[way] = reach[way] - over
+        grown = volume - surface * over
         for end in range(len(ends)):
             loss = losses[sample, end]
             u = ends[end, 0] + loss * directions[end, 0]
@@ -186,8 +194,12 @@ def _grown(reach, normals, offsets, areas, volume, ends, directions, losses, ove
                 above = height[face, end] + loss * rise[face, end] + over
                 if above > 0:
                     grown += areas[face] * above / 3
-        extent = far[:half] + far[half:]
-        widest = np.argmax(extent)
-        out[sample, 0] = (extent[widest] + extent[(widest + quarter) % half]) / 2
+        widest = 0
+        for way in range(half):
+            if far[way] + far[half + way] > far[widest] + far[half + widest]:
+                widest = way
+        across = (widest + quarter) % half
+        extents = far[widest] + far[half + widest] + (far[across] + far[half + across])
+        out[sample, 0] = extents / 2
         out[sample, 1] = max(grown, 0.0)
     return out

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.skeleton.ordering import median
 from cherrypicker.traits.cone_steps import (
     MAD_TO_SIGMA,
     iterate_cone,
@@ -118,7 +119,7 @@ def _best_circle(points, circles, tolerance):
     for row in range(len(circles)):
         total = 0.0
         for point in range(len(points)):
-            total += _miss(points[point], circles[row], tolerance)
+            total += _miss(points, point, circles, row, tolerance)
             if n == _PROMISING and total >= missed[n - 1]:
                 break
         else:
@@ -128,21 +129,24 @@ def _best_circle(points, circles, tolerance):
                 at -= 1
             missed[at], promising[at] = total, row
             n = min(n + 1, _PROMISING)
-    best, most = promising[0], -1.0
+    best, most, offset = promising[0], -1.0, np.empty((len(points), 2))
     for row in promising[:n]:
-        weights, score = _sector_weights(points - circles[row, :2]), 0.0
         for point in range(len(points)):
-            score += (1.0 - _miss(points[point], circles[row], tolerance)) * weights[point]
+            for axis in range(2):
+                offset[point, axis] = points[point, axis] - circles[row, axis]
+        weights, score = _sector_weights(offset), 0.0
+        for point in range(len(points)):
+            score += (1.0 - _miss(points, point, circles, row, tolerance)) * weights[point]
         if score > most:
             best, most = row, score
     return best
 
 
 @numba.njit(cache=True)
-def _miss(point, circle, tolerance):
+def _miss(points, point, circles, row, tolerance):
     """Squared distance of a point from a circle in tolerances, 1 at most."""
-    x, y = point[0] - circle[0], point[1] - circle[1]
-    away = (np.sqrt(x * x + y * y) - circle[2]) / tolerance
+    x, y = points[point, 0] - circles[row, 0], points[point, 1] - circles[row, 1]
+    away = (np.sqrt(x * x + y * y) - circles[row, 2]) / tolerance
     return min(away * away, 1.0)
 
 
@@ -185,10 +189,13 @@ def fit_cone(local, circle, *, prior_weights=None, n_iterations=30):
 def _level_shifts(residual, level, sector, n_levels, min_points):
     """Median over its sectors of each level's median residuals, NaN where points are too few."""
     shift, own = np.full(n_levels, np.nan), np.empty(len(residual))
-    n_sectors = sector.max() + 1 if len(sector) else 0
+    n_sectors, counts = 0, np.zeros(n_levels, dtype=np.int64)
+    for row in range(len(residual)):
+        n_sectors = max(n_sectors, sector[row] + 1)
+        counts[level[row]] += 1
     medians = np.empty(n_sectors)
     for at in range(n_levels):
-        if (level == at).sum() < min_points:
+        if counts[at] < min_points:
             continue
         n_medians = 0
         for part in range(n_sectors):
@@ -198,9 +205,9 @@ def _level_shifts(residual, level, sector, n_levels, min_points):
                     own[n_own] = residual[row]
                     n_own += 1
             if n_own:
-                medians[n_medians] = np.median(own[:n_own])
+                medians[n_medians] = median(own[:n_own])
                 n_medians += 1
-        shift[at] = np.median(medians[:n_medians])
+        shift[at] = median(medians[:n_medians])
     return shift
 
 
@@ -299,12 +306,18 @@ def _sector(offset, n_sectors):
 @numba.njit(cache=True)
 def _sector_weights(offset):
     """Weights that even out the number of points per sector, at most by `_MAX_BALANCE`."""
-    sector, count = _sector(offset, N_SECTORS), np.zeros(N_SECTORS)
+    sector, count = _sector(offset, np.int64(N_SECTORS)), np.zeros(N_SECTORS)
     for part in sector:
         count[part] += 1
-    typical = np.median(count[count > 0])
-    balance = typical / np.maximum(count, 1.0)
-    return np.minimum(np.maximum(balance, 1.0 / _MAX_BALANCE), _MAX_BALANCE)[sector]
+    filled, n_filled = np.empty(N_SECTORS), 0
+    for part in range(N_SECTORS):
+        filled[n_filled] = count[part]
+        n_filled += count[part] > 0
+    typical, weights = median(filled[:n_filled]) if n_filled else np.nan, np.empty(len(sector))
+    for row in range(len(sector)):
+        balance = typical / count[sector[row]]
+        weights[row] = min(max(balance, 1.0 / _MAX_BALANCE), _MAX_BALANCE)
+    return weights
 
 
 def _circles_through(triples):
