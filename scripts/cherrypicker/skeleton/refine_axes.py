@@ -13,7 +13,8 @@ from cherrypicker.skeleton.polylines import (
     meet_backwards,
     nearest_places,
 )
-from cherrypicker.skeleton.strands import Strands, grown, side_rows
+from cherrypicker.skeleton.strands import Strands, grown
+from cherrypicker.skeleton.tree_walks import child_rows
 
 __all__ = ["refine_strands", "smooth"]
 
@@ -74,7 +75,7 @@ def refine_strands(strands, surface, order, first, spacing, noise):
 def _refined(table, start, parent, at, surface, first, spacing, noise):
     """`refine_strands` on one table of the columns x, y, z, radius, label and gap."""
     place = at.copy()
-    side_start, side = side_rows(parent)
+    side_start, side = child_rows(parent)
     new_start = np.zeros(len(start), dtype=np.int64)
     values = np.empty((len(table), 6))
     for index in range(len(parent)):

@@ -9,6 +9,7 @@ from cherrypicker.skeleton.axes import axis_runs
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.ordering import first_not_below, sort_in_place
 from cherrypicker.skeleton.polylines import along_polyline, arc_length, between, interpolate
+from cherrypicker.skeleton.tree_walks import child_rows
 
 __all__ = [
     "Strands",
@@ -16,7 +17,6 @@ __all__ = [
     "grown",
     "interpolate",
     "join_strands",
-    "side_rows",
     "split_strands",
 ]
 
@@ -112,22 +112,6 @@ def _along_each(points, start):
     return along
 
 
-@numba.njit(cache=True)
-def side_rows(parent):
-    """Strands that start on each strand, as compressed rows: starts and strands, increasing."""
-    n = len(parent)
-    start = np.zeros(n + 1, dtype=np.int64)
-    for index in range(1, n):
-        start[parent[index] + 1] += 1
-    for index in range(n):
-        start[index + 1] += start[index]
-    side, filled = np.empty(max(n - 1, 0), dtype=np.int64), start.copy()
-    for index in range(1, n):
-        side[filled[parent[index]]] = index
-        filled[parent[index]] += 1
-    return start, side
-
-
 def join_strands(strands, spacing, *, unit, frame):
     """Sample strands evenly and join them into a skeleton.
 
@@ -180,7 +164,7 @@ def _sampled(columns, start, parent, at, spacing):
     `columns` (n, 6) are the first six of these, strand after strand.
     """
     table, total = np.empty((len(columns), 7)), 0
-    side_start, side = side_rows(parent)
+    side_start, side = child_rows(parent)
     base = np.full(len(parent), -1, dtype=np.int64)
     for index in range(len(parent)):
         line = columns[start[index] : start[index + 1]]

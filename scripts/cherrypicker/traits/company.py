@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numba
 import numpy as np
 
+from cherrypicker.skeleton.ordering import first_not_below
+
 __all__ = ["Cells", "have_company", "rows_in_box", "sort_into_cells"]
 
 _MOST_CELLS = 2.0**62
@@ -129,18 +131,6 @@ def _keys(points, low, shape, size):
 
 
 @numba.njit(cache=True)
-def _first(key, wanted, low, high):
-    """First row of sorted keys, between two rows, that is not below `wanted`."""
-    while low < high:
-        middle = (low + high) // 2
-        if key[middle] < wanted:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@numba.njit(cache=True)
 def _company(points, key, low, shape, size, places, reach, n_points):
     """Walk the columns of cells around each place, the nearest first, until enough are found."""
     enough, n = np.zeros(len(places), dtype=np.bool_), len(key)
@@ -158,7 +148,7 @@ def _company(points, key, low, shape, size, places, reach, n_points):
                     if max(abs(a - i), abs(b - j)) < ring:
                         continue
                     column = (a * shape[1] + b) * shape[2]
-                    row = _first(key, column + first_k, 0, n)
+                    row = first_not_below(key, column + first_k)
                     while row < n and key[row] <= column + last_k:
                         u, v, w = points[row, 0] - x, points[row, 1] - y, points[row, 2] - z
                         found += u * u + v * v + w * w <= limit

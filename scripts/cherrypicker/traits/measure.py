@@ -96,19 +96,11 @@ def measure_traits(
     StageError
         If the skeleton has no edge or the cloud no wood.
     """
-    if len(skeleton) < 2:
-        raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
-    labels = cloud["label"]
-    is_wood = wood_mask(labels)
+    is_wood = _checked_wood(skeleton, cloud)
     wood = cloud.points[is_wood]
-    if len(wood) < _MIN_WOOD_POINTS:
-        raise StageError(
-            f"{len(wood)} points are labelled trunk or branch, {_MIN_WOOD_POINTS} are needed",
-            key="segment",
-        )
     rng = np.random.default_rng(seed)
     axis_list = axes(skeleton)
-    foot = find_foot(skeleton, cloud.points, labels)
+    foot = find_foot(skeleton, cloud.points, cloud["label"])
     cells = sort_into_cells(wood, MIN_REACH_M)
     reach = support_reach(wood, cells=cells)
     support = find_support(
@@ -173,12 +165,7 @@ def measure_traits(
     traits["crown_alpha_volume_m3"] = _rounded(alpha_volume(crown_points, alpha, alpha / 5))
     traits |= _counts(skeleton, topology, rows)
     traits |= _shoots(rows)
-    found = {height: item for height, item in further.items() if item is not None}
-    traits["trunk_diameters"] = {f"{h:.2f}": _rounded(item.diameter) for h, item in found.items()}
-    traits["trunk_diameters_se"] = {
-        f"{h:.2f}": _rounded(_spread(item, error)) for h, item in found.items()
-    }
-    traits["trunk_sections"] = [_section(item) for item in (trunk, *found.values())]
+    traits |= _sections(trunk, further, error)
     traits["foot"] = [_rounded(value) for value in foot.point]
     traits["crown_volume_method"] = "convex hull"
     traits["trunk_end_height_m"] = _rounded(stem.height[-1])
@@ -197,6 +184,20 @@ def measure_traits(
     for flag in traits["flags"]:
         logger.info("flag: %s", flag)
     return traits, rows
+
+
+def _checked_wood(skeleton, cloud):
+    """Which points are wood, (n_points,) bool; refuse where there is nothing to measure."""
+    if len(skeleton) < 2:
+        raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
+    is_wood = wood_mask(cloud["label"])
+    n_wood = np.count_nonzero(is_wood)
+    if n_wood < _MIN_WOOD_POINTS:
+        raise StageError(
+            f"{n_wood} points are labelled trunk or branch, {_MIN_WOOD_POINTS} are needed",
+            key="segment",
+        )
+    return is_wood
 
 
 def _measured(stem, wood, height, options):
@@ -259,6 +260,16 @@ def _spread(item, error):
     if len(item.samples) < 20:
         return 0.0
     return float((item.samples * error[: len(item.samples)]).std(ddof=1))
+
+
+def _sections(trunk, further, error):
+    """Diameters at the further heights, and what each diameter rests on."""
+    found = {height: item for height, item in further.items() if item is not None}
+    return {
+        "trunk_diameters": {f"{h:.2f}": _rounded(item.diameter) for h, item in found.items()},
+        "trunk_diameters_se": {f"{h:.2f}": _rounded(_spread(i, error)) for h, i in found.items()},
+        "trunk_sections": [_section(item) for item in (trunk, *found.values())],
+    }
 
 
 def _section(item):
