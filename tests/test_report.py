@@ -178,7 +178,12 @@ def test_scan_from_photos_has_its_stages(build):
             "photos": {"broken.jpg": {"registered": False, "reason": "blurred <b>"}},
         },
         "align": {"up_to_ground_deg": 0.41, "warnings": ["a <u>hedge</u>"]},
-        "crop": {"n_points": 10, "n_kept": 6, "box": {"x": [-1, 1], "y": [-1, 1]}},
+        "crop": {
+            "n_points": 10,
+            "n_kept": 6,
+            "box": {"x": [-1, 1], "y": [-1, 1]},
+            "warnings": ["another stem stands in the region of interest", "the photos leave a gap"],
+        },
         "denoise": {"n_input": 6000, "n_removed_statistical": 600, "n_output": 5400},
         "scale": {
             "mode": "marker",
@@ -208,6 +213,8 @@ def test_scan_from_photos_has_its_stages(build):
     assert "4 of 5" in text
     assert "blurred &lt;b&gt;" in text
     assert "a &lt;u&gt;hedge&lt;/u&gt;" in text
+    assert "the photos leave a gap" in text
+    assert "another stem" not in text  # the traits flag those that are trees
     assert "600 of 6,000 (10.0 %)" in text
     assert "0.5 ± 0.001 m per unit (0.20 %)" in text
     for heading in ("sparse model", "Sky and depth", "Alignment", "Denoising", "Scale"):

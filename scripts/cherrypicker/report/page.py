@@ -142,13 +142,14 @@ def _embedded(figure, caption, width_px):
 
 
 def _warnings(traits, reports):
-    """The traits' flags, then what the stages warned of and no flag repeats."""
+    """The traits' flags, then what the stages warned of and the traits do not know better.
+
+    The crop sees stems before the classes are known; the traits' ``second_tree`` names those that
+    turned out to be trees.
+    """
     flags = [str(flag) for flag in traits.get("flags", [])]
-    has_second_tree = any(flag.startswith("second_tree") for flag in flags)
     return flags + [
-        line
-        for line in stage_warnings(*reports)
-        if not (has_second_tree and line.startswith("another stem"))
+        line for line in stage_warnings(*reports) if not line.startswith("another stem")
     ]
 
 
