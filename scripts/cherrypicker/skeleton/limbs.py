@@ -83,10 +83,9 @@ def recentre_limbs(points, contracted, base, *, spacing, taken):
     centre, along, radius, spread = rings
     centre = _smoothed(centre, along, radius, below, above)
     band = band[member]
-    is_sound = _in_runs(centre, along, radius, below, above)
+    sound = np.flatnonzero(_in_runs(centre, along, radius, below, above))
     if taken.any():  # rings around what has an axis are no limbs'
-        is_sound &= cKDTree(points[taken]).query(centre)[0] > radius
-    sound = np.flatnonzero(is_sound)
+        sound = sound[cKDTree(points[taken]).query(centre[sound])[0] > radius[sound]]
     if not len(sound):
         return contracted, np.zeros(len(points), dtype=bool)
     rings = tuple(part[sound] for part in (centre, along, radius, spread))

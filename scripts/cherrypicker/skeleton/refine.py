@@ -6,7 +6,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 
-from cherrypicker.skeleton.axes import axis_runs
+from cherrypicker.skeleton.axes import axis_runs, run_of_node
 from cherrypicker.skeleton.edge_search import nearest_edges
 from cherrypicker.skeleton.ordering import median
 from cherrypicker.skeleton.refine_axes import refine_strands
@@ -153,8 +153,7 @@ def refine_skeleton(skeleton, surface, spacing, noise=0.0):
 def _points_by_axis(skeleton, surface):
     """Rows of the surface points that lie nearest to each axis's wood, axis by axis, and starts."""
     nodes, first, *_ = axis_runs(skeleton)
-    owner = np.empty(len(skeleton), dtype=np.int64)
-    owner[nodes] = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    owner = run_of_node(nodes, first)
     axis = owner[nearest_edges(skeleton, surface, outside=True)[0]]
     order = np.argsort(axis, kind="stable")
     return order, np.searchsorted(axis[order], np.arange(len(first)))

@@ -13,7 +13,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from cherrypicker.skeleton.axes import axis_runs
+from cherrypicker.skeleton.axes import axis_runs, run_of_node
 from cherrypicker.skeleton.polylines import (
     arc_length,
     interpolate,
@@ -77,8 +77,7 @@ def regrow(skeleton, surface, spacing):
     clusters = _clusters(surface[rows], spacing, sure)
     density = _area_density(skeleton)
     nodes, first, *_ = axis_runs(skeleton)
-    axis_of = np.empty(len(skeleton), dtype=np.int64)
-    axis_of[nodes] = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    axis_of = run_of_node(nodes, first)
     strands, added = split_strands(skeleton), []
     for own, graph in clusters:
         trace = _trace(surface[rows[own]], excess[rows[own]], graph, spacing)

@@ -8,14 +8,12 @@ import numpy as np
 from cherrypicker.skeleton.axes import axis_runs
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.ordering import first_not_below, sort_in_place
-from cherrypicker.skeleton.polylines import along_polyline, arc_length, between, interpolate
+from cherrypicker.skeleton.polylines import along_polyline, between
 from cherrypicker.skeleton.tree_walks import child_rows
 
 __all__ = [
     "Strands",
-    "arc_length",
     "grown",
-    "interpolate",
     "join_strands",
     "split_strands",
 ]
