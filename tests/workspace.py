@@ -111,9 +111,10 @@ class Workspace:
 
 
 def kill_group(process: subprocess.Popen) -> None:
-    """Kill a process and everything that it started, as a power cut does."""
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    """Kill a process and everything that it started, as a power cut does; one may have ended."""
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 def copy_project(target: Path) -> Path:
