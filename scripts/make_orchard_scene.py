@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.orchard import AsSeen, generate_scene, sample_scene
-from cherrypicker.orchard.cameras import default_rings, ring_poses
 from cherrypicker.orchard.truth import write_truth
-from cherrypicker.orchard.variety import FORMS, scene_camera, scene_options
+from cherrypicker.orchard.variety import FORMS, scene_camera, scene_options, scene_walk
+from cherrypicker.orchard.walks import walk_poses
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 
@@ -25,13 +25,10 @@ def main(
 ):  # fmt: skip
     """Write the truth, then the cloud."""
     folder = Path(as_seen).parent
-    options = scene_options(seed, forms, json.loads(chosen))
-    scene = generate_scene(seed, **options)
+    chosen = json.loads(chosen)
+    scene = generate_scene(seed, **scene_options(seed, forms, chosen))
     camera = scene_camera(seed, distortion=distortion, size_px=photo_size_px)
-    poses = ring_poses(
-        default_rings(scene, camera, n_photos), camera, seed=seed, ground=scene.ground_height,
-        obstacles=scene.obstacles(),
-    )  # fmt: skip
+    poses = walk_poses(scene, camera, scene_walk(seed, chosen), n_photos)
     write_truth(
         folder / "truth", scene, poses, n_points=surface_points, extent=extent_m,
         name=f"orchard {seed}", camera=camera,

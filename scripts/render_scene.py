@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from cherrypicker.errors import StageError
 from cherrypicker.orchard import generate_scene
 from cherrypicker.orchard.blender import BlenderScene
-from cherrypicker.orchard.cameras import CameraModel, Ring, default_rings, ring_poses
+from cherrypicker.orchard.cameras import CameraModel, Ring
 from cherrypicker.orchard.photo import (
     PhotoEffects,
     behind_all,
@@ -45,7 +45,8 @@ from cherrypicker.orchard.photo import (
 )
 from cherrypicker.orchard.presets import PRESETS
 from cherrypicker.orchard.truth import write_truth
-from cherrypicker.orchard.variety import FORMS, scene_camera, scene_options
+from cherrypicker.orchard.variety import FORMS, scene_camera, scene_options, scene_walk
+from cherrypicker.orchard.walks import preset_poses, walk_poses
 
 logger = logging.getLogger("render_scene")
 
@@ -167,23 +168,17 @@ def main():
     args = parse_arguments()
     if args.preset:
         preset = PRESETS[args.preset]
-        scene, camera, rings = generate_scene(**preset["scene"]), preset["camera"], preset["rings"]
+        scene, camera = generate_scene(**preset["scene"]), preset["camera"]
+        poses = preset_poses(preset, scene)
     elif args.orchard is not None:
-        scene = generate_scene(
-            args.orchard, **scene_options(args.orchard, args.forms, json.loads(args.chosen))
-        )
+        chosen = json.loads(args.chosen)
+        scene = generate_scene(args.orchard, **scene_options(args.orchard, args.forms, chosen))
         camera = scene_camera(args.orchard, distortion=bool(args.lens), size_px=args.size)
-        rings = default_rings(scene, camera, args.photos)
+        poses = walk_poses(scene, camera, scene_walk(args.orchard, chosen), args.photos)
     else:
         scene, camera = generate_scene(args.seed), CameraModel()
         rings = [Ring(20, 1.1, 2.6, 1.1), Ring(20, 1.9, 2.5, 1.1, 0.16), Ring(8, 0.6, 2.5, 1.2)]
-    poses = ring_poses(
-        rings,
-        camera,
-        seed=scene.seed,
-        ground=scene.ground_height,
-        obstacles=scene.obstacles(),
-    )
+        poses = preset_poses({"camera": camera, "rings": rings}, scene)
     if args.orchard is None:  # the orchard's rule writes its own
         name = args.preset or f"seed {args.seed}"
         write_truth(Path(args.output) / "truth", scene, poses, name=name)

@@ -181,6 +181,10 @@ def surface_color(material, attributes, n):
         return wood_color(attributes["rest"], material["seed"], material["color"])
     if kind == "image":
         return image_color(material["image"], attributes["uv"])
+    if kind == "leaves":
+        dark, light = np.asarray(material["dark"]), np.asarray(material["light"])
+        tint = attributes["tint"][:, None]
+        return np.where(tint < 0, material["core"], dark + tint * (light - dark))
     if kind == "plain":
         dirt = fbm(attributes["rest"] * 20, octaves=4, gain=0.65, seed=material["seed"])
         return np.asarray(material["color"]) * np.ones((n, 1)) * (0.72 + 0.5 * dirt)[:, None]

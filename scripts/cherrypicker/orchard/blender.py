@@ -25,7 +25,7 @@ from cherrypicker.orchard.materials import (
     vertex_colors,
 )
 from cherrypicker.orchard.mesh import NO_TREE, ground_disc
-from cherrypicker.orchard.photo import decode_srgb
+from cherrypicker.orchard.photo import BACKGROUND_ID, decode_srgb
 from cherrypicker.orchard.wind import moved_points, sway
 
 __all__ = ["INSTALL", "BlenderScene"]
@@ -38,6 +38,8 @@ INSTALL = (
 # the ground's textures: half width (of the cameras' distance) and pixel (of a photo's at the tree)
 GROUND_TEXTURES = ((1.25, 1.0), (3.5, 3.0))
 HORIZON_M, HORIZON_PIXEL_M = 40.0, 0.08
+HILL_PIXEL_M = 0.025  # slopes face the camera: a pixel of a photo at 20 m
+DENSE_KINDS = ("leaves", "bark")  # their vertices carry the colours as they are
 LEAST_DISTANCE_M = 2.0
 
 
@@ -110,6 +112,7 @@ def subdivided(mesh, times):
 
 def truth_attribute(labels, tree):
     """Vertex attribute that carries class and tree into the maps, (n, 3) float64."""
+    labels = np.where(np.asarray(labels) == Label.UNLABELLED, BACKGROUND_ID, labels)
     return np.column_stack([labels, np.full(len(labels), min(tree, 16)), np.zeros(len(labels))])
 
 
@@ -131,8 +134,8 @@ def add_trees(bpy, scene, painted):
 
 
 def add_things(bpy, scene, folder, painted):
-    """All that is neither a tree nor the ground."""
-    for thing in scene.objects:
+    """All that is neither a tree nor the ground, the background too."""
+    for thing in [*scene.objects, *scene.surroundings]:
         if thing.material["kind"] == "image":
             pixels = np.round(255 * encode_srgb(thing.material["image"])).astype(np.uint8)
             image = load_image(bpy, folder, thing.name, pixels)
@@ -143,13 +146,15 @@ def add_things(bpy, scene, folder, painted):
             truth = truth_attribute(np.full(len(uv), thing.label), NO_TREE)
             add_mesh(bpy, thing.name, thing.mesh, [material], uv3=uv, truth=truth)
         else:
-            fine = subdivided(thing.mesh, 3 if len(thing.mesh.faces) < 5000 else 2)
+            times = 3 if len(thing.mesh.faces) < 5000 else 2
+            times = 0 if thing.material["kind"] in DENSE_KINDS else times
+            fine = subdivided(thing.mesh, times)
             albedo = surface_color(thing.material, fine.attributes, len(fine.vertices))
             truth = truth_attribute(np.full(len(albedo), thing.label), NO_TREE)
             add_mesh(bpy, thing.name, fine, [painted], albedo=albedo, truth=truth)
 
 
-def ground_textures(distance, focal_px):
+def ground_textures(distance, focal_px, horizon_pixel=HORIZON_PIXEL_M):
     """Half widths (m) and sizes (px) of the ground's textures, from the finest to the horizon's.
 
     Parameters
@@ -157,13 +162,15 @@ def ground_textures(distance, focal_px):
     distance : float
         Of the cameras from the tree, m.
     focal_px : float
+    horizon_pixel : float
+        Of the coarsest texture, m.
     """
     distance = max(distance, LEAST_DISTANCE_M)
     made = []
     for reach, pixels in GROUND_TEXTURES:
         half = min(reach * distance, 0.8 * HORIZON_M)
         made.append((half, int(np.ceil(2 * half / (pixels * distance / focal_px)))))
-    return [*made, (HORIZON_M, int(2 * HORIZON_M / HORIZON_PIXEL_M))]
+    return [*made, (HORIZON_M, int(2 * HORIZON_M / horizon_pixel))]
 
 
 def add_ground(bpy, scene, folder, textures):
@@ -280,7 +287,8 @@ class BlenderScene:
         painted = new_material(self.bpy, "painted", scene.light, vertex_colors)
         self._scene, self._trees = scene, add_trees(self.bpy, scene, painted)
         add_things(self.bpy, scene, self._folder.name, painted)
-        textures = ground_textures(distance, camera.focal_px)
+        horizon_pixel = HILL_PIXEL_M if scene.background == "hills" else HORIZON_PIXEL_M
+        textures = ground_textures(distance, camera.focal_px, horizon_pixel)
         add_ground(self.bpy, scene, self._folder.name, textures)
 
     def __enter__(self):

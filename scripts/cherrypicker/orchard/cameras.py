@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.poses import Poses
 
-__all__ = ["CameraModel", "Ring", "default_rings", "look_at", "ring_poses"]
+__all__ = ["CameraModel", "Ring", "default_rings", "look_at", "numbered_poses", "ring_poses"]
 
 FULL_FRAME_DIAGONAL_MM = 43.27
 CLEARANCE_M = 0.4
@@ -106,6 +106,14 @@ def _stand_clear(center, obstacles):
     return center
 
 
+def numbered_poses(cam_from_world, camera):
+    """Photos of one camera from their poses (3, 4), named IMG_0001.jpg and so on."""
+    n = len(cam_from_world)
+    names = np.array([f"IMG_{i + 1:04d}.jpg" for i in range(n)])
+    sizes = np.full(n, camera.width), np.full(n, camera.height)
+    return Poses(names, np.array(cam_from_world), np.repeat([camera.K], n, axis=0), *sizes)
+
+
 def ring_poses(rings, camera, *, seed, ground=None, obstacles=None):
     """Poses of all photos, in shooting order, with a photographer's small irregularities.
 
@@ -137,7 +145,4 @@ def ring_poses(rings, camera, *, seed, ground=None, obstacles=None):
             center = _stand_clear(center, wood)
             target = np.array([0.0, 0.0, ring.aim]) + rng.normal(size=3) * 0.03
             poses.append(look_at(center, target, np.radians(rng.normal() * 1.2)))
-    n = len(poses)
-    names = [f"IMG_{i + 1:04d}.jpg" for i in range(n)]
-    sizes = np.full(n, camera.width), np.full(n, camera.height)
-    return Poses(np.array(names), np.array(poses), np.repeat([camera.K], n, axis=0), *sizes)
+    return numbered_poses(poses, camera)

@@ -73,7 +73,7 @@ class SceneObject:
         Class of all of it; a tree's wood takes its class from the axis instead.
     mesh : Mesh
     material : dict
-        `kind` (bark, wood, image, plain) and what that kind needs, see `surface_color`.
+        `kind` (bark, wood, image, plain, leaves) and what that kind needs, see `surface_color`.
     tree : int
         0 the target, 1.. neighbours, 255 no tree.
     radius : float

@@ -15,6 +15,7 @@ from cherrypicker.orchard.appearance import encode_srgb
 from cherrypicker.orchard.backdrop import backdrop
 
 __all__ = [
+    "BACKGROUND_ID",
     "FAR_ID",
     "SKY_ID",
     "PhotoEffects",
@@ -33,7 +34,8 @@ __all__ = [
     "write_maps",
 ]
 
-SKY_ID, FAR_ID = 254, 255  # in semantic masks: sky, and the hills and houses at infinity
+# in semantic masks: what stands in the background, sky, and the hills and houses at infinity
+BACKGROUND_ID, SKY_ID, FAR_ID = 253, 254, 255
 _LENS_ITERATIONS = 12
 _ONE_SURFACE = 1.03  # depths of neighbouring pixels on one surface differ by less
 
@@ -131,7 +133,7 @@ def behind_all(label, scene, poses, i):
     Returns
     -------
     ndarray of shape (h, w), uint8
-        Class ids, `SKY_ID` and `FAR_ID`.
+        Class ids, `BACKGROUND_ID`, `SKY_ID` and `FAR_ID`.
     """
     mask = label.copy().reshape(-1)
     free = np.flatnonzero(mask == 255)
@@ -282,7 +284,7 @@ def write_maps(folder, name, depth, normals, mask, tree):
     normals : ndarray of shape (h, w, 3)
         Camera's frame.
     mask : ndarray of shape (h, w), uint8
-        Class ids, `SKY_ID`, `FAR_ID`.
+        Class ids, `BACKGROUND_ID`, `SKY_ID`, `FAR_ID`.
     tree : ndarray of shape (h, w), uint8
         0 the target, 1.. neighbours, 255 none.
     """

@@ -4,6 +4,7 @@ Frame: metres, z up, the row along x, the target's stem foot at the origin on th
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -18,11 +19,13 @@ from cherrypicker.orchard.mesh import SceneObject, join, tree_mesh
 from cherrypicker.orchard.noise import fbm
 from cherrypicker.orchard.structures import WIRE_RADIUS_M, foil_roof, support_post, trellis
 from cherrypicker.orchard.structures import net as hang_net
+from cherrypicker.orchard.surroundings import BACKGROUNDS, hill_height, surroundings
 from cherrypicker.orchard.templates import grow_any
 
 __all__ = ["Scene", "generate_scene"]
 
 DRESSING = ("wires", "paint", "stubs", "spurs", "buds", "relief", "wind", "net")
+NEAR_M = 5.0  # cameras stand nearer to the stem
 DICTIONARIES = ("DICT_4X4_50", "DICT_5X5_100", "DICT_6X6_250", "DICT_APRILTAG_36h11")
 
 
@@ -52,6 +55,8 @@ class Scene:
         A key of `ground.GROUNDS`.
     wind_m : float
         Amplitude of the sway from photo to photo, see `wind.sway`; the scene is at rest.
+    background : str, optional
+        One of `surroundings.BACKGROUNDS`; None for nothing but what lies at infinity.
     """
 
     seed: int
@@ -65,6 +70,7 @@ class Scene:
     options: dict = field(default_factory=dict)
     ground_kind: str = "meadow"
     wind_m: float = 0.0
+    background: str | None = None
 
     @property
     def target(self):
@@ -73,7 +79,12 @@ class Scene:
 
     def ground_height(self, xy):
         """Ground level z (N,) at positions xy (N, 2), m; 0 at the target's stem."""
-        return _ground_height(xy, self.ground_seed, self.ground_relief_m)
+        return _ground_height(xy, self.ground_seed, self.ground_relief_m, self.background)
+
+    @cached_property
+    def surroundings(self):
+        """Objects of the background, see `surroundings.surroundings`; clouds leave them out."""
+        return surroundings(self)
 
     def neighbour_wood(self):
         """Skeleton nodes of all trees but the target, shape (n, 3), m."""
@@ -81,13 +92,15 @@ class Scene:
         return np.concatenate([np.empty((0, 3)), *nodes])
 
     def obstacles(self):
-        """Where no photographer can stand: wood of the neighbours and posts, shape (n, 3), m."""
+        """Where no photographer can stand, shape (n, 3), m: neighbours, posts, background."""
         posts = [
             thing.mesh.vertices
             for thing in self.objects
             if thing.label == Label.SUPPORT_POST and thing.radius > WIRE_RADIUS_M
         ]
-        return np.concatenate([self.neighbour_wood(), *posts])
+        around = [thing.mesh.vertices for thing in self.surroundings]
+        near = [points[np.hypot(points[:, 0], points[:, 1]) < NEAR_M] for points in around]
+        return np.concatenate([self.neighbour_wood(), *posts, *near])
 
     def tree_objects(self, **resolution):
         """One bark object per tree, meshed at the resolution asked for (see `tree_mesh`).
@@ -104,14 +117,16 @@ class Scene:
         return made
 
 
-def _ground_height(xy, seed, relief):
+def _ground_height(xy, seed, relief, background=None):
     def level(at):
         p = np.column_stack([at, np.zeros(len(at))])
         gentle = fbm(p * 0.35 + 100.0, octaves=2, gain=0.4, seed=seed + 3) - 0.5
         fine = fbm(p * 5.0, octaves=3, gain=0.5, seed=seed + 5) - 0.5
         return relief[0] * gentle + relief[1] * fine
 
-    return level(np.asarray(xy, float)) - level(np.zeros((1, 2)))[0]
+    xy = np.asarray(xy, float)
+    z = level(xy) - level(np.zeros((1, 2)))[0]
+    return z + hill_height(xy, seed) if background == "hills" else z
 
 
 def _around(rng, low, high, avoid=None, spread=0.9):
@@ -161,6 +176,8 @@ def generate_scene(
     ground="meadow",
     net=None,
     wind=0.0,
+    background=None,
+    tip_radius=None,
 ):
     """Lay out a random orchard scene; every option left at None is drawn from the seed.
 
@@ -207,6 +224,10 @@ def generate_scene(
         A net over the row or beside it; none by default.
     wind : float, default 0
         How far the tip of a twig of 0.5 m sways from photo to photo, m root mean square.
+    background : {"hills", "hedges", "buildings", "rows"}, optional
+        What stands around, see `surroundings`; by default only what lies at infinity.
+    tip_radius : tuple of float, optional
+        (low, high) of the radii of the target's tips, m, for a template of Weber and Penn.
 
     Returns
     -------
@@ -215,8 +236,10 @@ def generate_scene(
     Raises
     ------
     ValueError
-        If the habit, the ground or the net is not known.
+        If the habit, the ground, the net or the background is not known.
     """
+    if background is not None and background not in BACKGROUNDS:
+        raise ValueError(f"background must be one of {', '.join(BACKGROUNDS)}, got {background!r}")
     if ground not in GROUNDS:
         raise ValueError(f"ground must be one of {', '.join(GROUNDS)}, got {ground!r}")
     options = {k: v for k, v in locals().items() if k != "seed" and v is not None}
@@ -242,12 +265,13 @@ def generate_scene(
     ground_seed = int(rng.integers(1 << 30))
 
     def level(xy):
-        return _ground_height(xy, ground_seed, slopes)
+        return _ground_height(xy, ground_seed, slopes, background)
 
     light = make_light(np.random.default_rng([int(seed), 2]), sky)
     target = grow_any(
-        seed, pick["habit"], height=height, trunk_radius=trunk_radius, density=density
-    )
+        seed, pick["habit"], height=height, trunk_radius=trunk_radius, density=density,
+        tip_radius=tip_radius,
+    )  # fmt: skip
     dress_tree(target, seed, stubs=stubs, spurs=spurs)
     others, offsets = _plant_neighbours(
         np.random.default_rng([int(seed), 3]), int(seed), pick["neighbours"],
@@ -268,7 +292,7 @@ def generate_scene(
     return Scene(
         int(seed), [target, *others], np.array([[0.0, 0.0, 0.0], *offsets]), objects, truth,
         light, ground_seed, slopes, {**options, **{k: pick[k] for k in drawn}}, ground,
-        float(wind),
+        float(wind), background,
     )  # fmt: skip
 
 

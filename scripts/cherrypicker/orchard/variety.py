@@ -10,9 +10,11 @@ from cherrypicker.orchard.ground import GROUNDS
 from cherrypicker.orchard.growth import HABITS
 from cherrypicker.orchard.scene import DICTIONARIES
 from cherrypicker.orchard.structures import NETS
+from cherrypicker.orchard.surroundings import BACKGROUNDS
 from cherrypicker.orchard.templates import CONIFERS, TEMPLATES
+from cherrypicker.orchard.walks import WALKS
 
-__all__ = ["FORMS", "scene_camera", "scene_options"]
+__all__ = ["FORMS", "scene_camera", "scene_options", "scene_walk"]
 
 FORMS = (*HABITS, *TEMPLATES)
 # heights m, and trunk radius per height: from a whip to the tallest trees of an old orchard
@@ -26,6 +28,8 @@ CHOSEN = {
     "sky": "sky", "ground": "ground", "net": "net", "wind_m": "wind", "buds_per_m": "buds",
     "relief": "relief", "neighbours": "neighbours",
 }  # fmt: skip
+# added later: drawn only where the config says so, so that older seeds keep their scenes
+LATER = ("walk", "background")
 CAMERAS = (
     CameraModel(800, 1200, 1050.0, model="Orchard One", sensor_diagonal_mm=9.5),
     CameraModel(1200, 800, 860.0, model="Orchard Three", sensor_diagonal_mm=28.2),
@@ -46,8 +50,9 @@ def scene_options(seed, forms=FORMS, chosen=None):
         The forms to draw from.
     chosen : dict, optional
         What is not drawn, by the keys of the config's `orchard.chosen`: `sky`, `ground`, `net`
-        ("none" for none), `wind_m`, `buds_per_m`, `relief`, `neighbours`. "drawn" and numbers
-        below 0 choose nothing.
+        ("none" for none), `wind_m`, `buds_per_m`, `relief`, `neighbours`, `background` ("none"
+        for none, as where it is left out). "drawn" and numbers below 0 choose nothing; `walk` is
+        left to `scene_walk`.
 
     Returns
     -------
@@ -59,10 +64,10 @@ def scene_options(seed, forms=FORMS, chosen=None):
     StageError
         If a form or a key of `chosen` is not known.
     """
-    unknown = sorted(set(chosen or {}) - set(CHOSEN))
+    unknown = sorted(set(chosen or {}) - {*CHOSEN, *LATER})
     if unknown:
         raise StageError(
-            f"scenes have {', '.join(CHOSEN)} to choose, got {', '.join(unknown)}",
+            f"scenes have {', '.join((*CHOSEN, *LATER))} to choose, got {', '.join(unknown)}",
             key="orchard.chosen",
         )
     unknown = [form for form in forms if form not in FORMS]
@@ -104,10 +109,36 @@ def scene_options(seed, forms=FORMS, chosen=None):
         )
     options |= _look(seed, form)
     for key, value in (chosen or {}).items():
+        if key in LATER:
+            continue
         is_drawn = value == "drawn" if isinstance(value, str) else value < 0
         if not is_drawn:
             options[CHOSEN[key]] = value
+    around = (chosen or {}).get("background", "none")
+    drawn = str(np.random.default_rng([int(seed), 463]).choice(["none", *BACKGROUNDS]))
+    around = drawn if around == "drawn" else around
+    if around != "none":
+        options["background"] = around
     return {**options, "net": None if options["net"] == "none" else options["net"]}
+
+
+def scene_walk(seed, chosen=None):
+    """Choose how the photographer walks around a scene.
+
+    Parameters
+    ----------
+    seed : int
+    chosen : dict, optional
+        The config's `orchard.chosen`; its `walk` is one of `walks.WALKS`, or "drawn" for one
+        drawn from the seed. Rings where it is left out.
+
+    Returns
+    -------
+    str
+    """
+    walk = (chosen or {}).get("walk", "rings")
+    drawn = str(np.random.default_rng([int(seed), 467]).choice(list(WALKS)))
+    return drawn if walk == "drawn" else walk
 
 
 def _look(seed, form):
