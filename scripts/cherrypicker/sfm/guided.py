@@ -33,7 +33,7 @@ class PhotoFeatures:
     focal : float
         Focal length, px.
     camera : pycolmap.Camera or None
-        The camera that the database knows.
+        The camera that the rays come from.
     """
 
     pixels: np.ndarray
@@ -43,9 +43,11 @@ class PhotoFeatures:
     camera: pycolmap.Camera | None = None
 
 
-def read_features(database: pycolmap.Database, image_id: int) -> PhotoFeatures:
-    """Read a photo's features with the camera that the database knows."""
-    camera = database.read_camera(database.read_image(image_id).camera_id)
+def read_features(
+    database: pycolmap.Database, image_id: int, camera: pycolmap.Camera | None = None
+) -> PhotoFeatures:
+    """Read a photo's features, with the camera that the database knows where none is given."""
+    camera = camera or database.read_camera(database.read_image(image_id).camera_id)
     keypoints = np.asarray(database.read_keypoints(image_id))
     descriptors = np.asarray(database.read_descriptors(image_id).data, dtype=np.uint8)
     pixels = np.ascontiguousarray(keypoints[:, :2], dtype=np.float64).reshape(-1, 2)

@@ -21,7 +21,7 @@ from cherrypicker.sfm.policies import (
     global_options,
     incremental_options,
 )
-from cherrypicker.sfm.refine import refine_model
+from cherrypicker.sfm.refine import adjust, drop_short_tracks, refine_model
 
 logger = logging.getLogger(__name__)
 
@@ -152,11 +152,37 @@ def map_photos(
         logger.warning("kept the model of attempt '%s': %s", best.policy.name, _verdict(best))
     others = [attempt for attempt in attempts if attempt is not best]
     if best.model is not None:
-        model = refine_model(best.model, threads)
-        agreement = measure_agreement(model, pairs, options.max_error_px)
-        best = replace(best, model=model, agreement=agreement)
+        n_rounds = 1 if len(attempts) == 1 else 2  # poses that took several attempts guide worse
+        best = _refine(best, database, scratch, options, pairs, n_rounds, seed, threads)
         logger.info("after the last adjustment: %s", _verdict(best))
     return [best, *others]
+
+
+def _refine(
+    best: Attempt,
+    database: Path,
+    scratch: Path,
+    options: MappingOptions,
+    pairs: list,
+    n_rounds: int,
+    seed: int,
+    threads: int,
+) -> Attempt:
+    """Refine the chosen model, unless the verified pairs then fit it less well."""
+    adjusted = pycolmap.Reconstruction(best.model)
+    adjust(adjusted, threads=threads)
+    before = measure_agreement(adjusted, pairs, options.max_error_px)
+    model = adjusted
+    for _ in range(n_rounds):
+        model = refine_model(
+            model, database, scratch, options.max_error_px, seed=seed, threads=threads
+        )
+    agreement = measure_agreement(model, pairs, options.max_error_px)
+    if agreement.matches < before.matches - _SCORE_MARGIN:
+        logger.warning("matching by poses took the model off the verified pairs: left out")
+        model, agreement = adjusted, before
+    drop_short_tracks(model)
+    return replace(best, model=model, agreement=agreement)
 
 
 def _good_enough(attempt: Attempt, options: MappingOptions) -> bool:
