@@ -1,32 +1,47 @@
 """Fuse the depth maps into the dense cloud.
 
 Reads the dense workspace (its manifest depth.json), writes cloud.ply with colours, normals and the
-number of photos that saw each point. Example:
+number of photos that saw each point, and coverage.json: for the region that the cameras look at, in
+voxels, how many photos frame it, how many depth maps hold something there, and what the sky masks
+show. Example:
 
-    python scripts/fuse_depth.py --depth dense/depth.json --cloud cloud.ply
+    python scripts/fuse_depth.py --depth dense/depth.json --sky_masks sky \\
+        --cameras sfm/model/cameras.bin --cloud cloud.ply --coverage dense/coverage.json
 """
 
 from pathlib import Path
 
-from cherrypicker.files import read_json
+from cherrypicker.files import read_json, write_json
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.coverage import measure_coverage
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
+from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.placement.region import find_region
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 
 
-def main(depth, cloud, *, method, threads, **options):
-    """Load, fuse, save."""
-    names = read_json(depth)["maps"]
-    fused = fuse_workspace(
-        Path(depth).parent, names, FusionOptions(**options), method=method, threads=threads
-    )
+def main(depth, sky_masks, cameras, cloud, coverage, *, method, threads, **options):
+    """Load, fuse, save, and count what the region holds."""
+    folder, names = Path(depth).parent, read_json(depth)["maps"]
+    fused = fuse_workspace(folder, names, FusionOptions(**options), method=method, threads=threads)
+    workspace = Workspace(folder)
+    region = find_region(workspace.poses)
+    content = {"region": None}
+    if region is not None:
+        masks = SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names)
+        content = measure_coverage(workspace, region, names, masks).as_dict(region)
+    write_json(coverage, content, indent=None)
     write_cloud(cloud, fused)
 
 
 defaults = FusionOptions()
 parser = stage_parser(__doc__)
 parser.add_argument("--depth", required=True, help="manifest of the depth maps")
+parser.add_argument("--sky_masks", required=True, help="folder of sky masks")
+parser.add_argument("--cameras", required=True, help="cameras.bin of the photos as stored")
 parser.add_argument("--cloud", required=True, help="cloud to write, PLY")
+parser.add_argument("--coverage", required=True, help="coverage.json to write")
 parser.add_argument("--method", default="star", help="star (ours) or colmap")
 parser.add_argument("--min_views", type=int, default=defaults.min_views)
 parser.add_argument("--n_check", type=int, default=defaults.n_check)

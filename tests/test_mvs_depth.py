@@ -12,7 +12,7 @@ import pytest
 from stereo_scene import Surface, write_scene
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs import compiled
+from cherrypicker.mvs import backend, compiled
 from cherrypicker.mvs.backend import choose_backend, estimate_workspace
 from cherrypicker.mvs.estimate import StereoOptions, field_to_maps, maps_to_field
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
@@ -209,3 +209,24 @@ def test_a_missing_photo_and_a_missing_model_are_told(tmp_path):
         estimate_workspace(tmp_path, StereoOptions(), backend="cpu")
     with pytest.raises(StageError, match="sparse model"):
         Workspace(tmp_path / "nowhere")
+
+
+def test_auto_falls_back_to_the_cpu_where_cuda_leaves_empty_maps(tmp_path, monkeypatch, caplog):
+    write_scene(tmp_path, [SLANTED])
+
+    def empty_maps(workspace, options):
+        for view in workspace.views:
+            size = (view.height, view.width)
+            for kind in ("photometric", "geometric"):
+                workspace.write_maps(view, kind, np.zeros(size), np.zeros((*size, 3)))
+        return {view.name for view in workspace.views}
+
+    monkeypatch.setattr(pycolmap, "has_cuda", True)
+    monkeypatch.setattr(backend, "_run_cuda", empty_maps)
+    with pytest.raises(StageError, match="no pixel has a consistent depth") as caught:
+        estimate_workspace(tmp_path, StereoOptions(), backend="cuda")
+    assert caught.value.key == "mvs.backend"
+    manifest = estimate_workspace(tmp_path, StereoOptions(), backend="auto")
+    assert manifest["backend"] == "cpu"
+    assert min(manifest["share_with_depth"].values()) > 0.5
+    assert "CUDA stereo left all 5 depth maps empty" in caplog.text

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cherrypicker.placement.region import crossing, find_region
+
 # Right and up of the photographer in camera axes (x right, y down) for each quarter turn of the
 # stored image. 0: as stored; 1: EXIF 6, up is the image's left; 2: upside down, EXIF 3; 3: EXIF 8.
 _RIGHT_AXES = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -28,6 +30,9 @@ _ROLL_SCALE_DEG = 8.0
 _PITCH_SCALE_DEG = 45.0
 # Photographers share habits: no number of photos makes the vertical better than this.
 _UP_FLOOR_DEG = 0.25
+# Weight of the depth at which the cloud is seen, in axes: that of a spread of 6 degrees, below
+# which the axes tell no depth (region.LEAST_SPREAD).
+_DEPTH_PULL = 0.01
 
 
 @dataclass(frozen=True)
@@ -76,10 +81,10 @@ def tangent_basis(direction):
 
 
 def look_at_point(poses, points):
-    """Point that the cameras look at: robust least-squares intersection of the viewing axes.
+    """Point that the cameras look at: the centre of their region of interest.
 
-    Parallel axes (a row of photos along a hedge) leave the depth open; a weak pull towards the
-    depth at which each camera sees the cloud closes it.
+    Where they look at no common place (a walk along a row) their axes leave the depth open; a weak
+    pull towards the depth at which each camera sees the cloud closes it.
 
     Parameters
     ----------
@@ -93,26 +98,11 @@ def look_at_point(poses, points):
     distance : float
         Median distance of the cameras to it: the unit of thresholds where no scale is known.
     """
-    centers, axes = poses.centers, poses.forward
-    prior = _mean_seen_point(poses, points)
-    projectors = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # (N, 3, 3)
-    weights = np.ones(len(centers))
-    point = prior
-    for _ in range(20):
-        pull = 0.01 * weights.sum()
-        left = np.einsum("n,nij->ij", weights, projectors) + pull * np.eye(3)
-        right = np.einsum("n,nij,nj->i", weights, projectors, centers) + pull * prior
-        new_point = np.linalg.solve(left, right)
-        offsets = new_point - centers
-        distances = np.linalg.norm(np.einsum("nij,nj->ni", projectors, offsets), axis=1)
-        # An axis that meets the point behind its camera says nothing about where the camera looks.
-        behind = np.einsum("ni,ni->n", offsets, axes) <= 0
-        scale = max(1.5 * np.median(distances), 1e-3 * np.median(np.linalg.norm(offsets, axis=1)))
-        weights = np.where(behind, 0.05, 1.0 / (1.0 + (distances / scale) ** 2))
-        if np.linalg.norm(new_point - point) < 1e-9 * np.median(np.linalg.norm(offsets, axis=1)):
-            break
-        point = new_point
-    return new_point, float(np.median(np.linalg.norm(new_point - centers, axis=1)))
+    region = find_region(poses)
+    if region is not None:
+        return region.center, region.distance
+    point, _ = crossing(poses, prior=_mean_seen_point(poses, points), pull=_DEPTH_PULL)
+    return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1)))
 
 
 def _mean_seen_point(poses, points, n_sample=4000):

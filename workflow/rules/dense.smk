@@ -68,9 +68,12 @@ rule estimate_depth:
 rule fuse_depth:
     input:
         depth="results/{tree}/dense/depth.json",
+        cameras="results/{tree}/sfm/model/cameras.bin",
+        sky_masks="results/{tree}/sky",
         code=code("fuse_depth"),
     output:
         cloud=ensure("results/{tree}/cloud.ply", non_empty=True),
+        coverage=ensure("results/{tree}/dense/coverage.json", non_empty=True),
     log:
         "logs/fuse_depth/{tree}.log",
     benchmark:

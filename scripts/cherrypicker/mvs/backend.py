@@ -27,7 +27,7 @@ logger = logging.getLogger(__name__)
 
 BACKENDS = ("auto", "cuda", "cpu")
 # Bump when the CPU backend's results change, so that older maps are computed again
-VERSION = 4
+VERSION = 5
 # Options that the photometric maps depend on; changing another one keeps them
 PHOTOMETRIC_OPTIONS = (
     "n_best",
@@ -151,27 +151,46 @@ def estimate_workspace(
     dict
         The manifest: backend, options, names with a depth map, share of pixels with depth.
     """
-    backend = choose_backend(backend)
     workspace = Workspace(folder)
-    if backend == "cuda":
+    chosen = choose_backend(backend)
+    names, shares = set(), {}
+    if chosen == "cuda":
         names = _run_cuda(workspace, options)
-    else:
+        shares = _shares_with_depth(workspace, names)
+        if backend == "auto" and not any(shares.values()):
+            logger.warning(
+                "COLMAP's CUDA stereo left all %d depth maps empty, as on some GPUs (COLMAP "
+                "issue 4090): the CPU computes them instead",
+                len(names),
+            )
+            for view in workspace.views:
+                workspace.remove_maps(view)
+            chosen = "cpu"
+    if chosen == "cpu":
         names = _run_cpu(workspace, options, threads, sky_masks)
-    with_depth = [view for view in workspace.views if view.name in names]
-    shares = [float((workspace.read_depth(v, GEOMETRIC) > 0).mean()) for v in with_depth]
-    share = float(np.mean(shares))
-    logger.info("%s backend: depth at %.1f %% of the pixels", backend, 100.0 * share)
+        shares = _shares_with_depth(workspace, names)
+    share = float(np.mean(list(shares.values()))) if shares else 0.0
+    logger.info("%s backend: depth at %.1f %% of the pixels", chosen, 100.0 * share)
     if share == 0.0:
         raise StageError(
             "no pixel has a consistent depth in any photo",
             file=Path(folder),
-            key="mvs.max_cost, mvs.min_consistent",
+            key="mvs.backend" if chosen == "cuda" else "mvs.max_cost, mvs.min_consistent",
         )
     return {
-        "backend": backend,
+        "backend": chosen,
         "options": asdict(options),
-        "maps": [view.name for view in with_depth],
-        "share_with_depth": dict(zip([view.name for view in with_depth], shares)),
+        "maps": list(shares),
+        "share_with_depth": shares,
+    }
+
+
+def _shares_with_depth(workspace: Workspace, names: set[str]) -> dict[str, float]:
+    """Return the share of the pixels with a depth, for each of some photos."""
+    return {
+        view.name: float((workspace.read_depth(view, GEOMETRIC) > 0).mean())
+        for view in workspace.views
+        if view.name in names
     }
 
 

@@ -86,7 +86,7 @@ def adopt_from_sources(level, field, chosen, active, splat, min_step_px, threads
 
 
 @kernel
-def _count_rows(level, first, last, field, counts, max_cost, max_error_px, scratch):
+def _count_rows(level, first, last, field, counts, enough, max_cost, max_error_px, scratch):
     for y in range(first, last):
         for x in range(level.width):
             counts[y, x] = 0
@@ -109,16 +109,18 @@ def _count_rows(level, first, last, field, counts, max_cost, max_error_px, scrat
                 )  # fmt: skip
                 if cost < max_cost:
                     n += 1
+                    if n == enough:
+                        break
             counts[y, x] = n
 
 
-def count_consistent(level, field, counts, max_cost, max_error_px, threads=1):
+def count_consistent(level, field, counts, enough, max_cost, max_error_px, threads=1):
     """Count the sources that agree with every pixel in colour and in depth.
 
     Parameters
     ----------
     counts : ndarray of shape (height, width), uint8
         Filled with the number of sources whose 1 - NCC is below ``max_cost`` and whose own map
-        brings the pixel back within ``max_error_px``.
+        brings the pixel back within ``max_error_px``; nobody looks for more than ``enough``.
     """
-    over_rows(_count_rows, level, threads, field, counts, max_cost, max_error_px)
+    over_rows(_count_rows, level, threads, field, counts, enough, max_cost, max_error_px)

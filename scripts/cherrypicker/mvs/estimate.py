@@ -12,9 +12,10 @@ import numpy as np
 from cherrypicker.mvs import consistency, initial, patchmatch
 from cherrypicker.mvs.level import Level
 from cherrypicker.mvs.matching import INVALID_COST, pack_bilinear, pack_color, window
-from cherrypicker.mvs.patchmatch import Turn
+from cherrypicker.mvs.patchmatch import HOPELESS_COST, Turn
 from cherrypicker.mvs.views import StereoProblem
 from cherrypicker.mvs.workspace import View
+from cherrypicker.placement.region import Region
 
 logger = logging.getLogger(__name__)
 
@@ -23,6 +24,9 @@ REFINE_BELOW = np.float32(0.65)
 # The same where the cost holds the geometric error too
 REFINE_CONSISTENT_BELOW = np.float32(0.9)
 ALWAYS = np.float32(INVALID_COST)
+# How far around a pixel a coarser level must have found nothing but what lies beyond the region, px
+# of that level: a branch of that width is seen there
+BEYOND_MARGIN = 1
 
 
 @dataclass(frozen=True)
@@ -196,14 +200,56 @@ def estimate_photometric(
             prior = _sparse_prior(problem, view, level.width, level.height)
             initial.start_randomly(level, field, chosen, active, prior, 6, seed, threads)
         else:
+            beyond = _enlarged(find_beyond(problem.region, view, coarse), level)
+            if index == 0:
+                field[beyond] = _as_coarse(coarse, level)[beyond]
+                active[beyond] = 0
+            # At a size between, what does not match once it is seen better is matched anew
             initial.start_from_coarse(
                 level, field, chosen, active, coarse, coarse_color, coarse_chosen, 2, threads
             )
+            active[beyond] = 0
         for i, turn in enumerate(_turns(index, n_levels, options.n_iterations)):
             for parity in (0, 1):
                 draw = seed + (((index * 64 + i) * 2 + parity + 1) << 40)
                 patchmatch.sweep(level, field, chosen, active, parity, turn, draw, threads)
         coarse_color, coarse_chosen = level.color, chosen
+    return field
+
+
+def find_beyond(region: Region | None, view: View, field: np.ndarray) -> np.ndarray:
+    """Return the pixels of a field that match, and match beyond the region, (height, width) bool.
+
+    They are not refined: hills and hedges are half of what the photos of an orchard show.
+    """
+    height, width = field.shape[:2]
+    if region is None:
+        return np.zeros((height, width), dtype=bool)
+    K = _scaled_intrinsics(view, width, height)
+    x = (np.arange(width, dtype=np.float32) - K[0, 2]) / K[0, 0]
+    y = (np.arange(height, dtype=np.float32) - K[1, 2]) / K[1, 1]
+    center = view.R @ region.center + view.t
+    w = field[..., 0]
+    # |ray / w - center| > radius, times w
+    off = (x[None, :] - center[0] * w) ** 2 + (y[:, None] - center[1] * w) ** 2
+    off += (1.0 - center[2] * w) ** 2
+    outside = off > (region.radius * w) ** 2
+    return (w > 0.0) & (field[..., 3] < HOPELESS_COST) & outside
+
+
+def _enlarged(beyond: np.ndarray, level: Level) -> np.ndarray:
+    """Return at a level's size the pixels around which a coarser level found nothing but beyond."""
+    around = np.ones((2 * BEYOND_MARGIN + 1,) * 2, np.uint8)
+    sure = cv2.erode(beyond.astype(np.uint8), around, borderValue=1)
+    size = (level.width, level.height)
+    return cv2.resize(sure, size, interpolation=cv2.INTER_NEAREST) > 0
+
+
+def _as_coarse(coarse: np.ndarray, level: Level) -> np.ndarray:
+    """Return a coarser level's field at a level's size."""
+    field = cv2.resize(coarse, (level.width, level.height), interpolation=cv2.INTER_NEAREST)
+    field[..., 1] *= coarse.shape[1] / level.width
+    field[..., 2] *= coarse.shape[0] / level.height
     return field
 
 
@@ -226,7 +272,8 @@ def _unknown_field(level: Level) -> np.ndarray:
 def _turns(index: int, n_levels: int, n_iterations: int) -> list[Turn]:
     """Return what each sweep of a level tries.
 
-    A sweep at half the size costs a quarter, so coarse levels get more of them.
+    A sweep at half the size costs a quarter, so coarse levels get more of them. (One less at each
+    took 8 % off the time, and 3 % of the recall below 5 mm of radius, foreign_a.)
     """
     if index == n_levels - 1:
         return [Turn(8, 4, 2, ALWAYS)] * (n_iterations + 2)
@@ -268,6 +315,9 @@ def estimate_geometric(
     active = (field[..., 0] > 0.0).astype(np.uint8)
     chosen = np.zeros((level.height, level.width), dtype=np.uint16)
     initial.evaluate_field(level, field, chosen, active, threads)
+    # A twig that was given the hill's depth disagrees with the sources' maps, and stays active
+    beyond = find_beyond(problem.region, view, field)
+    active[_enlarged(beyond, level)] = 0
     splat = np.zeros((len(problem.sources), level.height, level.width), dtype=np.float32)
     consistency.splat_sources(level, splat, threads)
     consistency.adopt_from_sources(level, field, chosen, active, splat, np.float32(0.5), threads)
@@ -276,15 +326,17 @@ def estimate_geometric(
         draw = seed + ((parity + 1) << 40)
         patchmatch.sweep(level, field, chosen, active, parity, turn, draw, threads)
     counts = np.zeros((level.height, level.width), dtype=np.uint8)
+    enough = min(options.min_consistent, len(problem.sources))
     consistency.count_consistent(
         level,
         field,
         counts,
+        enough,
         np.float32(options.max_cost),
         np.float32(options.max_error_px),
         threads,
     )
-    field[counts < min(options.min_consistent, len(problem.sources))] = 0.0
+    field[counts < enough] = 0.0
     return field
 
 

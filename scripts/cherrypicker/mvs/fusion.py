@@ -46,17 +46,11 @@ PAST_ERRORS = np.float32(3.0)
 class FusionOptions:
     """When two photos' depths are one point; the fields are config keys of the section ``mvs``."""
 
-    min_views: int | None = None
+    min_views: int = 2
     n_check: int = 20
     max_reproj_error_px: float = 2.0
     max_depth_error: float = 0.01
     max_normal_error_deg: float = 60.0
-
-    def views_needed(self, n_photos: int) -> int:
-        """Return ``min_views``, or its default: 2 below 20 photos, else 3."""
-        if self.min_views is not None:
-            return self.min_views
-        return 2 if n_photos < 20 else 3
 
 
 class Group(NamedTuple):
@@ -317,7 +311,7 @@ def fuse(
     )
     if len(cloud) == 0:
         raise StageError(
-            f"no point is seen consistently by {options.views_needed(len(chosen))} photos",
+            f"no point is seen consistently by {options.min_views} photos",
             file=workspace.folder,
             key="mvs.min_views, mvs.max_depth_error",
         )
@@ -359,7 +353,7 @@ def _fuse_one(workspace, slots, used, members, rows, options, threads):
             np.float32(options.max_depth_error),
             np.float32(np.cos(np.radians(options.max_normal_error_deg))),
         ),
-        min_views=options.views_needed(len(used)),
+        min_views=options.min_views,
     )
     n_pixels = reference.width * reference.height
     out = np.empty((n_pixels, 7), dtype=np.float32)
@@ -396,7 +390,10 @@ def fuse_workspace(
     """
     workspace = Workspace(folder)
     if method == "star":
-        overlaps = {p.view: list(p.sources) for p in plan_views(workspace, options.n_check)}
+        overlaps = {
+            p.view: list(p.sources)
+            for p in plan_views(workspace, options.n_check, cover=options.n_check)
+        }
         return fuse(workspace, names, overlaps, options, threads=threads, kind=kind)
     if method == "colmap":
         return _fuse_with_colmap(workspace, options, threads, kind)
@@ -408,7 +405,7 @@ def _fuse_with_colmap(
 ) -> PointCloud:
     settings = pycolmap.StereoFusionOptions()
     settings.num_threads = threads
-    settings.min_num_pixels = options.views_needed(len(workspace.views))
+    settings.min_num_pixels = options.min_views
     settings.check_num_images = options.n_check
     settings.max_reproj_error = options.max_reproj_error_px
     settings.max_depth_error = options.max_depth_error

@@ -1,7 +1,9 @@
 """Which photos help to measure the depth of which, and how deep a photo can see.
 
-Both come from the sparse model: shared points, the angle under which they are seen, the scale, and
-the depths of a photo's own points.
+What a scan is about is the region of interest, the place that its cameras look at: sources are
+chosen to cover the part of it that a photo frames, and the depth range reaches through it. The
+sparse points will not do for that: they lie on grass, hedges and hills, and a crown has next to
+none. They decide alone where the cameras look at no common place.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.workspace import View, Workspace
+from cherrypicker.placement.region import Region, find_region, framing
 
 logger = logging.getLogger(__name__)
 
@@ -21,9 +24,14 @@ logger = logging.getLogger(__name__)
 BEST_ANGLE_DEG = 11.0
 SPREAD_BELOW_DEG = 5.0
 SPREAD_ABOVE_DEG = 13.0
-# What a point counts that falls into a photo's frame without being matched there
+# What a sparse point counts that falls into a photo's frame without being matched there
 UNMATCHED_WEIGHT = 0.15
 MIN_POINTS = 8
+# A place is covered when its sources' weights (1 for the best angle and an equal scale) add up to
+# this
+COVER = 2.0
+# A source that adds less, as a share of all that could be covered, is not worth its time
+LEAST_GAIN = 0.002
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,8 @@ class StereoProblem:
         Where the sparse points that the view observes lie, px, pixel centres at 0.5.
     sparse_depth : ndarray of shape (n_points,), float32
         Their depths.
+    region : Region or None
+        The scan's region of interest, None where its cameras look at no common place.
     """
 
     view: int
@@ -50,21 +60,47 @@ class StereoProblem:
     depth_max: float
     sparse_uv: np.ndarray
     sparse_depth: np.ndarray
+    region: Region | None = None
 
 
-def plan_views(workspace: Workspace, n_sources: int) -> list[StereoProblem]:
+@dataclass(frozen=True)
+class Places:
+    """What sources are to cover: samples of the region, or the sparse points.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n, 3)
+    worth : ndarray of shape (n,)
+        What covering a place is worth: for the region the share of the photos that frame it.
+    shown : ndarray of shape (n_views, n), float32
+        What a view shows of a place: 0 outside its frame, else 1, or less where that is unsure.
+    own : ndarray of shape (n_views, n), bool
+        The places that a view is to measure.
+    """
+
+    points: np.ndarray
+    worth: np.ndarray
+    shown: np.ndarray
+    own: np.ndarray
+
+
+def plan_views(
+    workspace: Workspace, n_sources: int, *, cover: float = COVER
+) -> list[StereoProblem]:
     """Choose sources and depth range of every view.
 
-    A source's score is the sum, over the sparse points in the reference, of an angle weight (best
-    at 11 degrees between the rays) times a scale weight; points that the source frames without
-    having matched them count 0.15.
+    Sources are taken one by one, each time the one that adds most to the sum over the places in
+    the reference's frame of ``worth * min(cover, weights so far)``. A source's weight at a place is
+    that of the angle between the rays (best at 11 degrees) times that of the scale.
 
     Parameters
     ----------
     workspace : Workspace
         The undistorted workspace.
     n_sources : int
-        Most sources per reference.
+        Most sources per reference; fewer where the places are covered.
+    cover : float
+        Sum of weights at which a place counts as covered.
 
     Returns
     -------
@@ -77,22 +113,28 @@ def plan_views(workspace: Workspace, n_sources: int) -> list[StereoProblem]:
         If no view can be matched.
     """
     views = workspace.views
-    points, seen = _observations(workspace)
+    sparse, seen = _observations(workspace)
+    region = find_region(workspace.poses)
+    places = _sparse_places(views, sparse, seen)
+    if region is not None:
+        places = _region_places(workspace, region)
     problems = []
     for i, view in enumerate(views):
         own = np.flatnonzero(seen[i])
         if len(own) < MIN_POINTS:
             logger.warning("%s: only %d sparse points, no depth map", view.name, len(own))
             continue
-        scores = _pair_scores(views, i, points[own], seen[:, own])
-        order = np.argsort(-scores, kind="stable")
-        sources = tuple(int(j) for j in order[:n_sources] if scores[j] > 0.0)
+        sources = choose_sources(views, i, places, n_sources, cover)
         if not sources:
-            logger.warning("%s: no other photo sees its points, no depth map", view.name)
+            logger.warning("%s: no other photo sees what it shows, no depth map", view.name)
             continue
-        uv, depth = _project(view, points[own])
-        near = _depths_in_frame(view, points[seen[list(sources)].any(axis=0)])
+        uv, depth = project(view, sparse[own])
+        near = _depths_in_frame(view, sparse[seen[list(sources)].any(axis=0)])
         depth_min, depth_max = _depth_range(depth, near)
+        if region is not None:
+            through = project(view, region.samples[places.own[i]])[1]
+            depth_min = min(depth_min, float(through.min()))
+            depth_max = max(depth_max, float(through.max()))
         problems.append(
             StereoProblem(
                 view=i,
@@ -101,6 +143,7 @@ def plan_views(workspace: Workspace, n_sources: int) -> list[StereoProblem]:
                 depth_max=depth_max,
                 sparse_uv=uv.astype(np.float32),
                 sparse_depth=depth.astype(np.float32),
+                region=region,
             )
         )
     if not problems:
@@ -127,11 +170,25 @@ def _observations(workspace: Workspace) -> tuple[np.ndarray, np.ndarray]:
         image = workspace.model.images[view.image_id]
         observed = [p.point3D_id for p in image.points2D if p.has_point3D()]
         seen[row, np.searchsorted(ids, np.array(observed, dtype=np.int64))] = True
-        seen[row] &= _project(view, points)[1] > 0.0
+        seen[row] &= project(view, points)[1] > 0.0
     return points, seen
 
 
-def _project(view: View, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sparse_places(views: list[View], points: np.ndarray, seen: np.ndarray) -> Places:
+    """Take all that the photos share as the places to cover."""
+    shown = np.stack([_in_frame(view, *project(view, points)) for view in views])
+    shown = np.where(seen, 1.0, UNMATCHED_WEIGHT * shown).astype(np.float32)
+    return Places(points, np.ones(len(points)), shown, seen)
+
+
+def _region_places(workspace: Workspace, region: Region) -> Places:
+    """Take the region of interest as the places to cover, by how many photos frame each."""
+    framed = framing(workspace.poses, region)
+    return Places(region.samples, framed.mean(axis=0), framed.astype(np.float32), framed)
+
+
+def project(view: View, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return pixel coordinates (n, 2) and depth (n,) of points (n, 3) in a view."""
     in_camera = points @ view.R.T + view.t
     depth = in_camera[:, 2]
     safe = np.where(np.abs(depth) > 1e-12, depth, 1e-12)
@@ -144,31 +201,50 @@ def _in_frame(view: View, uv: np.ndarray, depth: np.ndarray) -> np.ndarray:
 
 
 def _depths_in_frame(view: View, points: np.ndarray) -> np.ndarray:
-    uv, depth = _project(view, points)
+    uv, depth = project(view, points)
     return depth[_in_frame(view, uv, depth)]
 
 
-def _pair_scores(views: list[View], i: int, points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Score every view as a source of view ``i`` by its points (n, 3) seen (n_views, n)."""
+def choose_sources(
+    views: list[View], i: int, places: Places, n_sources: int, cover: float
+) -> tuple[int, ...]:
+    """Cover what view ``i`` shows with at most ``n_sources`` other views, the most useful first."""
+    own = np.flatnonzero(places.own[i])
+    worth = places.worth[own]
+    weights = _weights(views, i, places.points[own]) * places.shown[:, own]
+    weights[i] = 0.0
+    covered = np.zeros(len(own))
+    sources: list[int] = []
+    least = LEAST_GAIN * cover * worth.sum()
+    while len(sources) < min(n_sources, len(views) - 1):
+        gains = (np.minimum(cover, covered + weights) - covered) @ worth
+        best = int(np.argmax(gains))
+        if gains[best] <= least:
+            break
+        sources.append(best)
+        covered = np.minimum(cover, covered + weights[best])
+        weights[best] = 0.0
+    return tuple(sources)
+
+
+def _weights(views: list[View], i: int, points: np.ndarray) -> np.ndarray:
+    """Weight of every view as a source of view ``i`` at points (n, 3), (n_views, n) in [0, 1]."""
     to_reference = views[i].center - points
     distance = np.linalg.norm(to_reference, axis=1)
     pixel_size = distance / views[i].K[0, 0]
-    scores = np.zeros(len(views))
+    weights = np.zeros((len(views), len(points)))
     for j, other in enumerate(views):
         if j == i:
             continue
-        uv, depth = _project(other, points)
         to_other = other.center - points
         other_distance = np.linalg.norm(to_other, axis=1)
         cosine = np.einsum("ij,ij->i", to_reference, to_other) / (distance * other_distance)
         angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
         spread = np.where(angle < BEST_ANGLE_DEG, SPREAD_BELOW_DEG, SPREAD_ABOVE_DEG)
-        weight = np.exp(-0.5 * ((angle - BEST_ANGLE_DEG) / spread) ** 2)
         ratio = other_distance / other.K[0, 0] / pixel_size
-        weight *= np.minimum(ratio, 1.0 / ratio) ** 2
-        weight *= np.where(seen[j], 1.0, UNMATCHED_WEIGHT)
-        scores[j] = weight[_in_frame(other, uv, depth)].sum()
-    return np.where(scores > 1e-3 * len(points), scores, 0.0)
+        weights[j] = np.exp(-0.5 * ((angle - BEST_ANGLE_DEG) / spread) ** 2)
+        weights[j] *= np.minimum(ratio, 1.0 / ratio) ** 2
+    return weights
 
 
 def _depth_range(own: np.ndarray, near: np.ndarray) -> tuple[float, float]:

@@ -15,6 +15,7 @@ import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
+from cherrypicker.poses import Poses
 
 _HEADER_BYTES = 64
 
@@ -80,6 +81,17 @@ class Workspace:
                 key="sfm.min_registered_fraction",
             )
 
+    @property
+    def poses(self) -> Poses:
+        """The views' poses, one a view."""
+        return Poses(
+            names=np.array([view.name for view in self.views]),
+            cam_from_world=np.array([np.column_stack([view.R, view.t]) for view in self.views]),
+            K=np.array([view.K for view in self.views]),
+            width=np.array([view.width for view in self.views]),
+            height=np.array([view.height for view in self.views]),
+        )
+
     def photo_path(self, view: View) -> Path:
         """Return the undistorted photo's path."""
         return self.folder / "images" / view.name
@@ -111,6 +123,12 @@ class Workspace:
         """Write depth (height, width) and normals (height, width, 3), each atomically."""
         write_map(self.normal_path(view, kind), normals)
         write_map(self.depth_path(view, kind), depth)
+
+    def remove_maps(self, view: View) -> None:
+        """Remove a photo's maps of both kinds."""
+        for kind in ("photometric", "geometric"):
+            self.depth_path(view, kind).unlink(missing_ok=True)
+            self.normal_path(view, kind).unlink(missing_ok=True)
 
     def write_fusion_config(self) -> None:
         """Write ``stereo/fusion.cfg``, the photos that COLMAP's fusion goes through."""
@@ -146,6 +164,19 @@ def _view(image: pycolmap.Image, folder: Path) -> View:
         t=pose[:, 3],
         width=int(camera.width),
         height=int(camera.height),
+    )
+
+
+def view_of(poses: Poses, i: int) -> View:
+    """Return photo ``i`` of some poses as a view; its number stands for COLMAP's id."""
+    return View(
+        image_id=i,
+        name=str(poses.names[i]),
+        K=poses.K[i],
+        R=poses.rotations[i],
+        t=poses.cam_from_world[i, :, 3],
+        width=int(poses.width[i]),
+        height=int(poses.height[i]),
     )
 
 

@@ -1,0 +1,225 @@
+"""What the photos show of the region of interest, and what the depth maps hold of it, in voxels.
+
+A voxel is wood by the photos where none that frames it shows clear sky all over it, and at least
+four show something thin before the sky. Where no depth map holds anything there, the cloud lacks
+what the photos show; nothing else in the pipeline can tell, since a cloud that ends is no error.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.workspace import View, Workspace, view_of
+from cherrypicker.placement.region import Region, frames
+from cherrypicker.poses import Poses
+
+logger = logging.getLogger(__name__)
+
+# Voxels across the region: 16 cm where the cameras stand 3.2 m away
+N_ACROSS = 40
+# Photos are looked at by every so many pixels: a voxel is some forty wide
+STEP_PX = 4
+# What is narrower than this share of a photo's longer side is thin: limbs and twigs, not hills
+THIN_SHARE = 0.03
+# Photos that must show something thin before the sky, and the share of those that frame a voxel
+# that may show clear sky there all the same (masks are wrong at times; guess)
+LEAST_THIN = 4
+MOST_CLEAR = 0.05
+
+
+class Shown(NamedTuple):
+    """Counts of photos for each of some voxels, each ndarray of shape (n_voxels,), int.
+
+    Attributes
+    ----------
+    framing : ndarray
+        Photos that frame the voxel.
+    thin, clear : ndarray
+        Photos that show something thin before the sky in it; that show clear sky all over it.
+    """
+
+    framing: np.ndarray
+    thin: np.ndarray
+    clear: np.ndarray
+
+    @property
+    def is_wood(self) -> np.ndarray:
+        """Whether the photos say that there is wood in a voxel, (n_voxels,) bool."""
+        return (self.thin >= LEAST_THIN) & (self.clear <= MOST_CLEAR * self.framing)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What photos and depth maps have of each voxel of the region.
+
+    Attributes
+    ----------
+    cells : ndarray of shape (n_voxels,), int
+        The voxels by their place in the cube around the region, ``n_across`` along each axis, z the
+        fastest.
+    size : float
+        Their side.
+    holding : ndarray of shape (n_voxels,), int
+        Depth maps that hold something in the voxel.
+    framing, thin, clear : ndarray of shape (n_voxels,), int
+        As in `Shown`.
+    """
+
+    cells: np.ndarray
+    size: float
+    holding: np.ndarray
+    framing: np.ndarray
+    thin: np.ndarray
+    clear: np.ndarray
+
+    def as_dict(self, region: Region) -> dict:
+        """Content of ``dense/coverage.json``; lengths in units of COLMAP's frame."""
+        return {
+            "region": {"center": region.center, "radius": region.radius},
+            "camera_distance": region.distance,
+            "voxel_size": self.size,
+            "n_across": N_ACROSS,
+            "cells": self.cells,
+            "n_framing": self.framing,
+            "n_holding": self.holding,
+            "n_thin_before_sky": self.thin,
+            "n_clear_sky": self.clear,
+        }
+
+
+def measure_coverage(
+    workspace: Workspace, region: Region, names: list[str], masks: SkyMasks, kind: str = "geometric"
+) -> Coverage:
+    """Count, for every voxel of the region, what photos and depth maps have there.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    region : Region
+    names : list of str
+        Photos with a depth map.
+    masks : SkyMasks
+    kind : str
+        Which depth maps.
+
+    Returns
+    -------
+    Coverage
+    """
+    grid = Grid(region)
+    shown = look_for_wood(workspace.poses, masks, grid.centers, grid.size)
+    n_holding = np.zeros(len(grid.centers), dtype=int)
+    for view in workspace.views:
+        if view.name in names:
+            depth = workspace.read_depth(view, kind)[::STEP_PX, ::STEP_PX]
+            n_holding[grid.occupied(_points_of(view, depth))] += 1
+    coverage = Coverage(grid.cells, grid.size, n_holding, *shown)
+    logger.info(
+        "half of the region's %s voxels of %.3g are framed by %d photos or more, %.1f %% are held "
+        "by a depth map",
+        f"{len(n_holding):,}",
+        grid.size,
+        np.median(coverage.framing),
+        100.0 * (n_holding > 0).mean(),
+    )
+    return coverage
+
+
+def look_for_wood(poses: Poses, masks: SkyMasks, centers: np.ndarray, size: float) -> Shown:
+    """Count the photos that frame voxels, show something thin before the sky, or clear sky.
+
+    Parameters
+    ----------
+    poses : Poses
+    masks : SkyMasks
+        Of the same photos.
+    centers : ndarray of shape (n_voxels, 3)
+        Frame of the poses.
+    size : float
+        The voxels' side.
+
+    Returns
+    -------
+    Shown
+    """
+    n_framing, n_thin, n_clear = (np.zeros(len(centers), dtype=int) for _ in range(3))
+    for i in range(len(poses)):
+        own = np.flatnonzero(frames(poses, i, centers, size))
+        thin, clear = _before_sky(poses, i, centers[own], size, masks.of(view_of(poses, i)))
+        n_framing[own] += 1
+        n_thin[own] += thin
+        n_clear[own] += clear
+    return Shown(n_framing, n_thin, n_clear)
+
+
+class Grid:
+    """Cubic voxels in a region's ball.
+
+    Attributes
+    ----------
+    cells : ndarray of shape (n,), int
+        Their places in the cube around the ball.
+    centers : ndarray of shape (n, 3)
+    size : float
+    """
+
+    def __init__(self, region: Region):
+        self.size = 2.0 * region.radius / N_ACROSS
+        self._low = region.center - region.radius
+        inside = region.holds(voxel_centers(region, np.arange(N_ACROSS**3)))
+        self.cells = np.flatnonzero(inside)
+        self.centers = voxel_centers(region, self.cells)
+        self._row = np.full(N_ACROSS**3, -1)
+        self._row[self.cells] = np.arange(len(self.cells))
+
+    def occupied(self, points: np.ndarray) -> np.ndarray:
+        """Rows of the voxels that hold any of the points (n, 3)."""
+        cells = np.floor((points - self._low) / self.size).astype(int)
+        cells = cells[((cells >= 0) & (cells < N_ACROSS)).all(axis=1)]
+        rows = self._row[np.unique(cells @ [N_ACROSS**2, N_ACROSS, 1])]
+        return rows[rows >= 0]
+
+
+def voxel_centers(region: Region, cells: np.ndarray, n_across: int = N_ACROSS) -> np.ndarray:
+    """Middles (n, 3) of the voxels at some places of the cube around a region."""
+    place = np.stack(np.unravel_index(cells, (n_across,) * 3), axis=1)
+    return region.center + region.radius * ((2.0 * place + 1.0) / n_across - 1.0)
+
+
+def _points_of(view: View, depth: np.ndarray) -> np.ndarray:
+    """World points (n, 3) of a depth map of every ``STEP_PX``-th pixel."""
+    y, x = np.nonzero(depth > 0.0)
+    z = depth[y, x].astype(np.float64)
+    u = (STEP_PX * x + 0.5 - view.K[0, 2]) / view.K[0, 0]
+    v = (STEP_PX * y + 0.5 - view.K[1, 2]) / view.K[1, 1]
+    return (np.stack([u * z, v * z, z], axis=1) - view.t) @ view.R
+
+
+def _before_sky(poses: Poses, i: int, centers: np.ndarray, size: float, sky: np.ndarray):
+    """Whether a photo shows something thin before the sky at voxels, and nothing but sky.
+
+    ``sky`` (height, width) bool, True = sky. Returns two bool arrays (n_voxels,).
+    """
+    smaller = (sky.shape[1] // STEP_PX, sky.shape[0] // STEP_PX)
+    share = cv2.resize(sky.astype(np.float32), smaller, interpolation=cv2.INTER_AREA)
+    solid = (share < 0.999).astype(np.uint8)
+    side = 2 * max(round(0.5 * THIN_SHARE * max(solid.shape)), 1) + 1
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    thin = solid & ~cv2.morphologyEx(solid, cv2.MORPH_OPEN, window)
+    uv, depth = poses.project(centers, i)
+    x, y = (np.minimum(uv[:, k] / STEP_PX, solid.shape[1 - k] - 1).astype(int) for k in (0, 1))
+    reach = 0.5 * np.sqrt(3.0) * size * poses.K[i, 0, 0] / depth / STEP_PX
+    return _distance_to(thin)[y, x] <= reach, _distance_to(solid)[y, x] > reach
+
+
+def _distance_to(mask: np.ndarray) -> np.ndarray:
+    """Distance of each pixel to the nearest of a mask, px; infinite where it is empty."""
+    if not mask.any():
+        return np.full(mask.shape, np.inf)
+    return cv2.distanceTransform(1 - mask, cv2.DIST_L2, 3)

@@ -1,0 +1,83 @@
+"""The region of interest seen from above: a disc, or a box where no common place is looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Vertical shadow of a region of interest.
+
+    Attributes
+    ----------
+    center_xy : ndarray of shape (2,)
+        Below what the cameras look at.
+    radius : float
+        Of the disc; of a box half its longer side.
+    box : ndarray of shape (2, 2) or None
+        Lower and upper x/y corner where the region is a box; None for the disc.
+    """
+
+    center_xy: np.ndarray
+    radius: float
+    box: np.ndarray | None = None
+
+    @classmethod
+    def of_box(cls, box: np.ndarray) -> Footprint:
+        """The footprint of a box of shape (2, 2), lower and upper corner."""
+        box = np.asarray(box, dtype=np.float64)
+        return cls(box.mean(axis=0), float(np.ptp(box, axis=0).max()) / 2, box)
+
+    @classmethod
+    def from_dict(cls, content: Mapping) -> Footprint:
+        """What `as_dict` wrote."""
+        box = content.get("box")
+        return cls(
+            np.asarray(content["center_xy"], dtype=np.float64),
+            float(content["radius"]),
+            None if box is None else np.stack([box["x"], box["y"]], axis=1).astype(np.float64),
+        )
+
+    @classmethod
+    def of_crop(cls, report: Mapping) -> Footprint:
+        """What a crop kept: of the content of crop.json, aligned frame."""
+        return cls.from_dict(
+            {**report, "box": None if report["source"] == "region" else report["box"]}
+        )
+
+    def as_dict(self) -> dict:
+        """Content for JSON: ``center_xy``, ``radius``, and ``box`` (None for a disc)."""
+        box = None if self.box is None else {"x": self.box[:, 0], "y": self.box[:, 1]}
+        return {"center_xy": self.center_xy, "radius": self.radius, "box": box}
+
+    def limits(self) -> np.ndarray:
+        """Lower and upper x/y corner of what encloses the footprint, (2, 2)."""
+        if self.box is not None:
+            return self.box
+        return np.stack([self.center_xy - self.radius, self.center_xy + self.radius])
+
+    def inward(self, xy: np.ndarray) -> np.ndarray:
+        """How far places (n, 2) lie within the border, (n,); negative outside."""
+        if self.box is not None:
+            return np.minimum(xy - self.box[0], self.box[1] - xy).min(axis=1)
+        return self.radius - np.linalg.norm(xy - self.center_xy, axis=1)
+
+    def from_center(self, xy: np.ndarray) -> np.ndarray:
+        """Horizontal distance of places (n, 2) from the centre, (n,)."""
+        return np.linalg.norm(xy - self.center_xy, axis=1)
+
+    def widened(self, fraction: float) -> Footprint:
+        """Widened on each side by a fraction of its extent; narrowed by a negative one."""
+        if self.box is not None:
+            margin = fraction * np.ptp(self.box, axis=0)
+            return Footprint.of_box(np.stack([self.box[0] - margin, self.box[1] + margin]))
+        return Footprint(self.center_xy, self.radius * (1.0 + 2.0 * fraction))
+
+    def scaled(self, factor: float) -> Footprint:
+        """The footprint in a frame that is scaled about its origin."""
+        box = None if self.box is None else factor * self.box
+        return Footprint(factor * self.center_xy, factor * self.radius, box)

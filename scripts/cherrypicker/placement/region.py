@@ -1,0 +1,155 @@
+"""Region of interest from the cameras alone: the place that they look at, as far as they stand.
+
+The paper (section Region of Interest) takes the box of the camera origins, on the assumption that
+the cameras stand around the tree. A ball around the point that they look at, as wide as they are
+far, is the same for a ring of cameras, and holds for half a ring or two alleys as well; it needs
+neither a cloud nor the vertical, so that the dense stereo can use it.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from cherrypicker.poses import Poses
+
+logger = logging.getLogger(__name__)
+
+# Radius of the region in the cameras' median distance to its centre: as wide as the paper's box
+REACH = 1.0
+# Nearest wood in a camera's own distance to the centre; nobody photographs a twig before the lens
+# (guess: a crown of 1.5 m radius seen from 2.2 m)
+NEAREST = 0.3
+# Share of the cameras that frame the centre, and the mean squared sine of their directions, below
+# which they look at no common place (guesses: a walk along a row frames its middle in few photos;
+# 6 degrees of spread leave the depth of the crossing open by a third)
+COMMON_SHARE = 1 / 3
+LEAST_SPREAD = 0.01
+# A pull far below any angle that counts, for axes that are parallel to the last digit
+RIDGE = 1e-9
+# Samples of the region: 14 cm apart in a ball of 3 m radius
+N_SAMPLES = 3000
+
+
+@dataclass(frozen=True)
+class Region:
+    """A ball around what the cameras look at, in their frame and unit.
+
+    Attributes
+    ----------
+    center : ndarray of shape (3,)
+        Point that the cameras look at.
+    radius : float
+        Its radius.
+    distance : float
+        Median distance of the cameras to the centre.
+    samples : ndarray of shape (n_samples, 3)
+        Evenly spread points of the ball.
+    """
+
+    center: np.ndarray
+    radius: float
+    distance: float
+    samples: np.ndarray
+
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """Whether points of shape (..., 3) lie in the ball, bool (...)."""
+        return np.linalg.norm(points - self.center, axis=-1) <= self.radius
+
+
+def find_region(poses: Poses) -> Region | None:
+    """Find the region of interest of a scan.
+
+    Parameters
+    ----------
+    poses : Poses
+        Any frame and unit; the region moves with them.
+
+    Returns
+    -------
+    Region or None
+        None where the cameras look at no common place (a facade, a walk along a row).
+    """
+    center, spread = crossing(poses)
+    offsets = center - poses.centers
+    distance = float(np.median(np.linalg.norm(offsets, axis=1)))
+    share = float(np.mean([frames(poses, i, center[None], 0.0)[0] for i in range(len(poses))]))
+    if spread < LEAST_SPREAD or share < COMMON_SHARE:
+        logger.warning(
+            "the cameras look at no common place: %.0f %% frame the point where their axes cross "
+            "(spread of the axes %.1f degrees); all that the photos share is the region",
+            100.0 * share,
+            np.degrees(np.sqrt(max(spread, 0.0))),
+        )
+        return None
+    radius = REACH * distance
+    samples = center + radius * _ball(N_SAMPLES)
+    return Region(center, radius, distance, samples)
+
+
+def crossing(
+    poses: Poses, n_rounds: int = 20, *, prior: np.ndarray | None = None, pull: float = RIDGE
+) -> tuple[np.ndarray, float]:
+    """Return where the viewing axes cross, (3,), and how much they spread.
+
+    Iteratively reweighted least squares of the distances to the axes. The spread is the least
+    eigenvalue of the mean of the projectors across the axes, the mean squared sine of their angles
+    to a common direction: 0 for parallel axes.
+
+    Parameters
+    ----------
+    poses : Poses
+    n_rounds : int, default 20
+    prior : ndarray of shape (3,), optional
+        What closes a depth that parallel axes leave open; the middle of the cameras by default.
+    pull : float
+        Its weight, in those of one camera's axis.
+    """
+    centers, axes = poses.centers, poses.forward
+    projectors = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # (N, 3, 3)
+    spread = max(0.0, float(np.linalg.eigvalsh(projectors.mean(axis=0))[0]))
+    prior = centers.mean(axis=0) if prior is None else prior
+    weights = np.ones(len(centers))
+    point = prior
+    for _ in range(n_rounds):
+        ridge = pull * weights.sum()
+        left = np.einsum("n,nij->ij", weights, projectors) + ridge * np.eye(3)
+        right = np.einsum("n,nij,nj->i", weights, projectors, centers) + ridge * prior
+        new_point = np.linalg.solve(left, right)
+        offsets = new_point - centers
+        misses = np.linalg.norm(np.einsum("nij,nj->ni", projectors, offsets), axis=1)
+        ranges = np.median(np.linalg.norm(offsets, axis=1))
+        # An axis that meets the point behind its camera says nothing about where it looks
+        behind = np.einsum("ni,ni->n", offsets, axes) <= 0
+        scale = max(1.5 * np.median(misses), 1e-3 * ranges)
+        weights = np.where(behind, 0.05, 1.0 / (1.0 + (misses / scale) ** 2))
+        moved = np.linalg.norm(new_point - point)
+        point = new_point
+        if moved < 1e-9 * ranges:
+            break
+    return point, spread
+
+
+def frames(poses: Poses, index: int, points: np.ndarray, nearest: float) -> np.ndarray:
+    """Whether a photo frames points (n, 3) that lie deeper than ``nearest``, (n,) bool."""
+    pixels, depth = poses.project(points, index)
+    size = np.array([poses.width[index], poses.height[index]])
+    return (depth > nearest) & (pixels >= 0.0).all(axis=1) & (pixels < size).all(axis=1)
+
+
+def framing(poses: Poses, region: Region) -> np.ndarray:
+    """Which photo frames which sample of the region, (n_photos, n_samples) bool.
+
+    What lies nearer than 0.3 of a camera's own distance to the centre does not count.
+    """
+    own = np.linalg.norm(poses.centers - region.center, axis=1)
+    return np.stack([frames(poses, i, region.samples, NEAREST * own[i]) for i in range(len(poses))])
+
+
+def _ball(n: int) -> np.ndarray:
+    """Evenly spread points of the unit ball, (n, 3), the same at every call."""
+    cube = 2.0 * qmc.Halton(3, scramble=False).random(3 * n)[1:] - 1.0
+    return cube[np.linalg.norm(cube, axis=1) <= 1.0][:n]

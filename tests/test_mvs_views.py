@@ -1,0 +1,65 @@
+"""Sources cover what the cameras look at, whatever stands behind it."""
+
+import numpy as np
+from scan_scene import look_at_poses, ring
+
+from cherrypicker.mvs.estimate import find_beyond
+from cherrypicker.mvs.views import COVER, Places, choose_sources
+from cherrypicker.mvs.workspace import view_of
+from cherrypicker.placement.region import find_region, framing
+
+TARGET = np.array([0.0, 0.0, 1.2])
+TOP = np.array([0.0, 0.0, 3.4])
+
+
+def crown_walk():
+    """Two rings: the lower photos cut the crown, every third of the upper ones shows the top."""
+    low = look_at_poses(ring(n=30, heights=(1.2,)), [0.0, 0.0, 0.8])
+    high = look_at_poses(ring(n=30, heights=(1.6,)), [0.0, 0.0, 2.6])
+    return [view_of(poses, i) for poses in (low, high) for i in range(30)], low, high
+
+
+def places_of(views, low, high):
+    region = find_region(look_at_poses(np.concatenate([low.centers, high.centers]), TARGET))
+    framed = np.concatenate([framing(poses, region) for poses in (low, high)])
+    return Places(region.samples, framed.mean(axis=0), framed.astype(np.float32), framed)
+
+
+def test_a_photo_of_the_top_gets_sources_that_frame_the_top():
+    views, low, high = crown_walk()
+    places = places_of(views, low, high)
+    for i in (30, 41, 55):
+        sources = choose_sources(views, i, places, 6, COVER)
+        assert i not in sources
+        frames_top = [(places.shown[j] * (places.points[:, 2] > 2.6)).sum() > 0 for j in sources]
+        assert sum(frames_top) >= 3
+
+
+def test_every_part_in_frame_is_seen_by_three_sources_where_three_exist():
+    views, low, high = crown_walk()
+    places = places_of(views, low, high)
+    short = []
+    for i in range(len(views)):
+        sources = choose_sources(views, i, places, 6, COVER)
+        seen = places.shown[list(sources)].sum(axis=0)
+        short.append((places.worth * places.own[i] * (seen < 3)).sum() / places.worth.sum())
+    assert max(short) < 0.05
+
+
+def test_no_more_sources_than_are_worth_their_time():
+    views, low, high = crown_walk()
+    places = places_of(views, low, high)
+    many = choose_sources(views, 3, places, 40, COVER)
+    assert 3 <= len(many) < 40
+
+
+def test_what_lies_beyond_the_region_is_told_by_its_depth():
+    poses = look_at_poses(ring(), TARGET)
+    region, view = find_region(poses), view_of(poses, 0)
+    depth = np.array([[1.0, 3.0, 5.5, 7.0, 60.0, 60.0]], dtype=np.float32)
+    field = np.zeros((1, 6, 4), dtype=np.float32)
+    field[..., 0] = 1.0 / depth
+    field[0, 5, 3] = 1.5  # no match: nobody knows what it shows
+    view = view_of(look_at_poses(ring(), TARGET, size=(6, 1), focal=4000.0), 0)
+    assert find_beyond(region, view, field)[0].tolist() == [False, False, False, True, True, False]
+    assert not find_beyond(None, view, field).any()
