@@ -1,4 +1,4 @@
-"""Turn the dense cloud and the poses upright: z up, ground at z = 0, the stem on the z axis.
+"""Turn the cloud and the poses upright: z up, ground at z = 0, centred on what the cameras look at.
 
 Reads cloud.ply, poses.npz and the photos' EXIF orientation, writes aligned.ply, aligned_poses.npz
 and align.json (transform, angles, candidate planes). Example:

@@ -1,25 +1,31 @@
-"""Contract the wood of the target tree to its skeleton points (LBC or S-LBC).
+"""Choose the target tree by its wood, and contract that to its skeleton points (LBC or S-LBC).
 
-Reads segmented.ply (and, for a tree from photos, target.json), writes contracted.ply and
-contract.json. Example:
+Reads segmented.ply (and, for a tree from photos, metric.json), writes target.json, contracted.ply
+and contract.json. Example:
 
     python scripts/contract_cloud.py --segmented segmented.ply --contracted contracted.ply \
-        --report contract.json --method slbc
+        --report contract.json --target target.json --method slbc
 """
 
+import numpy as np
+
 from cherrypicker.files import read_json, write_json
+from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton.contract_wood import contract_wood
 from cherrypicker.skeleton.contraction import preset_options
+from cherrypicker.wood.target import target_report
 
 
 def main(
     segmented,
     contracted,
     report,
+    target,
     *,
-    target=None,
+    metric=None,
+    target_xy=None,
     classes=(1, 2),
     weights=None,
     method="slbc",
@@ -31,8 +37,12 @@ def main(
     min_density=0.05,
     **constants,
 ):
-    """Load, contract, save."""
+    """Load, choose, contract, save."""
     cloud = read_cloud(segmented, required=("label",))
+    scan = {"unit": cloud.unit, "factor": 1.0, "region": None}
+    if metric:
+        scan |= read_json(metric)
+        scan["region"] = Footprint.from_dict(scan["region"])
     points, details = contract_wood(
         cloud,
         classes=classes,
@@ -41,12 +51,14 @@ def main(
         options=preset_options(preset, **constants),
         voxel_size_m=voxel_size_m,
         max_points=max_points,
-        target_xy=read_json(target)["target_xy"] if target else None,
+        target_xy=scan["factor"] * np.array(target_xy) if target_xy else None,
+        region=scan["region"],
         gap_m=gap_m,
         stem_gap_m=stem_gap_m,
         min_density=min_density,
     )
     write_cloud(contracted, points)
+    write_json(target, target_report(details.pop("choice"), **scan))
     write_json(report, {"preset": preset, **details})
 
 
@@ -65,7 +77,11 @@ class Weights(dict):
 
 parser = stage_parser(__doc__)
 parser.add_argument("--segmented", required=True, help="labelled cloud")
-parser.add_argument("--target", default=None, help="target.json of a tree from photos")
+parser.add_argument("--metric", default=None, help="metric.json of a tree from photos")
+parser.add_argument("--target", required=True, help="which tree it is, and the others, JSON")
+parser.add_argument(
+    "--target_xy", type=float, nargs=2, help="where the target stands, aligned frame"
+)
 parser.add_argument("--contracted", required=True, help="contracted points, PLY")
 parser.add_argument("--report", required=True, help="what was cut, and how it went, JSON")
 parser.add_argument("--classes", type=int, nargs="+", default=[1, 2], help="classes that enter")

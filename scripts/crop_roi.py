@@ -1,4 +1,4 @@
-"""Crop the aligned cloud to the region of interest and choose the target tree.
+"""Crop the aligned cloud to the region of interest, the place that the cameras look at.
 
 Reads aligned.ply and aligned_poses.npz, writes cropped.ply and crop.json. Example:
 
@@ -13,16 +13,10 @@ from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 
 
-def main(cloud, poses, cropped, report, *, margin_fraction, target_xy, seed):
+def main(cloud, poses, cropped, report, *, margin_fraction, seed):
     """Load, crop, save."""
     aligned = read_cloud(cloud)
-    result = crop_roi(
-        aligned.points,
-        read_poses(poses),
-        margin_fraction=margin_fraction,
-        target_xy=target_xy,
-        seed=seed,
-    )
+    result = crop_roi(aligned.points, read_poses(poses), margin_fraction=margin_fraction, seed=seed)
     write_cloud(cropped, aligned.select(result.keep))
     write_json(report, result.report)
 
@@ -31,12 +25,12 @@ parser = stage_parser(__doc__)
 parser.add_argument("--cloud", required=True, help="aligned cloud, PLY")
 parser.add_argument("--poses", required=True, help="aligned poses, NPZ")
 parser.add_argument("--cropped", required=True, help="cropped cloud to write")
-parser.add_argument("--report", required=True, help="JSON of target, box and other stems to write")
+parser.add_argument("--report", required=True, help="JSON of the region and counts to write")
 parser.add_argument(
-    "--margin_fraction", type=float, default=0.0, help="widens the box, in its extents, each side"
-)
-parser.add_argument(
-    "--target_xy", type=float, nargs=2, help="the target's stem in the aligned frame"
+    "--margin_fraction",
+    type=float,
+    default=0.0,
+    help="widens the region, in its extents, each side",
 )
 parser.add_argument("--seed", type=int, default=0)
 run(main, parser, globals().get("snakemake"))

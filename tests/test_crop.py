@@ -1,10 +1,10 @@
-"""Region of interest: the camera box, the target and its neighbours."""
+"""Region of interest: what stands where the cameras look, whatever it is."""
 
 import numpy as np
 import pytest
 from scan_scene import ground_points, look_at_poses, ring, tree_points
 
-from cherrypicker.crop import camera_box, crop_roi
+from cherrypicker.crop import crop_roi
 from cherrypicker.errors import StageError
 
 TARGET = np.array([0.0, 0.0, 1.2])
@@ -16,47 +16,33 @@ def orchard(seed=0, neighbours=((2.2, 0.3), (5.0, 0.0))):
     return np.concatenate([ground_points(rng), *trees])
 
 
-def test_box_is_that_of_the_cameras():
+def test_what_stands_where_the_cameras_look_is_kept():
     points, poses = orchard(), look_at_poses(ring(), TARGET)
     crop = crop_roi(points, poses)
-    low, high = poses.centers[:, :2].min(axis=0), poses.centers[:, :2].max(axis=0)
-    np.testing.assert_allclose(
-        np.stack([crop.report["box"]["x"], crop.report["box"]["y"]]).T, [low, high]
-    )
-    kept = points[crop.keep]
-    assert (kept[:, :2] >= low).all() and (kept[:, :2] <= high).all()
-    inside = ((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1)
-    assert crop.keep.sum() == inside.sum()
-    assert kept[:, 2].max() == points[inside][:, 2].max()
+    report = crop.report
+    np.testing.assert_allclose(report["center"], TARGET, atol=1e-6)
+    np.testing.assert_allclose(report["center_xy"], 0, atol=1e-6)
+    assert report["source"] == "region" and not report["warnings"]
+    assert report["radius"] == report["camera_distance"] == pytest.approx(3.07, abs=0.05)
+    np.testing.assert_allclose(report["box"]["x"], [-report["radius"], report["radius"]], atol=1e-6)
+    inside = np.hypot(*points[:, :2].T) <= report["radius"]
+    np.testing.assert_array_equal(crop.keep, inside)
 
 
 def test_margin_widens_each_side():
     points, poses = orchard(), look_at_poses(ring(), TARGET)
     plain, wide = crop_roi(points, poses), crop_roi(points, poses, margin_fraction=0.25)
-    extent = np.ptp(plain.report["box"]["x"])
-    assert np.ptp(wide.report["box"]["x"]) == pytest.approx(1.5 * extent)
+    assert wide.report["radius"] == pytest.approx(1.5 * plain.report["radius"])
 
 
-def test_target_and_neighbours_are_found():
-    crop = crop_roi(orchard(), look_at_poses(ring(), TARGET))
-    np.testing.assert_allclose(crop.report["target_xy"], 0, atol=0.03)
-    assert crop.report["target_source"] == "stem"
-    others = crop.report["other_stems"]
-    assert len(others) == 1
-    np.testing.assert_allclose([others[0]["x"], others[0]["y"]], [2.2, 0.3], atol=0.05)
-    assert any("another stem" in warning for warning in crop.report["warnings"])
-
-
-def test_target_xy_chooses_the_other_tree():
-    crop = crop_roi(orchard(), look_at_poses(ring(), TARGET), target_xy=[2.2, 0.3])
-    assert crop.report["target_source"] == "config"
-    assert crop.report["target_xy"] == [2.2, 0.3]
-    np.testing.assert_allclose(
-        [crop.report["stem"]["x"], crop.report["stem"]["y"]], [2.2, 0.3], atol=0.05
-    )
-    np.testing.assert_allclose(
-        [crop.report["other_stems"][0]["x"], crop.report["other_stems"][0]["y"]], 0, atol=0.05
-    )
+def test_nothing_that_stands_there_moves_the_region():
+    """Posts, signs, neighbours, a statue: without scale and classes none is asked."""
+    poses = look_at_poses(ring(), TARGET)
+    bare = crop_roi(orchard(neighbours=()), poses).report
+    crowded = crop_roi(orchard(neighbours=((0.4, 0.1), (2.2, 0.3))), poses).report
+    assert bare["radius"] == crowded["radius"]
+    np.testing.assert_array_equal(bare["center"], crowded["center"])
+    assert not {"target_xy", "stem", "other_stems", "posts"} & set(crowded)
 
 
 def test_points_deep_below_the_ground_go():
@@ -74,28 +60,23 @@ def test_photos_from_one_side_still_enclose_the_tree():
     crop = crop_roi(points, look_at_poses(row, TARGET))
     tree = np.hypot(points[:, 0], points[:, 1]) < 1.2
     assert crop.keep[tree].all()
-    assert any("unseen" in warning for warning in crop.report["warnings"])
 
 
-def test_both_sides_of_a_row():
-    x = np.tile(np.linspace(-1.5, 1.5, 15), 2)
-    centers = np.column_stack([x, np.repeat([-2.5, 2.5], 15), np.full(30, 1.3)])
-    warnings = []
-    box = camera_box(centers, np.zeros(2), 0.0, 3.0, warnings)
-    np.testing.assert_allclose(box, [[-1.5, -2.5], [1.5, 2.5]])
-    assert not warnings
-    centers[:, 0] *= 0.3
-    box = camera_box(centers, np.zeros(2), 0.0, 3.0, warnings)
-    np.testing.assert_allclose(box, [[-1.5, -2.5], [1.5, 2.5]])
-    assert "widened" in warnings[0]
+def test_a_walk_along_a_row_keeps_the_box_before_the_cameras():
+    points = orchard(neighbours=((2.2, 0.3), (-2.2, 0.0)))
+    walk = np.column_stack([np.linspace(-4, 4, 30), np.full(30, -3.0), np.full(30, 1.3)])
+    crop = crop_roi(points, look_at_poses(walk, walk + [0, 3, -0.1]))
+    assert crop.report["source"] == "camera_box"
+    assert "no common place" in crop.report["warnings"][0]
+    box = crop.report["box"]
+    np.testing.assert_allclose(box["x"], [-4, 4], atol=1e-6)
+    assert box["y"][0] == pytest.approx(-3.0) and 0.0 < box["y"][1] < 2.5
+    assert crop.report["center_xy"] == pytest.approx(np.mean([box["x"], box["y"]], axis=1))
+    assert crop.keep[np.abs(points[:, :2] - [0, -0.5]).max(axis=1) < 0.5].all()
 
 
-def test_empty_box_and_bad_target_name_the_key():
+def test_an_empty_region_names_the_key():
     points, poses = orchard(), look_at_poses(ring(), TARGET)
-    far = points + [50, 0, 0]
     with pytest.raises(StageError) as caught:
-        crop_roi(far, poses)
+        crop_roi(points + [50, 0, 0], poses)
     assert caught.value.key == "crop.margin_fraction"
-    with pytest.raises(StageError) as caught:
-        crop_roi(points, poses, target_xy=[99, 0])
-    assert caught.value.key == "crop.target_xy"

@@ -78,7 +78,7 @@ def results(tmp_path):
     write_cloud(folder / "metric.ply", PointCloud(points, frame="metric", unit="m"))
     poses = ring_poses().transformed(1.0, TURN.T, -TURN.T @ SHIFT)
     write_poses(folder / "metric_poses.npz", poses)
-    write_json(folder / "target.json", {"unit": "m", "target_xy": [0, 0]})
+    write_json(folder / "metric.json", {"unit": "m"})
     for name in ("sfm/report.json", "scale.json", "crop.json"):
         write_json(folder / name, {"name": name})
     return folder
@@ -162,7 +162,9 @@ def test_true_labels_are_those_of_the_surface_that_a_point_lies_on(results, trut
 def test_true_skeleton_points_lie_on_the_axis_in_the_trees_frame(results, truth, tmp_path):
     labelled, there = tmp_path / "a", tmp_path / "b"
     place_true_labels(results, labelled, truth)
+    write_json(labelled / "target.json", {"target_xy": [0, 0]})
     place_true_skeleton(labelled, there, truth)
+    assert read_json(there / "target.json") == {"target_xy": [0, 0]}
     contracted = read_cloud(there / "contracted.ply", required=("label", "source"))
     moved = contracted.points @ TURN.T + SHIFT
     assert np.abs(moved[:, :2]).max() < 1e-5
@@ -181,7 +183,7 @@ def test_results_that_are_not_complete_are_named(results, truth, tmp_path):
 
 
 def test_without_a_scale_there_is_no_budget(results, truth, tmp_path):
-    write_json(results / "target.json", {"unit": "arbitrary"})
+    write_json(results / "metric.json", {"unit": "arbitrary"})
     with pytest.raises(StageError, match="no scale"):
         place_true_labels(results, tmp_path / "rung", truth)
 

@@ -18,6 +18,8 @@ from cherrypicker.marker_geometry import Observations, intersect_rays, locate_ma
 from cherrypicker.marker_scale import combine_markers, estimate_scale
 from cherrypicker.markers import find_markers, marker_dictionary, marker_pattern
 from cherrypicker.photos import read_photo
+from cherrypicker.placement.footprint import Footprint
+from cherrypicker.placement.region import find_region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.scaling import scale_scene
 
@@ -327,31 +329,48 @@ def aligned_scene():
         rng.uniform([-1, -1, 0], [1, 1, 3], (5000, 3)), frame="aligned", unit="arbitrary"
     )
     crop = {
-        "box": {"x": [-2.0, 2.0], "y": [-2.0, 2.0]},
-        "target_xy": [0.1, 0.0],
-        "other_stems": [{"x": 1.0, "y": 0.5}],
+        "source": "region",
+        "center_xy": [0.1, 0.0],
+        "radius": 2.0,
+        "camera_distance": 2.0,
+        "box": {"x": [-1.9, 2.1], "y": [-2.0, 2.0], "z_min": -0.1},
     }
     return cloud, look_at_poses(ring(radius=2.0), np.array([0, 0, 1.5])), crop
 
 
 def test_scale_scene_by_a_factor():
     cloud, poses, crop = aligned_scene()
-    scaled, moved, target = scale_scene(
+    scaled, moved, report = scale_scene(
         cloud, poses, {"mode": "marker", "scale": 1.5, "unit": "m"}, crop
     )
     np.testing.assert_allclose(scaled.points, 1.5 * cloud.points)
     np.testing.assert_allclose(moved.centers, 1.5 * poses.centers)
     assert (scaled.frame, scaled.unit) == ("metric", "m")
-    assert target["target_xy"] == pytest.approx([0.15, 0])
-    assert target["other_stems_xy"] == [[1.5, 0.75]]
+    assert (report["factor"], report["camera_distance"]) == (1.5, 3.0)
+    region = Footprint.from_dict(report["region"])
+    np.testing.assert_allclose(region.center_xy, [0.15, 0])
+    assert (region.radius, region.box) == (3.0, None)
 
 
 def test_scale_scene_without_scale_is_normalised():
     cloud, poses, crop = aligned_scene()
-    scaled, moved, target = scale_scene(cloud, poses, {"mode": "none", "scale": None}, crop)
-    center = np.array([0, 0, np.mean(np.percentile(scaled.points[:, 2], [1, 99]))])
+    region = find_region(poses)
+    crop["camera_distance"] = region.distance
+    scaled, moved, report = scale_scene(cloud, poses, {"mode": "none", "scale": None}, crop)
+    center = report["factor"] * region.center
     assert np.median(np.linalg.norm(moved.centers - center, axis=1)) == pytest.approx(3.0)
-    assert scaled.unit == target["unit"] == "arbitrary"
+    assert scaled.unit == report["unit"] == "arbitrary"
+
+
+def test_the_region_of_a_walk_stays_a_box():
+    cloud, poses, crop = aligned_scene()
+    crop |= {"source": "camera_box", "center_xy": [0.1, 0.0]}
+    report = scale_scene(cloud, poses, {"mode": "number", "scale": 2.0, "unit": "m"}, crop)[2]
+    region = Footprint.from_dict(report["region"])
+    np.testing.assert_allclose(region.box, [[-3.8, -4.0], [4.2, 4.0]])
+    np.testing.assert_allclose(
+        region.inward(np.array([[0.2, 0], [4.0, 0], [5.0, 0]])), [4, 0.2, -0.8]
+    )
 
 
 def test_absurd_scale_is_refused():

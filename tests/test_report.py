@@ -182,7 +182,10 @@ def test_scan_from_photos_has_its_stages(build):
             "n_points": 10,
             "n_kept": 6,
             "box": {"x": [-1, 1], "y": [-1, 1]},
-            "warnings": ["another stem stands in the region of interest", "the photos leave a gap"],
+            "source": "region",
+            "center_xy": [0, 0],
+            "radius": 1,
+            "warnings": ["the cameras look at no common place"],
         },
         "denoise": {"n_input": 6000, "n_removed_statistical": 600, "n_output": 5400},
         "scale": {
@@ -213,12 +216,35 @@ def test_scan_from_photos_has_its_stages(build):
     assert "4 of 5" in text
     assert "blurred &lt;b&gt;" in text
     assert "a &lt;u&gt;hedge&lt;/u&gt;" in text
-    assert "the photos leave a gap" in text
-    assert "another stem" not in text  # the traits flag those that are trees
+    assert "the cameras look at no common place" in text
     assert "600 of 6,000 (10.0 %)" in text
     assert "0.5 ± 0.001 m per unit (0.20 %)" in text
     for heading in ("sparse model", "Sky and depth", "Alignment", "Denoising", "Scale"):
         assert heading in text
+
+
+def test_the_choice_of_the_target_is_shown_with_its_runner_up(build):
+    def candidate(x, score, is_target):
+        return {
+            "base": [x, 0.25, 0.1],
+            "mass": 9035,
+            "height": 2.3,
+            "distance": None,
+            "score": score,
+            "crop_target_xy": [2 * x, 0.5],
+            "is_target": is_target,
+        }
+
+    candidates = [candidate(0.5, 1.0, True), candidate(-0.75, 0.6, False)]
+    choice = {"source": "wood", "unit": "m", "candidates": candidates, "margin": 0.4}
+    path = build.folder / "target.json"
+    path.write_text(json.dumps(choice | {"runner_up": candidates[1], "warnings": []}))
+    text = build(target=path)
+    for shown in ("its wood", "x -0.75, y 0.25 m", "40 % of the score", "9,035", "-1.5, 0.5"):
+        assert shown in text
+    alone = {"runner_up": None, "margin": 1.0, "candidates": candidates[:1], "warnings": []}
+    path.write_text(json.dumps(choice | alone))
+    assert "of the score" not in build(target=path)
 
 
 def test_unreadable_photos_make_no_example(tmp_path):

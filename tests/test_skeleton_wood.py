@@ -5,6 +5,7 @@ import pytest
 from skeleton_shapes import small_tree, tube
 
 from cherrypicker.errors import StageError
+from cherrypicker.placement.footprint import Footprint
 from cherrypicker.skeleton.sampling import (
     farthest_point_sample,
     thin_to_limit,
@@ -32,7 +33,7 @@ def test_neighbour_is_cut_off_even_where_crowns_touch(gap):
     assert wood.report["n_stems"] == 2
     assert wood.keep[tree == 0].mean() > 0.97
     assert wood.keep[tree == 1].mean() < 0.03
-    assert wood.report["other_trees"][0]["whole"]
+    assert len(wood.choice.other_trees) == 1
     np.testing.assert_allclose(wood.base[:2], 0, atol=0.03)
 
 
@@ -64,10 +65,10 @@ def test_wood_that_comes_in_over_the_border_is_cut():
     _, source, _ = voxel_thin(everything, 0.008)
     label = np.concatenate([labels, np.full(len(branch), 2)])[source]
     foreign = source >= len(points)
-    box = np.array([[-1.0, -1.0], [1.0, 1.0]])
-    wood = select_target_wood(everything[source], label, target_xy=(0, 0), box=box)
-    assert wood.keep[foreign].mean() < 0.1
-    assert wood.keep[~foreign].mean() > 0.97
+    for region in (Footprint(np.zeros(2), 1.0), Footprint.of_box([[-1.0, -1.0], [1.0, 1.0]])):
+        wood = select_target_wood(everything[source], label, region=region)
+        assert wood.keep[foreign].mean() < 0.1
+        assert wood.keep[~foreign].mean() > 0.97
 
 
 def test_gaps_along_a_branch_are_kept_and_far_blobs_dropped():

@@ -1,10 +1,12 @@
-"""Alignment: turn the reconstruction upright, put the ground at z = 0 and the stem on the z axis.
+"""Alignment: turn the scene upright, put the ground below what the cameras look at to z = 0.
 
 The paper (section Alignment) fits a ground plane by RANSAC, rotates its normal onto z by Rodrigues'
 formula, and turns the cloud over when its centre of mass lies below. We differ in two points.
 Several planes are tried and judged by the camera poses too, since the largest plane may be a wall.
 The vertical then joins the ground's normal with the cameras' rolls, each by its own uncertainty,
 since ground near a tree is rarely level while photos taken all around it average out to level.
+The x/y origin is what the cameras look at. Which tree stands there is not asked here: without a
+scale and without classes a stem, a post and a sign look alike.
 """
 
 import logging
@@ -23,8 +25,6 @@ from cherrypicker.camera_geometry import (
 )
 from cherrypicker.errors import StageError
 from cherrypicker.ground import (
-    GroundSurface,
-    ground_cells,
     ground_height_at,
     ground_tilt,
     judge_plane,
@@ -32,7 +32,6 @@ from cherrypicker.ground import (
     thin_cloud,
 )
 from cherrypicker.poses import Poses
-from cherrypicker.stems import find_stems
 
 logger = logging.getLogger(__name__)
 
@@ -144,8 +143,8 @@ def align(
     # The ground plane gives a first z = 0 under the target; the ground's true shape refines it.
     base = _ground_level(scene, ground, rotation)
     upright = (points - target) @ rotation.T - [0, 0, base]
-    foot, stem, stems = _foot(upright, scene, warnings)
-    translation = -(rotation @ target) - np.array([foot[0], foot[1], base + foot[2]])
+    origin = np.array([0.0, 0.0, _ground_below(upright, scene, warnings)])
+    translation = -(rotation @ target) - origin - np.array([0.0, 0.0, base])
     report = {
         "transform": np.vstack([np.column_stack([rotation, translation]), [0.0, 0.0, 0.0, 1.0]]),
         "camera_distance": distance,
@@ -153,10 +152,8 @@ def align(
         "up_from": up_from,
         "ground_found": ground is not None,
         **angles,
-        "half_turn": _half_turn_check(upright - foot, scene, up, warnings),
+        "half_turn": _half_turn_check(upright - origin, scene, up, warnings),
         "candidates": [_plane_report(plane, up) for plane in planes],
-        "stem": None if stem is None else stem.as_dict() | {"x": 0.0, "y": 0.0},
-        "n_stems": len(stems),
         "warnings": warnings,
     }
     for warning in warnings:
@@ -188,7 +185,7 @@ def _check_input(points, poses, up_from):
 
 
 def _thin_randomly(points, seed):
-    """At most `_SUBSAMPLE` points: enough for planes and stems at any density."""
+    """At most `_SUBSAMPLE` points: enough for planes and hills at any density."""
     if len(points) <= _SUBSAMPLE:
         return np.asarray(points, float)
     chosen = np.random.default_rng(seed).choice(len(points), _SUBSAMPLE, replace=False)
@@ -318,22 +315,14 @@ def _ground_level(scene, ground, rotation):
     return float(np.percentile(upright[near, 2] if near.any() else upright[:, 2], 1))
 
 
-def _foot(upright, scene, warnings):
-    """Where the target stands: the stem's foot, else the ground under the look-at point."""
+def _ground_below(upright, scene, warnings):
+    """Height of the ground under the point that the cameras look at, hills and all."""
     tolerance = max(6 * scene.threshold, 0.25 * scene.distance)
-    cells = ground_cells(upright, 0.1 * scene.distance, 2.0 * scene.distance, tolerance)
-    stems = find_stems(upright, (0.0, 0.0), scene.distance, GroundSurface(cells))
-    stem = stems[0] if stems else None
-    if stem is None:
-        xy, inner = np.zeros(2), 0.0
-        warnings.append("no stem found: x and y are centred on the point that the cameras look at")
-    else:
-        xy, inner = np.array([stem.x, stem.y]), 1.5 * stem.radius
-    z = ground_height_at(upright, xy, 0.12 * scene.distance, inner, tolerance)
+    z = ground_height_at(upright, (0.0, 0.0), 0.12 * scene.distance, tolerance)
     if z is None:
-        warnings.append("no ground seen at the target's foot: z = 0 is only approximate")
-        z = 0.0
-    return np.array([xy[0], xy[1], z]), stem, stems
+        warnings.append("no ground seen below what the cameras look at: z = 0 is only approximate")
+        return 0.0
+    return z
 
 
 def _half_turn_check(aligned, scene, up, warnings):

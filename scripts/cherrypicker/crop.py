@@ -1,8 +1,9 @@
-"""Region of interest: the box of the camera positions, and which stem in it is the target.
+"""Region of interest: of the cloud, what stands on the ground that the cameras look at.
 
 The paper (section Region of Interest) takes the axis-aligned x/y box of the camera origins, on the
-assumption that the cameras stand around the tree. Where they do not (photos from one side only) the
-camera origins are mirrored at the target, so that the box encloses it all the same.
+assumption that the cameras stand around the tree. We keep the vertical shadow of the region of
+:mod:`cherrypicker.placement.region`, which is as wide and needs no such assumption. Which tree in
+it is the target is decided once, after the labels (:mod:`cherrypicker.wood.target`).
 """
 
 import logging
@@ -13,17 +14,14 @@ import numpy as np
 from cherrypicker.camera_geometry import look_at_point
 from cherrypicker.errors import StageError
 from cherrypicker.ground import GroundSurface, ground_cells
-from cherrypicker.stems import find_stems
+from cherrypicker.placement.footprint import Footprint
+from cherrypicker.placement.region import find_region
 
 logger = logging.getLogger(__name__)
 
 _SEARCH_POINTS = 400_000
 # The ground is kept for the segmentation; what lies deeper under it is noise.
 _DEPTH_BELOW_GROUND = 0.05
-# Cameras all around a target leave no gap in azimuth wider than this.
-_WIDEST_GAP_DEG = 170.0
-# Stems nearer to the target than this, in camera distances, are its own.
-_SAME_TREE = 0.12
 
 
 @dataclass
@@ -34,15 +32,18 @@ class Crop:
     ----------
     keep : ndarray of shape (n_points,), bool
     report : dict
-        As written to crop.json: target, box, stems, counts, warnings.
+        As written to crop.json, all in the aligned frame: ``center`` (what the cameras look at),
+        ``center_xy`` and ``radius`` of the region, ``source`` (``region`` or ``camera_box``),
+        ``camera_distance``, ``box`` (``x`` and ``y`` limits, ``z_min``), ``n_points``, ``n_kept``,
+        ``warnings``.
     """
 
     keep: np.ndarray
     report: dict
 
 
-def crop_roi(points, poses, *, margin_fraction=0.0, target_xy=None, seed=0):
-    """Choose the points inside the box of the cameras, and the target tree.
+def crop_roi(points, poses, *, margin_fraction=0.0, seed=0):
+    """Choose the points above the ground that the cameras look at.
 
     Parameters
     ----------
@@ -51,10 +52,7 @@ def crop_roi(points, poses, *, margin_fraction=0.0, target_xy=None, seed=0):
     poses : Poses
         Aligned poses.
     margin_fraction : float, default 0
-        Widens (or, negative, narrows) the box on each side by this fraction of its extent.
-    target_xy : sequence of 2 float, optional
-        Where the target's stem stands, aligned frame; else the stem nearest the point that the
-        cameras look at.
+        Widens (or, negative, narrows) the region on each side by this fraction of its extent.
     seed : int, default 0
 
     Returns
@@ -64,39 +62,32 @@ def crop_roi(points, poses, *, margin_fraction=0.0, target_xy=None, seed=0):
     Raises
     ------
     StageError
-        If the box holds no point, or `target_xy` lies outside the cloud.
+        If the region holds no point.
     """
     search = _thin_randomly(points, seed)
-    look_at, distance = look_at_point(poses, search)
+    center, distance, footprint, warnings = _footprint(poses, search)
+    footprint = footprint.widened(margin_fraction)
     cells = ground_cells(search, 0.1 * distance, 2.5 * distance, 0.3 * distance)
-    surface = GroundSurface(cells)
-    stems = find_stems(search, look_at[:2], distance, surface)
-    warnings = []
-    target, source, stem = _choose_target(search, stems, look_at, distance, target_xy, warnings)
-    box = camera_box(poses.centers, target, margin_fraction, distance, warnings)
-    in_box = _in_box(points, box)
-    floor = _floor(surface, cells, points[in_box], distance)
-    keep = _above_floor(points, in_box, floor)
-    beside = [s for s in stems if s is not stem and _inside(s, box)]
-    others = _other_trees(beside, target, distance, warnings)
+    inside = _inside(points, footprint)
+    floor = _floor(GroundSurface(cells), cells, points[inside], distance)
+    keep = _above_floor(points, inside, floor)
     kept = int(keep.sum())
     logger.info(
-        "kept %s of %s points (%.1f %%); %s more inside the box lie below z = %.3g",
+        "kept %s of %s points (%.1f %%); %s more inside the region lie below z = %.3g",
         f"{kept:,}",
         f"{len(points):,}",
         100 * kept / len(points),
-        f"{int(in_box.sum()) - kept:,}",
+        f"{int(inside.sum()) - kept:,}",
         floor,
     )
     for warning in warnings:
         logger.warning("%s", warning)
+    box = footprint.limits()
     report = {
-        "target_xy": list(target),
-        "target_source": source,
-        "stem": None if stem is None else stem.as_dict(),
-        "other_stems": [other.as_dict() for other in others],
-        "posts": [other.as_dict() for other in beside if other not in others],
-        "look_at": look_at,
+        "center": center,
+        "center_xy": footprint.center_xy,
+        "radius": footprint.radius,
+        "source": "region" if footprint.box is None else "camera_box",
         "camera_distance": distance,
         "box": {"x": box[:, 0], "y": box[:, 1], "z_min": floor},
         "n_points": len(points),
@@ -106,71 +97,46 @@ def crop_roi(points, poses, *, margin_fraction=0.0, target_xy=None, seed=0):
     return Crop(keep, report)
 
 
-def camera_box(centers, target, margin_fraction, distance, warnings):
-    """Axis-aligned x/y box of the camera centres that encloses the target.
-
-    Parameters
-    ----------
-    centers : ndarray of shape (n_cameras, 3)
-    target : array-like of shape (2,)
-    margin_fraction : float
-    distance : float
-        Cameras' median distance to what they look at.
-    warnings : list of str
-        Gets a line when the cameras do not surround the target.
-
-    Returns
-    -------
-    ndarray of shape (2, 2)
-        Lower and upper corner.
-    """
-    spots = np.asarray(centers)[:, :2]
-    offsets = spots - target
-    azimuths = np.sort(np.degrees(np.arctan2(offsets[:, 1], offsets[:, 0])))
-    gap = np.diff(azimuths, append=azimuths[0] + 360).max()
-    if gap > _WIDEST_GAP_DEG:
-        warnings.append(
-            f"the photos leave {gap:.0f} degrees around the target unseen: the region of interest "
-            "is the box of the cameras and of their mirror images at the target"
-        )
-        spots = np.concatenate([spots, target - offsets])
-    lower, upper = spots.min(axis=0), spots.max(axis=0)
-    # A row of photos on each side of a tree row leaves a slit that would cut the crown.
-    reach = 0.5 * distance
-    if (lower > target - reach).any() or (upper < target + reach).any():
-        warnings.append(
-            "the cameras leave less than half their distance on a side of the target: the region "
-            "of interest is widened to that"
-        )
-        lower, upper = np.minimum(lower, target - reach), np.maximum(upper, target + reach)
-    margin = margin_fraction * (upper - lower)
-    return np.stack([lower - margin, upper + margin])
+def _footprint(poses, points):
+    """What the cameras look at, their distance to it, its footprint, and warnings."""
+    region = find_region(poses)
+    if region is not None:
+        return region.center, region.distance, Footprint(region.center[:2], region.radius), []
+    center, distance = look_at_point(poses, points)
+    # The paper's box, and as far before the cameras as they are from what they look at.
+    spots = np.concatenate([poses.centers, poses.centers + distance * poses.forward])[:, :2]
+    warning = (
+        "the cameras look at no common place: the region of interest is the box of the cameras "
+        "and of what lies before them, as far as their distance to the middle of their view"
+    )
+    footprint = Footprint.of_box(np.stack([spots.min(axis=0), spots.max(axis=0)]))
+    return center, distance, footprint, [warning]
 
 
 def _thin_randomly(points, seed):
-    """At most `_SEARCH_POINTS` points: enough to find ground and stems."""
+    """At most `_SEARCH_POINTS` points: enough to find the ground."""
     if len(points) <= _SEARCH_POINTS:
         return points
     chosen = np.random.default_rng(seed).choice(len(points), _SEARCH_POINTS, replace=False)
     return points[np.sort(chosen)]
 
 
-def _in_box(points, box):
-    """Mask of the points in the box; refuse when there are none."""
-    in_box = np.all((points[:, :2] >= box[0]) & (points[:, :2] <= box[1]), axis=1)
-    if not in_box.any():
+def _inside(points, footprint):
+    """Mask of the points above the footprint; refuse when there are none."""
+    inside = footprint.inward(points[:, :2]) >= 0
+    if not inside.any():
         raise StageError(
             "the region of interest holds no point: x {:.3g} to {:.3g}, y {:.3g} to {:.3g}".format(
-                *box.T.ravel()
+                *footprint.limits().T.ravel()
             ),
             key="crop.margin_fraction",
         )
-    return in_box
+    return inside
 
 
-def _above_floor(points, in_box, floor):
-    """Mask of the points in the box that are not below the ground; refuse when there are none."""
-    keep = in_box & (points[:, 2] >= floor)
+def _above_floor(points, inside, floor):
+    """Mask of the points inside that are not below the ground; refuse when there are none."""
+    keep = inside & (points[:, 2] >= floor)
     if not keep.any():
         raise StageError(
             f"no point of the region of interest lies above z = {floor:.3g}; the cloud may be "
@@ -180,54 +146,10 @@ def _above_floor(points, in_box, floor):
     return keep
 
 
-def _other_trees(stems, target, distance, warnings):
-    """Stems with a crown that stand apart from the target; each gets a warning."""
-    others = []
-    for other in stems:
-        apart = np.hypot(other.x - target[0], other.y - target[1]) / distance
-        if not other.has_crown or apart <= _SAME_TREE:
-            continue
-        others.append(other)
-        warnings.append(
-            f"another stem stands in the region of interest at x {other.x:.3g}, y {other.y:.3g}, "
-            f"{apart:.2f} camera distances from the target; crop.target_xy chooses between them"
-        )
-    return others
-
-
-def _choose_target(points, stems, look_at, distance, target_xy, warnings):
-    """Target x, y, where it comes from, and its stem if one was found."""
-    if target_xy is not None:
-        target = np.asarray(target_xy, float)
-        if target.shape != (2,) or not np.isfinite(target).all():
-            raise StageError(f"{target_xy!r} is no pair of numbers", key="crop.target_xy")
-        low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-        if (target < low).any() or (target > high).any():
-            raise StageError(
-                f"the point ({target[0]:g}, {target[1]:g}) lies outside the aligned cloud",
-                key="crop.target_xy",
-            )
-        nearest = min(stems, key=lambda s: np.hypot(s.x - target[0], s.y - target[1]), default=None)
-        if nearest is not None:
-            apart = np.hypot(nearest.x - target[0], nearest.y - target[1])
-            nearest = nearest if apart < max(3 * nearest.radius, 0.1 * distance) else None
-        if nearest is None:
-            warnings.append("no stem was found at crop.target_xy; the point is used as it is")
-        return target, "config", nearest
-    if stems:
-        return np.array([stems[0].x, stems[0].y]), "stem", stems[0]
-    warnings.append("no stem found: the target is the point that the cameras look at")
-    return look_at[:2].copy(), "look_at", None
-
-
 def _floor(surface, cells, points, distance):
-    """Lowest height kept: a little below the lowest ground inside the box."""
+    """Lowest height kept: a little below the lowest ground inside the region."""
     margin = _DEPTH_BELOW_GROUND * distance
     if len(cells) == 0:
         return float(np.percentile(points[:, 2], 0.1) - margin)
     spots = points[:: max(1, len(points) // 20_000), :2]
     return float(min(np.percentile(surface(spots), 1), 0.0) - margin)
-
-
-def _inside(stem, box):
-    return bool(box[0, 0] <= stem.x <= box[1, 0] and box[0, 1] <= stem.y <= box[1, 1])

@@ -93,15 +93,15 @@ def write_text(path: str | os.PathLike, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
-def write_json(path: str | os.PathLike, content: object) -> None:
-    """Write ``content`` as indented JSON, NumPy numbers and arrays as plain ones.
+def write_json(path: str | os.PathLike, content: object, *, indent: int | None = 2) -> None:
+    """Write ``content`` as JSON, indented or on one line, NumPy numbers and arrays as plain ones.
 
     Raises
     ------
     ValueError
         If a number is not finite, which JSON cannot hold.
     """
-    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False, default=_plain)
+    text = json.dumps(content, indent=indent, ensure_ascii=False, allow_nan=False, default=_plain)
     write_text(path, text + "\n")
 
 

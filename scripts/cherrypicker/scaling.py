@@ -6,37 +6,19 @@ from dataclasses import replace
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.placement.footprint import Footprint
 
 logger = logging.getLogger(__name__)
 
-# The cameras' median distance to the region of interest without a scale: about that of a real
-# scan, so that lengths meant in metres still make sense.
+# The cameras' median distance to the centre of the region of interest without a scale: about that
+# of a real scan, so that lengths meant in metres still make sense.
 _NORMAL_DISTANCE = 3.0
 _PLAUSIBLE_HEIGHT_M = (0.15, 40.0)
 _PLAUSIBLE_DISTANCE_M = (0.25, 80.0)
 
 
-def roi_center(points, box):
-    """Centre of the region of interest, aligned frame.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-        The cropped, denoised cloud.
-    box : dict
-        ``x`` and ``y`` as [low, high], of crop.json.
-
-    Returns
-    -------
-    ndarray of shape (3,)
-        Middle of the box, and of the cloud's height (first to 99th percentile).
-    """
-    low, high = np.percentile(points[:, 2], [1, 99])
-    return np.array([np.mean(box["x"]), np.mean(box["y"]), 0.5 * (low + high)])
-
-
 def scale_scene(cloud, poses, scale_report, crop_report):
-    """Scale the aligned scene about its origin, the stem's foot.
+    """Scale the aligned scene about its origin.
 
     Parameters
     ----------
@@ -47,16 +29,17 @@ def scale_scene(cloud, poses, scale_report, crop_report):
     scale_report : dict
         scale.json: ``mode``, ``scale`` in metres per unit, ``unit``.
     crop_report : dict
-        crop.json: ``box``, ``target_xy``, ``other_stems``.
+        crop.json: the region of interest and ``camera_distance``.
 
     Returns
     -------
     cloud : PointCloud
         Metric frame; unit ``m``, or ``arbitrary`` without a scale.
     poses : Poses
-    target : dict
-        Content of target.json: ``target_xy`` and ``other_stems_xy`` in the metric frame, ``unit``,
-        ``factor``.
+    report : dict
+        Content of metric.json: ``unit``, ``factor`` (from the aligned frame), ``scale_mode``, and
+        in the metric frame ``camera_distance`` and ``region`` (see
+        :class:`cherrypicker.placement.footprint.Footprint`).
 
     Raises
     ------
@@ -64,8 +47,7 @@ def scale_scene(cloud, poses, scale_report, crop_report):
         If the scale is missing, or implies cameras impossibly near or far.
     """
     unit, factor = scale_report.get("unit"), scale_report.get("scale")
-    center = roi_center(cloud.points, crop_report["box"])
-    distance = float(np.median(np.linalg.norm(poses.centers - center, axis=1)))
+    distance = crop_report["camera_distance"]
     if scale_report.get("mode") == "none":
         unit, factor = "arbitrary", _NORMAL_DISTANCE / distance
         logger.info("no scale: the cameras' median distance is set to %g units", _NORMAL_DISTANCE)
@@ -74,17 +56,14 @@ def scale_scene(cloud, poses, scale_report, crop_report):
     else:
         _check_plausible(cloud.points, factor, distance)
     scaled = replace(cloud.transformed(factor), frame="metric", unit=unit)
-    target = {
-        "target_xy": [factor * value for value in crop_report["target_xy"]],
-        "other_stems_xy": [
-            [factor * stem["x"], factor * stem["y"]] for stem in crop_report["other_stems"]
-        ],
+    report = {
         "unit": unit,
         "factor": factor,
         "scale_mode": scale_report.get("mode"),
         "camera_distance": factor * distance,
+        "region": Footprint.of_crop(crop_report).scaled(factor).as_dict(),
     }
-    return scaled, poses.transformed(factor), target
+    return scaled, poses.transformed(factor), report
 
 
 def _check_plausible(points, factor, distance):

@@ -42,7 +42,7 @@ _METRIC = (
     "crop.json",
     "metric.ply",
     "metric_poses.npz",
-    "target.json",
+    "metric.json",
 )
 
 
@@ -168,7 +168,7 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> None:
     Parameters
     ----------
     before, results : Path
-        Results up to ``segmented.ply``, and those to fill.
+        Results up to ``segmented.ply`` and ``target.json``, and those to fill.
     truth : Path
 
     Raises
@@ -176,7 +176,7 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> None:
     StageError
         When the results or the truth are not complete, or the cloud holds no wood.
     """
-    take_over(before, results, (*_METRIC, "segmented.ply"))
+    take_over(before, results, (*_METRIC, "segmented.ply", "target.json"))
     cloud = read_cloud(results / "segmented.ply", required=("label",))
     rotation, translation = _to_truth(results, truth)
     skeleton = read_skeleton_csv(truth / "skeleton.csv")
@@ -200,8 +200,8 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> None:
 def _to_truth(results: Path, truth: Path) -> tuple[np.ndarray, np.ndarray]:
     """Rotation and translation from the tree's metric frame to the scene's."""
     found = read_poses(results / "metric_poses.npz")
-    if read_json(results / "target.json").get("unit", "m") != "m":
-        raise StageError("the tree has no scale in metres", file=results / "target.json")
+    if read_json(results / "metric.json").get("unit", "m") != "m":
+        raise StageError("the tree has no scale in metres", file=results / "metric.json")
     cameras = compare_cameras(found, read_poses(truth / "poses.npz"))
     return cameras["rotation"], cameras["translation"]
 

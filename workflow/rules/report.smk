@@ -10,6 +10,7 @@ rule report_tree:
         segmented="results/{tree}/segmented.ply",
         contracted="results/{tree}/contracted.ply",
         contract_report="results/{tree}/contract.json",
+        target="results/{tree}/target.json",
         sparse=photo_only("results/{tree}/sfm/report.json"),
         align_report=photo_only("results/{tree}/align.json"),
         crop_report=photo_only("results/{tree}/crop.json"),
@@ -24,6 +25,7 @@ rule report_tree:
         denoised=photo_only("results/{tree}/denoised.ply"),
         sky_colors=photo_only("results/{tree}/sky_colors.npz"),
         depth=photo_only("results/{tree}/dense/depth.json"),
+        coverage=photo_only("results/{tree}/dense/coverage.json"),
         photos=lambda wildcards: (
             photos_of(wildcards) if TREES[wildcards.tree].is_photo_scan else []
         ),

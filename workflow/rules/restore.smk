@@ -51,7 +51,6 @@ rule crop_roi:
         gpu=0,
     params:
         margin_fraction=cfg("crop.margin_fraction"),
-        target_xy=cfg("crop.target_xy"),
         seed=cfg("seed"),
     message:
         "{wildcards.tree}: crop to the region of interest"

@@ -44,7 +44,7 @@ rule scale_cloud:
     output:
         metric=ensure("results/{tree}/metric.ply", non_empty=True),
         metric_poses=ensure("results/{tree}/metric_poses.npz", non_empty=True),
-        target="results/{tree}/target.json",
+        report="results/{tree}/metric.json",
     log:
         "logs/scale_cloud/{tree}.log",
     benchmark:

@@ -4,11 +4,12 @@
 rule contract_cloud:
     input:
         segmented="results/{tree}/segmented.ply",
-        target=photo_only("results/{tree}/target.json"),
+        metric=photo_only("results/{tree}/metric.json"),
         code=code("contract_cloud"),
     output:
         contracted=ensure("results/{tree}/contracted.ply", non_empty=True),
         report="results/{tree}/contract.json",
+        target="results/{tree}/target.json",
     log:
         "logs/contract_cloud/{tree}.log",
     benchmark:
@@ -21,6 +22,7 @@ rule contract_cloud:
         runtime=minutes_for("contract_cloud"),
         gpu=0,
     params:
+        target_xy=cfg("crop.target_xy"),
         classes=cfg("contract.classes"),
         weights=cfg("contract.weights"),
         method=cfg("contract.method"),
@@ -42,7 +44,7 @@ rule contract_cloud:
         n_neighbors=cfg("contract.n_neighbors"),
         mollify_factor=cfg("contract.mollify_factor"),
     message:
-        "{wildcards.tree}: contract the wood to its skeleton points"
+        "{wildcards.tree}: contract the target's wood to its skeleton points"
     script:
         "../../scripts/contract_cloud.py"
 

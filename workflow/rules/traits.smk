@@ -6,10 +6,12 @@ rule measure_traits:
         skeleton="results/{tree}/skeleton.graphml",
         topology="results/{tree}/topology.graphml",
         segmented="results/{tree}/segmented.ply",
+        target="results/{tree}/target.json",
         scale=photo_only("results/{tree}/scale.json"),
         metric_poses=photo_only("results/{tree}/metric_poses.npz"),
         sparse=photo_only("results/{tree}/sfm/report.json"),
-        crop=photo_only("results/{tree}/crop.json"),
+        sky_masks=photo_only("results/{tree}/sky"),
+        cameras=photo_only("results/{tree}/sfm/model/cameras.bin"),
         edits=lambda wildcards: (
             "results/{tree}/edits.json" if wildcards.tree in EDITED_TREES else []
         ),

@@ -142,15 +142,8 @@ def _embedded(figure, caption, width_px):
 
 
 def _warnings(traits, reports):
-    """The traits' flags, then what the stages warned of and the traits do not know better.
-
-    The crop sees stems before the classes are known; the traits' ``second_tree`` names those that
-    turned out to be trees.
-    """
-    flags = [str(flag) for flag in traits.get("flags", [])]
-    return flags + [
-        line for line in stage_warnings(*reports) if not line.startswith("another stem")
-    ]
+    """The traits' flags, among them what the choice of the target doubts, then the stages'."""
+    return [str(flag) for flag in traits.get("flags", [])] + stage_warnings(*reports)
 
 
 def _lead(about, unit, scan):

@@ -3,10 +3,12 @@
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Rectangle
 from PIL import Image, UnidentifiedImageError
 
 from cherrypicker.classes import Label
+from cherrypicker.mvs.coverage import voxel_centers
+from cherrypicker.placement.region import Region
 from cherrypicker.report.figures import (
     DPI,
     cloud_colors,
@@ -21,6 +23,7 @@ __all__ = [
     "alignment_figure",
     "camera_figure",
     "contraction_figure",
+    "coverage_figure",
     "denoise_figure",
     "example_figure",
     "removed_points",
@@ -61,15 +64,15 @@ def camera_figure(poses, cloud, target, width_px):
 
 
 def alignment_figure(aligned, poses, roi, width_px):
-    """The aligned cloud with z = 0 and the box that was kept.
+    """The aligned cloud with z = 0 and the region that was kept.
 
     Parameters
     ----------
     aligned : PointCloud
     poses : Poses
         In the aligned frame.
-    roi : dict or None
-        ``x`` and ``y`` limits, as in ``crop.json``.
+    roi : Footprint or None
+        What the crop kept.
     width_px : int
     """
     low, high = poses.centers.min(axis=0), poses.centers.max(axis=0)
@@ -87,15 +90,58 @@ def alignment_figure(aligned, poses, roi, width_px):
         axes_.scatter(*view.flatten(poses.centers)[0].T, s=5, color=_RED, zorder=3)
         if view.name != "top":
             axes_.axhline(0, color="#2368a8", lw=1)
-        if not roi:
+        if roi is None:
             continue
         if view.name == "top":
-            (x0, x1), (y0, y1) = roi["x"], roi["y"]
-            corner = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, color="#2368a8", lw=1.2)
-            axes_.add_patch(corner)
+            axes_.add_patch(_outline(roi))
         else:
-            for limit in roi["x" if view.name == "front" else "y"]:
+            for limit in roi.limits()[:, 0 if view.name == "front" else 1]:
                 axes_.axvline(limit, color="#2368a8", lw=1, ls=":")
+    return figure
+
+
+def _outline(roi):
+    """The border of a footprint, as a patch."""
+    style = {"fill": False, "color": "#2368a8", "lw": 1.2}
+    if roi.box is None:
+        return Circle(roi.center_xy, roi.radius, **style)
+    return Rectangle(roi.box[0], *np.ptp(roi.box, axis=0), **style)
+
+
+def coverage_figure(coverage, align, width_px):
+    """How many photos frame the region, and how many depth maps hold something there; front view.
+
+    Parameters
+    ----------
+    coverage : dict
+        ``dense/coverage.json``.
+    align : dict
+        ``align.json``: the way from COLMAP's frame to the aligned one.
+    width_px : int
+    """
+    region = Region(
+        center=np.array(coverage["region"]["center"]),
+        radius=coverage["region"]["radius"],
+        distance=coverage["camera_distance"],
+        samples=np.empty((0, 3)),
+    )
+    cells = np.array(coverage["cells"])
+    transform = np.array(align["transform"])
+    centers = voxel_centers(region, cells, coverage["n_across"]) @ transform[:3, :3].T
+    centers += transform[:3, 3]
+    size = coverage["voxel_size"]
+    low = centers.min(axis=0)
+    column, row = (np.round((centers[:, k] - low[k]) / size).astype(int) for k in (0, 2))
+    figure = Figure(figsize=(width_px / DPI, 0.5 * width_px / DPI), dpi=DPI, layout="constrained")
+    titles = {"n_framing": "photos that frame it", "n_holding": "depth maps that hold something"}
+    extent = (low[0], low[0] + size * (column.max() + 1), low[2], low[2] + size * (row.max() + 1))
+    for panel, (name, title) in zip(figure.subplots(1, 2), titles.items()):
+        picture = np.full((row.max() + 1, column.max() + 1), np.nan)
+        np.fmax.at(picture, (row, column), np.array(coverage[name], dtype=float))
+        drawn = panel.imshow(picture, origin="lower", extent=extent, cmap="viridis")
+        panel.axhline(0, color="#2368a8", lw=1)
+        panel.set_title(f"{title}, most along the view")
+        figure.colorbar(drawn, ax=panel, shrink=0.8)
     return figure
 
 

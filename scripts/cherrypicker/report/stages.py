@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.placement.footprint import Footprint
 from cherrypicker.report.marker_figure import marker_figure
 from cherrypicker.report.stage_figures import (
     alignment_figure,
     camera_figure,
     contraction_figure,
+    coverage_figure,
     denoise_figure,
     example_figure,
 )
@@ -22,6 +24,11 @@ from cherrypicker.report.text import unit_name
 __all__ = ["branch_section", "scan_sections", "stage_warnings"]
 
 logger = logging.getLogger(__name__)
+
+_SOURCES = {
+    "region": "what the cameras look at",
+    "camera_box": "the box of the cameras and of what lies before them",
+}
 
 
 def section(name, facts=(), tables=(), figures=()):
@@ -55,10 +62,10 @@ def scan_sections(scan, tree, *, width_px, n_examples):
     ----------
     scan : dict
         Loaded inputs by name; absent ones are missing or None: ``sparse``, ``align``, ``crop``,
-        ``denoise``, ``scale``, ``contract`` (dicts), ``poses``, ``aligned_poses`` (Poses),
-        ``aligned``, ``cropped``, ``denoised``, ``contracted`` (PointCloud), ``colmap_poses``
-        (Poses), ``lenses`` (PhotoLenses of the same photos), ``photos`` (list of Path),
-        ``sky_folder``, ``dense_folder`` (Path).
+        ``denoise``, ``scale``, ``target``, ``contract`` (dicts), ``poses``, ``aligned_poses``
+        (Poses), ``aligned``, ``cropped``, ``denoised``, ``contracted`` (PointCloud),
+        ``colmap_poses`` (Poses), ``lenses`` (PhotoLenses of the same photos), ``photos`` (list
+        of Path), ``sky_folder``, ``dense_folder`` (Path).
     tree : dict
         ``cloud``, ``skeleton`` and ``foot`` (ndarray of shape (3,)).
     width_px, n_examples : int
@@ -74,10 +81,14 @@ def scan_sections(scan, tree, *, width_px, n_examples):
         sections.append(_examples(scan, n_examples))
     if scan.get("align"):
         sections.append(_aligned(scan, width_px))
+    if scan.get("align") and scan.get("coverage"):
+        sections.append(_covered(scan, width_px))
     if scan.get("denoise"):
         sections.append(_denoised(scan, width_px))
     if scan.get("scale"):
         sections.append(_scaled(scan))
+    if scan.get("target"):
+        sections.append(_target(scan["target"]))
     if scan.get("contracted") is not None:
         sections.append(_contracted(scan, tree, width_px))
     return sections
@@ -166,15 +177,34 @@ def _aligned(scan, width_px):
         ("Up decided by", report.get("up_from")),
         ("Up to the ground's normal", _number(report.get("up_to_ground_deg"), 2, "°")),
         ("Up to the cameras' up", _number(report.get("up_to_cameras_deg"), 2, "°")),
-        ("Stems found", report.get("n_stems")),
-        ("Target found by", crop.get("target_source")),
+        ("Region of interest", _SOURCES.get(crop.get("source"))),
         ("Points kept by the crop", _kept(crop.get("n_kept"), crop.get("n_points"))),
     ]
     figures = []
     if scan.get("aligned") is not None and scan.get("aligned_poses") is not None:
-        figure = alignment_figure(scan["aligned"], scan["aligned_poses"], crop.get("box"), width_px)
-        figures.append((figure, "Aligned cloud: ground at z = 0, the box that was kept, cameras."))
+        roi = Footprint.of_crop(crop) if crop else None
+        figure = alignment_figure(scan["aligned"], scan["aligned_poses"], roi, width_px)
+        figures.append(
+            (figure, "Aligned cloud: ground at z = 0, the region that was kept, cameras.")
+        )
     return section("Alignment and crop", facts, figures=figures)
+
+
+def _covered(scan, width_px):
+    """The region of interest in voxels; nothing where the cameras look at no common place."""
+    coverage = scan["coverage"]
+    if coverage.get("region") is None:
+        return section("Coverage", [("Region", "the cameras look at no common place")])
+    framing, holding = (np.array(coverage[f"n_{name}"]) for name in ("framing", "holding"))
+    facts = [
+        ("Voxels of the region", _count(len(framing))),
+        ("Photos that frame a voxel, median", _number(float(np.median(framing)), 0)),
+        ("Voxels that three photos or more frame", f"{100 * np.mean(framing >= 3):.0f} %"),
+        ("Voxels with something in a depth map", f"{100 * np.mean(holding > 0):.0f} %"),
+    ]
+    figure = coverage_figure(coverage, scan["align"], width_px)
+    caption = "The place that the cameras look at: the more photos frame a part, the surer it is."
+    return section("Coverage", facts, figures=[(figure, caption)])
 
 
 def _denoised(scan, width_px):
@@ -228,6 +258,37 @@ def _marker_row(marker):
         f"{marker.get('n_inliers', '')} of {marker.get('n_detections', '')}",
         "; ".join(str(flag) for flag in marker.get("flags") or []),
     ]
+
+
+def _target(report):
+    length = unit_name(report.get("unit", "m"))
+    margin, other = report.get("margin"), report.get("runner_up")
+    by = "crop.target_xy" if report.get("source") == "config" else "its wood"
+    facts = [
+        ("Chosen by", by),
+        ("Runner-up", _place(other["base"], length) if other else "none"),
+        ("Lead over it", f"{100 * margin:.0f} % of the score" if other and margin else None),
+    ]
+    rows = [
+        [
+            "target" if one.get("is_target") else "",
+            _place(one["base"], length),
+            _count(one["mass"]),
+            _number(one["height"], 2),
+            _number(one["distance"], 2) or "–",
+            _number(one["score"], 2),
+            ", ".join(f"{value:g}" for value in one["crop_target_xy"]),
+        ]
+        for one in report.get("candidates") or []
+    ]
+    head = ["", "foot", "wood [voxels]", f"height [{length}]", f"off the middle [{length}]"]
+    head += ["score", "crop.target_xy"]
+    caption = f"{len(rows)} candidate(s): wood near what the cameras look at, times its height"
+    return section("Target", facts, [table(caption, head, rows, is_open=len(rows) > 1)])
+
+
+def _place(base, length):
+    return f"x {base[0]:.2f}, y {base[1]:.2f} {length}"
 
 
 def _contracted(scan, tree, width_px):

@@ -72,8 +72,9 @@ def report_tree(
         Config keys of ``report``, and the seed.
     **scan_files
         Paths of ``sparse``, ``align_report``, ``crop_report``, ``denoise_report``, ``scale``,
-        ``contract_report``, ``poses``, ``cameras``, ``metric_poses``, ``aligned``,
-        ``aligned_poses``, ``cropped``, ``denoised``, ``sky_colors``, ``depth``; None or
+        ``contract_report``, ``target``, ``poses``, ``cameras``, ``metric_poses``, ``aligned``,
+        ``aligned_poses``, ``cropped``, ``denoised``, ``sky_colors``, ``depth``,
+        ``coverage``; None or
         empty for what the tree does not have.
 
     Raises
@@ -134,6 +135,7 @@ def _load_scan(photos, files):
         "denoise": load("denoise_report", read_json),
         "scale": load("scale", read_json),
         "contract": load("contract_report", read_json),
+        "target": load("target", read_json),
         "poses": load("metric_poses", read_poses),
         "aligned_poses": load("aligned_poses", read_poses),
         "aligned": load("aligned", read_cloud),
@@ -143,5 +145,6 @@ def _load_scan(photos, files):
         "colmap_poses": poses,
         "lenses": PhotoLenses(Path(cameras).parent, poses.names) if poses and cameras else None,
         "sky_folder": Path(sky).parent / "sky" if sky else None,
+        "coverage": load("coverage", read_json),
         "dense_folder": Path(depth).parent if depth else None,
     }

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.neighbors import component_links, components, knn_edges, sparse_graph
 from cherrypicker.skeleton.sampling import median_spacing
-from cherrypicker.skeleton.stems import Stem, find_stems
+from cherrypicker.skeleton.stems import find_stems, stems_off_the_ground
 
 __all__ = ["QuickSkeleton", "quick_skeletons"]
 
@@ -26,8 +26,6 @@ FEWEST_NODES = 4
 PIECE = 0.01  # share of all wood from which a piece has a course
 COURSE = np.cos(np.radians(35.0))  # how far a piece may be off another's course
 STUMP_SHARE = 0.1  # a piece that comes this low, as a share of the height, may be a stump
-LARGE = 0.1  # share of all wood from which a piece is large
-FOOT_SHARE = 0.35  # a stem whose foot is hidden starts in this share of the height
 
 
 @dataclass
@@ -77,7 +75,8 @@ def quick_skeletons(points, ground, *, gap_m, stem_gap_m, level_m, min_points):
     links, gap_cost = _bridges(points, edges, gap_m, stem_gap_m)
     bases = find_stems(points, ground)
     way, before, owner = _flood(points, edges, links, gap_cost, bases)
-    lost = _stems_off_the_ground(points, edges, links, owner)
+    piece, _ = components(len(points), np.vstack([edges, links]))
+    lost = stems_off_the_ground(points, piece, owner)
     if lost:
         bases = bases + lost
         way, before, owner = _flood(points, edges, links, gap_cost, bases)
@@ -134,22 +133,6 @@ def _link_on(points, tree, piece, rows, gap_m, sense):
         return None
     other = others[np.argmin(np.linalg.norm(points[others] - start, axis=1))]
     return near[np.argmin(np.linalg.norm(points[near] - points[other], axis=1))], other
-
-
-def _stems_off_the_ground(points, edges, links, owner):
-    """Bases of large pieces that no way reaches: trees whose foot is hidden or cut off."""
-    piece, _ = components(len(points), np.vstack([edges, links]))
-    size = np.bincount(piece)
-    low, height = points[:, 2].min(), np.ptp(points[:, 2])
-    found = []
-    for index in np.flatnonzero(size >= LARGE * len(points)):
-        rows = np.flatnonzero(piece == index)
-        if (owner[rows] >= 0).any() or points[rows, 2].min() > low + FOOT_SHARE * height:
-            continue
-        z = points[rows, 2]
-        foot = rows[z <= np.quantile(z, 0.02)]
-        found.append(Stem(np.median(points[foot], axis=0), foot))
-    return found
 
 
 def _foot(points, stem):

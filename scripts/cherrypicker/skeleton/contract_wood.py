@@ -65,6 +65,7 @@ def contract_wood(
     voxel_size_m=0.008,
     max_points=100_000,
     target_xy=None,
+    region=None,
     gap_m=0.25,
     stem_gap_m=0.6,
     min_density=0.05,
@@ -85,8 +86,10 @@ def contract_wood(
         Voxel that the wood is thinned to, enlarged until `max_points` are left.
     max_points : int, default 100000
     target_xy : array-like of 2 floats, optional
-        Where the target stands (trees from photos). With it, wood at the border of the cloud is
-        taken to come from trees outside.
+        Where the target stands; left out, the wood decides.
+    region : Footprint, optional
+        Of the region of interest (trees from photos). With it, nearness to its middle counts, and
+        wood at its border is taken to come from trees outside.
     gap_m, stem_gap_m : float
         See `select_target_wood`.
     min_density : float, default 0.05
@@ -97,6 +100,7 @@ def contract_wood(
     contracted : PointCloud
         With the fields ``label`` and ``source`` (row in `cloud`).
     report : dict
+        ``choice`` is the `Choice` of the target; all else is plain.
 
     Raises
     ------
@@ -112,17 +116,19 @@ def contract_wood(
             key="contract.classes, segment",
         )
     weight_of = class_weights(np.arange(256), weights if weights is not None else {"trunk": 10.0})
-    rows, base, wood_report = _target_rows(
+    rows, wood = _target_rows(
         cloud.points,
         labels,
         rows,
         voxel_size_m,
         max_points,
-        target_xy,
-        gap_m,
-        stem_gap_m,
         min_density,
+        target_xy=target_xy,
+        region=region,
+        gap_m=gap_m,
+        stem_gap_m=stem_gap_m,
     )
+    base = wood.base
     points, source, _, size = thin_to_limit(
         cloud.points[rows], voxel_size_m, max_points, labels[rows]
     )
@@ -168,7 +174,8 @@ def contract_wood(
         "n_on_limb_axes": n_on_rings,
         "mass_ratio": [round(value, 6) for value in result.mass_ratio],
         "stop": result.stop,
-        "wood": wood_report,
+        "wood": wood.report,
+        "choice": wood.choice,
     }
     return contracted, report
 
@@ -202,28 +209,17 @@ def _dense_enough(points, count, size, min_density):
     return keep
 
 
-def _target_rows(points, labels, rows, size, max_points, target_xy, gap_m, stem_gap_m, min_density):
-    """Rows of the cloud that are the target's wood, its base and the report."""
+def _target_rows(points, labels, rows, size, max_points, min_density, **options):
+    """Rows of the cloud that are the target's wood, and the `TargetWood` that they come from."""
     thin, source, member, size = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
     dense = _dense_enough(thin, np.bincount(member), size, min_density)
     rows = rows[dense[member]]
     thin, source, member, _ = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
-    box = None
-    if target_xy is not None:
-        low, high = np.quantile(points[:, :2], [0.0005, 0.9995], axis=0)
-        box = np.stack([low, high])
-    wood = select_target_wood(
-        thin,
-        labels[rows][source],
-        ground=points[labels == Label.GROUND],
-        target_xy=target_xy,
-        box=box,
-        gap_m=gap_m,
-        stem_gap_m=stem_gap_m,
-    )
+    ground = points[labels == Label.GROUND]
+    wood = select_target_wood(thin, labels[rows][source], ground=ground, **options)
     rows = rows[wood.keep[member]]
     if len(rows) < FEWEST_WOOD:
         raise StageError(
             f"only {len(rows)} wood points belong to the target tree", key="crop.target_xy"
         )
-    return rows, wood.base, wood.report
+    return rows, wood

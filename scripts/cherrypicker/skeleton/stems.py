@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 
-__all__ = ["Stem", "find_stems", "ground_height", "lowest_thick"]
+__all__ = ["Stem", "find_stems", "ground_height", "lowest_thick", "stems_off_the_ground"]
 
 logger = logging.getLogger(__name__)
 
@@ -23,6 +23,8 @@ FEWEST_POINTS = 8
 MOSTLY_TRUNK, HARDLY_TRUNK = 0.5, 0.1
 BURIED, MOST_BURIED = 0.05, 0.1  # so far below the ground (of the height), more than that share
 THICK = 0.3  # of the most points around a low place: about half lie around a stem's end
+LARGE = 0.1  # share of all wood from which a piece is large
+FOOT_SHARE = 0.35  # a stem whose foot is hidden starts in this share of the height
 
 
 @dataclass
@@ -152,6 +154,35 @@ def _merge_close(points, height, stems, distance):
         else:
             merged.append(stem)
     return merged
+
+
+def stems_off_the_ground(points, piece, owner):
+    """Bases of large pieces that no way reaches: trees whose foot is hidden or cut off.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Wood, z up.
+    piece : ndarray of shape (n_points,), int
+        Which points hang together.
+    owner : ndarray of shape (n_points,), int
+        Stem whose way reaches each point, or -1.
+
+    Returns
+    -------
+    list of Stem
+    """
+    size = np.bincount(piece)
+    low, height = points[:, 2].min(), np.ptp(points[:, 2])
+    found = []
+    for index in np.flatnonzero(size >= LARGE * len(points)):
+        rows = np.flatnonzero(piece == index)
+        if (owner[rows] >= 0).any() or points[rows, 2].min() > low + FOOT_SHARE * height:
+            continue
+        z = points[rows, 2]
+        foot = rows[z <= np.quantile(z, 0.02)]
+        found.append(Stem(np.median(points[foot], axis=0), foot))
+    return found
 
 
 def lowest_thick(points, radius, reach, base=None):

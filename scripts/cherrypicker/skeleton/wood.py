@@ -15,7 +15,8 @@ from cherrypicker.skeleton.neighbors import (
     sparse_graph,
     touching_edges,
 )
-from cherrypicker.skeleton.stems import Stem, find_stems
+from cherrypicker.skeleton.stems import Stem, find_stems, stems_off_the_ground
+from cherrypicker.wood.target import Choice, choose_target
 
 __all__ = ["TargetWood", "select_target_wood"]
 
@@ -35,7 +36,6 @@ END_SHARE = 0.6  # of the longest gap: the length of an end that tells its direc
 LINE_SHARE = 0.75  # share of the variance along its axis from which a piece has a direction
 DIRECTION_COSINE = np.cos(np.radians(30.0))
 THIN_M = 0.025  # radius that the thickness of wood is judged in
-WHOLE_TREE_SHARE = 0.1  # of the target's wood: from here another stem is a second whole tree
 
 
 @dataclass
@@ -48,17 +48,19 @@ class TargetWood:
     base : ndarray of shape (3,), float64
         Base of the target's stem.
     report : dict
-        Counts: ``n_stems``, ``n_wood``, ``n_kept``, ``n_neighbors_cut``, ``n_floating``, and
-        ``other_trees``: base, number of points and top of every other stem's wood.
+        Counts: ``n_stems``, ``n_wood``, ``n_kept``, ``n_neighbors_cut``, ``n_floating``.
+    choice : Choice
+        Why this tree, and what else stands there.
     """
 
     keep: np.ndarray
     base: np.ndarray
+    choice: Choice
     report: dict = field(default_factory=dict)
 
 
 def select_target_wood(
-    points, labels, *, ground=None, target_xy=None, box=None, gap_m=0.25, stem_gap_m=0.6
+    points, labels, *, ground=None, target_xy=None, region=None, gap_m=0.25, stem_gap_m=0.6
 ):
     """Keep the target tree's wood.
 
@@ -76,10 +78,9 @@ def select_target_wood(
     ground : ndarray of shape (n_ground, 3), optional
         Ground points, for the height above ground.
     target_xy : array-like of 2 floats, optional
-        Where the target stands; left out, the tree with the most wood is the target.
-    box : ndarray of shape (2, 2), optional
-        x/y corners (low, high) of the region of interest; left out, nothing comes in from
-        outside.
+        Where the target stands; left out, the wood decides (`wood.target.choose_target`).
+    region : Footprint, optional
+        Of the region of interest; left out, nothing comes in from outside.
     gap_m : float, default 0.25
         Longest gap along the direction of a branch that is still bridged; 0.4 of it in any
         other direction, all of it for a piece three times as long as its gap. In a tree taller
@@ -94,7 +95,7 @@ def select_target_wood(
     Raises
     ------
     StageError
-        If there is no wood.
+        If there is no wood, or `target_xy` lies outside.
     """
     if not len(points):
         raise StageError("no wood points", key="contract.classes")
@@ -103,11 +104,19 @@ def select_target_wood(
     gap_m = max(gap_m, LEAST_GAP_IN_SPACINGS * spacing)  # of a coarse scan of a big tree
     links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
     stems = find_stems(points, ground, labels) or [_lowest_base(points, labels)]
-    owner = _compete(points, edges, links, stems, _border_seeds(points, box, spacing))
-    target = _target_stem(stems, owner, target_xy)
-    keep = owner == target
-    report = _report(points, stems, owner, target)
-    other = ", ".join(f"{tree['n_points']:,}" for tree in report["other_trees"])
+    border = _border_seeds(points, region, spacing)
+    owner = _compete(points, edges, links, stems, border)
+    piece, _ = components(len(points), np.vstack([edges, links]).astype(np.int64))
+    lost = stems_off_the_ground(points, piece, owner)
+    if lost:
+        stems = stems + lost
+        owner = _compete(points, edges, links, stems, border)
+    bases = [stem.base for stem in stems]
+    choice = choose_target(
+        points, bases, owner, spacing=spacing, region=region, target_xy=target_xy
+    )
+    keep = owner == choice.target.stem
+    report = _report(owner, len(stems), keep)
     logger.info(
         "kept %s of %s wood points (%.1f %%): %s on neighbours, %s loose",
         f"{report['n_kept']:,}",
@@ -116,9 +125,7 @@ def select_target_wood(
         f"{report['n_neighbors_cut']:,}",
         f"{report['n_floating']:,}",
     )
-    if any(tree["whole"] for tree in report["other_trees"]):
-        logger.warning("a second whole tree stands in the region of interest (%s points)", other)
-    return TargetWood(keep, stems[target].base, report)
+    return TargetWood(keep, bases[choice.target.stem], choice, report)
 
 
 def _lowest_base(points, labels):
@@ -203,13 +210,11 @@ def _stem_links(points, labels, edges, stem_gap_m):
     return trunk[links]
 
 
-def _border_seeds(points, box, spacing):
+def _border_seeds(points, region, spacing):
     """Rows of wood points at the border of the region of interest."""
-    if box is None:
+    if region is None:
         return np.empty(0, dtype=np.int64)
-    box, margin = np.asarray(box, dtype=np.float64), BORDER_IN_SPACINGS * spacing
-    near = (points[:, :2] < box[0] + margin) | (points[:, :2] > box[1] - margin)
-    return np.flatnonzero(near.any(axis=1))
+    return np.flatnonzero(region.inward(points[:, :2]) < BORDER_IN_SPACINGS * spacing)
 
 
 def _compete(points, edges, links, stems, border):
@@ -273,33 +278,11 @@ def _edges_among(rows, edges, n_points):
     return own[(own >= 0).all(axis=1)]
 
 
-def _target_stem(stems, owner, target_xy):
-    if target_xy is None:
-        sizes = [np.count_nonzero(owner == index) for index in range(len(stems))]
-        return int(np.argmax(sizes))
-    offset = [np.linalg.norm(stem.base[:2] - np.asarray(target_xy)) for stem in stems]
-    return int(np.argmin(offset))
-
-
-def _report(points, stems, owner, target):
-    n_kept = int(np.count_nonzero(owner == target))
-    others = []
-    for index, stem in enumerate(stems):
-        own = points[owner == index]
-        if index != target and len(own):
-            others.append(
-                {
-                    "base": [round(float(value), 4) for value in stem.base],
-                    "n_points": len(own),
-                    "top_z": round(float(own[:, 2].max()), 4),
-                    "whole": len(own) >= WHOLE_TREE_SHARE * n_kept,
-                }
-            )
+def _report(owner, n_stems, keep):
     return {
-        "n_stems": len(stems),
-        "n_wood": len(points),
-        "n_kept": n_kept,
-        "n_neighbors_cut": int(np.count_nonzero((owner >= 0) & (owner != target))),
+        "n_stems": n_stems,
+        "n_wood": len(owner),
+        "n_kept": int(np.count_nonzero(keep)),
+        "n_neighbors_cut": int(np.count_nonzero((owner >= 0) & ~keep)),
         "n_floating": int(np.count_nonzero(owner < 0)),
-        "other_trees": others,
     }

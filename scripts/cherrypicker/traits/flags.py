@@ -97,7 +97,17 @@ def _shape_flags(foot, support, crown_width, confidence, length):
     return flags
 
 
-def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None, edits=None, edges=()):
+def scan_flags(
+    unit,
+    *,
+    height=None,
+    scale=None,
+    sparse=None,
+    target=None,
+    edits=None,
+    edges=(),
+    missing_top=None,
+):
     """Warnings that earlier stages left in their reports, and an odd size of the whole.
 
     Parameters
@@ -106,12 +116,14 @@ def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None, edits=N
         ``m`` or ``arbitrary``.
     height : float, optional
         Of the tree, in that unit.
-    scale, sparse, crop : dict, optional
-        ``scale.json``, ``sfm/report.json`` and ``crop.json`` where the scan has them.
+    scale, sparse, target : dict, optional
+        ``scale.json``, ``sfm/report.json`` and ``target.json`` where the scan has them.
     edits : dict, optional
         ``edits.json`` of a tree with hand corrections.
     edges : sequence of FrameEdge
         Sides of the tree beyond which few photos look.
+    missing_top : MissingTop, optional
+        How much taller the photos show the tree than its cloud is.
 
     Returns
     -------
@@ -134,16 +146,30 @@ def scan_flags(unit, *, height=None, scale=None, sparse=None, crop=None, edits=N
         if n_photos and n_registered is not None and n_registered < _FEW_PHOTOS * n_photos:
             flags.append(f"few_photos: {n_registered} of {n_photos} photos registered")
     flags += _edge_flags(edges, unit_name(unit))
-    others = (crop or {}).get("other_stems") or []
-    if others:
+    if missing_top is not None:
         flags.append(
-            f"second_tree: {len(others)} other stem(s) stand in the region of interest; "
-            "crop.target_xy chooses between them"
+            f"top_not_in_cloud: {missing_top.n_photos} photos show wood up to "
+            f"{missing_top.height:.2f} {unit_name(unit)} over the foot, the cloud ends at "
+            f"{missing_top.found:.2f}; height, crown and lengths are too small, look at "
+            "mvs.max_image_size_px and the depth maps"
         )
+    flags += _target_flags(target or {})
     if edits and edits["lost"]:
         flags.append(
             f"edits_lost: {len(edits['lost'])} of {edits['n_edits']} hand corrections no longer "
             f"find their place ({'; '.join(edits['lost'])})"
+        )
+    return flags
+
+
+def _target_flags(target):
+    """What ``target.json`` doubts, and which other trees it saw."""
+    flags = list(target.get("warnings") or [])
+    others = target.get("other_stems_xy") or []
+    if others:
+        flags.append(
+            f"second_tree: {len(others)} other tree(s) stand beside the target; "
+            "crop.target_xy chooses between them"
         )
     return flags
 

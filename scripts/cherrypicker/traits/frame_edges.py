@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cherrypicker.placement.region import frames
 from cherrypicker.poses import Poses
 
 __all__ = ["FrameEdge", "frame_edges"]
@@ -88,7 +89,5 @@ def framing_photos(poses: Poses, points: np.ndarray) -> np.ndarray:
     """
     count = np.zeros(len(points), dtype=np.int64)
     for photo in range(len(poses)):
-        uv, depth = poses.project(points, photo)
-        size = (poses.width[photo], poses.height[photo])
-        count += (depth > 0) & ((uv > 0) & (uv < size)).all(axis=1)
+        count += frames(poses, photo, points, 0.0)
     return count

@@ -18,6 +18,7 @@ from cherrypicker.traits.crown import (
 )
 from cherrypicker.traits.flags import quality_flags, scan_flags
 from cherrypicker.traits.frame_edges import frame_edges
+from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.trunk import measure_near, stem_of
 from cherrypicker.traits.wood import (
@@ -51,9 +52,10 @@ def measure_traits(
     n_bootstrap=200,
     scale=None,
     sparse=None,
-    crop=None,
+    target=None,
     edits=None,
     poses=None,
+    sky_masks=None,
     seed=0,
 ):
     """Measure a tree's traits on its skeleton and its original points.
@@ -75,13 +77,15 @@ def measure_traits(
         See `cherrypicker.traits.wood.find_support`.
     n_bootstrap : int, default 200
         Resamplings behind each uncertainty.
-    scale, sparse, crop : dict, optional
-        ``scale.json``, ``sfm/report.json`` and ``crop.json`` of a scan from photos; the scale's
-        standard error enters every uncertainty.
+    scale, sparse, target : dict, optional
+        ``scale.json`` and ``sfm/report.json`` of a scan from photos, and ``target.json``; the
+        scale's standard error enters every uncertainty.
     edits : dict, optional
         ``edits.json`` of a tree with hand corrections.
     poses : Poses, optional
         Of the photos, in the cloud's frame and unit: tells where they, not the tree, end.
+    sky_masks : SkyMasks, optional
+        Of the same photos: tells where they show a top that the cloud does not hold.
     seed : int, default 0
 
     Returns
@@ -175,9 +179,12 @@ def measure_traits(
         height=traits["height_m"],
         scale=scale,
         sparse=sparse,
-        crop=crop,
+        target=target,
         edits=edits,
         edges=() if poses is None else frame_edges(poses, wood[support.point]),
+        missing_top=None
+        if sky_masks is None
+        else find_missing_top(poses, sky_masks, wood[support.point], foot.point),
     ) + quality_flags(
         trunk, trunk_height, missing, foot, support, crown.width, confidence, cloud.unit
     )

@@ -1,0 +1,1 @@
+"""Where wood runs: what hangs together, and which of it is the target tree."""
