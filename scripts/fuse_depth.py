@@ -3,7 +3,8 @@
 Reads the dense workspace (its manifest depth.json), writes cloud.ply with colours, normals and the
 number of photos that saw each point, and coverage.json: for the region that the cameras look at, in
 voxels, how many photos frame it, how many depth maps hold something there, and what the sky masks
-show. Example:
+show. With silhouettes, twigs that photos show before the sky and the depth maps lack are added; the
+field from_silhouette is 1 for their points. Example:
 
     python scripts/fuse_depth.py --depth dense/depth.json --sky_masks sky \\
         --cameras sfm/model/cameras.bin --cloud cloud.ply --coverage dense/coverage.json
@@ -15,14 +16,15 @@ from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.coverage import measure_coverage
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
+from cherrypicker.mvs.silhouettes import add_silhouettes
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.placement.region import find_region
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 
 
-def main(depth, sky_masks, cameras, cloud, coverage, *, method, threads, **options):
-    """Load, fuse, save, and count what the region holds."""
+def main(depth, sky_masks, cameras, cloud, coverage, *, method, silhouettes, threads, **options):
+    """Load, fuse, add twigs, save, and count what the region holds."""
     folder, names = Path(depth).parent, read_json(depth)["maps"]
     fused = fuse_workspace(folder, names, FusionOptions(**options), method=method, threads=threads)
     workspace = Workspace(folder)
@@ -31,6 +33,8 @@ def main(depth, sky_masks, cameras, cloud, coverage, *, method, threads, **optio
     if region is not None:
         masks = SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names)
         content = measure_coverage(workspace, region, names, masks).as_dict(region)
+        if silhouettes:
+            fused = add_silhouettes(workspace, fused, region, masks, threads=threads)
     write_json(coverage, content, indent=None)
     write_cloud(cloud, fused)
 
@@ -43,6 +47,7 @@ parser.add_argument("--cameras", required=True, help="cameras.bin of the photos 
 parser.add_argument("--cloud", required=True, help="cloud to write, PLY")
 parser.add_argument("--coverage", required=True, help="coverage.json to write")
 parser.add_argument("--method", default="star", help="star (ours) or colmap")
+parser.add_argument("--silhouettes", action="store_true", help="add twigs seen before the sky")
 parser.add_argument("--min_views", type=int, default=defaults.min_views)
 parser.add_argument("--n_check", type=int, default=defaults.n_check)
 parser.add_argument("--max_reproj_error_px", type=float, default=defaults.max_reproj_error_px)

@@ -43,6 +43,7 @@ def test_seven_steps_lead_from_photos_to_the_cloud(box):
     ("section", "key", "value", "stages"),
     [
         ("mvs", "min_views", 3, DENSE[2:]),
+        ("mvs", "silhouettes", False, DENSE[2:]),
         ("mvs", "n_iterations", 2, DENSE[1:]),
         ("mvs", "max_image_size_px", 240, DENSE),
         ("sfm", "max_attempts", 1, [SPARSE[2], *DENSE]),

@@ -92,6 +92,7 @@ rule fuse_depth:
         max_reproj_error_px=cfg("mvs.max_reproj_error_px"),
         max_depth_error=cfg("mvs.max_depth_error"),
         max_normal_error_deg=cfg("mvs.max_normal_error_deg"),
+        silhouettes=cfg("mvs.silhouettes"),
     message:
         "{wildcards.tree}: fuse the depth maps"
     script:

@@ -1,0 +1,369 @@
+"""Twigs from their silhouettes: points where several photos show a thin line before clear sky.
+
+A window of pixels matches a twig of one pixel badly, but its line before the sky is sharp. So each
+photo's lines (`cherrypicker.mvs.ridges`) that no point of the cloud explains are followed along
+their rays through the region of interest. A place is wood where lines of other photos meet it too,
+all of them the image of one direction in space, where no photo shows clear sky, and where so many
+lines do not meet by chance. What lies before wood, hills or ground says neither yes nor no.
+
+Space carving (Kutulakos and Seitz, IJCV 2000) asks the same of all photos; here the photo's lines,
+not voxels, are carried into space, so that a twig thinner than any voxel keeps its place.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import NamedTuple
+
+import numpy as np
+
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.compiled import in_parallel, inlined, kernel
+from cherrypicker.mvs.lines import (
+    CLEAR,
+    TOLERANCE_PX,
+    Lines,
+    explain,
+    gather_lines,
+    line_shown,
+    off_line,
+    project_place,
+)
+from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.photos import read_photo
+from cherrypicker.placement.region import NEAREST, Region
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.progress import Progress
+
+logger = logging.getLogger(__name__)
+
+# Step along a ray, in pixels of the photo at the place: the parallax in a like photo is no larger
+STEP_PX = 0.5
+# Lines are the image of one direction within 15 degrees (sine): a line of one pixel in noise
+DIRECTION_SINE = 0.26
+# Two planes through lines give a direction where they cross at 10 degrees or more (sine)
+CROSSING_SINE = 0.17
+# Photos that look from directions nearer than 5 degrees see nearly the same (cosine)
+APART_COSINE = 0.9962
+# Expected number of places on a ray that photos agree on by chance
+CHANCE = 0.05
+# Photos besides its own that a place needs however little chance there is
+LEAST_WITNESSES = 3
+# Most uncertain depth, in pixels of the photo at the place, for an error of a pixel in each photo
+MOST_DEPTH_PX = 3.0
+# Rounds of least squares on a ray
+N_ROUNDS = 2
+# Line points that a thread takes at a time
+LINES_AT_A_TIME = 256
+
+
+class Sight(NamedTuple):
+    """The rays of one photo's line points.
+
+    Attributes
+    ----------
+    own : int
+        The photo.
+    rays : ndarray of shape (n, 3), float64
+        Directions from its centre, of depth 1.
+    spans : ndarray of shape (n, 2), float64
+        Depths between which they pass through the region; equal where they miss it.
+    pixel : float
+        Size of a pixel at depth 1.
+    """
+
+    own: int
+    rays: np.ndarray
+    spans: np.ndarray
+    pixel: float
+
+
+class Scratch(NamedTuple):
+    """What a thread writes on: lines met, (n_views,), those kept and on trial, (2, n_views), all
+    int64, and the axis of a twig, (3,) float64."""
+
+    met: np.ndarray
+    kept: np.ndarray
+    axis: np.ndarray
+
+
+@inlined
+def _place(lines, sight, row, depth):
+    """Return the place at a depth on a ray."""
+    x = lines.centers[sight.own, 0] + depth * sight.rays[row, 0]
+    y = lines.centers[sight.own, 1] + depth * sight.rays[row, 1]
+    z = lines.centers[sight.own, 2] + depth * sight.rays[row, 2]
+    return x, y, z
+
+
+@inlined
+def _meet(lines, own, x, y, z, met):
+    """Enter the lines of other photos that a place lies on; return their number, -1 for sky."""
+    n = 0
+    for k in range(lines.order.shape[0]):
+        i = lines.order[k]
+        if i == own:
+            continue
+        line = line_shown(lines, i, x, y, z)
+        if line == CLEAR:
+            return -1
+        if line >= 0:
+            met[n] = line
+            n += 1
+    return n
+
+
+@inlined
+def _is_apart(lines, i, own, kept, n, x, y, z):
+    """Whether photo ``i`` looks at a place from elsewhere than ``own`` and the photos kept."""
+    ax, ay, az = lines.centers[i, 0] - x, lines.centers[i, 1] - y, lines.centers[i, 2] - z
+    a = ax * ax + ay * ay + az * az
+    for k in range(-1, n):
+        j = own if k < 0 else lines.owner[kept[1, k]]
+        bx, by, bz = lines.centers[j, 0] - x, lines.centers[j, 1] - y, lines.centers[j, 2] - z
+        b = bx * bx + by * by + bz * bz
+        if ax * bx + ay * by + az * bz > APART_COSINE * np.sqrt(a * b):
+            return False
+    return True
+
+
+@inlined
+def _consent(lines, line, n, x, y, z, scratch):
+    """Keep as many of the lines met as are, with ``line``, the image of one direction.
+
+    That direction goes to ``scratch.axis``. Returns their surprise and their number.
+    """
+    most = 0.0
+    n_most = 0
+    m, met, kept, axis = lines.plane, scratch.met, scratch.kept, scratch.axis
+    for a in range(n):
+        j = met[a]
+        dx = m[line, 1] * m[j, 2] - m[line, 2] * m[j, 1]
+        dy = m[line, 2] * m[j, 0] - m[line, 0] * m[j, 2]
+        dz = m[line, 0] * m[j, 1] - m[line, 1] * m[j, 0]
+        length = np.sqrt(dx * dx + dy * dy + dz * dz)
+        if length < CROSSING_SINE:
+            continue
+        surprise = np.log(DIRECTION_SINE)  # that of the first is no surprise: it gives the axis
+        n_kept = 0
+        for b in range(n):
+            k = met[b]
+            if abs(m[k, 0] * dx + m[k, 1] * dy + m[k, 2] * dz) > DIRECTION_SINE * length:
+                continue
+            if _is_apart(lines, lines.owner[k], lines.owner[line], kept, n_kept, x, y, z):
+                kept[1, n_kept] = k
+                n_kept += 1
+                surprise += lines.surprise[k] - np.log(DIRECTION_SINE)
+        if n_kept > 0 and surprise > most:
+            most, n_most = surprise, n_kept
+            for b in range(n_kept):
+                kept[0, b] = kept[1, b]
+            axis[0], axis[1], axis[2] = dx / length, dy / length, dz / length
+    return most, n_most
+
+
+@inlined
+def _ask(lines, sight, row, depth, scratch):
+    """Ask all photos about a place; return how surprising their consent is, 0 without any."""
+    x, y, z = _place(lines, sight, row, depth)
+    n = _meet(lines, sight.own, x, y, z, scratch.met)
+    surprise, n_kept = 0.0, 0
+    if n >= LEAST_WITNESSES:
+        line = lines.first[sight.own] + row
+        surprise, n_kept = _consent(lines, line, n, x, y, z, scratch)
+        if n_kept < LEAST_WITNESSES:
+            surprise, n_kept = 0.0, 0
+    return surprise, n_kept
+
+
+@inlined
+def _least_surprise(sight, row):
+    """Surprise at which a ray has less than `CHANCE` places by chance.
+
+    Places two tolerances apart show other pixels, so that many may each be one by chance.
+    """
+    span = np.log(sight.spans[row, 1] / sight.spans[row, 0])
+    return np.log(span / (2.0 * TOLERANCE_PX * sight.pixel * CHANCE))
+
+
+@inlined
+def _refined(lines, sight, row, depth, n, kept):
+    """Return the depth that fits the ``n`` lines kept best, and its uncertainty, px."""
+    top = 0.0
+    bottom = 0.0
+    step = depth * sight.pixel
+    x, y, z = _place(lines, sight, row, depth)
+    farther_x, farther_y, farther_z = _place(lines, sight, row, depth + step)
+    for b in range(n):
+        line = kept[0, b]
+        i = lines.owner[line]
+        u, v, _ = project_place(lines, i, x, y, z)
+        off = off_line(lines, line, u, v)
+        u, v, _ = project_place(lines, i, farther_x, farther_y, farther_z)
+        moved = off_line(lines, line, u, v) - off
+        top += off * moved
+        bottom += moved * moved
+    bottom = max(bottom, 1e-9)
+    return depth - step * top / bottom, 1.0 / np.sqrt(bottom)
+
+
+@kernel
+def _search(lines, sight, first, last, scratch, depths):
+    """Enter the depth of most consent on rays ``first`` to ``last``, 0 where it may be chance."""
+    for row in range(first, last):
+        depths[row] = 0.0
+        if lines.explained[lines.first[sight.own] + row] > 0.0:
+            continue
+        if sight.spans[row, 1] <= sight.spans[row, 0]:
+            continue
+        most = _least_surprise(sight, row)
+        depth = sight.spans[row, 0]
+        while depth < sight.spans[row, 1]:
+            surprise, _ = _ask(lines, sight, row, depth, scratch)
+            if surprise > most:
+                most = surprise
+                depths[row] = depth
+            depth *= 1.0 + STEP_PX * sight.pixel
+
+
+@kernel
+def _settle(lines, sight, first, last, scratch, depths, axes, counts):
+    """Fit the depths found to the lines that meet there, and ask again.
+
+    ``counts`` takes the number of photos, 0 where the place does not hold, ``axes`` (n, 3) the
+    direction of the twig.
+    """
+    for row in range(first, last):
+        counts[row] = 0
+        if depths[row] <= 0.0:
+            continue
+        unsure = 0.0
+        for turn in range(N_ROUNDS + 1):
+            surprise, n = _ask(lines, sight, row, depths[row], scratch)
+            if surprise < _least_surprise(sight, row) or unsure > MOST_DEPTH_PX:
+                break
+            if turn == N_ROUNDS:
+                counts[row] = 1 + n
+                for c in range(3):
+                    axes[row, c] = scratch.axis[c]
+                break
+            depths[row], unsure = _refined(lines, sight, row, depths[row], n, scratch.kept)
+
+
+def add_silhouettes(
+    workspace: Workspace, cloud: PointCloud, region: Region, masks: SkyMasks, *, threads: int = 1
+) -> PointCloud:
+    """Add the twigs that the photos show before the sky to a fused cloud.
+
+    In memory: 4 bytes for each pixel of all photos, and the cloud twice.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    cloud : PointCloud
+        Of the workspace, with normals and colours.
+    region : Region
+        Where twigs are looked for.
+    masks : SkyMasks
+        Of the workspace's photos.
+    threads : int
+
+    Returns
+    -------
+    PointCloud
+        The cloud and the points added, which lie on the twigs' axes: a field ``from_silhouette``
+        (uint8) is 1 for them. Their ``n_views`` are the photos whose lines meet, no two of which
+        look from the same direction; their normals point at the photo that they were found in,
+        across the twig.
+    """
+    lines = gather_lines(workspace, masks)
+    explain(lines, cloud.points, threads)
+    n_open = int((lines.explained == 0.0).sum())
+    parts = []
+    with Progress(len(workspace.views), "photos' twigs followed") as bar:
+        for i in range(len(workspace.views)):
+            parts.append(_twigs_of(workspace, lines, i, region, threads))
+            explain(lines, parts[-1].points, threads)
+            bar.step()
+    logger.info(
+        "of %s pixels on thin lines before the sky the cloud lacks %s: %s points added",
+        f"{len(lines.owner):,}",
+        f"{n_open:,}",
+        f"{sum(map(len, parts)):,}",
+    )
+    return _joined([_marked(cloud, 0), *(_marked(part, 1) for part in parts)])
+
+
+def _twigs_of(
+    workspace: Workspace, lines: Lines, i: int, region: Region, threads: int
+) -> PointCloud:
+    """Return the places of one photo's lines."""
+    view = workspace.views[i]
+    uv = lines.uv[lines.first[i] : lines.first[i + 1]]
+    rays = np.column_stack([uv, np.ones(len(uv))]) @ np.linalg.inv(view.K).T @ view.R
+    spans = _spans(view.center, rays, region)
+    sight = Sight(i, rays, spans, 1.0 / view.K[0, 0])
+    depths, axes, counts = _follow(lines, sight, threads)
+    kept = np.flatnonzero(counts)
+    points = view.center + depths[kept, None] * rays[kept]
+    at = np.floor(uv[kept]).astype(int)
+    return PointCloud(
+        points,
+        colors=read_photo(workspace.photo_path(view))[at[:, 1], at[:, 0]] / 255.0,
+        normals=_across(view.center - points, axes[kept]),
+        fields={
+            "n_views": np.minimum(counts[kept], 255).astype(np.uint8),
+            "stereo_confidence": np.ones(len(kept), np.float32),
+        },
+    )
+
+
+def _follow(lines: Lines, sight: Sight, threads: int):
+    """Return depths (n,), axes (n, 3) and numbers of photos (n,) of a photo's line points."""
+    n, n_views = len(sight.rays), len(lines.starts)
+    depths, axes, counts = np.zeros(n), np.zeros((n, 3)), np.zeros(n, dtype=np.int64)
+
+    def work(first: int) -> None:
+        scratch = Scratch(
+            np.empty(n_views, np.int64), np.empty((2, n_views), np.int64), np.empty(3)
+        )
+        last = min(first + LINES_AT_A_TIME, n)
+        _search(lines, sight, first, last, scratch, depths)
+        _settle(lines, sight, first, last, scratch, depths, axes, counts)
+
+    in_parallel(work, range(0, n, LINES_AT_A_TIME), threads)
+    return depths, axes, counts
+
+
+def _spans(center: np.ndarray, rays: np.ndarray, region: Region) -> np.ndarray:
+    """Depths (n, 2) between which rays (n, 3) pass through the region; equal where they miss it."""
+    squared = np.einsum("ni,ni->n", rays, rays)
+    offset = center - region.center
+    middle = -(rays @ offset) / squared
+    half = np.sqrt(np.maximum(middle**2 - (offset @ offset - region.radius**2) / squared, 0.0))
+    nearest = NEAREST * np.linalg.norm(offset)
+    return np.maximum(np.stack([middle - half, middle + half], axis=1), nearest)
+
+
+def _across(directions: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Unit vectors (n, 3) of directions (n, 3) without their part along unit axes (n, 3)."""
+    along = np.einsum("ni,ni->n", directions, axes)
+    across = directions - along[:, None] * axes
+    return across / np.linalg.norm(across, axis=1, keepdims=True)
+
+
+def _marked(cloud: PointCloud, is_new: int) -> PointCloud:
+    return cloud.with_fields(from_silhouette=np.full(len(cloud), is_new, np.uint8))
+
+
+def _joined(clouds: list[PointCloud]) -> PointCloud:
+    """One cloud with the first one's fields, frame and unit."""
+    whole = clouds[0]
+    return PointCloud(
+        np.concatenate([cloud.points for cloud in clouds]),
+        np.concatenate([cloud.colors for cloud in clouds]),
+        np.concatenate([cloud.normals for cloud in clouds]),
+        {name: np.concatenate([cloud[name] for cloud in clouds]) for name in whole.fields},
+        frame=whole.frame,
+        unit=whole.unit,
+    )
