@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from cherrypicker.mvs.ridges import find_ridges
 from cherrypicker.mvs.silhouettes import add_silhouettes
+from cherrypicker.mvs.sky_lines import find_sky_lines
 from cherrypicker.mvs.workspace import view_of
 from cherrypicker.placement.region import find_region
 from cherrypicker.pointcloud import PointCloud
@@ -98,7 +98,7 @@ def distance_to(twig, points):
 def test_ridges_lie_on_the_line():
     poses = ring(8)
     photo = draw(poses, 0, [TWIG])
-    found = find_ridges(photo, np.ones((SIDE, SIDE), bool), 1.0)
+    found = find_sky_lines(photo, np.ones((SIDE, SIDE), bool), 1.0)
     ends, _ = poses.project(TWIG, 0)
     across = np.array([-1.0, 1.0]) * (ends[1] - ends[0])[::-1] / np.linalg.norm(ends[1] - ends[0])
     assert len(found.uv) > 0.9 * np.abs(ends[1] - ends[0]).max()
@@ -146,7 +146,7 @@ def test_lines_of_different_things_do_not_meet(tmp_path):
     photos = Photos(tmp_path, ring(12), others, range(99))
     for i in range(12):
         sky = np.ones((SIDE, SIDE), bool)
-        n_lines += len(find_ridges(draw(photos.poses, i, others(i)), sky, 1.0).uv)
+        n_lines += len(find_sky_lines(draw(photos.poses, i, others(i)), sky, 1.0).uv)
     assert n_lines > 10_000
     assert len(added(tmp_path, 12, others)) < 0.002 * n_lines
 

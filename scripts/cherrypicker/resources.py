@@ -90,7 +90,7 @@ class ScanSize:
             "dense_mp": self.dense_mp,
             "stereo_mp": self.dense_mp * self.n_sources / 6.0,
             # What mvs/backend.py and mvs/fusion.py state for the photos and maps held at a time
-            "stereo_mb": (36.0 * self.n_sources + 80.0) * self.largest_dense_mp,
+            "stereo_mb": (38.0 * self.n_sources + 80.0) * self.largest_dense_mp,
             "fusion_mb": 16.0 * (self.n_checked + 1) * self.largest_dense_mp,
             "largest_photo_mp": self.largest_photo_mp,
             "largest_feature_mp": self.largest_feature_mp,

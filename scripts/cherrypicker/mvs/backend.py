@@ -18,6 +18,7 @@ from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs import estimate
 from cherrypicker.mvs.clear_sky import SkyMasks, clear_sky
 from cherrypicker.mvs.estimate import StereoOptions
+from cherrypicker.mvs.line_starts import PhotoLines, find_lines
 from cherrypicker.mvs.views import StereoProblem, plan_views
 from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo
@@ -27,7 +28,7 @@ logger = logging.getLogger(__name__)
 
 BACKENDS = ("auto", "cuda", "cpu")
 # Bump when the CPU backend's results change, so that older maps are computed again
-VERSION = 5
+VERSION = 6
 # Options that the photometric maps depend on; changing another one keeps them
 PHOTOMETRIC_OPTIONS = (
     "n_best",
@@ -96,6 +97,7 @@ class PhotoStore:
         self._n_levels = n_levels
         self._capacity = capacity
         self._held: OrderedDict[int, list[np.ndarray]] = OrderedDict()
+        self._lines: dict[int, PhotoLines] = {}
 
     def get(self, indices: tuple[int, ...]) -> dict[int, list[np.ndarray]]:
         """Return view index to pyramid for all of ``indices``."""
@@ -112,8 +114,16 @@ class PhotoStore:
                 self._held[i] = estimate.pyramid(photo, self._n_levels)
             self._held.move_to_end(i)
         while len(self._held) > max(self._capacity, len(indices)):
-            self._held.popitem(last=False)
+            gone, _ = self._held.popitem(last=False)
+            self._lines.pop(gone, None)
         return {i: self._held[i] for i in indices}
+
+    def lines(self, indices: tuple[int, ...]) -> dict[int, PhotoLines]:
+        """Return view index to the lines of the photo, for ``indices`` that are held."""
+        for i in indices:
+            if i not in self._lines:
+                self._lines[i] = find_lines(self._held[i][0])
+        return {i: self._lines[i] for i in indices}
 
 
 def estimate_workspace(
@@ -128,9 +138,9 @@ def estimate_workspace(
 
     Whole maps that were made with the same settings, photos and poses are not computed again, nor
     whole maps that another program put there. In memory at a time, whatever the number of photos:
-    the photos of ``2 * n_sources`` views (4 bytes a pixel each, the pyramid included), the packed
-    pixels, the depths and the splatted depths of a reference's sources, and its field. Measured on
-    the CPU: 36 ``n_sources`` + 80 bytes per pixel of one photo on top of 190 MB (0.54 GB at 1.2
+    the photos of ``2 * n_sources`` views (6 bytes a pixel each, pyramid and lines included), the
+    packed pixels, the depths and the splatted depths of a reference's sources, and its field.
+    On the CPU: 38 ``n_sources`` + 80 bytes per pixel of one photo on top of 190 MB (0.56 GB at 1.2
     megapixels and 6 sources).
 
     Parameters
@@ -227,11 +237,13 @@ def _run_cpu(
     logger.info("CPU PatchMatch: %d levels, %d threads", n_levels, threads)
 
     def photometric(problem: StereoProblem) -> np.ndarray:
-        held = photos.get((problem.view, *problem.sources))
+        indices = (problem.view, *problem.sources)
+        held = photos.get(indices)
         skip = None
         if sky_masks is not None:
             skip = clear_sky(held[problem.view][0], sky_masks.of(views[problem.view]))
-        return estimate.estimate_photometric(problem, views, held, options, threads, skip)
+        lines = photos.lines(indices)
+        return estimate.estimate_photometric(problem, views, held, options, threads, skip, lines)
 
     settings = {
         p.view: _settings(p, options, digests, masks.get(views[p.view].name)) for p in problems

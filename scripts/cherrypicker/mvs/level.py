@@ -47,8 +47,8 @@ class Level(NamedTuple):
         Range of inverse depth.
     w_px : float32
         Inverse depth that makes one pixel of parallax in a middling source.
-    fx, fy : float32
-        Focal lengths of the reference at this level, px.
+    fx, fy, cx, cy : float32
+        Focal lengths and principal point of the reference at this level, px.
     """
 
     color: np.ndarray
@@ -70,6 +70,8 @@ class Level(NamedTuple):
     w_px: np.float32
     fx: np.float32
     fy: np.float32
+    cx: np.float32
+    cy: np.float32
 
 
 class Scratch(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.compiled import in_parallel, inlined, kernel
-from cherrypicker.mvs.ridges import Ridges, find_ridges
+from cherrypicker.mvs.sky_lines import SkyLines, find_sky_lines
 from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
@@ -144,13 +144,13 @@ def gather_lines(workspace: Workspace, masks: SkyMasks) -> Lines:
     with Progress(len(views), "photos searched for twigs before the sky") as bar:
         for i, view in enumerate(views):
             photo = read_photo(workspace.photo_path(view))
-            ridges = find_ridges(photo, masks.of(view), TOLERANCE_PX)
-            maps[starts[i] : starts[i + 1]] = _line_map(ridges, first[i]).ravel()
-            clear.append(ridges.clear.mean())
-            found.append(ridges._replace(clear=None))
-            first[i + 1] = first[i] + len(ridges.uv)
+            own = find_sky_lines(photo, masks.of(view), TOLERANCE_PX)
+            maps[starts[i] : starts[i + 1]] = _line_map(own, first[i]).ravel()
+            clear.append(own.clear.mean())
+            found.append(own._replace(clear=None))
+            first[i + 1] = first[i] + len(own.uv)
             bar.step()
-    share = np.concatenate([ridges.share for ridges in found])
+    share = np.concatenate([own.share for own in found])
     return Lines(
         maps=maps,
         starts=starts[:-1],
@@ -160,22 +160,22 @@ def gather_lines(workspace: Workspace, masks: SkyMasks) -> Lines:
         centers=poses.centers,
         first=first,
         owner=np.repeat(np.arange(len(views)), np.diff(first)),
-        uv=np.concatenate([ridges.uv for ridges in found]),
-        across=np.concatenate([ridges.across for ridges in found]),
-        plane=np.concatenate([_planes(view, ridges) for view, ridges in zip(views, found)]),
+        uv=np.concatenate([own.uv for own in found]),
+        across=np.concatenate([own.across for own in found]),
+        plane=np.concatenate([_planes(view, own) for view, own in zip(views, found)]),
         surprise=-np.log(np.clip(share, LEAST_SHARE, 1.0)),
         explained=np.zeros(len(share)),
     )
 
 
-def _line_map(ridges: Ridges, count: int) -> np.ndarray:
+def _line_map(own: SkyLines, count: int) -> np.ndarray:
     """What each pixel shows, (height, width) int32; line points are numbered from ``count`` on.
 
     A line point holds its own pixel and those around it that hold none.
     """
-    height, width = ridges.clear.shape
-    out = np.where(ridges.clear, CLEAR, NOTHING).astype(np.int32)
-    at = np.floor(ridges.uv).astype(int)
+    height, width = own.clear.shape
+    out = np.where(own.clear, CLEAR, NOTHING).astype(np.int32)
+    at = np.floor(own.uv).astype(int)
     around = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]
     for dx, dy in sorted(around, key=lambda offset: -abs(offset[0]) - abs(offset[1])):
         x, y = at[:, 0] + dx, at[:, 1] + dy
@@ -184,8 +184,8 @@ def _line_map(ridges: Ridges, count: int) -> np.ndarray:
     return out
 
 
-def _planes(view: View, ridges: Ridges) -> np.ndarray:
+def _planes(view: View, own: SkyLines) -> np.ndarray:
     """Unit normals of the planes through a camera and its lines, (n, 3), world."""
-    offset = np.einsum("ni,ni->n", ridges.across, ridges.uv)
-    normals = np.column_stack([ridges.across, -offset]) @ view.K @ view.R
+    offset = np.einsum("ni,ni->n", own.across, own.uv)
+    normals = np.column_stack([own.across, -offset]) @ view.K @ view.R
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)

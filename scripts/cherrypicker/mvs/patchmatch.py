@@ -171,7 +171,6 @@ def sweep(level, field, chosen, active, parity, turn, seed, threads=1):
 
     Each tries the hypotheses of up to ``turn.n_near`` neighbours, moved along their planes, then
     ``n_refine`` changes of its own (a step of 1/8 to 8 pixels of parallax, of the slopes, or both)
-    and ``n_random`` new depths from the whole range, by which a twig that no neighbour and no
-    coarse level knows is found.
+    and ``n_random`` new depths from the whole range.
     """
     over_rows(_sweep_rows, level, threads, field, chosen, active, parity, turn, seed)

@@ -1,87 +1,42 @@
-"""Centre lines of what is thin and dark before clear sky, to a fraction of a pixel.
+"""Centre lines of what is thin in an image, to a fraction of a pixel.
 
 Lines are found as Steger does ("An Unbiased Detector of Curvilinear Structures", PAMI 1998): where
-the photo, smoothed, is darkest across the direction in which it is bent most. Only blue is looked
-at, in which wood and sky differ most, and only dark lines: a gap between two twigs is a bright one.
-A line counts where the photo's sky mask has sky on both of its sides.
+the image, smoothed, is darkest or brightest across the direction in which it is bent most.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 
-from cherrypicker.mvs.clear_sky import clear_sky
-
 # Smoothing, px. Steger asks for at least the half width over the root of three, here for lines of
-# up to four pixels; wider ones are stereo's
+# up to four pixels; wider ones are found at a coarser size
 SIGMA_PX = 1.2
 # Least bend across a line, grey levels of 255 a square pixel. Twice MIN_CONTRAST of `clear_sky`,
 # the same contrast before the smoothing, spread over a line of one pixel
 MIN_BEND = 5.5
 # A line bends at least so many times more across than along; below, it is a blob or a crossing
 MIN_ANISOTROPY = 2.0
-# How far aside of a line its sky is looked for, px: past the blur and the border of a mask
-FLANK_PX = (3.0, 7.0)
-# Window in which the density of lines is counted, px: some twigs wide
-DENSITY_PX = 65
-# Pixels that are at least so far from all but clear sky show nothing but sky, px
-CLEARANCE_PX = 1
+DARK, BRIGHT = 1, 2
 
 
-class Ridges(NamedTuple):
-    """Thin lines before the sky in one photo.
-
-    Attributes
-    ----------
-    uv : ndarray of shape (n, 2), float64
-        Points of the lines, at most one a pixel, px, pixel centres at (0.5, 0.5).
-    across : ndarray of shape (n, 2), float64
-        Unit vectors across the lines.
-    share : ndarray of shape (n,), float64
-        Share of the sky around that lies as near to a line as two photos may disagree: the
-        probability that a place shows a line by chance.
-    clear : ndarray of shape (height, width), bool
-        Pixels of nothing but sky.
-    """
-
-    uv: np.ndarray
-    across: np.ndarray
-    share: np.ndarray
-    clear: np.ndarray
-
-
-def find_ridges(photo: np.ndarray, sky: np.ndarray, tolerance_px: float) -> Ridges:
-    """Find the thin dark lines before the sky of a photo.
+def line_points(image: np.ndarray, sign: int) -> tuple[np.ndarray, np.ndarray]:
+    """Find the points of the dark or of the bright lines of an image (height, width), uint8.
 
     Parameters
     ----------
-    photo : ndarray of shape (height, width, 3), uint8
-        RGB.
-    sky : ndarray of shape (height, width), bool
-        Its mask, True = sky.
-    tolerance_px : float
-        How far from a line a place counts as on it.
+    sign : {DARK, BRIGHT}
 
     Returns
     -------
-    Ridges
+    centers : ndarray of shape (n, 2), float64
+        Points of the lines, at most one a pixel, px, pixel centres at (0.5, 0.5).
+    across : ndarray of shape (n, 2), float64
+        Unit vectors across the lines.
     """
-    centers, across = _line_points(photo[..., 2])
-    flanked = _has_sky_aside(sky, centers, across)
-    centers, across = centers[flanked], across[flanked]
-    share = _line_share(sky, centers, tolerance_px)
-    clear = clear_sky(photo, sky)
-    size = 2 * CLEARANCE_PX + 1
-    clear = cv2.erode(clear.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    return Ridges(centers, across, share, clear)
-
-
-def _line_points(blue: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Steger's line points of an image (height, width) and unit vectors across, each (n, 2)."""
-    smooth = cv2.GaussianBlur(blue.astype(np.float32), (0, 0), SIGMA_PX)
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SIGMA_PX)
+    if sign == BRIGHT:
+        smooth = -smooth
     dxx = cv2.filter2D(smooth, cv2.CV_32F, np.array([[1, -2, 1]], np.float32))
     dyy = cv2.filter2D(smooth, cv2.CV_32F, np.array([[1], [-2], [1]], np.float32))
     dxy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3, scale=1 / 4)
@@ -97,28 +52,3 @@ def _line_points(blue: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     inside = np.abs(offset).max(axis=1) <= 0.5  # else the line runs through another pixel
     centers = np.stack([x, y], axis=1) + 0.5 + offset
     return centers[inside], across[inside]
-
-
-def _has_sky_aside(sky: np.ndarray, centers: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Whether each point of a line has sky on both sides, (n,) bool."""
-    both = np.ones(len(centers), bool)
-    for side in (-1.0, 1.0):
-        found = np.zeros(len(centers), bool)
-        for distance in np.arange(FLANK_PX[0], FLANK_PX[1] + 0.5):
-            at = np.floor(centers + side * distance * across).astype(int)
-            inside = (at >= 0).all(axis=1) & (at < sky.shape[::-1]).all(axis=1)
-            found[inside] |= sky[at[inside, 1], at[inside, 0]]
-        both &= found
-    return both
-
-
-def _line_share(sky: np.ndarray, centers: np.ndarray, tolerance_px: float) -> np.ndarray:
-    """Share of the sky around each point of a line that lies on a line, (n,)."""
-    on_line = np.zeros(sky.shape, np.float32)
-    at = np.floor(centers).astype(int)
-    on_line[at[:, 1], at[:, 0]] = 2.0 * tolerance_px
-    window = (DENSITY_PX, DENSITY_PX)
-    lines = cv2.boxFilter(on_line, -1, window, normalize=False)
-    open_sky = cv2.boxFilter(sky.astype(np.float32), -1, window, normalize=False)
-    share = lines / np.maximum(open_sky + lines, 1.0)
-    return share[at[:, 1], at[:, 0]].astype(np.float64)

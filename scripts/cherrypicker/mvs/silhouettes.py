@@ -1,7 +1,7 @@
 """Twigs from their silhouettes: points where several photos show a thin line before clear sky.
 
 A window of pixels matches a twig of one pixel badly, but its line before the sky is sharp. So each
-photo's lines (`cherrypicker.mvs.ridges`) that no point of the cloud explains are followed along
+photo's lines (`cherrypicker.mvs.sky_lines`) that no point of the cloud explains are followed along
 their rays through the region of interest. A place is wood where lines of other photos meet it too,
 all of them the image of one direction in space, where no photo shows clear sky, and where so many
 lines do not meet by chance. What lies before wood, hills or ground says neither yes nor no.
