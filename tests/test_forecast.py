@@ -79,7 +79,8 @@ def test_more_nodes_are_faster_but_no_tree_is_faster_than_its_stages():
         forecast_hours(scans, machine(n_nodes=n, cores=8, memory_gb=64)) for n in (1, 2, 4, 40)
     ]
     assert hours[0] > 1.7 * hours[1] > 2.5 * hours[2]
-    assert hours[2] == pytest.approx(hours[3], rel=0.05)
+    # beyond a node a tree only stages that do not wait for one another gain
+    assert hours[2] == pytest.approx(hours[3], rel=0.15)
     cpu_hours = sum(row.cpu_hours for row in forecast_stages(scans))
     assert cpu_hours / 8 < hours[0] < 2.5 * cpu_hours / 8
 

@@ -13,9 +13,11 @@ from cherrypicker.config import load_schema, resolve_config
 from cherrypicker.photo_sizes import PhotoSizes
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.resources import (
+    ScanSize,
     count_pairs,
     count_points,
     cpu_seconds,
+    disk_mb,
     mb_to_ask,
     memory_mb,
     minutes_to_ask,
@@ -23,7 +25,8 @@ from cherrypicker.resources import (
     size_of_photos,
     threads_to_ask,
 )
-from cherrypicker.stage_costs import CLOUD_STAGES, PHOTO_STAGES
+from cherrypicker.sfm.features import PLAIN_FIRST_MP
+from cherrypicker.stage_costs import CLOUD_STAGES, ENLARGED_BELOW_MP, PHOTO_STAGES
 
 SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
 # Largest resident MB of single stages, by size and number of the photos and by threads
@@ -60,6 +63,31 @@ MEASURED_MB = {
         "contract_cloud": 480,
         "report_tree": 982,
     },
+    # 66 photos of 1200 x 800 px, 6.2 million points, 2.2 of them after the crop
+    ((1200, 800), 66, 2): {
+        "extract_features": 411,
+        "match_features": 317,
+        "reconstruct_sparse": 344,
+        "segment_sky": 708,
+        "estimate_depth": 628,
+        "fuse_depth": 1366,
+        "align_cloud": 1201,
+        "crop_roi": 763,
+        "denoise_cloud": 736,
+        "estimate_scale": 394,
+        "scale_cloud": 391,
+        "segment_cloud": 1041,
+        "contract_cloud": 533,
+        "extract_graph": 559,
+        "measure_traits": 650,
+        "report_tree": 1440,
+    },
+    # 250 photos of 4000 x 3000 px
+    ((4000, 3000), 250, 2): {
+        "extract_features": 887,
+        "match_features": 780,
+        "segment_sky": 941,
+    },
     # 8 photos of 12 megapixels
     ((2828, 4242), 8, 1): {
         "extract_features": 1286,
@@ -84,10 +112,25 @@ def test_the_measured_peaks_lie_within_what_is_asked_for(key):
         assert expected < 4 * peak_mb, rule
 
 
+def test_photos_are_taken_as_enlarged_where_the_features_are_sought_so():
+    assert ENLARGED_BELOW_MP == PLAIN_FIRST_MP
+    large, small = scan(10, (4000, 3000)), scan(10, (800, 1200))
+    assert large.sift_mp == pytest.approx(large.feature_mp) == pytest.approx(43.2)
+    assert small.sift_mp == pytest.approx(4 * small.feature_mp)
+
+
+def test_later_stages_pay_for_what_the_crop_leaves():
+    photos = scan(250, (4000, 3000))
+    by_rule = {rule: disk_mb(PHOTO_STAGES[rule], photos) for rule in ("align_cloud", "crop_roi")}
+    assert by_rule["crop_roi"] == pytest.approx(0.4 * by_rule["align_cloud"])
+    ready = ScanSize(points_m=2.0, most_points_m=2.0)
+    assert disk_mb(ready.stages["segment_cloud"], ready) == pytest.approx(2 * 37)
+
+
 def test_the_stereo_asks_for_the_bound_that_it_states():
     large = scan(250, (4000, 3000))
     assert large.largest_dense_mp == pytest.approx(1.92)
-    bound_mb = (36 * 6 + 80) * 1.92
+    bound_mb = (38 * 6 + 80) * 1.92
     assert memory_mb(PHOTO_STAGES["estimate_depth"], large) == pytest.approx(260 + bound_mb)
 
 

@@ -16,7 +16,10 @@ from pathlib import Path
 from cherrypicker.ply import PlyError, read_ply_header
 from cherrypicker.stage_costs import (
     CLOUD_STAGES,
+    CROPPED_SHARE,
+    ENLARGED_BELOW_MP,
     GPU_DEPTH,
+    MOST_CROPPED_SHARE,
     MOST_POINTS_PER_PIXEL,
     PHOTO_STAGES,
     POINTS_PER_PIXEL,
@@ -50,6 +53,8 @@ class ScanSize:
         asked about each point in the fusion.
     photo_mp, feature_mp, dense_mp : float
         Megapixels of all photos: as they are, as features are sought, as depth is estimated.
+    sift_mp : float
+        ``feature_mp``, four times that of the photos that are enlarged for their features.
     largest_photo_mp, largest_feature_mp, largest_dense_mp : float
         The same of the largest photo.
     points_m, most_points_m : float
@@ -64,6 +69,7 @@ class ScanSize:
     n_checked: int = 0
     photo_mp: float = 0.0
     feature_mp: float = 0.0
+    sift_mp: float = 0.0
     dense_mp: float = 0.0
     largest_photo_mp: float = 0.0
     largest_feature_mp: float = 0.0
@@ -78,8 +84,16 @@ class ScanSize:
             return CLOUD_STAGES
         return PHOTO_STAGES | {"estimate_depth": GPU_DEPTH} if self.has_gpu_stereo else PHOTO_STAGES
 
-    def quantities(self, points_m: float) -> dict[str, float]:
-        """Return what the factors of :class:`StageCost` multiply."""
+    def quantities(self, points_m: float, cropped_share: float) -> dict[str, float]:
+        """Return what the factors of :class:`StageCost` multiply.
+
+        Parameters
+        ----------
+        points_m : float
+            Millions of points of the cloud.
+        cropped_share : float
+            How many of them the crop leaves; a ready cloud is not cropped.
+        """
         return {
             "base": 1.0,
             "photos": float(self.n_photos),
@@ -87,6 +101,7 @@ class ScanSize:
             "pairs": float(self.n_pairs),
             "photo_mp": self.photo_mp,
             "feature_mp": self.feature_mp,
+            "sift_mp": self.sift_mp,
             "dense_mp": self.dense_mp,
             "stereo_mp": self.dense_mp * self.n_sources / 6.0,
             # What mvs/backend.py and mvs/fusion.py state for the photos and maps held at a time
@@ -95,6 +110,7 @@ class ScanSize:
             "largest_photo_mp": self.largest_photo_mp,
             "largest_feature_mp": self.largest_feature_mp,
             "points_m": points_m,
+            "cropped_m": points_m * (cropped_share if self.is_photo_scan else 1.0),
         }
 
 
@@ -125,6 +141,7 @@ def size_of_photos(
         n_checked=min(mvs["n_check"], max(len(sizes) - 1, 1)),
         photo_mp=sum(as_is),
         feature_mp=sum(features),
+        sift_mp=sum(mp if mp >= ENLARGED_BELOW_MP else 4.0 * mp for mp in features),
         dense_mp=sum(dense),
         largest_photo_mp=max(as_is, default=0.0),
         largest_feature_mp=max(features, default=0.0),
@@ -185,12 +202,12 @@ def count_pairs(n_photos: int, sfm: Mapping) -> int:
 
 def cpu_seconds(stage: StageCost, scan: ScanSize) -> float:
     """Return the CPU time to expect of a stage, seconds."""
-    return _weigh(stage.cpu_s, scan.quantities(scan.points_m))
+    return _weigh(stage.cpu_s, scan.quantities(scan.points_m, CROPPED_SHARE))
 
 
 def memory_mb(stage: StageCost, scan: ScanSize, threads: int = 1) -> float:
     """Return the peak resident memory to expect of a stage, MB, without any margin."""
-    quantities = scan.quantities(scan.most_points_m)
+    quantities = scan.quantities(scan.most_points_m, MOST_CROPPED_SHARE)
     return _weigh(stage.memory_mb, quantities) + threads * _weigh(
         stage.thread_memory_mb, quantities
     )
@@ -198,7 +215,7 @@ def memory_mb(stage: StageCost, scan: ScanSize, threads: int = 1) -> float:
 
 def disk_mb(stage: StageCost, scan: ScanSize) -> float:
     """Return what a stage leaves on disk, MB."""
-    return _weigh(stage.disk_mb, scan.quantities(scan.points_m))
+    return _weigh(stage.disk_mb, scan.quantities(scan.points_m, CROPPED_SHARE))
 
 
 def threads_to_ask(rule: str, scan: ScanSize) -> int:

@@ -16,9 +16,16 @@ from dataclasses import dataclass, field
 DEPTH_CPU_S_PER_MP = 6.0
 # A data-centre GPU was not at hand: COLMAP's stereo is assumed at this rate, nothing was measured
 DEPTH_GPU_S_PER_MP = 1.5
-# Points of the cloud per pixel of all depth maps: 0.048 to 0.095 were measured, 0.06 in the middle
-POINTS_PER_PIXEL = 0.06
+# Photos below this size are enlarged fourfold for their features, see sfm/features.py
+ENLARGED_BELOW_MP = 2.0
+# Points of the cloud per pixel of all depth maps: 0.048 to 0.099 were measured, the most with two
+# photos to a point
+POINTS_PER_PIXEL = 0.07
 MOST_POINTS_PER_PIXEL = 0.10
+# How many of them the crop leaves: 0.36 and 0.43 were measured before hills and a field. All of a
+# trunk's stay, so memory is asked for more
+CROPPED_SHARE = 0.4
+MOST_CROPPED_SHARE = 0.7
 
 
 @dataclass(frozen=True)
@@ -50,11 +57,12 @@ class StageCost:
 
 
 # One cloud in our PLY files, with colours, normals and the number of views
-_CLOUD_MB = {"points_m": 27.0}
+_CLOUD_MB = {"points_m": 32.0}
+_CROPPED_MB = {"cropped_m": 32.0}
 
 PHOTO_STAGES = {
     "extract_features": StageCost(
-        cpu_s={"base": 2.0, "feature_mp": 0.85, "photo_mp": 0.3},
+        cpu_s={"base": 2.0, "sift_mp": 0.24, "photo_mp": 0.18},
         memory_mb={"base": 200.0},
         thread_memory_mb={"largest_feature_mp": 300.0},
         disk_mb={"photos": 0.7},
@@ -68,7 +76,7 @@ PHOTO_STAGES = {
         after=("extract_features",),
     ),
     "reconstruct_sparse": StageCost(
-        cpu_s={"base": 2.0, "photos": 0.4, "photos_squared": 0.004},
+        cpu_s={"base": 2.0, "photos": 0.1, "photos_squared": 0.012},
         memory_mb={"base": 220.0, "photos": 4.0},
         disk_mb={"photos": 0.1},
         max_threads=8,
@@ -83,9 +91,9 @@ PHOTO_STAGES = {
         after=("reconstruct_sparse",),
     ),
     "segment_sky": StageCost(
-        cpu_s={"base": 2.0, "photos": 0.65, "photo_mp": 0.085},
-        memory_mb={"base": 690.0, "largest_photo_mp": 10.0},
-        disk_mb={"photo_mp": 0.02},
+        cpu_s={"base": 2.0, "photos": 0.65, "photo_mp": 0.13},
+        memory_mb={"base": 690.0, "largest_photo_mp": 20.0},
+        disk_mb={"photo_mp": 0.01},
         max_threads=2,
     ),
     "estimate_depth": StageCost(
@@ -106,21 +114,21 @@ PHOTO_STAGES = {
         after=("estimate_depth",),
     ),
     "align_cloud": StageCost(
-        cpu_s={"base": 1.5, "points_m": 0.45},
+        cpu_s={"base": 1.5, "points_m": 0.7},
         memory_mb={"base": 150.0, "points_m": 160.0},
         disk_mb=_CLOUD_MB,
         after=("fuse_depth",),
     ),
     "crop_roi": StageCost(
         cpu_s={"base": 1.0, "points_m": 0.5},
-        memory_mb={"base": 130.0, "points_m": 170.0},
-        disk_mb=_CLOUD_MB,
+        memory_mb={"base": 130.0, "points_m": 150.0},
+        disk_mb=_CROPPED_MB,
         after=("align_cloud",),
     ),
     "denoise_cloud": StageCost(
-        cpu_s={"base": 5.0, "points_m": 7.5},
-        memory_mb={"base": 600.0, "points_m": 125.0, "largest_photo_mp": 20.0},
-        disk_mb=_CLOUD_MB,
+        cpu_s={"base": 5.0, "cropped_m": 7.5},
+        memory_mb={"base": 600.0, "cropped_m": 125.0, "largest_photo_mp": 20.0},
+        disk_mb=_CROPPED_MB,
         max_threads=2,
         after=("crop_roi",),
     ),
@@ -131,15 +139,15 @@ PHOTO_STAGES = {
         after=("reconstruct_sparse",),
     ),
     "scale_cloud": StageCost(
-        cpu_s={"base": 0.5, "points_m": 0.4},
-        memory_mb={"base": 80.0, "points_m": 125.0},
-        disk_mb=_CLOUD_MB,
+        cpu_s={"base": 0.5, "cropped_m": 0.4},
+        memory_mb={"base": 80.0, "cropped_m": 125.0},
+        disk_mb=_CROPPED_MB,
         after=("denoise_cloud", "estimate_scale"),
     ),
     "segment_cloud": StageCost(
-        cpu_s={"base": 9.0, "points_m": 2.3},
-        memory_mb={"base": 920.0, "points_m": 105.0},
-        disk_mb={"points_m": 32.0},
+        cpu_s={"base": 22.0, "cropped_m": 4.0},
+        memory_mb={"base": 750.0, "cropped_m": 185.0},
+        disk_mb={"cropped_m": 37.0},
         max_threads=2,
         after=("scale_cloud",),
     ),
@@ -163,36 +171,37 @@ CLOUD_STAGES = {
     "segment_cloud": StageCost(
         cpu_s=PHOTO_STAGES["segment_cloud"].cpu_s,
         memory_mb=PHOTO_STAGES["segment_cloud"].memory_mb,
-        disk_mb={"points_m": 32.0},
+        disk_mb={"cropped_m": 37.0},
         max_threads=2,
         after=("import_cloud",),
     ),
 }
 
-# The skeleton is drawn from a bounded number of points, so its time hardly grows with the cloud
+# The skeleton is drawn from a bounded number of points, so its time hardly grows with the cloud;
+# the bases are those of a tree of 2.8 m with 68 m of wood
 _TREE_STAGES = {
     "contract_cloud": StageCost(
-        cpu_s={"base": 4.0, "points_m": 2.0},
-        memory_mb={"base": 450.0, "points_m": 60.0},
+        cpu_s={"base": 24.0, "cropped_m": 0.6},
+        memory_mb={"base": 450.0, "cropped_m": 60.0},
         disk_mb={"base": 0.6},
         max_threads=2,
         after=("segment_cloud",),
     ),
     "extract_graph": StageCost(
-        cpu_s={"base": 2.0, "points_m": 2.5},
-        memory_mb={"base": 290.0, "points_m": 125.0},
+        cpu_s={"base": 36.0, "cropped_m": 0.6},
+        memory_mb={"base": 290.0, "cropped_m": 125.0},
         disk_mb={"base": 1.5},
         max_threads=2,
         after=("contract_cloud",),
     ),
     "measure_traits": StageCost(
-        cpu_s={"base": 2.0, "points_m": 1.8},
-        memory_mb={"base": 640.0, "points_m": 130.0},
+        cpu_s={"base": 14.0, "cropped_m": 1.8},
+        memory_mb={"base": 640.0, "cropped_m": 130.0},
         after=("extract_graph",),
     ),
     "report_tree": StageCost(
-        cpu_s={"base": 8.0, "points_m": 3.5},
-        memory_mb={"base": 450.0, "points_m": 270.0, "largest_photo_mp": 20.0},
+        cpu_s={"base": 14.0, "cropped_m": 3.5},
+        memory_mb={"base": 850.0, "cropped_m": 270.0, "largest_photo_mp": 20.0},
         disk_mb={"base": 9.0},
         after=("measure_traits",),
     ),

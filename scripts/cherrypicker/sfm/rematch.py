@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -32,6 +31,9 @@ MAX_RATIO = 0.7
 MAX_ANGLE_DEG = 45.0
 # Share of the model's points that two photos must see at such an angle to be tried.
 MIN_SHARED = 0.02
+# Photos that each is tried with, those that share most points: more than nearly all have in a scan
+# of 66 photos, so that the pairs grow with the photos, not with their square.
+N_PARTNERS = 30
 # Points that stand for the model when pairs are chosen.
 N_POINTS = 3000
 
@@ -63,7 +65,7 @@ def match_by_poses(
     band = min(max(band, MIN_BAND_PX), max_error_px)
     with pycolmap.Database.open(target) as database:
         verified = _verified(database, model)
-        pairs = sorted(set(overlapping_pairs(model)) | set(verified))
+        pairs = sorted(overlapping_pairs(model) | set(verified))
         features = {i: _features(database, model, i) for pair in pairs for i in pair}
         database.clear_two_view_geometries()
 
@@ -100,20 +102,31 @@ def _less_contradicted(
     return verified
 
 
-def overlapping_pairs(model: pycolmap.Reconstruction) -> Iterable[tuple[int, int]]:
-    """Yield the pairs of photo ids that see enough of the model's points from similar sides."""
+def overlapping_pairs(model: pycolmap.Reconstruction) -> set[tuple[int, int]]:
+    """Choose pairs of photo ids that see enough of the model's points from similar sides.
+
+    Of those, each photo's ``N_PARTNERS`` that share most points.
+    """
     points = np.array([point.xyz for _, point in sorted(model.points3D.items())]).reshape(-1, 3)
     points = points[:: max(len(points) // N_POINTS, 1)]
     ids = sorted(model.reg_image_ids())
     views = [_view(model, image_id, points) for image_id in ids]
     least = max(MIN_SHARED * len(points), 1)
     cosine = np.cos(np.radians(MAX_ANGLE_DEG))
+    shared = np.zeros((len(views), len(views)), dtype=np.int64)
     for a, (seen_a, rays_a) in enumerate(views):
         for b in range(a + 1, len(views)):
             seen_b, rays_b = views[b]
             both = np.flatnonzero(seen_a & seen_b)
-            if (np.einsum("ni,ni->n", rays_a[both], rays_b[both]) > cosine).sum() >= least:
-                yield ids[a], ids[b]
+            shared[a, b] = (np.einsum("ni,ni->n", rays_a[both], rays_b[both]) > cosine).sum()
+    shared += shared.T
+    partners = np.argsort(-shared, axis=1, kind="stable")[:, :N_PARTNERS]
+    return {
+        (ids[min(a, b)], ids[max(a, b)])
+        for a, row in enumerate(partners)
+        for b in row
+        if shared[a, b] >= least
+    }
 
 
 def _view(

@@ -1,0 +1,75 @@
+"""Features of large photos: searched without enlarging them where that gives enough."""
+
+import sqlite3
+from contextlib import closing
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from sfm_scene import texture
+
+from cherrypicker.sfm import features
+from cherrypicker.sfm.features import extract_features
+
+N_WANTED = 200
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    """Three photos with more features than wanted and one, the second, that is blurred."""
+    folder = tmp_path_factory.mktemp("photos")
+    paths = []
+    for i in range(4):
+        photo = texture(np.random.default_rng(i), 420)[:300]
+        if i == 1:
+            photo = cv2.GaussianBlur(photo, (0, 0), 5.0)
+        paths.append(folder / f"{i}.png")
+        cv2.imwrite(str(paths[-1]), photo)
+    return paths
+
+
+def extract(photos, folder, monkeypatch, plain_first_mp):
+    """Return the positions and sizes of each photo's features."""
+    searched = []
+    search = features._search
+
+    def watched(database, infos, first_octave, *limits):
+        searched.append((first_octave, [info.name for info in infos]))
+        search(database, infos, first_octave, *limits)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(features, "PLAIN_FIRST_MP", plain_first_mp)
+        patch.setattr(features, "_search", watched)
+        extract_features(photos, folder / "f.db", folder / "l.json", max_features=N_WANTED)
+    with closing(sqlite3.connect(folder / "f.db")) as connection:
+        rows = connection.execute(
+            "SELECT name, rows, cols, data FROM images JOIN keypoints USING (image_id)"
+        ).fetchall()
+    return searched, {
+        name: np.frombuffer(data, np.float32).reshape(n_rows, n_columns)[:, :2]
+        for name, n_rows, n_columns, data in rows
+    }
+
+
+def test_large_photos_are_enlarged_only_where_features_are_few(photos, tmp_path, monkeypatch):
+    (tmp_path / "always").mkdir()
+    (tmp_path / "never").mkdir()
+    _, always = extract(photos, tmp_path / "always", monkeypatch, np.inf)
+    searched, found = extract(photos, tmp_path / "never", monkeypatch, 0.0)
+    names = [photo.name for photo in photos]
+    assert searched == [(0, names), (-1, ["1.png"])]
+    # searched again: as if it had been enlarged at once
+    np.testing.assert_array_equal(found["1.png"], always["1.png"])
+    for name in ("0.png", "2.png", "3.png"):
+        assert len(found[name]) > N_WANTED
+        assert abs(len(found[name]) - len(always[name])) < 0.1 * len(always[name])
+        distance, _ = cKDTree(found[name]).query(always[name])
+        assert (distance < 0.5).mean() > 0.85
+
+
+def test_the_size_that_counts_is_the_one_searched():
+    info = features.PhotoInfo(path=None, width=4000, height=3000)
+    assert features._searched_mp(info, 2400) == pytest.approx(4.32)
+    assert features._searched_mp(info, 0) == pytest.approx(12.0)
+    assert features._searched_mp(features.PhotoInfo(None, 1200, 800), 2400) == pytest.approx(0.96)
