@@ -259,6 +259,17 @@ def test_scale_error_widens_intervals(y_tree):
     assert any(flag.startswith("scale_uncertain") for flag in wide["flags"])
 
 
+def test_unsure_cameras_are_flagged(y_tree):
+    skeleton, scan = y_tree.skeleton(), y_tree.scan()
+    for largest, flagged in ((0.004, False), (0.012, True)):
+        sure = {"median": 0.001, "max": largest, "worst": "IMG_7.jpg"}
+        sparse = {"n_photos": 9, "n_registered": 9, "camera_std_fraction": sure}
+        traits, _ = measure_traits(skeleton, scan, n_bootstrap=30, sparse=sparse)
+        named = [flag for flag in traits["flags"] if flag.startswith("cameras_uncertain")]
+        assert bool(named) is flagged
+        assert all("IMG_7.jpg" in flag and "1.2 %" in flag for flag in named)
+
+
 def test_same_seed_same_traits(y_tree, y_traits):
     skeleton = y_tree.skeleton()
     again = measure_traits(skeleton, y_tree.scan(), fold(skeleton), n_bootstrap=60)

@@ -16,8 +16,13 @@ from cherrypicker.sfm.database import copy_database, scratch_folder
 from cherrypicker.sfm.diagnosis import diagnose_photos
 from cherrypicker.sfm.export import undistorted_poses, write_model
 from cherrypicker.sfm.mapping import Attempt, MappingOptions, map_photos
+from cherrypicker.sfm.uncertainty import camera_uncertainty
 
 logger = logging.getLogger(__name__)
+
+# Median standard error of the cameras, a share of their distance, from which the photos do not hold
+# one model together: 0.0002 on a good ring, 4 where parts have no common scale (guess between)
+UNDETERMINED = 0.05
 
 
 def reconstruct_sparse(
@@ -63,7 +68,8 @@ def reconstruct_sparse(
     Raises
     ------
     StageError
-        If nothing registers, or less than ``min_registered_fraction``.
+        If nothing registers, or less than ``min_registered_fraction``, or if the photos share so
+        few points that parts of the model have no common scale.
     """
     options = options or MappingOptions()
     if not photos:
@@ -82,6 +88,7 @@ def reconstruct_sparse(
     write_json(report, content)
     _log_missing(explained)
     _enforce(content, min_registered_fraction, Path(photos[0]).parent)
+    _enforce_one_scale(content, Path(photos[0]).parent)
     write_model(best.model, model_folder)
     write_poses(poses, undistorted_poses(best.model))
     logger.info(
@@ -118,9 +125,19 @@ def _report(best: Attempt, attempts: Sequence[Attempt], explained: dict) -> dict
             "mean_reprojection_error_px": best.model.compute_mean_reprojection_error(),
             "pair_agreement": best.agreement.pairs,
             "match_agreement": best.agreement.matches,
+            "camera_std_fraction": _describe_uncertainty(best.model),
             "cameras": _describe_cameras(best.model),
         }
     return report
+
+
+def _describe_uncertainty(model) -> dict | None:
+    """Median and largest standard error of a camera, and whose that is."""
+    errors = camera_uncertainty(model)
+    if not errors:
+        return None
+    worst = max(errors, key=errors.get)
+    return {"median": float(np.median([*errors.values()])), "max": errors[worst], "worst": worst}
 
 
 def _describe_attempt(attempt: Attempt) -> dict:
@@ -177,4 +194,18 @@ def _enforce(content: dict, least: float, folder: Path) -> None:
         f"{100 * least:g} % are required; most frequent reason: {common}",
         file=folder,
         key="photos in trees.tsv, sfm.min_registered_fraction or sfm.max_features",
+    )
+
+
+def _enforce_one_scale(content: dict, folder: Path) -> None:
+    """Fail where parts of the model may shrink or turn against one another unnoticed."""
+    unsure = content["camera_std_fraction"]
+    if unsure is None or unsure["median"] <= UNDETERMINED:
+        return
+    raise StageError(
+        "the photos share too few points to hold one model together: parts of it have no common "
+        f"scale (cameras unsure by {100 * unsure['median']:.0f} % of their distance, "
+        f"{content['n_points']} points); photos must overlap more, or show more texture",
+        file=folder,
+        key="photos in trees.tsv or sfm.max_features",
     )

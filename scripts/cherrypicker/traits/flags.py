@@ -12,6 +12,7 @@ _ROUGH = 0.12  # share of the radius that the points scatter
 _FEW_PHOTOS = 0.9
 _MISSED_SHARE, _MISSED_LENGTH_M = 0.01, 0.15
 _LOOSE_SCALE = 0.01
+_LOOSE_CAMERA = 0.005  # of the cameras' distance: 2 cm at 4 m
 _PLAUSIBLE_HEIGHT_M = (0.15, 25.0)  # of a fruit tree
 
 
@@ -145,6 +146,13 @@ def scan_flags(
         n_photos, n_registered = sparse.get("n_photos"), sparse.get("n_registered")
         if n_photos and n_registered is not None and n_registered < _FEW_PHOTOS * n_photos:
             flags.append(f"few_photos: {n_registered} of {n_photos} photos registered")
+        unsure = sparse.get("camera_std_fraction")
+        if unsure and unsure["max"] > _LOOSE_CAMERA:
+            flags.append(
+                f"cameras_uncertain: photo {unsure['worst']} has a standard error of "
+                f"{100 * unsure['max']:.1f} % of the cameras' distance, "
+                f"{100 * unsure['median']:.2f} % in the median; photos should overlap more"
+            )
     flags += _edge_flags(edges, unit_name(unit))
     if missing_top is not None:
         flags.append(

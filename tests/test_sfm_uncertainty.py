@@ -1,0 +1,73 @@
+"""How sure the cameras are follows from the adjustment, and parts without a common scale show."""
+
+import numpy as np
+import pycolmap
+import pytest
+from sfm_scene import similarity_errors
+from test_sfm_refine import FOCAL, SIZE, pose_of
+
+from cherrypicker.errors import StageError
+from cherrypicker.sfm import sparse
+from cherrypicker.sfm.refine import adjust
+from cherrypicker.sfm.uncertainty import camera_uncertainty
+
+N_CAMERAS = 12
+NOISE_PX = 0.5
+
+
+def ring_model(groups, noise_px, seed=0):
+    """A ring of cameras and, for each group of them, 60 points that they alone observe."""
+    rng = np.random.default_rng(seed)
+    angles = np.radians(np.arange(N_CAMERAS) * 15.0)
+    centers = np.column_stack([4 * np.cos(angles), 4 * np.sin(angles), np.sin(3 * angles)])
+    model = pycolmap.Reconstruction()
+    camera = pycolmap.Camera.create_from_model_name(1, "SIMPLE_PINHOLE", FOCAL, *SIZE)
+    model.add_camera_with_trivial_rig(camera)
+    points = [rng.uniform(-1, 1, (60, 3)) for _ in groups]
+    places = {}  # (group, camera) -> index of its first observation
+    for i, center in enumerate(centers):
+        seen = []
+        for g, members in enumerate(groups):
+            if i in members:
+                places[g, i] = len(seen)
+                pixels = camera.img_from_cam(pose_of(center) * points[g])
+                seen.extend(pixels + rng.normal(0, noise_px, pixels.shape))
+        image = pycolmap.Image(name=f"{i:02d}", camera_id=1, image_id=i + 1)
+        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(uv) for uv in seen])
+        model.add_image_with_trivial_frame(image, pose_of(center))
+    for g, members in enumerate(groups):
+        for j, point in enumerate(points[g]):
+            track = pycolmap.Track()
+            for i in members:
+                track.add_element(i + 1, places[g, i] + j)
+            model.add_point3D(point, track, np.zeros(3, np.uint8))
+    model.update_point_3d_errors()
+    return model, centers
+
+
+def test_the_error_foretold_is_the_error_found():
+    groups = [range(i, i + 4) for i in range(N_CAMERAS - 3)]
+    found, foretold = [], []
+    for seed in range(3):
+        model, centers = ring_model(groups, NOISE_PX, seed)
+        adjust(model)
+        errors = camera_uncertainty(model)
+        foretold += errors.values()
+        at = np.array([model.images[i + 1].projection_center() for i in range(N_CAMERAS)])
+        size = np.median(np.linalg.norm(centers - centers.mean(axis=0), axis=1))
+        found += list(similarity_errors(at, centers) / size)
+    ratio = np.sqrt(np.mean(np.square(found)) / np.mean(np.square(foretold)))
+    assert 0.6 < ratio < 1.7
+
+
+def test_parts_that_one_pair_of_photos_joins_have_no_common_scale():
+    parts = [range(6), range(6, 12)]
+    loose, _ = ring_model([*parts, (5, 6)], NOISE_PX)
+    joined, _ = ring_model([*parts, (4, 5, 6, 7)], NOISE_PX)
+    assert np.median([*camera_uncertainty(joined).values()]) < 0.01
+    errors = camera_uncertainty(loose)
+    assert np.median([*errors.values()]) > sparse.UNDETERMINED
+    content = {"camera_std_fraction": sparse._describe_uncertainty(loose), "n_points": 180}
+    with pytest.raises(StageError, match="no common scale") as refused:
+        sparse._enforce_one_scale(content, "photos/a")
+    assert "trees.tsv" in refused.value.key
