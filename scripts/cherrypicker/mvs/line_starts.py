@@ -18,7 +18,7 @@ import numpy as np
 from cherrypicker.mvs.compiled import inlined, kernel
 from cherrypicker.mvs.hypothesis import evaluate, prepare, store, store_top
 from cherrypicker.mvs.level import Level, over_rows
-from cherrypicker.mvs.ridges import BRIGHT, DARK, line_points
+from cherrypicker.mvs.ridges import BRIGHT, DARK, line_points, slopes_of
 
 _0 = np.float32(0.0)
 _HALF = np.float32(0.5)
@@ -46,7 +46,7 @@ class PhotoLines(NamedTuple):
     sign : ndarray of shape (height, width), uint8
         DARK or BRIGHT on the lines, else 0.
     grey : ndarray of shape (height, width), uint8
-        The photo.
+        The photo, smoothed by a pixel.
     """
 
     sign: np.ndarray
@@ -56,9 +56,10 @@ class PhotoLines(NamedTuple):
 def find_lines(photo: np.ndarray) -> PhotoLines:
     """Find what is thin, dark or bright, in a photo (height, width, 3), uint8."""
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
+    slopes = slopes_of(grey)
     found = np.zeros(grey.shape, np.uint8)
     for sign in (DARK, BRIGHT):
-        x, y = np.floor(line_points(grey, sign)[0]).astype(int).T
+        x, y = np.floor(line_points(slopes, sign)[0]).astype(int).T
         found[y, x] = sign
     return PhotoLines(found, cv2.GaussianBlur(grey, (0, 0), 1.0))
 

@@ -6,6 +6,8 @@ the image, smoothed, is darkest or brightest across the direction in which it is
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
@@ -20,8 +22,30 @@ MIN_ANISOTROPY = 2.0
 DARK, BRIGHT = 1, 2
 
 
-def line_points(image: np.ndarray, sign: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find the points of the dark or of the bright lines of an image (height, width), uint8.
+class Slopes(NamedTuple):
+    """First and second derivatives of a smoothed image, each (height, width) float32."""
+
+    dx: np.ndarray
+    dy: np.ndarray
+    dxx: np.ndarray
+    dyy: np.ndarray
+    dxy: np.ndarray
+
+
+def slopes_of(image: np.ndarray) -> Slopes:
+    """Return the derivatives of an image (height, width), uint8, smoothed by ``SIGMA_PX``."""
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SIGMA_PX)
+    return Slopes(
+        dx=cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8),
+        dy=cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8),
+        dxx=cv2.filter2D(smooth, cv2.CV_32F, np.array([[1, -2, 1]], np.float32)),
+        dyy=cv2.filter2D(smooth, cv2.CV_32F, np.array([[1], [-2], [1]], np.float32)),
+        dxy=cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3, scale=1 / 4),
+    )
+
+
+def line_points(slopes: Slopes, sign: int) -> tuple[np.ndarray, np.ndarray]:
+    """Find the points of the dark or of the bright lines of an image by its derivatives.
 
     Parameters
     ----------
@@ -34,20 +58,15 @@ def line_points(image: np.ndarray, sign: int) -> tuple[np.ndarray, np.ndarray]:
     across : ndarray of shape (n, 2), float64
         Unit vectors across the lines.
     """
-    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SIGMA_PX)
     if sign == BRIGHT:
-        smooth = -smooth
-    dxx = cv2.filter2D(smooth, cv2.CV_32F, np.array([[1, -2, 1]], np.float32))
-    dyy = cv2.filter2D(smooth, cv2.CV_32F, np.array([[1], [-2], [1]], np.float32))
-    dxy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3, scale=1 / 4)
+        slopes = Slopes(*(-each for each in slopes))
+    dx, dy, dxx, dyy, dxy = slopes
     middle, half = 0.5 * (dxx + dyy), cv2.magnitude(0.5 * (dxx - dyy), dxy)
     bend, along = middle + half, middle - half
     y, x = np.nonzero((bend >= MIN_BEND) & (bend >= MIN_ANISOTROPY * np.abs(along)))
     angle = 0.5 * np.arctan2(2.0 * dxy[y, x], dxx[y, x] - dyy[y, x]).astype(np.float64)
     across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)[y, x]
-    dy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)[y, x]
-    step = -(dx * across[:, 0] + dy * across[:, 1]) / bend[y, x]
+    step = -(dx[y, x] * across[:, 0] + dy[y, x] * across[:, 1]) / bend[y, x]
     offset = step[:, None] * across
     inside = np.abs(offset).max(axis=1) <= 0.5  # else the line runs through another pixel
     centers = np.stack([x, y], axis=1) + 0.5 + offset

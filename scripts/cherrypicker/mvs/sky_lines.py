@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from cherrypicker.mvs.clear_sky import clear_sky
-from cherrypicker.mvs.ridges import DARK, line_points
+from cherrypicker.mvs.ridges import DARK, line_points, slopes_of
 
 # How far aside of a line its sky is looked for, px: past the blur and the border of a mask
 FLANK_PX = (3.0, 7.0)
@@ -60,7 +60,7 @@ def find_sky_lines(photo: np.ndarray, sky: np.ndarray, tolerance_px: float) -> S
     -------
     SkyLines
     """
-    centers, across = line_points(photo[..., 2], DARK)
+    centers, across = line_points(slopes_of(photo[..., 2]), DARK)
     flanked = _has_sky_aside(sky, centers, across)
     centers, across = centers[flanked], across[flanked]
     share = _line_share(sky, centers, tolerance_px)
