@@ -10,10 +10,10 @@ and align.json (transform, angles, candidate planes). Example:
 from dataclasses import replace
 from pathlib import Path
 
-from cherrypicker.align import align
-from cherrypicker.camera_geometry import turns_from_exif
 from cherrypicker.files import write_json
 from cherrypicker.photos import exif_orientation
+from cherrypicker.placement.align import align
+from cherrypicker.placement.camera_geometry import turns_from_exif
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.runner import run, stage_parser

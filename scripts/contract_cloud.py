@@ -9,12 +9,12 @@ and contract.json. Example:
 
 import numpy as np
 
+from cherrypicker.contraction.contract_points import preset_options
+from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.files import read_json, write_json
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.skeleton.contract_wood import contract_wood
-from cherrypicker.skeleton.contraction import preset_options
 from cherrypicker.wood.target import target_report
 
 

@@ -6,8 +6,8 @@ Reads aligned.ply and aligned_poses.npz, writes cropped.ply and crop.json. Examp
         --cropped cropped.ply --report crop.json
 """
 
-from cherrypicker.crop import crop_roi
 from cherrypicker.files import write_json
+from cherrypicker.placement.crop import crop_roi
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser

@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cherrypicker.denoise import GROUND_SHARE, DenoiseOptions, denoise_cloud
+from cherrypicker.denoising.denoise import GROUND_SHARE, DenoiseOptions, denoise_cloud
+from cherrypicker.denoising.evidence import EvidenceOptions
+from cherrypicker.denoising.witnesses import photos_as_witnesses
 from cherrypicker.files import write_json
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.sky.colors import read_sky_colors
-from cherrypicker.sky.evidence import EvidenceOptions
-from cherrypicker.sky.witnesses import photos_as_witnesses
 
 
 def main(

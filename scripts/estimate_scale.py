@@ -11,7 +11,7 @@ from pathlib import Path
 import pycolmap
 
 from cherrypicker.files import write_json
-from cherrypicker.marker_scale import estimate_scale
+from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.runner import run, stage_parser
 
 

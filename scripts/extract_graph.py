@@ -9,6 +9,7 @@ skeleton.swc and topology.graphml (the last three where a path is given). Exampl
 """
 
 from cherrypicker.files import read_json
+from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import (
@@ -20,7 +21,6 @@ from cherrypicker.skeleton import (
     write_skeleton_swc,
     write_topology_graphml,
 )
-from cherrypicker.skeleton.extract import extract_skeleton
 
 
 def main(

@@ -19,11 +19,9 @@ import re
 import sys
 from pathlib import Path
 
-from cherrypicker.batch import CONFIG_FILE, read_batch
-from cherrypicker.batch_schedule import Machine
-from cherrypicker.config import load_schema, read_config_file, resolve_config
-from cherrypicker.errors import StageError
-from cherrypicker.forecast import (
+from cherrypicker.batch.batch import CONFIG_FILE, read_batch
+from cherrypicker.batch.config import load_schema, read_config_file, resolve_config
+from cherrypicker.batch.forecast import (
     LAPTOP,
     NODES,
     WORKSTATION,
@@ -34,9 +32,11 @@ from cherrypicker.forecast import (
     on_machine,
     read_corrections,
 )
-from cherrypicker.photo_sizes import PhotoSizes
+from cherrypicker.batch.photo_sizes import PhotoSizes
+from cherrypicker.batch.resources import ScanSize, size_of_cloud, size_of_photos
+from cherrypicker.batch.schedule import Machine
+from cherrypicker.errors import StageError
 from cherrypicker.photos import photos_in
-from cherrypicker.resources import ScanSize, size_of_cloud, size_of_photos
 from cherrypicker.runner import stage_parser
 
 SCHEMA = Path(__file__).resolve().parents[1] / "workflow/schemas/config.schema.yaml"

@@ -5,7 +5,7 @@ Reads PLY, LAS, LAZ or text, writes metric.ply, or segmented.ply for a PLY that 
     python scripts/import_cloud.py --cloud scan.laz --unit m --imported metric.ply
 """
 
-from cherrypicker.late_cloud import import_cloud
+from cherrypicker.placement.late_cloud import import_cloud
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 

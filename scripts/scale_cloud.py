@@ -9,10 +9,10 @@ metric_poses.npz and metric.json. Example:
 """
 
 from cherrypicker.files import read_json, write_json
+from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.scaling import scale_scene
 
 
 def main(cloud, poses, scale, crop, metric, metric_poses, report):

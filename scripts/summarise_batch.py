@@ -7,9 +7,9 @@ writes traits.csv and summary.html. Example:
         --page results/summary.html
 """
 
+from cherrypicker.batch.summary import summarise
 from cherrypicker.errors import StageError
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.summary import summarise
 
 
 def main(trees, table, page, *, dates=(), series=(), results="results", logs="logs"):

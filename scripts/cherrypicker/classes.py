@@ -39,3 +39,8 @@ CLASS_COLORS: dict[int, tuple[float, float, float]] = {
     Label.SUPPORT_POST: (0.50, 0.50, 0.50),
     Label.UNLABELLED: (0.80, 0.80, 0.80),
 }
+
+
+def wood_mask(labels):
+    """Points of trunk or branch, (n_points,) bool."""
+    return (labels == Label.TRUNK) | (labels == Label.BRANCH)

@@ -14,24 +14,24 @@ LIBRARY = PROJECT / "scripts"
 if str(LIBRARY) not in sys.path:
     sys.path.insert(0, str(LIBRARY))
 
-from cherrypicker.batch import read_batch
-from cherrypicker.code_inputs import imported_modules
-from cherrypicker.config import load_schema, lookup as lookup_key
-from cherrypicker.errors import StageError
-from cherrypicker.marker_columns import check_scale_columns
-from cherrypicker.photo_sizes import PhotoSizes
-from cherrypicker.photos import photos_in
-from cherrypicker.resources import (
+from cherrypicker.batch.batch import read_batch
+from cherrypicker.batch.config import load_schema, lookup as lookup_key
+from cherrypicker.batch.photo_sizes import PhotoSizes
+from cherrypicker.batch.resources import (
     mb_to_ask,
     minutes_to_ask,
     size_of_cloud,
     size_of_photos,
     threads_to_ask,
 )
-from cherrypicker.stale_lock import begin_start, claim_lock, end_start
-from cherrypicker.summary import summarise
-from cherrypicker.trees import TREE_PATTERN
-from cherrypicker.work_folder import check_writable
+from cherrypicker.batch.stale_lock import begin_start, claim_lock, end_start
+from cherrypicker.batch.summary import summarise
+from cherrypicker.batch.trees import TREE_PATTERN
+from cherrypicker.batch.watched_modules import imported_modules
+from cherrypicker.batch.work_folder import check_writable
+from cherrypicker.errors import StageError
+from cherrypicker.markers.columns import check_scale_columns
+from cherrypicker.photos import photos_in
 
 
 wildcard_constraints:

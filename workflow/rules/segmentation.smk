@@ -1,4 +1,4 @@
-# The network that labels the cloud, and its training on generated scenes.
+# The network that labels the cloud.
 
 
 rule segment_cloud:
@@ -50,48 +50,3 @@ rule segment_cloud:
         "{wildcards.tree}: label the cloud"
     script:
         "../../scripts/segment_cloud.py"
-
-
-rule train_segmentation:
-    input:
-        code=code("train_segmentation"),
-    output:
-        weights=ensure("results/segmentation/dgcnn.pt", non_empty=True),
-        metrics=ensure("results/segmentation/dgcnn.json", non_empty=True),
-    log:
-        "logs/train_segmentation.log",
-    benchmark:
-        "benchmarks/train_segmentation.tsv"
-    conda:
-        "../../envs/learning.yaml"
-    threads: 2
-    resources:
-        mem_mb=more_at_each_attempt(8000),
-        runtime=720,
-        gpu=0,
-    params:
-        # The scenes and the checkpoint outlive a killed run here, so they are no outputs.
-        workspace="results/segmentation/training",
-        n_scenes=cfg("train_segment.n_scenes"),
-        n_held_out=cfg("train_segment.n_held_out"),
-        scene_points=cfg("train_segment.scene_points"),
-        epochs=cfg("train_segment.epochs"),
-        batch_spheres=cfg("train_segment.batch_spheres"),
-        spheres_per_cloud=cfg("train_segment.spheres_per_cloud"),
-        learning_rate=cfg("train_segment.learning_rate"),
-        final_learning_rate=cfg("train_segment.final_learning_rate"),
-        color_dropout=cfg("train_segment.color_dropout"),
-        voxel_size_m=cfg("train_segment.voxel_size_m"),
-        sphere_radius_m=cfg("train_segment.sphere_radius_m"),
-        sphere_points=cfg("train_segment.sphere_points"),
-        reference_height_m=cfg("train_segment.reference_height_m"),
-        width=cfg("train_segment.width"),
-        embedding=cfg("train_segment.embedding"),
-        k=cfg("train_segment.k"),
-        minutes=cfg("train_segment.minutes"),
-        start=cfg("train_segment.start"),
-        seed=cfg("seed"),
-    message:
-        "train the point cloud network on generated scenes"
-    script:
-        "../../scripts/train_segmentation.py"

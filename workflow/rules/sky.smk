@@ -1,4 +1,4 @@
-# Sky masks of the photos and the sky's dominant colours, and the training of their network.
+# Sky masks of the photos and the sky's dominant colours.
 
 
 rule segment_sky:
@@ -48,49 +48,3 @@ rule segment_sky:
         "{wildcards.tree}: tell sky from everything else in the photos"
     script:
         "../../scripts/segment_sky.py"
-
-
-rule train_sky:
-    input:
-        code=code("train_sky"),
-    output:
-        weights=ensure("results/training/sky/sky_unet.npz", non_empty=True),
-        metrics=ensure("results/training/sky/metrics.json", non_empty=True),
-    log:
-        "logs/train_sky.log",
-    benchmark:
-        "benchmarks/train_sky.tsv"
-    conda:
-        "../../envs/learning.yaml"
-    threads: 2
-    resources:
-        mem_mb=more_at_each_attempt(6000),
-        runtime=720,
-        gpu=0,
-    params:
-        folders=cfg("train_sky.folders"),
-        holdout=cfg("train_sky.holdout"),
-        exclude=cfg("train_sky.exclude"),
-        validation_fraction=cfg("train_sky.validation_fraction"),
-        epochs=cfg("train_sky.epochs"),
-        batch_size=cfg("train_sky.batch_size"),
-        learning_rate=cfg("train_sky.learning_rate"),
-        learning_rate_decay=cfg("train_sky.learning_rate_decay"),
-        schedule=cfg("train_sky.schedule"),
-        weight_average=cfg("train_sky.weight_average"),
-        weight_decay=cfg("train_sky.weight_decay"),
-        source_power=cfg("train_sky.source_power"),
-        use_bfloat16=cfg("train_sky.use_bfloat16"),
-        time_limit_min=cfg("train_sky.time_limit_min"),
-        image_size=cfg("train_sky.image_size_px"),
-        samples_per_epoch=cfg("train_sky.samples_per_epoch"),
-        max_side_px=cfg("train_sky.max_side_px"),
-        elastic_px=cfg("train_sky.elastic_px"),
-        scale_range=cfg("train_sky.scale_range"),
-        branch_fraction=cfg("train_sky.branch_fraction"),
-        exchange_fraction=cfg("train_sky.exchange_fraction"),
-        seed=cfg("seed"),
-    message:
-        "train the sky network on photos with sky masks"
-    script:
-        "../../scripts/train_sky.py"

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from cherrypicker.mvs import consistency, initial, patchmatch
-from cherrypicker.mvs.level import Level
-from cherrypicker.mvs.line_starts import PhotoLines, find_lines, start_from_lines
-from cherrypicker.mvs.matching import INVALID_COST, pack_bilinear, pack_color, window
-from cherrypicker.mvs.patchmatch import HOPELESS_COST, Turn
+from cherrypicker.mvs.kernels import consistency, initial, patchmatch
+from cherrypicker.mvs.kernels.level import Level
+from cherrypicker.mvs.kernels.matching import INVALID_COST, pack_bilinear, pack_color, window
+from cherrypicker.mvs.kernels.patchmatch import HOPELESS_COST, Turn
+from cherrypicker.mvs.lines.line_starts import PhotoLines, find_lines, start_from_lines
 from cherrypicker.mvs.views import StereoProblem
 from cherrypicker.mvs.workspace import View
 from cherrypicker.placement.region import Region

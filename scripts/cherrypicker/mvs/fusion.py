@@ -20,9 +20,9 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.compiled import in_parallel, inlined, kernel
 from cherrypicker.mvs.estimate import relative_projection
-from cherrypicker.mvs.level import ROWS_AT_A_TIME
+from cherrypicker.mvs.kernels.compiled import in_parallel, inlined, kernel
+from cherrypicker.mvs.kernels.level import ROWS_AT_A_TIME
 from cherrypicker.mvs.views import plan_views
 from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo

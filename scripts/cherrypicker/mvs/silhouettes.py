@@ -1,10 +1,10 @@
 """Twigs from their silhouettes: points where several photos show a thin line before clear sky.
 
 A window of pixels matches a twig of one pixel badly, but its line before the sky is sharp. So each
-photo's lines (`cherrypicker.mvs.sky_lines`) that no point of the cloud explains are followed along
-their rays through the region of interest. A place is wood where lines of other photos meet it too,
-all of them the image of one direction in space, where no photo shows clear sky, and where so many
-lines do not meet by chance. What lies before wood, hills or ground says neither yes nor no.
+photo's lines (`cherrypicker.mvs.lines.sky_lines`) that no point of the cloud explains are followed
+along their rays through the region of interest. A place is wood where lines of other photos meet it
+too, all of them the image of one direction in space, where no photo shows clear sky, and where so
+many lines do not meet by chance. What lies before wood, hills or ground says neither yes nor no.
 
 Space carving (Kutulakos and Seitz, IJCV 2000) asks the same of all photos; here the photo's lines,
 not voxels, are carried into space, so that a twig thinner than any voxel keeps its place.
@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.mvs.compiled import in_parallel, inlined, kernel
-from cherrypicker.mvs.lines import (
+from cherrypicker.mvs.kernels.compiled import in_parallel, inlined, kernel
+from cherrypicker.mvs.lines.lines import (
     CLEAR,
     TOLERANCE_PX,
     Lines,

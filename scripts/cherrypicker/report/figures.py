@@ -12,12 +12,11 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 
-from cherrypicker.classes import CLASS_COLORS, CLASS_NAMES
+from cherrypicker.classes import CLASS_COLORS, CLASS_NAMES, wood_mask
 from cherrypicker.files import atomic_path
 from cherrypicker.report.raster import heights_as_colors, side_views, splat
-from cherrypicker.report.text import unit_name
 from cherrypicker.skeleton import axes, node_order
-from cherrypicker.traits.wood import wood_mask
+from cherrypicker.units import unit_name
 
 __all__ = [
     "cloud_figure",

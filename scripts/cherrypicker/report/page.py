@@ -11,9 +11,10 @@ import cherrypicker
 from cherrypicker.errors import StageError
 from cherrypicker.report.figures import DPI, order_color, write_png
 from cherrypicker.report.stages import branch_section, scan_sections, stage_warnings
-from cherrypicker.report.text import STYLE, TRAIT_ROWS, unit_name, with_uncertainty
+from cherrypicker.report.text import STYLE, TRAIT_ROWS, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
 from cherrypicker.traits.branches import AXIS_COLUMNS
+from cherrypicker.units import unit_name
 
 __all__ = ["TEMPLATE_FILES", "read_branches", "render_report"]
 

@@ -6,18 +6,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from PIL import Image, UnidentifiedImageError
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.mvs.coverage import voxel_centers
 from cherrypicker.placement.region import Region
-from cherrypicker.report.figures import (
-    DPI,
-    cloud_colors,
-    show_points,
-    tree_box,
-    view_grid,
-)
+from cherrypicker.report.figures import DPI, cloud_colors, show_points, tree_box, view_grid
 from cherrypicker.report.raster import side_views
-from cherrypicker.traits.wood import wood_mask
 
 __all__ = [
     "alignment_figure",

@@ -19,7 +19,7 @@ from cherrypicker.report.stage_figures import (
     denoise_figure,
     example_figure,
 )
-from cherrypicker.report.text import unit_name
+from cherrypicker.units import unit_name
 
 __all__ = ["branch_section", "scan_sections", "stage_warnings"]
 

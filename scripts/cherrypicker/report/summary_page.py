@@ -9,7 +9,8 @@ from datetime import date
 from html import escape
 from urllib.parse import quote
 
-from cherrypicker.report.text import STYLE, TRAIT_ROWS, unit_name, with_uncertainty
+from cherrypicker.report.text import STYLE, TRAIT_ROWS, with_uncertainty
+from cherrypicker.units import unit_name
 
 __all__ = ["summary_html"]
 
@@ -24,7 +25,7 @@ def summary_html(results) -> str:
 
     Parameters
     ----------
-    results : list of cherrypicker.summary.TreeResult
+    results : list of cherrypicker.batch.summary.TreeResult
 
     Returns
     -------

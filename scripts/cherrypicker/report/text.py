@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["STYLE", "TRAIT_ROWS", "unit_name", "with_unit", "with_uncertainty"]
+from cherrypicker.units import unit_name
+
+__all__ = ["STYLE", "TRAIT_ROWS", "with_unit", "with_uncertainty"]
 
 # Trait, its name on the pages, power of the length unit (None: a count), decimals in metric units.
 TRAIT_ROWS = (
@@ -47,12 +49,6 @@ figure img { max-width: 100%; max-height: 1100px; border: 1px solid var(--line);
 .figures figure.wide { grid-column: 1 / -1; }
 code { background: #f0f1ee; padding: 0 4px; overflow-wrap: anywhere; }
 """
-
-
-def unit_name(unit: str, power: int = 1) -> str:
-    """Return the word for a length unit to a power: "m", "m²"; "units", "units²"."""
-    base = "m" if unit == "m" else "units"
-    return base + {1: "", 2: "²", 3: "³"}[power]
 
 
 def with_unit(name: str, value: object, unit: str) -> str:

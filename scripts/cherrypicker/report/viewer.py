@@ -9,10 +9,9 @@ import json
 
 import numpy as np
 
-from cherrypicker.classes import CLASS_COLORS, CLASS_NAMES
+from cherrypicker.classes import CLASS_COLORS, CLASS_NAMES, wood_mask
 from cherrypicker.report.figures import cloud_colors, order_color
 from cherrypicker.skeleton import axes, node_order
-from cherrypicker.traits.wood import wood_mask
 
 __all__ = ["pick_points", "viewer_data"]
 

@@ -10,12 +10,12 @@ inference
     Labels and confidences for every point of a cloud.
 refine
     Clean-up of the network's probabilities and of the trunk class.
-support_post
-    Split of the support post from the trunk.
+support_post, standing_posts
+    Support posts split from the trunk, and found in wood that is not called trunk.
 quick_skeleton, stem_axis, stem_labels
     The stems' course and thickness by geometry, which decide between trunk and branch.
-augment, training
-    Training data and the training loop.
-metrics
-    Confusion matrix, intersection over union, F1.
+white_rings
+    White rings around traced stems.
+
+`cherrypicker_lab.training.segmentation` trains and measures it.
 """

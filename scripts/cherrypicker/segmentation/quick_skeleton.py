@@ -11,10 +11,10 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.neighbors import component_links, components, knn_edges, sparse_graph
+from cherrypicker.geometry.sampling import median_spacing
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.neighbors import component_links, components, knn_edges, sparse_graph
-from cherrypicker.skeleton.sampling import median_spacing
-from cherrypicker.skeleton.stems import find_stems, stems_off_the_ground
+from cherrypicker.wood.feet import find_stems, stems_off_the_ground
 
 __all__ = ["QuickSkeleton", "quick_skeletons"]
 

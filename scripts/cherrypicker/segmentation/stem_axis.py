@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.axis_radii import fit_axis_radii
+from cherrypicker.geometry.sampling import thin_to_limit
 from cherrypicker.segmentation.quick_skeleton import FEWEST_NODES, quick_skeletons
 from cherrypicker.skeleton.axes import SIMILAR_RADIUS, TRUNK_KEEPS
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.radius import fit_radii
-from cherrypicker.skeleton.sampling import thin_to_limit
 
 __all__ = ["StemAxis", "StemModel", "trace_stems"]
 
@@ -137,7 +137,7 @@ def _trace(tree, surface, model):
     """The stem of one tree from its quick skeleton."""
     skeleton, level = tree.skeleton, tree.level
     widest = 3.0 * float(np.quantile(skeleton.radius, 0.98)) + level
-    fitted = fit_radii(skeleton, surface, spacing=level, max_radius=widest)
+    fitted = fit_axis_radii(skeleton, surface, spacing=level, max_radius=widest)
     nodes = _main_axis(fitted)
     stem = _refit(fitted, nodes, surface, level)
     end = _trunk_end(fitted, nodes, stem, model)
@@ -221,7 +221,7 @@ def _refit(fitted, nodes, surface, level):
         chain = Skeleton(points, np.arange(n_nodes) - 1, radius, np.ones(n_nodes, dtype=np.int64))
         distance, nearest = cKDTree(points).query(surface, workers=1)
         near = surface[distance <= 1.5 * radius[nearest] + 0.6 * level]
-        refit = fit_radii(chain, near, spacing=level, max_radius=2.5 * radius.max() + level)
+        refit = fit_axis_radii(chain, near, spacing=level, max_radius=2.5 * radius.max() + level)
         points, radius = _smooth(refit.points, 2), _median(refit.radius, 2)
     refit.points, refit.radius = points, radius
     return refit

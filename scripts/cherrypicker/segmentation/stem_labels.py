@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.segmentation.stem_axis import trace_stems
-from cherrypicker.segmentation.stem_rings import ring_points
+from cherrypicker.segmentation.white_rings import ring_points
 
 logger = logging.getLogger(__name__)
 

@@ -1,8 +1,11 @@
-"""Skeletons of trees: contraction, graph, axes and the files that hold them.
+"""Skeletons of trees as data: nodes, axes, topology, hand corrections, and the files of them.
 
-The names below are the library's stable surface; `contract` and `skeletonize` are loaded when they
-are first used, since the stages that only read skeletons have no need of compiled code.
+What makes them is in `cherrypicker.contraction` and `cherrypicker.graph`; `cherrypicker.api` has it
+in two calls.
 """
+
+import importlib
+import warnings
 
 from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, axis_polyline, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
@@ -25,13 +28,11 @@ __all__ = [
     "axes",
     "axis_of_node",
     "axis_polyline",
-    "contract",
     "fold",
     "node_order",
     "read_skeleton",
     "read_skeleton_csv",
     "read_topology",
-    "skeletonize",
     "write_skeleton_graphml",
     "write_skeleton_ply",
     "write_skeleton_swc",
@@ -40,8 +41,10 @@ __all__ = [
 
 
 def __getattr__(name):
+    """Names that moved to `cherrypicker.api`, for code written before; by name, so that nobody who
+    reads skeletons watches, or loads, what makes them."""
     if name in ("contract", "skeletonize"):
-        from cherrypicker.skeleton import api
-
-        return getattr(api, name)
+        text = f"cherrypicker.skeleton.{name} is cherrypicker.api.{name} now"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return getattr(importlib.import_module("cherrypicker.api"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

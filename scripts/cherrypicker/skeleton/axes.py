@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from cherrypicker.skeleton.ordering import median
-from cherrypicker.skeleton.tree_walks import child_rows, fill_reach
+from cherrypicker.geometry.ordering import median
+from cherrypicker.geometry.tree_walks import child_rows, fill_reach
 
 __all__ = [
     "Axis",

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import depth_first_order
 
-from cherrypicker.skeleton.tree_walks import fill_reach, sum_from_root
+from cherrypicker.geometry.tree_walks import fill_reach, sum_from_root
 
 __all__ = ["Skeleton", "rooted_order"]
 

@@ -2,10 +2,11 @@
 
 from cherrypicker.traits.branches import BRANCH_COLUMNS, branch_rows, branches_csv, totals_by_order
 from cherrypicker.traits.crown import alpha_volume, horizontal_width, projected_area
+from cherrypicker.traits.foot import Foot, find_foot
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.stem_fit import ConeFit, fit_cone, search_circle
+from cherrypicker.traits.support import Support, find_support
 from cherrypicker.traits.trunk import TrunkDiameter, measure_diameter
-from cherrypicker.traits.wood import Foot, Support, find_foot, find_support
 
 __all__ = [
     "BRANCH_COLUMNS",

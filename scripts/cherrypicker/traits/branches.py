@@ -9,12 +9,8 @@ import io
 
 import numpy as np
 
-from cherrypicker.traits.axis_shapes import axis_shapes
-from cherrypicker.traits.branch_intervals import (
-    angle_interval,
-    diameter_interval,
-    typical_scatter,
-)
+from cherrypicker.traits.branch_intervals import angle_interval, diameter_interval, typical_scatter
+from cherrypicker.traits.branch_shapes import axis_shapes
 
 __all__ = ["AXIS_COLUMNS", "BRANCH_COLUMNS", "branch_rows", "branches_csv", "totals_by_order"]
 

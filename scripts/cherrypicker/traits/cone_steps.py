@@ -6,7 +6,7 @@ A cone is six numbers, see `cherrypicker.traits.stem_fit.ConeFit`; points lie in
 import numba
 import numpy as np
 
-from cherrypicker.skeleton.ordering import median
+from cherrypicker.geometry.ordering import median
 
 __all__ = [
     "MAD_TO_SIGMA",

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
-from cherrypicker.traits.company import rows_in_box
+from cherrypicker.geometry.cells import rows_in_box
 from cherrypicker.traits.shoot_ends import draw_losses, grow_hull
 
 __all__ = [

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cherrypicker.report.text import unit_name
+from cherrypicker.units import unit_name
 
 __all__ = ["quality_flags", "scan_flags"]
 

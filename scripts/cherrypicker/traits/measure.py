@@ -4,30 +4,20 @@ import logging
 
 import numpy as np
 
+from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.cells import sort_into_cells
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.traits.branch_intervals import typical_scatter
 from cherrypicker.traits.branches import branch_rows, totals_by_order
-from cherrypicker.traits.company import sort_into_cells
-from cherrypicker.traits.crown import (
-    alpha_volume,
-    crown_of,
-    hull_of,
-    measure_crown,
-    projected_area,
-)
+from cherrypicker.traits.crown import alpha_volume, crown_of, hull_of, measure_crown, projected_area
 from cherrypicker.traits.flags import quality_flags, scan_flags
+from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.shoot_ends import find_shoot_ends
+from cherrypicker.traits.support import MIN_REACH_M, find_support, support_reach
 from cherrypicker.traits.trunk import measure_near, stem_of
-from cherrypicker.traits.wood import (
-    MIN_REACH_M,
-    find_foot,
-    find_support,
-    support_reach,
-    wood_mask,
-)
 
 __all__ = ["measure_traits"]
 
@@ -74,7 +64,7 @@ def measure_traits(
     slab_half_height, min_points, min_arc_deg
         See `cherrypicker.traits.trunk.measure_diameter`.
     max_gap, min_stray
-        See `cherrypicker.traits.wood.find_support`.
+        See `cherrypicker.traits.foot.find_support`.
     n_bootstrap : int, default 200
         Resamplings behind each uncertainty.
     scale, sparse, target : dict, optional

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from cherrypicker.skeleton.ordering import first_not_below
-from cherrypicker.traits.company import Cells
+from cherrypicker.geometry.cells import Cells
+from cherrypicker.geometry.ordering import first_not_below
 
 __all__ = ["ShootEnds", "draw_losses", "find_shoot_ends", "grow_hull"]
 

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.skeleton.ordering import median
+from cherrypicker.geometry.ordering import median
 from cherrypicker.traits.cone_steps import (
     MAD_TO_SIGMA,
     iterate_cone,

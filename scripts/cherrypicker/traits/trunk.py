@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.traits.company import rows_in_box
+from cherrypicker.geometry.cells import rows_in_box
 from cherrypicker.traits.stem_fit import bootstrap_radii, fit_cone, search_circle, steady_levels
 
 __all__ = ["Stem", "TrunkDiameter", "measure_diameter", "stem_of"]

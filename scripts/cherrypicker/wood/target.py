@@ -35,7 +35,7 @@ NEAR_SHARE = 0.25
 # are flagged at those spacings; of the wrong choices all but 0.01 of the pairs at 0.2 radii.
 CLOSE_CALL = 0.5
 # Of the target's mass: from here on something else that stands is told as another tree (guess; a
-# post of 2 cm radius and 1 m height is 0.13 of a tree with 11 m of branches, tests/test_target.py)
+# post of 2 cm radius and 1 m height is 0.13 of a tree with 11 m of branches: test_target.py)
 TREE_SHARE = 0.2
 # Heights of the tree by which its foot may be off crop.target_xy (guess: a lean of 14 degrees)
 OFF_SHARE = 0.25

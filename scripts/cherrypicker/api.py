@@ -1,0 +1,207 @@
+"""Skeletons in two calls, on a NumPy array, an Open3D cloud or a PointCloud.
+
+`contract` is the contraction alone (LBC and S-LBC, any number of classes and weights);
+`skeletonize` goes on to the rooted tree with radii, as the workflow does. docs/api.md maps the
+parameters of pc-skeletor to them.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label
+from cherrypicker.contraction.contract_points import contract_points, preset_options
+from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.contraction.tube import recentre_stem
+from cherrypicker.geometry.sampling import median_spacing, voxel_thin
+from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.pointcloud import PointCloud
+
+__all__ = ["contract", "skeletonize"]
+
+FOOT_SHARE = 0.03  # of the stem's height
+
+
+def contract(
+    cloud,
+    labels=None,
+    *,
+    weights=None,
+    preset="default",
+    stem=Label.TRUNK,
+    voxel_size=None,
+    callback=None,
+    **constants,
+):
+    """Contract a cloud to its skeleton points: LBC, or S-LBC where classes weigh differently.
+
+    Parameters
+    ----------
+    cloud : array-like of shape (n_points, 3), open3d.geometry.PointCloud or PointCloud
+        All of it is contracted: no ground, no neighbours. Metres, or a similar scale; z up where
+        there is a stem.
+    labels : array-like of shape (n_points,), int, optional
+        Class of each point, any integers. A PointCloud's field ``label`` by default.
+    weights : dict of int to float, optional
+        Lambda by class; classes that are not named weigh 1. Left out: 10 for the stem, where there
+        are labels. ``{}``, or no labels: plain LBC.
+    preset : {"default", "paper"}
+        Thickness-aware weights and a stem on the axis of the tube that fits it, or the contraction
+        as published.
+    stem : int or None, default 1
+        Class whose points are one stem; the default preset moves them onto its axis. None: no
+        class is.
+    voxel_size : float, optional
+        Thin the cloud to one point a voxel and class beforehand.
+    callback : callable, optional
+        Called as ``callback(iteration, mass_ratio, points)`` after each iteration; raise in it to
+        stop.
+    **constants
+        Attributes of `cherrypicker.contraction.contract_points.ContractionOptions`.
+
+    Returns
+    -------
+    points : ndarray of shape (n, 3), float64
+        Contracted points.
+    source : ndarray of shape (n,), int64
+        Row of the cloud that each comes from: all rows in order, without `voxel_size`.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit.
+    StageError
+        If there are too few points or they cannot be contracted.
+
+    Examples
+    --------
+    A tube of 4 cm radius, contracted to its axis:
+
+    >>> import numpy as np
+    >>> from cherrypicker.api import contract
+    >>> rng = np.random.default_rng(0)
+    >>> angle, z = rng.uniform(0, 2 * np.pi, 3000), rng.uniform(0, 1, 3000)
+    >>> tube = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), z])
+    >>> points, source = contract(tube, np.ones(3000, int))
+    >>> points.shape
+    (3000, 3)
+    >>> bool(np.abs(points[:, :2]).max() < 0.004)
+    True
+
+    Three classes of your own, each with its weight, as published, with a progress report:
+
+    >>> kinds = np.digitize(z, [0.3, 0.7])
+    >>> points, _ = contract(tube, kinds, weights={0: 10.0, 1: 5.0, 2: 1.0}, stem=None,
+    ...                      preset="paper", max_iterations=2,
+    ...                      callback=lambda i, ratio, points: print(i, ratio < 1))
+    1 True
+    2 True
+    """
+    points, labels = _points_and_labels(cloud, labels)
+    source = np.arange(len(points))
+    if voxel_size is not None:
+        points, source, _ = voxel_thin(points, voxel_size, labels)
+        labels = None if labels is None else labels[source]
+    if weights is None:
+        weights = {} if labels is None or stem is None else {int(stem): 10.0}
+    options = preset_options(preset, **constants)
+    result = contract_points(points, _weight_of(labels, weights), options, callback)
+    contracted = result.points
+    is_stem = np.zeros(len(points), bool) if labels is None or stem is None else labels == stem
+    if weights and options.scheme == "adaptive" and is_stem.any():
+        contracted = contracted.copy()
+        contracted[is_stem], _ = recentre_stem(
+            points[is_stem],
+            contracted[is_stem],
+            _foot(points[is_stem]),
+            spacing=median_spacing(points, cKDTree(points)),
+        )
+    return contracted, source
+
+
+def skeletonize(cloud, labels=None, *, method="slbc", preset="default", graph="tree", **options):
+    """The skeleton of a tree: wood chosen, contracted, connected, rooted and measured.
+
+    Parameters
+    ----------
+    cloud : array-like of shape (n_points, 3), open3d.geometry.PointCloud or PointCloud
+        Metres, z up; ground and neighbouring trees may be in it where labels tell them.
+    labels : array-like of shape (n_points,), int, optional
+        `cherrypicker.classes.Label`; a PointCloud's field ``label`` by default, else all branch.
+    method : {"slbc", "lbc"}
+    preset : {"default", "paper"}
+    graph : {"tree", "mst"}
+        Tree solver or plain minimum spanning tree.
+    **options
+        Of `cherrypicker.contraction.contract_wood.contract_wood`: ``classes``, ``weights`` (by
+        class name), ``voxel_size_m``, ``max_points``, ``target_xy``, ...
+
+    Returns
+    -------
+    Skeleton
+        Nodes with parents, radii and classes.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit.
+    StageError
+        If there is too little wood.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cherrypicker.api import skeletonize
+    >>> rng = np.random.default_rng(0)
+    >>> angle, z = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(0, 1, 6000)
+    >>> stem = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), z])
+    >>> skeleton = skeletonize(stem, np.ones(6000, int))
+    >>> round(float(np.median(skeleton.radius)), 3), len(np.flatnonzero(skeleton.degree == 1))
+    (0.04, 2)
+    """
+    points, labels = _points_and_labels(cloud, labels)
+    if labels is None:
+        labels = np.full(len(points), int(Label.BRANCH))
+    whole = PointCloud(points, fields={"label": labels.astype(np.uint8)}, frame="metric", unit="m")
+    contracted, report = contract_wood(
+        whole, method=method, options=preset_options(preset), **options
+    )
+    return extract_skeleton(contracted, whole, method=graph, base=report["base"])
+
+
+def _points_and_labels(cloud, labels):
+    """Points (n, 3) float64 and labels (n,) int64 or None, from any kind of cloud."""
+    if isinstance(cloud, PointCloud) and labels is None and "label" in cloud:
+        labels = cloud["label"]
+    points = np.array(getattr(cloud, "points", cloud), dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points must have shape (N, 3), got {points.shape}")
+    if labels is None:
+        return points, None
+    labels = np.asarray(labels)
+    if labels.shape != (len(points),):
+        raise ValueError(f"labels must have shape ({len(points)},), got {labels.shape}")
+    return points, labels.astype(np.int64)
+
+
+def _weight_of(labels, weights):
+    """Lambda of each point; None for plain LBC."""
+    if not isinstance(weights, Mapping):
+        raise ValueError("weights must map classes to lambdas, as {1: 10.0}")
+    if any(not weight > 0 for weight in weights.values()):
+        raise ValueError(f"weights must be positive, got {dict(weights)}")
+    if not weights:
+        return None
+    if labels is None:
+        raise ValueError("weights need labels")
+    lambdas = np.ones(len(labels))
+    for name, weight in weights.items():
+        lambdas[labels == name] = weight
+    return lambdas
+
+
+def _foot(stem):
+    """Middle of a stem's lowest points."""
+    low = stem[:, 2] <= stem[:, 2].min() + FOOT_SHARE * np.ptp(stem[:, 2])
+    return np.median(stem[low], axis=0)

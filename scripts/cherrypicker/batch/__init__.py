@@ -1,0 +1,1 @@
+"""A batch of trees: table and config, costs, locks, and the code that rules watch."""

@@ -1,0 +1,310 @@
+"""What a batch will cost before anything is run: CPU hours, memory, disk and time."""
+
+from __future__ import annotations
+
+import csv
+import logging
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from cherrypicker.batch.resources import (
+    MEMORY_MARGIN,
+    ScanSize,
+    cpu_seconds,
+    disk_mb,
+    mb_to_ask,
+    memory_mb,
+    speedup,
+    threads_to_ask,
+)
+from cherrypicker.batch.schedule import Job, Machine, wall_seconds
+from cherrypicker.batch.stage_costs import CLOUD_STAGES, PHOTO_STAGES
+
+logger = logging.getLogger(__name__)
+
+# Benchmarks of a stage from which on they count for more than the shipped rates
+ENOUGH_BENCHMARKS = 3
+# Below this Snakemake's samples of a stage's CPU time, up to 30 s apart, say too little
+_LEAST_CPU_S = 5.0
+
+LAPTOP = Machine("one laptop", 1, 8, 30.0)
+WORKSTATION = Machine("one GPU workstation", 1, 16, 60.0, gpus=1)
+# Slurm's queue and the looks at a job's state cost each job about half a minute
+NODES = Machine("20 nodes", 20, 16, 60.0, start_s=40.0)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """How a folder's own benchmarks differ from the shipped rates, for one stage.
+
+    Attributes
+    ----------
+    cpu, memory : float
+        Factors on CPU time and on memory.
+    n_benchmarks : int
+        Benchmark files behind them.
+    """
+
+    cpu: float = 1.0
+    memory: float = 1.0
+    n_benchmarks: int = 0
+
+
+@dataclass(frozen=True)
+class StageForecast:
+    """One stage over all scans.
+
+    Attributes
+    ----------
+    n_jobs, max_threads : int
+        Jobs, and threads of the widest.
+    cpu_hours, disk_gb : float
+        Sums over all jobs.
+    job_minutes, memory_gb : float
+        Running time with its threads of the longest job, and memory asked for by the largest.
+    n_benchmarks : int
+        Benchmark files that corrected the rates.
+    """
+
+    rule: str
+    n_jobs: int
+    max_threads: int
+    cpu_hours: float
+    job_minutes: float
+    memory_gb: float
+    disk_gb: float
+    n_benchmarks: int
+
+
+def stages_of(scan: ScanSize, is_labelled: bool = False) -> list[str]:
+    """Return the stages of a scan in order; a labelled cloud skips the network."""
+    return [rule for rule in scan.stages if not (is_labelled and rule == "segment_cloud")]
+
+
+def forecast_stages(
+    scans: Mapping[str, ScanSize],
+    labelled: Sequence[str] = (),
+    corrections: Mapping[str, Correction] | None = None,
+    cores: int | None = None,
+) -> list[StageForecast]:
+    """Return the cost of every stage over all scans, in the order in which they run.
+
+    Parameters
+    ----------
+    scans : mapping
+        Size of each scan by its id.
+    labelled : sequence of str
+        Ids of ready clouds with labels.
+    corrections : mapping, optional
+        From :func:`read_corrections`, by stage.
+    cores : int, optional
+        Most threads of a job.
+    """
+    corrections = corrections or {}
+    rows: dict[str, list] = {}
+    for name, scan in scans.items():
+        for rule in stages_of(scan, name in labelled):
+            fix = corrections.get(rule, Correction())
+            threads = _threads(rule, scan, cores)
+            row = rows.setdefault(rule, [0, 0, 0.0, 0.0, 0.0, 0.0])
+            row[0] += 1
+            row[1] = max(row[1], threads)
+            cpu_s = fix.cpu * cpu_seconds(scan.stages[rule], scan)
+            row[2] += cpu_s / 3600.0
+            row[3] = max(row[3], cpu_s / speedup(threads) / 60.0)
+            row[4] = max(row[4], _memory_gb(rule, scan, threads, fix))
+            row[5] += disk_mb(scan.stages[rule], scan) / 1000.0
+    return [
+        StageForecast(rule, *row, corrections.get(rule, Correction()).n_benchmarks)
+        for rule, row in rows.items()
+    ]
+
+
+def forecast_hours(
+    scans: Mapping[str, ScanSize],
+    machine: Machine,
+    labelled: Sequence[str] = (),
+    corrections: Mapping[str, Correction] | None = None,
+) -> float:
+    """Return the hours from start to end of the batch on a machine.
+
+    Raises
+    ------
+    ValueError
+        If one job does not fit the machine; the message names its stage.
+    """
+    corrections = corrections or {}
+    jobs: list[Job] = []
+    for name, scan in scans.items():
+        place: dict[str, int] = {}
+        for rule in stages_of(scan, name in labelled):
+            fix = corrections.get(rule, Correction())
+            threads = _threads(rule, scan, machine.cores)
+            seconds = fix.cpu * cpu_seconds(scan.stages[rule], scan) / speedup(threads)
+            before = _befores(scan, rule, place)
+            gpus = int(rule == "estimate_depth" and scan.has_gpu_stereo)
+            memory = _memory_gb(rule, scan, threads, fix)
+            place[rule] = len(jobs)
+            jobs.append(Job(rule, seconds, memory, threads, gpus, before))
+    return wall_seconds(jobs, machine) / 3600.0
+
+
+def on_machine(
+    scans: Mapping[str, ScanSize], backends: Mapping[str, str], machine: Machine
+) -> dict[str, ScanSize]:
+    """Return the scans as they run on a machine: depth maps on its GPU where the config allows it.
+
+    Parameters
+    ----------
+    scans : mapping
+        Size of each scan by its id.
+    backends : mapping
+        The key ``mvs.backend`` of each scan.
+    machine : Machine
+        Where they run.
+    """
+    return {
+        name: replace(
+            scan,
+            has_gpu_stereo=backends[name] == "cuda"
+            or (backends[name] == "auto" and machine.gpus > 0),
+        )
+        for name, scan in scans.items()
+    }
+
+
+def read_corrections(
+    benchmarks: str | Path, scans: Mapping[str, ScanSize]
+) -> dict[str, Correction]:
+    """Compare a folder's benchmark files with the shipped rates, stage by stage.
+
+    A stage counts from :data:`ENOUGH_BENCHMARKS` files on. Its CPU factor is the median over the
+    scans, since a stage that resumed half-made work took less than it should; its memory factor is
+    the largest, never below one, since the files hold samples and miss peaks.
+
+    Parameters
+    ----------
+    benchmarks : path-like
+        The folder ``benchmarks`` of earlier runs.
+    scans : mapping
+        Sizes of the scans that were run, by id; files of other scans are left out.
+    """
+    corrections = {}
+    for folder in sorted(Path(benchmarks).glob("*/")):
+        ratios = []
+        for path in sorted(folder.glob("*.tsv")):
+            scan = scans.get(path.stem)
+            if scan is None or folder.name not in scan.stages:
+                continue
+            measured = _read_benchmark(path)
+            if measured is not None:
+                stage = scan.stages[folder.name]
+                cpu_s, rss_mb = measured
+                expected_s = max(cpu_seconds(stage, scan), _LEAST_CPU_S)
+                ratios.append(
+                    (max(cpu_s, _LEAST_CPU_S) / expected_s, rss_mb / memory_mb(stage, scan))
+                )
+        if len(ratios) >= ENOUGH_BENCHMARKS:
+            corrections[folder.name] = Correction(
+                cpu=statistics.median(cpu for cpu, _ in ratios),
+                memory=max(1.0, max(memory for _, memory in ratios) / MEMORY_MARGIN),
+                n_benchmarks=len(ratios),
+            )
+    return corrections
+
+
+def forecast_text(
+    stages: Sequence[StageForecast], hours: Mapping[str, float | str], n_scans: int
+) -> str:
+    """Return the forecast as a table to read.
+
+    Parameters
+    ----------
+    stages : sequence of StageForecast
+        From :func:`forecast_stages`.
+    hours : mapping
+        Hours by machine, or why the batch does not fit it.
+    n_scans : int
+        Scans of the batch.
+    """
+    lines = [
+        f"{n_scans} scans",
+        f"{'stage':20s}{'jobs':>6s}{'threads':>9s}{'CPU h':>9s}{'min a job':>11s}"
+        f"{'GB a job':>10s}{'disk GB':>9s}  rates",
+    ]
+    for row in stages:
+        source = f"{row.n_benchmarks} benchmarks here" if row.n_benchmarks else "shipped"
+        lines.append(
+            f"{row.rule:20s}{row.n_jobs:6d}{row.max_threads:9d}{row.cpu_hours:9.2f}"
+            f"{row.job_minutes:11.1f}{row.memory_gb:10.1f}{row.disk_gb:9.1f}  {source}"
+        )
+    lines.append(
+        f"{'all':20s}{sum(row.n_jobs for row in stages):6d}{'':9s}"
+        f"{sum(row.cpu_hours for row in stages):9.2f}{'':11s}"
+        f"{max((row.memory_gb for row in stages), default=0.0):10.1f}"
+        f"{sum(row.disk_gb for row in stages):9.1f}"
+    )
+    for name, value in hours.items():
+        lines.append(f"{name}: {value if isinstance(value, str) else _duration(value)}")
+    return "\n".join(lines)
+
+
+def formula_table() -> str:
+    """Return the formulas behind the forecast and the jobs' requests as a Markdown table."""
+    lines = [
+        "| stage | CPU, s | memory, MB | memory a thread, MB | disk, MB | threads |",
+        "|---|---|---|---|---|---|",
+    ]
+    for rule, stage in (PHOTO_STAGES | {"import_cloud": CLOUD_STAGES["import_cloud"]}).items():
+        parts = (stage.cpu_s, stage.memory_mb, stage.thread_memory_mb, stage.disk_mb)
+        cells = " | ".join(_formula(factors) for factors in parts)
+        lines.append(f"| {rule} | {cells} | {stage.max_threads} |")
+    return "\n".join(lines)
+
+
+def _formula(factors: Mapping[str, float]) -> str:
+    terms = []
+    for name, factor in factors.items():
+        if name == "base":
+            terms.append(f"{factor:g}")
+        else:
+            terms.append(name if factor == 1.0 else f"{factor:g} {name}")
+    return " + ".join(terms)
+
+
+def _befores(scan: ScanSize, rule: str, place: Mapping[str, int]) -> tuple[int, ...]:
+    """Positions of the jobs that a stage waits for, past those that the scan skips."""
+    found: list[int] = []
+    for before in scan.stages[rule].after:
+        found += [place[before]] if before in place else _befores(scan, before, place)
+    return tuple(found)
+
+
+def _threads(rule: str, scan: ScanSize, cores: int | None) -> int:
+    threads = threads_to_ask(rule, scan)
+    return min(threads, cores) if cores else threads
+
+
+def _memory_gb(rule: str, scan: ScanSize, threads: int, fix: Correction) -> float:
+    return fix.memory * mb_to_ask(rule, scan, threads) / 1000.0
+
+
+def _read_benchmark(path: Path) -> tuple[float, float] | None:
+    """CPU seconds and peak memory in MB of a benchmark file, None if it holds no numbers."""
+    try:
+        with open(path, newline="", encoding="utf-8") as stream:
+            row = list(csv.DictReader(stream, delimiter="\t"))[-1]
+        cpu_s, rss_mb = float(row["cpu_time"]), float(row["max_rss"])
+    except (OSError, UnicodeDecodeError, IndexError, KeyError, TypeError, ValueError) as error:
+        logger.warning("%s is left out: %s", path, error or type(error).__name__)
+        return None
+    return (cpu_s, rss_mb) if math.isfinite(cpu_s) and math.isfinite(rss_mb) else None
+
+
+def _duration(hours: float) -> str:
+    if hours < 1.0:
+        return f"{60 * hours:.0f} min"
+    return f"{hours:.1f} h"

@@ -1,0 +1,270 @@
+"""Threads, memory and running time to ask for, from the size of a scan.
+
+The size comes from the headers of the photos or of the ready cloud and from the config, so that it
+is known before anything is run. The rates stand in :mod:`cherrypicker.batch.stage_costs`.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cherrypicker.batch.stage_costs import (
+    CLOUD_STAGES,
+    CROPPED_SHARE,
+    ENLARGED_BELOW_MP,
+    GPU_DEPTH,
+    MOST_CROPPED_SHARE,
+    MOST_POINTS_PER_PIXEL,
+    PHOTO_STAGES,
+    POINTS_PER_PIXEL,
+    StageCost,
+)
+from cherrypicker.ply import PlyError, read_ply_header
+
+# Snakemake itself and the job's shell run beside the stage and count towards its memory
+SNAKEMAKE_MB = 250
+# On the formula's peak memory and CPU time: other scans, slower nodes, a busy file system
+MEMORY_MARGIN = 1.3
+TIME_MARGIN = 4.0
+# Start of Python, of Snakemake and of compiled kernels on a node that has none cached yet
+START_MINUTES = 5
+# A thread is worth asking for from this much work on
+CPU_S_PER_THREAD = 120.0
+# How much of further threads is used, assumed: two cores were all there was to measure on
+THREAD_EFFICIENCY = 0.8
+_BYTES_PER_TEXT_POINT = 30.0
+
+
+@dataclass(frozen=True)
+class ScanSize:
+    """How large a scan is, as far as its cost goes.
+
+    Attributes
+    ----------
+    is_photo_scan, has_gpu_stereo : bool
+        Whether the scan starts from photos, and whether its depth maps come from a GPU.
+    n_photos, n_pairs, n_sources, n_checked : int
+        Photos, pairs of photos to match, source photos of each depth map, and photos that are
+        asked about each point in the fusion.
+    photo_mp, feature_mp, dense_mp : float
+        Megapixels of all photos: as they are, as features are sought, as depth is estimated.
+    sift_mp : float
+        ``feature_mp``, four times that of the photos that are enlarged for their features.
+    largest_photo_mp, largest_feature_mp, largest_dense_mp : float
+        The same of the largest photo.
+    points_m, most_points_m : float
+        Millions of points to expect in the cloud, and as many as memory must suffice for.
+    """
+
+    is_photo_scan: bool = False
+    has_gpu_stereo: bool = False
+    n_photos: int = 0
+    n_pairs: int = 0
+    n_sources: int = 0
+    n_checked: int = 0
+    photo_mp: float = 0.0
+    feature_mp: float = 0.0
+    sift_mp: float = 0.0
+    dense_mp: float = 0.0
+    largest_photo_mp: float = 0.0
+    largest_feature_mp: float = 0.0
+    largest_dense_mp: float = 0.0
+    points_m: float = 0.0
+    most_points_m: float = 0.0
+
+    @property
+    def stages(self) -> Mapping[str, StageCost]:
+        """The stages that a scan like this goes through."""
+        if not self.is_photo_scan:
+            return CLOUD_STAGES
+        return PHOTO_STAGES | {"estimate_depth": GPU_DEPTH} if self.has_gpu_stereo else PHOTO_STAGES
+
+    def quantities(self, points_m: float, cropped_share: float) -> dict[str, float]:
+        """Return what the factors of :class:`StageCost` multiply.
+
+        Parameters
+        ----------
+        points_m : float
+            Millions of points of the cloud.
+        cropped_share : float
+            How many of them the crop leaves; a ready cloud is not cropped.
+        """
+        return {
+            "base": 1.0,
+            "photos": float(self.n_photos),
+            "photos_squared": float(self.n_photos) ** 2,
+            "pairs": float(self.n_pairs),
+            "photo_mp": self.photo_mp,
+            "feature_mp": self.feature_mp,
+            "sift_mp": self.sift_mp,
+            "dense_mp": self.dense_mp,
+            "stereo_mp": self.dense_mp * self.n_sources / 6.0,
+            # What mvs/backends/ and mvs/fusion.py state for the photos and maps held at a time
+            "stereo_mb": (38.0 * self.n_sources + 80.0) * self.largest_dense_mp,
+            "fusion_mb": 16.0 * (self.n_checked + 1) * self.largest_dense_mp,
+            "largest_photo_mp": self.largest_photo_mp,
+            "largest_feature_mp": self.largest_feature_mp,
+            "points_m": points_m,
+            "cropped_m": points_m * (cropped_share if self.is_photo_scan else 1.0),
+        }
+
+
+def size_of_photos(
+    sizes: Sequence[tuple[int, int]], settings: Mapping, *, has_gpu_stereo: bool = False
+) -> ScanSize:
+    """Return the size of a scan from photos.
+
+    Parameters
+    ----------
+    sizes : sequence of (int, int)
+        Width and height of each photo, px.
+    settings : mapping
+        The tree's whole config; the sections ``sfm`` and ``mvs`` are read.
+    has_gpu_stereo : bool, default False
+        Whether the depth maps come from a GPU.
+    """
+    sfm, mvs = settings["sfm"], settings["mvs"]
+    as_is = _megapixels(sizes, 0)
+    features = _megapixels(sizes, sfm["max_image_size_px"])
+    dense = _megapixels(sizes, mvs["max_image_size_px"])
+    return ScanSize(
+        is_photo_scan=True,
+        has_gpu_stereo=has_gpu_stereo,
+        n_photos=len(sizes),
+        n_pairs=count_pairs(len(sizes), sfm),
+        n_sources=min(mvs["n_sources"], max(len(sizes) - 1, 1)),
+        n_checked=min(mvs["n_check"], max(len(sizes) - 1, 1)),
+        photo_mp=sum(as_is),
+        feature_mp=sum(features),
+        sift_mp=sum(mp if mp >= ENLARGED_BELOW_MP else 4.0 * mp for mp in features),
+        dense_mp=sum(dense),
+        largest_photo_mp=max(as_is, default=0.0),
+        largest_feature_mp=max(features, default=0.0),
+        largest_dense_mp=max(dense, default=0.0),
+        points_m=POINTS_PER_PIXEL * sum(dense),
+        most_points_m=MOST_POINTS_PER_PIXEL * sum(dense),
+    )
+
+
+def size_of_cloud(path: str | os.PathLike) -> ScanSize:
+    """Return the size of a ready cloud; of an unreadable one as if it were empty.
+
+    That such a file is refused is the import's work.
+    """
+    points_m = count_points(path) / 1e6
+    return ScanSize(points_m=points_m, most_points_m=points_m)
+
+
+def count_points(path: str | os.PathLike) -> int:
+    """Return the number of points of a PLY or LAS/LAZ file from its header.
+
+    Text files are estimated from their length; a missing or broken file has none.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".ply":
+            _, elements, _, _ = read_ply_header(path)
+            return max(0, sum(one.count for one in elements if one.name == "vertex"))
+        if suffix in (".las", ".laz"):
+            return _las_points(path)
+        return int(path.stat().st_size / _BYTES_PER_TEXT_POINT)
+    except (OSError, PlyError, struct.error):
+        return 0
+
+
+def count_pairs(n_photos: int, sfm: Mapping) -> int:
+    """Return how many pairs of photos are matched, at most, with these settings.
+
+    Parameters
+    ----------
+    n_photos : int
+        Number of photos.
+    sfm : mapping
+        The config's section ``sfm``.
+    """
+    all_pairs = n_photos * (n_photos - 1) // 2
+    pairing = sfm["pairing"]
+    if pairing == "auto":
+        pairing = "exhaustive" if n_photos <= sfm["exhaustive_max_photos"] else "retrieval"
+    per_photo = {
+        "sequential": sfm["sequential_overlap"],
+        "retrieval": sfm["retrieval_neighbors"] + sfm["sequential_overlap"],
+        "vocab_tree": sfm["retrieval_neighbors"],
+    }.get(pairing, n_photos)
+    return min(all_pairs, n_photos * per_photo)
+
+
+def cpu_seconds(stage: StageCost, scan: ScanSize) -> float:
+    """Return the CPU time to expect of a stage, seconds."""
+    return _weigh(stage.cpu_s, scan.quantities(scan.points_m, CROPPED_SHARE))
+
+
+def memory_mb(stage: StageCost, scan: ScanSize, threads: int = 1) -> float:
+    """Return the peak resident memory to expect of a stage, MB, without any margin."""
+    quantities = scan.quantities(scan.most_points_m, MOST_CROPPED_SHARE)
+    return _weigh(stage.memory_mb, quantities) + threads * _weigh(
+        stage.thread_memory_mb, quantities
+    )
+
+
+def disk_mb(stage: StageCost, scan: ScanSize) -> float:
+    """Return what a stage leaves on disk, MB."""
+    return _weigh(stage.disk_mb, scan.quantities(scan.points_m, CROPPED_SHARE))
+
+
+def threads_to_ask(rule: str, scan: ScanSize) -> int:
+    """Return how many threads are worth asking for: two minutes of work each, up to the bound."""
+    stage = scan.stages[rule]
+    wanted = math.ceil(cpu_seconds(stage, scan) / CPU_S_PER_THREAD)
+    return max(1, min(stage.max_threads, wanted))
+
+
+def mb_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
+    """Return the memory to ask for, MB: formula and margin, times the attempt."""
+    peak = memory_mb(scan.stages[rule], scan, threads)
+    return _round_up(attempt * (SNAKEMAKE_MB + MEMORY_MARGIN * peak), 100)
+
+
+def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
+    """Return the running time to ask for, minutes: formula and margin, times the attempt."""
+    busy_s = cpu_seconds(scan.stages[rule], scan) / speedup(threads)
+    return _round_up(attempt * (START_MINUTES + TIME_MARGIN * busy_s / 60.0), 5)
+
+
+def speedup(threads: int) -> float:
+    """Return how much faster so many threads are than one."""
+    return 1.0 + THREAD_EFFICIENCY * (max(threads, 1) - 1)
+
+
+def _weigh(factors: Mapping[str, float], quantities: Mapping[str, float]) -> float:
+    return sum(factor * quantities[name] for name, factor in factors.items())
+
+
+def _megapixels(sizes: Sequence[tuple[int, int]], limit_px: int) -> list[float]:
+    """Megapixels of each photo once its longer side is at most ``limit_px`` (0: as it is)."""
+    megapixels = []
+    for width, height in sizes:
+        longer = max(width, height)
+        shrink = min(1.0, limit_px / longer) if limit_px and longer else 1.0
+        megapixels.append(width * height * shrink**2 / 1e6)
+    return megapixels
+
+
+def _las_points(path: Path) -> int:
+    with open(path, "rb") as stream:
+        head = stream.read(255)
+    if head[:4] != b"LASF":
+        return 0
+    (legacy,) = struct.unpack_from("<I", head, 107)
+    is_long = head[25] >= 4 and len(head) >= 255
+    return legacy or (struct.unpack_from("<Q", head, 247)[0] if is_long else 0)
+
+
+def _round_up(value: float, step: int) -> int:
+    return step * math.ceil(value / step)

@@ -1,0 +1,84 @@
+"""Which library modules a stage script relies on, so that Snakemake can watch them.
+
+Snakemake tracks a rule's script but never what it imports; the rules therefore list the modules
+found here as inputs.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+from functools import cache
+from pathlib import Path
+
+PACKAGES = ("cherrypicker", "cherrypicker_lab")
+
+
+def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list[str]:
+    """Return the files of our packages that a script imports, directly or not, sorted.
+
+    Parameters
+    ----------
+    script : path-like
+        The stage script.
+    root : path-like
+        The folder that holds the packages.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the script, or a module that it imports from a package, does not exist.
+    """
+    root = Path(root).resolve()
+    found: set[Path] = set()
+    waiting = [Path(script).resolve()]
+    while waiting:
+        for module in _imports_of(waiting.pop(), root):
+            if module not in found:
+                found.add(module)
+                waiting.append(module)
+    return sorted(str(module) for module in found)
+
+
+@cache
+def _imports_of(path: Path, root: Path) -> tuple[Path, ...]:
+    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+    modules: set[Path] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                modules.update(_files_of(alias.name, (), root))
+        elif isinstance(node, ast.ImportFrom):
+            name = _absolute_name(node, path, root)
+            modules.update(_files_of(name, tuple(alias.name for alias in node.names), root))
+    return tuple(sorted(modules - {path}))
+
+
+def _absolute_name(node: ast.ImportFrom, path: Path, root: Path) -> str:
+    if node.level == 0:
+        return node.module or ""
+    parts = path.relative_to(root).with_suffix("").parts
+    package = parts[: len(parts) - node.level]
+    return ".".join([*package, *([node.module] if node.module else [])])
+
+
+def _files_of(name: str, members: tuple[str, ...], root: Path) -> set[Path]:
+    """Return the files behind ``from name import members``, parents' __init__ included."""
+    parts = name.split(".")
+    if parts[0] not in PACKAGES:
+        return set()
+    files = {root.joinpath(*parts[:depth], "__init__.py") for depth in range(1, len(parts))}
+    folder = root.joinpath(*parts)
+    if folder.is_dir():
+        files.add(folder / "__init__.py")
+        for member in members:
+            if (folder / f"{member}.py").is_file():
+                files.add(folder / f"{member}.py")
+            elif (folder / member / "__init__.py").is_file():
+                files.add(folder / member / "__init__.py")
+    else:
+        files.add(folder.with_suffix(".py"))
+    for path in files:
+        if not path.is_file():
+            raise FileNotFoundError(f"{path} is imported but does not exist")
+    return files

@@ -1,0 +1,1 @@
+"""Laplacian-based contraction of the wood, plain and semantic (paper, section Contraction)."""

@@ -1,0 +1,261 @@
+"""Laplacian-based contraction of a point cloud, plain (LBC) and semantic (S-LBC)."""
+
+import logging
+import time
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from cherrypicker.contraction.adaptive import contract_adaptively
+from cherrypicker.contraction.laplacian_published import (
+    cotangent_laplacian,
+    semantic_row_weights,
+    solve_contraction,
+)
+from cherrypicker.errors import StageError
+
+__all__ = ["PRESETS", "Contraction", "ContractionOptions", "contract_points", "preset_options"]
+
+logger = logging.getLogger(__name__)
+
+AMPLIFICATION_BY_SIZE = ((1e3, 1.0), (1e4, 2.0), (1e6, 5.0), (np.inf, 8.0))
+ADAPTIVE_AMPLIFICATION = 8.0
+FEWEST_POINTS = 10
+
+
+@dataclass(frozen=True)
+class ContractionOptions:
+    """Numeric constants of the contraction; the defaults are the published ones.
+
+    Attributes
+    ----------
+    scheme : {"published", "adaptive"}
+        The iteration as published, or with weights that follow the thickness of the wood
+        (`cherrypicker.contraction.adaptive`). The adaptive scheme reads ``initial_contraction``
+        (there relative to the local thickness), ``amplification`` (8 where None),
+        ``termination_move``, ``max_iterations``, ``n_neighbors`` and ``site_size``.
+    initial_contraction : float
+        W_L starts at this times the square root of the mean of the mass matrix.
+    initial_attraction : float
+        W_H starts here.
+    amplification : float or None
+        Growth of W_L each iteration; None: 1, 2, 5, 8 below 1e3, 1e4, 1e6 points, above.
+    max_contraction, max_attraction, min_weight : float
+        W_L is clipped to ``min_weight .. max_contraction``, W_H to
+        ``min_weight .. max_attraction``.
+    termination_ratio : float
+        Stop when mean(M) / mean(M_0) falls below.
+    termination_move : float
+        Stop when the mean move of an iteration falls below this share of the first mean spacing,
+        sqrt(mean(M_0)).
+    max_iterations : int
+    n_neighbors : int
+    mollify_factor : float
+        Of the Laplacian, see `cotangent_laplacian`.
+    site_size : float
+        Adaptive scheme: a cloud of eight points a voxel of this size is contracted at one site a
+        voxel, in the unit of the points.
+    """
+
+    scheme: str = "published"
+    initial_contraction: float = 1000.0
+    initial_attraction: float = 0.5
+    amplification: float | None = None
+    max_contraction: float = 2048.0
+    max_attraction: float = 1024.0
+    min_weight: float = 0.1
+    termination_ratio: float = 0.003
+    termination_move: float = 0.0
+    max_iterations: int = 20
+    n_neighbors: int = 30
+    mollify_factor: float = 1e-5
+    site_size: float = 0.015
+
+
+PRESETS = {
+    "paper": ContractionOptions(),
+    "default": ContractionOptions(
+        scheme="adaptive",
+        initial_contraction=0.7,
+        amplification=8.0,
+        max_iterations=2,
+        n_neighbors=12,
+    ),
+}
+
+
+def preset_options(preset="default", **changes):
+    """Options of a preset, with the changes that are not None.
+
+    Parameters
+    ----------
+    preset : {"default", "paper"}
+    **changes
+        Attributes of `ContractionOptions`; None leaves the preset's value.
+
+    Returns
+    -------
+    ContractionOptions
+
+    Raises
+    ------
+    StageError
+        If the preset is unknown.
+    """
+    if preset not in PRESETS:
+        raise StageError(f"unknown preset {preset!r}", key="contract.preset")
+    known = {item.name for item in fields(ContractionOptions)}
+    given = {name: value for name, value in changes.items() if value is not None}
+    if not set(given) <= known:
+        raise TypeError(f"unknown options {sorted(set(given) - known)}")
+    return replace(PRESETS[preset], **given)
+
+
+@dataclass
+class Contraction:
+    """What a contraction leaves.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Contracted points, in the order of the input.
+    mass_ratio : list of float
+        mean(M) / mean(M_0) after each iteration.
+    stop : str
+        Why it stopped.
+    """
+
+    points: np.ndarray
+    mass_ratio: list
+    stop: str
+
+
+def contract_points(points, weights=None, options=None, callback=None):
+    """Contract a point cloud to its skeleton (paper, Eqs. lbc and S-LBC).
+
+    Each iteration solves [S W_L L; W_H] C' = [0; W_H C], then grows W_L by the amplification,
+    multiplies W_H by sqrt(M_0 / M) point by point and computes L anew from C'.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Any frame; the constants expect metres.
+    weights : ndarray of shape (n_points,), optional
+        Lambda of each point's class for S-LBC; left out, S = 1: plain LBC.
+    options : ContractionOptions, optional
+    callback : callable, optional
+        Called as ``callback(iteration, mass_ratio, points)`` after each iteration.
+
+    Returns
+    -------
+    Contraction
+
+    Raises
+    ------
+    StageError
+        If there are too few points, they are not finite, or the first iteration fails.
+
+    References
+    ----------
+    Cao et al.: Point Cloud Skeletons via Laplacian-Based Contraction. SMI 2010.
+    Meyer et al.: CherryPicker. CVPR workshops 2023.
+    """
+    options = options or ContractionOptions()
+    points = _checked(points)
+    centre = points.mean(axis=0)  # far-off frames would cost digits in the normal equations
+    if options.scheme == "adaptive":
+        return _adaptively(points, centre, weights, options, callback)
+    current = points - centre
+    L, mass = _laplacian_or_error(current, options)
+    first_mass = mass
+    w_l = options.initial_contraction * np.sqrt(mass.mean())
+    w_h = np.full(len(points), options.initial_attraction)
+    amplification = options.amplification or _amplification(len(points))
+    ratios, stop = [], f"{options.max_iterations} iterations"
+    for iteration in range(1, options.max_iterations + 1):
+        start = time.perf_counter()
+        s = 1.0 if weights is None else semantic_row_weights(L, weights)
+        try:
+            new = solve_contraction(L, w_l * s * np.ones(len(points)), w_h, current)
+            if not np.isfinite(new).all():
+                raise RuntimeError("the solution is not finite")
+            solved = time.perf_counter()
+            L, mass = _laplacian(new, options)
+            if not (np.isfinite(L.data).all() and np.isfinite(mass).all()):
+                raise RuntimeError("the Laplacian is not finite")
+        except RuntimeError as error:
+            if iteration == 1:
+                raise StageError(
+                    f"the contraction fails at once ({error})", key="contract.voxel_size_m"
+                ) from error
+            stop = f"the last good iteration, since {error}"
+            break
+        moved, current = np.linalg.norm(new - current, axis=1), new
+        ratios.append(float(mass.mean() / first_mass.mean()))
+        logger.info(
+            "iteration %d: mass ratio %.4f, moved %.2f mm (median), solve %.1f s, Laplacian %.1f s",
+            iteration,
+            ratios[-1],
+            1000 * np.median(moved),
+            solved - start,
+            time.perf_counter() - solved,
+        )
+        if callback is not None:
+            callback(iteration, ratios[-1], current + centre)
+        if ratios[-1] < options.termination_ratio:
+            stop = f"mass ratio below {options.termination_ratio:g}"
+            break
+        if moved.mean() < options.termination_move * np.sqrt(first_mass.mean()):
+            stop = f"mean move below {options.termination_move:g} of the spacing"
+            break
+        w_l = np.clip(w_l * amplification, options.min_weight, options.max_contraction)
+        w_h = w_h * np.sqrt(first_mass / np.maximum(mass, np.finfo(float).tiny))
+        w_h = np.clip(w_h, options.min_weight, options.max_attraction)
+    logger.info("stopped after %d iterations: %s", len(ratios), stop)
+    return Contraction(current + centre, ratios, stop)
+
+
+def _adaptively(points, centre, weights, options, callback):
+    moved_back = None
+    if callback is not None:
+
+        def moved_back(iteration, ratio, current):
+            callback(iteration, ratio, current + centre)
+
+    options = replace(options, amplification=options.amplification or ADAPTIVE_AMPLIFICATION)
+    try:
+        found, ratios, stop = contract_adaptively(points - centre, weights, options, moved_back)
+    except RuntimeError as error:
+        raise StageError(f"the contraction fails ({error})", key="contract.voxel_size_m") from error
+    logger.info("stopped after %d iterations: %s", len(ratios), stop)
+    return Contraction(found + centre, ratios, stop)
+
+
+def _checked(points):
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points must have shape (N, 3), got {points.shape}")
+    if len(points) < FEWEST_POINTS:
+        raise StageError(f"{len(points)} points are too few to contract", key="contract.classes")
+    if not np.isfinite(points).all():
+        raise StageError("the cloud holds points that are not finite")
+    return points
+
+
+def _laplacian(points, options):
+    return cotangent_laplacian(
+        points, n_neighbors=options.n_neighbors, mollify_factor=options.mollify_factor
+    )
+
+
+def _laplacian_or_error(points, options):
+    try:
+        return _laplacian(points, options)
+    except RuntimeError as error:
+        raise StageError(
+            f"no Laplacian of the cloud ({error})", key="contract.n_neighbors"
+        ) from error
+
+
+def _amplification(n_points):
+    return next(factor for limit, factor in AMPLIFICATION_BY_SIZE if n_points < limit)

@@ -1,0 +1,265 @@
+"""Removal of isolated points and of sky silhouettes (paper, section Denoising).
+
+The paper's two filters, in its order, and one of ours between them. The statistical one removes
+points far from their neighbours; ours those whose surroundings hardly any photo supports.
+The sky filter removes points that bear a dominant sky colour: stereo windows reach over the border
+of a thin branch and give its neighbourhood the branch's depth and the sky's colour.
+
+The photos have the last word on both (this is ours, not the paper's, see
+`cherrypicker.denoising.evidence`). Colour alone would also eat white paint, lichen, sunlit bark and
+the twigs whose pixels are half sky: a point of sky colour goes only where the photos show clear
+sky. And the tips of twigs are as far from their neighbours, and as poorly seen, as what floats in
+the air: an isolated point stays where the photos show something before the sky.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.denoising.evidence import SkyEvidence
+from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.sky.colors import SkyColors
+
+logger = logging.getLogger(__name__)
+
+#: The ground, hills included, lies below this share of the cameras' height over z = 0.
+GROUND_SHARE = 0.15
+#: Points per block of the neighbour search; bounds the memory, changes no result.
+BLOCK = 200_000
+#: Where this many photos agree on the neighbourhood it is supported, however many see the rest.
+ENOUGH_VIEWS = 5
+#: Photos that must show something before the sky for an isolated point to stay.
+MIN_WITNESSES = 4
+
+
+@dataclass(frozen=True)
+class DenoiseOptions:
+    """Settings of `denoise_cloud`; the fields are config keys of ``denoise``."""
+
+    use_statistical: bool = True
+    n_neighbors: int = 20
+    std_ratio: float = 3.0
+    min_view_ratio: float = 0.4
+    keep_seen_fraction: float = 0.8
+    use_sky: bool = True
+    sky_color_distance: float = 0.1
+    min_non_sky_fraction: float = 0.7
+
+
+def neighbor_means(
+    points: np.ndarray, values: np.ndarray, n_neighbors: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Average over the ``n_neighbors`` nearest points, the point itself counted as one.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    values : ndarray of shape (n_points,)
+    n_neighbors : int
+
+    Returns
+    -------
+    mean_distance : ndarray of shape (n_points,), float64
+        Mean distance, the point's own zero included.
+    mean_value : ndarray of shape (n_points,), float64
+    """
+    n_points = len(points)
+    k = min(n_neighbors, n_points)
+    tree = cKDTree(points)
+    mean_distance, mean_value = np.empty(n_points), np.empty(n_points)
+    for start in range(0, n_points, BLOCK):
+        block = slice(start, start + BLOCK)
+        distances, index = tree.query(points[block], k=[*range(1, k + 1)], workers=-1)
+        mean_distance[block] = distances.mean(axis=1)
+        mean_value[block] = values[index].mean(axis=1)
+    return mean_distance, mean_value
+
+
+def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarray:
+    """Find the points whose neighbours are about as near as elsewhere in the cloud.
+
+    The mean distance must be below mean + std_ratio * standard deviation over the cloud: the maths
+    of Open3D's ``remove_statistical_outlier``, which the paper uses.
+
+    Parameters
+    ----------
+    mean_distance : ndarray of shape (n_points,), float64
+        From `neighbor_means`.
+    std_ratio : float
+
+    Returns
+    -------
+    ndarray of shape (n_points,), bool
+    """
+    valid = mean_distance > 0  # Open3D leaves points out that coincide with all their neighbours
+    if len(mean_distance) < 2 or not valid.any():
+        return np.ones(len(mean_distance), bool)
+    limit = mean_distance[valid].mean() + std_ratio * mean_distance[valid].std(ddof=1)
+    return mean_distance < limit
+
+
+def supported_points(
+    n_views: np.ndarray, mean_views: np.ndarray, min_ratio: float, counts: np.ndarray | None = None
+) -> np.ndarray:
+    """Find the points whose neighbourhood was seen by about as many photos as the rest.
+
+    Two neighbouring photos can agree on a wrong match (a line of trees behind the crown, sliding
+    along itself), a dozen cannot; a thin twig that few photos resolve still has better seen
+    neighbours. Not in the paper.
+
+    Parameters
+    ----------
+    n_views : ndarray of shape (n_points,)
+        Photos that each point was fused from.
+    mean_views : ndarray of shape (n_points,), float64
+        Their mean over the point's neighbours, from `neighbor_means`.
+    min_ratio : float
+        Least ratio of ``mean_views`` to the cloud's median of ``n_views``; never more than
+        `ENOUGH_VIEWS` photos are asked for.
+    counts : ndarray of shape (n_points,), bool, optional
+        Points that count for the median; all when none is given or none set. The ground is most of
+        a cloud, and photos from all sides see it: its median says nothing about twigs.
+
+    Returns
+    -------
+    ndarray of shape (n_points,), bool
+    """
+    typical = np.median(n_views if counts is None or not counts.any() else n_views[counts])
+    return mean_views >= min(min_ratio * typical, ENOUGH_VIEWS)
+
+
+def _share(part: int, whole: int) -> str:
+    return f"{part:,} of {whole:,} points ({100 * part / max(whole, 1):.1f} %)"
+
+
+def denoise_cloud(
+    cloud: PointCloud,
+    sky: SkyColors,
+    evidence_of: Callable[[np.ndarray, PointCloud], SkyEvidence],
+    options: DenoiseOptions,
+    ground_height: float = -np.inf,
+) -> tuple[PointCloud, dict]:
+    """Remove isolated points and sky silhouettes.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        With colours, else the sky filter is skipped.
+    sky : SkyColors
+        Dominant sky colours; without any the sky filter has nothing to do.
+    evidence_of : callable
+        ``evidence_of(surface, asked)`` returns what the photos say about the cloud ``asked``, when
+        ``surface``, points of shape (n_points, 3), can hide it; see
+        `cherrypicker.denoising.evidence.sky_evidence`.
+    options : DenoiseOptions
+    ground_height : float
+        What lies below does not count for how many photos see a point of the cloud.
+
+    Returns
+    -------
+    cloud : PointCloud
+    report : dict
+        ``n_input``, ``n_removed_statistical``, ``n_removed_views``, ``n_kept_twigs``,
+        ``n_sky_colored``, ``n_kept_by_photos``, ``n_removed_sky``, ``n_output``.
+
+    Raises
+    ------
+    StageError
+        When no point is left.
+    """
+    is_isolated, is_unsupported = _find_isolated(cloud, options, ground_height)
+    is_doubted = is_isolated | is_unsupported
+    is_sky_colored = ~is_doubted & _find_sky_colored(cloud, sky, options)
+    asked = np.flatnonzero(is_sky_colored | (is_doubted & (options.keep_seen_fraction <= 1)))
+    keep = ~is_doubted
+    if len(asked):
+        evidence = evidence_of(cloud.points[keep], cloud.select(asked))
+        is_doubt = is_doubted[asked]
+        keep[asked[is_doubt & _is_seen(evidence, options.keep_seen_fraction)]] = True
+        keep[asked[~is_doubt & ~_is_spared(evidence, options.min_non_sky_fraction)]] = False
+    n_sky_colored = int(np.count_nonzero(is_sky_colored))
+    n_kept_by_photos = int(np.count_nonzero(is_sky_colored & keep))
+    report = {
+        "n_input": len(cloud),
+        "n_removed_statistical": int(np.count_nonzero(is_isolated & ~keep)),
+        "n_removed_views": int(np.count_nonzero(is_unsupported & ~is_isolated & ~keep)),
+        "n_kept_twigs": int(np.count_nonzero(is_doubted & keep)),
+        "n_sky_colored": n_sky_colored,
+        "n_kept_by_photos": n_kept_by_photos,
+        "n_removed_sky": n_sky_colored - n_kept_by_photos,
+        "n_output": int(np.count_nonzero(keep)),
+    }
+    _log(report)
+    if not keep.any():
+        raise StageError(
+            f"the filters removed all {len(cloud):,} points: the statistical one "
+            f"{report['n_removed_statistical']:,}, too few photos {report['n_removed_views']:,}, "
+            f"sky {report['n_removed_sky']:,}",
+            key="denoise.std_ratio, denoise.min_view_ratio, denoise.min_non_sky_fraction",
+        )
+    return cloud.select(keep), report
+
+
+def _find_isolated(cloud, options, ground_height) -> tuple[np.ndarray, np.ndarray]:
+    """Find what is far from its neighbours, and what hardly any photo supports."""
+    n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
+    is_isolated, is_unsupported = np.zeros((2, len(cloud)), bool)
+    if n_views is None and not options.use_statistical:
+        return is_isolated, is_unsupported
+    values = np.zeros(len(cloud)) if n_views is None else n_views
+    mean_distance, mean_views = neighbor_means(cloud.points, values, options.n_neighbors)
+    if options.use_statistical:
+        is_isolated = ~statistical_inliers(mean_distance, options.std_ratio)
+    if n_views is not None:
+        counts = cloud.points[:, 2] > ground_height
+        is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio, counts)
+    return is_isolated, is_unsupported
+
+
+def _find_sky_colored(cloud, sky, options) -> np.ndarray:
+    """Find the points whose colour is near a dominant sky colour; none without the sky filter."""
+    none = np.zeros(len(cloud), bool)
+    if not options.use_sky:
+        return none
+    if sky.n_clusters == 0:
+        logger.info("sky filter: no sky in the photos, nothing to do")
+        return none
+    if cloud.colors is None:
+        logger.warning("sky filter skipped: the cloud has no colours")
+        return none
+    return sky.distance(cloud.colors) <= options.sky_color_distance
+
+
+def _is_spared(evidence: SkyEvidence, min_fraction: float) -> np.ndarray:
+    """Sky-coloured points that the photos speak for."""
+    n_for = evidence.n_solid + evidence.n_alike
+    n_seen = evidence.n_clear + n_for
+    # A point that no photo sees has nothing but its colour against it, and stays, unless colour
+    # alone shall decide.
+    return ((n_seen == 0) & (min_fraction <= 1)) | ((n_seen > 0) & (n_for >= min_fraction * n_seen))
+
+
+def _is_seen(evidence: SkyEvidence, min_fraction: float) -> np.ndarray:
+    """Doubted points at which almost every photo that looks up shows something."""
+    n_seen = evidence.n_clear + evidence.n_solid
+    return (evidence.n_solid >= MIN_WITNESSES) & (evidence.n_solid >= min_fraction * n_seen)
+
+
+def _log(report: dict) -> None:
+    n_input, n_sky = report["n_input"], report["n_sky_colored"]
+    for what, key in (
+        ("statistical filter: removed", "n_removed_statistical"),
+        ("seen by too few photos: removed", "n_removed_views"),
+        ("isolated, but a twig before the sky in the photos: kept", "n_kept_twigs"),
+        ("sky filter: of a sky colour", "n_sky_colored"),
+        ("sky filter: removed", "n_removed_sky"),
+    ):
+        logger.info("%s %s", what, _share(report[key], n_input))
+    logger.info("sky filter: the photos spared %s", _share(report["n_kept_by_photos"], n_sky))
+    logger.info("denoising kept %s", _share(report["n_output"], n_input))

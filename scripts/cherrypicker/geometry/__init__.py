@@ -1,0 +1,1 @@
+"""Shapes and points with no orchard in mind: neighbours, cells, circles, polylines, walks."""

@@ -1,0 +1,1 @@
+"""From contracted points to the rooted graph with radii (paper, section Graph)."""

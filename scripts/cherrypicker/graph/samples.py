@@ -1,0 +1,148 @@
+"""Nodes of a graph: skeleton points sampled evenly, the root at the foot of the stem first."""
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.geometry.sampling import farthest_point_sample
+from cherrypicker.wood.feet import lowest_thick
+
+__all__ = [
+    "FEWEST_NODES",
+    "auto_spacing",
+    "find_root",
+    "majority_label",
+    "sample_nodes",
+    "without_foot",
+]
+
+FEWEST_NODES = 3
+FEWEST_STEM_POINTS = 12
+MOST_SAMPLES = 20_000
+THICK_SHARE, MOSTLY_TRUNK = 0.02, 0.5  # around the foot, that its label may be believed
+MOST_FOOT_SPREAD = 0.3  # of its radius
+FOOT_SHARE = 0.05  # of the height: how far above its lowest point the stem's foot is looked for
+
+
+def auto_spacing(points, spacing_m):
+    """Sampling distance: what is asked for, or more where that gives too many samples."""
+    extent = float(np.ptp(points, axis=0).max())
+    if extent <= 0:
+        raise StageError("all contracted points coincide", key="contract.preset")
+    return max(spacing_m, extent / MOST_SAMPLES)
+
+
+def find_root(points, labels, base=None):
+    """Row of the point that the tree is rooted in: the foot of the stem.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+        Skeleton points, z up.
+    labels : ndarray of shape (n_points,), int
+    base : array-like of 3 floats, optional
+        Where the stem stands; among the low points the nearest to its x/y is taken.
+
+    Returns
+    -------
+    int
+        The lowest trunk point; where the wood around it is no trunk, the lowest thick wood.
+    """
+    rows = np.flatnonzero(labels == 1)
+    height = float(np.ptp(points[:, 2])) or 1.0
+    if len(rows):
+        if base is not None:
+            aside = np.linalg.norm(points[rows, :2] - np.asarray(base)[:2], axis=1)
+            rows = rows[aside <= max(3 * aside.min(), FOOT_SHARE * height)]
+        root = int(rows[np.argmin(points[rows, 2])])
+        around = np.linalg.norm(points - points[root], axis=1) < THICK_SHARE * height
+        if np.mean(labels[around] == 1) >= MOSTLY_TRUNK:
+            return root
+    return lowest_thick(points, THICK_SHARE * height, 2 * FOOT_SHARE * height, base)
+
+
+def without_foot(points, stem_points, base):
+    """Skeleton points without those within a radius of the stem's foot.
+
+    A contraction draws the rim of the stem's lower end into corners; without them the tree starts
+    inside the stem, and its straight continuation finds the foot.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3)
+        Skeleton points, z up.
+    stem_points : ndarray of shape (n_stem, 3)
+        Surface points of the trunk.
+    base : array-like of 3 floats or None
+        Where the stem stands, by its lowest points if left out.
+
+    Returns
+    -------
+    ndarray of shape (n_points,), bool
+        Points to keep.
+    """
+    keep = np.ones(len(points), dtype=bool)
+    if len(stem_points) < FEWEST_STEM_POINTS:
+        return keep
+    height = float(np.ptp(points[:, 2]))
+    middle = stem_points[np.argmin(stem_points[:, 2])] if base is None else np.asarray(base)
+    near = stem_points[:, 2] < middle[2] + FOOT_SHARE * height
+    near &= np.linalg.norm(stem_points[:, :2] - middle[:2], axis=1) < 2 * FOOT_SHARE * height
+    foot = stem_points[near]
+    if len(foot) < FEWEST_STEM_POINTS:
+        return keep
+    middle = np.median(foot[:, :2], axis=0)
+    away = np.linalg.norm(foot[:, :2] - middle, axis=1)
+    radius = float(np.median(away))
+    if np.median(np.abs(away - radius)) > MOST_FOOT_SPREAD * radius:
+        return keep  # stray labels, no stem
+    low = float(np.quantile(foot[:, 2], 0.02)) + 1.2 * radius
+    keep = (points[:, 2] > low) | (np.linalg.norm(points[:, :2] - middle, axis=1) > 2.5 * radius)
+    return keep if np.count_nonzero(keep) >= FEWEST_NODES else np.ones(len(points), dtype=bool)
+
+
+def sample_nodes(points, labels, spacing_m, base=None):
+    """Sample skeleton points evenly, the root first.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    labels : ndarray of shape (n_points,), int
+    spacing_m : float
+        Every point lies within this distance of a sample, or more in a large tree.
+    base : array-like of 3 floats, optional
+        See `find_root`.
+
+    Returns
+    -------
+    samples : ndarray of shape (n_samples,), int64
+        Rows of `points`.
+    label : ndarray of shape (n_samples,), int64
+        Most frequent class around each sample.
+    spacing : float
+
+    Raises
+    ------
+    StageError
+        If there are too few points or they coincide.
+    """
+    spacing = auto_spacing(points, spacing_m)
+    first = find_root(points, labels, base)
+    samples, nearest = farthest_point_sample(points, spacing, first=first)
+    if len(samples) < FEWEST_NODES:
+        raise StageError(
+            f"{len(samples)} skeleton samples are too few for a graph", key="graph.spacing_m"
+        )
+    return samples, majority_label(labels, nearest, len(samples)), spacing
+
+
+def majority_label(labels, nearest, n_nodes):
+    """Most frequent class of the points nearest to each node (the smaller id on a tie)."""
+    classes, column = np.unique(labels, return_inverse=True)
+    votes = np.zeros((n_nodes, len(classes)), dtype=np.int64)
+    np.add.at(votes, (nearest, column), 1)
+    label = classes[np.argmax(votes, axis=1)].astype(np.int64)
+    empty = votes.sum(axis=1) == 0
+    if empty.any():
+        filled = np.flatnonzero(~empty)
+        label[empty] = label[filled[0]]
+    return label

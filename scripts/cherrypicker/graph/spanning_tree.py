@@ -1,0 +1,63 @@
+"""The plain graph: a minimum spanning tree over sampled skeleton points (paper, Sec. Graph)."""
+
+import logging
+
+import numpy as np
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+from cherrypicker.geometry.neighbors import component_links, knn_edges, sparse_graph
+from cherrypicker.graph.samples import sample_nodes
+from cherrypicker.skeleton.model import Skeleton, rooted_order
+
+__all__ = ["spanning_tree"]
+
+logger = logging.getLogger(__name__)
+
+
+def spanning_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
+    """Farthest point sampling and the minimum spanning tree, rooted at the stem base.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Contracted points.
+    labels : ndarray of shape (n_points,), int
+    spacing_m : float, default 0.01
+        Every point lies within this distance of a sample.
+    k : int, default 12
+        Neighbours of a sample in the graph; the shortest links between its components are
+        added, so that it is always connected.
+    base : array-like of 3 floats, optional
+        See `find_root`.
+
+    Returns
+    -------
+    Skeleton
+        With zero radii; ``fields["gap"]`` marks the links added between components.
+
+    Raises
+    ------
+    StageError
+        If there are too few points or they coincide.
+    """
+    samples, label, spacing = sample_nodes(points, labels, spacing_m, base)
+    nodes = points[samples]
+    edges = knn_edges(nodes, k)
+    links = component_links(nodes, edges)
+    edges = np.vstack([edges, links]).astype(np.int64)
+    length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
+    tree = minimum_spanning_tree(sparse_graph(len(nodes), edges, length)).tocoo()
+    pairs = np.stack([tree.row, tree.col], axis=1)
+    order, parent = rooted_order(len(nodes), pairs, 0)
+    label = label[order]
+    gap = _long_edges(nodes[order], parent, spacing)
+    skeleton = Skeleton(nodes[order], parent, np.zeros(len(nodes)), label, {"gap": gap})
+    logger.info("%d samples every %.1f mm, %d links added", len(nodes), 1e3 * spacing, len(links))
+    return skeleton
+
+
+def _long_edges(points, parent, spacing):
+    """Flag of the edges that bridge missing data: no sample lies within 3 spacings."""
+    length = np.zeros(len(points))
+    length[1:] = np.linalg.norm(points[1:] - points[parent[1:]], axis=1)
+    return (length > 3 * spacing).astype(np.int64)

@@ -1,0 +1,244 @@
+"""Printed square markers (ArUco, AprilTag) in photos: detection and precise corners."""
+
+import logging
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.markers.columns import dictionary_name
+from cherrypicker.markers.fit import fit_marker
+from cherrypicker.photos import read_photo
+from cherrypicker.progress import Progress
+
+logger = logging.getLogger(__name__)
+
+# A marker that explains less of the grey values than this is no such marker, or is covered.
+_MIN_AGREEMENT = 0.85
+_COARSE_STD_PX = 1.0
+_COARSE_STD_SIDES = 0.02
+# Photos up to this size are searched once more at twice the size for small markers.
+_UPSCALE_BELOW_PX = 4_000_000
+_COMMON_DICTIONARIES = (
+    "DICT_4X4_50",
+    "DICT_5X5_250",
+    "DICT_6X6_250",
+    "DICT_7X7_250",
+    "DICT_ARUCO_ORIGINAL",
+    "DICT_APRILTAG_16h5",
+    "DICT_APRILTAG_25h9",
+    "DICT_APRILTAG_36h11",
+)
+
+
+@dataclass(frozen=True)
+class Detection:
+    """A marker seen in one photo.
+
+    Attributes
+    ----------
+    photo : int
+        Index of the photo.
+    marker_id : int
+    corners : ndarray of shape (4, 2)
+        Undistorted, as normalised camera coordinates x / z, y / z, clockwise from the pattern's
+        top left.
+    focal : float
+        Mean focal length of the camera, px: normalised coordinates times it are pixels.
+    corner_std : float
+        One standard deviation of a corner coordinate, px.
+    side_px : float
+        Mean side in the photo, px.
+    is_precise : bool
+        False where the pattern is not matched, or the paper is not flat.
+    """
+
+    photo: int
+    marker_id: int
+    corners: np.ndarray
+    focal: float
+    corner_std: float
+    side_px: float
+    is_precise: bool
+
+
+def marker_dictionary(name):
+    """OpenCV's marker dictionary of a name such as ``DICT_4X4_50`` or ``DICT_APRILTAG_36h11``.
+
+    Raises
+    ------
+    StageError
+        If OpenCV has no such dictionary.
+    """
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary_name(name)))
+
+
+def marker_pattern(dictionary, marker_id):
+    """Cells of a marker with its black border, (n, n), 0 black and 1 white."""
+    n_modules = dictionary.markerSize + 2
+    return (dictionary.generateImageMarker(marker_id, n_modules, borderBits=1) > 127).astype(float)
+
+
+def find_markers(grey, dictionary):
+    """Coarse marker corners in a photo.
+
+    Parameters
+    ----------
+    grey : ndarray of shape (height, width), uint8
+    dictionary : cv2.aruco.Dictionary
+
+    Returns
+    -------
+    list of (int, ndarray of shape (4, 2))
+        Ids and corners, px, pixel centres at (0.5, 0.5). An id can occur more than once.
+    """
+    found = _detect(grey, dictionary, 1.0)
+    if grey.size <= _UPSCALE_BELOW_PX:
+        larger = cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+        for marker_id, corners in _detect(larger, dictionary, 2.0):
+            center = corners.mean(axis=0)
+            reach = np.linalg.norm(corners - center, axis=1).max()
+            known = any(
+                other_id == marker_id and np.linalg.norm(other.mean(axis=0) - center) < reach
+                for other_id, other in found
+            )
+            if not known:
+                found.append((marker_id, corners))
+    return sorted(found, key=lambda item: (item[0], *item[1].mean(axis=0)))
+
+
+def _detect(grey, dictionary, factor):
+    parameters = cv2.aruco.DetectorParameters()
+    longest = max(grey.shape)
+    # Perimeters are measured against the longer side: keep 12 px a side detectable in any photo.
+    parameters.minMarkerPerimeterRate = min(0.03, 4 * 12 * factor / longest)
+    parameters.adaptiveThreshWinSizeMax = 43
+    parameters.adaptiveThreshWinSizeStep = 10
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(grey)
+    if ids is None:
+        return []
+    # OpenCV puts pixel centres at whole numbers, COLMAP at halves.
+    return [
+        (int(marker_id), (quad.reshape(4, 2).astype(float) + 0.5) / factor)
+        for marker_id, quad in zip(ids.ravel(), corners)
+    ]
+
+
+def detect_markers(photos, cameras, dictionary, marker_ids, *, threads=1):
+    """Find the listed markers in all photos, with sub-pixel corners on undistorted coordinates.
+
+    Parameters
+    ----------
+    photos : list of path-like
+        Photo files as COLMAP read them.
+    cameras : list of pycolmap.Camera
+        The camera of each photo.
+    dictionary : cv2.aruco.Dictionary
+    marker_ids : collection of int
+        Ids wanted; other ids are only counted.
+    threads : int, default 1
+
+    Returns
+    -------
+    detections : list of Detection
+        In the order of the photos.
+    other_ids : dict of int to int
+        In how many photos each id was seen that was not asked for.
+
+    Raises
+    ------
+    StageError
+        If a photo cannot be read or does not have the size of its camera.
+    """
+    patterns = {marker_id: marker_pattern(dictionary, marker_id) for marker_id in marker_ids}
+
+    def search(index):
+        return _search_photo(index, photos[index], cameras[index], dictionary, patterns)
+
+    detections, others = [], Counter()
+    with (
+        ThreadPoolExecutor(max(1, threads)) as pool,
+        Progress(len(photos), "photos searched for markers") as bar,
+    ):
+        for found, other_ids in pool.map(search, range(len(photos))):
+            detections.extend(found)
+            others.update(other_ids)
+            bar.step()
+    return detections, dict(sorted(others.items()))
+
+
+def _search_photo(index, path, camera, dictionary, patterns):
+    """Detections of the wanted markers in one photo, and the set of other ids."""
+    grey = cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY)
+    if grey.shape != (camera.height, camera.width):
+        raise StageError(
+            f"the photo has {grey.shape[1]} x {grey.shape[0]} px, its camera in the sparse model "
+            f"{camera.width} x {camera.height}",
+            file=path,
+            key="photos in trees.tsv",
+        )
+    detections, others = [], set()
+    for marker_id, corners in find_markers(grey, dictionary):
+        if marker_id not in patterns:
+            others.add(marker_id)
+            continue
+        detection = _refine(index, marker_id, corners, grey, camera, patterns[marker_id])
+        if detection is not None:
+            detections.append(detection)
+    return detections, others
+
+
+def _refine(index, marker_id, corners, grey, camera, pattern):
+    """Precise corners of a coarse detection; the coarse ones where the fit fails."""
+    focal = float(np.mean([camera.focal_length_x, camera.focal_length_y]))
+
+    def undistorted_px(pixels):
+        return np.asarray(camera.cam_from_img(np.ascontiguousarray(pixels)), float) * focal
+
+    start = undistorted_px(corners)
+    if not np.isfinite(start).all():
+        return None
+    side = float(np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1)))
+    fit = fit_marker(grey, corners, pattern, undistorted_px)
+    is_found = (
+        fit is not None
+        and fit.agreement >= _MIN_AGREEMENT
+        and np.abs(fit.corners - start).max() < max(1.5, 1.5 * side / len(pattern))
+    )
+    if not is_found:
+        corners, std = start, max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
+    elif not fit.is_flat:
+        corners, std = fit.corners, max(0.5 * _COARSE_STD_PX, 0.5 * _COARSE_STD_SIDES * side)
+    else:
+        corners, std = fit.corners, max(fit.corner_std, 0.02)
+    is_precise = bool(is_found and fit.is_flat)
+    return Detection(index, marker_id, corners / focal, focal, std, side, is_precise)
+
+
+def suggest_dictionaries(photos, *, n_photos=6):
+    """Which other dictionaries find markers in a few of the photos, for an error message.
+
+    Returns
+    -------
+    str
+        Empty where none does.
+    """
+    step = max(1, len(photos) // n_photos)
+    greys = [
+        cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY) for path in photos[::step][:n_photos]
+    ]
+    hits = []
+    for name in _COMMON_DICTIONARIES:
+        dictionary = marker_dictionary(name)
+        ids = Counter(
+            marker_id
+            for grey in greys
+            for marker_id in {marker for marker, _ in _detect(grey, dictionary, 1.0)}
+        )
+        seen = sorted(marker_id for marker_id, count in ids.items() if count >= 2)
+        if seen:
+            hits.append(f"{name} finds id {', '.join(map(str, seen[:5]))}")
+    return "; ".join(hits)

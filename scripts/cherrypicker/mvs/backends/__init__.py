@@ -1,0 +1,1 @@
+"""Who computes the depth maps: our PatchMatch on the CPU, or COLMAP with CUDA."""

@@ -1,0 +1,242 @@
+"""The matching cost of PatchMatch: weighted NCC of a small slanted patch between two photos.
+
+A hypothesis at pixel (x, y) is the inverse depth ``w`` there and its slopes ``gx``, ``gy`` per
+pixel. A plane's inverse depth is affine in the pixel's position, so a hypothesis moves to a
+neighbour pixel with two multiplications, and a pixel projects into a source as
+
+    (u, v, 1) z = A (x, y, 1) + b w,   A = K_s R K_r^-1,  b = K_s t,
+
+whose derivatives give the affine map of the patch (homographies are affine over seven pixels).
+
+Photos are packed, four neighbouring grey values in one 32-bit word, so that a bilinear sample costs
+one load and the loop over the samples of a patch compiles to vector gathers.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from cherrypicker.mvs.kernels.compiled import inlined
+
+# Samples of a patch; a multiple of the vector width, unused ones get weight zero
+N_SAMPLES = 32
+# Cost of a source that cannot see the patch, and of one whose patch does not correlate at all
+INVALID_COST = np.float32(2.0)
+# Variance (grey levels squared) of camera noise and JPEG: damps the correlation of flat patches
+NOISE_VARIANCE = np.float32(4.0)
+# A patch may grow or shrink at most so much between two photos
+MAX_STRETCH = np.float32(3.0)
+MIN_STRETCH = np.float32(0.2)
+# Pixels of reprojection error at which geometric inconsistency no longer grows
+MAX_GEOMETRIC_PX = np.float32(3.0)
+
+_0 = np.float32(0.0)
+_1 = np.float32(1.0)
+_BYTE = np.int32(255)
+
+
+def pack_bilinear(grey: np.ndarray) -> np.ndarray:
+    """Pack each pixel with its right, lower and lower right neighbour.
+
+    Parameters
+    ----------
+    grey : ndarray of shape (height, width), uint8
+
+    Returns
+    -------
+    ndarray of shape (height * width,), int32
+        Bytes from the lowest: (y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1); edges repeated.
+    """
+    padded = np.pad(grey, ((0, 1), (0, 1)), mode="edge").astype(np.uint32)
+    packed = padded[:-1, :-1] | padded[:-1, 1:] << 8 | padded[1:, :-1] << 16 | padded[1:, 1:] << 24
+    return packed.ravel().view(np.int32)
+
+
+def pack_color(rgb: np.ndarray) -> np.ndarray:
+    """Pack red, green, blue and grey of each pixel, (height, width, 3) uint8 to (h * w,) int32."""
+    grey = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2GRAY).astype(np.uint32)
+    red, green, blue = (rgb[..., c].astype(np.uint32) for c in range(3))
+    return (red | green << 8 | blue << 16 | grey << 24).ravel().view(np.int32)
+
+
+def window(radius: int) -> np.ndarray:
+    """Choose the samples of a round window.
+
+    The inner pixels are all taken; where the disc has more than 32 pixels the outer ones are
+    thinned evenly and stand for those left out.
+
+    Parameters
+    ----------
+    radius : int
+        Window radius, px.
+
+    Returns
+    -------
+    ndarray of shape (3, 32), float32
+        Offsets dx, dy and the spatial weight.
+    """
+    reach = np.arange(-radius, radius + 1)
+    dy, dx = (a.ravel() for a in np.meshgrid(reach, reach, indexing="ij"))
+    squared = dx**2 + dy**2
+    inside = np.flatnonzero(squared <= radius * radius + 1)
+    order = inside[np.lexsort((np.arctan2(dy, dx)[inside], squared[inside]))]
+    weight = np.ones(len(order))
+    if len(order) > N_SAMPLES:
+        inner = 13  # the disc of radius 2
+        n_outer = N_SAMPLES - inner
+        outer = order[inner:]
+        taken = outer[np.round(np.linspace(0, len(outer) - 1, n_outer)).astype(int)]
+        weight = np.r_[np.ones(inner), np.full(n_outer, len(outer) / n_outer)]
+        order = np.r_[order[:inner], taken]
+    samples = np.zeros((3, N_SAMPLES), dtype=np.float32)
+    samples[0, : len(order)] = dx[order]
+    samples[1, : len(order)] = dy[order]
+    samples[2, : len(order)] = weight * np.exp(-squared[order] / (2.0 * (0.75 * radius) ** 2))
+    return samples
+
+
+@inlined
+def _clamp_offsets(width, height, x, y, patch):
+    """Put into a patch's last row where its samples lie when the photo's edge is repeated."""
+    for k in range(N_SAMPLES):
+        px = min(max(x + np.int64(patch[0, k]), 0), width - 1)
+        py = min(max(y + np.int64(patch[1, k]), 0), height - 1)
+        patch[4, k] = np.float32(px - x + (py - y) * width)
+
+
+@inlined
+def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch, pixels):
+    """Fill the bilateral weights of the patch at (x, y) and its centred, weighted grey values.
+
+    Weights fall with the squared colour distance to the centre pixel as ``1 / (1 + d^2 / s^2)``,
+    so the window shrinks to the structure that the pixel belongs to, yet an edge still counts.
+
+    Parameters
+    ----------
+    offsets : ndarray of shape (32,), int64
+        Where the samples lie in ``color``, from the centre.
+    patch : ndarray of shape (5, 32), float32
+        Offsets dx and dy and spatial weights (see :func:`window`); weights and centred values are
+        written to the last two rows.
+
+    Returns
+    -------
+    float32
+        Weighted variance of the patch, grey levels squared.
+    """
+    reach = np.int64(radius)
+    pixel = y * width + x
+    own = color[np.uint64(pixel)]
+    r0 = np.float32(np.int32(own & _BYTE))
+    g0 = np.float32(np.int32((own >> 8) & _BYTE))
+    b0 = np.float32(np.int32((own >> 16) & _BYTE))
+    total = _0
+    mean = _0
+    square = _0
+    if x < reach or y < reach or x >= width - reach or y >= height - reach:
+        _clamp_offsets(width, height, x, y, patch)
+        for k in range(N_SAMPLES):
+            pixels[k] = color[np.uint64(pixel + np.int64(patch[4, k]))]
+    else:
+        for k in range(N_SAMPLES):
+            pixels[k] = color[np.uint64(pixel + offsets[k])]
+    for k in range(N_SAMPLES):
+        q = pixels[k]
+        dr = np.float32(np.int32(q & _BYTE)) - r0
+        dg = np.float32(np.int32((q >> 8) & _BYTE)) - g0
+        db = np.float32(np.int32((q >> 16) & _BYTE)) - b0
+        grey = np.float32(np.int32((q >> 24) & _BYTE))
+        weight = patch[2, k] / (_1 + (dr * dr + dg * dg + db * db) * inv_color)
+        patch[3, k] = weight
+        patch[4, k] = grey
+        total += weight
+        mean += weight * grey
+        square += weight * grey * grey
+    inverse = _1 / total
+    mean *= inverse
+    for k in range(N_SAMPLES):
+        weight = patch[3, k] * inverse
+        patch[3, k] = weight
+        patch[4, k] = (patch[4, k] - mean) * weight
+    return max(square * inverse - mean * mean, _0)
+
+
+@inlined
+def source_cost(packed, layout, project, s, x, y, w, gx, gy, radius, patch, variance):
+    """Return 1 - NCC of the patch in source ``s``, in [0, 2]; 2 where it is not to be seen."""
+    z = project[s, 6] * x + project[s, 7] * y + project[s, 8] + project[s, 11] * w
+    if z <= np.float32(1e-6):
+        return INVALID_COST
+    iz = _1 / z
+    u = (project[s, 0] * x + project[s, 1] * y + project[s, 2] + project[s, 9] * w) * iz
+    v = (project[s, 3] * x + project[s, 4] * y + project[s, 5] + project[s, 10] * w) * iz
+    zx = project[s, 6] + project[s, 11] * gx
+    zy = project[s, 7] + project[s, 11] * gy
+    ux = (project[s, 0] + project[s, 9] * gx - u * zx) * iz
+    uy = (project[s, 1] + project[s, 9] * gy - u * zy) * iz
+    vx = (project[s, 3] + project[s, 10] * gx - v * zx) * iz
+    vy = (project[s, 4] + project[s, 10] * gy - v * zy) * iz
+    reach_u = abs(ux) + abs(uy)
+    reach_v = abs(vx) + abs(vy)
+    if max(reach_u, reach_v) > MAX_STRETCH or abs(ux * vy - uy * vx) < MIN_STRETCH:
+        return INVALID_COST
+    reach_u *= radius
+    reach_v *= radius
+    base = np.int32(layout[s, 0])
+    width = np.int32(layout[s, 1])
+    last_u = np.float32(layout[s, 1] - 1)
+    last_v = np.float32(layout[s, 2] - 1)
+    if u - reach_u < _0 or v - reach_v < _0 or u + reach_u > last_u or v + reach_v > last_v:
+        return INVALID_COST
+    first = _0
+    second = _0
+    cross = _0
+    for k in range(N_SAMPLES):
+        su = u + ux * patch[0, k] + uy * patch[1, k]
+        sv = v + vx * patch[0, k] + vy * patch[1, k]
+        iu = np.int32(su)
+        iv = np.int32(sv)
+        fu = su - np.float32(iu)
+        fv = sv - np.float32(iv)
+        q = packed[np.uint64(np.int64(np.int32(base + np.int32(iv * width) + iu)))]
+        c00 = np.float32(np.int32(q & _BYTE))
+        c01 = np.float32(np.int32((q >> 8) & _BYTE))
+        c10 = np.float32(np.int32((q >> 16) & _BYTE))
+        c11 = np.float32(np.int32((q >> 24) & _BYTE))
+        top = c00 + fu * (c01 - c00)
+        bottom = c10 + fu * (c11 - c10)
+        value = top + fv * (bottom - top)
+        first += patch[3, k] * value
+        second += patch[3, k] * value * value
+        cross += patch[4, k] * value
+    source_variance = max(second - first * first, _0)
+    return _1 - cross / np.sqrt((variance + NOISE_VARIANCE) * (source_variance + NOISE_VARIANCE))
+
+
+@inlined
+def geometric_error(depth, layout, project, back, s, x, y, w):
+    """Return the reprojection error (px, at most 3) through the inverse depth map of source ``s``.
+
+    The pixel goes into the source at inverse depth ``w``, and back at the inverse depth that the
+    source itself found there; 3 px where the source does not know.
+    """
+    z = project[s, 6] * x + project[s, 7] * y + project[s, 8] + project[s, 11] * w
+    if z <= np.float32(1e-6):
+        return MAX_GEOMETRIC_PX
+    iz = _1 / z
+    u = (project[s, 0] * x + project[s, 1] * y + project[s, 2] + project[s, 9] * w) * iz
+    v = (project[s, 3] * x + project[s, 4] * y + project[s, 5] + project[s, 10] * w) * iz
+    iu = np.int64(np.floor(u + np.float32(0.5)))
+    iv = np.int64(np.floor(v + np.float32(0.5)))
+    if iu < 0 or iv < 0 or iu >= layout[s, 1] or iv >= layout[s, 2]:
+        return MAX_GEOMETRIC_PX
+    found = depth[np.uint64(layout[s, 0] + iv * layout[s, 1] + iu)]
+    if found <= _0:
+        return MAX_GEOMETRIC_PX
+    zb = back[s, 6] * u + back[s, 7] * v + back[s, 8] + back[s, 11] * found
+    if zb <= np.float32(1e-6):
+        return MAX_GEOMETRIC_PX
+    dx = (back[s, 0] * u + back[s, 1] * v + back[s, 2] + back[s, 9] * found) / zb - x
+    dy = (back[s, 3] * u + back[s, 4] * v + back[s, 5] + back[s, 10] * found) / zb - y
+    return min(np.sqrt(dx * dx + dy * dy), MAX_GEOMETRIC_PX)

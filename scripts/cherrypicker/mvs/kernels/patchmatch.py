@@ -1,0 +1,176 @@
+"""PatchMatch over one pyramid level: checkerboard propagation and refinement.
+
+Red pixels are updated from black ones and the other way round, so rows run in parallel and the
+result does not depend on their order; every random number is a hash of seed, pixel and sweep.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cherrypicker.mvs.kernels.compiled import inlined, kernel
+from cherrypicker.mvs.kernels.hash_random import uniform
+from cherrypicker.mvs.kernels.hypothesis import (
+    improve,
+    is_plausible,
+    load_top,
+    prepare,
+    store,
+    store_top,
+)
+from cherrypicker.mvs.kernels.level import over_rows
+
+_0 = np.float32(0.0)
+_1 = np.float32(1.0)
+_2 = np.float32(2.0)
+# Hypotheses nearer than this (px of parallax over the window) to the present one are not tried
+SAME_PX = np.float32(0.06)
+# A hypothesis that costs more is wrong for its own pixel and no help to others
+HOPELESS_COST = np.float32(0.9)
+# Distances of far propagation; odd, so that they reach the other colour of the checkerboard
+FAR_STEPS = np.array([5, 9, 17], dtype=np.int64)
+# Steps of refinement, px of parallax; each stands for the octave above it
+STEPS_PX = np.array([0.125, 0.25, 0.5, 1.0, 2.0, 4.0], dtype=np.float32)
+# Near propagation: three pixels of the other colour in each of four directions
+NEAR = np.array(
+    [
+        [[0, -1], [-1, -2], [1, -2]],
+        [[0, 1], [-1, 2], [1, 2]],
+        [[-1, 0], [-2, -1], [-2, 1]],
+        [[1, 0], [2, -1], [2, 1]],
+    ],
+    dtype=np.int64,
+)
+
+
+class Turn(NamedTuple):
+    """What a pixel tries when it is its turn.
+
+    Attributes
+    ----------
+    n_near, n_refine, n_random : int
+        Most hypotheses of neighbours; changes of its own; new depths from the whole range.
+    refine_below : float32
+        A pixel that costs more is not refined: its depth is wrong, and a small step will not do.
+    """
+
+    n_near: int
+    n_refine: int
+    n_random: int
+    refine_below: np.float32
+
+
+@inlined
+def _collect(level, field, x, y, most, found):
+    """List the neighbours whose hypotheses are worth a try: four near ones, then far ones."""
+    height, width = level.height, level.width
+    n = 0
+    for direction in range(4):
+        best = HOPELESS_COST
+        for i in range(3):
+            nx = x + NEAR[direction, i, 0]
+            ny = y + NEAR[direction, i, 1]
+            if (
+                nx >= 0 and ny >= 0 and nx < width and ny < height
+                and field[ny, nx, 0] > _0 and field[ny, nx, 3] < best
+            ):  # fmt: skip
+                best = field[ny, nx, 3]
+                found[n, 0] = nx
+                found[n, 1] = ny
+        if best < HOPELESS_COST:
+            n += 1
+    for direction in range(4):
+        if n >= most:
+            break
+        best = HOPELESS_COST
+        for i in range(FAR_STEPS.shape[0]):
+            nx = x + NEAR[direction, 0, 0] * FAR_STEPS[i]
+            ny = y + NEAR[direction, 0, 1] * FAR_STEPS[i]
+            if (
+                nx >= 0 and ny >= 0 and nx < width and ny < height
+                and field[ny, nx, 0] > _0 and field[ny, nx, 3] < best
+            ):  # fmt: skip
+                best = field[ny, nx, 3]
+                found[n, 0] = nx
+                found[n, 1] = ny
+        if best < HOPELESS_COST:
+            n += 1
+    return min(n, most)
+
+
+@inlined
+def _change(level, w, gx, gy, pixel, i, n_refine):
+    """Return the ``i``-th random change of a hypothesis, a new depth from ``n_refine`` on."""
+    draw = 8 * i
+    if i >= n_refine:
+        return level.w_min + (level.w_max - level.w_min) * uniform(pixel, draw), _0, _0
+    kind = i % 3
+    if kind != 1:
+        octaves = np.float32(STEPS_PX.shape[0]) * uniform(pixel, draw)
+        octave = np.int64(octaves)
+        step = STEPS_PX[octave] * (_1 + octaves - np.float32(octave))
+        w += level.w_px * step * (_2 * uniform(pixel, draw + 1) - _1)
+    if kind != 0:
+        bend = uniform(pixel, draw + 2)
+        bend = _2 * bend * bend * w
+        gx += bend / level.fx * (_2 * uniform(pixel, draw + 3) - _1)
+        gy += bend / level.fy * (_2 * uniform(pixel, draw + 4) - _1)
+    return w, gx, gy
+
+
+@kernel
+def _sweep_rows(level, first, last, field, chosen, active, parity, turn, seed, scratch):
+    patch = scratch.patch
+    costs = scratch.costs
+    top = scratch.top
+    found = scratch.found
+    near = SAME_PX * level.w_px
+    for y in range(first, last):
+        for x in range((y + parity) & 1, level.width, 2):
+            if active[y, x] == 0:
+                continue
+            variance = prepare(level, x, y, scratch)
+            w = field[y, x, 0]
+            gx = field[y, x, 1]
+            gy = field[y, x, 2]
+            best = field[y, x, 3]
+            load_top(chosen, x, y, top)
+            n = _collect(level, field, x, y, turn.n_near, found)
+            pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
+            n_tries = n + turn.n_refine + turn.n_random
+            for i in range(n_tries):
+                if i < n:
+                    nx = found[i, 0]
+                    ny = found[i, 1]
+                    tx = field[ny, nx, 1]
+                    ty = field[ny, nx, 2]
+                    tw = field[ny, nx, 0] + tx * np.float32(x - nx) + ty * np.float32(y - ny)
+                    bend = abs(tx - gx) + abs(ty - gy)
+                    if abs(tw - w) < near and bend * level.radius < near:
+                        continue
+                elif i < n + turn.n_refine and best > turn.refine_below:
+                    continue
+                else:
+                    tw, tx, ty = _change(level, w, gx, gy, pixel, i - n, turn.n_refine)
+                if not is_plausible(level, tw, tx, ty):
+                    continue
+                cost = improve(level, x, y, tw, tx, ty, patch, variance, costs, top, best)
+                if cost < best:
+                    best = cost
+                    w = tw
+                    gx = tx
+                    gy = ty
+            store(field, y, x, w, gx, gy, best)
+            store_top(chosen, x, y, top)
+
+
+def sweep(level, field, chosen, active, parity, turn, seed, threads=1):
+    """Update the pixels of one colour of the checkerboard.
+
+    Each tries the hypotheses of up to ``turn.n_near`` neighbours, moved along their planes, then
+    ``n_refine`` changes of its own (a step of 1/8 to 8 pixels of parallax, of the slopes, or both)
+    and ``n_random`` new depths from the whole range.
+    """
+    over_rows(_sweep_rows, level, threads, field, chosen, active, parity, turn, seed)

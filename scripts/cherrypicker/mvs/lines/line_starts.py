@@ -1,0 +1,223 @@
+"""Where PatchMatch starts thin wood from: depths at which the lines of several photos meet.
+
+A twig is two or three pixels wide. No coarse level shows it, and between the camera and the end of
+the region lie hundreds of pixels of parallax, so that a random depth misses it a thousand times.
+Yet its line stands in every photo. For a pixel on a line all depths of its ray are asked in how
+many sources a line of the same sign and of like grey lies where it projects; the few depths with
+the most are tried by the matching cost, whatever stands behind the twig. Propagation carries what
+was found along the twig and across its width.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from cherrypicker.mvs.kernels.compiled import inlined, kernel
+from cherrypicker.mvs.kernels.hypothesis import evaluate, prepare, store, store_top
+from cherrypicker.mvs.kernels.level import Level, over_rows
+from cherrypicker.mvs.lines.ridges import BRIGHT, DARK, line_points, slopes_of
+
+_0 = np.float32(0.0)
+_HALF = np.float32(0.5)
+_1 = np.float32(1.0)
+# Grey levels that a line may differ by between two photos: the shaded side of a branch (on the
+# scene of docs/dense.md 12 loses an eighth of what 24 finds, 40 gains a twentieth)
+GREY_DIFFERENCE = 40
+# Depths that are asked lie so many px of parallax apart; lines are three pixels wide (1.5 px and
+# four tried depths find 4 % more for a quarter more of the photometric time; the cloud of the scene
+# of docs/dense.md then has a recall below 5 mm of radius of 0.993 instead of 0.991)
+STEP_PX = np.float32(2.0)
+# A line is met at so many depths beside one another, which are one (its width, and half a step)
+RUN_STEPS = np.float32(2.5)
+# A pixel that costs less has found what it shows (guess)
+UNMATCHED_COST = 0.5
+# Depths of a ray that are tried by the matching cost (see STEP_PX)
+N_TRIED = 2
+
+
+class PhotoLines(NamedTuple):
+    """Thin lines of a photo.
+
+    Attributes
+    ----------
+    sign : ndarray of shape (height, width), uint8
+        DARK or BRIGHT on the lines, else 0.
+    grey : ndarray of shape (height, width), uint8
+        The photo, smoothed by a pixel.
+    """
+
+    sign: np.ndarray
+    grey: np.ndarray
+
+
+def find_lines(photo: np.ndarray) -> PhotoLines:
+    """Find what is thin, dark or bright, in a photo (height, width, 3), uint8."""
+    grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
+    slopes = slopes_of(grey)
+    found = np.zeros(grey.shape, np.uint8)
+    for sign in (DARK, BRIGHT):
+        x, y = np.floor(line_points(slopes, sign)[0]).astype(int).T
+        found[y, x] = sign
+    return PhotoLines(found, cv2.GaussianBlur(grey, (0, 0), 1.0))
+
+
+def _widened(photo: PhotoLines) -> np.ndarray:
+    """Return the signs of the lines within a pixel, bits DARK and BRIGHT, (height * width,)."""
+    around = np.ones((3, 3), np.uint8)
+    near = [cv2.dilate((photo.sign == sign).astype(np.uint8), around) for sign in (DARK, BRIGHT)]
+    return (near[0] * DARK | near[1] * BRIGHT).ravel()
+
+
+@inlined
+def _span(level, x, y, ball):
+    """Return the inverse depths at which a pixel's ray is in the ball; 0, 0 where it misses."""
+    rx = (np.float32(x) - level.cx) / level.fx
+    ry = (np.float32(y) - level.cy) / level.fy
+    square = rx * rx + ry * ry + _1
+    along = (rx * ball[0] + ry * ball[1] + ball[2]) / square
+    off = along * along - (ball[0] ** 2 + ball[1] ** 2 + ball[2] ** 2 - ball[3] ** 2) / square
+    if off <= _0 or along <= _0:
+        return _0, _0
+    reach = np.sqrt(off)
+    high = level.w_max
+    if along > reach:
+        high = min(high, _1 / (along - reach))
+    return max(level.w_min, _1 / (along + reach)), high
+
+
+@inlined
+def _count_lines(level, x, y, w, sign, grey, lines, greys):
+    """Count the sources that show a line of the same sign and of like grey where (x, y, w) lies.
+
+    Gives up once fewer than the ``n_best`` of the matching cost can come together.
+    """
+    P = level.project
+    n = level.layout.shape[0]
+    count = 0
+    for s in range(n):
+        if count + n - s < level.n_best:
+            break
+        z = P[s, 6] * x + P[s, 7] * y + P[s, 8] + P[s, 11] * w
+        if z <= np.float32(1e-6):
+            continue
+        iz = _1 / z
+        u = np.int64((P[s, 0] * x + P[s, 1] * y + P[s, 2] + P[s, 9] * w) * iz + _HALF)
+        v = np.int64((P[s, 3] * x + P[s, 4] * y + P[s, 5] + P[s, 10] * w) * iz + _HALF)
+        if u < 0 or v < 0 or u >= level.layout[s, 1] or v >= level.layout[s, 2]:
+            continue
+        at = np.uint64(level.layout[s, 0] + v * level.layout[s, 1] + u)
+        if lines[at] & sign and abs(np.int64(greys[at]) - grey) < GREY_DIFFERENCE:
+            count += 1
+    return count
+
+
+@inlined
+def _collect(level, x, y, sign, grey, lines, greys, ball, depths, counts):
+    """List the inverse depths of a pixel's ray with the most lines, the most first.
+
+    ``counts`` is ``n_best - 1`` where there are fewer.
+    """
+    step = STEP_PX * level.w_px
+    for i in range(N_TRIED):
+        counts[i] = level.n_best - 1
+    w, w_high = _span(level, x, y, ball)
+    run = -1
+    while w < w_high:
+        count = _count_lines(level, np.float32(x), np.float32(y), w, sign, grey, lines, greys)
+        place = N_TRIED - 1
+        if run >= 0 and w - depths[run] < RUN_STEPS * step:
+            place = run
+        if count > counts[place]:
+            while place > 0 and counts[place - 1] < count:
+                counts[place] = counts[place - 1]
+                depths[place] = depths[place - 1]
+                place -= 1
+            counts[place] = count
+            depths[place] = w
+            run = place
+        w += step
+
+
+@kernel
+def _start_rows(level, first, last, field, chosen, line, grey, lines, greys, ball, best, scratch):
+    """Start rows; ``line`` keeps the pixels that found something better than what they had."""
+    for y in range(first, last):
+        depths = best[y, 0]
+        counts = best[y, 1]
+        for x in range(level.width):
+            if line[y, x] == 0:
+                continue
+            sign = np.int64(line[y, x])
+            own = np.int64(grey[y, x])
+            _collect(level, x, y, sign, own, lines, greys, ball, depths, counts)
+            line[y, x] = 0
+            if counts[0] < level.n_best:
+                continue
+            variance = prepare(level, x, y, scratch)
+            for i in range(N_TRIED):
+                if counts[i] < level.n_best:
+                    break
+                cost = evaluate(
+                    level, x, y, depths[i], _0, _0,
+                    scratch.patch, variance, scratch.costs, scratch.top,
+                )  # fmt: skip
+                if cost < field[y, x, 3]:
+                    store(field, y, x, depths[i], _0, _0, cost)
+                    store_top(chosen, x, y, scratch.top)
+                    line[y, x] = 1
+
+
+def start_from_lines(
+    level: Level,
+    field: np.ndarray,
+    chosen: np.ndarray,
+    active: np.ndarray,
+    reference: PhotoLines,
+    sources: list[PhotoLines],
+    center: np.ndarray,
+    radius: float,
+    threads: int = 1,
+) -> np.ndarray:
+    """Start the lines of a reference that match nothing yet where lines of its sources meet.
+
+    Parameters
+    ----------
+    level : Level
+        At full size.
+    field, chosen : ndarray
+        Hypotheses and best sources of the pixels, changed where a line's cost becomes less.
+    active : ndarray of shape (height, width), uint8
+        Pixels that may be started.
+    reference, sources : PhotoLines, list of PhotoLines
+        Lines of the reference, and of the level's sources in their order.
+    center, radius : ndarray of shape (3,), float
+        A ball in the reference's camera frame: only depths in it are asked.
+
+    Returns
+    -------
+    ndarray of shape (height, width), bool
+        Pixels that were started.
+    """
+    unmatched = (field[..., 3] > UNMATCHED_COST) & (active > 0)
+    line = np.where(unmatched, reference.sign, 0).astype(np.uint8)
+    lines = np.concatenate([_widened(source) for source in sources])
+    greys = np.concatenate([source.grey.ravel() for source in sources])
+    ball = np.array([*center, radius], dtype=np.float32)
+    best = np.zeros((level.height, 2, N_TRIED), dtype=np.float32)
+    over_rows(
+        _start_rows,
+        level,
+        threads,
+        field,
+        chosen,
+        line,
+        reference.grey,
+        lines,
+        greys,
+        ball,
+        best,
+    )
+    return line > 0

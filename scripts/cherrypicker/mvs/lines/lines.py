@@ -1,0 +1,191 @@
+"""The thin lines of all photos before the sky, in one place, and which of them a cloud explains."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.kernels.compiled import in_parallel, inlined, kernel
+from cherrypicker.mvs.lines.sky_lines import SkyLines, find_sky_lines
+from cherrypicker.mvs.workspace import View, Workspace
+from cherrypicker.photos import read_photo
+from cherrypicker.progress import Progress
+
+# A place is on a photo's line within so many pixels across: the error of poses and of lines
+TOLERANCE_PX = 0.75
+# A line that shows a point says nothing of places at other depths than the point's, as a share of
+# the depth: where the fusion takes neighbours for one surface
+SAME_DEPTH = 0.003
+# How far from a line's point a point of the cloud may lie that explains it, px: the cloud has about
+# one a pixel
+EXPLAINS_PX = 1.5
+# Least chance that a place lies on a line: what the window of a photo's density can tell
+LEAST_SHARE = 1e-3
+# What a pixel's place in the maps holds where it holds no line
+NOTHING, CLEAR = -1, -2
+
+
+class Lines(NamedTuple):
+    """The lines of all photos, as the kernels take them.
+
+    Attributes
+    ----------
+    maps : ndarray of shape (n_pixels,), int32
+        All photos' pixels: the line point in or beside it, `NOTHING` or `CLEAR`.
+    starts, sizes : ndarray of shape (n_views,) and (n_views, 2), int64
+        Where a photo begins in ``maps``, its width and height.
+    order : ndarray of shape (n_views,), int64
+        The photos, those with most clear sky first.
+    projections : ndarray of shape (n_views, 12), float64
+        K [R | t] by rows.
+    centers : ndarray of shape (n_views, 3), float64
+    first : ndarray of shape (n_views + 1,), int64
+        Where a photo's line points begin.
+    owner : ndarray of shape (n,), int64
+        The photo of each line point.
+    uv, across : ndarray of shape (n, 2), float64
+        Line points and unit vectors across the lines, px.
+    plane : ndarray of shape (n, 3), float64
+        Unit normals of the planes through camera and line, world.
+    surprise : ndarray of shape (n,), float64
+        Minus logarithm of the chance that a place in the sky around lies on a line.
+    explained : ndarray of shape (n,), float64
+        Depth of the point of the cloud that a line point shows, 0 where there is none.
+    """
+
+    maps: np.ndarray
+    starts: np.ndarray
+    sizes: np.ndarray
+    order: np.ndarray
+    projections: np.ndarray
+    centers: np.ndarray
+    first: np.ndarray
+    owner: np.ndarray
+    uv: np.ndarray
+    across: np.ndarray
+    plane: np.ndarray
+    surprise: np.ndarray
+    explained: np.ndarray
+
+
+@inlined
+def project_place(lines, i, x, y, z):
+    """Return pixel (u, v) and depth of a place in photo ``i``."""
+    P = lines.projections
+    depth = P[i, 8] * x + P[i, 9] * y + P[i, 10] * z + P[i, 11]
+    u = (P[i, 0] * x + P[i, 1] * y + P[i, 2] * z + P[i, 3]) / depth
+    v = (P[i, 4] * x + P[i, 5] * y + P[i, 6] * z + P[i, 7]) / depth
+    return u, v, depth
+
+
+@inlined
+def off_line(lines, line, u, v):
+    """Distance of a pixel to a line, px, with a sign."""
+    du, dv = u - lines.uv[line, 0], v - lines.uv[line, 1]
+    return du * lines.across[line, 0] + dv * lines.across[line, 1]
+
+
+@inlined
+def line_shown(lines, i, x, y, z):
+    """Return the line point that photo ``i`` shows at a place, NOTHING or CLEAR."""
+    u, v, depth = project_place(lines, i, x, y, z)
+    if depth <= 1e-9 or u < 0.0 or v < 0.0:
+        return NOTHING
+    if u >= lines.sizes[i, 0] or v >= lines.sizes[i, 1]:
+        return NOTHING
+    line = lines.maps[lines.starts[i] + np.int64(v) * lines.sizes[i, 0] + np.int64(u)]
+    if line < 0:
+        return line
+    if abs(off_line(lines, line, u, v)) > TOLERANCE_PX:
+        return NOTHING
+    known = lines.explained[line]
+    if known > 0.0 and abs(known - depth) > SAME_DEPTH * depth:
+        return NOTHING
+    return line
+
+
+@kernel
+def _explain(lines, points, i):
+    """Enter the depth of the nearest point at the lines of photo ``i`` that the points lie on."""
+    width, height = lines.sizes[i, 0], lines.sizes[i, 1]
+    for row in range(points.shape[0]):
+        u, v, depth = project_place(lines, i, points[row, 0], points[row, 1], points[row, 2])
+        if depth <= 1e-9 or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
+            continue
+        iu, iv = np.int64(u), np.int64(v)
+        if lines.maps[lines.starts[i] + iv * width + iu] < 0:
+            continue
+        for y in range(max(iv - 1, 0), min(iv + 2, height)):
+            for x in range(max(iu - 1, 0), min(iu + 2, width)):
+                line = lines.maps[lines.starts[i] + y * width + x]
+                if line < 0:
+                    continue
+                off = (u - lines.uv[line, 0]) ** 2 + (v - lines.uv[line, 1]) ** 2
+                known = lines.explained[line]
+                if off <= EXPLAINS_PX * EXPLAINS_PX and (known == 0.0 or depth < known):
+                    lines.explained[line] = depth
+
+
+def explain(lines: Lines, points: np.ndarray, threads: int) -> None:
+    """Enter in ``lines.explained`` the depths of the points (n, 3) that lie on lines."""
+    in_parallel(lambda i: _explain(lines, points, i), range(len(lines.starts)), threads)
+
+
+def gather_lines(workspace: Workspace, masks: SkyMasks) -> Lines:
+    """Find the lines of all photos of a workspace; 4 bytes a pixel of all photos in memory."""
+    views, poses = workspace.views, workspace.poses
+    sizes = np.array([(view.width, view.height) for view in views], dtype=np.int64)
+    starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
+    maps = np.empty(starts[-1], dtype=np.int32)
+    found, clear = [], []
+    first = np.zeros(len(views) + 1, dtype=np.int64)
+    with Progress(len(views), "photos searched for twigs before the sky") as bar:
+        for i, view in enumerate(views):
+            photo = read_photo(workspace.photo_path(view))
+            own = find_sky_lines(photo, masks.of(view), TOLERANCE_PX)
+            maps[starts[i] : starts[i + 1]] = _line_map(own, first[i]).ravel()
+            clear.append(own.clear.mean())
+            found.append(own._replace(clear=None))
+            first[i + 1] = first[i] + len(own.uv)
+            bar.step()
+    share = np.concatenate([own.share for own in found])
+    return Lines(
+        maps=maps,
+        starts=starts[:-1],
+        sizes=sizes,
+        order=np.argsort(-np.array(clear), kind="stable"),
+        projections=(poses.K @ poses.cam_from_world).reshape(-1, 12),
+        centers=poses.centers,
+        first=first,
+        owner=np.repeat(np.arange(len(views)), np.diff(first)),
+        uv=np.concatenate([own.uv for own in found]),
+        across=np.concatenate([own.across for own in found]),
+        plane=np.concatenate([_planes(view, own) for view, own in zip(views, found)]),
+        surprise=-np.log(np.clip(share, LEAST_SHARE, 1.0)),
+        explained=np.zeros(len(share)),
+    )
+
+
+def _line_map(own: SkyLines, count: int) -> np.ndarray:
+    """What each pixel shows, (height, width) int32; line points are numbered from ``count`` on.
+
+    A line point holds its own pixel and those around it that hold none.
+    """
+    height, width = own.clear.shape
+    out = np.where(own.clear, CLEAR, NOTHING).astype(np.int32)
+    at = np.floor(own.uv).astype(int)
+    around = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]
+    for dx, dy in sorted(around, key=lambda offset: -abs(offset[0]) - abs(offset[1])):
+        x, y = at[:, 0] + dx, at[:, 1] + dy
+        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        out[y[inside], x[inside]] = count + np.flatnonzero(inside)
+    return out
+
+
+def _planes(view: View, own: SkyLines) -> np.ndarray:
+    """Unit normals of the planes through a camera and its lines, (n, 3), world."""
+    offset = np.einsum("ni,ni->n", own.across, own.uv)
+    normals = np.column_stack([own.across, -offset]) @ view.K @ view.R
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)

@@ -1,0 +1,95 @@
+"""Centre lines of what is thin and dark before clear sky.
+
+Only blue is looked at, in which wood and sky differ most, and only dark lines: a gap between two
+twigs is a bright one. A line counts where the photo's sky mask has sky on both of its sides.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from cherrypicker.mvs.clear_sky import clear_sky
+from cherrypicker.mvs.lines.ridges import DARK, line_points, slopes_of
+
+# How far aside of a line its sky is looked for, px: past the blur and the border of a mask
+FLANK_PX = (3.0, 7.0)
+# Window in which the density of lines is counted, px: some twigs wide
+DENSITY_PX = 65
+# Pixels that are at least so far from all but clear sky show nothing but sky, px
+CLEARANCE_PX = 1
+
+
+class SkyLines(NamedTuple):
+    """Thin lines before the sky in one photo.
+
+    Attributes
+    ----------
+    uv : ndarray of shape (n, 2), float64
+        Points of the lines, at most one a pixel, px, pixel centres at (0.5, 0.5).
+    across : ndarray of shape (n, 2), float64
+        Unit vectors across the lines.
+    share : ndarray of shape (n,), float64
+        Share of the sky around that lies as near to a line as two photos may disagree: the
+        probability that a place shows a line by chance.
+    clear : ndarray of shape (height, width), bool
+        Pixels of nothing but sky.
+    """
+
+    uv: np.ndarray
+    across: np.ndarray
+    share: np.ndarray
+    clear: np.ndarray
+
+
+def find_sky_lines(photo: np.ndarray, sky: np.ndarray, tolerance_px: float) -> SkyLines:
+    """Find the thin dark lines before the sky of a photo.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (height, width, 3), uint8
+        RGB.
+    sky : ndarray of shape (height, width), bool
+        Its mask, True = sky.
+    tolerance_px : float
+        How far from a line a place counts as on it.
+
+    Returns
+    -------
+    SkyLines
+    """
+    centers, across = line_points(slopes_of(photo[..., 2]), DARK)
+    flanked = _has_sky_aside(sky, centers, across)
+    centers, across = centers[flanked], across[flanked]
+    share = _line_share(sky, centers, tolerance_px)
+    clear = clear_sky(photo, sky)
+    size = 2 * CLEARANCE_PX + 1
+    clear = cv2.erode(clear.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    return SkyLines(centers, across, share, clear)
+
+
+def _has_sky_aside(sky: np.ndarray, centers: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Whether each point of a line has sky on both sides, (n,) bool."""
+    both = np.ones(len(centers), bool)
+    for side in (-1.0, 1.0):
+        found = np.zeros(len(centers), bool)
+        for distance in np.arange(FLANK_PX[0], FLANK_PX[1] + 0.5):
+            at = np.floor(centers + side * distance * across).astype(int)
+            inside = (at >= 0).all(axis=1) & (at < sky.shape[::-1]).all(axis=1)
+            found[inside] |= sky[at[inside, 1], at[inside, 0]]
+        both &= found
+    return both
+
+
+def _line_share(sky: np.ndarray, centers: np.ndarray, tolerance_px: float) -> np.ndarray:
+    """Share of the sky around each point of a line that lies on a line, (n,)."""
+    on_line = np.zeros(sky.shape, np.float32)
+    at = np.floor(centers).astype(int)
+    on_line[at[:, 1], at[:, 0]] = 2.0 * tolerance_px
+    window = (DENSITY_PX, DENSITY_PX)
+    lines = cv2.boxFilter(on_line, -1, window, normalize=False)
+    open_sky = cv2.boxFilter(sky.astype(np.float32), -1, window, normalize=False)
+    share = lines / np.maximum(open_sky + lines, 1.0)
+    return share[at[:, 1], at[:, 0]].astype(np.float64)

@@ -1,0 +1,358 @@
+"""Alignment: turn the scene upright, put the ground below what the cameras look at to z = 0.
+
+The paper (section Alignment) fits a ground plane by RANSAC, rotates its normal onto z by Rodrigues'
+formula, and turns the cloud over when its centre of mass lies below. We differ in two points.
+Several planes are tried and judged by the camera poses too, since the largest plane may be a wall.
+The vertical then joins the ground's normal with the cameras' rolls, each by its own uncertainty,
+since ground near a tree is rarely level while photos taken all around it average out to level.
+The x/y origin is what the cameras look at. Which tree stands there is not asked here: without a
+scale and without classes a stem, a post and a sign look alike.
+"""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.placement.camera_geometry import (
+    angle_deg,
+    camera_up,
+    look_at_point,
+    photographer_axes,
+    roll_costs,
+    tangent_basis,
+    unit,
+)
+from cherrypicker.placement.ground import (
+    ground_height_at,
+    ground_tilt,
+    judge_plane,
+    plane_candidates,
+    thin_cloud,
+)
+from cherrypicker.poses import Poses
+
+logger = logging.getLogger(__name__)
+
+UP_FROM = ("auto", "ground", "cameras")
+_MIN_POINTS = 100
+# Below this product of factors a plane is no ground: 0.6 for each of six would be a poor one.
+_MIN_SCORE = 0.02
+_SUBSAMPLE = 400_000
+
+
+@dataclass
+class Alignment:
+    """Rigid transform into the aligned frame, ``x' = rotation @ x + translation``.
+
+    Attributes
+    ----------
+    rotation : ndarray of shape (3, 3)
+    translation : ndarray of shape (3,)
+    report : dict
+        Angles, candidates, sign checks and warnings, as written to align.json.
+    """
+
+    rotation: np.ndarray
+    translation: np.ndarray
+    report: dict
+
+    def apply(self, points):
+        """Aligned coordinates of points of shape (n_points, 3)."""
+        return points @ self.rotation.T + self.translation
+
+
+def rodrigues(source, destination):
+    """Rotation of the unit vector `source` onto `destination` by Rodrigues' formula.
+
+    Parameters
+    ----------
+    source, destination : array-like of shape (3,)
+
+    Returns
+    -------
+    ndarray of shape (3, 3)
+        The smallest rotation; for opposite vectors a half turn about an axis orthogonal to both.
+    """
+    source, destination = unit(source), unit(destination)
+    axis = np.cross(source, destination)
+    sine, cosine = np.linalg.norm(axis), float(source @ destination)
+    if sine < 1e-12:
+        if cosine > 0:
+            return np.eye(3)
+        axis = tangent_basis(source)[0]
+        return 2 * np.outer(axis, axis) - np.eye(3)
+    x, y, z = axis / sine
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + sine * k + (1 - cosine) * (k @ k)
+
+
+def align(
+    points,
+    poses,
+    *,
+    stated_turns=None,
+    ground_distance=0.03,
+    n_planes=5,
+    up_from="auto",
+    seed=0,
+):
+    """Find the transform that turns a reconstruction upright.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Dense cloud in COLMAP's frame, arbitrary scale.
+    poses : Poses
+        Same frame.
+    stated_turns : ndarray of shape (n_cameras,), int, optional
+        Quarter turns of the stored photos according to EXIF
+        (:func:`cherrypicker.placement.camera_geometry.turns_from_exif`).
+    ground_distance : float, default 0.03
+        Largest distance of a point from its ground plane, as a fraction of the cameras' median
+        distance to the point they look at.
+    n_planes : int, default 5
+        Planes tried as the ground.
+    up_from : {"auto", "ground", "cameras"}, default "auto"
+        What decides the vertical: both by their uncertainty, the ground plane alone (the paper), or
+        the cameras alone.
+    seed : int, default 0
+
+    Returns
+    -------
+    Alignment
+
+    Raises
+    ------
+    StageError
+        If the cloud or the poses are too few, or neither ground nor cameras tell the vertical.
+    """
+    _check_input(points, poses, up_from)
+    points = _thin_randomly(points, seed)
+    target, distance = look_at_point(poses, points)
+    scene = _Scene(points, poses, stated_turns, target, distance, ground_distance * distance)
+    warnings = []
+    planes = _judged_planes(scene, n_planes, seed)
+    ground = planes[0] if planes and planes[0].score >= _MIN_SCORE else None
+    if ground is None:
+        up, angles = _vertical_from_cameras(scene, up_from, seed, warnings)
+    else:
+        up, angles = _vertical_from_both(scene, ground, up_from, warnings)
+    rotation = rodrigues(up, [0.0, 0.0, 1.0])
+    # The ground plane gives a first z = 0 under the target; the ground's true shape refines it.
+    base = _ground_level(scene, ground, rotation)
+    upright = (points - target) @ rotation.T - [0, 0, base]
+    origin = np.array([0.0, 0.0, _ground_below(upright, scene, warnings)])
+    translation = -(rotation @ target) - origin - np.array([0.0, 0.0, base])
+    report = {
+        "transform": np.vstack([np.column_stack([rotation, translation]), [0.0, 0.0, 0.0, 1.0]]),
+        "camera_distance": distance,
+        "look_at": rotation @ target + translation,
+        "up_from": up_from,
+        "ground_found": ground is not None,
+        **angles,
+        "half_turn": _half_turn_check(upright - origin, scene, up, warnings),
+        "candidates": [_plane_report(plane, up) for plane in planes],
+        "warnings": warnings,
+    }
+    for warning in warnings:
+        logger.warning("%s", warning)
+    return Alignment(rotation, translation, report)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """The thinned cloud and what the poses say about it; `distance` is the unit of thresholds."""
+
+    points: np.ndarray
+    poses: Poses
+    stated_turns: np.ndarray | None
+    target: np.ndarray
+    distance: float
+    threshold: float
+
+
+def _check_input(points, poses, up_from):
+    if up_from not in UP_FROM:
+        raise StageError(f"{up_from!r} is none of {', '.join(UP_FROM)}", key="align.up_from")
+    if len(points) < _MIN_POINTS:
+        raise StageError(
+            f"the dense cloud has only {len(points)} points, too few to find the ground", key="mvs"
+        )
+    if len(poses) < 2:
+        raise StageError("fewer than two photos are registered", key="sfm.min_registered_fraction")
+
+
+def _thin_randomly(points, seed):
+    """At most `_SUBSAMPLE` points: enough for planes and hills at any density."""
+    if len(points) <= _SUBSAMPLE:
+        return np.asarray(points, float)
+    chosen = np.random.default_rng(seed).choice(len(points), _SUBSAMPLE, replace=False)
+    return np.asarray(points[np.sort(chosen)], float)
+
+
+def _judged_planes(scene, n_planes, seed):
+    """Candidate planes near the target, the best ground first."""
+    near = scene.points[np.linalg.norm(scene.points - scene.target, axis=1) < 4 * scene.distance]
+    thinned = thin_cloud(near if len(near) >= _MIN_POINTS else scene.points, scene.threshold)
+    planes = plane_candidates(thinned, scene.threshold, n_planes=n_planes, seed=seed)
+    for plane in planes:
+        judge_plane(
+            plane,
+            thinned,
+            scene.poses,
+            target=scene.target,
+            distance=scene.distance,
+            inlier_distance=scene.threshold,
+            stated_turns=scene.stated_turns,
+        )
+    planes.sort(key=lambda plane: -plane.score)
+    for plane in planes:
+        factors = ", ".join(f"{key} {value:.2f}" for key, value in plane.factors.items())
+        logger.info(
+            "plane candidate: %s of %s voxels, score %.3f (%s)",
+            f"{plane.n_inliers:,}",
+            f"{len(thinned):,}",
+            plane.score,
+            factors,
+        )
+    return planes
+
+
+def _vertical_from_both(scene, ground, up_from, warnings):
+    """Up direction from the ground's far normal and the cameras, and the angles between them."""
+    cameras = camera_up(scene.poses, stated_turns=scene.stated_turns, start=ground.normal)
+    rotation = rodrigues(ground.normal, [0.0, 0.0, 1.0])
+    flat = (scene.points - scene.target) @ rotation.T
+    flat[:, 2] += ground.height(scene.target[None])[0]
+    tilt, sigma_deg, near_far, _ = ground_tilt(flat, scene.distance, scene.threshold)
+    normal = rotation.T @ tilt
+    up = {
+        "ground": normal,
+        "cameras": cameras.up,
+        "auto": _fuse(normal, sigma_deg, cameras.up, cameras.covariance),
+    }[up_from]
+    disagreement = angle_deg(normal, cameras.up)
+    angles = {
+        "ground_normal": normal,
+        "ground_sigma_deg": sigma_deg,
+        "ground_near_far_deg": near_far,
+        **_camera_report(cameras),
+        "ground_to_cameras_deg": disagreement,
+        "up_to_ground_deg": angle_deg(up, normal),
+        "up_to_cameras_deg": angle_deg(up, cameras.up),
+    }
+    logger.info(
+        "up: ground (+- %.2f deg) and cameras (+- %.2f deg) differ by %.2f deg; the result is "
+        "%.2f deg from the ground's normal and %.2f deg from the cameras' up",
+        sigma_deg,
+        angles["cameras_sigma_deg"],
+        disagreement,
+        angles["up_to_ground_deg"],
+        angles["up_to_cameras_deg"],
+    )
+    if disagreement > 5 and angles["cameras_sigma_deg"] < disagreement / 2:
+        warnings.append(
+            f"the ground slopes by {disagreement:.1f} degrees against the cameras' mean up "
+            f"direction (align.up_from is {up_from})"
+        )
+    return up, angles
+
+
+def _vertical_from_cameras(scene, up_from, seed, warnings):
+    """Up direction where no plane can be the ground."""
+    cameras = camera_up(scene.poses, stated_turns=scene.stated_turns, seed=seed)
+    report = _camera_report(cameras)
+    if up_from == "ground":
+        raise StageError("no plane of the cloud can be the ground", key="align.up_from")
+    if cameras.cost > 0.45 or report["cameras_sigma_deg"] > 15:
+        raise StageError(
+            "no plane of the cloud can be the ground, and the cameras do not tell the vertical",
+            key="align.ground_distance_fraction",
+        )
+    warnings.append(
+        "no ground plane found: up is the cameras' mean up direction, z = 0 the lowest part of "
+        "what they look at"
+    )
+    return cameras.up, report | {"ground_to_cameras_deg": None}
+
+
+def _camera_report(cameras):
+    """What the cameras say about the vertical, for align.json."""
+    sigma = np.sqrt(np.linalg.eigvalsh(cameras.covariance)[-1])
+    return {
+        "cameras_up": cameras.up,
+        "cameras_sigma_deg": float(np.degrees(sigma)),
+        "cameras_roll_std_deg": cameras.roll_std_deg,
+        "cameras_quarter_turns": np.bincount(cameras.turns, minlength=4),
+    }
+
+
+def _fuse(normal, sigma_deg, up, covariance):
+    """Join the ground's normal and the cameras' up by inverse variance.
+
+    Where the two differ by more than their uncertainties allow, the ground is the one that slopes:
+    its variance grows by the excess. Directions that the cameras leave open stay with the ground.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    axes, variances = vectors[:, 1:].T, values[1:]  # the smallest belongs to `up` itself
+    offset = axes @ (normal / max(normal @ up, 0.1))
+    sigma2 = np.radians(sigma_deg) ** 2
+    excess = np.maximum(0.0, offset**2 - variances - sigma2)
+    share = variances / (variances + sigma2 + excess)
+    return unit(up + (share * offset) @ axes)
+
+
+def _ground_level(scene, ground, rotation):
+    """First height of the ground under the target, which is the origin of the upright frame."""
+    if ground is not None:
+        # Down the vertical from the target to the plane.
+        slope = (rotation @ ground.normal)[2]
+        return float(-ground.height(scene.target[None])[0] / max(slope, 0.3))
+    upright = (scene.points - scene.target) @ rotation.T
+    near = np.hypot(upright[:, 0], upright[:, 1]) < 0.5 * scene.distance
+    return float(np.percentile(upright[near, 2] if near.any() else upright[:, 2], 1))
+
+
+def _ground_below(upright, scene, warnings):
+    """Height of the ground under the point that the cameras look at, hills and all."""
+    tolerance = max(6 * scene.threshold, 0.25 * scene.distance)
+    z = ground_height_at(upright, (0.0, 0.0), 0.12 * scene.distance, tolerance)
+    if z is None:
+        warnings.append("no ground seen below what the cameras look at: z = 0 is only approximate")
+        return 0.0
+    return z
+
+
+def _half_turn_check(aligned, scene, up, warnings):
+    """The paper's check by centre of mass, beside what the cameras say about up and down."""
+    near = np.hypot(aligned[:, 0], aligned[:, 1]) < 1.5 * scene.distance
+    mass = float(aligned[near, 2].mean()) if near.any() else float(aligned[:, 2].mean())
+    costs, turns = roll_costs(scene.poses, np.stack([up, -up]), scene.stated_turns)
+    margin = float(costs[1].mean() - costs[0].mean())
+    _, up_axes = photographer_axes(scene.poses)
+    mean_up = float((up_axes[np.arange(len(turns[0])), turns[0]] @ up).mean())
+    stored_up = float((scene.poses.up @ up).mean())
+    if mass <= 0 or margin < 0.05:
+        warnings.append(
+            f"up and down may be swapped: centre of mass at z = {mass:.3g}, mean up of the photos "
+            f"as stored z = {stored_up:.2f}"
+        )
+    return {
+        "center_of_mass_z": mass,
+        "cameras_mean_up_z": mean_up,
+        "cameras_stored_up_z": stored_up,
+        "cameras_margin": margin,
+        "agree": bool(mass > 0 and margin > 0),
+    }
+
+
+def _plane_report(plane, up):
+    """A candidate for align.json."""
+    return {
+        "score": plane.score,
+        "n_inliers": plane.n_inliers,
+        "angle_to_up_deg": angle_deg(plane.normal, up),
+        "factors": plane.factors,
+    }

@@ -1,0 +1,155 @@
+"""Region of interest: of the cloud, what stands on the ground that the cameras look at.
+
+The paper (section Region of Interest) takes the axis-aligned x/y box of the camera origins, on the
+assumption that the cameras stand around the tree. We keep the vertical shadow of the region of
+:mod:`cherrypicker.placement.region`, which is as wide and needs no such assumption. Which tree in
+it is the target is decided once, after the labels (:mod:`cherrypicker.wood.target`).
+"""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.placement.camera_geometry import look_at_point
+from cherrypicker.placement.footprint import Footprint
+from cherrypicker.placement.ground import GroundSurface, ground_cells
+from cherrypicker.placement.region import find_region
+
+logger = logging.getLogger(__name__)
+
+_SEARCH_POINTS = 400_000
+# The ground is kept for the segmentation; what lies deeper under it is noise.
+_DEPTH_BELOW_GROUND = 0.05
+
+
+@dataclass
+class Crop:
+    """Result of :func:`crop_roi`.
+
+    Attributes
+    ----------
+    keep : ndarray of shape (n_points,), bool
+    report : dict
+        As written to crop.json, all in the aligned frame: ``center`` (what the cameras look at),
+        ``center_xy`` and ``radius`` of the region, ``source`` (``region`` or ``camera_box``),
+        ``camera_distance``, ``box`` (``x`` and ``y`` limits, ``z_min``), ``n_points``, ``n_kept``,
+        ``warnings``.
+    """
+
+    keep: np.ndarray
+    report: dict
+
+
+def crop_roi(points, poses, *, margin_fraction=0.0, seed=0):
+    """Choose the points above the ground that the cameras look at.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Aligned cloud, z up, ground near z = 0.
+    poses : Poses
+        Aligned poses.
+    margin_fraction : float, default 0
+        Widens (or, negative, narrows) the region on each side by this fraction of its extent.
+    seed : int, default 0
+
+    Returns
+    -------
+    Crop
+
+    Raises
+    ------
+    StageError
+        If the region holds no point.
+    """
+    search = _thin_randomly(points, seed)
+    center, distance, footprint, warnings = _footprint(poses, search)
+    footprint = footprint.widened(margin_fraction)
+    cells = ground_cells(search, 0.1 * distance, 2.5 * distance, 0.3 * distance)
+    inside = _inside(points, footprint)
+    floor = _floor(GroundSurface(cells), cells, points[inside], distance)
+    keep = _above_floor(points, inside, floor)
+    kept = int(keep.sum())
+    logger.info(
+        "kept %s of %s points (%.1f %%); %s more inside the region lie below z = %.3g",
+        f"{kept:,}",
+        f"{len(points):,}",
+        100 * kept / len(points),
+        f"{int(inside.sum()) - kept:,}",
+        floor,
+    )
+    for warning in warnings:
+        logger.warning("%s", warning)
+    box = footprint.limits()
+    report = {
+        "center": center,
+        "center_xy": footprint.center_xy,
+        "radius": footprint.radius,
+        "source": "region" if footprint.box is None else "camera_box",
+        "camera_distance": distance,
+        "box": {"x": box[:, 0], "y": box[:, 1], "z_min": floor},
+        "n_points": len(points),
+        "n_kept": kept,
+        "warnings": warnings,
+    }
+    return Crop(keep, report)
+
+
+def _footprint(poses, points):
+    """What the cameras look at, their distance to it, its footprint, and warnings."""
+    region = find_region(poses)
+    if region is not None:
+        return region.center, region.distance, Footprint(region.center[:2], region.radius), []
+    center, distance = look_at_point(poses, points)
+    # The paper's box, and as far before the cameras as they are from what they look at.
+    spots = np.concatenate([poses.centers, poses.centers + distance * poses.forward])[:, :2]
+    warning = (
+        "the cameras look at no common place: the region of interest is the box of the cameras "
+        "and of what lies before them, as far as their distance to the middle of their view"
+    )
+    footprint = Footprint.of_box(np.stack([spots.min(axis=0), spots.max(axis=0)]))
+    return center, distance, footprint, [warning]
+
+
+def _thin_randomly(points, seed):
+    """At most `_SEARCH_POINTS` points: enough to find the ground."""
+    if len(points) <= _SEARCH_POINTS:
+        return points
+    chosen = np.random.default_rng(seed).choice(len(points), _SEARCH_POINTS, replace=False)
+    return points[np.sort(chosen)]
+
+
+def _inside(points, footprint):
+    """Mask of the points above the footprint; refuse when there are none."""
+    inside = footprint.inward(points[:, :2]) >= 0
+    if not inside.any():
+        raise StageError(
+            "the region of interest holds no point: x {:.3g} to {:.3g}, y {:.3g} to {:.3g}".format(
+                *footprint.limits().T.ravel()
+            ),
+            key="crop.margin_fraction",
+        )
+    return inside
+
+
+def _above_floor(points, inside, floor):
+    """Mask of the points inside that are not below the ground; refuse when there are none."""
+    keep = inside & (points[:, 2] >= floor)
+    if not keep.any():
+        raise StageError(
+            f"no point of the region of interest lies above z = {floor:.3g}; the cloud may be "
+            "upside down",
+            key="align.up_from",
+        )
+    return keep
+
+
+def _floor(surface, cells, points, distance):
+    """Lowest height kept: a little below the lowest ground inside the region."""
+    margin = _DEPTH_BELOW_GROUND * distance
+    if len(cells) == 0:
+        return float(np.percentile(points[:, 2], 0.1) - margin)
+    spots = points[:: max(1, len(points) // 20_000), :2]
+    return float(min(np.percentile(surface(spots), 1), 0.0) - margin)

@@ -1,0 +1,204 @@
+"""Ready point clouds that enter the pipeline late: LiDAR scans, other people's photogrammetry."""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.classes import Label
+from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud, read_cloud
+from cherrypicker.units import UNITS_M
+
+logger = logging.getLogger(__name__)
+
+NORMALISED_HEIGHT = 3.0
+"""Height, in arbitrary units, that a cloud without a scale is given."""
+
+_TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
+_MAX_8_BIT = 255
+
+
+def parse_up_axis(text: str) -> np.ndarray:
+    """Return the unit vector of an axis name, ``z``, ``-y`` or ``+x`` for instance.
+
+    Raises
+    ------
+    ValueError
+        If the text names no axis.
+    """
+    name = text.strip().lower()
+    sign = -1.0 if name.startswith("-") else 1.0
+    axis = name.lstrip("+-")
+    if axis not in ("x", "y", "z") or len(name) - len(axis) > 1:
+        raise ValueError(f"{text!r} is no axis (x, y, z, -x, -y or -z)")
+    vector = np.zeros(3)
+    vector["xyz".index(axis)] = sign
+    return vector
+
+
+def rotation_to_z(up: np.ndarray) -> np.ndarray:
+    """Return the rotation that turns an axis onto z by the least angle, entries exactly 0 or 1.
+
+    ``-z`` is turned about x.
+    """
+    axis = int(np.flatnonzero(up)[0])
+    sign = up[axis]
+    if axis == 0:  # x to z, about y
+        return np.array([[0.0, 0.0, -sign], [0.0, 1.0, 0.0], [sign, 0.0, 0.0]])
+    if axis == 1:  # y to z, about x
+        return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -sign], [0.0, sign, 0.0]])
+    return np.diag([1.0, sign, sign])
+
+
+def import_cloud(
+    path: str | os.PathLike, unit: str = "", up: str = "", scale: str = ""
+) -> PointCloud:
+    """Read a ready cloud and bring it to metres and z up; points and order stay.
+
+    Parameters
+    ----------
+    path : path-like
+        PLY, LAS, LAZ, or text of ``x y z [r g b]`` rows.
+    unit : str, default "m"
+        ``m``, ``cm``, ``mm``, ``ft`` or metres per unit.
+    up : str, default "z"
+        Axis of the file that points up.
+    scale : str, optional
+        Metres per unit, which wins over ``unit``, or ``none``: the height becomes 3 units.
+
+    Returns
+    -------
+    PointCloud
+        In its own frame, z up; ``unit`` is ``m`` or ``arbitrary``.
+
+    Raises
+    ------
+    StageError
+        If the file is missing, unreadable, empty, not finite, or its labels are out of range.
+    """
+    cloud = _read_any(Path(path))
+    _check_labels(cloud, path)
+    rotation = rotation_to_z(parse_up_axis(up or "z"))
+    if scale == "none":
+        height = float(np.ptp(cloud.points @ rotation[2]))
+        if height <= 0:
+            raise StageError("the cloud has no height to normalise", file=path, key="cloud_up")
+        factor, new_unit = NORMALISED_HEIGHT / height, "arbitrary"
+    else:
+        factor, new_unit = _metres_per_unit(scale or unit or "m"), "m"
+    imported = cloud.transformed(scale=factor, rotation=rotation)
+    imported.frame, imported.unit = "own", new_unit
+    size = np.ptp(imported.points, axis=0)
+    logger.info(
+        "imported %s points, %.3g x %.3g x %.3g %s", f"{len(imported):,}", *size, imported.unit
+    )
+    _warn_about_size(float(size.max()), new_unit, path)
+    return imported
+
+
+def _metres_per_unit(text: str) -> float:
+    return UNITS_M[text] if text in UNITS_M else float(text)
+
+
+def _warn_about_size(extent: float, unit: str, path) -> None:
+    if unit == "m" and not 0.1 <= extent <= 500.0:
+        logger.warning(
+            "the cloud measures %.3g m across: is cloud_unit in trees.tsv right? (%s)", extent, path
+        )
+
+
+def _read_any(path: Path) -> PointCloud:
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise StageError("the point cloud is missing", file=path, key="cloud in trees.tsv")
+    if suffix == ".ply":
+        return read_cloud(path)
+    if suffix in (".las", ".laz"):
+        return _read_las(path)
+    if suffix in _TEXT_SUFFIXES:
+        return _read_text(path)
+    raise StageError(
+        f"unknown kind of point cloud {suffix!r} (PLY, LAS, LAZ, {', '.join(_TEXT_SUFFIXES)})",
+        file=path,
+        key="cloud in trees.tsv",
+    )
+
+
+def _read_las(path: Path) -> PointCloud:
+    import laspy
+
+    try:
+        las = laspy.read(path)
+    except Exception as error:  # laspy and its LAZ back ends share no base class
+        raise StageError(f"not a readable LAS/LAZ file ({error})", file=path) from error
+    points = np.column_stack([las.x, las.y, las.z]).astype(np.float64)
+    colors = None
+    if {"red", "green", "blue"} <= set(las.point_format.dimension_names):
+        rgb = np.column_stack([las.red, las.green, las.blue]).astype(np.float32)
+        if rgb.size and rgb.max() > 0:
+            colors = rgb / (65535.0 if rgb.max() > _MAX_8_BIT else 255.0)
+    return _checked(points, colors, path)
+
+
+def _read_text(path: Path) -> PointCloud:
+    with open(path, encoding="utf-8-sig", errors="replace") as stream:
+        lines = [stream.readline() for _ in range(3)]
+    delimiter = next((mark for mark in ",;" if mark in "".join(lines)), None)
+    n_header = 0
+    while n_header < len(lines) and lines[n_header] and not _is_point(lines[n_header], delimiter):
+        n_header += 1
+    if not any(lines[n_header:]):
+        raise StageError("not rows of x y z numbers", file=path)
+    try:
+        table = np.loadtxt(
+            path, delimiter=delimiter, skiprows=n_header, ndmin=2, encoding="utf-8-sig"
+        )
+    except (ValueError, UnicodeDecodeError) as error:
+        raise StageError(f"not rows of x y z numbers ({error})", file=path) from error
+    if table.size == 0 or table.shape[1] < 3:
+        raise StageError("not rows of x y z numbers", file=path)
+    colors = None
+    if table.shape[1] >= 6:
+        rgb = table[:, 3:6]
+        if rgb.min() >= 0 and rgb.max() <= _MAX_8_BIT:
+            colors = rgb / (255.0 if rgb.max() > 1 else 1.0)
+    return _checked(table[:, :3], colors, path)
+
+
+def _is_point(line: str, delimiter: str | None) -> bool:
+    cells = line.split(delimiter)
+    try:
+        return len([float(cell) for cell in cells[:3]]) == 3
+    except ValueError:
+        return False
+
+
+def _checked(points: np.ndarray, colors: np.ndarray | None, path: Path) -> PointCloud:
+    if len(points) == 0:
+        raise StageError("the point cloud is empty", file=path)
+    if not np.isfinite(points).all():
+        raise StageError("the point cloud has coordinates that are not finite", file=path)
+    return PointCloud(points, colors)
+
+
+def _check_labels(cloud: PointCloud, path) -> None:
+    if "label" not in cloud:
+        return
+    valid = [int(label) for label in Label]
+    labels = cloud["label"]
+    is_valid = np.isin(labels, valid)
+    if not is_valid.all():
+        first = labels[~is_valid][0]
+        raise StageError(
+            f"{int((~is_valid).sum()):,} of {len(cloud):,} labels are none of {valid}, "
+            f"the first is {first}",
+            file=path,
+            key="cloud in trees.tsv",
+        )
+    cloud.fields["label"] = labels.astype(np.uint8)
+    if "confidence" not in cloud:
+        cloud.fields["confidence"] = np.ones(len(cloud), dtype=np.float32)

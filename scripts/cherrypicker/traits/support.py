@@ -1,0 +1,227 @@
+"""What of the cloud and the skeleton is wood of this tree: its gaps, its stray pieces."""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.geometry.cells import have_company, sort_into_cells
+from cherrypicker.geometry.neighbors import components
+from cherrypicker.geometry.sampling import voxel_thin
+
+__all__ = ["MIN_REACH_M", "Support", "densify", "find_support", "missed_wood", "support_reach"]
+
+_SAMPLE_M = 0.01
+MIN_REACH_M = 0.03
+_ON_SKELETON = 0.2  # of the reach: points this near belong to the skeleton for sure
+_SPARSE = 1.5  # reach over the distance to a neighbour
+_REACH_POINTS = 5_000  # enough for a median
+_MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
+_MIN_MISSED_POINTS = 10
+_BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
+
+
+@dataclass
+class Support:
+    """Which parts of a skeleton, and which wood points, belong to the tree beyond doubt.
+
+    Attributes
+    ----------
+    node : ndarray of shape (n_nodes,), bool
+        False for pieces that hang on a bridged gap and are too small to be a branch.
+    point : ndarray of shape (n_wood,), bool
+        Wood points on a supported node's piece of skeleton, and those near it that do not float
+        alone.
+    farthest : float
+        No such point lies farther from the skeleton than this.
+    gaps : ndarray of shape (n_gaps,), float64
+        Lengths of the stretches that run through no wood points, in the skeleton's unit.
+    n_stray, stray_length : int, float
+        Pieces left out, and their length.
+    missed_share, missed_length : float
+        Share of the tree's wood points that the skeleton leaves out, and the extent of the
+        largest cluster of them, see `missed_wood`.
+    """
+
+    node: np.ndarray
+    point: np.ndarray
+    farthest: float
+    gaps: np.ndarray
+    n_stray: int
+    stray_length: float
+    missed_share: float = 0.0
+    missed_length: float = 0.0
+
+
+def densify(skeleton, step):
+    """Sample every edge of a skeleton at most `step` apart.
+
+    Returns
+    -------
+    points : ndarray of shape (n_samples, 3), float64
+    node : ndarray of shape (n_samples,), int64
+        The edge's upper node (the root for its own sample).
+    radius : ndarray of shape (n_samples,), float64
+    spacing : ndarray of shape (n_samples,), float64
+        Length of skeleton that the sample stands for.
+    """
+    nodes = np.arange(1, len(skeleton))
+    length = skeleton.edge_length[1:]
+    count = np.maximum(np.ceil(length / step).astype(int), 1)
+    node = np.repeat(nodes, count)
+    start = np.repeat(np.cumsum(count) - count, count)
+    share = (np.arange(len(node)) - start + 1.0) / np.repeat(count, count)
+    parent = skeleton.parent[node]
+    points = skeleton.points[parent] + share[:, None] * (
+        skeleton.points[node] - skeleton.points[parent]
+    )
+    radius = (1 - share) * skeleton.radius[parent] + share * skeleton.radius[node]
+    spacing = np.repeat(length / count, count)
+    return (
+        np.vstack([skeleton.points[:1], points]),
+        np.concatenate([[0], node]),
+        np.concatenate([skeleton.radius[:1], radius]),
+        np.concatenate([[0.0], spacing]),
+    )
+
+
+def support_reach(wood, min_neighbours=4, cells=None):
+    """Distance within which a wood point has company: 0.03, or more in a sparse scan.
+
+    Parameters
+    ----------
+    wood : ndarray of shape (n_wood, 3), float64
+    min_neighbours : int, default 4
+    cells : Cells, optional
+        Of `wood`, where it is sorted already.
+
+    Returns
+    -------
+    float
+        1.5 times the median distance to the ``min_neighbours``-th neighbour, 0.03 at least.
+    """
+    k = min(min_neighbours + 1, len(wood))
+    some = wood[:: 1 + len(wood) // _REACH_POINTS]
+    if cells is not None:  # spares a tree of all points
+        is_near = have_company(cells, some, np.full(len(some), MIN_REACH_M / _SPARSE), k)
+        if 2 * is_near.sum() > len(some):
+            return MIN_REACH_M
+    distance = cKDTree(wood).query(some, k=[k])[0]
+    return max(MIN_REACH_M, _SPARSE * float(np.median(distance)))
+
+
+def find_support(
+    skeleton, wood, *, max_gap, min_stray, reach=MIN_REACH_M, min_neighbours=4, cells=None
+):
+    """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    wood : ndarray of shape (n_wood, 3), float64
+        Points labelled trunk or branch.
+    max_gap : float
+        Stretches without wood points longer than this are gaps; in the skeleton's unit.
+    min_stray : float
+        Pieces of skeleton beyond a gap shorter than this in all do not count as the tree's.
+    reach : float, default 0.03
+        A wood point supports the skeleton within 1.5 radii or this distance.
+    min_neighbours : int, default 4
+        Wood points needed within `reach` of a point for it not to float alone.
+    cells : Cells, optional
+        Of `wood`, where it is sorted already; cells about as large as `reach` are quick.
+
+    Returns
+    -------
+    Support
+    """
+    samples, owner, radius, spacing = densify(skeleton, _SAMPLE_M)
+    cells = sort_into_cells(wood, reach) if cells is None else cells
+    near = have_company(cells, samples, np.maximum(1.5 * radius, reach), 1)
+    bare = np.bincount(owner[~near], spacing[~near], len(skeleton))  # length of each node's edge
+    run, is_gap, beyond, kept = _gaps(
+        skeleton.parent, skeleton.edge_length, bare, float(max_gap), float(min_stray)
+    )
+    n_stray = np.count_nonzero(is_gap & (beyond < min_stray))
+    stray_length = float(beyond[is_gap & (beyond < min_stray)].sum())
+    close, sample = cKDTree(samples).query(wood)
+    allowed = np.maximum(2.0 * radius, reach)
+    point = kept[owner[sample]] & (close <= allowed[sample])
+    rows = np.flatnonzero(point)
+    # The sparse end of a shoot has few points; those on the skeleton need no company.
+    point[rows] = close[rows] <= np.maximum(radius[sample[rows]], _ON_SKELETON * reach)
+    rows = rows[~point[rows]]
+    point[rows] = have_company(cells, wood[rows], np.full(len(rows), reach), min_neighbours + 1)
+    is_far = close > np.maximum(2.0 * radius[sample], _MISSED_M)
+    missed = missed_wood(wood, point, is_far, reach, cells=cells)
+    return Support(kept, point, allowed.max(), run[is_gap], n_stray, stray_length, *missed)
+
+
+@numba.njit(cache=True)
+def _gaps(parent, length, bare, max_gap, min_stray):
+    """Gaps of a skeleton whose edges are bare over some length, and what small lies beyond them.
+
+    Returns the bare length that ends at each node, whether a gap ends there, the length of
+    skeleton from there upwards without its bare parts, and which nodes are no such small piece.
+    """
+    n = len(parent)
+    run, beyond = np.zeros(n), np.zeros(n)
+    goes_on, is_gap = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+    kept = np.ones(n, dtype=np.bool_)
+    for node in range(1, n):  # parents come before children
+        if bare[node] > 0.5 * length[node]:
+            run[node] = bare[node] + run[parent[node]]
+            goes_on[parent[node]] |= run[node] > 0
+    for node in range(n - 1, 0, -1):
+        beyond[parent[node]] += beyond[node] + length[node] - bare[node]
+    for node in range(n):
+        is_gap[node] = run[node] > max_gap and not goes_on[node]
+        kept[node] = not (is_gap[node] and beyond[node] < min_stray)
+        if node:
+            kept[node] &= kept[parent[node]]
+    return run, is_gap, beyond, kept
+
+
+def missed_wood(wood, supported, is_far, reach, cells=None):
+    """Wood that a skeleton leaves out: clusters of points far from it that lie beside its own.
+
+    Parameters
+    ----------
+    wood : ndarray of shape (n_wood, 3), float64
+    supported, is_far : ndarray of shape (n_wood,), bool
+        Points that belong to the skeleton, and points far from it.
+    reach : float
+        Points this near touch each other.
+    cells : Cells, optional
+        Of `wood`, where it is sorted already.
+
+    Returns
+    -------
+    share : float
+        Of all the skeleton's and left-out points. A neighbour's wood beside the tree counts too.
+    length : float
+        Diagonal of the box around the largest cluster, in the unit of `wood`.
+    """
+    if not is_far.any() or not supported.any():
+        return 0.0, 0.0
+    sites, _, member = voxel_thin(wood[is_far], reach)
+    pairs = cKDTree(sites).query_pairs(2 * reach, output_type="ndarray")
+    cluster, n_clusters = components(len(sites), pairs)
+    count = np.bincount(cluster, np.bincount(member, minlength=len(sites)), n_clusters)
+    large = (count >= _MIN_MISSED_POINTS)[cluster]
+    if not large.any():
+        return 0.0, 0.0
+    beside = max(2 * reach, _BESIDE_M)
+    cells = sort_into_cells(wood, beside) if cells is None else cells
+    own = cells.select(supported)
+    is_beside = have_company(own, sites[large], np.full(large.sum(), beside), 1)
+    touches = np.bincount(cluster[large], is_beside, n_clusters) > 0
+    if not touches.any():
+        return 0.0, 0.0
+    low, high = np.full((n_clusters, 3), np.inf), np.full((n_clusters, 3), -np.inf)
+    np.minimum.at(low, cluster, sites)
+    np.maximum.at(high, cluster, sites)
+    n_missed = float(count[touches].sum())
+    length = np.linalg.norm((high - low)[touches], axis=1).max()
+    return n_missed / (n_missed + np.count_nonzero(supported)), float(length)

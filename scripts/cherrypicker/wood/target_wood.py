@@ -1,0 +1,288 @@
+"""The target tree's own wood: neighbours are cut off and loose blobs dropped."""
+
+import logging
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label
+from cherrypicker.errors import StageError
+from cherrypicker.geometry.neighbors import (
+    component_links,
+    components,
+    sparse_graph,
+    touching_edges,
+)
+from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
+from cherrypicker.wood.target import Choice, choose_target
+
+__all__ = ["TargetWood", "select_target_wood"]
+
+logger = logging.getLogger(__name__)
+
+N_NEIGHBORS = 10
+REACH_IN_SPACINGS = 3.5  # neighbours within this many point spacings touch each other
+LOCAL_REACH = 2.0  # or, where points lie farther apart than elsewhere, within this many local ones
+LEAST_GAP_IN_SPACINGS = 8.0
+GAP_HEIGHT_M = 4.0  # gaps are meant for trees up to this tall, and grow with taller ones
+GAP_COST = 3.0  # a metre of missing data counts as this many of wood
+BORDER_IN_SPACINGS = 3.0
+ANY_DIRECTION_SHARE = 0.4  # of the longest gap: a shorter one is bridged in any direction
+LONG_IN_GAPS = 3.0  # a piece this much longer than its gap is bridged in any direction as well
+FEWEST_IN_LINE = 5
+END_SHARE = 0.6  # of the longest gap: the length of an end that tells its direction
+LINE_SHARE = 0.75  # share of the variance along its axis from which a piece has a direction
+DIRECTION_COSINE = np.cos(np.radians(30.0))
+THIN_M = 0.025  # radius that the thickness of wood is judged in
+
+
+@dataclass
+class TargetWood:
+    """Which points are the target's wood.
+
+    Attributes
+    ----------
+    keep : ndarray of shape (n_points,), bool
+    base : ndarray of shape (3,), float64
+        Base of the target's stem.
+    report : dict
+        Counts: ``n_stems``, ``n_wood``, ``n_kept``, ``n_neighbors_cut``, ``n_floating``.
+    choice : Choice
+        Why this tree, and what else stands there.
+    """
+
+    keep: np.ndarray
+    base: np.ndarray
+    choice: Choice
+    report: dict = field(default_factory=dict)
+
+
+def select_target_wood(
+    points, labels, *, ground=None, target_xy=None, region=None, gap_m=0.25, stem_gap_m=0.6
+):
+    """Keep the target tree's wood.
+
+    Every wood point goes to the stem base with the shortest way through the wood. Wood that
+    comes in over the border of the region of interest belongs to a tree outside, up to the
+    thinnest place on its way to the target's stem. Pieces without a way to
+    any stem are kept when the gap to the target's wood is small, or larger but in the direction
+    of the piece (missing data along a branch); the rest is dropped and counted.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Thinned wood points, z up.
+    labels : ndarray of shape (n_points,), int
+    ground : ndarray of shape (n_ground, 3), optional
+        Ground points, for the height above ground.
+    target_xy : array-like of 2 floats, optional
+        Where the target stands; left out, the wood decides (`wood.target.choose_target`).
+    region : Footprint, optional
+        Of the region of interest; left out, nothing comes in from outside.
+    gap_m : float, default 0.25
+        Longest gap along the direction of a branch that is still bridged; 0.4 of it in any
+        other direction, all of it for a piece three times as long as its gap. In a tree taller
+        than 4 m it grows with the height.
+    stem_gap_m : float, default 0.6
+        Longest gap between two pieces of trunk.
+
+    Returns
+    -------
+    TargetWood
+
+    Raises
+    ------
+    StageError
+        If there is no wood, or `target_xy` lies outside.
+    """
+    if not len(points):
+        raise StageError("no wood points", key="contract.classes")
+    edges, spacing = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS, LOCAL_REACH)
+    gap_m *= max(1.0, float(np.ptp(points[:, 2])) / GAP_HEIGHT_M)
+    gap_m = max(gap_m, LEAST_GAP_IN_SPACINGS * spacing)  # of a coarse scan of a big tree
+    links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
+    stems = find_stems(points, ground, labels) or [_lowest_base(points, labels)]
+    border = _border_seeds(points, region, spacing)
+    owner = _compete(points, edges, links, stems, border)
+    piece, _ = components(len(points), np.vstack([edges, links]).astype(np.int64))
+    lost = stems_off_the_ground(points, piece, owner)
+    if lost:
+        stems = stems + lost
+        owner = _compete(points, edges, links, stems, border)
+    bases = [stem.base for stem in stems]
+    choice = choose_target(
+        points, bases, owner, spacing=spacing, region=region, target_xy=target_xy
+    )
+    keep = owner == choice.target.stem
+    report = _report(owner, len(stems), keep)
+    logger.info(
+        "kept %s of %s wood points (%.1f %%): %s on neighbours, %s loose",
+        f"{report['n_kept']:,}",
+        f"{report['n_wood']:,}",
+        100 * report["n_kept"] / report["n_wood"],
+        f"{report['n_neighbors_cut']:,}",
+        f"{report['n_floating']:,}",
+    )
+    return TargetWood(keep, bases[choice.target.stem], choice, report)
+
+
+def _lowest_base(points, labels):
+    """The base of a cloud without a clear stem: its lowest trunk (or else wood) points."""
+    rows = np.flatnonzero(labels == Label.TRUNK)
+    rows = rows if len(rows) >= 3 else np.arange(len(points))
+    height = points[rows, 2]
+    low = rows[height <= height.min() + 0.02 * (np.ptp(points[:, 2]) or 1.0)]
+    return Stem(np.median(points[low], axis=0), low)
+
+
+def _bridges(points, labels, edges, gap_m, stem_gap_m):
+    """Links over gaps that missing data leave along branches and in the stem."""
+    near = component_links(points, edges, ANY_DIRECTION_SHARE * gap_m)
+    stem = _stem_links(points, labels, edges, stem_gap_m)
+    group, n_groups = components(len(points), np.vstack([edges, near, stem]))
+    if n_groups == 1:
+        return np.vstack([near, stem])
+    piece, _ = components(len(points), edges)  # a group's pieces each have their own direction
+    main_group = np.argmax(np.bincount(group))
+    tree, main_wood = cKDTree(points), cKDTree(points[group == main_group])
+    along = [np.empty((0, 2), dtype=np.int64)]
+    for index in np.unique(piece[group != main_group]):
+        rows = np.flatnonzero(piece == index)
+        if len(rows) >= FEWEST_IN_LINE:
+            found = _links_along(points, tree, main_wood, group, rows, gap_m)
+            along += [np.array([link]) for link in found]
+    links = np.vstack([near, stem, *along])
+    return np.vstack([links, _links_of_long(points, np.vstack([edges, links]), gap_m)])
+
+
+def _links_of_long(points, edges, gap_m):
+    """Shortest links of pieces much longer than their gap: no stray points, whatever they point to.
+
+    A limb whose lower end no photo shows has several ends, and none need point to the stem.
+    """
+    piece, n_pieces = components(len(points), edges)
+    if n_pieces == 1:
+        return np.empty((0, 2), dtype=np.int64)
+    low, high = np.full((n_pieces, 3), np.inf), np.full((n_pieces, 3), -np.inf)
+    np.minimum.at(low, piece, points)
+    np.maximum.at(high, piece, points)
+    extent = np.linalg.norm(high - low, axis=1)
+    # shorter pieces have no gap left that they are long beside, and would lie between long ones
+    rows = np.flatnonzero((extent >= LONG_IN_GAPS * ANY_DIRECTION_SHARE * gap_m)[piece])
+    if not len(rows):
+        return np.empty((0, 2), dtype=np.int64)
+    own_edges = _edges_among(rows, edges, len(points))
+    links = rows[component_links(points[rows], own_edges, gap_m)]
+    gap = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
+    return links[extent[piece[links]].min(axis=1) >= LONG_IN_GAPS * gap]
+
+
+def _links_along(points, tree, main_wood, group, rows, gap_m):
+    """Links from the ends of a piece to the nearest other wood straight ahead of them."""
+    piece = points[rows]
+    axis = np.linalg.svd(piece - piece.mean(axis=0), full_matrices=False)[2][0]
+    position = piece @ axis
+    nearest = int(np.argmin(main_wood.query(piece)[0]))
+    for end in sorted({int(np.argmin(position)), int(np.argmax(position)), nearest}):
+        near = piece[np.linalg.norm(piece - piece[end], axis=1) <= END_SHARE * gap_m]
+        _, values, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
+        if len(near) < FEWEST_IN_LINE or values[0] ** 2 < LINE_SHARE * np.square(values).sum():
+            continue
+        heading = axes[0] if axes[0] @ (piece[end] - near.mean(axis=0)) > 0 else -axes[0]
+        others = np.array(tree.query_ball_point(piece[end], gap_m), dtype=np.int64)
+        others = others[group[others] != group[rows[0]]]
+        offset = points[others] - piece[end]
+        distance = np.linalg.norm(offset, axis=1)
+        ahead = offset @ heading >= DIRECTION_COSINE * distance
+        if ahead.any():
+            best = others[ahead][np.argmin(distance[ahead])]
+            yield tuple(sorted((int(rows[end]), int(best))))
+
+
+def _stem_links(points, labels, edges, stem_gap_m):
+    """Links between the pieces of the stem: a ring around it hides all of it."""
+    trunk = np.flatnonzero(labels == Label.TRUNK)
+    if len(trunk) < 2:
+        return np.empty((0, 2), dtype=np.int64)
+    links = component_links(points[trunk], _edges_among(trunk, edges, len(points)), stem_gap_m)
+    return trunk[links]
+
+
+def _border_seeds(points, region, spacing):
+    """Rows of wood points at the border of the region of interest."""
+    if region is None:
+        return np.empty(0, dtype=np.int64)
+    return np.flatnonzero(region.inward(points[:, :2]) < BORDER_IN_SPACINGS * spacing)
+
+
+def _compete(points, edges, links, stems, border):
+    """Stem with the shortest way to each point: its index, len(stems) for a tree outside, or -1."""
+    n_points, n_stems = len(points), len(stems)
+    all_edges = np.vstack([edges, links]).astype(np.int64)
+    cost = np.linalg.norm(points[all_edges[:, 0]] - points[all_edges[:, 1]], axis=1)
+    cost[len(edges) :] *= GAP_COST
+    seeds = [np.stack([np.full(len(s.rows), n_points + i), s.rows], 1) for i, s in enumerate(stems)]
+    seed_cost = [np.linalg.norm(points[s.rows] - s.base, axis=1) for s in stems]
+    sources = np.arange(n_points, n_points + n_stems)
+
+    def ways(sources):
+        graph = sparse_graph(
+            n_points + n_stems + 1,
+            np.vstack([all_edges, *seeds]),
+            np.concatenate([cost, *seed_cost]),
+        )
+        return dijkstra(
+            graph, directed=False, indices=sources, return_predecessors=True, min_only=True
+        )
+
+    way, before, owner = ways(sources)
+    if len(border):
+        reached = border[np.isfinite(way[border])]
+        handicap = _border_handicap(points, edges, way, before, reached)
+        seeds.append(np.stack([np.full(len(reached), n_points + n_stems), reached], 1))
+        seed_cost.append(handicap)
+        way, _, owner = ways(np.append(sources, n_points + n_stems))
+    return np.where(np.isfinite(way), owner - n_points, -1)[:n_points]
+
+
+def _border_handicap(points, edges, way, before, border):
+    """Head start that the target's ways get over those of wood from over the border.
+
+    Crowns meet with their thin ends: the two ways shall be equally long at the thinnest place
+    between the border and the stem.
+    """
+    tree = cKDTree(points)
+    member, _ = components(len(border), _edges_among(border, edges, len(points)))
+    handicap = np.zeros(len(border))
+    for cluster in range(member.max() + 1 if len(border) else 0):
+        own = np.flatnonzero(member == cluster)
+        path = [border[own[np.argmin(way[border[own]])]]]
+        while before[path[-1]] >= 0 and before[path[-1]] < len(points):
+            path.append(before[path[-1]])
+        path = np.array(path)
+        length = way[path[0]]
+        thickness = np.array([len(rows) for rows in tree.query_ball_point(points[path], THIN_M)])
+        open_ways = way[path] >= 0.2 * length  # the stem's foot is no meeting place
+        meeting = path[open_ways][np.argmin(thickness[open_ways])]
+        handicap[own] = max(0.0, 2 * way[meeting] - length)
+    return handicap
+
+
+def _edges_among(rows, edges, n_points):
+    """Edges with both ends in `rows`, renumbered."""
+    number = np.full(n_points, -1)
+    number[rows] = np.arange(len(rows))
+    own = number[edges]
+    return own[(own >= 0).all(axis=1)]
+
+
+def _report(owner, n_stems, keep):
+    return {
+        "n_stems": n_stems,
+        "n_wood": len(owner),
+        "n_kept": int(np.count_nonzero(keep)),
+        "n_neighbors_cut": int(np.count_nonzero((owner >= 0) & ~keep)),
+        "n_floating": int(np.count_nonzero(owner < 0)),
+    }

@@ -1,0 +1,123 @@
+"""Score a cloud on disk: place it in the scene's frame, score it, put the scores into words."""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.errors import StageError
+from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.pointcloud import PointCloud, read_cloud
+from cherrypicker.poses import read_poses
+from cherrypicker_lab.dense.surface import (
+    CLASSES,
+    THINNED_VOXEL_M,
+    camera_similarity,
+    judge_points,
+    refine_similarity,
+    score_cloud,
+    thin,
+)
+from cherrypicker_lab.dense.truth import TrueSurface, load_true_surface
+
+logger = logging.getLogger(__name__)
+
+FITS = ("none", "cameras", "surface")
+
+
+def score_file(
+    cloud: str | os.PathLike,
+    poses: str | os.PathLike,
+    truth: str | os.PathLike,
+    *,
+    fit: str,
+    max_photos: int | None = None,
+) -> tuple[dict, PointCloud]:
+    """Score a PLY against ``{scene}/truth``.
+
+    Parameters
+    ----------
+    cloud : path-like
+    poses : path-like
+        Poses NPZ, or a dense workspace or its manifest, of the cloud's frame; not read for
+        ``fit="none"``.
+    truth : path-like
+    fit : {"none", "cameras", "surface"}
+        How the cloud is placed, see :mod:`cherrypicker_lab.dense.surface`.
+    max_photos : int, optional
+        The cloud is from the first so many photos; what they do not see does not count.
+
+    Returns
+    -------
+    report : dict
+        As :func:`cherrypicker_lab.dense.surface.score_cloud`, with ``fit`` and the
+        similarity's ``scale``, ``rotation`` and ``translation``.
+    scored : PointCloud
+        The judged points in the scene's frame, one a 2.5 mm voxel, with a field ``error`` (float32,
+        m), for pictures.
+
+    Raises
+    ------
+    StageError
+        If a file is missing or broken, or the cloud is nowhere near the tree.
+    """
+    surface = load_true_surface(truth, max_photos=max_photos)
+    points = read_cloud(cloud).points
+    placed, similarity = place(points, poses, truth, surface, fit)
+    report = score_cloud(placed, surface)
+    near = placed[judge_points(placed, surface)]
+    near = near[thin(near, THINNED_VOXEL_M)]
+    error = cKDTree(surface.points).query(near, workers=-1)[0].astype(np.float32)
+    scored = PointCloud(near, fields={"error": error}, frame="metric", unit="m")
+    scale, rotation, translation = similarity
+    report |= {"fit": fit, "scale": scale, "rotation": rotation, "translation": translation}
+    return report, scored
+
+
+def place(points, poses, truth, surface: TrueSurface, fit: str):
+    """Move points into the scene's frame; returns them and (scale, rotation, translation)."""
+    if fit not in FITS:
+        raise StageError(f"unknown fit {fit!r}, one of {', '.join(FITS)}")
+    if fit == "none":
+        return points, (1.0, np.eye(3), np.zeros(3))
+    names, centers = _cameras(poses)
+    true = read_poses(Path(truth) / "poses.npz")
+    scale, rotation, translation = camera_similarity(names, centers, true.names, true.centers)
+    placed = scale * points @ rotation.T + translation
+    if fit == "surface":
+        s, r, t = refine_similarity(placed, surface)
+        placed = s * placed @ r.T + t
+        scale, rotation, translation = s * scale, r @ rotation, s * r @ translation + t
+    return placed, (scale, rotation, translation)
+
+
+def _cameras(poses):
+    poses = Path(poses)
+    if poses.is_dir() or poses.suffix == ".json":
+        views = Workspace(poses if poses.is_dir() else poses.parent).views
+        return [view.name for view in views], np.array([view.center for view in views])
+    read = read_poses(poses)
+    return read.names, read.centers
+
+
+def describe(report: dict) -> str:
+    """Return the scores as a small table of text."""
+    lines = [
+        f"{report['n_judged']:,} of {report['n_points']:,} points judged, "
+        f"{100 * report['visible_share']:.1f} % of the surface seen by three photos, "
+        f"median error {1000 * report['median_error_m']:.2f} mm",
+        f"{'':18s}" + "".join(f"{f'{t}: P     R     F1':26s}" for t in ("5mm", "10mm", "20mm")),
+    ]
+    for name in ("all", "thinned", "wood_30mm", *CLASSES):
+        cells = []
+        for rates in report[name].values():
+            values = [rates[k] for k in ("accuracy", "completeness", "f1")]
+            cells.append(" ".join("  -  " if v is None else f"{v:.3f}" for v in values))
+        lines.append(f"{name:18s}" + "".join(f"    {cell:22s}" for cell in cells))
+    all10 = report["all"]["10mm"]["completeness_all"]
+    lines.append(f"completeness at 10 mm over all surface, seen or not: {all10:.3f}")
+    return "\n".join(lines)

@@ -1,0 +1,232 @@
+"""What each stage costs, on a generated scene: its output is replaced by the truth, one by one.
+
+The rungs of a ladder: the tree as found; the same with the true poses; with the true depth as well;
+with the true labels; with points of the true skeleton for the contracted ones. The stages after
+the one replaced are the workflow's own, so the drop of an error from one rung to the next is what
+that stage costs, and what is left at the last rung is the cost of the graph and the traits. A
+negative cost says that the stages after had made up for the error, or that errors cancelled out.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import yaml
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json, write_text
+from cherrypicker_lab.evaluation import evaluate
+from cherrypicker_lab.truth_swaps import (
+    place_true_depth,
+    place_true_labels,
+    place_true_poses,
+    place_true_skeleton,
+)
+
+RUNGS = ("found", "true_poses", "true_depth", "true_labels", "true_skeleton")
+NAMES = {
+    "found": "as found",
+    "true_poses": "+ true poses",
+    "true_depth": "+ true depth",
+    "true_labels": "+ true labels",
+    "true_skeleton": "+ true skeleton points",
+}
+#: The stage whose cost the step to each rung shows.
+STAGES = {
+    "true_poses": "poses (structure from motion)",
+    "true_depth": "depth (stereo)",
+    "true_labels": "labels (segmentation)",
+    "true_skeleton": "skeleton points (crop, denoising, contraction)",
+    "rest": "graph, radii and traits",
+}
+#: Errors, in percent of the truth.
+MEASURES = {
+    "recall": "skeleton recall",
+    "recall_all": "the same, all wood",
+    "trunk": "trunk diameter",
+    "length": "total length",
+}
+#: Those that a stage's cost is the sum of; recall of thick wood is part of that of all wood.
+SUMMED = ("recall_all", "trunk", "length")
+
+_COLUMNS = ("photos", "marker_dictionary", "marker_sides_m", "scale", "date")
+
+
+def errors_of(report: Mapping, truth: Mapping) -> dict[str, float]:
+    """Return the errors of an evaluation, `MEASURES`, in percent.
+
+    Parameters
+    ----------
+    report : mapping
+        From `cherrypicker_lab.evaluation.evaluate`.
+    truth : mapping
+        ``truth/traits.json``.
+    """
+    return {
+        "recall": 100 * (1 - report["skeleton_recall"]),
+        "recall_all": 100 * (1 - report["skeleton_recall_all"]),
+        "trunk": 100 * report["trunk_diameter_error_m"] / truth["trunk_diameter_m"],
+        "length": 100 * abs(report["total_length_m_ratio"] - 1),
+    }
+
+
+def costs_of(ladder: Mapping[str, Mapping]) -> dict[str, dict[str, float]]:
+    """Return what each of `STAGES` costs: the drop of each error on the way to its rung.
+
+    Parameters
+    ----------
+    ladder : mapping
+        `errors_of` of each of `RUNGS`.
+
+    Returns
+    -------
+    dict
+        Per stage the cost in each of `MEASURES`, percent, and ``sum`` over `SUMMED`.
+    """
+    costs = {}
+    for before, rung in zip(RUNGS, [*RUNGS[1:], "rest"]):
+        after = ladder.get(rung, dict.fromkeys(MEASURES, 0.0))
+        cost = {name: ladder[before][name] - after[name] for name in MEASURES}
+        costs[rung] = cost | {"sum": sum(cost[name] for name in SUMMED)}
+    return costs
+
+
+def dearest(costs: Mapping[str, Mapping], measure: str = "sum") -> str:
+    """Return the stage that costs most in a measure; the earlier one of equals."""
+    return max(STAGES, key=lambda stage: costs[stage][measure])
+
+
+def climb(
+    found: Path,
+    truth: Path,
+    folder: Path,
+    *,
+    tree: str,
+    row: Mapping[str, str],
+    settings: Mapping,
+    snakefile: Path,
+    threads: int,
+) -> dict:
+    """Run the ladder of one tree.
+
+    Parameters
+    ----------
+    found : Path
+        ``results/{tree}``, complete.
+    truth : Path
+        ``{scene}/truth``.
+    folder : Path
+        A working folder per rung goes below it.
+    tree : str
+    row : mapping
+        The tree's row of ``trees.tsv``.
+    settings : mapping
+        The tree's config, all keys.
+    snakefile : Path
+        The workflow whose stages run.
+    threads : int
+
+    Returns
+    -------
+    dict
+        ``ladder``: `errors_of` of each rung, ``values``: what the evaluation said of it, ``costs``:
+        `costs_of`, ``dearest``: the stage that costs most.
+
+    Raises
+    ------
+    StageError
+        When the truth or the results are not complete, or a stage fails on the truth.
+    """
+    traits = read_json(truth / "traits.json")
+    results = {rung: folder / rung / "results" / tree for rung in RUNGS} | {"found": found}
+    photos, seed = Path(row["photos"]).absolute(), settings["seed"]
+    values = {"found": evaluate(found, truth)}
+    for rung in RUNGS[1:]:
+        here, before = results[rung], results[RUNGS[RUNGS.index(rung) - 1]]
+        write_work_folder(folder / rung, tree, row, settings)
+        if rung == "true_poses":
+            place_true_poses(found, here, photos, truth, seed=seed, threads=threads)
+        elif rung == "true_depth":
+            place_true_depth(before, here, truth, threads=threads)
+        elif rung == "true_labels":
+            place_true_labels(before, here, truth)
+        else:
+            place_true_skeleton(before, here, truth)
+        run_stages(snakefile, folder / rung, f"results/{tree}/traits.json", threads)
+        values[rung] = evaluate(here, truth)
+    ladder = {rung: errors_of(values[rung], traits) for rung in RUNGS}
+    costs = costs_of(ladder)
+    return {"ladder": ladder, "values": values, "costs": costs, "dearest": dearest(costs)}
+
+
+def write_work_folder(folder: Path, tree: str, row: Mapping[str, str], settings: Mapping) -> None:
+    """Write config.yaml and trees.tsv of a working folder with one tree."""
+    cells = {name: row.get(name, "") for name in _COLUMNS}
+    cells["photos"] = str(Path(cells["photos"]).absolute())
+    lines = ["\t".join(["tree", *cells]), "\t".join([tree, *cells.values()])]
+    own = {name: dict(value) if isinstance(value, Mapping) else value
+           for name, value in settings.items()}  # fmt: skip
+    own["trees"] = "config/trees.tsv"
+    for section in ("sky", "segment"):
+        if own[section].get("weights"):
+            own[section]["weights"] = str(Path(own[section]["weights"]).absolute())
+    (folder / "config").mkdir(parents=True, exist_ok=True)
+    write_text(folder / "config/trees.tsv", "\n".join(lines) + "\n")
+    write_text(folder / "config/config.yaml", yaml.safe_dump(own))
+
+
+def run_stages(snakefile: Path, folder: Path, target: str, threads: int) -> None:
+    """Run the workflow in a working folder up to a target.
+
+    Only times decide what is due: what was put there from the truth has no history.
+
+    Raises
+    ------
+    StageError
+        When a stage fails; its log lies in the folder.
+    """
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(snakefile)]
+    command += ["--directory", str(folder), "--cores", str(threads), "--quiet", "all"]
+    command += ["--rerun-triggers", "mtime", "--nocolor", "--", target]
+    # A rule of the outer run may have settings of its own in the environment.
+    clean = {k: v for k, v in os.environ.items() if not k.startswith("SNAKEMAKE")}
+    done = subprocess.run(command, env=clean, check=False)
+    if done.returncode:
+        raise StageError(
+            f"a stage failed on the truth (exit code {done.returncode}); its log is in {folder}",
+            file=folder / target,
+        )
+
+
+def markdown(budgets: Mapping[str, Mapping]) -> str:
+    """Return the tables of several trees, `climb` by tree, as Markdown."""
+    return "\n".join(_of_tree(tree, budget) for tree, budget in budgets.items())
+
+
+def _of_tree(tree: str, budget: Mapping) -> str:
+    lines = [
+        f"### {tree}",
+        "",
+        "| | " + " | ".join(f"{what}, error %" for what in MEASURES.values()) + " |",
+        "| --- |" + " ---: |" * len(MEASURES),
+    ]
+    for rung in RUNGS:
+        cells = [f"{budget['ladder'][rung][name]:.2f}" for name in MEASURES]
+        lines.append(f"| {NAMES[rung]} | " + " | ".join(cells) + " |")
+    lines += [
+        "",
+        "| stage | " + " | ".join(MEASURES.values()) + " | sum |",
+        "| --- |" + " ---: |" * (len(MEASURES) + 1),
+    ]
+    for stage, what in STAGES.items():
+        cells = [f"{budget['costs'][stage][name]:+.2f}" for name in (*MEASURES, "sum")]
+        is_dearest = stage == budget["dearest"]
+        name = f"**{what}**" if is_dearest else what
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    most = [f"{what} {STAGES[dearest(budget['costs'], name)]}" for name, what in MEASURES.items()]
+    lines += ["", f"Costs most: {STAGES[budget['dearest']]}. By measure: {'; '.join(most)}.", ""]
+    return "\n".join(lines)

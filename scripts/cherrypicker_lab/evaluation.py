@@ -1,0 +1,287 @@
+"""A tree's results against the ground truth of its scene.
+
+Frames: the result lives in a frame of its own (z up, stem near the origin), so it is moved onto the
+truth before positions are compared. The motion is a rotation and a translation fitted to the camera
+centres of the photos that both have, with the result's scale kept: a wrong scale stays visible in
+every distance. A full rotation is allowed, since the tilt has a bar of its own. Clouds that came in
+ready have no cameras and are compared in the frame they came in.
+"""
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import CLASS_NAMES
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json
+from cherrypicker.pointcloud import read_cloud
+from cherrypicker.poses import read_poses
+from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
+from cherrypicker.traits.support import densify
+
+__all__ = [
+    "BARS",
+    "Bar",
+    "compare_cameras",
+    "compare_labels",
+    "compare_skeletons",
+    "evaluate",
+    "fit_similarity",
+    "missed_bars",
+]
+
+logger = logging.getLogger(__name__)
+
+_SAMPLE_M = 0.002
+_CLASS_REACH_M = 0.03
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A number that a result must reach.
+
+    Attributes
+    ----------
+    name : str
+        Key of the evaluation.
+    limit : float
+    is_least : bool
+        The value must be at least the limit, else at most.
+    what : str
+    """
+
+    name: str
+    limit: float
+    is_least: bool
+    what: str
+
+    def is_met(self, value):
+        """Whether a value reaches the bar; a missing one does not."""
+        if value is None or not np.isfinite(value):
+            return False
+        return value >= self.limit if self.is_least else value <= self.limit
+
+
+BARS = (
+    Bar("registered_fraction", 0.95, True, "photos registered"),
+    Bar("scale_error", 0.005, False, "relative scale error"),
+    Bar("up_error_deg", 1.0, False, "up direction, degrees"),
+    Bar("skeleton_recall", 0.80, True, "skeleton recall at 2 cm, wood of 5 mm radius and more"),
+    Bar("skeleton_precision", 0.80, True, "skeleton precision at 2 cm, same wood"),
+    Bar("n_components", 1.0, False, "connected trees"),
+    Bar("trunk_diameter_error_m", 0.006, False, "trunk diameter error, m"),
+    Bar("height_error", 0.03, False, "relative height error"),
+)
+_CAMERA_BARS = ("registered_fraction", "scale_error", "up_error_deg")
+
+
+def evaluate(results, truth):
+    """Compare the results of one tree with the truth of its scene.
+
+    Parameters
+    ----------
+    results : path-like
+        ``results/{tree}``.
+    truth : path-like
+        ``{scene}/truth``.
+
+    Returns
+    -------
+    dict
+        Plain numbers by name; those of `BARS` are compared by `missed_bars`. Camera numbers are
+        missing for a tree from a ready cloud.
+
+    Raises
+    ------
+    StageError
+        If a file is missing or broken.
+    """
+    results, truth = Path(results), Path(truth)
+    report = {}
+    rotation, translation = np.eye(3), np.zeros(3)
+    if (results / "metric_poses.npz").is_file():
+        cameras = compare_cameras(
+            read_poses(results / "metric_poses.npz"), read_poses(truth / "poses.npz")
+        )
+        rotation, translation = cameras.pop("rotation"), cameras.pop("translation")
+        report |= cameras
+    skeleton = read_skeleton(results / "skeleton.graphml")
+    skeleton.points = skeleton.points @ rotation.T + translation
+    report["n_components"] = 1  # anything else is no tree, which the reader refuses
+    report |= compare_skeletons(skeleton, read_skeleton_csv(truth / "skeleton.csv"))
+    report |= _compare_traits(read_json(results / "traits.json"), read_json(truth / "traits.json"))
+    if (truth / "cloud.ply").is_file() and (results / "segmented.ply").is_file():
+        cloud = read_cloud(results / "segmented.ply", required=("label",))
+        exact = read_cloud(truth / "cloud.ply", required=("label",))
+        points = cloud.points @ rotation.T + translation
+        report |= compare_labels(points, cloud["label"], exact.points, exact["label"])
+    return report
+
+
+def missed_bars(report):
+    """Bars that an evaluation misses, with those of the cameras only for a scan from photos."""
+    is_photo_scan = "registered_fraction" in report
+    return [
+        bar
+        for bar in BARS
+        if (is_photo_scan or bar.name not in _CAMERA_BARS) and not bar.is_met(report.get(bar.name))
+    ]
+
+
+def fit_similarity(source, target, *, with_scale=True):
+    """Least-squares similarity ``target = s R source + t`` (Umeyama 1991).
+
+    Parameters
+    ----------
+    source, target : ndarray of shape (n, 3), float64
+    with_scale : bool, default True
+        Fit s, else s = 1.
+
+    Returns
+    -------
+    scale : float
+    rotation : ndarray of shape (3, 3)
+    translation : ndarray of shape (3,)
+    """
+    middle_source, middle_target = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - middle_source, target - middle_target
+    u, d, vt = np.linalg.svd(b.T @ a)
+    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = u @ sign @ vt
+    scale = float((d * np.diag(sign)).sum() / (a**2).sum()) if with_scale else 1.0
+    return scale, rotation, middle_target - scale * rotation @ middle_source
+
+
+def compare_cameras(found, truth):
+    """Photos registered, scale and up direction of metric poses against the true ones.
+
+    A robust fit: cameras further off than four times the median residual are left out once.
+
+    Parameters
+    ----------
+    found, truth : Poses
+        Matched by file name.
+
+    Returns
+    -------
+    dict
+        ``registered_fraction``, ``scale_error`` (relative), ``up_error_deg``,
+        ``camera_rms_m`` (after the rigid fit), and ``rotation``, ``translation`` that move the
+        result onto the truth.
+
+    Raises
+    ------
+    StageError
+        If fewer than three photos are common.
+    """
+    index = {name: i for i, name in enumerate(truth.names)}
+    common = [(i, index[name]) for i, name in enumerate(found.names) if name in index]
+    if len(common) < 3:
+        raise StageError(f"{len(common)} photos of the result are in the truth, three are needed")
+    here, there = np.array(common).T
+    a, b = found.centers[here], truth.centers[there]
+    keep = np.ones(len(a), dtype=bool)
+    for _ in range(2):
+        scale, rotation, translation = fit_similarity(a[keep], b[keep])
+        residual = np.linalg.norm(scale * a @ rotation.T + translation - b, axis=1)
+        keep = residual <= max(4.0 * np.median(residual), 1e-6)
+    _, rotation, translation = fit_similarity(a[keep], b[keep], with_scale=False)
+    off = np.linalg.norm(a @ rotation.T + translation - b, axis=1)
+    return {
+        "n_photos": len(truth.names),
+        "n_registered": len(common),
+        "registered_fraction": len(common) / len(truth.names),
+        "scale_error": abs(1.0 / scale - 1.0),
+        "scale_of_result": 1.0 / scale,
+        "up_error_deg": float(np.degrees(np.arccos(np.clip(rotation[2, 2], -1, 1)))),
+        "camera_rms_m": float(np.sqrt((off[keep] ** 2).mean())),
+        "rotation": rotation,
+        "translation": translation,
+    }
+
+
+def compare_skeletons(found, truth, *, tolerance=0.02, min_radius=0.005):
+    """Recall and precision of a skeleton, as lengths.
+
+    Both are sampled every 2 mm. Recall: the part of the true wood of `min_radius` and more that has
+    the found skeleton within `tolerance`. Precision: the part of the found wood that it gives
+    `min_radius` and more that has the true skeleton, of any radius, within `tolerance`.
+
+    Parameters
+    ----------
+    found, truth : Skeleton
+        In one frame, metres.
+    tolerance, min_radius : float
+        Metres.
+
+    Returns
+    -------
+    dict
+        ``skeleton_recall``, ``skeleton_precision``, their F1, the same over wood of any radius
+        (``_all``), recall by order, and the ratio of the total lengths.
+    """
+    samples, _, radius, weight = densify(found, _SAMPLE_M)
+    true_samples, true_node, true_radius, true_weight = densify(truth, _SAMPLE_M)
+    is_hit = cKDTree(samples).query(true_samples)[0] <= tolerance
+    is_true = cKDTree(true_samples).query(samples)[0] <= tolerance
+    thick, true_thick = radius >= min_radius, true_radius >= min_radius
+    report = {
+        "skeleton_recall": _share(is_hit, true_weight, true_thick),
+        "skeleton_precision": _share(is_true, weight, thick),
+        "skeleton_recall_all": _share(is_hit, true_weight),
+        "skeleton_precision_all": _share(is_true, weight),
+    }
+    both = report["skeleton_recall"], report["skeleton_precision"]
+    report["skeleton_f1"] = 2 * both[0] * both[1] / max(sum(both), 1e-12)
+    report["length_ratio"] = float(weight.sum() / true_weight.sum())
+    if "order" in truth.fields:
+        orders = truth.fields["order"][true_node]
+        report["recall_by_order"] = {
+            str(order): _share(is_hit, true_weight, true_thick & (orders == order))
+            for order in np.unique(orders[true_thick])
+        }
+    return report
+
+
+def _share(is_good, weight, among=True):
+    total = float((weight * among).sum())
+    return float((weight * is_good * among).sum() / total) if total > 0 else 0.0
+
+
+def _compare_traits(found, truth):
+    report = {
+        "trunk_diameter_m": found["trunk_diameter_m"],
+        "trunk_diameter_error_m": abs(found["trunk_diameter_m"] - truth["trunk_diameter_m"]),
+        "height_m": found["height_m"],
+        "height_error": abs(found["height_m"] / truth["height_m"] - 1.0),
+        "unit": found.get("unit"),
+    }
+    for name in ("total_length_m", "n_tips", "n_junctions"):
+        if name in truth:
+            report[f"{name}_ratio"] = found[name] / max(truth[name], 1e-12)
+    return report
+
+
+def compare_labels(points, labels, true_points, true_labels):
+    """F1 per class of a labelled cloud, each point against its nearest true surface point.
+
+    Points further than 3 cm from any true surface have no true class and are left out.
+
+    Returns
+    -------
+    dict
+        ``label_f1`` by class name, and ``label_matched``, the share of points with a true class.
+    """
+    distance, nearest = cKDTree(true_points).query(points, distance_upper_bound=_CLASS_REACH_M)
+    known = np.isfinite(distance)
+    found, true = labels[known], true_labels[nearest[known]]
+    scores = {}
+    for label in np.unique(true):
+        hit = ((found == label) & (true == label)).sum()
+        scores[CLASS_NAMES.get(int(label), str(label))] = float(
+            2 * hit / ((found == label).sum() + (true == label).sum())
+        )
+    return {"label_f1": scores, "label_matched": float(known.mean())}

@@ -1,0 +1,1 @@
+"""Trees grown from a seed: axes, radii and the exact skeleton."""

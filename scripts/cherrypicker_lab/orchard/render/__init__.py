@@ -1,0 +1,1 @@
+"""Photos of a scene with Blender, and their exact maps."""

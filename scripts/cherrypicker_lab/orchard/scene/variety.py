@@ -1,0 +1,191 @@
+"""What the scenes of an orchard have: forms, sizes, things, light and cameras drawn from a seed."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker_lab.orchard.grow.growth import HABITS
+from cherrypicker_lab.orchard.grow.templates import CONIFERS, TEMPLATES
+from cherrypicker_lab.orchard.scene.cameras import CameraModel
+from cherrypicker_lab.orchard.scene.ground import GROUNDS
+from cherrypicker_lab.orchard.scene.layout import DICTIONARIES
+from cherrypicker_lab.orchard.scene.structures import NETS
+from cherrypicker_lab.orchard.scene.surroundings import BACKGROUNDS
+from cherrypicker_lab.orchard.scene.walks import WALKS
+
+__all__ = ["FORMS", "scene_camera", "scene_options", "scene_walk"]
+
+FORMS = (*HABITS, *TEMPLATES)
+# heights m, and trunk radius per height: from a whip to the tallest trees of an old orchard
+HEIGHTS = {"cherry_whip": (1.0, 2.0), None: (1.3, 6.0)}
+RATIOS = {"cherry_whip": (0.011, 0.016), None: (0.014, 0.026)}
+RADIUS_M = (0.02, 0.15)
+WHIP_RADIUS_M = 0.008
+LEAST_SIZE_PX = 64
+# keys of the config and the options of `generate_scene` that they set
+CHOSEN = {
+    "sky": "sky", "ground": "ground", "net": "net", "wind_m": "wind", "buds_per_m": "buds",
+    "relief": "relief", "neighbours": "neighbours",
+}  # fmt: skip
+# added later: drawn only where the config says so, so that older seeds keep their scenes
+LATER = ("walk", "background")
+CAMERAS = (
+    CameraModel(800, 1200, 1050.0, model="Orchard One", sensor_diagonal_mm=9.5),
+    CameraModel(1200, 800, 860.0, model="Orchard Three", sensor_diagonal_mm=28.2),
+    CameraModel(960, 1280, 1130.0, model="Orchard Four", sensor_diagonal_mm=9.5),
+    CameraModel(1280, 960, 960.0, model="Orchard Five", sensor_diagonal_mm=12.1),
+    CameraModel(1200, 900, 1180.0, model="Orchard Six", sensor_diagonal_mm=43.3),
+)
+
+
+def scene_options(seed, forms=FORMS, chosen=None):
+    """Draw the options of `generate_scene` for one scene of an orchard.
+
+    Parameters
+    ----------
+    seed : int
+        Equal arguments give equal options.
+    forms : sequence of str
+        The forms to draw from.
+    chosen : dict, optional
+        What is not drawn, by the keys of the config's `orchard.chosen`: `sky`, `ground`, `net`
+        ("none" for none), `wind_m`, `buds_per_m`, `relief`, `neighbours`, `background` ("none"
+        for none, as where it is left out). "drawn" and numbers below 0 choose nothing; `walk` is
+        left to `scene_walk`.
+
+    Returns
+    -------
+    dict
+        JSON-able keyword arguments.
+
+    Raises
+    ------
+    StageError
+        If a form or a key of `chosen` is not known.
+    """
+    unknown = sorted(set(chosen or {}) - {*CHOSEN, *LATER})
+    if unknown:
+        raise StageError(
+            f"scenes have {', '.join((*CHOSEN, *LATER))} to choose, got {', '.join(unknown)}",
+            key="orchard.chosen",
+        )
+    unknown = [form for form in forms if form not in FORMS]
+    if unknown or not forms:
+        raise StageError(
+            f"forms are some of {', '.join(FORMS)}, got {', '.join(unknown) or 'none'}",
+            key="orchard.forms",
+        )
+    rng = np.random.default_rng([int(seed), 401])
+    form = str(rng.choice(list(forms)))
+    heights, ratios = (table.get(form, table[None]) for table in (HEIGHTS, RATIOS))
+    # most orchard trees are low: the logarithm of the height is even
+    height = float(np.exp(rng.uniform(*np.log(heights))))
+    low = WHIP_RADIUS_M if form == "cherry_whip" else RADIUS_M[0]
+    radius = float(np.clip(height * rng.uniform(*ratios), low, RADIUS_M[1]))
+    options = {
+        "habit": form,
+        "height": round(height, 3),
+        "trunk_radius": round(radius, 4),
+        "density": round(float(rng.uniform(0.6, 1.15)), 3),
+        "row_spacing": round(float(max(2.2, 0.9 * height) * rng.uniform(1.0, 1.6)), 3),
+        "sky": str(rng.choice(["clear", "broken", "overcast", "low"])),
+        "paint": round(float(rng.uniform(0.3, 0.8)), 2) if rng.random() < 0.2 else 0.0,
+        "stubs": int(rng.integers(1, 6)) if rng.random() < 0.5 else 0,
+        "spurs": round(float(rng.uniform(2, 12)), 1) if "cherry" in form or form in HABITS else 0.0,
+        "wires": int(rng.integers(1, 4)) if rng.random() < 0.3 else 0,
+        "markers": [],
+    }
+    for _ in range(int(rng.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))):
+        dictionary = str(rng.choice(DICTIONARIES))
+        taken = {(m["dictionary"], m["id"]) for m in options["markers"]}
+        number = int(rng.integers(0, 50))
+        if (dictionary, number) in taken:
+            continue
+        pose = str(rng.choice(["lying", "standing", "post"]))
+        side = round(float(rng.uniform(0.10, 0.30)), 3)
+        options["markers"].append(
+            {"dictionary": dictionary, "id": number, "side_m": side, "pose": pose}
+        )
+    options |= _look(seed, form)
+    for key, value in (chosen or {}).items():
+        if key in LATER:
+            continue
+        is_drawn = value == "drawn" if isinstance(value, str) else value < 0
+        if not is_drawn:
+            options[CHOSEN[key]] = value
+    around = (chosen or {}).get("background", "none")
+    drawn = str(np.random.default_rng([int(seed), 463]).choice(["none", *BACKGROUNDS]))
+    around = drawn if around == "drawn" else around
+    if around != "none":
+        options["background"] = around
+    return {**options, "net": None if options["net"] == "none" else options["net"]}
+
+
+def scene_walk(seed, chosen=None):
+    """Choose how the photographer walks around a scene.
+
+    Parameters
+    ----------
+    seed : int
+    chosen : dict, optional
+        The config's `orchard.chosen`; its `walk` is one of `walks.WALKS`, or "drawn" for one
+        drawn from the seed. Rings where it is left out.
+
+    Returns
+    -------
+    str
+    """
+    walk = (chosen or {}).get("walk", "rings")
+    drawn = str(np.random.default_rng([int(seed), 467]).choice(list(WALKS)))
+    return drawn if walk == "drawn" else walk
+
+
+def _look(seed, form):
+    """Options of bark, buds, floor, nets and wind."""
+    rng = np.random.default_rng([int(seed), 433])
+    grounds = [kind for kind in GROUNDS if kind != "meadow"]
+    drawn = {
+        "ground": "meadow" if rng.random() < 0.4 else str(rng.choice(grounds)),
+        "relief": round(float(rng.uniform(0.2, 1.0)), 2),
+        "buds": round(float(rng.uniform(15, 40)), 1) if rng.random() < 0.5 else 0.0,
+        "net": str(rng.choice(NETS)) if rng.random() < 0.2 else None,
+        "wind": round(float(rng.uniform(0.003, 0.03)), 4) if rng.random() < 0.3 else 0.0,
+    }
+    return drawn if form not in CONIFERS else {**drawn, "buds": 0.0}
+
+
+def scene_camera(seed, *, distortion=True, size_px=0):
+    """Draw the camera of a scene.
+
+    Parameters
+    ----------
+    seed : int
+    distortion : bool, default True
+        With a lens of moderate radial distortion; else a pinhole.
+    size_px : int, default 0
+        Longer side of the photos, the field of view staying; 0 for the camera's own.
+
+    Returns
+    -------
+    CameraModel
+
+    Raises
+    ------
+    StageError
+        If the size is above 0 and below `LEAST_SIZE_PX`.
+    """
+    if 0 < size_px < LEAST_SIZE_PX:
+        raise StageError(
+            f"photos have a longer side of at least {LEAST_SIZE_PX} px, got {size_px}",
+            key="orchard.photo_size_px",
+        )
+    rng = np.random.default_rng([int(seed), 409])
+    camera = CAMERAS[int(rng.integers(len(CAMERAS)))]
+    if size_px:
+        factor = size_px / max(camera.width, camera.height)
+        camera = camera.resized(round(camera.width * factor), round(camera.height * factor))
+    k1, k2 = float(rng.uniform(-0.12, 0.04)), float(rng.uniform(-0.01, 0.02))
+    if not distortion:
+        return camera
+    return replace(camera, k1=round(k1, 4), k2=round(k2, 4))

@@ -1,0 +1,1 @@
+"""Clouds of a scene: the exact surface, or as our own stereo would see it."""

@@ -1,0 +1,195 @@
+"""Points on the surface of a tree: tapered tubes sampled as such, without a mesh."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from cherrypicker_lab.orchard.scene.mesh import transported
+
+__all__ = ["TubeSample", "inside_wood", "sample_tubes"]
+
+INSIDE = 0.98  # nearer to another axis than this share of its radius is inside its wood
+
+
+@dataclass
+class TubeSample:
+    """Samples of a tree's surface.
+
+    Attributes
+    ----------
+    points, normals : ndarray of shape (n, 3), float64
+        Positions (m, tree's frame) and outward unit normals.
+    axis : ndarray of shape (n,), int64
+        Axis of the tree that each sample lies on.
+    radius, s : ndarray of shape (n,), float64
+        Radius of the wood and arc length from the axis' start, m.
+    angle : ndarray of shape (n,), float64
+        Position around the axis, radians.
+    tangents : ndarray of shape (n, 3), float64
+        Unit direction of the axis.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    axis: np.ndarray
+    radius: np.ndarray
+    s: np.ndarray
+    angle: np.ndarray
+    tangents: np.ndarray
+
+    def __len__(self):
+        return len(self.points)
+
+    def select(self, keep):
+        """Rows of a mask or an index array."""
+        return TubeSample(**{name: values[keep] for name, values in vars(self).items()})
+
+
+def _segments(tree):
+    """All segments of the axes, end to end, and the axis that each belongs to."""
+    table = {k: [] for k in ("a", "b", "ra", "rb", "ua", "ub", "ta", "tb", "s", "axis")}
+    for i, axis in enumerate(tree.axes):
+        t = axis.tangents
+        reference = np.array([1.0, 0.0, 0.0] if abs(t[0, 2]) > 0.7 else [0.0, 0.0, 1.0])
+        u = transported(t, np.cross(t[0], reference))
+        for key, values in (("", axis.points), ("r", axis.radii), ("u", u), ("t", t)):
+            table[f"{key}a" if key else "a"].append(values[:-1])
+            table[f"{key}b" if key else "b"].append(values[1:])
+        table["s"].append(axis.arclength[:-1])
+        table["axis"].append(np.full(len(t) - 1, i))
+    return {k: np.concatenate(v) for k, v in table.items()}
+
+
+def _domes(rng, tree, density):
+    """Hemispheres on the axes' ends, as (centres, axis, radius, direction) of single samples."""
+    ends = np.array([a.points[-1] for a in tree.axes])
+    radii = np.array([a.radii[-1] for a in tree.axes])
+    along = np.array([a.tangents[-1] for a in tree.axes])
+    n = rng.poisson(2 * np.pi * radii**2 * density)
+    axis = np.repeat(np.arange(len(tree.axes)), n)
+    normals = rng.normal(size=(len(axis), 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    facing = np.einsum("ij,ij->i", normals, along[axis])
+    normals -= (facing - np.abs(facing))[:, None] * along[axis]  # mirrored to the outer half
+    points = ends[axis] + radii[axis, None] * normals
+    s = np.array([a.arclength[-1] for a in tree.axes])[axis]
+    return TubeSample(points, normals, axis, radii[axis], s, np.zeros(len(axis)), along[axis])
+
+
+def sample_tubes(rng, tree, density, *, widen=0.0):
+    """Spread points evenly over the surface of a tree.
+
+    A Poisson process: the number of points on a piece of surface has the mean area times density.
+    What lies inside the wood of another axis (a child's start inside its parent, crossing
+    branches) is left out.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    tree : Tree
+    density : float
+        Points a square metre.
+    widen : float, default 0
+        Count an axis as so much wider (m): thin wood gets more points than its area.
+
+    Returns
+    -------
+    TubeSample
+        In the tree's frame, m.
+    """
+    g = _segments(tree)
+    length = np.linalg.norm(g["b"] - g["a"], axis=1)
+    slant = np.hypot(length, g["ra"] - g["rb"])
+    n = rng.poisson(np.pi * (g["ra"] + g["rb"] + 2 * widen) * slant * density)
+    at = np.repeat(np.arange(len(n)), n)
+    # the wider end of a cone's piece has more of its area
+    ra, rb, v = g["ra"][at], g["rb"][at], rng.random(len(at))
+    difference = rb - ra
+    flat = np.abs(difference) < 1e-9
+    root = np.sqrt(ra**2 + v * (rb**2 - ra**2))
+    t = np.where(flat, v, (root - ra) / np.where(flat, 1.0, difference))
+    angle = rng.uniform(0, 2 * np.pi, len(at))
+
+    def blend(name):
+        return (1 - t)[:, None] * g[f"{name}a"][at] + t[:, None] * g[f"{name}b"][at]
+
+    tangent, u = blend("t"), blend("u")
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    u -= np.einsum("ij,ij->i", u, tangent)[:, None] * tangent
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    across = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(tangent, u)
+    radius = ra + t * difference
+    centre = (1 - t)[:, None] * g["a"][at] + t[:, None] * g["b"][at]
+    slope = (difference / np.maximum(length[at], 1e-9))[:, None]
+    normals = across - slope * tangent
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    tubes = TubeSample(
+        centre + radius[:, None] * across, normals, g["axis"][at], radius,
+        g["s"][at] + t * length[at], angle, tangent,
+    )  # fmt: skip
+    domes = _domes(rng, tree, density)
+    joined = TubeSample(**{k: np.concatenate([v, vars(domes)[k]]) for k, v in vars(tubes).items()})
+    return joined.select(~inside_wood(tree, joined.points, joined.axis))
+
+
+def inside_wood(tree, points, axis, *, share=INSIDE):
+    """Whether points lie inside the wood of an axis other than their own.
+
+    Parameters
+    ----------
+    tree : Tree
+    points : ndarray of shape (n, 3), float64
+        Tree's frame, m.
+    axis : ndarray of shape (n,), int
+        The axis of each point, -1 for none.
+    share : float, default 0.98
+        A point is inside where it is nearer to the axis than this share of the radius there.
+
+    Returns
+    -------
+    ndarray of shape (n,), bool
+    """
+    g = _segments(tree)
+    low = points.min(axis=0) - 1e-6
+    cell = 0.02
+    size = np.floor((points.max(axis=0) - low) / cell).astype(np.int64) + 1
+    index = np.floor((points - low) / cell).astype(np.int64)
+    key = (index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]
+    order = np.argsort(key, kind="stable")
+    inside = np.zeros(len(points), np.bool_)
+    cells, first = np.unique(key[order], return_index=True)
+    _mark_inside(
+        points, np.asarray(axis, np.int64), order, cells, np.append(first, len(points)), low,
+        cell, size, g["a"], g["b"], share * g["ra"], share * g["rb"], g["axis"], inside,
+    )  # fmt: skip
+    return inside
+
+
+@njit(cache=True)
+def _mark_inside(points, owner, order, cells, first, low, cell, size, a, b, ra, rb, axis, inside):
+    for k in range(len(a)):
+        reach = max(ra[k], rb[k])
+        lo, hi = np.empty(3, np.int64), np.empty(3, np.int64)
+        for c in range(3):
+            lo[c] = max(int(np.floor((min(a[k, c], b[k, c]) - reach - low[c]) / cell)), 0)
+            top = int(np.floor((max(a[k, c], b[k, c]) + reach - low[c]) / cell))
+            hi[c] = min(top, size[c] - 1)
+        d = b[k] - a[k]
+        length2 = max(d[0] ** 2 + d[1] ** 2 + d[2] ** 2, 1e-18)
+        for i in range(lo[0], hi[0] + 1):
+            for j in range(lo[1], hi[1] + 1):
+                begin = (i * size[1] + j) * size[2]
+                start = np.searchsorted(cells, begin + lo[2])
+                stop = np.searchsorted(cells, begin + hi[2], side="right")
+                if start >= stop:
+                    continue
+                for n in order[first[start] : first[stop]]:
+                    if inside[n] or owner[n] == axis[k]:
+                        continue
+                    x, y, z = points[n, 0] - a[k, 0], points[n, 1] - a[k, 1], points[n, 2] - a[k, 2]
+                    t = min(max((x * d[0] + y * d[1] + z * d[2]) / length2, 0.0), 1.0)
+                    x, y, z = x - t * d[0], y - t * d[1], z - t * d[2]
+                    r = ra[k] + t * (rb[k] - ra[k])
+                    if x * x + y * y + z * z < r * r:
+                        inside[n] = True

@@ -1,0 +1,175 @@
+"""The paper's systematic set of trees: clouds with noise and holes over exact skeletons.
+
+Meyer et al., "CherryPicker" (CVPR workshops 2023), section 4.2; what it leaves open is fixed here:
+
+- Templates fir, larch and pine in turn, tips of 3 to 6 mm radius.
+- The surface is sampled evenly with `DENSITY` points a square metre. sigma_d is the mean distance
+  of a point to its nearest neighbour on the surface, for a Poisson process of density rho
+  ``1 / (2 sqrt(rho))`` = 1.58 mm.
+- Gaussian noise of standard deviation 3 sigma_d = 4.74 mm in each coordinate.
+- Then one point a voxel of 1.5 cm: the mean of its points, with the label of most of them.
+- Occluded variant: six random points of the trunk, and every point within 8 cm of one of them is
+  gone. The points are at least 8 cm apart, so that there are six holes.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker_lab.orchard.grow.growth import Skeleton, Tree
+from cherrypicker_lab.orchard.grow.templates import CONIFERS, grow_any
+from cherrypicker_lab.orchard.seen.tubes import sample_tubes
+
+__all__ = ["DENSITY", "HOLE_RADIUS_M", "SIGMA_D_M", "SetTree", "cut_holes", "skeleton_set",
+           "voxel_mean"]  # fmt: skip
+
+DENSITY = 100_000.0
+SIGMA_D_M = 0.5 / np.sqrt(DENSITY)
+NOISE_M = 3.0 * SIGMA_D_M
+VOXEL_M = 0.015
+TIP_RADIUS_M = (0.003, 0.006)
+N_HOLES, HOLE_RADIUS_M = 6, 0.08
+
+
+@dataclass
+class SetTree:
+    """One tree of the set.
+
+    Attributes
+    ----------
+    name : str
+        ``fir_00`` and so on.
+    template : str
+    noise : PointCloud
+        Field `label` uint8 (trunk or branch); frame ``metric``, unit m.
+    holes : PointCloud
+        The same cloud without what lies in the holes.
+    hole_centres : ndarray of shape (n, 3)
+        m.
+    skeleton : Skeleton
+        The truth: nodes, parents, radii, orders and labels.
+    tree : Tree
+        What it all comes from.
+    """
+
+    name: str
+    template: str
+    noise: PointCloud
+    holes: PointCloud
+    hole_centres: np.ndarray
+    skeleton: Skeleton
+    tree: Tree
+
+
+def voxel_mean(points, labels, size=VOXEL_M):
+    """One point a voxel: the mean of its points, the label of most (of equals the lower).
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3), float64
+    labels : ndarray of shape (n,), uint8
+    size : float
+        Side of a voxel; voxels start at the lower corner of the cloud.
+
+    Returns
+    -------
+    points : ndarray of shape (m, 3), float64
+        In the order of the voxels.
+    labels : ndarray of shape (m,), uint8
+    """
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    span = cells.max(axis=0) + 1
+    key = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
+    _, voxel, n = np.unique(key, return_inverse=True, return_counts=True)
+    mean = np.stack([np.bincount(voxel, points[:, c]) for c in range(3)], axis=1) / n[:, None]
+    kinds = np.unique(labels)
+    votes = np.stack([np.bincount(voxel, labels == kind, len(n)) for kind in kinds])
+    return mean, kinds[votes.argmax(axis=0)].astype(np.uint8)
+
+
+def cut_holes(rng, cloud, *, n_holes=N_HOLES, radius=HOLE_RADIUS_M):
+    """Cut spherical holes around random points of the trunk.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    cloud : PointCloud
+        With a field `label`.
+    n_holes : int
+        Wanted; fewer where the trunk has no room for centres `radius` apart.
+    radius : float
+        m.
+
+    Returns
+    -------
+    cloud : PointCloud
+    centres : ndarray of shape (n, 3)
+        m.
+    """
+    trunk = cloud.points[cloud["label"] == Label.TRUNK]
+    centres = []
+    for candidate in trunk[rng.permutation(len(trunk))]:
+        if len(centres) == n_holes:
+            break
+        if all(np.linalg.norm(candidate - c) >= radius for c in centres):
+            centres.append(candidate)
+    centres = np.array(centres).reshape(-1, 3)
+    distance = cKDTree(centres).query(cloud.points)[0]
+    return cloud.select(distance > radius), centres
+
+
+def noisy_surface(rng, tree):
+    """Sample a tree's surface with the set's density and noise.
+
+    Returns
+    -------
+    points : ndarray of shape (n, 3), float64
+        m.
+    labels : ndarray of shape (n,), uint8
+        Trunk or branch.
+    """
+    surface = sample_tubes(rng, tree, DENSITY)
+    kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
+    return surface.points + rng.normal(0.0, NOISE_M, surface.points.shape), kinds[surface.axis]
+
+
+def make_set_tree(seed, number):
+    """Make the tree of a number (its template is fir, larch, pine in turn) of a seed's set.
+
+    Parameters
+    ----------
+    seed, number : int
+
+    Returns
+    -------
+    SetTree
+    """
+    template = CONIFERS[number % len(CONIFERS)]
+    rng = np.random.default_rng([int(seed), int(number), 307])
+    tree = grow_any(int(rng.integers(1 << 31)), template, tip_radius=TIP_RADIUS_M)
+    points, labels = voxel_mean(*noisy_surface(rng, tree))
+    noise = PointCloud(points, fields={"label": labels}, frame="metric", unit="m")
+    holes, centres = cut_holes(rng, noise)
+    name = f"{template}_{number:02d}"
+    return SetTree(name, template, noise, holes, centres, tree.skeleton(), tree)
+
+
+def skeleton_set(seed=0, n=50) -> Iterator[SetTree]:
+    """Make the set's trees one after the other.
+
+    Parameters
+    ----------
+    seed : int, default 0
+        Equal seeds give equal trees, each independent of `n`.
+    n : int, default 50
+
+    Yields
+    ------
+    SetTree
+    """
+    for number in range(n):
+        yield make_set_tree(seed, number)

@@ -1,0 +1,109 @@
+"""Write a scene's ground truth in the layout that the evaluation reads."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.files import atomic_path, write_json
+from cherrypicker.pointcloud import write_cloud
+from cherrypicker.poses import write_poses
+from cherrypicker_lab.orchard.scene.mesh import NO_TREE
+from cherrypicker_lab.orchard.seen.sampling import sample_scene
+
+__all__ = ["GENERATOR_VERSION", "tree_traits", "write_skeleton", "write_truth"]
+
+GENERATOR_VERSION = 2  # raised whenever a seed gives another scene: caches are named by it
+TRUNK_HEIGHT_M = 0.30
+
+
+def tree_traits(tree):
+    """Exact traits of a tree (metres, foot at the origin).
+
+    Returns
+    -------
+    dict
+        `height_m`, `trunk_diameter_m` at `trunk_height_m`, `total_length_m`,
+        `total_length_5mm_m` (radius of 5 mm and more), `n_tips`, `n_junctions`,
+        `length_by_order_m`, `crown_width_m`.
+    """
+    skeleton = tree.skeleton()
+    lengths = skeleton.edge_lengths()
+    children = np.bincount(skeleton.parents[1:], minlength=len(lengths))
+    stem = tree.axes[0]
+    up = np.maximum.accumulate(stem.points[:, 2])
+    width = np.ptp(skeleton.points[:, :2], axis=0)
+    return {
+        "height_m": float((skeleton.points[:, 2] + skeleton.radii).max()),
+        "trunk_diameter_m": float(2 * np.interp(TRUNK_HEIGHT_M, up, stem.radii)),
+        "trunk_height_m": TRUNK_HEIGHT_M,
+        "total_length_m": float(lengths.sum()),
+        "total_length_5mm_m": float(lengths[skeleton.radii >= 0.005].sum()),
+        "n_tips": int((children == 0).sum()),
+        "n_junctions": int((children > 1).sum()),
+        "crown_width_m": float(width.mean()),
+        "length_by_order_m": {
+            str(k): float(lengths[skeleton.orders == k].sum()) for k in np.unique(skeleton.orders)
+        },
+    }
+
+
+def write_skeleton(path, skeleton):
+    """Write a `growth.Skeleton` as the table that `skeleton.read_skeleton_csv` reads."""
+    with atomic_path(path) as partial, open(partial, "w", newline="") as handle:
+        out = csv.writer(handle, lineterminator="\n")
+        out.writerow(["id", "parent", "x", "y", "z", "radius", "order", "label"])
+        for i, (parent, p, r, order, label) in enumerate(
+            zip(skeleton.parents, skeleton.points, skeleton.radii, skeleton.orders, skeleton.labels)
+        ):
+            xyz = [f"{v:.5f}" for v in p]
+            out.writerow([i, parent, *xyz, f"{r:.5f}", order, label])
+
+
+def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name="", camera=None):
+    """Write `poses.npz`, `skeleton.csv`, `cloud.ply`, `traits.json` and `scene.json`.
+
+    Parameters
+    ----------
+    folder : path-like
+        The scene's `truth` folder; made if missing.
+    scene : Scene
+    poses : Poses
+        Of the photos, metric frame.
+    n_points : int, default 150000
+        Size of the exact labelled surface cloud.
+    extent : float, default 3
+        Radius of that cloud around the stem, m.
+    name : str
+        Preset the scene came from, for the record.
+    camera : CameraModel, optional
+        For the record: the distortion of the lens, which the poses do not tell.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_poses(folder / "poses.npz", poses)
+    write_skeleton(folder / "skeleton.csv", scene.target.skeleton())
+    cloud = sample_scene(
+        scene, n_points, exact=True, extent=extent, ground_share=0.3, is_colored=False
+    )
+    write_cloud(folder / "cloud.ply", cloud)
+    write_json(folder / "traits.json", tree_traits(scene.target))
+    write_json(
+        folder / "scene.json",
+        {
+            "name": name,
+            "seed": scene.seed,
+            "generator_version": GENERATOR_VERSION,
+            "habit": scene.target.habit,
+            "sky": scene.light.sky,
+            "markers": scene.markers,
+            "stems": scene.offsets.tolist(),
+            "options": {k: v for k, v in scene.options.items() if k != "markers"},
+            "no_tree": NO_TREE,
+            **(
+                {"distortion": [camera.k1, camera.k2]}
+                if camera and (camera.k1 or camera.k2)
+                else {}
+            ),
+        },
+    )

@@ -1,0 +1,135 @@
+"""How time and memory grow with the cloud; each size is measured in a process of its own."""
+
+import logging
+import resource
+import time
+
+import numpy as np
+
+from cherrypicker.contraction.contract_points import preset_options
+from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton.axes import axes
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.topology import fold
+from cherrypicker.traits import measure_traits
+from cherrypicker_lab.skeletons.peer import run_peer
+from cherrypicker_lab.skeletons.point_scores import score_points
+
+__all__ = ["growth_exponent", "read_timing_cloud", "time_stages", "write_timing_cloud"]
+
+logger = logging.getLogger(__name__)
+
+START_UP_POINTS = 3000  # enough that every compiled function is called
+
+
+def write_timing_cloud(stream, cloud, skeleton):
+    """Store a cloud and its true skeleton as NPZ, so that making them costs the timing nothing."""
+    np.savez(
+        stream,
+        points=cloud.points,
+        labels=np.asarray(cloud["label"]),
+        nodes=skeleton.points,
+        parents=skeleton.parent,
+        radii=skeleton.radius,
+        node_labels=skeleton.label,
+        orders=skeleton.fields["order"],
+    )
+
+
+def read_timing_cloud(path):
+    """Read what `write_timing_cloud` stored: a PointCloud and a Skeleton."""
+    with np.load(path, allow_pickle=False) as stored:
+        fields = {"label": stored["labels"]}
+        cloud = PointCloud(stored["points"], fields=fields, frame="metric", unit="m")
+        skeleton = Skeleton(
+            stored["nodes"],
+            stored["parents"],
+            stored["radii"],
+            stored["node_labels"],
+            {"order": stored["orders"]},
+        )
+    return cloud, skeleton
+
+
+def time_stages(cloud, skeleton, *, peer_python=None, peer_iterations=0):
+    """CPU seconds and memory from a labelled cloud to its traits, with the default settings.
+
+    All stages run on 3000 of the points first, which compiles and loads their functions; the
+    stages' own start (imports) is not counted either.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+    skeleton : Skeleton
+        The truth, for the Chamfer distance.
+    peer_python : path-like, optional
+        Python of the peer; without it the peer is not timed.
+    peer_iterations : int, default 0
+        Iterations of the peer's LBC; 0 leaves it out.
+
+    Returns
+    -------
+    dict
+        ``n_points``, ``n_contracted``, ``chamfer_cm2``, CPU seconds of ``contract``, ``graph`` and
+        ``traits``, ``contract_peak_mb`` and ``peak_mb`` (of the process so far), ``peer`` (its
+        ``cpu_s``, ``peak_mb``, ``iterations`` and Chamfer) or None.
+    """
+    rng = np.random.default_rng(0)
+    rows = np.sort(rng.choice(len(cloud), min(START_UP_POINTS, len(cloud)), replace=False))
+    _cloud_to_traits(cloud.select(rows))
+    contracted, seconds, contract_peak_mb = _cloud_to_traits(cloud)
+    report = {
+        "n_points": len(cloud),
+        "n_contracted": len(contracted),
+        "chamfer_cm2": score_points(contracted.points, skeleton)["chamfer_cm2"],
+        **seconds,
+        "contract_peak_mb": contract_peak_mb,
+        "peak_mb": _peak_mb(),
+        "peer": None,
+    }
+    if peer_python and peer_iterations:
+        theirs, costs = run_peer(peer_python, cloud, "lbc", max_iterations=peer_iterations)
+        report["peer"] = {
+            "cpu_s": costs["cpu_s"],
+            "peak_mb": costs["peak_mb"],
+            "iterations": peer_iterations,
+            "chamfer_cm2": score_points(theirs["contracted"], skeleton)["chamfer_cm2"],
+        }
+    return report
+
+
+def _cloud_to_traits(cloud):
+    """Contracted cloud, CPU seconds of each stage, and the memory's peak up to the contraction."""
+    seconds, clock = {}, time.process_time()
+
+    def lap(stage):
+        nonlocal clock
+        seconds[stage], clock = time.process_time() - clock, time.process_time()
+        logger.info("%s: %.2f CPU s", stage, seconds[stage])
+
+    contracted, details = contract_wood(cloud, options=preset_options("default"))
+    lap("contract")
+    contract_peak_mb = _peak_mb()
+    found = extract_skeleton(contracted, cloud, base=details["base"])
+    topology = fold(found, axes(found))
+    lap("graph")
+    measure_traits(found, cloud, topology)
+    lap("traits")
+    return contracted, seconds, contract_peak_mb
+
+
+def _peak_mb():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def growth_exponent(n_points, seconds):
+    """Slope of a straight line through log(seconds) over log(n_points), by least squares.
+
+    Examples
+    --------
+    >>> round(growth_exponent([1e4, 1e5, 1e6], [1.0, 10.0, 100.0]), 6)
+    1.0
+    """
+    return float(np.polyfit(np.log(n_points), np.log(seconds), 1)[0])

@@ -1,0 +1,1 @@
+"""Training of the point cloud network on generated scenes, and its held-out measure."""

@@ -1,0 +1,204 @@
+"""The whole stage measured on clouds that the network never saw, as tables and pictures.
+
+Generated scenes (held-out seeds of the trained forms; forms that were never trained on), with and
+without colour, and scans that came through photos, judged against the surface of their scene.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import CLASS_COLORS, CLASS_NAMES, Label
+from cherrypicker.files import atomic_path
+from cherrypicker.pointcloud import PointCloud, read_cloud
+from cherrypicker.poses import read_poses
+from cherrypicker.segmentation.dgcnn import N_CLASSES
+from cherrypicker.segmentation.inference import segment_cloud
+from cherrypicker_lab.evaluation import compare_cameras
+from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores
+from cherrypicker_lab.training.segmentation.scenes import hidden_bark
+from cherrypicker_lab.training.segmentation.training import IGNORED, network_labels
+
+__all__ = ["LabelledCloud", "confusion_figure", "judge", "labels_figure", "of_sample", "of_scan"]
+
+REACH_M = 0.03  # a point further than this from the true surface has no true class
+
+
+@dataclass(frozen=True)
+class LabelledCloud:
+    """A cloud and its true labels (n_points,) uint8, 255 where unknown."""
+
+    name: str
+    cloud: PointCloud
+    truth: np.ndarray
+
+
+def of_sample(name, sample, *, color=True):
+    """A generated `Sample`, with or without colour."""
+    sample = sample.as_float()
+    cloud = PointCloud(sample.points, colors=sample.colors if color else None)
+    return LabelledCloud(name, cloud, sample.labels)
+
+
+def of_scan(results, truth):
+    """The metric cloud of a scan's results, each point with the class of the nearest surface.
+
+    Parameters
+    ----------
+    results : path-like
+        ``results/{tree}``: metric.ply, metric_poses.npz.
+    truth : path-like
+        ``{scene}/truth``: cloud.ply, poses.npz.
+
+    Returns
+    -------
+    LabelledCloud
+
+    Raises
+    ------
+    StageError
+        If a file is missing or broken.
+    """
+    results, truth = Path(results), Path(truth)
+    cloud = read_cloud(results / "metric.ply")
+    surface = read_cloud(truth / "cloud.ply", required=("label",))
+    surface = surface.select(~hidden_bark(surface.points, surface["label"]))
+    moved = compare_cameras(
+        read_poses(results / "metric_poses.npz"), read_poses(truth / "poses.npz")
+    )
+    points = cloud.points @ moved["rotation"].T + moved["translation"]
+    distance, nearest = cKDTree(surface.points).query(points, distance_upper_bound=REACH_M)
+    labels = np.full(len(cloud), int(Label.UNLABELLED), np.uint8)
+    known = np.isfinite(distance)
+    labels[known] = surface["label"][nearest[known]]
+    return LabelledCloud(results.name, cloud, labels)
+
+
+def judge(labelled, weights, **settings):
+    """Run the stage on one cloud and count, the support post as trunk (as the network has it).
+
+    Parameters
+    ----------
+    labelled : LabelledCloud
+    weights : path-like
+    **settings
+        Of `cherrypicker.segmentation.inference.segment_cloud`.
+
+    Returns
+    -------
+    confusion : ndarray of shape (7, 7), int64
+    labels : ndarray of shape (n_points,), uint8
+    """
+    labels = segment_cloud(labelled.cloud, weights, **settings)["label"]
+    targets = network_labels(labelled.truth)
+    known = targets != IGNORED
+    return confusion_matrix(targets[known], network_labels(labels)[known], N_CLASSES), labels
+
+
+def table(confusions):
+    """Markdown table: a row a set of clouds, F1 of every class and the mean IoU.
+
+    A class that the truth lacks has a dash in place of an F1, and the share of all points that
+    were falsely found to be of it where that is a ten-thousandth or more.
+
+    Parameters
+    ----------
+    confusions : dict of str to ndarray of shape (7, 7)
+        Empty ones are left out.
+
+    Returns
+    -------
+    str
+    """
+    names = [CLASS_NAMES[c].replace("_", " ") for c in range(N_CLASSES)]
+    lines = [f"| clouds | mean IoU | {' | '.join(names)} |", "|---" * (N_CLASSES + 2) + "|"]
+    for name, confusion in confusions.items():
+        result = scores(confusion)
+        n_points = max(float(np.sum(confusion)), 1.0)
+        cells = []
+        for entry in result["classes"].values():
+            false = 100 * entry["n_false"] / n_points
+            absent = f"- ({false:.2f} %)" if false >= 0.01 else "-"
+            cells.append(f"{entry['f1']:.3f}" if entry["n_points"] else absent)
+        lines.append(f"| {name} | {result['mean_iou']:.3f} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def confusion_figure(path, confusion, title):
+    """Plot a confusion matrix, rows normalised to 1."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    share = confusion / np.maximum(confusion.sum(axis=1, keepdims=True), 1)
+    names = [CLASS_NAMES[c].replace("_", " ") for c in range(N_CLASSES)]
+    figure, axes = plt.subplots(figsize=(6.4, 5.6))
+    axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
+    for row, values in enumerate(share):
+        for column, value in enumerate(values):
+            if value >= 0.0005:
+                tone = "white" if value > 0.5 else "black"
+                axes.text(column, row, f"{100 * value:.1f}", ha="center", va="center", color=tone)
+    axes.set_xticks(range(N_CLASSES), names, rotation=40, ha="right")
+    axes.set_yticks(range(N_CLASSES), names)
+    axes.set_xlabel("found")
+    axes.set_ylabel("true")
+    axes.set_title(f"{title}: % of the true points of a class")
+    figure.tight_layout()
+    _save(figure, path)
+    plt.close(figure)
+
+
+def labels_figure(path, panels, *, half_width=2.2, most_points=150_000, columns=None):
+    """Side views coloured by label.
+
+    Parameters
+    ----------
+    path : path-like
+    panels : list of (title, points, labels)
+    half_width : float
+        Points further than this from the z axis are left out, m.
+    most_points : int
+        Drawn of each panel, chosen with a fixed seed.
+    columns : int, optional
+        Panels side by side; all by default.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    colors = np.full((256, 3), 0.8)
+    for label, color in CLASS_COLORS.items():
+        colors[int(label)] = color
+    colors[int(Label.TRUNK)] = (0.85, 0.35, 0.0)
+    columns = min(columns or len(panels), len(panels))
+    rows = -(-len(panels) // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(4.2 * columns, 4.6 * rows), squeeze=False)
+    for plot in axes.flat:
+        plot.set_axis_off()
+    for plot, (title, points, labels) in zip(axes.flat, panels):
+        rows = np.flatnonzero(np.hypot(points[:, 0], points[:, 1]) < half_width)
+        rows = np.random.default_rng(0).permutation(rows)[:most_points]
+        rows = rows[np.argsort(points[rows, 1])[::-1]]
+        size = np.where(labels[rows] == Label.GROUND, 0.1, 0.6)
+        plot.scatter(points[rows, 0], points[rows, 2], s=size, c=colors[labels[rows]], lw=0)
+        plot.set_aspect("equal")
+        plot.set_title(title, fontsize=9)
+    figure.tight_layout()
+    _save(figure, path)
+    plt.close(figure)
+
+
+def _save(figure, path):
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=110, format="png")
+
+
+def without_color(labelled):
+    """The same cloud as a laser scanner without a camera gives it."""
+    cloud = labelled.cloud
+    return replace(labelled, cloud=PointCloud(cloud.points, frame=cloud.frame, unit=cloud.unit))

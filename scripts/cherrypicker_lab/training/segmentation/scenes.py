@@ -1,0 +1,190 @@
+"""Training and held-out clouds from the orchard generator, cached as small arrays."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label
+from cherrypicker.files import atomic_path
+from cherrypicker.progress import Progress
+from cherrypicker_lab.orchard.scene.layout import generate_scene
+from cherrypicker_lab.orchard.seen.sampling import sample_scene
+from cherrypicker_lab.orchard.truth import GENERATOR_VERSION
+from cherrypicker_lab.training.segmentation.augment import Sample
+from cherrypicker_lab.training.segmentation.props import (
+    FORMS,
+    add_confusable,
+    common_things,
+    confusable_things,
+)
+
+logger = logging.getLogger(__name__)
+
+HELD_OUT_SEED = 900_000  # held-out seeds start here, far from any number of training seeds
+UNDER_RING_M = 0.01  # wood this near to a ring's points is under it
+QUANTUM_M = 0.00025  # resolution of the coordinates in the cache; they reach 8 m
+
+
+def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
+    """One labelled cloud "as seen" by a dense reconstruction.
+
+    Half of the trees have the generator's own size, the others are 1.2 to 4.5 m tall.
+
+    Parameters
+    ----------
+    seed : int
+        Decides the scene and its imperfections.
+    n_points : int
+        Points at most; between a quarter and all of them are drawn.
+    habit : str, optional
+        As `generate_scene`; drawn from its trained forms by default.
+    things : {"common", "confusable"}
+        What stands about the tree: as in most orchards, or what passes for one another
+        (`cherrypicker_lab.training.segmentation.props`).
+
+    Returns
+    -------
+    cherrypicker_lab.training.segmentation.augment.Sample
+        Points float32, colours uint8 (0 to 255), to keep many scenes in memory.
+    """
+    rng = np.random.default_rng([seed, 77])
+    size = {}
+    if rng.random() < 0.5 and habit is None:
+        height = float(rng.uniform(1.2, 4.5))
+        size = {"height": height, "trunk_radius": height * float(rng.uniform(0.011, 0.024))}
+    n_points = int(n_points * np.exp(rng.uniform(np.log(0.25), 0.0)))
+    if things == "common":
+        scene = generate_scene(seed, habit=habit, **size, **common_things(rng))
+    else:
+        form = habit or str(rng.choice(FORMS))
+        scene = generate_scene(seed, habit=form, **size, **confusable_things(rng))
+        add_confusable(scene, rng)
+    cloud = sample_scene(
+        scene,
+        n_points,
+        rng=rng,
+        extent=float(rng.uniform(1.5, 3.2)),
+        ground_share=float(rng.uniform(0.25, 0.5)),
+    )
+    return without_hidden_bark(
+        Sample(
+            cloud.points.astype(np.float32),
+            np.rint(cloud.colors * 255).astype(np.uint8),
+            cloud["label"],
+            cloud["tree"],
+        )
+    )
+
+
+def hidden_bark(points, labels):
+    """Which wood lies under a calibration ring, where nothing can see it, (n,) bool.
+
+    The sampled surface of a scene has the bark below a sleeve as well as the sleeve.
+    """
+    hidden = np.zeros(len(points), bool)
+    rings = points[labels == Label.CALIBRATION_UNIT]
+    if not len(rings):
+        return hidden
+    low, high = rings.min(axis=0) - UNDER_RING_M, rings.max(axis=0) + UNDER_RING_M
+    wood = np.isin(labels, (Label.TRUNK, Label.BRANCH))
+    rows = np.flatnonzero(wood & (points > low).all(axis=1) & (points < high).all(axis=1))
+    distance, _ = cKDTree(rings).query(points[rows], distance_upper_bound=UNDER_RING_M)
+    hidden[rows] = np.isfinite(distance)
+    return hidden
+
+
+def without_hidden_bark(sample):
+    """A generated `Sample` without its `hidden_bark`."""
+    hidden = hidden_bark(sample.points, sample.labels)
+    return sample.select(~hidden) if hidden.any() else sample
+
+
+def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="common"):
+    """Clouds of many seeds as files; those that are there already are kept.
+
+    Parameters
+    ----------
+    seeds : iterable of int
+    folder : str or Path
+        Gets one NPZ a scene, named by the generator's version, the form and the seed.
+    n_points : int
+        As `make_sample`.
+    habits : sequence of str or None
+        Forms, taken in turn.
+    things : {"common", "confusable"}
+        As `make_sample`.
+
+    Returns
+    -------
+    list of Path
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    seeds, files = list(seeds), []
+    with Progress(len(seeds), "generated scenes") as bar:
+        for number, seed in enumerate(seeds):
+            habit = habits[number % len(habits)]
+            kind = (habit or "any") + ("" if things == "common" else f"_{things}")
+            file = folder / f"scene_v{GENERATOR_VERSION}_{kind}_{seed:06d}_{n_points}.npz"
+            if not file.is_file():
+                _save(file, make_sample(seed, n_points, habit=habit, things=things))
+            files.append(file)
+            bar.step()
+    return files
+
+
+def load_samples(seeds, cache, n_points=250_000, *, habits=(None,), things="common"):
+    """Clouds of many seeds, made once and kept in a folder; parameters as `make_scenes`.
+
+    Returns
+    -------
+    list of Sample
+    """
+    files = make_scenes(seeds, cache, n_points, habits=habits, things=things)
+    samples = [_load(file) for file in files]
+    shares = np.bincount(np.concatenate([s.labels for s in samples]), minlength=256)
+    logger.info(
+        "%d scenes, points a class: %s",
+        len(samples),
+        ", ".join(f"{label.name.lower()} {shares[label]:,}" for label in Label if shares[label]),
+    )
+    return samples
+
+
+class SceneFolders:
+    """Scenes kept as `load_samples` keeps them, read from disk one at a time.
+
+    Parameters
+    ----------
+    folders : sequence of str or Path
+    """
+
+    def __init__(self, folders):
+        self.folders = [Path(folder) for folder in folders]
+        self.refresh()
+
+    def refresh(self):
+        """Look which scenes are there by now."""
+        self.files = sorted(file for folder in self.folders for file in folder.glob("scene_*.npz"))
+
+    def __len__(self):
+        return len(self.files)
+
+    def __getitem__(self, number):
+        return _load(self.files[number])
+
+
+def _save(path, sample):
+    """Coordinates as steps of `QUANTUM_M`: half the bytes, far below any noise."""
+    steps = np.rint(sample.points / QUANTUM_M).clip(-32767, 32767).astype(np.int16)
+    with atomic_path(path) as temporary, open(temporary, "wb") as file:
+        np.savez(file, points=steps, colors=sample.colors, labels=sample.labels, trees=sample.trees)
+
+
+def _load(path):
+    with np.load(path, allow_pickle=False) as arrays:
+        points = arrays["points"].astype(np.float32) * np.float32(QUANTUM_M)
+        sample = Sample(points, arrays["colors"], arrays["labels"], arrays["trees"])
+    return without_hidden_bark(sample)  # older files have it

@@ -1,0 +1,1 @@
+"""Training of the sky network, and what its parts are worth."""

@@ -1,0 +1,255 @@
+"""Traits of generated trees beside their truth: true and found values, and the intervals given.
+
+A tree is grown, seen by simulated photos, contracted, made a graph and measured by the functions
+that the workflow's stages call. Labels are the true ones and neighbours are left out, so what the
+segmentation and the crop cost is not in it (the error budget has that).
+"""
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+
+from cherrypicker.contraction.contract_points import preset_options
+from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.skeleton import axes, axis_of_node, axis_polyline
+from cherrypicker.traits import branch_rows, horizontal_width, measure_traits
+from cherrypicker.traits.crown import clear_stem, hull_of
+from cherrypicker_lab.orchard.grow.growth import HABITS
+from cherrypicker_lab.orchard.scene.layout import generate_scene
+from cherrypicker_lab.orchard.scene.mesh import NO_TREE
+from cherrypicker_lab.orchard.seen.sampling import sample_scene
+from cherrypicker_lab.orchard.truth import tree_traits
+from cherrypicker_lab.skeletons.set_tree import true_skeleton
+
+__all__ = [
+    "SCALARS",
+    "as_pair",
+    "axis_pairs",
+    "branch_pairs",
+    "make_tree",
+    "match_axes",
+    "measure_tree",
+    "skeleton_of",
+    "tree_pairs",
+]
+
+SCALARS = (
+    "trunk_diameter_m",
+    "height_m",
+    "crown_width_m",
+    "crown_volume_m3",
+    "total_length_m",
+)
+LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
+LEAST_DIAMETER_M = 0.010  # thinner bases do not count for the diameter
+NEAR_M, NEAR_SHARE = 0.02, 0.7  # an axis is found where this share of it has a match this near
+NEAR_BASE_M = 0.05
+_STEP_M = 0.005
+
+
+def make_tree(seed, n_points):
+    """Grow a tree of one of the orchard's forms and see it.
+
+    Parameters
+    ----------
+    seed : int
+        Decides all; the forms take turns.
+    n_points : int
+        Of the cloud, 45 % of them ground.
+
+    Returns
+    -------
+    tree : growth.Tree
+    cloud : PointCloud
+        With true labels, metres; the target's wood and whatever is no tree.
+    """
+    habits = sorted(HABITS)
+    scene = generate_scene(seed, habit=habits[seed % len(habits)])
+    cloud = sample_scene(scene, n_points)
+    cloud = cloud.select(np.isin(cloud["tree"], (0, NO_TREE)))
+    del cloud.fields["tree"]
+    return scene.target, cloud
+
+
+def skeleton_of(cloud):
+    """Contract a labelled cloud and make its graph, with the default options."""
+    contracted, report = contract_wood(
+        cloud, options=preset_options("default"), target_xy=np.zeros(2)
+    )
+    return extract_skeleton(contracted, cloud, base=report["base"])
+
+
+def measure_tree(seed, n_points):
+    """Make a tree, measure it, and put the truth beside it.
+
+    Returns
+    -------
+    dict
+        `seed`, `habit`, `n_points`, `traits` (name to a list of pairs, see `tree_pairs`),
+        `n_axes` and `n_matched` (true axes of 10 cm and more, and those found).
+    """
+    tree, cloud = make_tree(seed, n_points)
+    skeleton = skeleton_of(cloud)
+    traits, rows = measure_traits(skeleton, cloud)
+    pairs = tree_pairs(tree, traits)
+    branches, n_axes, n_matched = branch_pairs(tree, skeleton, rows)
+    return {
+        "seed": int(seed),
+        "habit": tree.habit,
+        "n_points": len(cloud),
+        "traits": pairs | branches,
+        "n_axes": n_axes,
+        "n_matched": n_matched,
+    }
+
+
+def tree_pairs(tree, traits):
+    """Pairs of the traits of a whole tree.
+
+    Parameters
+    ----------
+    tree : growth.Tree
+    traits : dict
+        From `measure_traits`.
+
+    Returns
+    -------
+    dict of str to list of dict
+        Name to one pair: `true`, `found`, and `low`, `high` of the 90 % interval (None without).
+    """
+    true = tree_traits(tree)
+    true["crown_width_m"] = _true_width(tree.skeleton())
+    true["crown_volume_m3"] = _true_volume(true_skeleton(tree.skeleton()))
+    pairs = {}
+    for name in SCALARS:
+        low, high = traits.get(f"{name}_ci90", (None, None))
+        pairs[name] = [as_pair(true[name], traits[name], low, high)]
+    return pairs
+
+
+def _true_width(skeleton):
+    """Width of the wood's surface; the generator's own runs along x and y, not the widest way."""
+    angle = np.radians(np.arange(0.0, 360.0, 10.0))
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    outline = skeleton.points[:, None, :2] + skeleton.radii[:, None, None] * around
+    return horizontal_width(outline.reshape(-1, 2))
+
+
+def _true_volume(skeleton):
+    """Volume of the convex hull of the wood's surface beyond the stem's first fork."""
+    height, turn = np.radians(np.mgrid[-90:91:30, 0:360:30].reshape(2, -1))
+    around = np.column_stack(
+        [np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)]
+    )
+    rows = ~clear_stem(skeleton, axis_of_node(skeleton, axes(skeleton)))
+    if not rows.any():
+        return 0.0
+    surface = skeleton.points[rows, None] + skeleton.radius[rows, None, None] * around
+    return hull_of(surface.reshape(-1, 3)).volume
+
+
+def branch_pairs(tree, skeleton, rows):
+    """Pairs of the axes that were found: base diameter and insertion angle.
+
+    Both sides follow one definition, `branch_rows`, here on the true skeleton's own axes.
+
+    Parameters
+    ----------
+    tree : growth.Tree
+    skeleton : Skeleton
+        As found.
+    rows : list of dict
+        From `measure_traits`, a row an axis of `skeleton`.
+
+    Returns
+    -------
+    pairs : dict of str to list of dict
+    n_axes, n_matched : int
+    """
+    return axis_pairs(true_skeleton(tree.skeleton()), skeleton, rows)
+
+
+def axis_pairs(truth, skeleton, rows, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
+    """`branch_pairs` with a true skeleton, and tolerances for those that are none too exact.
+
+    Parameters
+    ----------
+    truth, skeleton : Skeleton
+        In one frame, metres.
+    rows : list of dict
+        A row an axis of `skeleton`.
+    near_m, base_m : float
+        See `match_axes`.
+
+    Returns
+    -------
+    pairs : dict of str to list of dict
+    n_axes, n_matched : int
+    """
+    true_axes = axes(truth)
+    true_rows = branch_rows(truth, true_axes, 0.0)
+    wanted = [i for i, row in enumerate(true_rows) if i and row["length_m"] >= LEAST_LENGTH_M]
+    lines = [truth.points[axis_polyline(true_axes[i])] for i in wanted]
+    found = [skeleton.points[axis_polyline(axis)] for axis in axes(skeleton)[1:]]
+    matched = match_axes(lines, found, near_m=near_m, base_m=base_m)
+    pairs = {"base_diameter_m": [], "insertion_angle_deg": []}
+    for i, j in matched:
+        true, got = true_rows[wanted[i]], rows[j + 1]
+        if true["base_diameter_m"] >= LEAST_DIAMETER_M:
+            pairs["base_diameter_m"].append(_branch_pair(true, got, "base_diameter_m"))
+        pairs["insertion_angle_deg"].append(_branch_pair(true, got, "insertion_angle_deg"))
+    return pairs, len(wanted), len(matched)
+
+
+def match_axes(true_lines, found_lines, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
+    """Match axes one to one by where they run.
+
+    A found axis may stand for a true one where 70 % of the true one's length lies within 2 cm of
+    it and both start within 5 cm; angles and radii play no part. Of all ways to match, the one
+    with the most length near is taken.
+
+    Parameters
+    ----------
+    true_lines, found_lines : list of ndarray of shape (n, 3), float64
+        Polylines from base to tip, metres.
+    near_m, base_m : float
+        Other distances than these 2 cm and 5 cm.
+
+    Returns
+    -------
+    list of tuple of int
+        Index of a true line, index of its found line.
+    """
+    if not true_lines or not found_lines:
+        return []
+    near = np.zeros((len(true_lines), len(found_lines)))
+    bases = cKDTree([line[0] for line in found_lines])
+    dense_found = [_dense(line) for line in found_lines]
+    for i, line in enumerate(true_lines):
+        dense = _dense(line)
+        for j in bases.query_ball_point(line[0], base_m):
+            near[i, j] = (cKDTree(dense_found[j]).query(dense)[0] <= near_m).mean()
+    near[near < NEAR_SHARE] = 0.0
+    rows, columns = linear_sum_assignment(-near)
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if near[i, j] > 0]
+
+
+def _dense(line):
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.linspace(0.0, along[-1], max(int(along[-1] / _STEP_M), 1) + 1)
+    return np.array([np.interp(at, along, axis) for axis in line.T]).T
+
+
+def _branch_pair(true, found, name):
+    """Pair of one column; its interval's columns are named after it."""
+    stem, unit = name.rsplit("_", 1)
+    low, high = found.get(f"{stem}_low_{unit}"), found.get(f"{stem}_high_{unit}")
+    return as_pair(true[name], found[name], low, high)
+
+
+def as_pair(true, found, low, high):
+    """A true and a found value and the ends of its interval, None where there is none."""
+    values = {"true": true, "found": found, "low": low, "high": high}
+    return {key: None if value is None else float(value) for key, value in values.items()}

@@ -1,0 +1,167 @@
+"""Table and figure of the benchmark of traits."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cherrypicker.errors import StageError
+
+__all__ = ["gather", "score_pairs", "traits_figure", "write_table"]
+
+NAMES = {
+    "trunk_diameter_m": ("trunk diameter", "mm", 1e3, 3.0),
+    "base_diameter_m": ("branch diameter, 10 mm and more", "mm", 1e3, 4.0),
+    "height_m": ("height", "cm", 1e2, 2.0),
+    "insertion_angle_deg": ("insertion angle", "deg", 1.0, 6.0),
+    "crown_width_m": ("crown width", "cm", 1e2, None),
+    "crown_volume_m3": ("crown volume", "dm3", 1e3, None),
+    "total_length_m": ("total length", "m", 1.0, None),
+}  # name in words, unit, factor, largest MAE asked for
+
+
+def gather(reports):
+    """Join the pairs of all trees by trait.
+
+    Parameters
+    ----------
+    reports : iterable of dict
+        From `cherrypicker_lab.traits.pairs.measure_tree`, or `references.compare_results`.
+
+    Returns
+    -------
+    dict of str to dict of str to ndarray
+        Trait to `true`, `found`, `low`, `high`; the latter two NaN where there is no interval.
+
+    Raises
+    ------
+    StageError
+        If there is no report.
+    """
+    reports = list(reports)
+    if not reports:
+        raise StageError("no tree was measured", key="benchmark.traits")
+    joined = {}
+    for name in NAMES:
+        pairs = [pair for report in reports for pair in report["traits"][name]]
+        joined[name] = {
+            key: np.array([pair[key] for pair in pairs], dtype=float)
+            for key in ("true", "found", "low", "high")
+        }
+    return joined
+
+
+def score_pairs(pairs):
+    """Score one trait.
+
+    Parameters
+    ----------
+    pairs : dict of str to ndarray of shape (n,), float64
+        `true`, `found`, `low`, `high`.
+
+    Returns
+    -------
+    dict
+        `n`, `mae`, `bias` (found less true), `n_intervals`, `coverage` (share of the intervals
+        that hold the truth, None without any), `width` (their median width, None without any).
+    """
+    error = pairs["found"] - pairs["true"]
+    given = np.isfinite(pairs["low"]) & np.isfinite(pairs["high"])
+    low, high, true = (pairs[key][given] for key in ("low", "high", "true"))
+    return {
+        "n": len(error),
+        "mae": float(np.abs(error).mean()) if len(error) else None,
+        "bias": float(error.mean()) if len(error) else None,
+        "n_intervals": int(given.sum()),
+        "coverage": float(((low <= true) & (true <= high)).mean()) if given.any() else None,
+        "width": float(np.median(high - low)) if given.any() else None,
+    }
+
+
+def write_table(reports):
+    """The benchmark's table as Markdown, a row a trait."""
+    reports = list(reports)
+    joined = gather(reports)
+    n_axes = sum(report["n_axes"] for report in reports)
+    n_matched = sum(report["n_matched"] for report in reports)
+    lines = [
+        f"{_which(reports)}; {n_matched} of {n_axes} axes of 10 cm and more were found.",
+        "",
+        "| trait | unit | n | MAE | asked for | bias | 90 % intervals that hold the truth"
+        " | median width |",
+        "|---|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    for name, (words, unit, factor, bar) in NAMES.items():
+        score = score_pairs(joined[name])
+        if not score["n"]:
+            lines.append(f"| {words} | {unit} | 0 | | | | no reference | |")
+            continue
+        covered = _covered(score)
+        cells = [words, unit, str(score["n"]), _number(score["mae"], factor)]
+        cells += ["" if bar is None else f"{bar:g}", _number(score["bias"], factor, "+")]
+        lines.append("| " + " | ".join([*cells, covered, _number(score["width"], factor)]) + " |")
+    return "\n".join([*lines, *_by_form(reports)]) + "\n"
+
+
+def _covered(score):
+    if score["coverage"] is None:
+        return "none given"
+    held = round(score["coverage"] * score["n_intervals"])
+    return f"{held} of {score['n_intervals']} ({100 * score['coverage']:.0f} %)"
+
+
+def _by_form(reports):
+    """Lines of a table of the traits with intervals by the trees' forms; none without forms."""
+    forms = sorted({report["habit"] for report in reports if "habit" in report})
+    if not forms:
+        return []
+    joined = {form: gather(r for r in reports if r.get("habit") == form) for form in forms}
+    names = [name for name in NAMES if score_pairs(joined[forms[0]][name])["n_intervals"]]
+    lines = [
+        "",
+        "By form, MAE with the intervals that hold the truth:",
+        "",
+        "| form | trees |" + "".join(f" {NAMES[name][0]}, {NAMES[name][1]} |" for name in names),
+        "|---|" + "---:|" * (len(names) + 1),
+    ]
+    for form in forms:
+        scores = [(score_pairs(joined[form][name]), NAMES[name][2]) for name in names]
+        cells = [f"{_number(score['mae'], factor)}, {_covered(score)}" for score, factor in scores]
+        n_trees = sum(report.get("habit") == form for report in reports)
+        lines.append(f"| {form} | {n_trees} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _which(reports):
+    """Of which trees a table is."""
+    if "seed" not in reports[0]:
+        return f"{len(reports)} trees ({', '.join(report['name'] for report in reports)})"
+    seeds = [report["seed"] for report in reports]
+    mean = np.mean([report["n_points"] for report in reports])
+    return f"{len(seeds)} trees, seeds {min(seeds)} to {max(seeds)}, {mean:,.0f} points on average"
+
+
+def _number(value, factor, sign=""):
+    return "" if value is None else f"{value * factor:{sign}.2f}"
+
+
+def traits_figure(reports):
+    """Found against true values of every trait, with the intervals.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure = Figure(figsize=(12, 6.2), layout="constrained")
+    panels = figure.subplots(2, 4).flat
+    for axis in panels[len(NAMES) :]:
+        axis.remove()
+    for axis, (name, pairs) in zip(panels, gather(reports).items()):
+        words, unit, factor, _ = NAMES[name]
+        true, found = factor * pairs["true"], factor * pairs["found"]
+        if np.isfinite(pairs["low"]).any():
+            axis.vlines(true, factor * pairs["low"], factor * pairs["high"], "#9db8d6", lw=1)
+        axis.plot(true, found, ".", ms=4, color="#1f4e8c")
+        if len(true):
+            ends = [min(true.min(), found.min()), max(true.max(), found.max())]
+            axis.plot(ends, ends, color="0.6", lw=0.8, zorder=0)
+        axis.set(title=words, xlabel=f"true, {unit}", ylabel=f"found, {unit}")
+    return figure

@@ -1,0 +1,216 @@
+"""The truth of a generated scene in the place of a stage's output, in the stage's own format.
+
+Each function writes into the results folder of a tree what the stage would have written, so that
+the stages after it run on as they are.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json, write_json
+from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
+from cherrypicker.poses import read_poses, write_poses
+from cherrypicker.progress import Progress
+from cherrypicker.skeleton import read_skeleton_csv
+from cherrypicker.traits.support import densify
+from cherrypicker_lab.dense.true_cameras import triangulate_true_cameras
+from cherrypicker_lab.dense.true_depth import TrueScene
+from cherrypicker_lab.dense.truth import sample_skeleton
+from cherrypicker_lab.evaluation import compare_cameras
+
+#: Distance between samples of the true tree's surface and of its skeleton, m.
+SURFACE_STEP_M, SKELETON_STEP_M = 0.003, 0.003
+#: A point further from every true surface has no true class, m.
+CLASS_REACH_M = 0.03
+
+_MODEL = ("cameras.bin", "images.bin", "points3D.bin", "frames.bin", "rigs.bin")
+#: What each rung takes over from the one before, in the order of the stages.
+_SKY = ("sky", "sky_colors.npz")
+_SPARSE = (*(f"sfm/model/{name}" for name in _MODEL), "sfm/report.json", "poses.npz", "scale.json")
+_DENSE = ("dense/images", "dense/sparse", "dense/undistorted.json")
+_METRIC = (
+    "sfm/report.json",
+    "scale.json",
+    "crop.json",
+    "metric.ply",
+    "metric_poses.npz",
+    "metric.json",
+)
+
+
+def take_over(source: Path, target: Path, names: tuple[str, ...]) -> None:
+    """Copy files and folders of one results folder to another, with the time of now.
+
+    Raises
+    ------
+    StageError
+        When one is missing.
+    """
+    for name in names:
+        here, there = source / name, target / name
+        if not here.exists():
+            raise StageError("the tree's results are not complete", file=here)
+        there.parent.mkdir(parents=True, exist_ok=True)
+        if here.is_dir():
+            shutil.copytree(here, there, dirs_exist_ok=True, copy_function=shutil.copyfile)
+        else:
+            shutil.copyfile(here, there)
+
+
+def place_true_poses(
+    found: Path, results: Path, photos: Path, truth: Path, *, seed: int, threads: int
+) -> None:
+    """Put the scene's cameras in the place of the sparse model.
+
+    The points are triangulated from the photos' own matches with these cameras held fixed: the
+    stereo starts from them, and they must not come from the true surface.
+
+    Parameters
+    ----------
+    found, results : Path
+        Results of the tree as found, and those to fill.
+    photos, truth : Path
+        Folders of the scene.
+    seed, threads : int
+
+    Raises
+    ------
+    StageError
+        When a photo has no true pose, or the results as found are not complete.
+    """
+    take_over(found, results, _SKY)
+    model = results / "sfm/model"
+    model.mkdir(parents=True, exist_ok=True)
+    database = found / "sfm/database.db"
+    if not database.is_file():
+        raise StageError("the tree's results are not complete", file=database)
+    triangulate_true_cameras(
+        database, photos, truth / "poses.npz", model, seed=seed, threads=threads
+    )
+    take_over(found, results, ("sfm/report.json",))
+    write_poses(results / "poses.npz", read_poses(truth / "poses.npz"))
+
+
+def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) -> None:
+    """Put the true depth of every pixel in the place of the depth maps.
+
+    Parameters
+    ----------
+    before, results : Path
+        Results with true poses, and those to fill.
+    truth : Path
+    threads : int
+
+    Raises
+    ------
+    StageError
+        When the results or the truth are not complete.
+    """
+    take_over(before, results, (*_SKY, *_SPARSE, *_DENSE))
+    workspace, scene = Workspace(results / "dense"), TrueScene(truth)
+    shares = {}
+    with Progress(len(workspace.views), "true depth maps") as bar:
+        for view in workspace.views:
+            depth, normals = scene.depth(view, threads)
+            workspace.write_maps(view, "geometric", depth, normals)
+            shares[view.name] = float((depth > 0).mean())
+            bar.step()
+    workspace.write_fusion_config()
+    manifest = {"backend": "truth", "options": {}, "maps": list(shares), "share_with_depth": shares}
+    write_json(results / "dense/depth.json", manifest)
+
+
+def place_true_labels(before: Path, results: Path, truth: Path) -> None:
+    """Give every point of ``metric.ply`` the class of the true surface that it lies on.
+
+    Points further than `CLASS_REACH_M` from all of them are unlabelled.
+
+    Parameters
+    ----------
+    before, results : Path
+        Results up to ``metric.ply``, and those to fill.
+    truth : Path
+
+    Raises
+    ------
+    StageError
+        When the results or the truth are not complete.
+    """
+    take_over(before, results, _METRIC)
+    cloud = read_cloud(results / "metric.ply")
+    rotation, translation = _to_truth(results, truth)
+    surface, labels = _true_classes(truth)
+    gap, nearest = cKDTree(surface).query(
+        cloud.points @ rotation.T + translation, distance_upper_bound=CLASS_REACH_M, workers=-1
+    )
+    is_known = np.isfinite(gap)
+    label = np.full(len(cloud), Label.UNLABELLED, np.uint8)
+    label[is_known] = labels[nearest[is_known]]
+    fields = {"label": label, "confidence": np.ones(len(cloud), np.float32)}
+    cloud.fields = {**cloud.fields, **fields}
+    write_cloud(results / "segmented.ply", cloud)
+
+
+def place_true_skeleton(before: Path, results: Path, truth: Path) -> None:
+    """Put points of the true skeleton in the place of the contracted ones.
+
+    The whole skeleton is there, also where no photo saw the wood. Each point's source is the wood
+    point of the cloud nearest to it.
+
+    Parameters
+    ----------
+    before, results : Path
+        Results up to ``segmented.ply`` and ``target.json``, and those to fill.
+    truth : Path
+
+    Raises
+    ------
+    StageError
+        When the results or the truth are not complete, or the cloud holds no wood.
+    """
+    take_over(before, results, (*_METRIC, "segmented.ply", "target.json"))
+    cloud = read_cloud(results / "segmented.ply", required=("label",))
+    rotation, translation = _to_truth(results, truth)
+    skeleton = read_skeleton_csv(truth / "skeleton.csv")
+    samples, node, _, _ = densify(skeleton, SKELETON_STEP_M)
+    points = (samples - translation) @ rotation
+    wood = np.flatnonzero(np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH)))
+    if len(wood) == 0:
+        raise StageError("the cloud holds no wood", file=results / "segmented.ply")
+    source = wood[cKDTree(cloud.points[wood]).query(points, workers=-1)[1]]
+    fields = {
+        "label": skeleton.label[node].astype(np.uint8),
+        "source": source.astype(np.int32),
+    }
+    contracted = PointCloud(points, fields=fields, frame=cloud.frame, unit=cloud.unit)
+    write_cloud(results / "contracted.ply", contracted)
+    base = (skeleton.points[0] - translation) @ rotation
+    report = {"unit": cloud.unit, "base": base.tolist(), "method": "truth"}
+    write_json(results / "contract.json", report | {"n_contracted": len(points)})
+
+
+def _to_truth(results: Path, truth: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and translation from the tree's metric frame to the scene's."""
+    found = read_poses(results / "metric_poses.npz")
+    if read_json(results / "metric.json").get("unit", "m") != "m":
+        raise StageError("the tree has no scale in metres", file=results / "metric.json")
+    cameras = compare_cameras(found, read_poses(truth / "poses.npz"))
+    return cameras["rotation"], cameras["translation"]
+
+
+def _true_classes(truth: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Samples of all true surfaces, (n, 3), and their classes, (n,) uint8."""
+    tree = sample_skeleton(read_skeleton_csv(truth / "skeleton.csv"), step=SURFACE_STEP_M)
+    cloud = read_cloud(truth / "cloud.ply", required=("label", "tree"))
+    is_wood = np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH))
+    other = ~(is_wood & (cloud["tree"] == 0))
+    labels = np.where(tree.is_trunk, Label.TRUNK, Label.BRANCH).astype(np.uint8)
+    return np.vstack([tree.points, cloud.points[other]]), np.r_[labels, cloud["label"][other]]

@@ -1,0 +1,149 @@
+"""Measure the segmentation on generated scenes and scans that it was not trained on.
+
+Prints a table (F1 a class and mean IoU a set of clouds), writes it and the confusion matrices as
+JSON, a plot of the matrix of the held-out scenes, and a picture of the scans' labels. Example:
+
+    python scripts/lab/evaluate_segmentation.py --weights resources/weights/dgcnn.pt \\
+        --workspace work --scan results/cherry_vase=resources/demo/cherry_vase/truth \\
+        --figure confusion.png --labels-figure labels.png
+"""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+import lab_path  # noqa: F401
+from cherrypicker.errors import StageError
+from cherrypicker.files import write_json
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.segmentation.dgcnn import N_CLASSES, choose_device
+from cherrypicker.segmentation.inference import Sampling
+from cherrypicker.segmentation.refine import Smoothing
+from cherrypicker.segmentation.stem_axis import StemModel
+from cherrypicker.segmentation.support_post import PostModel
+from cherrypicker_lab.training.segmentation.held_out import (
+    confusion_figure,
+    judge,
+    of_sample,
+    of_scan,
+    table,
+    without_color,
+)
+from cherrypicker_lab.training.segmentation.held_out import labels_figure as draw_labels
+from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, load_samples
+
+TEMPLATES = ("cherry_whip", "fir", "larch", "pine")  # forms that the training never draws
+logger = logging.getLogger("cherrypicker")
+
+
+def main(
+    weights,
+    workspace,
+    *,
+    output,
+    figure,
+    labels_figure,
+    scans,
+    colors,
+    n_scenes,
+    n_templates,
+    first_seed,
+    scene_points,
+    trace_stems,
+    seed,
+    threads,
+    gpu,
+):
+    sampling = Sampling(
+        None, reference_height_m=None, sphere_radius_m=None, sphere_points=None
+    )  # as the weights were trained
+    settings = {
+        "sampling": sampling,
+        "smoothing": Smoothing(),
+        "post": PostModel(),
+        "stems": StemModel() if trace_stems else None,
+        "seed": seed,
+        "device": choose_device(threads, gpu),
+    }
+    folder = Path(workspace)
+    seeds = range(first_seed, first_seed + n_scenes)
+    others = range(first_seed + 500, first_seed + 500 + n_templates)
+    sets = {}
+    if n_scenes:
+        known = [of_sample("held-out", s) for s in load_samples(seeds, folder, scene_points)]
+        sets["held-out seeds"] = known
+    if n_templates:
+        samples = load_samples(others, folder, scene_points, habits=TEMPLATES)
+        sets["held-out forms"] = [of_sample("template", sample) for sample in samples]
+    for pair in scans:
+        results, _, truth = pair.partition("=")
+        if not truth:
+            raise StageError("a scan is given as RESULTS=TRUTH", file=pair, key="--scan")
+        one = of_scan(results, truth)
+        sets[f"{one.name}, through photos"] = [one]
+    confusions, panels = {}, []
+    for name, clouds in sets.items():
+        if colors != "without":
+            confusions[name], found = _sum(name, clouds, weights, settings)
+            if "through photos" in name:
+                panels += _panels(clouds[0], found[0])
+        if colors != "with":
+            bare = [without_color(one) for one in clouds]
+            of_bare = f"{name}, no colour"
+            confusions[of_bare], _ = _sum(of_bare, bare, weights, settings)
+    text = table(confusions)
+    logger.info("F1 a class\n%s", text)
+    if output:
+        write_json(
+            output,
+            {"weights": Path(weights).name, "table": text}
+            | {name: matrix.tolist() for name, matrix in confusions.items()},
+        )
+    if figure and "held-out seeds" in confusions:
+        confusion_figure(figure, confusions["held-out seeds"], "held-out seeds")
+    if labels_figure and panels:
+        draw_labels(labels_figure, panels, columns=4)
+
+
+def _sum(name, clouds, weights, settings):
+    """Confusion matrix over all clouds of a set, and the labels of each."""
+    total, found = np.zeros((N_CLASSES, N_CLASSES), np.int64), []
+    for number, labelled in enumerate(clouds):
+        confusion, labels = judge(labelled, weights, **settings)
+        total += confusion
+        found.append(labels)
+        logger.info("%s, cloud %d\n%s", name, number, table({str(number): confusion}))
+    logger.info("measured: %s (%d clouds)", name, len(clouds))
+    return total, found
+
+
+def _panels(labelled, labels):
+    """Found beside true for the picture."""
+    points = labelled.cloud.points
+    return [(f"{labelled.name}, found", points, labels), ("true", points, labelled.truth)]
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--weights", required=True, help="weights to measure")
+parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
+parser.add_argument("--output", default="", help="JSON to write")
+parser.add_argument("--figure", default="", help="PNG of the confusion matrix to write")
+parser.add_argument("--labels-figure", default="", help="PNG of the scans' labels to write")
+parser.add_argument(
+    "--colors", choices=("with", "without", "both"), default="both", help="colours of the clouds"
+)
+parser.add_argument(
+    "--scan", dest="scans", action="append", default=[], help="RESULTS=TRUTH of a rendered scene"
+)
+parser.add_argument("--n-scenes", type=int, default=10)
+parser.add_argument("--n-templates", type=int, default=8)
+parser.add_argument(
+    "--first-seed", type=int, default=HELD_OUT_SEED, help="of the scenes; the forms' is 500 above"
+)
+parser.add_argument("--scene-points", type=int, default=250_000)
+parser.add_argument("--no-trace-stems", dest="trace_stems", action="store_false")
+parser.add_argument("--seed", type=int, default=0)
+parser.add_argument("--threads", type=int, default=2)
+parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")
+run(main, parser, globals().get("snakemake"))

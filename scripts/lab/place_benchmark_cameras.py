@@ -1,0 +1,59 @@
+"""Make a dense workspace of a benchmark's scan, with its true cameras or with those from SfM.
+
+Reads the photos and their matches (match_benchmark_photos.py) and, for true cameras, the scene's
+truth/poses.npz; writes the sparse model beside the workspace and the workspace's manifest. Example:
+
+    python scripts/lab/place_benchmark_cameras.py --cameras true --folder scenes/tree/photos \\
+        --poses scenes/tree/truth/poses.npz --database database.db --listing photos.json \\
+        --images model/images.bin --undistorted dense/undistorted.json
+"""
+
+from pathlib import Path
+
+import lab_path  # noqa: F401
+from cherrypicker.files import write_json
+from cherrypicker.mvs.undistort import undistort
+from cherrypicker.photos import list_photos
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.sfm.sparse import reconstruct_sparse
+from cherrypicker_lab.dense.true_cameras import triangulate_true_cameras
+
+
+def main(
+    folder,
+    database,
+    listing,
+    images,
+    undistorted,
+    *,
+    cameras,
+    poses,
+    max_image_size,
+    seed,
+    threads,
+):
+    """Place the cameras, then undistort."""
+    photos, model = list_photos(folder), Path(images).parent
+    if cameras == "true":
+        triangulate_true_cameras(database, folder, poses, model, seed=seed, threads=threads)
+    else:
+        report, sparse_poses = model.parent / "report.json", model.parent / "poses.npz"
+        reconstruct_sparse(
+            database, photos, listing, model, report, sparse_poses, seed=seed, threads=threads
+        )
+    manifest = undistort(model, photos, Path(undistorted).parent, max_image_size, threads=threads)
+    write_json(undistorted, manifest)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--cameras", required=True, choices=("true", "sfm"))
+parser.add_argument("--folder", required=True, help="folder of the photos")
+parser.add_argument("--database", required=True, help="COLMAP database with matches")
+parser.add_argument("--listing", required=True, help="JSON of the photos")
+parser.add_argument("--poses", default="", help="SCENE/truth/poses.npz, for true cameras")
+parser.add_argument("--images", required=True, help="images.bin to write; its folder is the model")
+parser.add_argument("--undistorted", required=True, help="manifest of the workspace to write")
+parser.add_argument("--max_image_size", type=int, default=1600, help="longer side, px")
+parser.add_argument("--seed", type=int, default=0)
+parser.add_argument("--threads", type=int, default=2)
+run(main, parser, globals().get("snakemake"))

@@ -1,0 +1,192 @@
+"""Render an orchard scene with Blender: photos with EXIF and their exact ground truth.
+
+Writes FOLDER/photos/*.jpg and FOLDER/truth/ (poses.npz, skeleton.csv, cloud.ply, traits.json,
+scene.json; with --maps also depth, normals and semantic masks of each photo). Photos that are
+there already are kept, so a killed run goes on where it was.
+Needs an environment of its own with Blender's Python module, which nothing else uses (see
+envs/requirements-render.txt). The two shipped demo scans were made by
+
+    python scripts/lab/render_scene.py --preset cherry_leader --output resources/demo/cherry_leader
+    python scripts/lab/render_scene.py --preset cherry_vase --output resources/demo/cherry_vase
+
+and any other scene, a random one of a seed, by
+
+    python scripts/lab/render_scene.py --seed 17 --output /data/orchard/17
+"""
+
+import argparse
+import json
+import logging
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import lab_path  # noqa: F401
+from cherrypicker.errors import StageError
+from cherrypicker_lab.orchard.render.blender import BlenderScene
+from cherrypicker_lab.orchard.render.photo import (
+    PhotoEffects,
+    behind_all,
+    compose,
+    develop,
+    distorted,
+    lens_map,
+    lens_margin,
+    maps_through,
+    write_jpeg,
+    write_maps,
+)
+from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring
+from cherrypicker_lab.orchard.scene.layout import generate_scene
+from cherrypicker_lab.orchard.scene.presets import PRESETS
+from cherrypicker_lab.orchard.scene.variety import FORMS, scene_camera, scene_options, scene_walk
+from cherrypicker_lab.orchard.scene.walks import preset_poses, walk_poses
+from cherrypicker_lab.orchard.truth import write_truth
+
+logger = logging.getLogger("render_scene")
+
+
+def missing_files(folder, poses, args):
+    """Indices of the photos, and of the maps where those are wanted, that are not there yet."""
+    wanted = range(len(poses)) if args.only is None else args.only
+    photos, truth = Path(folder) / "photos", Path(folder) / "truth"
+
+    def is_mapped(name):
+        stem = Path(name).stem
+        files = truth / "depth" / f"{stem}.npz", truth / "semantic" / f"{stem}.png"
+        return all(file.is_file() for file in files)
+
+    no_photo = [i for i in wanted if not (photos / str(poses.names[i])).is_file()]
+    no_maps = [i for i in wanted if args.maps and not is_mapped(str(poses.names[i]))]
+    return no_photo, no_maps
+
+
+def render(scene, poses, camera, folder, args):
+    """Render the photos and maps that are still missing."""
+    no_photo, no_maps = missing_files(folder, poses, args)
+    if not no_photo and not no_maps:
+        logger.info("all photos are there")
+        return
+    effects = PhotoEffects(noise=args.noise)
+    if args.orchard is not None:
+        effects = PhotoEffects.random(scene.seed) if args.imperfect else PhotoEffects(noise=0.0)
+    is_pinhole = camera.k1 == camera.k2 == 0.0
+    wide = camera if is_pinhole else camera.widened(max(lens_margin(camera), 1.0))
+    lens = None if is_pinhole else lens_map(wide, camera)
+    wide_poses = poses if is_pinhole else poses_of(poses, wide)
+    photos = Path(folder) / "photos"
+    photos.mkdir(parents=True, exist_ok=True)
+    start = time.perf_counter()
+    options = {"samples": args.samples, "threads": args.threads}
+    distance = float(np.linalg.norm(poses.centers[:, :2], axis=1).mean())
+    with BlenderScene(scene, wide, distance=distance, **options) as stage:
+        logger.info("scene built in %.0f s", time.perf_counter() - start)
+        for i in counted(sorted({*no_photo, *no_maps}), "photo"):
+            name, pose = str(poses.names[i]), poses.cam_from_world[i]
+            if scene.wind_m > 0:
+                stage.blow(i)
+            if i in no_maps:  # before the photo: a photo that is there has its maps
+                depth, normals, label, tree = stage.truth(pose)
+                maps = [depth, normals, behind_all(label, scene, wide_poses, i), tree]
+                maps = maps if lens is None else maps_through(lens, *maps)
+                write_maps(Path(folder) / "truth", name, *maps)
+            if i in no_photo:
+                linear, sky = compose(*stage.colors(pose), scene, wide_poses, i)
+                if lens is not None:
+                    linear = distorted(linear, lens)
+                    sky = distorted(sky.astype(np.uint8), lens, nearest=True) > 0
+                if args.masks:
+                    write_sky_mask(Path(args.masks) / Path(name).with_suffix(".png"), sky)
+                rng = np.random.default_rng([scene.seed, 81, i])
+                write_jpeg(photos / name, develop(linear, rng, effects), camera, args.quality)
+
+
+def write_sky_mask(path, sky):
+    """Write a mask (h, w), true where sky is, as 255 and 0."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.where(sky, 255, 0).astype(np.uint8)).save(path)
+
+
+def counted(items, what):
+    """The items one by one, logging how long each took and how long the rest will."""
+    start = time.perf_counter()
+    for count, item in enumerate(items, start=1):
+        yield item
+        each = (time.perf_counter() - start) / count
+        left = each * (len(items) - count)
+        logger.info("%s %d of %d, %.1f s each, %.0f s left", what, count, len(items), each, left)
+
+
+def poses_of(poses, camera):
+    """The same photos with another camera's frame and intrinsics."""
+    n = len(poses)
+    size = {"width": np.full(n, camera.width), "height": np.full(n, camera.height)}
+    return replace(poses, K=np.repeat([camera.K], n, axis=0), **size)
+
+
+def parse_arguments():
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument("--preset", choices=sorted(PRESETS), help="a named scene")
+    which.add_argument("--seed", type=int, help="a random scene of this seed")
+    which.add_argument("--orchard", type=int, help="the scene of `snakemake orchard` of this seed")
+    parser.add_argument("--output", required=True, help="folder of the scene, made if missing")
+    parser.add_argument("--samples", type=int, default=4, help="Cycles samples a pixel (4)")
+    parser.add_argument("--threads", type=int, default=2, help="render threads (2)")
+    parser.add_argument("--quality", type=int, default=80, help="JPEG quality (80)")
+    parser.add_argument("--noise", type=float, default=0.006, help="sensor noise, of 1 (0.006)")
+    parser.add_argument("--forms", nargs="+", default=FORMS, help="for --orchard")
+    parser.add_argument("--chosen", default="{}", help="JSON of options, for --orchard")
+    parser.add_argument("--photos", type=int, default=48, help="photos, for --orchard (48)")
+    parser.add_argument("--size", type=int, default=0, help="longer side, px, for --orchard (0)")
+    parser.add_argument("--lens", type=int, default=1, help="0: pinholes, for --orchard")
+    parser.add_argument(
+        "--imperfect", type=int, default=1, help="0: perfect cameras, for --orchard"
+    )
+    parser.add_argument(
+        "--maps",
+        action="store_true",
+        help="depth, normals and semantic mask of each photo, in truth/",
+    )
+    parser.add_argument("--only", type=int, nargs="+", help="render only these photos, from 0")
+    parser.add_argument("--masks", help="folder for exact sky masks (none written by default)")
+    parser.add_argument("--truth-only", action="store_true", help="write the truth, no photos")
+    return parser.parse_args()
+
+
+def main():
+    """Write the truth, then the photos."""
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
+    args = parse_arguments()
+    if args.preset:
+        preset = PRESETS[args.preset]
+        scene, camera = generate_scene(**preset["scene"]), preset["camera"]
+        poses = preset_poses(preset, scene)
+    elif args.orchard is not None:
+        chosen = json.loads(args.chosen)
+        scene = generate_scene(args.orchard, **scene_options(args.orchard, args.forms, chosen))
+        camera = scene_camera(args.orchard, distortion=bool(args.lens), size_px=args.size)
+        poses = walk_poses(scene, camera, scene_walk(args.orchard, chosen), args.photos)
+    else:
+        scene, camera = generate_scene(args.seed), CameraModel()
+        rings = [Ring(20, 1.1, 2.6, 1.1), Ring(20, 1.9, 2.5, 1.1, 0.16), Ring(8, 0.6, 2.5, 1.2)]
+        poses = preset_poses({"camera": camera, "rings": rings}, scene)
+    if args.orchard is None:  # the orchard's rule writes its own
+        name = args.preset or f"seed {args.seed}"
+        write_truth(Path(args.output) / "truth", scene, poses, name=name)
+    if not args.truth_only:
+        render(scene, poses, camera, args.output, args)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except StageError as error:
+        sys.exit(error.describe())

@@ -1,0 +1,69 @@
+"""Score the sky masks that the pipeline makes against reference masks.
+
+Reads every images/ or photos/ folder with a masks/ folder beside it below the given folders (equal
+stems, 255 = sky), makes each photo's mask as segment_sky does, and prints per folder F1 of sky and
+ground over all pixels as they are labelled, and, where the masks are exact, how much of the sky
+between twigs is found and how many twig pixels are called sky. Example:
+
+    python scripts/lab/score_sky.py --folders data/sky/camvid scenes/stereo_spindle \\
+        --only "camvid/0001TP*" "stereo_spindle/*" --scores scores.json
+"""
+
+import fnmatch
+import logging
+import time
+
+import cv2
+import torch
+
+import lab_path  # noqa: F401
+from cherrypicker.errors import StageError
+from cherrypicker.files import write_json
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.sky.masks import MaskOptions, sky_mask
+from cherrypicker.sky.unet import load_weights
+from cherrypicker_lab.training.sky.data import load_photos
+from cherrypicker_lab.training.sky.metrics import Confusion, CrownScores
+
+logger = logging.getLogger(__name__)
+
+
+def main(folders, scores, *, weights, only, every, threads):
+    """Load photos, mask them, compare, print and save."""
+    torch.set_num_threads(threads)
+    cv2.setNumThreads(threads)
+    net, report = load_weights(weights), {}
+    for folder in folders:
+        photos = load_photos([folder], MAX_SIDE)
+        photos = [p for p in photos if not only or any(fnmatch.fnmatch(p.name, o) for o in only)]
+        confusion, crowns, start = Confusion(), CrownScores(), time.process_time()
+        for photo in photos[::every]:
+            mask = sky_mask(net, photo.image, MaskOptions()) > 0
+            confusion.add(mask.astype("float32"), photo.sky)
+            crowns.add(mask, photo.sky)
+        if not photos:
+            raise StageError("no photo of the folder is asked for", file=folder)
+        n_photos = len(photos[::every])
+        report[folder] = {
+            "n_photos": n_photos,
+            "cpu_s_a_photo": (time.process_time() - start) / n_photos,
+            **confusion.summary(),
+            "counts": confusion.counts.tolist(),
+            **crowns.summary(),
+        }
+        logger.info("%s: %s", folder, report[folder])
+    if scores:
+        write_json(scores, report)
+
+
+#: Photos are not reduced: no camera's are larger.
+MAX_SIDE = 100_000
+
+parser = stage_parser(__doc__)
+parser.add_argument("--folders", nargs="+", required=True, help="folders of photos with masks")
+parser.add_argument("--only", nargs="*", default=[], help="name patterns (folder/file) to score")
+parser.add_argument("--every", type=int, default=1, help="score every so many photos only")
+parser.add_argument("--weights", required=True, help="network weights (NPZ)")
+parser.add_argument("--scores", default="", help="JSON to write")
+parser.add_argument("--threads", type=int, default=1)
+run(main, parser, globals().get("snakemake"))

@@ -1,0 +1,47 @@
+"""Score a cloud against the true surface of a rendered scene.
+
+Reads a cloud, the camera poses of its frame (poses NPZ) and SCENE/truth; prints accuracy,
+completeness and F1 at 5, 10 and 20 mm for all wood, the trunk and branches by radius, and writes
+them as JSON. Definitions: cherrypicker_lab/dense/surface.py. Example:
+
+    python scripts/lab/score_surface.py --cloud results/tree/metric.ply \\
+        --poses results/tree/metric_poses.npz --truth scenes/tree/truth --scores scores.json
+"""
+
+import logging
+
+import lab_path  # noqa: F401
+from cherrypicker.files import write_json
+from cherrypicker.pointcloud import write_cloud
+from cherrypicker.runner import run, stage_parser
+from cherrypicker_lab.dense.scoring import describe, score_file
+
+
+def main(cloud, truth, scores="", scored="", *, poses="", fit="", max_photos=0):
+    """Place the cloud, score it, print and save."""
+    fit = fit or ("surface" if poses else "none")
+    report, judged = score_file(cloud, poses, truth, fit=fit, max_photos=max_photos or None)
+    logging.getLogger("cherrypicker").info("%s\n%s", cloud, describe(report))
+    if scored:
+        write_cloud(scored, judged)
+    if scores:
+        write_json(scores, report)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--cloud", required=True, help="cloud to score, PLY")
+parser.add_argument("--poses", default="", help="poses NPZ or dense workspace of its frame")
+parser.add_argument("--truth", required=True, help="SCENE/truth")
+parser.add_argument(
+    "--fit",
+    default="",
+    choices=("", "none", "cameras", "surface"),
+    help="none: it is in the true frame; cameras: similarity of the camera centres; "
+    "surface: that, then refined on the surface (default where poses are given)",
+)
+parser.add_argument(
+    "--max_photos", type=int, default=0, help="it is from the first so many; 0: all"
+)
+parser.add_argument("--scores", default="", help="JSON to write")
+parser.add_argument("--scored", default="", help="PLY to write: the judged points, their errors")
+run(main, parser, globals().get("snakemake"))

@@ -1,0 +1,75 @@
+import pytest
+import yaml
+
+from cherrypicker.batch.config import load_schema, lookup, read_config_file, resolve_config
+from cherrypicker.errors import StageError
+
+
+@pytest.fixture(scope="module")
+def schema(project):
+    return load_schema(project / "workflow/schemas/config.schema.yaml")
+
+
+def _sections(schema, path=()):
+    for key, value in schema["properties"].items():
+        yield (*path, key), value
+        if "properties" in value:
+            yield from _sections(value, (*path, key))
+
+
+def test_an_empty_config_is_valid_and_has_every_key(schema):
+    config = resolve_config(schema, {})
+    for path, _ in _sections(schema):
+        lookup(config, ".".join(path))
+
+
+def test_every_key_has_a_description_and_a_default(schema):
+    for path, value in _sections(schema):
+        assert "default" in value, path
+        assert "properties" in value or value.get("description"), path
+
+
+def test_the_shipped_config_repeats_valid_keys(schema, project):
+    shipped = read_config_file(project / "config/config.yaml")
+    assert resolve_config(schema, shipped) == resolve_config(schema, {})
+
+
+def test_shipped_examples_are_valid(schema, project):
+    examples = sorted((project / "config/examples").glob("*.yaml"))
+    assert examples
+    for example in examples:
+        resolve_config(schema, read_config_file(example))
+
+
+def test_later_layers_win(schema):
+    layers = [{"seed": 1, "mvs": {"backend": "cpu"}}, {"seed": 2}, {"seed": "3"}]
+    config = resolve_config(schema, *layers)
+    assert config["seed"] == 3
+    assert config["mvs"]["backend"] == "cpu"
+
+
+@pytest.mark.parametrize("text", ["0.25", "2.5e-1"])
+def test_numbers_arrive_as_strings(text):
+    schema = {"type": "object", "properties": {"a": {"type": "number", "default": 1.0}}}
+    assert resolve_config(schema, {"a": text})["a"] == 0.25
+
+
+def test_an_unknown_key_is_named_with_the_nearest_one(schema):
+    with pytest.raises(StageError, match=r"'mvs\.backedn'.*'mvs\.backend'"):
+        resolve_config(schema, {"mvs": {"backedn": "cpu"}})
+
+
+@pytest.mark.parametrize("value", [-1, "many", 1.5, None])
+def test_a_value_out_of_bounds_names_its_key(schema, value):
+    with pytest.raises(StageError, match="seed"):
+        resolve_config(schema, {"seed": value})
+
+
+def test_a_section_may_be_left_empty(schema):
+    assert resolve_config(schema, {"mvs": None}) == resolve_config(schema, {})
+
+
+def test_a_config_that_is_no_mapping_is_refused(tmp_path):
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump(["a"]))
+    with pytest.raises(StageError, match="keys and values"):
+        read_config_file(tmp_path / "c.yaml")

@@ -1,0 +1,252 @@
+"""What jobs ask for, from the size of a scan."""
+
+import json
+import os
+import struct
+
+import numpy as np
+import pytest
+from PIL import Image
+from workspace import PROJECT, small_tree
+
+from cherrypicker.batch.config import load_schema, resolve_config
+from cherrypicker.batch.photo_sizes import PhotoSizes
+from cherrypicker.batch.resources import (
+    ScanSize,
+    count_pairs,
+    count_points,
+    cpu_seconds,
+    disk_mb,
+    mb_to_ask,
+    memory_mb,
+    minutes_to_ask,
+    size_of_cloud,
+    size_of_photos,
+    threads_to_ask,
+)
+from cherrypicker.batch.stage_costs import CLOUD_STAGES, ENLARGED_BELOW_MP, PHOTO_STAGES
+from cherrypicker.pointcloud import write_cloud
+from cherrypicker.sfm.features import PLAIN_FIRST_MP
+
+SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
+# Largest resident MB of single stages, by size and number of the photos and by threads
+MEASURED_MB = {
+    # 23 photos of 1600 x 1200 px, 3.9 million points
+    ((1600, 1200), 23, 2): {
+        "extract_features": 1241,
+        "match_features": 241,
+        "reconstruct_sparse": 207,
+        "estimate_depth": 726,
+        "fuse_depth": 1329,
+        "align_cloud": 708,
+        "crop_roi": 773,
+        "segment_sky": 699,
+        "denoise_cloud": 900,
+        "scale_cloud": 509,
+        "segment_cloud": 1013,
+        "contract_cloud": 785,
+        "extract_graph": 734,
+        "measure_traits": 511,
+        "report_tree": 1313,
+    },
+    # 48 photos of 800 x 1200 px, 2.3 million points
+    ((800, 1200), 48, 2): {
+        "extract_features": 691,
+        "match_features": 486,
+        "reconstruct_sparse": 350,
+        "estimate_depth": 541,
+        "fuse_depth": 875,
+        "segment_sky": 610,
+        "denoise_cloud": 829,
+        "estimate_scale": 404,
+        "segment_cloud": 1116,
+        "contract_cloud": 480,
+        "report_tree": 982,
+    },
+    # 66 photos of 1200 x 800 px, 6.2 million points, 2.2 of them after the crop
+    ((1200, 800), 66, 2): {
+        "extract_features": 411,
+        "match_features": 317,
+        "reconstruct_sparse": 344,
+        "segment_sky": 708,
+        "estimate_depth": 628,
+        "fuse_depth": 1366,
+        "align_cloud": 1201,
+        "crop_roi": 763,
+        "denoise_cloud": 736,
+        "estimate_scale": 394,
+        "scale_cloud": 391,
+        "segment_cloud": 1041,
+        "contract_cloud": 533,
+        "extract_graph": 559,
+        "measure_traits": 650,
+        "report_tree": 1440,
+    },
+    # 250 photos of 4000 x 3000 px
+    ((4000, 3000), 250, 2): {
+        "extract_features": 887,
+        "match_features": 780,
+        "segment_sky": 941,
+    },
+    # 8 photos of 12 megapixels
+    ((2828, 4242), 8, 1): {
+        "extract_features": 1286,
+        "match_features": 192,
+        "undistort_photos": 259,
+        "segment_sky": 707,
+        "estimate_scale": 481,
+    },
+}
+
+
+def scan(n_photos=48, size=(800, 1200), **options):
+    return size_of_photos([size] * n_photos, SETTINGS, **options)
+
+
+@pytest.mark.parametrize("key", MEASURED_MB, ids=str)
+def test_the_measured_peaks_lie_within_what_is_asked_for(key):
+    size, n_photos, threads = key
+    for rule, peak_mb in MEASURED_MB[key].items():
+        expected = memory_mb(PHOTO_STAGES[rule], scan(n_photos, size), threads)
+        assert peak_mb < mb_to_ask(rule, scan(n_photos, size), threads) - 250, rule
+        assert expected < 4 * peak_mb, rule
+
+
+def test_photos_are_taken_as_enlarged_where_the_features_are_sought_so():
+    assert ENLARGED_BELOW_MP == PLAIN_FIRST_MP
+    large, small = scan(10, (4000, 3000)), scan(10, (800, 1200))
+    assert large.sift_mp == pytest.approx(large.feature_mp) == pytest.approx(43.2)
+    assert small.sift_mp == pytest.approx(4 * small.feature_mp)
+
+
+def test_later_stages_pay_for_what_the_crop_leaves():
+    photos = scan(250, (4000, 3000))
+    by_rule = {rule: disk_mb(PHOTO_STAGES[rule], photos) for rule in ("align_cloud", "crop_roi")}
+    assert by_rule["crop_roi"] == pytest.approx(0.4 * by_rule["align_cloud"])
+    ready = ScanSize(points_m=2.0, most_points_m=2.0)
+    assert disk_mb(ready.stages["segment_cloud"], ready) == pytest.approx(2 * 37)
+
+
+def test_the_stereo_asks_for_the_bound_that_it_states():
+    large = scan(250, (4000, 3000))
+    assert large.largest_dense_mp == pytest.approx(1.92)
+    bound_mb = (38 * 6 + 80) * 1.92
+    assert memory_mb(PHOTO_STAGES["estimate_depth"], large) == pytest.approx(260 + bound_mb)
+
+
+def test_more_and_larger_photos_ask_for_more_and_so_does_each_attempt():
+    small, many, large = scan(20), scan(250), scan(20, (4000, 3000))
+    for rule in ("extract_features", "match_features", "estimate_depth", "report_tree"):
+        assert mb_to_ask(rule, many) >= mb_to_ask(rule, small)
+        assert minutes_to_ask(rule, many) >= minutes_to_ask(rule, small)
+    assert mb_to_ask("extract_features", large) > mb_to_ask("extract_features", small)
+    assert minutes_to_ask("estimate_depth", many) > 5 * minutes_to_ask("estimate_depth", small)
+    assert threads_to_ask("estimate_depth", many) == 8
+    assert threads_to_ask("estimate_depth", scan(3, (320, 240))) == 1
+    for rule in PHOTO_STAGES:
+        first, second = (mb_to_ask(rule, many, attempt=attempt) for attempt in (1, 2))
+        assert 1.7 * first < second <= 2 * first
+        assert minutes_to_ask(rule, many, attempt=2) > minutes_to_ask(rule, many)
+        assert minutes_to_ask(rule, many, threads=8) <= minutes_to_ask(rule, many)
+
+
+def test_feature_extraction_pays_memory_for_every_thread():
+    one, eight = (mb_to_ask("extract_features", scan(250, (4000, 3000)), n) for n in (1, 8))
+    assert eight > 5 * one
+
+
+def test_a_gpu_takes_the_stereo_off_the_cpu():
+    on_cpu, on_gpu = scan(250), scan(250, has_gpu_stereo=True)
+    times = [cpu_seconds(one.stages["estimate_depth"], one) for one in (on_cpu, on_gpu)]
+    assert times[1] < 0.5 * times[0]
+    assert threads_to_ask("estimate_depth", on_gpu) <= 2
+    assert on_cpu.stages["fuse_depth"] == on_gpu.stages["fuse_depth"]
+
+
+def test_photos_that_are_missing_ask_for_the_least():
+    nothing = size_of_photos([], SETTINGS)
+    for rule in PHOTO_STAGES:
+        assert threads_to_ask(rule, nothing) == 1
+        assert 0 < mb_to_ask(rule, nothing) < 2000
+        assert 0 < minutes_to_ask(rule, nothing) <= 15
+
+
+@pytest.mark.parametrize(
+    ("n_photos", "config", "n_pairs"),
+    [
+        (80, {}, 80 * 79 // 2),
+        (250, {}, 250 * 38),
+        (250, {"pairing": "exhaustive"}, 250 * 249 // 2),
+        (250, {"pairing": "sequential"}, 250 * 8),
+        (5, {"pairing": "sequential"}, 10),
+        (0, {}, 0),
+    ],
+)
+def test_pairs_follow_the_way_of_pairing(n_photos, config, n_pairs):
+    assert count_pairs(n_photos, SETTINGS["sfm"] | config) == n_pairs
+
+
+def test_points_of_a_cloud_come_from_its_header(tmp_path):
+    write_cloud(tmp_path / "a.ply", small_tree(n_points=3000))
+    n_points = len(small_tree(n_points=3000).points)
+    assert count_points(tmp_path / "a.ply") == n_points
+    assert size_of_cloud(tmp_path / "a.ply").points_m == pytest.approx(n_points / 1e6)
+    (tmp_path / "broken.ply").write_bytes(b"ply\nno header")
+    (tmp_path / "empty.ply").write_bytes(b"")
+    for name in ("broken.ply", "empty.ply", "missing.ply", "missing.xyz"):
+        assert count_points(tmp_path / name) == 0
+    (tmp_path / "a.xyz").write_text("1.000000 2.000000 3.000000 \n" * 1000)
+    assert 700 < count_points(tmp_path / "a.xyz") < 1400
+
+
+def test_points_of_a_laser_scan_come_from_its_header(tmp_path):
+    laspy = pytest.importorskip("laspy")
+    for version in ("1.2", "1.4"):
+        header = laspy.LasHeader(point_format=3 if version == "1.2" else 6, version=version)
+        las = laspy.LasData(header)
+        las.x = las.y = las.z = np.arange(321.0)
+        las.write(tmp_path / "a.las")
+        assert count_points(tmp_path / "a.las") == 321
+    (tmp_path / "cut.las").write_bytes(b"LASF" + bytes(20))
+    assert count_points(tmp_path / "cut.las") == 0
+    long = bytearray(b"LASF" + bytes(251))
+    long[25] = 4
+    struct.pack_into("<Q", long, 247, 5_000_000_000)
+    (tmp_path / "long.las").write_bytes(long)
+    assert count_points(tmp_path / "long.las") == 5_000_000_000
+
+
+def test_every_stage_has_rates_and_stands_behind_those_it_waits_for():
+    for stages in (PHOTO_STAGES, CLOUD_STAGES):
+        seen = set()
+        for rule, stage in stages.items():
+            assert set(stage.after) <= seen, rule
+            seen.add(rule)
+
+
+def test_photo_sizes_are_read_from_headers_once(tmp_path, monkeypatch):
+    for name, size in (("a.png", (30, 20)), ("b.jpg", (64, 48))):
+        Image.new("RGB", size).save(tmp_path / name)
+    (tmp_path / "c.jpg").write_bytes(b"no photo")
+    photos = [tmp_path / name for name in ("a.png", "b.jpg", "c.jpg", "gone.jpg")]
+    cache = tmp_path / "cache.json"
+    sizes = PhotoSizes(cache)
+    assert sizes.of(photos) == [(30, 20), (64, 48)]
+    sizes.save()
+
+    real_open = Image.open
+    opened = []
+    monkeypatch.setattr(Image, "open", lambda path: opened.append(path) or real_open(path))
+    assert PhotoSizes(cache).of(photos[:2]) == [(30, 20), (64, 48)]
+    assert not opened
+    Image.new("RGB", (10, 10)).save(tmp_path / "a.png")
+    os.utime(tmp_path / "a.png", ns=(1, 1))
+    assert PhotoSizes(cache).of(photos[:2]) == [(10, 10), (64, 48)]
+    assert opened == [photos[0]]
+
+
+@pytest.mark.parametrize("content", ["", "[1]", "{broken", json.dumps({"x": [1, 2, "3", None]})])
+def test_a_broken_cache_of_photo_sizes_is_only_a_loss(tmp_path, content):
+    Image.new("RGB", (30, 20)).save(tmp_path / "a.png")
+    (tmp_path / "cache.json").write_text(content)
+    assert PhotoSizes(tmp_path / "cache.json").of([tmp_path / "a.png"]) == [(30, 20)]

@@ -1,0 +1,156 @@
+"""The batch's table and page, also when trees failed or files are broken."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cherrypicker.batch.summary import collect_results, summarise
+
+TRAITS = {"unit": "m", "height_m": 3.1234, "height_m_se": 0.01, "n_tips": 31, "flags": ["low: x"]}
+
+
+@pytest.fixture
+def batch(tmp_path):
+    results, logs = tmp_path / "results", tmp_path / "logs"
+
+    def add_traits(tree, **changes):
+        (results / tree).mkdir(parents=True, exist_ok=True)
+        (results / tree / "traits.json").write_text(json.dumps(TRAITS | changes))
+
+    def add_failure(tree, rule, state="failed", **changes):
+        record = {"state": state, "rule": rule, "tree": tree, "cause": "no marker", "key": "scale"}
+        record |= {"file": "a.jpg", "log": "logs/x.log", "time": "2026-03-01T10:00:00+0000"}
+        folder = logs / "status" / tree
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{rule}.json").write_text(json.dumps(record | changes))
+
+    def run(*trees):
+        rows = [tree if isinstance(tree, dict) else {"tree": tree} for tree in trees]
+        out = tmp_path / "traits.csv", tmp_path / "summary.html"
+        summarise(rows, results, logs, *out)
+        with open(out[0], newline="") as stream:
+            return list(csv.DictReader(stream)), out[1].read_text()
+
+    run.add_traits, run.add_failure, run.root = add_traits, add_failure, tmp_path
+    return run
+
+
+def test_done_failed_and_not_run(batch):
+    batch.add_traits("good")
+    batch.add_failure("bad", "estimate_scale")
+    batch.add_failure("killed", "estimate_depth", state="running")
+    rows, page = batch("good", "bad", "killed", "new")
+    by_tree = {row["tree"]: row for row in rows}
+    assert [row["tree"] for row in rows] == ["good", "bad", "killed", "new"]
+    assert by_tree["good"]["status"] == "done"
+    assert float(by_tree["good"]["height_m"]) == pytest.approx(3.1234)
+    assert by_tree["good"]["flags"] == "low: x"
+    assert by_tree["bad"]["status"] == "failed"
+    assert by_tree["bad"]["failed_stage"] == "estimate_scale"
+    assert by_tree["bad"]["cause"] == "no marker"
+    assert by_tree["bad"]["change"] == "scale"
+    assert by_tree["killed"]["status"] == "interrupted"
+    assert by_tree["new"]["status"] == "not run"
+    assert page.index("estimate_scale") < page.index("3.123")
+
+
+def test_data_is_escaped(batch):
+    batch.add_failure("bad", "estimate_scale", cause="<script>alert(1)</script>", file="<b>.jpg")
+    _, page = batch("bad")
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+
+
+def test_numbers_of_a_tree_that_failed_again_are_not_shown(batch):
+    batch.add_traits("tree")
+    batch.add_failure("tree", "segment_cloud")
+    rows, _ = batch("tree")
+    assert rows[0]["status"] == "failed"
+    assert rows[0]["height_m"] == ""
+
+
+def test_a_failed_report_keeps_the_traits(batch):
+    batch.add_traits("tree")
+    batch.add_failure("tree", "report_tree")
+    rows, _ = batch("tree")
+    assert rows[0]["status"] == "failed"
+    assert rows[0]["height_m"] != ""
+
+
+def test_an_old_failure_of_a_finished_tree_is_over(batch):
+    batch.add_failure("tree", "estimate_scale")
+    old = batch.root / "logs/status/tree/estimate_scale.json"
+    os.utime(old, (1e9, 1e9))
+    batch.add_traits("tree")
+    rows, _ = batch("tree")
+    assert rows[0]["status"] == "done"
+
+
+def test_broken_files_of_one_tree_do_not_hide_the_others(batch):
+    batch.add_traits("good")
+    batch.add_traits("broken")
+    (batch.root / "results/broken/traits.json").write_text("{")
+    status = batch.root / "logs/status/strange"
+    status.mkdir(parents=True)
+    (status / "align_cloud.json").write_text("[]")
+    rows, _ = batch("broken", "strange", "good")
+    assert [row["status"] for row in rows] == ["failed", "failed", "done"]
+    assert "not readable" in rows[0]["cause"]
+
+
+def test_unscaled_tree_has_units_and_no_metres(batch):
+    batch.add_traits("tree", unit="arbitrary", tcsa_cm2=52.0, flags=[])
+    rows, page = batch("tree")
+    assert rows[0]["unit"] == "arbitrary"
+    assert "3.123 ± 0.010 units" in page
+    assert "cm²" not in page
+    assert " m<" not in page
+
+
+def test_series_over_dates(batch):
+    batch.add_traits("spring")
+    batch.add_traits("autumn", height_m=3.6)
+    _, page = batch(
+        {"tree": "autumn", "date": "2026-10-01", "series": "row <1>"},
+        {"tree": "spring", "date": "2026-03-01", "series": "row <1>"},
+    )
+    assert "row &lt;1&gt;" in page
+    assert "<svg" in page
+    assert page.index("2026-03-01: 3.123") < page.index("2026-10-01: 3.600")
+
+
+def test_second_writing_touches_nothing(batch):
+    batch.add_traits("tree")
+    batch("tree")
+    page = batch.root / "summary.html"
+    os.utime(page, (1e9, 1e9))
+    batch("tree")
+    assert page.stat().st_mtime == 1e9
+
+
+def test_links_only_to_what_is_there(batch):
+    batch.add_traits("tree")
+    rows = [{"tree": "tree"}]
+    (result,) = collect_results(rows, batch.root / "results", batch.root / "logs")
+    assert (result.report, result.thumbnail) == ("", "")
+    (batch.root / "results/tree/report.html").write_text("x")
+    _, page = batch("tree")
+    assert 'href="tree/report.html"' in page
+
+
+def test_summary_is_light_to_import():
+    """Snakemake's main process imports it for every run."""
+    code = (
+        "import sys; import cherrypicker.batch.summary, cherrypicker.report.summary_page; "
+        "print([m for m in ('scipy', 'matplotlib', 'pycolmap', 'torch') if m in sys.modules])"
+    )
+    scripts = Path(__file__).parents[2] / "scripts"
+    out = subprocess.run(
+        [sys.executable, "-c", code], cwd=scripts, capture_output=True, text=True, check=True
+    )
+    assert out.stdout.strip() == "[]"

@@ -1,0 +1,57 @@
+import pytest
+
+from cherrypicker.batch.trees import read_trees
+from cherrypicker.errors import StageError
+
+
+@pytest.fixture
+def table(tmp_path):
+    def write(text, encoding="utf-8"):
+        path = tmp_path / "trees.tsv"
+        path.write_bytes(text.encode(encoding))
+        return path
+
+    return write
+
+
+def test_absent_columns_and_empty_cells_take_their_defaults(table):
+    (only,) = read_trees(table("tree\tphotos\tscale\nA-1\tphotos/A 1\t\n"))
+    assert (only.tree, only.photos, only.scale, only.cloud_up) == ("A-1", "photos/A 1", "", "")
+    assert only.is_photo_scan
+
+
+def test_byte_order_mark_crlf_comments_and_blank_lines(table):
+    text = "\ufefftree\tcloud\r\n# a comment\r\n\r\na\ta.ply\r\nb\tb.ply\r\n"
+    assert [row.tree for row in read_trees(table(text))] == ["a", "b"]
+
+
+def test_a_header_alone_is_an_empty_batch(table):
+    assert read_trees(table("tree\tphotos\n")) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "no header"),
+        ("photos\nx\n", "'tree' is missing"),
+        ("tree\n a\n", "'photos' and 'cloud'"),
+        ("tree\tphoto\na\tx\n", "unknown column 'photo'; did you mean 'photos'"),
+        ("tree\tphotos\n../x\ty\n", "tree '../x'"),
+        ("tree\tphotos\n..\ty\n", "does not start"),
+        ("tree\tphotos\n\ty\n", "line 2"),
+        ("tree\tphotos\na\t\n", "exactly one"),
+        ("tree\tphotos\tcloud\na\tx\ty.ply\n", "exactly one"),
+        ("tree\tphotos\na\tx\na\ty\n", "stands twice"),
+        ("tree\tphotos\na\tx\nA\ty\n", "stands twice"),
+        ("tree\tcloud\tcloud_unit\na\tx.ply\tinch\n", "'inch'"),
+        ("tree\tcloud\tcloud_unit\na\tx.ply\t-1\n", "'-1'"),
+        ("tree\tcloud\tcloud_up\na\tx.ply\tw\n", "no axis"),
+        ("tree\tcloud\tscale\na\tx.ply\tmarker\n", "no photos"),
+        ("tree\tphotos\tscale\na\tx\t0\n", "'0'"),
+        ("tree\tphotos\tdate\na\tx\t3 May\n", "ISO date"),
+        ("tree\tphotos\na\tx\tmore\n", "more cells"),
+    ],
+)
+def test_a_bad_table_is_refused(table, text, reason):
+    with pytest.raises(StageError, match=reason):
+        read_trees(table(text))

@@ -1,0 +1,152 @@
+"""Contraction on shapes whose axis is known."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_matrix
+from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
+
+from cherrypicker.contraction.contract_points import contract_points, preset_options
+from cherrypicker.contraction.contract_wood import class_weights, contract_wood
+from cherrypicker.contraction.laplacian_published import (
+    cotangent_laplacian,
+    semantic_row_weights,
+    solve_contraction,
+)
+from cherrypicker.contraction.stem_gap import fill_stem_gaps
+from cherrypicker.errors import StageError
+
+
+@pytest.fixture(scope="module")
+def cylinder():
+    return tube((0, 0, 0), (0, 0, 0.5), 0.04, 12_000, rng=np.random.default_rng(1))
+
+
+def test_laplacian_is_positive_semi_definite(cylinder):
+    L, mass = cotangent_laplacian(cylinder)
+    np.testing.assert_allclose(L.sum(axis=1), 0, atol=1e-8)
+    x = np.random.default_rng(0).normal(size=len(cylinder))
+    assert x @ (L @ x) > 0 and (mass > 0).all()
+    assert mass.sum() == pytest.approx(2 * np.pi * 0.04 * 0.5, rel=0.25)
+
+
+def test_semantic_rows_take_the_smallest_weight_around_them():
+    # a chain of six points: three classes with weights 10, 1 and 5
+    rows = [0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5]
+    columns = [0, 1, 0, 1, 2, 1, 2, 3, 2, 3, 4, 3, 4, 5, 4, 5]
+    L = csr_matrix((np.ones(16), (rows, columns)))
+    weights = semantic_row_weights(L, np.array([10.0, 10, 1, 5, 5, 5]))
+    np.testing.assert_array_equal(weights, [10, 1, 1, 1, 5, 5])
+
+
+def test_semantic_rows_of_isolated_points_keep_their_weight():
+    L = csr_matrix((3, 3))
+    np.testing.assert_array_equal(semantic_row_weights(L, np.array([10.0, 1, 5])), [10, 1, 5])
+
+
+def test_one_solve_equals_the_stacked_least_squares():
+    rng = np.random.default_rng(3)
+    points = rng.random((40, 3))
+    L, _ = cotangent_laplacian(points, n_neighbors=12)
+    w_l, w_h = rng.random(40) + 0.5, rng.random(40) + 0.5
+    A = np.vstack([np.diag(w_l) @ L.toarray(), np.diag(w_h)])
+    b = np.vstack([np.zeros((40, 3)), w_h[:, None] * points])
+    expected = np.linalg.lstsq(A, b, rcond=None)[0]
+    np.testing.assert_allclose(solve_contraction(L, w_l, w_h, points), expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("preset", ["paper", "default"])
+def test_cylinder_contracts_to_its_axis(cylinder, preset):
+    result = contract_points(cylinder, options=preset_options(preset, max_iterations=6))
+    assert np.isfinite(result.points).all() and result.points.shape == cylinder.shape
+    inner = (result.points[:, 2] > 0.1) & (result.points[:, 2] < 0.4)
+    away = np.linalg.norm(result.points[inner, :2], axis=1)
+    assert np.median(away) < 0.004  # a tenth of the radius
+    assert result.mass_ratio == sorted(result.mass_ratio, reverse=True)
+
+
+def test_contraction_does_not_depend_on_the_frame(cylinder):
+    options = preset_options("default", max_iterations=3)
+    here = contract_points(cylinder, options=options).points
+    shift = np.array([365_000.0, 5_620_000.0, 310.0])
+    there = contract_points(cylinder + shift, options=options).points - shift
+    assert np.median(np.linalg.norm(here - there, axis=1)) < 1e-4
+
+
+def test_equal_input_gives_equal_points(cylinder):
+    options = preset_options("default", max_iterations=2)
+    first, second = (contract_points(cylinder, options=options).points for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_heavier_trunk_contracts_further_past_a_hole():
+    stem = tube((0, 0, 0), (0, 0, 0.6), 0.05, 12_000, rng=np.random.default_rng(5))
+    stem = stem[np.linalg.norm(stem - (0.05, 0, 0.3), axis=1) > 0.06]
+    options = preset_options("paper", max_iterations=3)
+    plain = contract_points(stem, options=options)
+    heavy = contract_points(stem, np.full(len(stem), 10.0), options)
+
+    def spread(result):
+        z = result.points[:, 2]
+        return np.linalg.norm(result.points[(z > 0.2) & (z < 0.4), :2], axis=1).mean()
+
+    assert spread(heavy) < spread(plain)
+
+
+def test_too_few_or_broken_points_are_the_users_error():
+    with pytest.raises(StageError, match="too few"):
+        contract_points(np.zeros((3, 3)))
+    with pytest.raises(StageError, match="finite"):
+        contract_points(np.full((50, 3), np.nan))
+    with pytest.raises(ValueError, match="shape"):
+        contract_points(np.zeros((50, 2)))
+    with pytest.raises(StageError, match="preset"):
+        preset_options("fastest")
+
+
+def test_weights_name_classes():
+    np.testing.assert_array_equal(class_weights([1, 2, 5], {"trunk": 10.0}), [10, 1, 1])
+    with pytest.raises(StageError, match="unknown class"):
+        class_weights([1], {"stem": 2.0})
+    with pytest.raises(StageError, match="positive"):
+        class_weights([1], {"trunk": 0.0})
+
+
+def test_wood_contracts_with_a_source_for_every_point():
+    points, labels, axes = small_tree(noise=0.001)
+    ground = np.random.default_rng(2).uniform((-1, -1, -0.01), (1, 1, 0.01), (2000, 3))
+    cloud = labelled_cloud(np.vstack([points, ground]), np.concatenate([labels, np.zeros(2000)]))
+    contracted, report = contract_wood(
+        cloud, voxel_size_m=0.01, options=preset_options(max_iterations=4)
+    )
+    source = contracted["source"]
+    assert source.dtype == np.int32 and len(np.unique(source)) == len(source)
+    np.testing.assert_array_equal(cloud["label"][source], contracted["label"])
+    assert set(np.unique(contracted["label"])) == {1, 2}
+    assert report["wood"]["n_stems"] == 1
+    distance = np.linalg.norm(
+        contracted.points[:, None, :] - sample_axes(axes, 0.02)[None], axis=2
+    ).min(axis=1)
+    assert np.mean(distance < 0.02) > 0.95
+
+
+def test_cloud_without_wood_names_the_key():
+    cloud = labelled_cloud(np.random.default_rng(0).random((500, 3)), np.zeros(500))
+    with pytest.raises(StageError, match="0 points.*contract.classes"):
+        contract_wood(cloud)
+
+
+def test_gap_of_a_ring_is_filled_on_the_stem():
+    rng = np.random.default_rng(4)
+    stem = tube((0, 0, 0), (0.06, 0, 1.2), 0.03, 40_000, rng=rng, end_radius=0.025)
+    stem = stem[(stem[:, 2] < 0.4) | (stem[:, 2] > 0.52)]
+    filled = fill_stem_gaps(stem, np.ones(len(stem)), np.zeros(3), spacing=0.008)
+    assert len(filled) > 100
+    assert filled[:, 2].min() > 0.39 and filled[:, 2].max() < 0.53
+    axis_x = 0.06 * filled[:, 2] / 1.2
+    away = np.hypot(filled[:, 0] - axis_x, filled[:, 1])
+    assert np.abs(away - 0.028).max() < 0.005
+
+
+def test_stem_without_a_gap_gets_nothing():
+    stem = tube((0, 0, 0), (0, 0, 1), 0.03, 20_000, rng=np.random.default_rng(4))
+    assert len(fill_stem_gaps(stem, np.ones(len(stem)), np.zeros(3), spacing=0.01)) == 0

@@ -1,0 +1,250 @@
+"""Outlier and sky-silhouette filters."""
+
+import numpy as np
+import pytest
+
+from cherrypicker.denoising.denoise import (
+    DenoiseOptions,
+    denoise_cloud,
+    neighbor_means,
+    statistical_inliers,
+)
+from cherrypicker.denoising.evidence import EvidenceOptions, SkyEvidence, sky_evidence
+from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.poses import Poses
+from cherrypicker.sky.colors import SkyColors
+
+WHITE = np.array([0.9, 0.93, 0.97])
+BARK = np.array([0.35, 0.28, 0.22])
+WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
+SKY = SkyColors(WHITE[None].astype(np.float32), np.zeros(1, np.int32), np.ones(1), 100)
+
+
+def inliers(points, n_neighbors, std_ratio):
+    mean_distance, _ = neighbor_means(points, np.zeros(len(points)), n_neighbors)
+    return statistical_inliers(mean_distance, std_ratio)
+
+
+def ring(n_views=12, distance=3.0, height=1.0):
+    """Level cameras on a circle that look at the z axis."""
+    angles = np.linspace(0, 2 * np.pi, n_views, endpoint=False)
+    matrices = []
+    for a in angles:
+        forward = -np.array([np.cos(a), np.sin(a), 0.0])
+        right = np.cross(forward, [0, 0, 1.0])
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        centre = np.array([distance * np.cos(a), distance * np.sin(a), height])
+        matrices.append(np.hstack([rotation, -(rotation @ centre)[:, None]]))
+    K = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
+    return Poses(
+        names=np.array([f"{k}.jpg" for k in range(n_views)]),
+        cam_from_world=np.array(matrices),
+        K=np.repeat(K[None], n_views, axis=0),
+        width=np.full(n_views, WIDTH),
+        height=np.full(n_views, HEIGHT),
+    )
+
+
+def pinhole(_, in_camera):
+    return FOCAL * in_camera[:, :2] / in_camera[:, 2:] + (WIDTH / 2, HEIGHT / 2)
+
+
+def pole_with_fringe():
+    """A pole of 2 cm radius, white below 0.6 m, and a sky-coloured sheath 6 cm off above 1.2 m."""
+    rng = np.random.default_rng(0)
+
+    def tube(radius, low, high, n):
+        a, z = rng.uniform(0, 2 * np.pi, n), rng.uniform(low, high, n)
+        return np.column_stack([radius * np.cos(a), radius * np.sin(a), z])
+
+    pole, fringe = tube(0.02, 0.2, 1.7, 6000), tube(0.08, 1.2, 1.7, 300)
+    colors = np.tile(BARK, (6000, 1))
+    colors[pole[:, 2] < 0.6] = WHITE
+    points = np.vstack([pole, fringe])
+    colors = np.vstack([colors, np.tile(WHITE, (300, 1))])
+    return PointCloud(points, colors), np.arange(len(points)) >= 6000
+
+
+def photo_of_pole(i):
+    """The pole, painted below 0.6 m; behind it sky in every third photo, else a dark wood."""
+    columns = np.abs(np.arange(WIDTH) + 0.5 - WIDTH / 2)
+    off_pole = np.broadcast_to(columns > FOCAL * 0.02 / 3.0 + 0.5, (HEIGHT, WIDTH))
+    sky = off_pole & (np.arange(HEIGHT) < HEIGHT // 2)[:, None] & (i % 3 == 0)
+    image = np.tile(BARK, (HEIGHT, WIDTH, 1))
+    image[off_pole] = 0.1
+    image[(HEIGHT + 80) // 2 :][~off_pole[(HEIGHT + 80) // 2 :]] = WHITE
+    image[sky] = WHITE
+    return np.rint(image * 255).astype(np.uint8), sky
+
+
+def evidence_of(poses, look=photo_of_pole):
+    return lambda surface, asked: sky_evidence(
+        surface, asked, poses, pinhole, look, EvidenceOptions()
+    )
+
+
+@pytest.mark.parametrize(("k", "ratio"), [(20, 2.0), (8, 0.5), (30, 1.0)])
+def test_statistical_filter_is_open3d_s(k, ratio):
+    o3d = pytest.importorskip("open3d")
+    rng = np.random.default_rng(1)
+    points = np.vstack([rng.normal(0, 0.1, (3000, 3)), rng.uniform(-3, 3, (100, 3))])
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    _, kept = cloud.remove_statistical_outlier(nb_neighbors=k, std_ratio=ratio)
+    found = np.flatnonzero(inliers(points, k, ratio))
+    assert np.array_equal(found, np.sort(np.asarray(kept)))
+
+
+def test_isolated_points_go():
+    rng = np.random.default_rng(2)
+    line = np.column_stack([np.linspace(0, 1, 2000), *rng.normal(0, 0.002, (2, 2000))])
+    far = rng.uniform(2, 4, (20, 3))
+    keep = inliers(np.vstack([line, far]), 20, 3.0)
+    assert keep[:2000].mean() > 0.99 and not keep[2000:].any()
+
+
+def test_tiny_clouds_stay_whole():
+    assert inliers(np.zeros((1, 3)), 20, 2.0).all()
+    assert inliers(np.zeros((5, 3)), 20, 2.0).all()
+
+
+def test_fringe_goes_and_white_paint_stays():
+    cloud, is_fringe = pole_with_fringe()
+    poses = ring()
+    options = DenoiseOptions(use_statistical=False)
+    kept, report = denoise_cloud(cloud, SKY, evidence_of(poses), options)
+    fringe_left = np.isin(cloud.points[is_fringe], kept.points).all(axis=1).mean()
+    assert fringe_left < 0.3  # only four photos look up, so few votes decide
+    assert len(kept) >= np.count_nonzero(~is_fringe)
+    assert report["n_input"] == len(cloud)
+    assert report["n_removed_sky"] == len(cloud) - len(kept)
+    assert report["n_kept_by_photos"] + report["n_removed_sky"] == report["n_sky_colored"]
+
+
+def test_points_behind_the_pole_are_not_asked_of_photos_that_cannot_see_them():
+    poses = ring(4)
+    wall = np.column_stack(
+        [np.full(90_000, 0.5), *np.random.default_rng(3).uniform(-1, 1, (2, 90_000))]
+    )
+    wall[:, 2] += 1.0
+    hidden = np.array([[-0.5, 0.0, 1.0]])  # photo 0 stands at x = 3 and looks at the wall
+    points = np.vstack([wall, hidden])
+    asked = PointCloud(hidden, WHITE[None])
+    all_sky = np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.ones((HEIGHT, WIDTH), bool)
+    evidence = evidence_of(poses, lambda i: all_sky)(points, asked)
+    assert evidence.n_clear[0] == 3 and evidence.n_solid[0] == 0 and evidence.n_alike[0] == 0
+
+
+def test_a_photo_of_another_color_does_not_see_the_point():
+    cloud = PointCloud(np.array([[0.0, 0.0, 1.0]]), WHITE[None])
+    ground = np.zeros((HEIGHT, WIDTH), bool)
+    dark = np.full((HEIGHT, WIDTH, 3), 20, np.uint8)
+    paint = np.rint(np.tile(WHITE * 255, (HEIGHT, WIDTH, 1))).astype(np.uint8)
+    look = evidence_of(ring(5), lambda i: (paint if i < 2 else dark, ground))
+    seen = look(cloud.points, cloud)
+    assert seen.n_alike[0] == 2 and seen.n_clear[0] == 0 and seen.n_solid[0] == 0
+
+
+def test_a_dark_pixel_with_sky_aside_speaks_for_the_point():
+    cloud = PointCloud(np.array([[0.0, 0.0, 1.0]]), WHITE[None])
+    sky = np.ones((HEIGHT, WIDTH), bool)
+    sky[:, WIDTH // 2 - 1 : WIDTH // 2 + 1] = False
+    dark = np.full((HEIGHT, WIDTH, 3), 20, np.uint8)
+    seen = evidence_of(ring(5), lambda i: (dark, sky))(cloud.points, cloud)
+    assert seen.n_solid[0] == 5 and seen.n_clear[0] == 0 and seen.n_alike[0] == 0
+
+
+def test_points_out_of_every_frame_stay():
+    cloud = PointCloud(np.array([[0, 0, 50.0], [0, 0, 51.0]]), np.tile(WHITE, (2, 1)))
+    options = DenoiseOptions(use_statistical=False)
+    kept, _ = denoise_cloud(cloud, SKY, evidence_of(ring()), options)
+    assert len(kept) == 2
+
+
+def test_without_sky_or_colors_nothing_is_asked():
+    def never(surface, asked):
+        raise AssertionError("asked")
+
+    cloud, _ = pole_with_fringe()
+    none = SkyColors(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0), 0)
+    options = DenoiseOptions(use_statistical=False)
+    assert len(denoise_cloud(cloud, none, never, options)[0]) == len(cloud)
+    bare = PointCloud(cloud.points)
+    assert len(denoise_cloud(bare, SKY, never, options)[0]) == len(cloud)
+
+
+def test_nothing_left_is_an_error_that_names_the_key():
+    cloud = PointCloud(np.random.default_rng(0).random((50, 3)), np.tile(WHITE, (50, 1)))
+
+    def all_sky(surface, asked):
+        none = np.zeros(len(asked), int)
+        return SkyEvidence(none + 5, none, none)
+
+    with pytest.raises(StageError, match=r"denoise\.min_non_sky_fraction"):
+        denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(use_statistical=False))
+    with pytest.raises(StageError, match=r"denoise\.std_ratio"):
+        denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(std_ratio=-100.0))
+
+
+def test_what_two_photos_agree_on_goes_where_ten_see_the_rest():
+    rng = np.random.default_rng(0)
+    wood = rng.uniform(0, [0.1, 0.1, 2.0], (2000, 3))
+    floaters = rng.uniform([0.5, 0.5, 1.0], [1.0, 1.0, 1.1], (100, 3))
+    twig = np.column_stack([np.linspace(0.1, 0.4, 60), np.zeros(60), np.full(60, 1.5)])
+    n_views = np.concatenate([rng.integers(6, 15, 2000), np.full(100, 2), rng.integers(3, 8, 60)])
+    cloud = PointCloud(
+        np.vstack([wood, floaters, twig]), fields={"n_views": n_views.astype(np.uint8)}
+    )
+    options = DenoiseOptions(use_statistical=False, use_sky=False, keep_seen_fraction=1.01)
+    kept, report = denoise_cloud(cloud, SKY, None, options)
+    assert report["n_removed_views"] == 100
+    np.testing.assert_array_equal(kept.points, np.vstack([wood, twig]))
+    few = cloud.with_fields(n_views=np.full(len(cloud), 2, np.uint8))
+    assert len(denoise_cloud(few, SKY, None, options)[0]) == len(cloud)
+
+
+def test_isolated_points_stay_where_the_photos_show_a_twig():
+    rng = np.random.default_rng(2)
+    line = np.column_stack([np.linspace(0, 1, 2000), *rng.normal(0, 0.002, (2, 2000))])
+    tip = np.column_stack([np.linspace(1.5, 2.5, 8), np.zeros((8, 2))])
+    floaters = rng.uniform(3, 4, (20, 3))
+    few = tip + (0, 0.5, 0)
+    points = np.vstack([line, tip, floaters, few])
+    is_tip = np.isin(np.arange(len(points)), np.arange(2000, 2008))
+    is_few = np.arange(len(points)) >= 2028
+    cloud = PointCloud(points).with_fields(kind=is_tip + 2 * is_few)
+
+    def look(surface, asked):
+        assert len(asked) < 100 and len(surface) == len(points) - len(asked)
+        n_solid = np.choose(asked["kind"], [3, 9, 3])
+        n_clear = np.choose(asked["kind"], [9, 1, 0])
+        return SkyEvidence(n_clear, n_solid, np.zeros(len(asked), int))
+
+    kept, report = denoise_cloud(cloud, SKY, look, DenoiseOptions())
+    assert np.count_nonzero(kept["kind"] == 1) == 8 == report["n_kept_twigs"]
+    assert report["n_removed_statistical"] == 28 and (kept["kind"] != 2).all()
+    off = DenoiseOptions(keep_seen_fraction=1.01)
+    assert len(denoise_cloud(cloud, SKY, None, off)[0]) == 2000
+
+
+def test_the_papers_filter_goes_by_colour_alone():
+    cloud, is_fringe = pole_with_fringe()
+    options = DenoiseOptions(use_statistical=False, min_non_sky_fraction=1.01)
+    kept, report = denoise_cloud(cloud, SKY, evidence_of(ring()), options)
+    is_white = np.linalg.norm(cloud.colors - WHITE, axis=1) < 0.1
+    assert len(kept) == np.count_nonzero(~is_white) and report["n_kept_by_photos"] == 0
+
+
+def test_what_all_see_of_the_ground_says_nothing_about_twigs():
+    rng = np.random.default_rng(0)
+    ground = rng.uniform([-1, -1, 0], [1, 1, 0.01], (4000, 3))
+    wood = rng.uniform([0, 0, 0.5], [0.1, 0.1, 2.0], (1000, 3))
+    twig = np.column_stack([np.linspace(0.3, 0.6, 60), np.zeros(60), np.full(60, 1.5)])
+    n_views = np.concatenate([np.full(4000, 30), np.full(1000, 10), np.full(60, 4)])
+    points = np.vstack([ground, wood, twig])
+    cloud = PointCloud(points, fields={"n_views": n_views.astype(np.uint8)})
+    options = DenoiseOptions(use_statistical=False, use_sky=False, keep_seen_fraction=1.01)
+    assert len(denoise_cloud(cloud, SKY, None, options, ground_height=0.2)[0]) == len(cloud)
+    assert len(denoise_cloud(cloud, SKY, None, options)[0]) == len(cloud) - 60
+    sure = cloud.with_fields(n_views=np.where(n_views == 4, 5, n_views).astype(np.uint8))
+    assert len(denoise_cloud(sure, SKY, None, options)[0]) == len(cloud)

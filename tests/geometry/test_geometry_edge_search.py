@@ -1,0 +1,72 @@
+"""Nearest edges of a skeleton against looking at all of them."""
+
+import numpy as np
+import pytest
+
+from cherrypicker.geometry.edge_search import nearest_edges, sections_around, spatial_order
+from cherrypicker.skeleton.model import Skeleton
+
+
+def random_tree(n, rng):
+    """Branches of a random walk, nodes one after the other, thick at the root."""
+    parent = np.arange(-1, n - 1)
+    for node in range(20, n, 20):  # every 20 nodes a new branch starts somewhere below
+        parent[node] = rng.integers(0, node)
+    points = np.zeros((n, 3))
+    for node in range(1, n):
+        points[node] = points[parent[node]] + rng.normal(0, 0.01, 3) + [0, 0, 0.005]
+    return Skeleton(points, parent, np.linspace(0.05, 0.001, n), np.ones(n))
+
+
+def all_distances(skeleton, places):
+    """Distance of each place to each edge (to the root for edge 0), and the share along it."""
+    start = skeleton.points
+    step = start[np.maximum(skeleton.parent, 0)] - start
+    squared = np.maximum((step**2).sum(axis=1), 1e-24)
+    share = np.clip(np.einsum("pej,ej->pe", places[:, None] - start, step) / squared, 0, 1)
+    foot = start + share[..., None] * step
+    return np.linalg.norm(places[:, None] - foot, axis=2), share
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 5, 17, 300])
+@pytest.mark.parametrize("outside", [False, True])
+def test_nearest_edge_of_all(n, outside):
+    rng = np.random.default_rng(n)
+    skeleton, places = random_tree(n, rng), rng.normal(0, 0.2, (200, 3))
+    node, share, distance = nearest_edges(skeleton, places, outside=outside)
+    away, shares = all_distances(skeleton, places)
+    rows = np.arange(len(places))
+    wanted = away - skeleton.radius if outside else away
+    np.testing.assert_allclose(distance, wanted.min(axis=1), atol=1e-12)
+    np.testing.assert_allclose(distance, wanted[rows, node], atol=1e-12)
+    np.testing.assert_allclose(share, shares[rows, node], atol=1e-9)
+
+
+@pytest.mark.parametrize("k", [2, 30])
+def test_sections_around_places(k):
+    rng = np.random.default_rng(1)
+    skeleton = random_tree(200, rng)
+    places = skeleton.points[rng.integers(0, 200, 150)] + rng.normal(0, 0.03, (150, 3))
+    section, own, limit = np.arange(200) // 20, rng.integers(-1, 10, 150), 0.08
+    near, outside = sections_around(skeleton, section, places, own, limit, k)
+    away = all_distances(skeleton, places)[0] - skeleton.radius
+    best = np.stack([away[:, section == one].min(axis=1) for one in range(10)], axis=1)
+    best[np.arange(150)[own >= 0], own[own >= 0]] = np.inf
+    order = np.argsort(best, axis=1)[:, :k]
+    wanted = np.take_along_axis(best, order, axis=1)
+    there = wanted <= limit
+    assert there.sum() > 250 and not there.all()
+    columns = wanted.shape[1]
+    np.testing.assert_allclose(outside[:, :columns], np.where(there, wanted, np.inf), atol=1e-12)
+    np.testing.assert_array_equal(near[:, :columns], np.where(there, order, -1))
+    assert (near[:, columns:] == -1).all()
+
+
+def test_spatial_order_keeps_neighbours_together():
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-5, 3, (2000, 3))
+    order = spatial_order(points)
+    assert np.sort(order).tolist() == list(range(2000))
+    steps = np.linalg.norm(np.diff(points[order], axis=0), axis=1)
+    assert np.median(steps) < 0.2 * np.median(np.linalg.norm(np.diff(points, axis=0), axis=1))
+    assert spatial_order(np.zeros((3, 3))).tolist() == [0, 1, 2]

@@ -1,0 +1,215 @@
+"""Graphs, radii and refinement on trees whose skeleton is known."""
+
+import networkx as nx
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from skeleton_shapes import labelled_cloud, sample_axes, sample_skeleton, small_tree, tube
+
+from cherrypicker.contraction.contract_points import preset_options
+from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.errors import StageError
+from cherrypicker.geometry.circles import fit_circle
+from cherrypicker.geometry.neighbors import component_links, components, knn_edges
+from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.graph.radius import fit_radii
+from cherrypicker.graph.refine import taper_radii
+from cherrypicker.graph.samples import find_root
+from cherrypicker.graph.smooth_axes import smooth
+from cherrypicker.graph.solver import solve_tree
+from cherrypicker.graph.spanning_tree import spanning_tree
+from cherrypicker.skeleton import axes, fold
+from cherrypicker.skeleton.model import Skeleton
+
+
+def way(*corners, step=0.002, jitter=0.0005, seed=0):
+    """Points along a polyline, as a good contraction leaves them."""
+    rng = np.random.default_rng(seed)
+    pieces = []
+    for a, b in zip(np.array(corners[:-1], float), np.array(corners[1:], float)):
+        n = int(np.linalg.norm(b - a) / step)
+        pieces.append(a + np.linspace(0, 1, n)[:, None] * (b - a))
+    points = np.vstack(pieces)
+    return points + rng.normal(0, jitter, points.shape)
+
+
+def graph_of(skeleton):
+    graph = nx.Graph()
+    graph.add_nodes_from(range(len(skeleton)))
+    graph.add_edges_from((int(p), n) for n, p in enumerate(skeleton.parent) if p >= 0)
+    return graph
+
+
+@pytest.mark.parametrize("solve", [spanning_tree, solve_tree])
+def test_y_has_one_junction_and_two_tips(solve):
+    points = np.vstack(
+        [
+            way((0, 0, 0), (0, 0, 0.5)),
+            way((0, 0, 0.5), (0.3, 0, 0.9), seed=1),
+            way((0, 0, 0.5), (-0.3, 0, 0.8), seed=2),
+        ]
+    )
+    labels = np.where(points[:, 2] < 0.5, 1, 2)
+    skeleton = solve(points, labels, spacing_m=0.02)
+    assert nx.is_tree(graph_of(skeleton))
+    assert skeleton.points[0, 2] < 0.01
+    big = [edge for edge in fold(skeleton).edges if edge.length > 0.05]
+    assert len(big) == 3
+    assert skeleton.edge_length.sum() == pytest.approx(0.5 + 0.5 + 0.424, rel=0.08)
+
+
+@pytest.mark.parametrize("solve", [spanning_tree, solve_tree])
+def test_pieces_far_apart_still_make_one_tree(solve):
+    points = np.vstack(
+        [way((0, 0, 0), (0, 0, 0.5)), way((0, 0, 0.62), (0, 0, 1.0)), way((0.4, 0, 1), (0.6, 0, 1))]
+    )
+    skeleton = solve(points, np.ones(len(points), dtype=int), spacing_m=0.02)
+    assert nx.is_tree(graph_of(skeleton))
+    assert skeleton.fields["gap"].sum() >= 2
+
+
+def test_crossing_branches_keep_their_own_ways():
+    """Two laterals cross high up; each outer part belongs to its own lateral."""
+    points = np.vstack(
+        [
+            way((-0.3, 0, 0.3), (0.3, 0, 0.3)),  # a bar that both rise from
+            way((0, 0, 0), (0, 0, 0.3), seed=1),
+            way((-0.3, 0, 0.3), (0.35, 0, 0.95), seed=2),
+            way((0.3, 0, 0.3), (-0.25, 0, 0.85), seed=3),
+        ]
+    )
+    skeleton = solve_tree(points, np.ones(len(points), dtype=int), spacing_m=0.015)
+    away = skeleton.distance_to_root()
+    tip_of_first = np.argmin(np.linalg.norm(skeleton.points - (0.35, 0, 0.95), axis=1))
+    tip_of_second = np.argmin(np.linalg.norm(skeleton.points - (-0.25, 0, 0.85), axis=1))
+    # by its own way: 0.3 up, 0.3 aside, then the lateral
+    assert away[tip_of_first] == pytest.approx(0.6 + 0.65 * np.sqrt(2), rel=0.06)
+    assert away[tip_of_second] == pytest.approx(0.6 + 0.55 * np.sqrt(2), rel=0.06)
+
+    def sides_of(node):
+        signs = []
+        while node > 0:
+            if 0.32 < skeleton.points[node, 2] < 0.5:
+                signs.append(np.sign(skeleton.points[node, 0]))
+            node = skeleton.parent[node]
+        return set(signs)
+
+    assert sides_of(tip_of_first) == {-1.0}
+    assert sides_of(tip_of_second) == {1.0}
+
+
+def test_components_are_joined_by_their_shortest_links():
+    points = np.array([[0, 0, 0], [1, 0, 0], [5, 0, 0], [6, 0, 0], [6, 9, 0], [6, 10, 0]], float)
+    edges = np.array([[0, 1], [2, 3], [4, 5]])
+    links = component_links(points, edges)
+    assert {tuple(link) for link in links} == {(1, 2), (3, 4)}
+    assert components(6, np.vstack([edges, links]))[1] == 1
+    assert len(component_links(points, edges, max_distance=5.0)) == 1
+    assert knn_edges(points, 1).shape[1] == 2
+
+
+def test_root_is_the_stems_foot_not_the_lowest_branch():
+    points = np.array([[0, 0, 0.1], [0, 0, 0.5], [0.8, 0, -0.2], [0.5, 0, 0.5]])
+    labels = np.array([1, 1, 2, 2])
+    assert find_root(points, labels) == 0
+    assert find_root(points, np.full(4, 2), base=(0, 0, 0)) == 0
+
+
+def test_too_few_or_coinciding_points():
+    with pytest.raises(StageError, match="coincide"):
+        solve_tree(np.zeros((30, 3)), np.ones(30, dtype=int))
+    with pytest.raises(StageError, match="too few"):
+        spanning_tree(np.array([[0, 0, 0], [0, 0, 0.001]]), np.ones(2, dtype=int), spacing_m=0.01)
+
+
+def test_circle_is_exact_and_lines_have_none():
+    angle = np.linspace(0, 2, 40)
+    centre, radius = fit_circle(np.column_stack([3 + 0.5 * np.cos(angle), 1 + 0.5 * np.sin(angle)]))
+    np.testing.assert_allclose([*centre, radius], [3, 1, 0.5], atol=1e-9)
+    assert np.isnan(fit_circle(np.column_stack([angle, 2 * angle]))[1])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_radii_and_centres_of_a_tapered_stem(noise):
+    rng = np.random.default_rng(8)
+    surface = tube((0, 0, 0), (0, 0, 1), 0.03, end_radius=0.015, rng=rng, noise=noise)
+    z = np.linspace(0, 1, 67)
+    points = np.column_stack([np.full(67, 0.006), np.zeros(67), z])  # beside the axis
+    skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
+    fitted = fit_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
+    inner = slice(3, -3)
+    np.testing.assert_allclose(fitted.radius[inner], (0.03 - 0.015 * z)[inner], atol=0.0012)
+    assert np.abs(fitted.points[inner, :2]).max() < 0.0015
+    assert (fitted.fields["arc_deg"][inner] > 300).all()
+    assert (fitted.fields["n_points"][inner] > 20).all()
+
+
+def test_stretch_without_points_takes_radii_from_both_sides():
+    rng = np.random.default_rng(8)
+    surface = tube((0, 0, 0), (0, 0, 1), 0.03, end_radius=0.015, rng=rng)
+    surface = surface[(surface[:, 2] < 0.4) | (surface[:, 2] > 0.6)]
+    z = np.linspace(0, 1, 67)
+    points = np.column_stack([np.zeros(67), np.zeros(67), z])
+    skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
+    fitted = fit_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
+    np.testing.assert_allclose(fitted.radius[30:37], (0.03 - 0.015 * z)[30:37], atol=0.002)
+
+
+def test_smoothing_keeps_lines_and_calms_noise():
+    line = np.column_stack([np.arange(40.0)] * 3)
+    np.testing.assert_allclose(smooth(line, np.ones(40), 200.0, np.sqrt(3)), line, atol=1e-8)
+    noisy = line + np.random.default_rng(0).normal(0, 0.3, line.shape)
+    calm = smooth(noisy, np.ones(40), 200.0, np.sqrt(3))
+    assert np.abs(calm - line).mean() < 0.6 * np.abs(noisy - line).mean()
+
+
+def test_tapered_radii_never_grow():
+    radius = np.linspace(0.03, 0.01, 30) + np.random.default_rng(1).normal(0, 0.002, 30)
+    tapered = taper_radii(radius, np.ones(30))
+    assert (np.diff(tapered) <= 1e-12).all()
+    assert np.abs(tapered - np.linspace(0.03, 0.01, 30)).max() < 0.003
+
+
+@pytest.fixture(scope="module")
+def tree_case():
+    """The contracted points of a small tree, its surface cloud and its true axes."""
+    points, labels, true_axes = small_tree(3, noise=0.001)
+    cloud = labelled_cloud(points, labels)
+    contracted, _ = contract_wood(cloud, options=preset_options())
+    return contracted, cloud, true_axes
+
+
+@pytest.mark.parametrize("method", ["mst", "tree"])
+def test_extracted_tree_is_the_true_one(tree_case, method):
+    contracted, cloud, true_axes = tree_case
+    skeleton = extract_skeleton(contracted, cloud, method=method, base=(0, 0, 0))
+    assert nx.is_tree(graph_of(skeleton)) and np.isfinite(skeleton.points).all()
+    true, found = sample_axes(true_axes), sample_skeleton(skeleton)
+    assert (cKDTree(found).query(true)[0] < 0.02).mean() > 0.97
+    assert (cKDTree(true).query(found)[0] < 0.02).mean() > 0.97
+    assert skeleton.points[0, 2] < 0.05
+
+
+def test_tree_solver_finds_the_branches_and_their_radii(tree_case):
+    contracted, cloud, true_axes = tree_case
+    skeleton = extract_skeleton(contracted, cloud, method="tree", base=(0, 0, 0))
+    found = axes(skeleton)
+    assert sorted(axis.order for axis in found) == [0, 1, 1, 1, 1, 2]
+    topology = fold(skeleton, found)
+    assert (topology.n_junctions, topology.n_tips) == (5, 6)
+    feet = np.array([start for start, *_ in true_axes[1:]])
+    junctions = topology.points[[kind == "junction" for kind in topology.kind]]
+    assert cKDTree(junctions).query(feet)[0].max() < 0.02
+    trunk = found[0].nodes
+    z = skeleton.points[trunk, 2]
+    stem = (z > 0.1) & (z < 1.1)
+    expected = 0.03 - 0.018 * z / 1.2
+    assert np.abs(skeleton.radius[trunk] - expected)[stem].max() < 0.003
+    assert skeleton.points[:, 2].max() > 1.17
+
+
+def test_equal_input_gives_equal_skeletons(tree_case):
+    contracted, cloud, _ = tree_case
+    first, second = (extract_skeleton(contracted, cloud, base=(0, 0, 0)) for _ in range(2))
+    np.testing.assert_array_equal(first.points, second.points)
+    np.testing.assert_array_equal(first.radius, second.radius)

@@ -1,0 +1,155 @@
+"""The benchmark of skeletons: its clouds, its runs, the peer's faults, its tables and figures."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from skeleton_shapes import labelled_cloud, small_tree
+
+from cherrypicker.errors import StageError
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker_lab.skeletons import peer
+from cherrypicker_lab.skeletons.figures import chamfer_figure, skeleton_figure, time_figure
+from cherrypicker_lab.skeletons.methods import measure_cloud
+from cherrypicker_lab.skeletons.tables import gather, write_tables
+from cherrypicker_lab.skeletons.timing import read_timing_cloud, time_stages, write_timing_cloud
+from cherrypicker_lab.skeletons.true_tree import TrueTree
+
+
+def true_small_tree(axes):
+    """The true skeleton of `small_tree`, nodes every 5 cm, its twig an order of its own."""
+    nodes, parent, radius, order = [], [], [], []
+    for foot, top, base, tip, label in axes:
+        start, end = np.asarray(foot, float), np.asarray(top, float)
+        n = max(2, int(np.linalg.norm(end - start) / 0.05))
+        for k in range(0 if not nodes else 1, n + 1):
+            place = start + (end - start) * k / n
+            if k == 0:
+                parent.append(-1)
+            elif k == 1 and len(nodes) > 1:
+                parent.append(int(np.argmin(np.linalg.norm(np.array(nodes) - start, axis=1))))
+            else:
+                parent.append(len(nodes) - 1)
+            nodes.append(place)
+            radius.append(base + (tip - base) * k / n)
+            order.append(label - 1 + (base == 0.007))
+    labels = np.minimum(np.array(order) + 1, 2)
+    return Skeleton(np.array(nodes), np.array(parent), radius, labels, {"order": np.array(order)})
+
+
+@pytest.fixture(scope="module")
+def scene():
+    points, labels, axes = small_tree(noise=0.001)
+    return labelled_cloud(points, labels), TrueTree(true_small_tree(axes))
+
+
+@pytest.fixture(scope="module")
+def measured(scene):
+    keep = {}
+    return measure_cloud(*scene, ["slbc_default"], keep=keep), keep
+
+
+def test_a_cloud_is_contracted_connected_and_scored(measured):
+    report, keep = measured
+    found = report["slbc_default"]
+    assert found["points"]["chamfer_cm2"] < 1 and found["cpu_s"] > 0
+    assert set(found["graphs"]) == {"mst", "tree"}
+    assert found["graphs"]["tree"]["n_components"] == 1
+    assert found["graphs"]["tree"]["samples"]["2cm"]["f1"] > 0.9
+    assert keep["slbc_default_tree"].shape[1:] == (2, 3)
+    json.dumps(report)
+
+
+def scores_file(path, tree, template, settings):
+    path.write_text(json.dumps({"tree": tree, "template": template, "settings": settings}))
+    return path
+
+
+def test_tables_hold_means_ratios_and_what_is_missing(tmp_path, measured):
+    report, _ = measured
+    base = report["slbc_default"]
+
+    def with_chamfer(value):
+        return base | {"points": base["points"] | {"chamfer_cm2": value}}
+
+    files = [
+        scores_file(tmp_path / "a.json", "fir_00", "fir",
+                    {"noise": {"lbc_paper": with_chamfer(4.0), "slbc_paper": with_chamfer(2.0)}}),
+        scores_file(tmp_path / "b.json", "pine_02", "pine",
+                    {"noise": {"lbc_paper": with_chamfer(6.0), "slbc_paper": with_chamfer(3.0)}}),
+        scores_file(tmp_path / "c.json", "fir_00", "fir",
+                    {"noise": {"slbc_default": with_chamfer(0.5)}}),
+    ]  # fmt: skip
+    text = write_tables(gather(files), [], notes=["pc-skeletor is left out"])
+    assert "- pc-skeletor is left out" in text
+    assert "| the paper | 0.675 | 0.516 | 50 |" in text
+    assert "| ours, preset paper | 0.500 | – | 2 |" in text
+    # two trees of the published LBC, one of them common to all methods
+    assert "| noise | LBC, preset paper | 2 | 5.000 | 4.000 |" in text
+    assert "| noise | S-LBC, preset default | 1 | 0.500 | 0.500 |" in text
+    assert "| noise | S-LBC, preset default | 0.500 | – | – |" in text
+    assert "tree solver" in text and "spanning tree" in text
+    with pytest.raises(StageError, match="nothing was measured"):
+        gather([])
+
+
+def test_times_of_a_cloud(tmp_path, scene):
+    cloud, truth = scene
+    path = tmp_path / "cloud.npz"
+    with open(path, "wb") as stream:
+        write_timing_cloud(stream, cloud, truth.skeleton)
+    again, skeleton = read_timing_cloud(path)
+    np.testing.assert_array_equal(again.points, cloud.points)
+    times = time_stages(again, skeleton)
+    assert times["n_points"] == len(cloud) and times["peer"] is None
+    assert min(times[stage] for stage in ("contract", "graph", "traits")) > 0
+    assert times["peak_mb"] >= times["contract_peak_mb"] > 50
+    double = times | {"n_points": 2 * 10**5, "contract": 2.0}
+    table = write_tables({}, [times | {"n_points": 10**5, "contract": 1.0}, double])
+    assert "from 20 thousand points on: 1.00" in table
+    assert time_figure([times, double | {"peer": {"cpu_s": 9.0, "iterations": 2}}]).axes
+
+
+def test_figures_are_drawn(measured, scene):
+    cloud, truth = scene
+    report, keep = measured
+    table = {("noise", "slbc_default"): {"fir_00": report["slbc_default"] | {"template": "fir"}}}
+    assert len(chamfer_figure(table).axes) == 2
+    ends = np.stack([truth.skeleton.parent[1:], np.arange(1, len(truth.skeleton))], axis=1)
+    segments = truth.skeleton.points[ends]
+    found = {"points": keep["slbc_default"], "graph": keep["slbc_default_tree"]}
+    assert len(skeleton_figure("a tree", cloud.points, segments, found).axes) == 4
+
+
+def test_a_peer_that_is_not_there_or_fails_names_the_key(tmp_path, scene):
+    cloud, _ = scene
+    with pytest.raises(StageError, match="cannot be started") as error:
+        peer.run_peer(tmp_path / "no-python", cloud, "lbc")
+    assert error.value.key == "benchmark.skeleton.peer_python"
+    with pytest.raises(StageError, match="pc-skeletor fails"):
+        peer.run_peer(sys.executable, cloud, "lbc")  # this Python has no pc_skeletor
+
+
+def test_the_peers_results_are_read_and_scored(tmp_path, scene, monkeypatch):
+    cloud, truth = scene
+    stand_in = tmp_path / "stand_in.py"
+    stand_in.write_text(
+        "import argparse, json, numpy as np\n"
+        "parser = argparse.ArgumentParser()\n"
+        "for name in ('cloud', 'method', 'weight', 'max_iterations', 'skeleton', 'report'):\n"
+        "    parser.add_argument('--' + name)\n"
+        "given = parser.parse_args()\n"
+        "points = np.load(given.cloud)['points']\n"
+        "chain = np.column_stack([np.arange(len(points) - 1), np.arange(1, len(points))])\n"
+        "np.savez(given.skeleton, contracted=points, nodes=points, edges=chain)\n"
+        "details = dict(cpu_s=2.0, graph_cpu_s=0.5, peak_mb=100.0, version='1.0.0')\n"
+        "json.dump(details, open(given.report, 'w'))\n"
+    )
+    monkeypatch.setattr(peer, "RUNNER", stand_in)
+    few = cloud.select(np.arange(0, len(cloud), 50))
+    report = peer.measure_peer(sys.executable, few, truth)
+    assert set(report) == {"peer_lbc", "peer_slbc"}
+    assert report["peer_lbc"]["cpu_s"] == 2.0
+    assert report["peer_slbc"]["graphs"]["own"]["n_components"] == 1
+    assert report["peer_slbc"]["graphs"]["own"]["false_edges"]["n"] > 5

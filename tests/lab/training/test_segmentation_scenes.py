@@ -1,0 +1,103 @@
+"""Training scenes: things that pass for one another, and folders of scenes that grow."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cherrypicker.classes import Label
+from cherrypicker.errors import StageError
+from cherrypicker_lab.orchard.scene.layout import generate_scene
+from cherrypicker_lab.training.segmentation import props as things
+from cherrypicker_lab.training.segmentation import scenes
+from cherrypicker_lab.training.segmentation.augment import Sample
+
+
+@pytest.fixture(scope="module")
+def filled():
+    made = []
+    small = {"habit": "leader", "height": 1.2, "trunk_radius": 0.02}
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        options = things.confusable_things(rng) | {"density": 0.3, "neighbours": seed % 2}
+        scene = generate_scene(seed, **small, **options)
+        things.add_confusable(scene, rng)
+        made.append(scene)
+    return made
+
+
+def _named(scene, name):
+    return [thing for thing in scene.objects if thing.name == name]
+
+
+def test_what_is_confused_stands_in_many_scenes_with_its_own_class(filled):
+    assert np.mean([len(_named(scene, "sign")) > 0 for scene in filled]) > 0.6
+    for name, label in (
+        ("sign_post", Label.SIGN),
+        ("ring", Label.CALIBRATION_UNIT),
+        ("support_post", Label.SUPPORT_POST),
+    ):
+        things_of = [thing for scene in filled for thing in _named(scene, name)]
+        assert len(things_of) >= 4
+        assert {thing.label for thing in things_of} == {int(label)}
+
+
+def test_small_signs_come_as_small_as_markers(filled):
+    plates = [np.ptp(t.mesh.vertices, axis=0) for s in filled for t in _named(s, "sign")]
+    across = np.array([np.hypot(*size[:2]) for size in plates])
+    assert across.min() < 0.2 and across.max() > 0.3
+
+
+def test_posts_keep_clear_of_the_stem_and_rings_sit_on_one(filled):
+    for scene in filled:
+        stem = scene.target.axes[0]
+        for post in _named(scene, "support_post"):
+            foot = post.mesh.vertices[post.mesh.vertices[:, 2] < 0.2]
+            assert np.hypot(*foot[:, :2].T).min() > stem.radii.max()
+        feet = np.asarray(scene.offsets)[:, :2]
+        for ring in _named(scene, "ring"):
+            middle = ring.mesh.vertices.mean(axis=0)
+            assert np.linalg.norm(feet - middle[:2], axis=1).min() < 0.25
+
+
+def test_held_out_forms_are_never_drawn():
+    assert not {"cherry_whip", "fir", "larch", "pine"} & set(things.FORMS)
+
+
+def test_equal_seeds_give_equal_scenes_and_files_are_kept(tmp_path):
+    first = scenes.make_sample(7, 4000, things="confusable")
+    again = scenes.make_sample(7, 4000, things="confusable")
+    assert np.array_equal(first.points, again.points)
+    assert np.array_equal(first.labels, again.labels)
+    [file] = scenes.make_scenes([7], tmp_path, 4000, things="confusable")
+    stamp = file.stat().st_mtime_ns
+    assert scenes.make_scenes([7], tmp_path, 4000, things="confusable") == [file]
+    assert file.stat().st_mtime_ns == stamp
+    kept = scenes.SceneFolders([tmp_path])
+    assert np.abs(kept[0].points - first.points).max() <= scenes.QUANTUM_M
+    assert np.array_equal(kept[0].labels, first.labels)
+
+
+def test_folders_are_looked_through_again(tmp_path):
+    sample = Sample(
+        np.zeros((5, 3), np.float32),
+        np.zeros((5, 3), np.uint8),
+        np.zeros(5, np.uint8),
+        np.zeros(5, np.uint8),
+    )
+    scenes._save(tmp_path / "scene_1.npz", sample)
+    folders = scenes.SceneFolders([tmp_path])
+    scenes._save(tmp_path / "scene_0.npz", sample)
+    assert len(folders) == 1
+    folders.refresh()
+    assert [file.name for file in folders.files] == ["scene_0.npz", "scene_1.npz"]
+
+
+def test_held_out_seeds_cannot_be_made_to_train_on(tmp_path):
+    path = Path(__file__).parents[3] / "scripts/lab/make_training_scenes.py"
+    spec = importlib.util.spec_from_file_location("make_training_scenes", path)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    with pytest.raises(StageError, match="training seeds are 0 to 899999"):
+        script.main(tmp_path, first_seed=899_999, n_scenes=2, scene_points=1000, things="common")

@@ -1,0 +1,126 @@
+"""The benchmark of traits: matching, scores and table, on trees and numbers with known answers."""
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from cherrypicker.errors import StageError
+from cherrypicker.skeleton import axes
+from cherrypicker.traits import branch_rows, horizontal_width
+from cherrypicker_lab.orchard.grow.growth import grow_tree
+from cherrypicker_lab.orchard.truth import tree_traits
+from cherrypicker_lab.skeletons.set_tree import true_skeleton
+from cherrypicker_lab.traits.pairs import branch_pairs, make_tree, match_axes, tree_pairs
+from cherrypicker_lab.traits.tables import gather, score_pairs, traits_figure, write_table
+
+
+def line(start, end, n=20):
+    return np.linspace(start, end, n)
+
+
+def test_axes_match_by_where_they_run():
+    true = [line([0, 0, 1], [1, 0, 1]), line([0, 0, 1.03], [0, 1, 1.03])]
+    along_second = line([0, 0, 1.02], [0, 1, 1.04])
+    along_first = line([0, 0, 1], [0.8, 0.01, 1])  # its last fifth was not found
+    assert match_axes(true, [along_second, along_first]) == [(0, 1), (1, 0)]
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        line([0, 0, 1], [0.6, 0, 1]),  # too little of it
+        line([0.2, 0, 1], [1, 0, 1]),  # starts elsewhere
+        line([0, 0, 1], [1, 0.2, 1]),  # runs off
+    ],
+)
+def test_other_axes_do_not_match(found):
+    assert match_axes([line([0, 0, 1], [1, 0, 1])], [found]) == []
+
+
+def test_one_found_axis_stands_for_one_true_axis():
+    true = [line([0, 0, 1], [1, 0, 1]), line([0, 0, 1.01], [1, 0, 1.01])]
+    assert len(match_axes(true, [line([0, 0, 1], [1, 0, 1])])) == 1
+    assert match_axes(true, []) == []
+
+
+def test_the_true_skeleton_measures_without_error():
+    tree = grow_tree(3, "spindle")
+    skeleton = true_skeleton(tree.skeleton())
+    rows = branch_rows(skeleton, axes(skeleton), 0.0)
+    pairs, n_axes, n_matched = branch_pairs(tree, skeleton, rows)
+    assert n_axes == n_matched == sum(row["length_m"] >= 0.1 for row in rows[1:])
+    assert len(pairs["insertion_angle_deg"]) == n_matched
+    assert all(pair["true"] >= 0.010 for pair in pairs["base_diameter_m"])
+    assert 0 < len(pairs["base_diameter_m"]) < n_matched
+    for pair in pairs["base_diameter_m"] + pairs["insertion_angle_deg"]:
+        assert pair["found"] == pair["true"]
+
+
+def test_traits_of_the_whole_tree_beside_the_truth():
+    tree = grow_tree(3, "vase")
+    true = tree_traits(tree)
+    width = horizontal_width(tree.skeleton().points[:, :2])
+    found = true | {"crown_width_m": width + 0.1, "height_m_ci90": [1.0, 3.0]}
+    found["crown_volume_m3"] = 1.0
+    pairs = tree_pairs(tree, found)
+    assert pairs["height_m"] == [
+        {"true": true["height_m"], "found": true["height_m"], "low": 1.0, "high": 3.0}
+    ]
+    (width_pair,) = pairs["crown_width_m"]
+    # the true width is the surface's: a radius of 1 to 5 mm beyond either end of the skeleton
+    assert 0.090 < width_pair["found"] - width_pair["true"] < 0.098
+    assert width_pair["low"] is None
+    (volume_pair,) = pairs["crown_volume_m3"]
+    whole = ConvexHull(tree.skeleton().points).volume  # from the foot on, but without radii
+    assert 0.5 * whole < volume_pair["true"] < 1.1 * whole
+
+
+def test_the_cloud_is_the_targets_and_repeats():
+    tree, cloud = make_tree(6001, 12_000)
+    assert tree.habit == "spindle"  # the forms take turns
+    assert "tree" not in cloud
+    again = make_tree(6001, 12_000)[1]
+    assert np.array_equal(cloud.points, again.points)
+    reach = np.linalg.norm(tree.skeleton().points[:, :2], axis=1).max()
+    wood = cloud.points[np.isin(cloud["label"], (1, 2))]
+    assert np.quantile(np.linalg.norm(wood[:, :2], axis=1), 0.99) < reach + 0.05
+
+
+def pair(true, found, low=None, high=None):
+    return {"true": true, "found": found, "low": low, "high": high}
+
+
+def report(seed):
+    names = ("trunk_diameter_m", "base_diameter_m", "insertion_angle_deg", "crown_width_m")
+    names = (*names, "crown_volume_m3", "total_length_m")
+    traits = {name: [pair(0.100, 0.102)] for name in names}
+    traits["height_m"] = [pair(2.00, 1.98, 1.97, 1.99), pair(2.00, 2.01, 1.99, 2.03)]
+    return {"seed": seed, "n_points": 1000, "traits": traits, "n_axes": 10, "n_matched": 8}
+
+
+def test_scores():
+    score = score_pairs(gather([report(1), report(2)])["height_m"])
+    assert score["n"] == 4
+    assert score["mae"] == pytest.approx(0.015)
+    assert score["bias"] == pytest.approx(-0.005)
+    assert (score["n_intervals"], score["coverage"]) == (4, 0.5)
+    assert score["width"] == pytest.approx(0.03)
+    assert score_pairs(gather([report(1)])["crown_width_m"])["coverage"] is None
+
+
+def test_table_and_figure():
+    reports = [report(1), report(2)]
+    text = write_table(reports)
+    assert "2 trees, seeds 1 to 2" in text
+    assert "16 of 20 axes" in text
+    assert "| height | cm | 4 | 1.50 | 2 | -0.50 | 2 of 4 (50 %) | 3.00 |" in text
+    assert "| crown width | cm | 2 | 0.20 |  | +0.20 | none given |  |" in text
+    assert "By form" not in text
+    assert len(traits_figure(reports).axes) == 7
+    forms = [report(1) | {"habit": "vase"}, report(2) | {"habit": "leader"}]
+    by_form = write_table(forms).split("By form")[1].splitlines()
+    assert by_form[2] == "| form | trees | height, cm |"
+    assert by_form[4] == "| leader | 1 | 1.50, 1 of 2 (50 %) |"
+    assert by_form[5] == "| vase | 1 | 1.50, 1 of 2 (50 %) |"
+    with pytest.raises(StageError, match="no tree"):
+        write_table([])

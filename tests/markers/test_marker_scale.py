@@ -1,0 +1,380 @@
+"""Markers: parsing, unbiased corners, outliers, and the scale they give."""
+
+import cv2
+import numpy as np
+import pytest
+from marker_scene import develop, marker_scan, paint_marker, pattern_of, square
+from scan_scene import look_at_poses, ring, rotation_about
+
+from cherrypicker.errors import StageError
+from cherrypicker.markers.columns import (
+    DICTIONARY_SIZES,
+    check_scale_columns,
+    choose_mode,
+    parse_marker_sides,
+)
+from cherrypicker.markers.detection import find_markers, marker_dictionary, marker_pattern
+from cherrypicker.markers.estimate_scale import combine_markers, estimate_scale
+from cherrypicker.markers.fit import fit_marker
+from cherrypicker.markers.geometry import Observations, intersect_rays, locate_marker
+from cherrypicker.markers.scale_scene import scale_scene
+from cherrypicker.photos import read_photo
+from cherrypicker.placement.footprint import Footprint
+from cherrypicker.placement.region import find_region
+from cherrypicker.pointcloud import PointCloud
+
+DICTIONARY = "DICT_4X4_50"
+
+
+def test_marker_sides_are_parsed():
+    assert parse_marker_sides("7:0.20") == {7: 0.20}
+    assert parse_marker_sides(" 7 : 0.20 , 8:0.15") == {7: 0.20, 8: 0.15}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "7",
+        "7:",
+        ":0.2",
+        "a:0.2",
+        "7:0",
+        "7:-0.1",
+        "7:20",
+        "7:200",
+        "7:nan",
+        "7:0.2,7:0.3",
+        "7:0.2,",
+        "7;0.2",
+        "-7:0.2",
+        "7:0.0002",
+    ],
+)
+def test_bad_marker_sides_name_the_column(text):
+    with pytest.raises(StageError) as caught:
+        parse_marker_sides(text)
+    assert "marker_sides_m" in caught.value.key
+
+
+@pytest.mark.parametrize(
+    "name", ["DICT_4X4_50", "DICT_APRILTAG_36h11", "dict_5x5_250", "DICT_ARUCO_ORIGINAL"]
+)
+def test_dictionaries_by_name(name):
+    assert marker_dictionary(name).markerSize >= 4
+
+
+def test_unknown_dictionary_and_id():
+    with pytest.raises(StageError, match="DICT_4X4_50"):
+        marker_dictionary("DICT_4X4_5O")
+    with pytest.raises(StageError, match="0 to 49"):
+        check_scale_columns("", "marker", DICTIONARY, "50:0.2")
+
+
+def test_dictionaries_are_opencvs():
+    names = {name.upper() for name in dir(cv2.aruco) if name.startswith("DICT_")}
+    assert {name.upper() for name in DICTIONARY_SIZES} == names
+    for name, size in DICTIONARY_SIZES.items():
+        assert len(marker_dictionary(name).bytesList) == size
+
+
+def random_view(rng, side, tilt_deg=50):
+    """Pixel corners of a tilted square of about this side, and the size of its photo."""
+    tilt = rotation_about([*rng.normal(size=2), 0], rng.uniform(0, tilt_deg))
+    corners = square([0, 0, 0], 1.0, turn_deg=rng.uniform(0, 360)) * [1, -1, 1] @ tilt.T
+    corners = corners[:, :2] / (corners[:, 2:] + 1000 / side) * 1000
+    corners += rng.random(2) + 0.5 * side + 6 - corners.min(axis=0)
+    return corners, tuple(np.ceil(corners.max(axis=0) + 0.5 * side + 6).astype(int)[::-1])
+
+
+@pytest.mark.parametrize(
+    ("dictionary", "side", "blur", "gamma", "limit"),
+    [
+        ("DICT_5X5_250", 25, 0.6, 1.0, 0.003),
+        ("DICT_5X5_250", 25, 0.6, 2.2, 0.003),
+        ("DICT_4X4_50", 55, 0.5, 1.0, 0.001),
+        ("DICT_5X5_250", 55, 0.9, 2.2, 0.001),
+        ("DICT_APRILTAG_36h11", 55, 0.7, 2.2, 0.001),
+        ("DICT_6X6_250", 110, 0.8, 2.2, 0.001),
+    ],
+)
+def test_fitted_sides_have_no_bias(dictionary, side, blur, gamma, limit):
+    """cornerSubPix alone shrinks these markers by 0.5 to 4 %."""
+    rng = np.random.default_rng(side)
+    ratios, errors = [], []
+    for marker_id in range(4):
+        corners, shape = random_view(rng, side)
+        image = np.full(shape, 0.4)
+        pattern = pattern_of(dictionary, marker_id)
+        paint_marker(image, pattern, corners)
+        grey = develop(image, blur=blur, gamma=gamma, seed=marker_id)
+        fit = fit_marker(grey, corners + rng.normal(0, 0.5, (4, 2)), pattern)
+        assert fit.agreement > 0.95
+        true, found = corners - corners.mean(axis=0), fit.corners - fit.corners.mean(axis=0)
+        ratios.append((true * found).sum() / (true**2).sum() - 1)
+        errors.append(np.abs(fit.corners - corners).max())
+    assert abs(np.mean(ratios)) < limit
+    assert np.max(errors) < 0.15
+
+
+def test_a_shadow_and_a_blade_of_grass_do_not_move_the_corners():
+    rng = np.random.default_rng(1)
+    corners, shape = random_view(rng, 70, tilt_deg=30)
+    image = np.full(shape, 0.4)
+    pattern = pattern_of(DICTIONARY, 3)
+    paint_marker(image, pattern, corners)
+    middle = corners.mean(axis=0).astype(int)
+    image[:, middle[0] + 12 : middle[0] + 16] = 0.25
+    grey = develop(image)
+    fit = fit_marker(grey, corners + rng.normal(0, 0.5, (4, 2)), pattern)
+    assert np.abs(fit.corners - corners).max() < 0.2
+
+
+def test_detection_has_the_right_pixel_convention():
+    corners, shape = random_view(np.random.default_rng(2), 60, tilt_deg=20)
+    image = np.full(shape, 0.4)
+    paint_marker(image, pattern_of(DICTIONARY, 5), corners)
+    found = find_markers(develop(image), marker_dictionary(DICTIONARY))
+    assert [marker_id for marker_id, _ in found] == [5]
+    assert np.abs(found[0][1] - corners).max() < 1.5
+    fit = fit_marker(develop(image), found[0][1], marker_pattern(marker_dictionary(DICTIONARY), 5))
+    assert np.abs(fit.corners - corners).max() < 0.1
+
+
+def test_intersect_rays_known_point_and_parallel_lines():
+    rng = np.random.default_rng(3)
+    point, origins = np.array([1.0, 2.0, 3.0]), rng.normal(size=(6, 3))
+    directions = (point - origins) / np.linalg.norm(point - origins, axis=1)[:, None]
+    np.testing.assert_allclose(intersect_rays(origins, directions), point, atol=1e-9)
+    assert np.isnan(intersect_rays(origins, np.repeat([[0, 0, 1.0]], 6, axis=0))).all()
+
+
+def sightings(rng, corners, poses, noise_px=0.1, focal=1000.0):
+    seen = np.einsum("nij,kj->nki", poses.rotations, corners) + poses.cam_from_world[:, None, :, 3]
+    seen = seen[..., :2] / seen[..., 2:]
+    n = len(poses)
+    return Observations(
+        np.arange(n),
+        poses.cam_from_world,
+        seen + rng.normal(0, noise_px / focal, seen.shape),
+        np.full(n, focal),
+        np.full(n, noise_px),
+        np.full(n, 60.0),
+    )
+
+
+def test_outlier_sightings_are_rejected():
+    rng = np.random.default_rng(4)
+    poses = look_at_poses(ring(12, radius=2.5), np.array([0.0, 0.3, 0.3]))
+    corners = square([0.5, 0.2, 0.1], 0.2, normal=(0, -0.4, 1))
+    observations = sightings(rng, corners, poses)
+    observations.corners[2] = np.roll(observations.corners[2], 1, axis=0)
+    observations.corners[5] += 0.03
+    observations.corners[7] = rng.normal(0, 0.2, (4, 2))
+    geometry = locate_marker(observations)
+    np.testing.assert_array_equal(np.flatnonzero(~geometry.inliers), [2, 5, 7])
+    assert geometry.side == pytest.approx(0.2, rel=1e-3)
+    assert geometry.is_square
+    np.testing.assert_allclose(geometry.corners, corners, atol=5e-4)
+
+
+def test_standard_error_matches_the_scatter():
+    rng = np.random.default_rng(5)
+    poses = look_at_poses(ring(8, radius=2.5), np.array([0.0, 0.0, 0.3]))
+    corners = square([0.3, 0.2, 0.0], 0.2)
+    results = [locate_marker(sightings(rng, corners, poses, 0.3)) for _ in range(40)]
+    scatter = np.std([result.side for result in results])
+    claimed = np.median([result.side_std for result in results])
+    assert 0.5 < claimed / scatter < 2.0
+    assert np.mean([result.side for result in results]) == pytest.approx(0.2, abs=3 * scatter / 6)
+
+
+def test_a_bent_marker_is_flagged():
+    rng = np.random.default_rng(6)
+    poses = look_at_poses(ring(10, radius=2.5), np.array([0.0, 0.0, 0.3]))
+    corners = square([0.3, 0.2, 0.0], 0.2)
+    corners[0, 2] += 0.03
+    assert not locate_marker(sightings(rng, corners, poses)).is_square
+
+
+def test_no_agreement_gives_none():
+    rng = np.random.default_rng(7)
+    poses = look_at_poses(ring(6), np.array([0.0, 0.0, 0.3]))
+    observations = sightings(rng, square([0.3, 0.2, 0.0], 0.2), poses)
+    observations.corners[:] = rng.normal(0, 0.3, observations.corners.shape)
+    assert locate_marker(observations) is None
+
+
+def marker_entry(marker_id, scale, std=1e-4, is_square=True):
+    return {
+        "id": marker_id,
+        "scale": scale,
+        "scale_std": std,
+        "is_square": is_square,
+        "used": True,
+        "flags": [],
+        "off_square": 0.0,
+    }
+
+
+def test_markers_are_joined_and_a_wrong_one_is_left_out():
+    warnings = []
+    markers = [marker_entry(1, 2.0), marker_entry(2, 2.002), marker_entry(3, 2.2)]
+    scale, std = combine_markers(markers, warnings)
+    assert scale == pytest.approx(2.001, abs=1e-3)
+    assert 0 < std < 0.01
+    assert not markers[2]["used"] and warnings
+
+
+def test_two_contradicting_markers_are_an_error():
+    with pytest.raises(StageError, match="contradict"):
+        combine_markers([marker_entry(1, 2.0), marker_entry(2, 2.2)], [])
+
+
+def test_mode_cell_wins_over_config():
+    assert choose_mode("", "marker") == ("marker", None)
+    assert choose_mode("none", "marker") == ("none", None)
+    assert choose_mode("marker", "none") == ("marker", None)
+    assert choose_mode("0.25", "none") == ("number", 0.25)
+    with pytest.raises(StageError):
+        choose_mode("0", "marker")
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    """Two markers of different size, seen by 8 distorted cameras; the model's unit is 0.4 m."""
+    folder = tmp_path_factory.mktemp("scan")
+    poses = look_at_poses(ring(8, radius=2.2, heights=(1.2, 1.8)), np.array([0.0, 0.0, 0.1]))
+    markers = [
+        (DICTIONARY, 7, square([0.25, -0.1, 0.05], 0.25, normal=(0.1, 0.0, 1))),
+        (DICTIONARY, 8, square([-0.35, 0.15, 0.02], 0.2, turn_deg=30)),
+    ]
+    photos, model = marker_scan(folder, markers, poses)
+    scaled = [marker_scan_pose(model, image_id, 2.5) for image_id in sorted(model.images)]
+    assert len(scaled) == 8
+    return photos, model
+
+
+def marker_scan_pose(model, image_id, factor):
+    """Scale the model's world by moving one camera."""
+    frame = model.images[image_id].frame
+    pose = frame.rig_from_world
+    pose.translation = pose.translation * factor
+    frame.rig_from_world = pose
+    return frame
+
+
+def options(**changes):
+    return {
+        "cell": "",
+        "mode": "marker",
+        "dictionary": DICTIONARY,
+        "sides_m": "7:0.25,8:0.20",
+    } | changes
+
+
+def test_scale_of_a_rendered_scan(scan):
+    report = estimate_scale(*scan, **options())
+    assert report["scale"] == pytest.approx(0.4, rel=1e-3)
+    assert 0 < report["scale_std"] < 0.004
+    assert report["n_images"] == 8
+    assert report["n_rays"] == sum(4 * m["n_inliers"] for m in report["markers"])
+    for marker in report["markers"]:
+        assert np.shape(marker["corners"]) == (4, 3)
+        np.testing.assert_allclose(marker["side_lengths"], marker["side_m"] * 2.5, rtol=5e-3)
+        assert marker["rms_reprojection_px"] < 0.3
+
+
+def test_equal_input_gives_equal_scale(scan):
+    photos, model = scan
+    first, second = (estimate_scale(photos[:3], model, **options(), threads=n) for n in (1, 2))
+    assert first["scale"] == second["scale"]
+    assert first["scale_std"] == second["scale_std"]
+
+
+def test_two_photos_suffice_and_one_does_not(scan):
+    photos, model = scan
+    report = estimate_scale([photos[0], photos[3]], model, **options())
+    assert report["scale"] == pytest.approx(0.4, rel=5e-3)
+    with pytest.raises(StageError):
+        estimate_scale(photos[:1], model, **options())
+
+
+def test_missing_columns_wrong_ids_and_absurd_sides(scan):
+    with pytest.raises(StageError, match="marker_dictionary and marker_sides_m are empty"):
+        estimate_scale(*scan, **options(dictionary="", sides_m=""))
+    with pytest.raises(StageError, match=r"7 \(8\), 8 \(8\)"):
+        estimate_scale(*scan, **options(sides_m="9:0.25"))
+    with pytest.raises(StageError, match="DICT_4X4_50 finds id 7, 8"):
+        estimate_scale(*scan, **options(dictionary="DICT_6X6_250"))
+    with pytest.raises(StageError, match="contradict"):
+        estimate_scale(*scan, **options(sides_m="7:0.25,8:0.30"))
+
+
+def test_no_markers_are_needed_without_scale():
+    assert estimate_scale([], None, **options(cell="none", dictionary=""))["unit"] == "arbitrary"
+    report = estimate_scale([], None, **options(cell="0.5", sides_m=""))
+    assert report["scale"] == 0.5 and report["unit"] == "m"
+
+
+def test_real_photos_of_markers(real_data):
+    dictionary = marker_dictionary("DICT_5X5_250")
+    for path in sorted((real_data / "photos" / "aruco_patio_2view").iterdir()):
+        grey = cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY)
+        assert [marker_id for marker_id, _ in find_markers(grey, dictionary)] == [24, 42, 66, 70]
+
+
+def aligned_scene():
+    rng = np.random.default_rng(8)
+    cloud = PointCloud(
+        rng.uniform([-1, -1, 0], [1, 1, 3], (5000, 3)), frame="aligned", unit="arbitrary"
+    )
+    crop = {
+        "source": "region",
+        "center_xy": [0.1, 0.0],
+        "radius": 2.0,
+        "camera_distance": 2.0,
+        "box": {"x": [-1.9, 2.1], "y": [-2.0, 2.0], "z_min": -0.1},
+    }
+    return cloud, look_at_poses(ring(radius=2.0), np.array([0, 0, 1.5])), crop
+
+
+def test_scale_scene_by_a_factor():
+    cloud, poses, crop = aligned_scene()
+    scaled, moved, report = scale_scene(
+        cloud, poses, {"mode": "marker", "scale": 1.5, "unit": "m"}, crop
+    )
+    np.testing.assert_allclose(scaled.points, 1.5 * cloud.points)
+    np.testing.assert_allclose(moved.centers, 1.5 * poses.centers)
+    assert (scaled.frame, scaled.unit) == ("metric", "m")
+    assert (report["factor"], report["camera_distance"]) == (1.5, 3.0)
+    region = Footprint.from_dict(report["region"])
+    np.testing.assert_allclose(region.center_xy, [0.15, 0])
+    assert (region.radius, region.box) == (3.0, None)
+
+
+def test_scale_scene_without_scale_is_normalised():
+    cloud, poses, crop = aligned_scene()
+    region = find_region(poses)
+    crop["camera_distance"] = region.distance
+    scaled, moved, report = scale_scene(cloud, poses, {"mode": "none", "scale": None}, crop)
+    center = report["factor"] * region.center
+    assert np.median(np.linalg.norm(moved.centers - center, axis=1)) == pytest.approx(3.0)
+    assert scaled.unit == report["unit"] == "arbitrary"
+
+
+def test_the_region_of_a_walk_stays_a_box():
+    cloud, poses, crop = aligned_scene()
+    crop |= {"source": "camera_box", "center_xy": [0.1, 0.0]}
+    report = scale_scene(cloud, poses, {"mode": "number", "scale": 2.0, "unit": "m"}, crop)[2]
+    region = Footprint.from_dict(report["region"])
+    np.testing.assert_allclose(region.box, [[-3.8, -4.0], [4.2, 4.0]])
+    np.testing.assert_allclose(
+        region.inward(np.array([[0.2, 0], [4.0, 0], [5.0, 0]])), [4, 0.2, -0.8]
+    )
+
+
+def test_absurd_scale_is_refused():
+    cloud, poses, crop = aligned_scene()
+    for scale in (100.0, 0.001):
+        with pytest.raises(StageError, match="cameras stand"):
+            scale_scene(cloud, poses, {"mode": "number", "scale": scale, "unit": "m"}, crop)

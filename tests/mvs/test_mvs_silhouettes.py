@@ -1,0 +1,159 @@
+"""Twigs before the sky become points; places that a photo sees as sky do not."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from cherrypicker.mvs.lines.sky_lines import find_sky_lines
+from cherrypicker.mvs.silhouettes import add_silhouettes
+from cherrypicker.mvs.workspace import view_of
+from cherrypicker.placement.region import find_region
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.poses import Poses
+
+SIDE, FOCAL, DISTANCE, FINE = 320, 800.0, 3.0, 8
+SKY = (150, 190, 230)
+# A twig of 2 mm radius, 0.6 m long, leaning
+TWIG = np.array([[-0.10, -0.05, -0.25], [0.15, 0.10, 0.25]])
+RADIUS = 0.002
+
+
+def ring(n_photos: int) -> Poses:
+    """Cameras all around the origin, a fifth of them looking up a little."""
+    poses = []
+    for k in range(n_photos):
+        angle = 2.0 * np.pi * k / n_photos
+        center = DISTANCE * np.array([np.cos(angle), np.sin(angle), -0.2 * (k % 3)])
+        forward = -center / np.linalg.norm(center)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        poses.append(np.column_stack([R, -R @ center]))
+    K = np.array([[FOCAL, 0.0, SIDE / 2], [0.0, FOCAL, SIDE / 2], [0.0, 0.0, 1.0]])
+    return Poses(
+        names=[f"{k:02d}.png" for k in range(n_photos)],
+        cam_from_world=np.array(poses),
+        K=np.repeat(K[None], n_photos, axis=0),
+        width=np.full(n_photos, SIDE),
+        height=np.full(n_photos, SIDE),
+    )
+
+
+def draw(poses: Poses, i: int, twigs) -> np.ndarray:
+    """Photo of dark twigs, each (2, 3), before a plain sky with a little noise."""
+    photo = np.full((FINE * SIDE, FINE * SIDE, 3), SKY, np.uint8)
+    for twig in twigs:
+        uv, depth = poses.project(twig, i)
+        ends = np.rint((FINE * uv - 0.5) * 16).astype(int)
+        width = round(2.0 * RADIUS * FOCAL / depth.mean() * FINE)
+        cv2.line(photo, ends[0].tolist(), ends[1].tolist(), (60, 50, 40), width, shift=4)
+    small = cv2.resize(photo, (SIDE, SIDE), interpolation=cv2.INTER_AREA).astype(float)
+    noise = np.random.default_rng(i).normal(0.0, 1.5, small.shape)
+    return np.clip(np.rint(small + noise), 0, 255).astype(np.uint8)
+
+
+class Photos:
+    """What `add_silhouettes` needs of a workspace and of its masks, photos on disk.
+
+    ``before_sky`` are the photos whose masks have sky, all of it.
+    """
+
+    def __init__(self, folder, poses: Poses, twigs_of, before_sky):
+        self.folder, self.poses, self.before_sky = folder, poses, before_sky
+        self.views = [view_of(poses, i) for i in range(len(poses))]
+        for i, view in enumerate(self.views):
+            photo = draw(poses, i, twigs_of(i))
+            cv2.imwrite(str(self.photo_path(view)), cv2.cvtColor(photo, cv2.COLOR_RGB2BGR))
+
+    def photo_path(self, view):
+        return self.folder / view.name
+
+    def of(self, view):
+        return np.full((view.height, view.width), view.image_id in self.before_sky)
+
+
+def added(folder, n_photos, twigs_of, *, before_sky=range(99), points=((9.0, 9.0, 9.0),)):
+    """Points that are added to a cloud, a PointCloud."""
+    photos = Photos(folder, ring(n_photos), twigs_of, before_sky)
+    points = np.array(points, float)
+    cloud = PointCloud(
+        points,
+        colors=np.zeros((len(points), 3)),
+        normals=np.tile([0.0, 0.0, 1.0], (len(points), 1)),
+        fields={"n_views": np.full(len(points), 3, np.uint8)},
+    )
+    out = add_silhouettes(photos, cloud, find_region(photos.poses), photos)
+    assert len(out.select(out["from_silhouette"] == 0)) == len(points)
+    return out.select(out["from_silhouette"] == 1)
+
+
+def distance_to(twig, points):
+    along = (twig[1] - twig[0]) / np.linalg.norm(twig[1] - twig[0])
+    share = np.clip((points - twig[0]) @ along, 0.0, np.linalg.norm(twig[1] - twig[0]))
+    return np.linalg.norm(points - twig[0] - share[:, None] * along, axis=1)
+
+
+def test_ridges_lie_on_the_line():
+    poses = ring(8)
+    photo = draw(poses, 0, [TWIG])
+    found = find_sky_lines(photo, np.ones((SIDE, SIDE), bool), 1.0)
+    ends, _ = poses.project(TWIG, 0)
+    across = np.array([-1.0, 1.0]) * (ends[1] - ends[0])[::-1] / np.linalg.norm(ends[1] - ends[0])
+    assert len(found.uv) > 0.9 * np.abs(ends[1] - ends[0]).max()
+    assert np.percentile(np.abs((found.uv - ends[0]) @ across), 95) < 0.3
+    assert np.percentile(np.abs(found.across @ across), 5) > 0.95
+    assert found.clear.mean() > 0.8
+
+
+def test_a_twig_before_the_sky_is_found(tmp_path):
+    cloud = added(tmp_path, 12, lambda i: [TWIG])
+    assert distance_to(TWIG, cloud.points).max() < 0.005
+    along = np.linspace(TWIG[0], TWIG[1], 60)[3:-3]
+    gaps = np.linalg.norm(along[:, None] - cloud.points, axis=2).min(axis=1)
+    assert (gaps < 0.01).mean() > 0.95
+    assert (cloud["n_views"] >= 4).all()
+    np.testing.assert_allclose(np.linalg.norm(cloud.normals, axis=1), 1.0, atol=1e-5)
+
+
+def test_plain_sky_adds_nothing(tmp_path):
+    assert len(added(tmp_path, 4, lambda i: [])) == 0
+
+
+def test_a_place_that_one_photo_sees_as_clear_sky_is_empty(tmp_path):
+    assert len(added(tmp_path, 12, lambda i: [] if i == 7 else [TWIG])) == 0
+
+
+def test_photos_without_sky_say_nothing(tmp_path):
+    some = added(tmp_path, 12, lambda i: [TWIG] if i < 6 else [], before_sky=range(6))
+    assert len(some) > 50
+    assert some["n_views"].max() <= 6
+    assert distance_to(TWIG, some.points).max() < 0.005
+
+
+@pytest.mark.parametrize("n_photos", [2, 3])
+def test_too_few_photos_make_no_point(tmp_path, n_photos):
+    assert len(added(tmp_path, 12, lambda i: [TWIG], before_sky=range(n_photos))) == 0
+
+
+def test_lines_of_different_things_do_not_meet(tmp_path):
+    def others(i):
+        ends = np.random.default_rng(100 + i).uniform(-0.5, 0.5, (12, 2, 3))
+        return list(ends)
+
+    n_lines = 0
+    photos = Photos(tmp_path, ring(12), others, range(99))
+    for i in range(12):
+        sky = np.ones((SIDE, SIDE), bool)
+        n_lines += len(find_sky_lines(draw(photos.poses, i, others(i)), sky, 1.0).uv)
+    assert n_lines > 10_000
+    assert len(added(tmp_path, 12, others)) < 0.002 * n_lines
+
+
+def test_what_the_cloud_holds_is_not_added(tmp_path):
+    held = np.linspace(TWIG[0], TWIG[1], 1500)[750:]
+    new = added(tmp_path, 12, lambda i: [TWIG], points=held)
+    share = (new.points - TWIG[0]) @ (TWIG[1] - TWIG[0]) / np.sum((TWIG[1] - TWIG[0]) ** 2)
+    assert len(new) > 30
+    assert (share < 0.53).mean() > 0.97

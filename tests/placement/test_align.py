@@ -1,0 +1,217 @@
+"""Alignment: known vertical and ground come out of scenes in arbitrary frames."""
+
+import numpy as np
+import pytest
+from scan_scene import (
+    arbitrary_frame,
+    ground_points,
+    look_at_poses,
+    ring,
+    rotation_about,
+    tree_points,
+)
+
+from cherrypicker.errors import StageError
+from cherrypicker.placement.align import align, rodrigues
+from cherrypicker.placement.camera_geometry import angle_deg, camera_up, look_at_point
+
+TARGET = np.array([0.0, 0.0, 1.2])
+
+
+def aligned_errors(points, poses, **options):
+    """Tilt in degrees, and the aligned coordinates (true units) of the true origin."""
+    moved, moved_poses, (scale, q, shift) = arbitrary_frame(points, poses)
+    result = align(moved, moved_poses, **options)
+    up = result.rotation @ q @ [0, 0, 1.0]
+    origin = result.apply(shift[None])[0] / scale
+    return angle_deg(up, [0, 0, 1.0]), origin, result
+
+
+def assert_below_what_is_looked_at(origin):
+    """The aim of each photo is off by 10 cm, so that of all by a few; the ground is at z = 0."""
+    assert np.hypot(*origin[:2]) < 0.1
+    assert abs(origin[2]) < 0.02
+
+
+def scene(rng, centers, *, hills=0.0, extra=(), **cameras):
+    points = np.concatenate([ground_points(rng, hills=hills), tree_points(rng), *extra])
+    return points, look_at_poses(centers, TARGET + rng.normal(0, 0.1, (len(centers), 3)), **cameras)
+
+
+def test_rodrigues_maps_and_is_a_rotation():
+    rng = np.random.default_rng(0)
+    for source in [*rng.normal(size=(20, 3)), np.array([0, 0, -1.0]), np.array([0, 0, 1.0])]:
+        rotation = rodrigues(source, [0, 0, 1.0])
+        turned = rotation @ source / np.linalg.norm(source)
+        np.testing.assert_allclose(turned, [0, 0, 1], atol=1e-12)
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+def test_look_at_point_of_a_ring_and_of_a_row():
+    rng = np.random.default_rng(1)
+    points, poses = scene(rng, ring())
+    point, distance = look_at_point(poses, points)
+    assert np.linalg.norm(point - TARGET) < 0.1
+    assert distance == pytest.approx(3.0, rel=0.1)
+    row = np.column_stack([np.linspace(-1, 1, 20), np.full(20, -3.0), np.full(20, 1.2)])
+    poses = look_at_poses(row, row + [0, 3, 0])
+    point, _ = look_at_point(poses, points)
+    assert abs(point[0]) < 0.3
+    assert abs(point[1]) < 1.5
+
+
+def test_camera_up_needs_no_ground_and_survives_rolls_and_portrait_photos():
+    rng = np.random.default_rng(2)
+    centers = ring(36)
+    turns = np.where(rng.random(36) < 0.4, 1, 0)
+    poses = look_at_poses(centers, TARGET, roll_deg=1.5 + rng.normal(0, 2, 36), turns=turns)
+    result = camera_up(poses)
+    assert angle_deg(result.up, [0, 0, 1]) < 1.0
+    np.testing.assert_array_equal(result.turns, turns)
+
+
+def test_level_ring_of_sideways_photos_needs_exif_for_the_sign():
+    centers = ring(32, heights=(1.2,))
+    for turn in (1, 3):
+        poses = look_at_poses(centers, TARGET, turns=turn)
+        up = camera_up(poses, stated_turns=np.full(32, turn)).up
+        assert angle_deg(up, [0, 0, 1]) < 0.5
+
+
+def test_flat_ground_ring():
+    rng = np.random.default_rng(3)
+    points, poses = scene(rng, ring())
+    tilt, origin, result = aligned_errors(points, poses)
+    assert tilt < 0.3
+    assert_below_what_is_looked_at(origin)
+    assert result.report["half_turn"]["agree"]
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_hilly_ground_with_handheld_rolls(seed):
+    rng = np.random.default_rng(seed)
+    points, poses = scene(rng, ring(45), hills=0.06, roll_deg=rng.normal(0.5, 1.5, 45))
+    tilt, origin, result = aligned_errors(points, poses)
+    assert tilt < 1.0
+    assert_below_what_is_looked_at(origin)
+    assert result.report["ground_to_cameras_deg"] > 0
+
+
+def test_true_slope_keeps_the_stem_vertical():
+    rng = np.random.default_rng(7)
+    ground = ground_points(rng)
+    ground[:, 2] += np.tan(np.radians(8)) * ground[:, 0]
+    points = np.concatenate([ground, tree_points(rng)])
+    centers = ring()
+    centers[:, 2] += np.tan(np.radians(8)) * centers[:, 0]
+    tilt, origin, result = aligned_errors(points, look_at_poses(centers, TARGET))
+    assert tilt < 1.0
+    assert abs(origin[2]) < 0.03
+    assert any("slopes" in warning for warning in result.report["warnings"])
+
+
+def test_a_wall_and_a_hedge_do_not_win():
+    rng = np.random.default_rng(8)
+    n = 120_000
+    wall = np.column_stack([rng.uniform(-6, 6, n), np.full(n, 4.0), rng.uniform(0, 5, n)])
+    hedge = np.column_stack(
+        [np.full(n, -4.5) + rng.normal(0, 0.1, n), rng.uniform(-6, 6, n), rng.uniform(0, 3, n)]
+    )
+    points, poses = scene(rng, ring(), extra=[wall, hedge])
+    tilt, origin, _ = aligned_errors(points, poses)
+    assert tilt < 0.5
+    assert_below_what_is_looked_at(origin)
+    # From one side, in front of the wall, with half of the photos upright.
+    points, poses = scene(
+        rng, ring(20, arc_deg=100, heights=(1.0, 1.8)), extra=[wall], turns=np.arange(20) % 2
+    )
+    tilt, _, _ = aligned_errors(points, poses)
+    assert tilt < 1.0
+
+
+def test_a_roof_over_the_cameras_does_not_win():
+    rng = np.random.default_rng(9)
+    n = 150_000
+    roof = np.column_stack([rng.uniform(-6, 6, (n, 2)), np.full(n, 3.2)])
+    points, poses = scene(rng, ring(), extra=[roof])
+    tilt, origin, _ = aligned_errors(points, poses)
+    assert tilt < 0.5
+    assert abs(origin[2]) < 0.03
+
+
+def test_photos_all_sideways_and_from_one_side():
+    rng = np.random.default_rng(10)
+    points, poses = scene(rng, ring(24, arc_deg=120), turns=1)
+    tilt, origin, _ = aligned_errors(points, poses, stated_turns=np.ones(24, int))
+    assert tilt < 1.0
+    assert_below_what_is_looked_at(origin)
+
+
+def test_what_stands_there_does_not_move_the_origin():
+    """A post nearer to the middle than the stem, and a neighbour: no question of the alignment."""
+    rng = np.random.default_rng(11)
+    n = 4000
+    phi = rng.uniform(0, 2 * np.pi, n)
+    post = np.column_stack(
+        [0.5 + 0.03 * np.cos(phi), 0.3 + 0.03 * np.sin(phi), rng.uniform(0, 1.3, n)]
+    )
+    neighbour = tree_points(rng, foot=(2.0, 0.4, 0.0))
+    points, poses = scene(rng, ring(), extra=[post, neighbour])
+    _, with_them, _ = aligned_errors(points, poses)
+    _, without, _ = aligned_errors(points[: -len(post) - len(neighbour)], poses)
+    assert_below_what_is_looked_at(with_them)
+    np.testing.assert_allclose(with_them, without, atol=0.01)
+
+
+def test_a_stem_that_leans_by_25_degrees_does_not_move_the_origin():
+    """The cameras look at its crown; the foot stands where it stands."""
+    rng = np.random.default_rng(16)
+    foot = np.array([-1.2 * np.tan(np.radians(25)), 0.0, 0.0])
+    tree = tree_points(rng)
+    tree[:, 0] += np.tan(np.radians(25)) * tree[:, 2]
+    points = np.concatenate([ground_points(rng), tree + foot])
+    tilt, origin, _ = aligned_errors(points, look_at_poses(ring(), TARGET))
+    assert tilt < 0.5
+    np.testing.assert_allclose(origin, 0, atol=0.02)
+
+
+def test_a_statue_has_the_same_origin():
+    rng = np.random.default_rng(12)
+    directions = rng.normal(size=(20000, 3))
+    statue = directions / np.linalg.norm(directions, axis=1)[:, None] * 0.9 + [0, 0, 0.9]
+    points = np.concatenate([ground_points(rng), statue])
+    tilt, origin, _ = aligned_errors(points, look_at_poses(ring(), TARGET))
+    assert tilt < 0.5
+    np.testing.assert_allclose(origin, 0, atol=0.05)
+
+
+def test_no_ground_uses_the_cameras_and_says_so():
+    rng = np.random.default_rng(13)
+    points, poses = scene(rng, ring())
+    tree = points[points[:, 2] > 0.15]
+    tilt, _, result = aligned_errors(tree, poses)
+    assert tilt < 0.5
+    assert not result.report["ground_found"]
+
+
+def test_equal_input_gives_equal_output():
+    rng = np.random.default_rng(14)
+    points, poses = scene(rng, ring())
+    first, second = align(points, poses), align(points, poses)
+    np.testing.assert_array_equal(first.rotation, second.rotation)
+    np.testing.assert_array_equal(first.translation, second.translation)
+
+
+def test_too_few_points_or_wrong_option_name_the_key():
+    rng = np.random.default_rng(15)
+    points, poses = scene(rng, ring())
+    with pytest.raises(StageError):
+        align(points[:20], poses)
+    with pytest.raises(StageError) as caught:
+        align(points, poses, up_from="moon")
+    assert caught.value.key == "align.up_from"
+
+
+def test_rotation_helper():
+    np.testing.assert_allclose(rotation_about([0, 0, 1], 90) @ [1, 0, 0], [0, 1, 0], atol=1e-12)

@@ -1,0 +1,82 @@
+"""Region of interest: what stands where the cameras look, whatever it is."""
+
+import numpy as np
+import pytest
+from scan_scene import ground_points, look_at_poses, ring, tree_points
+
+from cherrypicker.errors import StageError
+from cherrypicker.placement.crop import crop_roi
+
+TARGET = np.array([0.0, 0.0, 1.2])
+
+
+def orchard(seed=0, neighbours=((2.2, 0.3), (5.0, 0.0))):
+    rng = np.random.default_rng(seed)
+    trees = [tree_points(rng)] + [tree_points(rng, foot=(*xy, 0.0)) for xy in neighbours]
+    return np.concatenate([ground_points(rng), *trees])
+
+
+def test_what_stands_where_the_cameras_look_is_kept():
+    points, poses = orchard(), look_at_poses(ring(), TARGET)
+    crop = crop_roi(points, poses)
+    report = crop.report
+    np.testing.assert_allclose(report["center"], TARGET, atol=1e-6)
+    np.testing.assert_allclose(report["center_xy"], 0, atol=1e-6)
+    assert report["source"] == "region" and not report["warnings"]
+    assert report["radius"] == report["camera_distance"] == pytest.approx(3.07, abs=0.05)
+    np.testing.assert_allclose(report["box"]["x"], [-report["radius"], report["radius"]], atol=1e-6)
+    inside = np.hypot(*points[:, :2].T) <= report["radius"]
+    np.testing.assert_array_equal(crop.keep, inside)
+
+
+def test_margin_widens_each_side():
+    points, poses = orchard(), look_at_poses(ring(), TARGET)
+    plain, wide = crop_roi(points, poses), crop_roi(points, poses, margin_fraction=0.25)
+    assert wide.report["radius"] == pytest.approx(1.5 * plain.report["radius"])
+
+
+def test_nothing_that_stands_there_moves_the_region():
+    """Posts, signs, neighbours, a statue: without scale and classes none is asked."""
+    poses = look_at_poses(ring(), TARGET)
+    bare = crop_roi(orchard(neighbours=()), poses).report
+    crowded = crop_roi(orchard(neighbours=((0.4, 0.1), (2.2, 0.3))), poses).report
+    assert bare["radius"] == crowded["radius"]
+    np.testing.assert_array_equal(bare["center"], crowded["center"])
+    assert not {"target_xy", "stem", "other_stems", "posts"} & set(crowded)
+
+
+def test_points_deep_below_the_ground_go():
+    points = orchard()
+    noise = np.column_stack([np.random.default_rng(1).uniform(-2, 2, (500, 2)), np.full(500, -1.5)])
+    crop = crop_roi(np.concatenate([points, noise]), look_at_poses(ring(), TARGET))
+    assert not crop.keep[len(points) :].any()
+    near = np.hypot(points[:, 0], points[:, 1]) < 2
+    assert crop.keep[: len(points)][near].all()
+
+
+def test_photos_from_one_side_still_enclose_the_tree():
+    points = orchard(neighbours=())
+    row = np.column_stack([np.linspace(-1, 1, 20), np.full(20, -3.0), np.full(20, 1.3)])
+    crop = crop_roi(points, look_at_poses(row, TARGET))
+    tree = np.hypot(points[:, 0], points[:, 1]) < 1.2
+    assert crop.keep[tree].all()
+
+
+def test_a_walk_along_a_row_keeps_the_box_before_the_cameras():
+    points = orchard(neighbours=((2.2, 0.3), (-2.2, 0.0)))
+    walk = np.column_stack([np.linspace(-4, 4, 30), np.full(30, -3.0), np.full(30, 1.3)])
+    crop = crop_roi(points, look_at_poses(walk, walk + [0, 3, -0.1]))
+    assert crop.report["source"] == "camera_box"
+    assert "no common place" in crop.report["warnings"][0]
+    box = crop.report["box"]
+    np.testing.assert_allclose(box["x"], [-4, 4], atol=1e-6)
+    assert box["y"][0] == pytest.approx(-3.0) and 0.0 < box["y"][1] < 2.5
+    assert crop.report["center_xy"] == pytest.approx(np.mean([box["x"], box["y"]], axis=1))
+    assert crop.keep[np.abs(points[:, :2] - [0, -0.5]).max(axis=1) < 0.5].all()
+
+
+def test_an_empty_region_names_the_key():
+    points, poses = orchard(), look_at_poses(ring(), TARGET)
+    with pytest.raises(StageError) as caught:
+        crop_roi(points + [50, 0, 0], poses)
+    assert caught.value.key == "crop.margin_fraction"

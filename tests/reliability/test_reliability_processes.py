@@ -1,0 +1,261 @@
+"""Kills and crowds: whatever happens to the processes, the results are those of a quiet run."""
+
+import csv
+import json
+import multiprocessing
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from reliability_scene import same_files
+from sfm_scene import centers_of, similarity_errors, write_orbit
+from workspace import PROJECT, Workspace, copy_project, kill_group
+
+from cherrypicker.batch import stale_lock
+from cherrypicker.files import atomic_path, temporary_folder
+from cherrypicker.pointcloud import PointCloud, write_cloud
+from cherrypicker.poses import read_poses
+from cherrypicker_lab.orchard.scene.layout import generate_scene
+from cherrypicker_lab.orchard.seen.sampling import sample_scene
+
+LATE = ["import_cloud", "segment_cloud", "contract_cloud", "extract_graph"]
+LATE += ["measure_traits", "report_tree"]
+SPARSE = ["extract_features", "match_features", "reconstruct_sparse"]
+DENSE = ["undistort_photos", "estimate_depth", "fuse_depth"]
+CLOUD = "results/box/cloud.ply"
+# What COLMAP's own threads may change in the last digits, relative to the cameras' distance.
+COLMAP_TOLERANCE = 1e-3
+
+
+def wait_for(condition, limit_s=240.0):
+    """Wait until something holds; fails when it never does."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.01)
+
+
+def try_to_kill_in_stage(workspace, rule, tree, delay_s, *targets):
+    """Kill a whole run, as a power cut does; whether the stage was at work then."""
+    status = workspace.folder / "logs/status" / tree / f"{rule}.json"
+    process = workspace.start(*targets)
+    wait_for(lambda: status.exists() or process.poll() is not None)
+    time.sleep(delay_s)
+    kill_group(process)
+    return status.exists() and json.loads(status.read_text())["state"] == "running"
+
+
+def kill_in_stage(workspace, rule, tree, delay_s, *targets):
+    """Kill a whole run while a stage works; one that was over before it was seen is run again."""
+    for again in ((), *4 * [("--forcerun", rule)]):
+        if try_to_kill_in_stage(workspace, rule, tree, delay_s, *targets, *again):
+            return
+        delay_s = 0.0
+    pytest.fail(f"{rule} was never seen at work")
+
+
+def add_unlabelled(workspace, name):
+    """A small generated tree as somebody's dense cloud, without labels."""
+    cloud = sample_scene(generate_scene(11, neighbours=0), 12_000, rng=1, extent=1.5)
+    write_cloud(workspace.folder / f"{name}.ply", PointCloud(cloud.points, cloud.colors))
+
+
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory):
+    """A batch of one unlabelled cloud that nobody disturbed."""
+    project = copy_project(tmp_path_factory.mktemp("project"))
+    workspace = Workspace(tmp_path_factory.mktemp("quiet") / "work", project)
+    add_unlabelled(workspace, "a")
+    workspace.table("tree | cloud", "a | a.ply")
+    workspace.run()
+    return workspace
+
+
+def test_killed_in_every_stage_of_a_late_cloud(quiet, tmp_path):
+    workspace = Workspace(tmp_path / "work", quiet.project)
+    shutil.copy(quiet.folder / "a.ply", workspace.folder / "a.ply")
+    workspace.table("tree | cloud", "a | a.ply")
+    delays = random.Random(7)
+    for rule in LATE:
+        kill_in_stage(workspace, rule, "a", delays.uniform(0, 0.2) * (rule != LATE[0]))
+    kill_in_stage(workspace, "summarise_batch", "_batch", 0.0)
+    assert "error" not in workspace.run().lower().replace("errors", "")
+    same_files(workspace.folder / "results", quiet.folder / "results")
+    assert "Nothing to be done" in workspace.run()
+    assert not list((workspace.folder / "logs/status").rglob("*.json"))
+
+
+def test_one_stage_killed_for_its_memory_does_not_stop_the_others(quiet, tmp_path):
+    """What the kernel does when memory runs out: one process dies, the run lives on."""
+    workspace = Workspace(tmp_path / "work", quiet.project)
+    shutil.copy(quiet.folder / "a.ply", workspace.folder / "a.ply")
+    workspace.add_cloud("b")
+    workspace.table("tree | cloud", "a | a.ply", "b | b.ply")
+    process = workspace.start("--config", "report={viewer_points: 1000}")
+    status = workspace.folder / "logs/status/a/contract_cloud.json"
+    wait_for(status.exists)
+    (victim,) = [
+        child
+        for child in psutil.Process(process.pid).children(recursive=True)
+        if any(each.path.endswith("contract_cloud/a.log") for each in child.open_files())
+    ]
+    victim.kill()
+    assert process.wait(240) != 0
+    with open(workspace.folder / "results/traits.csv", newline="") as stream:
+        killed, other = csv.DictReader(stream)
+    assert (killed["status"], killed["failed_stage"]) == ("interrupted", "contract_cloud")
+    assert "out of memory" in killed["cause"]
+    assert other["status"] == "done"
+    workspace.run()
+    same_files(*(w.folder / "results/a" for w in (workspace, quiet)), ignore=("report.html",))
+
+
+def test_two_runs_at_once_in_one_folder(quiet, tmp_path):
+    """Neither a second start in the same moment nor one in mid-run harms the first."""
+    workspace = Workspace(tmp_path / "work", quiet.project)
+    shutil.copy(quiet.folder / "a.ply", workspace.folder / "a.ply")
+    workspace.table("tree | cloud", "a | a.ply")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    runs = [
+        subprocess.Popen(workspace.command(), cwd=workspace.folder.parent, **pipes)
+        for _ in range(2)
+    ]
+    wait_for(lambda: any(run.poll() is not None for run in runs))
+    late = workspace.run(fails=True)
+    printed = {run.communicate()[0]: run.returncode for run in runs}
+    assert sorted(printed.values()) == [0, 1]
+    refused = [text for text, code in printed.items() if code == 1]
+    for text in (*refused, late):
+        assert "cannot be locked" in text
+    same_files(workspace.folder / "results", quiet.folder / "results")
+    assert "Nothing to be done" in workspace.run()
+
+
+@pytest.mark.parametrize("stage", SPARSE + DENSE)
+def test_killed_in_every_stage_from_photos_to_the_cloud(box, stage):
+    """In order, on one workspace; each kill interrupts the stage that is due."""
+    kill_in_stage(box.disturbed, stage, "box", 0.05, CLOUD)
+    if stage == DENSE[-1]:
+        box.disturbed.run(CLOUD)
+        first, second = (w.folder / "results/box" for w in (box.disturbed, box.quiet))
+        for name in ("features.db", "photos.json", "database.db"):
+            assert (first / "sfm" / name).read_bytes() == (second / "sfm" / name).read_bytes()
+        poses = [read_poses(folder / "poses.npz") for folder in (first, second)]
+        assert list(poses[0].names) == list(poses[1].names)
+        spread = np.linalg.norm(np.ptp(poses[1].centers, axis=0))
+        errors = similarity_errors(poses[0].centers, poses[1].centers)
+        assert errors.max() < COLMAP_TOLERANCE * spread
+        assert similarity_errors(poses[0].centers, centers_of(box.truth)).max() < 0.1
+        if (first / "poses.npz").read_bytes() == (second / "poses.npz").read_bytes():
+            assert (first / "cloud.ply").read_bytes() == (second / "cloud.ply").read_bytes()
+        assert not [path for path in first.rglob(".*") if path.is_dir() or ".part" in path.name]
+        assert "Nothing to be done" in box.disturbed.run(CLOUD)
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory):
+    """The photos of a textured box, twice: taken quietly to its cloud, and not yet."""
+
+    class Pair:
+        pass
+
+    pair = Pair()
+    project = copy_project(tmp_path_factory.mktemp("project"))
+    for name in ("quiet", "disturbed"):
+        workspace = Workspace(tmp_path_factory.mktemp(name) / "work", project)
+        _, pair.truth = write_orbit(workspace.folder / "photos", 6, span_deg=80.0)
+        workspace.configure({"sfm": {"max_features": 800}, "mvs": {"backend": "cpu"}})
+        workspace.table("tree | photos | scale", "box | photos | none")
+        setattr(pair, name, workspace)
+    pair.quiet.run(CLOUD)
+    return pair
+
+
+def _die_while_writing(path, folder):
+    with temporary_folder(folder, ".sfm."), atomic_path(path) as temporary:
+        temporary.write_bytes(b"half")
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_half_written_file_never_gets_its_final_name_and_goes_later(tmp_path):
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(b"old")
+    process = multiprocessing.get_context("spawn").Process(
+        target=_die_while_writing, args=(path, tmp_path)
+    )
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
+    assert path.read_bytes() == b"old"
+    assert len(list(tmp_path.iterdir())) == 3  # the file, the half one, the folder
+    mine = tmp_path / f".cloud.{os.getpid()}0.part.txt"
+    mine.write_bytes(b"of another kind")
+    with temporary_folder(tmp_path, ".sfm."), atomic_path(path) as temporary:
+        temporary.write_bytes(b"new")
+    assert path.read_bytes() == b"new"
+    assert sorted(tmp_path.iterdir()) == [mine, path]
+
+
+START = """
+import os, sys, time
+sys.path.insert(0, {scripts!r})
+from cherrypicker.batch import stale_lock
+print(stale_lock.begin_start(patience_s=float(sys.argv[1])), flush=True)
+sys.stdin.readline()
+stale_lock.end_start()
+print("next", flush=True)
+sys.stdin.readline()
+"""
+
+
+def test_runs_start_one_after_the_other_and_a_killed_one_holds_nobody_up(tmp_path):
+    code = START.format(scripts=str(PROJECT / "scripts"))
+
+    def start(patience_s):
+        return subprocess.Popen(
+            [sys.executable, "-c", code, str(patience_s)],
+            cwd=tmp_path,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    first = start(10)
+    assert first.stdout.readline() == "True\n"
+    impatient = start(0.2)
+    assert impatient.stdout.readline() == "False\n"
+    second = start(60)
+    first.stdin.write("\n")
+    first.stdin.flush()
+    assert first.stdout.readline() == "next\n"
+    assert second.stdout.readline() == "True\n"
+    second.kill()
+    third = start(60)
+    assert third.stdout.readline() == "True\n"
+    for process in (first, impatient, second, third):
+        process.kill()
+        process.communicate()
+
+
+def test_a_lock_is_released_only_when_its_owner_is_gone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lock = Path(".snakemake/locks/0.input.lock")
+    assert not stale_lock.claim_lock()
+    lock.parent.mkdir()
+    lock.touch()
+    assert not stale_lock.claim_lock(), "its owner, this process, is alive"
+    assert lock.exists()
+    owner = json.loads(stale_lock.OWNER_FILE.read_text())
+    stale_lock.OWNER_FILE.write_text(json.dumps(owner | {"host": "elsewhere", "pid": 1 << 22}))
+    assert not stale_lock.claim_lock(), "nobody here can know"
+    stale_lock.OWNER_FILE.write_text(json.dumps(owner | {"started": owner["started"] - 99}))
+    assert stale_lock.claim_lock(), "another process has its number by now"
+    assert not lock.exists()

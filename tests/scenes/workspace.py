@@ -1,0 +1,130 @@
+"""A working directory for real Snakemake runs, and a small tree to put into it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from cherrypicker.classes import Label
+from cherrypicker.pointcloud import PointCloud, write_cloud
+
+PROJECT = Path(__file__).resolve().parents[2]
+
+
+def small_tree(seed: int = 0, n_points: int = 5000) -> PointCloud:
+    """A labelled tree 1.2 m tall: a straight stem and four straight branches, 2 mm of noise."""
+    rng = np.random.default_rng(seed)
+    limbs = [(np.zeros(3), np.array([0.0, 0.0, 1.2]), 0.03, Label.TRUNK)]
+    for i in range(4):
+        azimuth = 2.1 * i + 0.3 * seed
+        start = np.array([0.0, 0.0, 0.5 + 0.15 * i])
+        direction = np.array([np.cos(azimuth), np.sin(azimuth), 0.7])
+        limbs.append(
+            (start, start + 0.5 * direction / np.linalg.norm(direction), 0.01, Label.BRANCH)
+        )
+    areas = np.array([radius * np.linalg.norm(end - start) for start, end, radius, _ in limbs])
+    counts = np.maximum((n_points * areas / areas.sum()).astype(int), 200)
+    points, labels = [], []
+    for (start, end, radius, label), count in zip(limbs, counts):
+        axis = (end - start) / np.linalg.norm(end - start)
+        across = np.linalg.svd(axis[None])[2][1:]
+        along, angle = rng.random(count), rng.uniform(0, 2 * np.pi, count)
+        ring = np.cos(angle)[:, None] * across[0] + np.sin(angle)[:, None] * across[1]
+        points.append(start + along[:, None] * (end - start) + radius * ring)
+        labels.append(np.full(count, label, dtype=np.uint8))
+    points = np.concatenate(points)
+    points += rng.normal(0, 0.002, points.shape)
+    return PointCloud(points, fields={"label": np.concatenate(labels)})
+
+
+class Workspace:
+    """A working directory beside the project, run as a user runs it."""
+
+    def __init__(self, folder: Path, project: Path = PROJECT):
+        self.folder, self.project = folder, project
+        (folder / "config").mkdir(parents=True)
+        self.configure({})
+
+    def configure(self, config: dict, name: str = "config.yaml") -> None:
+        (self.folder / "config" / name).write_text(yaml.safe_dump(config), encoding="utf-8")
+
+    def table(self, *rows: str) -> None:
+        text = "\n".join(row.replace(" | ", "\t") for row in rows) + "\n"
+        (self.folder / "config/trees.tsv").write_text(text, encoding="utf-8")
+
+    def add_cloud(self, name: str, seed: int = 0) -> None:
+        write_cloud(self.folder / f"{name}.ply", small_tree(seed))
+
+    def command(self, *arguments: str) -> list[str]:
+        return [
+            *(sys.executable, "-m", "snakemake", "--snakefile", str(self.project / "Snakefile")),
+            *("--directory", str(self.folder), "--cores", "2", *arguments),
+        ]
+
+    def run(self, *arguments: str, fails: bool = False, limit_s: float = 600) -> str:
+        """Run Snakemake; return what it printed."""
+        done = subprocess.run(
+            self.command(*arguments),
+            cwd=self.folder.parent,
+            env={**os.environ, "PYTHONPATH": ""},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=limit_s,
+            check=False,
+        )
+        assert (done.returncode != 0) == fails, done.stdout
+        return done.stdout
+
+    def start(self, *arguments: str) -> subprocess.Popen:
+        """Start Snakemake in a process group of its own."""
+        return subprocess.Popen(
+            self.command(*arguments),
+            cwd=self.folder.parent,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+    def ran(self, *arguments: str, fails: bool = False) -> set[tuple[str, str]]:
+        """Run Snakemake; return the (rule, tree) pairs that it completed."""
+        before = self._benchmarks()
+        self.run(*arguments, fails=fails)
+        after = self._benchmarks()
+        return {key for key, time in after.items() if before.get(key) != time}
+
+    def _benchmarks(self) -> dict[tuple[str, str], int]:
+        root = self.folder / "benchmarks"
+        return {
+            (path.parent.relative_to(root).as_posix(), path.stem)
+            if path.parent != root
+            else (path.stem, ""): path.stat().st_mtime_ns
+            for path in root.rglob("*.tsv")
+        }
+
+
+def kill_group(process: subprocess.Popen) -> None:
+    """Kill a process and everything that it started, as a power cut does; one may have ended."""
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def copy_project(target: Path) -> Path:
+    """Copy what a run needs of the project, so that a test may edit its code."""
+    for name in ("workflow", "scripts", "profiles", "envs"):
+        shutil.copytree(
+            PROJECT / name,
+            target / name,
+            ignore=shutil.ignore_patterns("__pycache__", "*.nbi", "*.nbc"),
+        )
+    shutil.copy2(PROJECT / "Snakefile", target / "Snakefile")
+    (target / "resources").symlink_to(PROJECT / "resources")
+    return target

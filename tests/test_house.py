@@ -1,0 +1,158 @@
+"""Product below laboratory, rooms in layers, no circle of imports, and what each rule watches."""
+
+import ast
+
+import pytest
+
+from cherrypicker.batch.watched_modules import imported_modules
+
+PRODUCT, LABORATORY = "cherrypicker", "cherrypicker_lab"
+VOCABULARY = [
+    *("errors", "classes", "units", "files", "lens", "ply", "pointcloud", "poses", "photos"),
+    *("progress", "runner"),
+]
+# From the bottom up: a room imports itself and what stands before it.
+LAYERS = [
+    *VOCABULARY,
+    *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "skeleton", "wood"),
+    *("segmentation", "contraction", "graph", "traits", "report", "batch", "api"),
+]
+LAB_LAYERS = [
+    *("evaluation", "dense", "orchard", "skeletons", "traits", "training"),
+    *("truth_swaps", "error_budget"),
+]
+STAGES = [
+    *("extract_features", "match_features", "reconstruct_sparse", "undistort_photos"),
+    *("estimate_depth", "fuse_depth", "align_cloud", "crop_roi", "segment_sky", "denoise_cloud"),
+    *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
+    *("edit_graph", "measure_traits", "report_tree", "summarise_batch", "import_cloud"),
+]
+
+
+@pytest.fixture(scope="module")
+def scripts(project):
+    return project / "scripts"
+
+
+@pytest.fixture(scope="module")
+def imports(scripts):
+    """Module name to the names of the modules of ours that it imports, ``__init__`` as ``room``."""
+    paths = {
+        _name(path, scripts): path
+        for package in (PRODUCT, LABORATORY)
+        for path in (scripts / package).rglob("*.py")
+    }
+    return {name: _imports_of(path, paths) for name, path in paths.items()}
+
+
+def _name(path, scripts):
+    parts = path.relative_to(scripts).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _imports_of(path, names):
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively"
+            members = {f"{node.module}.{alias.name}" for alias in node.names}
+            found.update(members & names.keys())
+            if members - names.keys():
+                found.add(node.module)
+    return found & names.keys()
+
+
+def _room(name):
+    return name.split(".")[1]
+
+
+def test_the_product_never_imports_the_laboratory(imports):
+    upward = {
+        (name, target)
+        for name, targets in imports.items()
+        for target in targets
+        if name.split(".")[0] == PRODUCT and target.split(".")[0] == LABORATORY
+    }
+    assert upward == set()
+
+
+def test_no_stage_reaches_the_laboratory(scripts):
+    for script in sorted(scripts.glob("*.py")):
+        reached = imported_modules(script, scripts)
+        assert not [file for file in reached if LABORATORY in file], script.name
+
+
+@pytest.mark.parametrize("package, layers", [(PRODUCT, LAYERS), (LABORATORY, LAB_LAYERS)])
+def test_no_import_runs_upward(imports, package, layers):
+    upward = []
+    for name, targets in imports.items():
+        if not name.startswith(f"{package}."):
+            continue
+        for target in targets:
+            is_own = target.startswith(f"{package}.")
+            if is_own and layers.index(_room(target)) > layers.index(_room(name)):
+                upward.append(f"{name} -> {target}")
+    assert upward == []
+
+
+def test_no_circle(imports):
+    open_, done = [], set()
+
+    def visit(name):
+        assert name not in open_, " -> ".join([*open_[open_.index(name) :], name])
+        if name in done:
+            return
+        open_.append(name)
+        for target in sorted(imports[name]):
+            visit(target)
+        done.add(open_.pop())
+
+    for name in sorted(imports):
+        visit(name)
+
+
+def test_the_top_holds_the_vocabulary_alone(scripts):
+    top = {path.stem for path in (scripts / PRODUCT).glob("*.py")}
+    assert top == {"__init__", "api", *VOCABULARY}
+    assert len(top) <= 14
+
+
+def test_the_stages_stand_at_the_top(scripts):
+    assert {path.stem for path in scripts.glob("*.py")} == {*STAGES, "forecast"}
+
+
+def _watching(scripts, module):
+    """Stages whose rules watch a module of the product."""
+    file = scripts / PRODUCT / module
+    assert file.is_file(), module
+    return {
+        stage for stage in STAGES if str(file) in imported_modules(scripts / f"{stage}.py", scripts)
+    }
+
+
+@pytest.mark.parametrize("module", ["report/figures.py", "report/raster.py", "report/viewer.py"])
+def test_the_colours_of_the_report_rerun_the_report_alone(scripts, module):
+    assert _watching(scripts, module) == {"report_tree"}
+
+
+def test_the_style_of_the_pages_reruns_the_pages_alone(scripts):
+    assert _watching(scripts, "report/text.py") == {"report_tree", "summarise_batch"}
+
+
+def test_no_module_of_the_report_is_watched_by_another_stage(scripts):
+    for path in sorted((scripts / PRODUCT / "report").glob("[!_]*.py")):
+        assert _watching(scripts, f"report/{path.name}") <= {"report_tree", "summarise_batch"}
+
+
+def test_a_radius_of_the_graph_does_not_relabel_clouds(scripts):
+    assert _watching(scripts, "graph/radius.py") == {"extract_graph"}
+    watched = imported_modules(scripts / "segment_cloud.py", scripts)
+    rooms = ("graph", "contraction", "traits", "report")
+    assert not [file for file in watched if f"/{PRODUCT}/" in file and file.split("/")[-2] in rooms]
+
+
+def test_who_reads_skeletons_does_not_watch_what_makes_them(scripts):
+    watched = imported_modules(scripts / "edit_graph.py", scripts)
+    assert not [file for file in watched if "/graph/" in file or "/contraction/" in file]

@@ -1,0 +1,332 @@
+"""Traits of synthetic trees whose answers are known."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from cherrypicker.classes import Label
+from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton import Skeleton, axes, fold
+from cherrypicker.traits import (
+    BRANCH_COLUMNS,
+    branch_rows,
+    branches_csv,
+    find_foot,
+    find_support,
+    measure_traits,
+)
+from cherrypicker.traits.stem_fit import fit_cone, search_circle
+from cherrypicker.traits.support import support_reach
+
+
+def surface(start, end, r_start, r_end, n, rng, noise=0.0, arc=(0.0, 2 * np.pi)):
+    """Points on a cone's surface between two points, with radial noise."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    axis = (end - start) / np.linalg.norm(end - start)
+    u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    u /= np.linalg.norm(u)
+    v = np.cross(axis, u)
+    t, angle = rng.random(n), rng.uniform(*arc, n)
+    radius = r_start + t * (r_end - r_start) + noise * rng.standard_normal(n)
+    across = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
+    return start + t[:, None] * (end - start) + radius[:, None] * across
+
+
+def line_nodes(start, end, step=0.02):
+    n = max(int(round(np.linalg.norm(np.subtract(end, start)) / step)), 1)
+    return np.linspace(start, end, n + 1)
+
+
+class Tree:
+    """A stem along z with straight branches: skeleton, cloud and truth."""
+
+    def __init__(self, lean=0.0, radius=0.05, top_radius=0.04, height=2.0, noise=0.0, seed=0):
+        self.rng = np.random.default_rng(seed)
+        self.foot = np.array([0.3, -0.2, 0.0])
+        self.direction = np.array([np.sin(np.radians(lean)), 0.0, np.cos(np.radians(lean))])
+        self.radius, self.top_radius, self.height, self.noise = radius, top_radius, height, noise
+        stem = self.foot + line_nodes([0, 0, 0], [0, 0, height])[:, 2:] * self.direction
+        share = np.linspace(0, 1, len(stem))
+        self.points, self.parent = [*stem], [-1, *range(len(stem) - 1)]
+        self.radii = [*(radius + share * (top_radius - radius))]
+        self.stem = stem
+        self.cloud, self.labels = [], []
+        self.add_points(
+            surface(stem[0], stem[-1], radius, top_radius, 20_000, self.rng, noise), Label.TRUNK
+        )
+
+    def add_points(self, points, label):
+        self.cloud.append(points)
+        self.labels.append(np.full(len(points), int(label), np.uint8))
+
+    def add_branch(self, at, angle_deg, azimuth_deg, length, radius=0.012):
+        node = int(np.argmin(np.abs(np.linspace(0, self.height, len(self.stem)) - at)))
+        angle, azimuth = np.radians(angle_deg), np.radians(azimuth_deg)
+        direction = [
+            np.sin(angle) * np.cos(azimuth),
+            np.sin(angle) * np.sin(azimuth),
+            np.cos(angle),
+        ]
+        nodes = line_nodes([0, 0, 0], np.multiply(length, direction)) + self.stem[node]
+        first = len(self.points)
+        self.points += [*nodes[1:]]
+        self.parent += [node, *range(first, first + len(nodes) - 2)]
+        self.radii += [radius] * (len(nodes) - 1)
+        self.add_points(
+            surface(nodes[0], nodes[-1], radius, radius, 8000, self.rng, self.noise), Label.BRANCH
+        )
+
+    def add_ground(self, slope=0.0):
+        xy = self.rng.uniform(-1.5, 1.5, (10_000, 2)) + self.foot[:2]
+        z = slope * (xy[:, 0] - self.foot[0]) + 0.005 * self.rng.standard_normal(len(xy))
+        away = np.hypot(*(xy - self.foot[:2]).T) > self.radius
+        self.add_points(np.column_stack([xy, z])[away], Label.GROUND)
+
+    def skeleton(self):
+        n = len(self.points)
+        return Skeleton(self.points, self.parent, self.radii, np.full(n, 1))
+
+    def scan(self, unit="m"):
+        labels = np.concatenate(self.labels)
+        fields = {"label": labels, "confidence": np.full(len(labels), 0.9, np.float32)}
+        return PointCloud(np.vstack(self.cloud), fields=fields, frame="metric", unit=unit)
+
+    def diameter_at(self, height):
+        share = height / (self.height * self.direction[2])
+        return 2 * (self.radius + share * (self.top_radius - self.radius))
+
+
+@pytest.fixture(scope="module")
+def y_tree():
+    tree = Tree(noise=0.002)
+    tree.add_ground()
+    tree.add_branch(1.0, 45, 90, 0.8)
+    tree.add_branch(1.4, 60, 210, 0.6)
+    return tree
+
+
+@pytest.fixture(scope="module")
+def y_traits(y_tree):
+    skeleton = y_tree.skeleton()
+    return measure_traits(skeleton, y_tree.scan(), fold(skeleton), n_bootstrap=60)
+
+
+def test_plain_tree(y_tree, y_traits):
+    traits, rows = y_traits
+    assert traits["unit"] == "m"
+    assert traits["height_m"] == pytest.approx(2.0, abs=0.01)
+    assert traits["trunk_height_m"] == 0.30
+    assert traits["trunk_diameter_m"] == pytest.approx(y_tree.diameter_at(0.30), abs=0.001)
+    assert traits["tcsa_cm2"] == pytest.approx(
+        np.pi / 4 * (100 * traits["trunk_diameter_m"]) ** 2, rel=1e-3
+    )
+    assert traits["total_length_m"] == pytest.approx(2.0 + 0.8 + 0.6, abs=1e-6)
+    assert (traits["n_junctions"], traits["n_tips"]) == (2, 3)
+    assert traits["n_branches_by_order"] == {"0": 1, "1": 2}
+    assert traits["length_by_order_m"]["1"] == pytest.approx(1.4, abs=1e-6)
+    assert traits["trunk_diameters"]["1.00"] == pytest.approx(y_tree.diameter_at(1.0), abs=0.002)
+    assert sum(row["length_m"] for row in rows) == pytest.approx(traits["total_length_m"], abs=1e-5)
+    assert traits["flags"] == []
+
+
+def test_intervals_hold_the_estimate(y_traits):
+    traits, _ = y_traits
+    for name in ("height_m", "trunk_diameter_m", "tcsa_cm2", "crown_width_m", "crown_volume_m3"):
+        low, high = traits[f"{name}_ci90"]
+        assert low <= traits[name] <= high
+        assert 0 < traits[f"{name}_se"] < 0.1 * traits[name]
+
+
+def test_branch_angles(y_tree):
+    skeleton = y_tree.skeleton()
+    rows = branch_rows(skeleton, axes(skeleton), 0.0)
+    first = next(row for row in rows if abs(row["length_m"] - 0.8) < 1e-6)
+    assert first["insertion_angle_deg"] == pytest.approx(45, abs=0.5)
+    assert first["azimuth_deg"] == pytest.approx(90, abs=0.5)
+    assert first["base_height_m"] == pytest.approx(1.0, abs=0.011)
+    assert first["chord_m"] == pytest.approx(0.8, abs=1e-6)
+    assert first["base_diameter_m"] == pytest.approx(0.024)
+    assert (first["parent_id"], first["order"]) == (0, 1)
+    table = list(csv.DictReader(io.StringIO(branches_csv(rows))))
+    assert tuple(table[0]) == BRANCH_COLUMNS
+    assert table[0]["parent_id"] == "-1"
+
+
+def test_crown_of_four_branches():
+    tree = Tree(height=1.5)
+    for azimuth in (0, 90, 180, 270):
+        tree.add_branch(1.0, 90, azimuth, 0.7, radius=0.005)
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    # A horizontal square with diagonals of 1.4 m, its widest extent a diagonal
+    assert traits["crown_width_m"] == pytest.approx(1.4, rel=0.03)
+    # with the trunk's top 0.5 m above: a pyramid on that square
+    assert traits["crown_volume_m3"] == pytest.approx(1.4**2 / 2 * 0.5 / 3, rel=0.25)
+
+
+@pytest.mark.parametrize("lean", [0, 20])
+def test_ring_post_and_noise_do_not_fool_the_trunk(lean):
+    tree = Tree(lean=lean, noise=0.003)
+    at = 0.30 / tree.direction[2]
+    ring = tree.foot + np.array([[at - 0.02], [at + 0.02]]) * tree.direction
+    # A calibration ring, a third of it with the wrong label, hides the bark
+    for points, labels in zip(tree.cloud, tree.labels, strict=True):
+        along = (points - tree.foot) @ tree.direction
+        keep = np.abs(along - at) > 0.02
+        tree.cloud, tree.labels = [points[keep]], [labels[keep]]
+    ring_points = surface(*ring, 0.058, 0.058, 3000, tree.rng, 0.001)
+    tree.add_points(ring_points[:2000], Label.CALIBRATION_UNIT)
+    tree.add_points(ring_points[2000:], Label.TRUNK)
+    # and a post that the network took for trunk stands beside it
+    post = tree.foot + [0.09, 0.02, 0.0]
+    tree.add_points(surface(post, post + [0, 0, 1.5], 0.02, 0.02, 8000, tree.rng), Label.TRUNK)
+    tree.add_ground()
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    assert traits["trunk_diameter_m"] == pytest.approx(tree.diameter_at(0.30), abs=0.003)
+
+
+def test_half_a_trunk_is_flagged():
+    tree = Tree(noise=0.002)
+    kept = (tree.cloud[0] - tree.foot) @ [1.0, 0.0, 0.0] > 0.01
+    tree.cloud, tree.labels = [tree.cloud[0][kept]], [tree.labels[0][kept]]
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    assert traits["trunk_diameter_m"] == pytest.approx(tree.diameter_at(0.30), abs=0.006)
+    assert any(flag.startswith("arc_coverage_low") for flag in traits["flags"])
+
+
+def test_floaters_do_not_raise_the_tree(y_tree):
+    tree = Tree()
+    rng = np.random.default_rng(3)
+    tree.add_points(tree.stem[-1] + [0, 0, 0.5] + 0.01 * rng.standard_normal((40, 3)), Label.BRANCH)
+    # Even where the skeleton went there
+    top = len(tree.points) - 1
+    tree.points += [tree.stem[-1] + [0, 0, 0.48], tree.stem[-1] + [0, 0, 0.51]]
+    tree.parent += [top, top + 1]
+    tree.radii += [0.01, 0.01]
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    assert traits["height_m"] == pytest.approx(2.0, abs=0.02)
+    assert any(flag.startswith("stray_pieces") for flag in traits["flags"])
+    assert any(flag.startswith("gaps_bridged") for flag in traits["flags"])
+
+
+def test_gap_in_the_stem_is_reported_not_cut():
+    tree = Tree()
+    away = np.abs((tree.cloud[0] - tree.foot)[:, 2] - 0.8) > 0.1
+    tree.cloud, tree.labels = [tree.cloud[0][away]], [tree.labels[0][away]]
+    support = find_support(tree.skeleton(), np.vstack(tree.cloud), max_gap=0.05, min_stray=0.3)
+    assert len(support.gaps) == 1
+    assert 0.05 < support.gaps[0] < 0.21
+    assert support.node.all()
+
+
+def test_foot_on_a_slope():
+    tree = Tree()
+    tree.add_ground(slope=0.2)
+    skeleton = tree.skeleton()
+    skeleton.points[0, 2] += 0.08  # a root that does not reach the ground
+    scan = tree.scan()
+    foot = find_foot(skeleton, scan.points, scan["label"])
+    assert foot.source == "ground"
+    assert foot.point[2] == pytest.approx(0.0, abs=0.005)
+
+
+def test_short_trunk_measures_where_it_can():
+    tree = Tree(height=0.25)
+    tree.add_branch(0.24, 30, 0, 0.8, radius=0.02)
+    tree.add_branch(0.24, 30, 180, 0.8, radius=0.02)
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    assert 0.05 <= traits["trunk_height_m"] < 0.30
+    assert traits["trunk_diameter_m"] == pytest.approx(0.09, abs=0.01)
+    assert any(flag.startswith("trunk_height_moved") for flag in traits["flags"])
+
+
+def test_unscaled_results_do_not_say_metres(y_tree):
+    traits, _ = measure_traits(y_tree.skeleton(), y_tree.scan(unit="arbitrary"), n_bootstrap=30)
+    assert traits["unit"] == "arbitrary"
+    assert traits["flags"][0].startswith("unscaled")
+    assert not any(f" {word}" in flag for flag in traits["flags"] for word in ("m ", "m,", "metre"))
+
+
+def test_scale_error_widens_intervals(y_tree):
+    skeleton, scan = y_tree.skeleton(), y_tree.scan()
+    loose = {"scale": 2.0, "scale_std": 0.04, "unit": "m"}
+    plain, _ = measure_traits(skeleton, scan, n_bootstrap=80)
+    wide, _ = measure_traits(skeleton, scan, n_bootstrap=80, scale=loose)
+    assert wide["height_m_se"] == pytest.approx(0.02 * wide["height_m"], rel=0.3)
+    assert wide["trunk_diameter_m_se"] > plain["trunk_diameter_m_se"]
+    assert any(flag.startswith("scale_uncertain") for flag in wide["flags"])
+
+
+def test_unsure_cameras_are_flagged(y_tree):
+    skeleton, scan = y_tree.skeleton(), y_tree.scan()
+    for largest, flagged in ((0.004, False), (0.012, True)):
+        sure = {"median": 0.001, "max": largest, "worst": "IMG_7.jpg"}
+        sparse = {"n_photos": 9, "n_registered": 9, "camera_std_fraction": sure}
+        traits, _ = measure_traits(skeleton, scan, n_bootstrap=30, sparse=sparse)
+        named = [flag for flag in traits["flags"] if flag.startswith("cameras_uncertain")]
+        assert bool(named) is flagged
+        assert all("IMG_7.jpg" in flag and "1.2 %" in flag for flag in named)
+
+
+def test_same_seed_same_traits(y_tree, y_traits):
+    skeleton = y_tree.skeleton()
+    again = measure_traits(skeleton, y_tree.scan(), fold(skeleton), n_bootstrap=60)
+    assert again == y_traits
+
+
+def test_bad_input_is_the_users_error(y_tree):
+    lonely = Skeleton([[0, 0, 0]], [-1], [0.1], [1])
+    with pytest.raises(StageError, match="no edge"):
+        measure_traits(lonely, y_tree.scan())
+    scan = y_tree.scan()
+    scan.fields["label"][:] = Label.GROUND
+    with pytest.raises(StageError, match="trunk or branch"):
+        measure_traits(y_tree.skeleton(), scan)
+
+
+def test_circle_beside_a_bigger_one():
+    rng = np.random.default_rng(0)
+    stem = surface([0, 0, -0.1], [0, 0, 0.1], 0.05, 0.05, 1500, rng, 0.002)
+    post = surface([0.075, 0, -0.1], [0.075, 0, 0.1], 0.02, 0.02, 500, rng, 0.002)
+    both = np.vstack([stem, post])
+    circle = search_circle(both[:, :2], 0.006, (0.015, 0.13), rng)
+    fit = fit_cone(both, circle)
+    assert fit.radius == pytest.approx(0.05, abs=0.001)
+    assert fit.arc_deg >= 300
+
+
+def test_points_that_leave_a_cone_open_are_an_error():
+    with pytest.raises(StageError, match="no cone fits"):
+        fit_cone(np.full((20, 3), np.nan), np.array([0.0, 0.0, 0.05]))
+
+
+def test_a_vase_whose_trunk_ends_below_a_height_is_no_warning():
+    tree = Tree(height=0.8)
+    tree.add_branch(0.78, 40, 0, 0.8, radius=0.02)
+    tree.add_branch(0.78, 40, 180, 0.8, radius=0.02)
+    tree.add_ground()
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=20)
+    assert sorted(traits["trunk_diameters"]) == ["0.50"]
+    assert traits["trunk_end_height_m"] < 1.0
+    assert traits["flags"] == []
+
+
+def test_a_root_that_nothing_surrounds():
+    tree = Tree()
+    scan = tree.scan()
+    scan = scan.select(scan.points[:, 2] > 1.2)
+    traits, _ = measure_traits(tree.skeleton(), scan, n_bootstrap=20)
+    names = [flag.split(":")[0] for flag in traits["flags"]]
+    assert "foot_unseen" in names
+    assert "trunk_not_measured" in names
+    assert traits["trunk_diameter_m"] == pytest.approx(0.097, abs=0.005)
+
+
+def test_points_of_a_sparse_tall_scan_keep_one_another_company():
+    rng = np.random.default_rng(0)
+    angle, height = rng.uniform(0, 2 * np.pi, 2000), rng.uniform(0, 20, 2000)
+    sparse = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), height])
+    assert 0.1 < support_reach(sparse) < 0.4
+    assert support_reach(0.01 * sparse) == 0.03

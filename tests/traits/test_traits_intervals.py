@@ -1,0 +1,212 @@
+"""Intervals of the traits, on trees and numbers with known answers."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from cherrypicker.classes import Label
+from cherrypicker.geometry.cells import sort_into_cells
+from cherrypicker.skeleton import Skeleton, axes
+from cherrypicker.traits import branch_rows, branches_csv, find_foot
+from cherrypicker.traits.branch_intervals import angle_interval, diameter_interval
+from cherrypicker.traits.crown import horizontal_width, hull_of, measure_crown
+from cherrypicker.traits.shoot_ends import ShootEnds, draw_losses, find_shoot_ends, grow_hull
+from cherrypicker.traits.trunk import Stem, measure_diameter
+
+
+def stem_and_branch(residual=None):
+    """A stem of 1 m and a branch of 0.5 m at right angles to it."""
+    stem = np.column_stack([np.zeros((51, 2)), np.linspace(0, 1, 51)])
+    branch = np.column_stack([np.linspace(0.02, 0.5, 25), np.zeros(25), np.full(25, 0.6)])
+    parent = [-1, *range(50), 30, *range(51, 75)]
+    radius = np.concatenate([np.full(51, 0.02), np.full(25, 0.01)])
+    n = len(parent)
+    fields = {"n_points": np.full(n, 25), "arc_deg": np.full(n, 300.0)}
+    if residual is not None:
+        fields["residual"] = np.asarray(residual, dtype=float)
+    return Skeleton(np.vstack([stem, branch]), parent, radius, np.full(n, 1), fields)
+
+
+def branch_row(skeleton, **options):
+    return branch_rows(skeleton, axes(skeleton), 0.0, **options)[1]
+
+
+def test_diameter_interval():
+    low, high = diameter_interval(0.020, 0.001)
+    half = 1.645e-3 * np.hypot(0.8, 0.25)
+    assert (low, high) == pytest.approx((0.020 - half, 0.020 + half))
+    low, high = diameter_interval(0.100, 1e-9, scale_error=0.01)
+    assert (low, high) == pytest.approx((0.098355, 0.101645))
+    assert diameter_interval(0.004, 0.004)[0] == 0.0
+
+
+def test_thin_branches_are_less_sure_than_thick_ones():
+    thin, thick = (np.ptp(diameter_interval(d, 0.002)) for d in (0.006, 0.060))
+    assert thick == pytest.approx(2 * 1.645 * 0.8 * 0.002, rel=0.03)
+    assert thin > 1.5 * thick
+
+
+def test_angle_interval():
+    low, high = angle_interval(60.0, 0.002, 25, 0.08)
+    half = 1.645 * np.hypot(1.6, 10 * np.degrees(0.002 / (0.08 * 5)))
+    assert (low, high) == pytest.approx((60 - half, 60 + half))
+    assert angle_interval(1.0, 0.002, 25, 0.08)[0] == 0.0
+    assert angle_interval(179.0, 0.002, 25, 0.08)[1] == 180.0
+    few, many = (np.ptp(angle_interval(60.0, 0.002, n, 0.08)) for n in (4, 100))
+    assert few > 2 * many
+
+
+def test_columns_of_a_branch():
+    row = branch_row(stem_and_branch(residual=np.full(76, 0.001)))
+    assert row["base_diameter_m"] == pytest.approx(0.020)
+    assert row["insertion_angle_deg"] == pytest.approx(90.0)
+    expected = diameter_interval(0.020, 0.001)
+    assert (row["base_diameter_low_m"], row["base_diameter_high_m"]) == pytest.approx(expected)
+    expected = angle_interval(90.0, 0.001, 25, 0.08)
+    found = (row["insertion_angle_low_deg"], row["insertion_angle_high_deg"])
+    assert found == pytest.approx(expected)
+    loose = branch_row(stem_and_branch(residual=np.full(76, 0.001)), scale_error=0.2)
+    assert loose["base_diameter_high_m"] > 0.020 + 1.6 * 0.2 * 0.020
+    assert loose["insertion_angle_high_deg"] == row["insertion_angle_high_deg"]
+
+
+def test_a_branch_without_a_fit_takes_the_typical_scatter():
+    residual = np.full(76, 0.001)
+    residual[51:] = 0.0
+    row = branch_row(stem_and_branch(residual))
+    assert row["base_diameter_high_m"] == pytest.approx(diameter_interval(0.020, 0.001)[1])
+
+
+def test_no_scatter_no_interval():
+    skeleton = stem_and_branch()
+    rows = branch_rows(skeleton, axes(skeleton), 0.0)
+    assert rows[1]["base_diameter_low_m"] is None
+    table = list(csv.DictReader(io.StringIO(branches_csv(rows))))
+    assert table[1]["insertion_angle_high_deg"] == ""
+
+
+def test_the_foot_is_as_unsure_as_the_ground_is_rough():
+    rng = np.random.default_rng(0)
+    skeleton = stem_and_branch()
+    ground = np.column_stack([rng.uniform(-1, 1, (8000, 2)), 0.004 * rng.standard_normal(8000)])
+    stem = np.column_stack([rng.normal(0, 0.01, (500, 2)), rng.uniform(0.03, 1, 500)])
+    points = np.vstack([ground, stem])
+    labels = np.repeat([int(Label.GROUND), int(Label.TRUNK)], [8000, 500])
+    foot = find_foot(skeleton, points, labels)
+    assert (foot.source, foot.error) == ("ground", pytest.approx(1.4 * 0.004, rel=0.1))
+    foot = find_foot(skeleton, stem, labels[8000:])
+    assert (foot.source, foot.error) == ("wood", pytest.approx(0.03, abs=0.01))
+
+
+def shoot(start, direction, length, step):
+    """A straight shoot as nodes every 2 cm, and its wood points, one every `step`."""
+    along = np.arange(0.0, length + 1e-9, 0.02)
+    points = np.asarray(start) + step * np.arange(int(length / step) + 1)[:, None] * direction
+    return np.asarray(start) + along[:, None] * direction, points
+
+
+def as_skeleton(*lines):
+    """A skeleton whose first line is the stem; the others hang on its last node."""
+    n = [len(line) for line in lines]
+    parent = [np.arange(-1, n[0] - 1)]
+    for number in range(1, len(lines)):
+        first = sum(n[:number])
+        parent.append(np.concatenate([[n[0] - 1], np.arange(first, first + n[number] - 1)]))
+    size = sum(n)
+    parent = np.concatenate(parent)
+    return Skeleton(np.vstack(lines), parent, np.full(size, 0.003), np.ones(size, dtype=int))
+
+
+def test_a_top_that_thins_out_is_higher_and_less_sure():
+    tops = {}
+    for name, step in (("sparse", 0.01), ("dense", 0.0005)):
+        line, points = shoot([0.0, 0.0, 1.0], [0.0, 0.0, 1.0], 1.0, step)
+        skeleton = as_skeleton(line)
+        ends = find_shoot_ends(
+            skeleton, np.ones(len(line), bool), sort_into_cells(points, 0.03), 0.03
+        )
+        crown, samples = measure_crown(
+            points, None, ends, 0.0, 0.03, n_samples=4000, rng=np.random.default_rng(0)
+        )
+        low, high = np.quantile(samples[:, 0], [0.05, 0.95])
+        tops[name] = crown.top - 2.0, low - 2.0, high - 2.0
+        assert crown.top == np.median(samples[:, 0])
+        assert (samples[:, 1:] == 0).all()
+    # 4 cm of shoot: four spacings, twice that is the scale of a loss; one of five is 3 scales long
+    assert tops["sparse"][2] == pytest.approx(0.08, abs=0.02)
+    assert 0 < tops["sparse"][0] < 0.01
+    assert tops["dense"][2] < 0.01
+    assert abs(tops["dense"][0]) < 0.002
+
+
+def test_the_trunk_is_as_unsure_as_its_points_are_rough():
+    rng = np.random.default_rng(0)
+    angle, z = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(0, 1, 6000)
+    radius = 0.05 + 0.002 * rng.standard_normal(6000)
+    wood = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+    line = np.column_stack([np.zeros((11, 2)), np.linspace(0, 1, 11)])
+    stem = Stem(line, np.full(11, 0.05), line[:, 2], False)
+    found = measure_diameter(
+        stem, wood, 0.5, half_height=0.1, min_points=60, min_arc_deg=120, n_bootstrap=400, rng=rng
+    )
+    error = np.hypot(0.7 * 0.002, 0.006 * found.diameter)
+    assert found.samples.std() == pytest.approx(error, rel=0.1)
+
+
+def test_losses_are_short_for_most_and_long_for_some():
+    ends = ShootEnds(np.zeros((1, 3)), np.eye(3)[:1], np.array([0.02]), 0.003)
+    losses = draw_losses(ends, 100_000, np.random.default_rng(0)) + 0.003
+    assert losses.min() >= 0
+    assert losses.mean() == pytest.approx(0.02 * (0.8 * 0.3 + 0.2 * 3.0), rel=0.02)
+    assert np.median(losses) == pytest.approx(0.006, rel=0.1)
+
+
+def test_a_tube_along_a_shoot_counts_its_points():
+    line, points = shoot([0.2, 0.1, 0.5], np.array([0.6, 0.0, 0.8]), 0.4, 0.004)
+    aside = points + [0.0, 0.02, 0.0]  # beyond the tube
+    cells = sort_into_cells(np.vstack([points, aside]), 0.03)
+    ends = find_shoot_ends(as_skeleton(line), np.ones(len(line), bool), cells, 0.03)
+    np.testing.assert_allclose(ends.points, [line[-1]])
+    np.testing.assert_allclose(ends.directions, [[0.6, 0.0, 0.8]], atol=1e-9)
+    np.testing.assert_allclose(ends.scale, 2.0 * 0.0399 / 10)  # points at 0, 4, ... 36 mm
+
+
+def test_a_lost_end_widens_the_crown_and_noise_narrows_it():
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
+    hull = hull_of(corners)
+    assert hull.volume == pytest.approx(2.0)
+    assert hull.areas.sum() == pytest.approx(10.0)
+    end = ShootEnds(np.array([[0.9, 0.0, 0.5]]), np.eye(3)[:1], np.array([0.01]), 0.0)
+    losses, over = np.array([[0.0], [0.1], [0.4], [0.0]]), np.array([0.0, 0.0, 0.0, 0.01])
+    width, volume = grow_hull(hull, end, losses, over).T
+    way = np.radians(27.0)  # of the diagonal, to whole degrees
+    plain = (3.0 * np.cos(way) + 3.0 * np.sin(way)) / 2
+    np.testing.assert_allclose(width[:2], plain, rtol=1e-9)
+    assert plain - 0.03 < width[3] < plain - 0.01
+    longer = np.vstack([corners[:, :2], [1.3, 0.0]])
+    assert width[2] == pytest.approx(horizontal_width(longer)) != width[0]
+    np.testing.assert_allclose(volume, [2.0, 2.0, 2.0 + 0.3 / 3, 2.0 - 10.0 * 0.01], rtol=1e-9)
+
+
+def test_an_uncertain_crown_holds_its_estimate():
+    stem, stem_points = shoot([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], 1.0, 0.002)
+    ways = np.array([[1.0, 0, 0.5], [-1, 0, 0.5], [0, 1, 0.5], [0, -1, 0.5]]) / np.hypot(1, 0.5)
+    shoots = [shoot([0.0, 0.0, 1.0], way, 0.8, 0.01) for way in ways]
+    skeleton = as_skeleton(stem, *(line for line, _ in shoots))
+    crown_points = np.vstack([points for _, points in shoots])
+    cells = sort_into_cells(np.vstack([stem_points, crown_points]), 0.03)
+    ends = find_shoot_ends(skeleton, np.ones(len(skeleton), bool), cells, 0.03)
+    hull = hull_of(crown_points)
+    crown, samples = measure_crown(
+        crown_points, hull, ends, 0.002, 0.03, n_samples=400, rng=np.random.default_rng(0)
+    )
+    low, high = np.quantile(samples, [0.05, 0.95], axis=0)
+    plain = 1.6 / np.hypot(1, 0.5)
+    assert low[1] - 0.01 < plain < crown.width < high[1] < plain + 0.2
+    assert low[2] < hull.volume < crown.volume < high[2]
+    none, _ = measure_crown(
+        crown_points, hull, ends, 0.002, 0.03, n_samples=0, rng=np.random.default_rng(0)
+    )
+    assert (none.width, none.volume) == (pytest.approx(plain), pytest.approx(hull.volume))

@@ -1,0 +1,234 @@
+# The benchmark of dense stereo, see docs/dense.md. Only `snakemake benchmark_dense` runs it.
+
+
+wildcard_constraints:
+    scan=any_of(BENCHMARK_FOLDERS),
+    cameras="true|sfm",
+    size=r"full|[0-9.]+mp",
+    backend="cpu|sgbm|sgbm_sky|cuda",
+
+
+rule benchmark_dense:
+    input:
+        "results/benchmark/dense/table.md",
+
+
+rule render_benchmark_scene:
+    input:
+        code=code("lab/render_benchmark_scene"),
+    output:
+        rendered="results/benchmark/scenes/{scan}/rendered.json",
+    log:
+        "logs/render_benchmark_scene/{scan}.log",
+    conda:
+        "../../../envs/photogrammetry.yaml"
+    threads: 8
+    resources:
+        mem_mb=more_at_each_attempt(4000),
+        runtime=240,
+        gpu=0,
+    params:
+        preset="{scan}",
+        blender_python=cfg("benchmark.blender_python"),
+    message:
+        "{wildcards.scan}: render the scene"
+    script:
+        "../../../scripts/lab/render_benchmark_scene.py"
+
+
+rule match_benchmark_photos:
+    input:
+        photos=benchmark_photo_files,
+        code=code("lab/match_benchmark_photos"),
+    output:
+        features=temp("results/benchmark/dense/{scan}/features.db"),
+        database=ensure("results/benchmark/dense/{scan}/database.db", non_empty=True),
+        listing=ensure("results/benchmark/dense/{scan}/photos.json", non_empty=True),
+    log:
+        "logs/match_benchmark_photos/{scan}.log",
+    conda:
+        "../../../envs/photogrammetry.yaml"
+    threads: 8
+    resources:
+        mem_mb=more_at_each_attempt(8000),
+        runtime=240,
+        gpu=0,
+    params:
+        folder=benchmark_photos,
+        seed=cfg("seed"),
+    message:
+        "{wildcards.scan}: match the photos"
+    script:
+        "../../../scripts/lab/match_benchmark_photos.py"
+
+
+rule mask_benchmark_sky:
+    input:
+        photos=benchmark_photo_files,
+        code=code("segment_sky"),
+    output:
+        masks=directory("results/benchmark/dense/{scan}/sky"),
+        colors=ensure("results/benchmark/dense/{scan}/sky_colors.npz", non_empty=True),
+    log:
+        "logs/mask_benchmark_sky/{scan}.log",
+    conda:
+        "../../../envs/learning.yaml"
+    threads: 8
+    resources:
+        mem_mb=more_at_each_attempt(6000),
+        runtime=120,
+        gpu=0,
+    params:
+        photo_folder=benchmark_photos,
+        seed=cfg("seed"),
+    message:
+        "{wildcards.scan}: tell sky from everything else in the photos"
+    script:
+        "../../../scripts/segment_sky.py"
+
+
+rule place_benchmark_cameras:
+    input:
+        database="results/benchmark/dense/{scan}/database.db",
+        listing="results/benchmark/dense/{scan}/photos.json",
+        code=code("lab/place_benchmark_cameras"),
+    output:
+        images=ensure(
+            "results/benchmark/dense/{scan}/{cameras}/model/images.bin", non_empty=True
+        ),
+        undistorted=ensure(
+            "results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
+            non_empty=True,
+        ),
+    log:
+        "logs/place_benchmark_cameras/{scan}_{cameras}.log",
+    conda:
+        "../../../envs/photogrammetry.yaml"
+    threads: 8
+    resources:
+        mem_mb=more_at_each_attempt(8000),
+        runtime=120,
+        gpu=0,
+    params:
+        cameras="{cameras}",
+        folder=benchmark_photos,
+        poses=lambda wildcards: f"{benchmark_truth(wildcards)}/poses.npz",
+        max_image_size=cfg("mvs.max_image_size_px"),
+        seed=cfg("seed"),
+    message:
+        "{wildcards.scan}: dense workspace, cameras: {wildcards.cameras}"
+    script:
+        "../../../scripts/lab/place_benchmark_cameras.py"
+
+
+rule measure_stereo:
+    input:
+        undistorted="results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
+        images="results/benchmark/dense/{scan}/{cameras}/model/images.bin",
+        sky_masks=benchmark_sky,
+        code=code("lab/measure_stereo"),
+    output:
+        measurement=ensure(
+            "results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/measurement.json",
+            non_empty=True,
+        ),
+        cloud=ensure(
+            "results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/cloud.ply",
+            non_empty=True,
+        ),
+    log:
+        "logs/measure_stereo/{scan}_{cameras}_{size}_{backend}.log",
+    benchmark:
+        "benchmarks/measure_stereo/{scan}_{cameras}_{size}_{backend}.tsv"
+    conda:
+        "../../../envs/photogrammetry.yaml"
+    # all cores, so that no other run disturbs the measurement
+    threads: lambda wildcards: workflow.cores
+    resources:
+        mem_mb=more_at_each_attempt(8000),
+        runtime=600,
+        gpu=lambda wildcards: int(wildcards.backend == "cuda"),
+    params:
+        scan="{scan}",
+        cameras="{cameras}",
+        backend="{backend}",
+        megapixels=lambda wildcards: megapixels_of(wildcards.size),
+        max_photos=cfg("benchmark.max_photos"),
+        n_sources=cfg("mvs.n_sources"),
+        n_best=cfg("mvs.n_best"),
+        n_iterations=cfg("mvs.n_iterations"),
+        window_radius=cfg("mvs.window_radius"),
+        color_spread=cfg("mvs.color_spread"),
+        min_texture=cfg("mvs.min_texture"),
+        max_cost=cfg("mvs.max_cost"),
+        geometric_weight=cfg("mvs.geometric_weight"),
+        max_error_px=cfg("mvs.max_error_px"),
+        min_consistent=cfg("mvs.min_consistent"),
+        min_views=cfg("mvs.min_views"),
+        n_check=cfg("mvs.n_check"),
+        max_reproj_error_px=cfg("mvs.max_reproj_error_px"),
+        max_depth_error=cfg("mvs.max_depth_error"),
+        max_normal_error_deg=cfg("mvs.max_normal_error_deg"),
+        seed=cfg("seed"),
+    message:
+        "{wildcards.scan}, cameras {wildcards.cameras}, {wildcards.size}: {wildcards.backend}"
+    script:
+        "../../../scripts/lab/measure_stereo.py"
+
+
+rule score_surface:
+    input:
+        cloud="results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/cloud.ply",
+        poses="results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
+        code=code("lab/score_surface"),
+    output:
+        scores=ensure(
+            "results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/scores.json",
+            non_empty=True,
+        ),
+        scored=ensure(
+            "results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/scored.ply",
+            non_empty=True,
+        ),
+    log:
+        "logs/score_surface/{scan}_{cameras}_{size}_{backend}.log",
+    conda:
+        "../../../envs/photogrammetry.yaml"
+    threads: 8
+    resources:
+        mem_mb=more_at_each_attempt(4000),
+        runtime=60,
+        gpu=0,
+    params:
+        truth=benchmark_truth,
+        fit=lambda wildcards: "none" if wildcards.cameras == "true" else "surface",
+        max_photos=cfg("benchmark.max_photos"),
+    message:
+        "{wildcards.scan}, cameras {wildcards.cameras}, {wildcards.size}: "
+        "score {wildcards.backend}"
+    script:
+        "../../../scripts/lab/score_surface.py"
+
+
+rule report_benchmark:
+    input:
+        results=benchmark_result_files(),
+        code=code("lab/report_benchmark"),
+    output:
+        table=ensure("results/benchmark/dense/table.md", non_empty=True),
+    log:
+        "logs/report_benchmark.log",
+    conda:
+        "../../../envs/report.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(4000),
+        runtime=30,
+        gpu=0,
+    params:
+        measurements=[f"{run}/measurement.json" for run in BENCHMARK_RUNS],
+        backends=BENCHMARK["backends"],
+    message:
+        "tables and figures of the benchmark of dense stereo"
+    script:
+        "../../../scripts/lab/report_benchmark.py"

@@ -1,0 +1,67 @@
+# What each stage costs on generated scenes, see docs/error_budget.md. Only `snakemake error_budget`
+# runs it: for every tree of the batch whose photos have the scene's truth beside them.
+
+
+rule error_budget:
+    input:
+        "results/error_budget/table.md",
+
+
+rule measure_error_budget:
+    input:
+        traits="results/{tree}/traits.json",
+        segmented="results/{tree}/segmented.ply",
+        skeleton="results/{tree}/skeleton.graphml",
+        poses="results/{tree}/metric_poses.npz",
+        database="results/{tree}/sfm/database.db",
+        masks="results/{tree}/sky",
+        truth_files=truth_files_of,
+        code=code("lab/measure_error_budget"),
+    output:
+        budget=ensure("results/error_budget/{tree}/budget.json", non_empty=True),
+    log:
+        "logs/measure_error_budget/{tree}.log",
+    benchmark:
+        "benchmarks/measure_error_budget/{tree}.tsv"
+    wildcard_constraints:
+        tree=any_of(TREES_WITH_TRUTH),
+    conda:
+        "../../../envs/photogrammetry.yaml"
+    # a workflow of its own runs inside
+    threads: lambda wildcards: workflow.cores
+    resources:
+        mem_mb=more_at_each_attempt(8000),
+        runtime=240,
+        gpu=stereo_gpus,
+    params:
+        tree="{tree}",
+        found=results_of,
+        truth=truth_of,
+        row=whole_row,
+        settings=settings_of_tree,
+        snakefile=str(PROJECT / "Snakefile"),
+    message:
+        "{wildcards.tree}: what each stage costs"
+    script:
+        "../../../scripts/lab/measure_error_budget.py"
+
+
+rule report_error_budget:
+    input:
+        budgets=expand("results/error_budget/{tree}/budget.json", tree=TREES_WITH_TRUTH),
+        code=code("lab/report_error_budget"),
+    output:
+        table=ensure("results/error_budget/table.md", non_empty=True),
+    log:
+        "logs/report_error_budget.log",
+    conda:
+        "../../../envs/report.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=10,
+        gpu=0,
+    message:
+        "table of what each stage costs"
+    script:
+        "../../../scripts/lab/report_error_budget.py"

@@ -1,0 +1,134 @@
+# The synthetic orchard, see docs/orchard.md. Only `snakemake orchard` and `orchard_skeletons` run it.
+
+import json
+
+ORCHARD = SETTINGS["orchard"]
+ORCHARD_SEEDS = range(ORCHARD["seed"], ORCHARD["seed"] + ORCHARD["n_scenes"])
+ORCHARD_FILES = ["as_seen.ply", "truth/scene.json"]
+if ORCHARD["render"]:
+    ORCHARD_FILES.append("rendered.json")
+
+
+wildcard_constraints:
+    scene_seed="[0-9]+",
+
+
+rule orchard:
+    input:
+        expand(
+            "results/orchard/scenes/{scene_seed}/{file}",
+            scene_seed=ORCHARD_SEEDS,
+            file=ORCHARD_FILES,
+        ),
+
+
+rule orchard_skeletons:
+    input:
+        "results/orchard/skeletons/index.json",
+
+
+rule make_orchard_scene:
+    input:
+        code=code("lab/make_orchard_scene"),
+    output:
+        as_seen=ensure(
+            "results/orchard/scenes/{scene_seed}/as_seen.ply", non_empty=True
+        ),
+        poses=ensure(
+            "results/orchard/scenes/{scene_seed}/truth/poses.npz", non_empty=True
+        ),
+        skeleton=ensure(
+            "results/orchard/scenes/{scene_seed}/truth/skeleton.csv", non_empty=True
+        ),
+        cloud=ensure(
+            "results/orchard/scenes/{scene_seed}/truth/cloud.ply", non_empty=True
+        ),
+        traits=ensure(
+            "results/orchard/scenes/{scene_seed}/truth/traits.json", non_empty=True
+        ),
+        scene=ensure(
+            "results/orchard/scenes/{scene_seed}/truth/scene.json", non_empty=True
+        ),
+    log:
+        "logs/make_orchard_scene/{scene_seed}.log",
+    benchmark:
+        "benchmarks/make_orchard_scene/{scene_seed}.tsv"
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=20,
+        gpu=0,
+    params:
+        seed=lambda wildcards: int(wildcards.scene_seed),
+        forms=ORCHARD["forms"],
+        chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
+        n_points=ORCHARD["n_points"],
+        surface_points=ORCHARD["surface_points"],
+        extent_m=ORCHARD["extent_m"],
+        n_photos=ORCHARD["n_photos"],
+        photo_size_px=ORCHARD["photo_size_px"],
+        distortion=ORCHARD["distortion"],
+    message:
+        "orchard: scene {wildcards.scene_seed}"
+    script:
+        "../../../scripts/lab/make_orchard_scene.py"
+
+
+rule render_orchard_scene:
+    input:
+        scene="results/orchard/scenes/{scene_seed}/truth/scene.json",
+        poses="results/orchard/scenes/{scene_seed}/truth/poses.npz",
+        code=code("lab/render_orchard_scene"),
+    output:
+        rendered="results/orchard/scenes/{scene_seed}/rendered.json",
+    log:
+        "logs/render_orchard_scene/{scene_seed}.log",
+    benchmark:
+        "benchmarks/render_orchard_scene/{scene_seed}.tsv"
+    conda:
+        "../../../envs/photogrammetry.yaml"
+    threads: 8
+    resources:
+        mem_mb=more_at_each_attempt(4000),
+        runtime=240,
+        gpu=0,
+    params:
+        blender_python=ORCHARD["blender_python"],
+        seed=lambda wildcards: int(wildcards.scene_seed),
+        forms=ORCHARD["forms"],
+        chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
+        n_photos=ORCHARD["n_photos"],
+        photo_size_px=ORCHARD["photo_size_px"],
+        distortion=ORCHARD["distortion"],
+        effects=ORCHARD["effects"],
+    message:
+        "orchard: render scene {wildcards.scene_seed}"
+    script:
+        "../../../scripts/lab/render_orchard_scene.py"
+
+
+rule make_skeleton_set:
+    input:
+        code=code("lab/make_skeleton_set"),
+    output:
+        index=ensure("results/orchard/skeletons/index.json", non_empty=True),
+    log:
+        "logs/make_skeleton_set.log",
+    benchmark:
+        "benchmarks/make_skeleton_set.tsv"
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=60,
+        gpu=0,
+    params:
+        seed=ORCHARD["seed"],
+        n_trees=ORCHARD["skeleton_trees"],
+    message:
+        "orchard: the paper's set of trees with true skeletons"
+    script:
+        "../../../scripts/lab/make_skeleton_set.py"

@@ -1,0 +1,117 @@
+# The benchmark of skeletons, see docs/skeleton.md. Only `snakemake benchmark_skeleton` runs it.
+
+
+wildcard_constraints:
+    number=r"\d\d+",
+    kind="default|paper|peer",
+    n=r"\d+",
+
+
+rule benchmark_skeleton:
+    input:
+        "results/benchmark/skeleton/table.md",
+
+
+rule measure_skeletons:
+    input:
+        code=code("lab/measure_skeletons"),
+        peer_code=str(LIBRARY / "run_pc_skeletor.py"),
+    output:
+        scores=ensure(
+            "results/benchmark/skeleton/{number}/scores_{kind}.json", non_empty=True
+        ),
+        skeletons=ensure(
+            "results/benchmark/skeleton/{number}/skeletons_{kind}.npz", non_empty=True
+        ),
+    log:
+        "logs/measure_skeletons/{number}_{kind}.log",
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=60,
+        gpu=0,
+    params:
+        number=lambda wildcards: int(wildcards.number),
+        methods=methods_of_kind,
+        peer_python=peer_of_kind,
+        seed=SKELETON_BENCHMARK["seed"],
+    message:
+        "tree {wildcards.number} of the set: skeletons, {wildcards.kind}"
+    script:
+        "../../../scripts/lab/measure_skeletons.py"
+
+
+rule sample_timing_cloud:
+    input:
+        code=code("lab/sample_timing_cloud"),
+    output:
+        cloud=temp("results/benchmark/skeleton/time/{n}/cloud.npz"),
+    log:
+        "logs/sample_timing_cloud/{n}.log",
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=30,
+        gpu=0,
+    params:
+        n_points=lambda wildcards: int(wildcards.n),
+        seed=SKELETON_BENCHMARK["seed"],
+    message:
+        "a cloud of {wildcards.n} points"
+    script:
+        "../../../scripts/lab/sample_timing_cloud.py"
+
+
+rule time_skeleton:
+    input:
+        cloud="results/benchmark/skeleton/time/{n}/cloud.npz",
+        code=code("lab/time_skeleton"),
+    output:
+        times=ensure("results/benchmark/skeleton/time/{n}/times.json", non_empty=True),
+    log:
+        "logs/time_skeleton/{n}.log",
+    benchmark:
+        "benchmarks/time_skeleton/{n}.tsv"
+    conda:
+        "../../../envs/pointcloud.yaml"
+    # all cores, so that no other run disturbs the measurement
+    threads: lambda wildcards: workflow.cores
+    resources:
+        mem_mb=more_at_each_attempt(4000),
+        runtime=120,
+        gpu=0,
+    params:
+        peer_python=SKELETON_BENCHMARK["peer_python"],
+        peer_iterations=peer_iterations_of,
+    message:
+        "time and memory at {wildcards.n} points"
+    script:
+        "../../../scripts/lab/time_skeleton.py"
+
+
+rule report_skeletons:
+    input:
+        scores=scores_of_skeletons(),
+        times=times_of_skeletons(),
+        code=code("lab/report_skeletons"),
+    output:
+        table=ensure("results/benchmark/skeleton/table.md", non_empty=True),
+    log:
+        "logs/report_skeletons.log",
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=30,
+        gpu=0,
+    params:
+        notes=notes_on_skeletons(),
+    message:
+        "tables and figures of the benchmark of skeletons"
+    script:
+        "../../../scripts/lab/report_skeletons.py"

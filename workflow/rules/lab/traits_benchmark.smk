@@ -1,0 +1,66 @@
+# The benchmark of traits, see docs/traits.md. Only `snakemake benchmark_traits` runs it.
+
+TRAITS_BENCHMARK = SETTINGS["benchmark"]["traits"]
+TRAITS_BENCHMARK_SEEDS = range(
+    TRAITS_BENCHMARK["first_seed"],
+    TRAITS_BENCHMARK["first_seed"] + TRAITS_BENCHMARK["n_trees"],
+)
+
+
+wildcard_constraints:
+    tree_seed=r"\d+",
+
+
+rule benchmark_traits:
+    input:
+        "results/benchmark/traits/table.md",
+
+
+rule measure_traits_benchmark:
+    input:
+        code=code("lab/measure_traits_benchmark"),
+    output:
+        pairs=ensure("results/benchmark/traits/{tree_seed}/pairs.json", non_empty=True),
+    log:
+        "logs/measure_traits_benchmark/{tree_seed}.log",
+    benchmark:
+        "benchmarks/measure_traits_benchmark/{tree_seed}.tsv"
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=30,
+        gpu=0,
+    params:
+        tree_seed=lambda wildcards: int(wildcards.tree_seed),
+        n_points=TRAITS_BENCHMARK["n_points"],
+    message:
+        "generated tree {wildcards.tree_seed}: traits beside their truth"
+    script:
+        "../../../scripts/lab/measure_traits_benchmark.py"
+
+
+rule report_traits_benchmark:
+    input:
+        pairs=expand(
+            "results/benchmark/traits/{tree_seed}/pairs.json",
+            tree_seed=TRAITS_BENCHMARK_SEEDS,
+        ),
+        code=code("lab/report_traits_benchmark"),
+    output:
+        table=ensure("results/benchmark/traits/table.md", non_empty=True),
+        figure=ensure("results/benchmark/traits/traits.png", non_empty=True),
+    log:
+        "logs/report_traits_benchmark.log",
+    conda:
+        "../../../envs/report.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=10,
+        gpu=0,
+    message:
+        "table and figure of the benchmark of traits"
+    script:
+        "../../../scripts/lab/report_traits_benchmark.py"
