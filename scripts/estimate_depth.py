@@ -9,7 +9,7 @@ COLMAP's layout and the manifest depth.json. Whole maps of the same settings are
 from pathlib import Path
 
 from cherrypicker.files import read_json, write_json
-from cherrypicker.mvs.backends.backend import estimate_workspace
+from cherrypicker.mvs.backends.choice import estimate_workspace
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.runner import run, stage_parser

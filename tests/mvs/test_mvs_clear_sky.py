@@ -6,7 +6,7 @@ import pytest
 from stereo_scene import Surface, write_scene
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.backend import estimate_workspace
+from cherrypicker.mvs.backends.choice import estimate_workspace
 from cherrypicker.mvs.clear_sky import SkyMasks, clear_sky
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.workspace import Workspace

@@ -12,8 +12,8 @@ import pytest
 from stereo_scene import Surface, write_scene
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends import backend
-from cherrypicker.mvs.backends.backend import choose_backend, estimate_workspace
+from cherrypicker.mvs.backends import choice
+from cherrypicker.mvs.backends.choice import choose_backend, estimate_workspace
 from cherrypicker.mvs.estimate import StereoOptions, field_to_maps, maps_to_field
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
 from cherrypicker.mvs.kernels import compiled
@@ -125,7 +125,7 @@ def test_a_process_that_compiles_gives_the_bytes_of_one_that_loads(tmp_path, sla
     """All but the first of a machine's runs find the kernels in the cache."""
     write_scene(tmp_path / "scene", [SLANTED])
     code = (
-        "import sys; from cherrypicker.mvs.backends.backend import estimate_workspace as estimate;"
+        "import sys; from cherrypicker.mvs.backends.choice import estimate_workspace as estimate;"
         "from cherrypicker.mvs.estimate import StereoOptions;"
         "estimate(sys.argv[1], StereoOptions(), backend='cpu')"
     )
@@ -223,7 +223,7 @@ def test_auto_falls_back_to_the_cpu_where_cuda_leaves_empty_maps(tmp_path, monke
         return {view.name for view in workspace.views}
 
     monkeypatch.setattr(pycolmap, "has_cuda", True)
-    monkeypatch.setattr(backend, "_run_cuda", empty_maps)
+    monkeypatch.setattr(choice, "run_cuda", empty_maps)
     with pytest.raises(StageError, match="no pixel has a consistent depth") as caught:
         estimate_workspace(tmp_path, StereoOptions(), backend="cuda")
     assert caught.value.key == "mvs.backend"

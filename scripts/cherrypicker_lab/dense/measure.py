@@ -21,7 +21,7 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.backend import estimate_workspace
+from cherrypicker.mvs.backends.choice import estimate_workspace
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace

@@ -1,4 +1,4 @@
-"""Depth maps of a whole workspace with the chosen backend, resuming what is there."""
+"""Our PatchMatch stereo on the CPU, view after view, a few photos in memory at a time."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ import logging
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import numpy as np
-import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs import estimate
+from cherrypicker.mvs.backends.map_keys import GEOMETRIC, PHOTOMETRIC, MapKeys
 from cherrypicker.mvs.clear_sky import SkyMasks, clear_sky
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.lines.line_starts import PhotoLines, find_lines
@@ -24,9 +22,10 @@ from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
 
+__all__ = ["run_cpu"]
+
 logger = logging.getLogger(__name__)
 
-BACKENDS = ("auto", "cuda", "cpu")
 # Bump when the CPU backend's results change, so that older maps are computed again
 VERSION = 6
 # Options that the photometric maps depend on; changing another one keeps them
@@ -39,54 +38,6 @@ PHOTOMETRIC_OPTIONS = (
     "min_texture",
     "seed",
 )
-PHOTOMETRIC, GEOMETRIC = "photometric", "geometric"
-
-
-def choose_backend(wanted: str) -> str:
-    """Return "cuda" or "cpu" for the config's ``mvs.backend``.
-
-    Raises
-    ------
-    StageError
-        If the name is unknown, or CUDA is asked for and this pycolmap has none.
-    """
-    if wanted not in BACKENDS:
-        raise StageError(f"unknown backend {wanted!r}, one of {BACKENDS}", key="mvs.backend")
-    if wanted == "cuda" and not pycolmap.has_cuda:
-        raise StageError(
-            "this pycolmap has no CUDA: run `pip uninstall pycolmap` and "
-            f"`pip install pycolmap-cuda12=={pycolmap.__version__}`, or use the CPU backend",
-            key="mvs.backend",
-        )
-    if wanted == "auto":
-        return "cuda" if pycolmap.has_cuda else "cpu"
-    return wanted
-
-
-class MapKeys:
-    """Which settings each existing map was made with, so that it is reused only if they are equal.
-
-    Kept in ``stereo/keys.json``. A key is written before its map, so that a run killed in between
-    never leaves a map that counts as newer than it is. A whole map without a key was put there by
-    somebody else (another COLMAP) and is kept.
-    """
-
-    def __init__(self, workspace: Workspace):
-        self._workspace = workspace
-        self._path = workspace.folder / "stereo" / "keys.json"
-        self._keys: dict[str, str] = read_json(self._path) if self._path.exists() else {}
-
-    def is_current(self, view, kind: str, key: str) -> bool:
-        """Whether the view's maps of this kind are whole and were made with ``key``."""
-        known = self._keys.get(f"{view.name}.{kind}", key)
-        return known == key and self._workspace.has_maps(view, kind)
-
-    def announce(self, view, kind: str, key: str) -> None:
-        """Remove the view's old maps and note the key of those that come."""
-        self._workspace.depth_path(view, kind).unlink(missing_ok=True)
-        self._workspace.normal_path(view, kind).unlink(missing_ok=True)
-        self._keys[f"{view.name}.{kind}"] = key
-        write_json(self._path, dict(sorted(self._keys.items())))
 
 
 class PhotoStore:
@@ -126,104 +77,7 @@ class PhotoStore:
         return {i: self._lines[i] for i in indices}
 
 
-def estimate_workspace(
-    folder: str | Path,
-    options: StereoOptions,
-    *,
-    backend: str = "auto",
-    threads: int = 1,
-    sky_masks: SkyMasks | None = None,
-) -> dict:
-    """Write photometric and geometric depth and normal maps of every view.
-
-    Whole maps that were made with the same settings, photos and poses are not computed again, nor
-    whole maps that another program put there. In memory at a time, whatever the number of photos:
-    the photos of ``2 * n_sources`` views (6 bytes a pixel each, pyramid and lines included), the
-    packed pixels, the depths and the splatted depths of a reference's sources, and its field.
-    On the CPU: 38 ``n_sources`` + 80 bytes per pixel of one photo on top of 190 MB (0.56 GB at 1.2
-    megapixels and 6 sources).
-
-    Parameters
-    ----------
-    folder : path-like
-        Dense workspace.
-    options : StereoOptions
-        Settings.
-    backend : {"auto", "cuda", "cpu"}
-        See :func:`choose_backend`.
-    threads : int
-        Threads of the CPU backend.
-    sky_masks : SkyMasks, optional
-        The CPU backend leaves out what they call sky, see :mod:`cherrypicker.mvs.clear_sky`.
-
-    Returns
-    -------
-    dict
-        The manifest: backend, options, names with a depth map, share of pixels with depth.
-    """
-    workspace = Workspace(folder)
-    chosen = choose_backend(backend)
-    names, shares = set(), {}
-    if chosen == "cuda":
-        names = _run_cuda(workspace, options)
-        shares = _shares_with_depth(workspace, names)
-        if backend == "auto" and not any(shares.values()):
-            logger.warning(
-                "COLMAP's CUDA stereo left all %d depth maps empty, as on some GPUs (COLMAP "
-                "issue 4090): the CPU computes them instead",
-                len(names),
-            )
-            for view in workspace.views:
-                workspace.remove_maps(view)
-            chosen = "cpu"
-    if chosen == "cpu":
-        names = _run_cpu(workspace, options, threads, sky_masks)
-        shares = _shares_with_depth(workspace, names)
-    share = float(np.mean(list(shares.values()))) if shares else 0.0
-    logger.info("%s backend: depth at %.1f %% of the pixels", chosen, 100.0 * share)
-    if share == 0.0:
-        raise StageError(
-            "no pixel has a consistent depth in any photo",
-            file=Path(folder),
-            key="mvs.backend" if chosen == "cuda" else "mvs.max_cost, mvs.min_consistent",
-        )
-    return {
-        "backend": chosen,
-        "options": asdict(options),
-        "maps": list(shares),
-        "share_with_depth": shares,
-    }
-
-
-def _shares_with_depth(workspace: Workspace, names: set[str]) -> dict[str, float]:
-    """Return the share of the pixels with a depth, for each of some photos."""
-    return {
-        view.name: float((workspace.read_depth(view, GEOMETRIC) > 0).mean())
-        for view in workspace.views
-        if view.name in names
-    }
-
-
-def _run_cuda(workspace: Workspace, options: StereoOptions) -> set[str]:
-    """COLMAP's own PatchMatch, which itself skips maps that exist."""
-    keys = MapKeys(workspace)
-    key = hashlib.sha256(f"cuda:{options.n_sources}".encode()).hexdigest()
-    for view in workspace.views:
-        for kind in (PHOTOMETRIC, GEOMETRIC):
-            if not keys.is_current(view, kind, key):
-                keys.announce(view, kind, key)
-    config = workspace.folder / "stereo" / "patch-match.cfg"
-    config.write_text(
-        "".join(f"{view.name}\n__auto__, {options.n_sources}\n" for view in workspace.views),
-        encoding="utf-8",
-    )
-    settings = pycolmap.PatchMatchOptions()
-    settings.filter_min_num_consistent = options.min_consistent
-    pycolmap.patch_match_stereo(workspace.folder, options=settings)
-    return {view.name for view in workspace.views if workspace.has_maps(view, GEOMETRIC)}
-
-
-def _run_cpu(
+def run_cpu(
     workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
 ) -> set[str]:
     views = workspace.views
