@@ -13,6 +13,7 @@ from cherrypicker.contraction.tube import recentre_stem
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing, thin_to_limit
 from cherrypicker.pointcloud import PointCloud
+from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target_wood import select_target_wood
 
 __all__ = ["class_weights", "contract_wood"]
@@ -66,8 +67,8 @@ def contract_wood(
     max_points=100_000,
     target_xy=None,
     region=None,
-    gap_m=0.25,
-    stem_gap_m=0.6,
+    gap_m=GAP_M,
+    stem_gap_m=STEM_GAP_M,
     min_density=0.05,
 ):
     """Choose the target's wood, thin it and contract it.

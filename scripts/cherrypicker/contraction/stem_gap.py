@@ -5,6 +5,7 @@ import logging
 import numpy as np
 
 from cherrypicker.geometry.circles import fit_circle
+from cherrypicker.wood.gaps import STEM_GAP_M
 
 __all__ = ["fill_stem_gaps"]
 
@@ -16,7 +17,7 @@ GAP_IN_SPACINGS = 4.0
 NEAR_STEM = 3.0  # stem radii around the axis that belong to the stem
 
 
-def fill_stem_gaps(points, labels, base, *, spacing, stem_gap_m=0.6):
+def fill_stem_gaps(points, labels, base, *, spacing, stem_gap_m=STEM_GAP_M):
     """Points on the stem's surface where a ring, a tape or a hand hides all of it.
 
     Heights without any trunk point, between trunk points below and above, are filled with rings

@@ -10,6 +10,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.neighbors import components, knn_edges, sparse_graph
+from cherrypicker.wood.gaps import STEM_GAP_M
 
 __all__ = ["fit_tube", "recentre_stem"]
 
@@ -31,7 +32,7 @@ STEP_M = 0.02
 FEWEST_IN_CELL = 4
 N_RECENT = 6  # cells that tell where the stem goes and how thick it is
 GATE_IN_RADII, MOST_GROWTH = 2.0, 1.1
-MOST_GAP_M = 0.6
+MOST_GAP_M = STEM_GAP_M
 MOST_WIDENING = 1.6
 
 

@@ -21,6 +21,7 @@ from cherrypicker.graph.bridges import bridge_pieces
 from cherrypicker.graph.line_points import ball_means
 from cherrypicker.graph.samples import sample_nodes
 from cherrypicker.skeleton.model import Skeleton, rooted_order
+from cherrypicker.wood.gaps import STEM_GAP_M
 
 __all__ = ["solve_tree"]
 
@@ -35,7 +36,7 @@ BESIDE_IN_SPACINGS = 1.2  # skeleton points this near show that a step bridges n
 MOST_BARE = 0.4
 COVER_IN_SPACINGS = 1.5
 AHEAD_IN_SPACINGS, NEAR_AHEAD, AHEAD_COSINE = 8.0, 2.0, np.cos(np.radians(20.0))
-LONGEST_STEM_BRIDGE_M = 0.6
+LONGEST_STEM_BRIDGE_M = STEM_GAP_M
 STEM_FROM_BRANCH_M = 1.0  # what a stem that grows out of a branch costs
 
 

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.segmentation.spheres import voxel_sample
+from cherrypicker.wood.gaps import GAP_M
 
 logger = logging.getLogger(__name__)
 
@@ -35,7 +36,7 @@ class Smoothing:
     """
 
     k: int = 12
-    trunk_gap_m: float = 0.25
+    trunk_gap_m: float = GAP_M
     trunk_base_height_m: float = 0.5
 
 

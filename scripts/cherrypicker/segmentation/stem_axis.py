@@ -18,6 +18,7 @@ from cherrypicker.geometry.sampling import thin_to_limit
 from cherrypicker.segmentation.quick_skeleton import FEWEST_NODES, quick_skeletons
 from cherrypicker.skeleton.axes import SIMILAR_RADIUS, TRUNK_KEEPS
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 
 __all__ = ["StemAxis", "StemModel", "trace_stems"]
 
@@ -56,8 +57,8 @@ class StemModel:
     voxel_m: float = 0.006
     max_points: int = 120_000
     level_m: float = 0.015
-    gap_m: float = 0.25
-    stem_gap_m: float = 0.6
+    gap_m: float = GAP_M
+    stem_gap_m: float = STEM_GAP_M
     min_points: int = 60
     min_arc_deg: float = 75.0
     max_scatter: float = 0.4

@@ -16,6 +16,7 @@ from cherrypicker.geometry.neighbors import (
     touching_edges,
 )
 from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
+from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target import Choice, choose_target
 
 __all__ = ["TargetWood", "select_target_wood"]
@@ -60,7 +61,7 @@ class TargetWood:
 
 
 def select_target_wood(
-    points, labels, *, ground=None, target_xy=None, region=None, gap_m=0.25, stem_gap_m=0.6
+    points, labels, *, ground=None, target_xy=None, region=None, gap_m=GAP_M, stem_gap_m=STEM_GAP_M
 ):
     """Keep the target tree's wood.
 
