@@ -18,7 +18,7 @@ LAYERS = [
     *("segmentation", "contraction", "graph", "traits", "report", "batch", "api"),
 ]
 LAB_LAYERS = [
-    *("evaluation", "dense", "orchard", "skeletons", "traits", "training"),
+    *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "training"),
     *("truth_swaps", "error_budget"),
 ]
 STAGES = [
