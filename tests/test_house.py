@@ -1,6 +1,7 @@
 """Product below laboratory, rooms in layers, no circle of imports, and what each rule watches."""
 
 import ast
+import re
 
 import pytest
 
@@ -132,9 +133,9 @@ def _watching(scripts, module):
     }
 
 
-@pytest.mark.parametrize("module", ["report/figures.py", "report/raster.py", "report/viewer.py"])
+@pytest.mark.parametrize("module", ["colors", "figures", "raster", "viewer"])
 def test_the_colours_of_the_report_rerun_the_report_alone(scripts, module):
-    assert _watching(scripts, module) == {"report_tree"}
+    assert _watching(scripts, f"report/{module}.py") == {"report_tree"}
 
 
 def test_the_style_of_the_pages_reruns_the_pages_alone(scripts):
@@ -156,3 +157,12 @@ def test_a_radius_of_the_graph_does_not_relabel_clouds(scripts):
 def test_who_reads_skeletons_does_not_watch_what_makes_them(scripts):
     watched = imported_modules(scripts / "edit_graph.py", scripts)
     assert not [file for file in watched if "/graph/" in file or "/contraction/" in file]
+
+
+def test_the_page_of_the_architecture_names_files_that_exist(project):
+    page = (project / "docs/architecture.md").read_text(encoding="utf-8")
+    roots = [project, project / "scripts", project / "scripts" / PRODUCT]
+    roots += [project / "scripts" / LABORATORY / "training/segmentation"]
+    named = set(re.findall(r"`([\w/]+(?:\.py|\.yaml|/))", page))
+    assert len(named) > 50
+    assert not [name for name in named if not any((root / name).exists() for root in roots)]

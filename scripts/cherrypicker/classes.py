@@ -1,4 +1,4 @@
-"""The semantic classes of a point and the colours they are drawn in."""
+"""The semantic classes of a point."""
 
 from __future__ import annotations
 
@@ -27,18 +27,6 @@ CLASS_NAMES: dict[int, str] = {int(label): label.name.lower() for label in Label
 CLASS_IDS: dict[str, int] = {name: number for number, name in CLASS_NAMES.items()}
 
 N_NETWORK_CLASSES = 7
-
-CLASS_COLORS: dict[int, tuple[float, float, float]] = {
-    Label.GROUND: (0.62, 0.55, 0.42),
-    Label.TRUNK: (0.45, 0.24, 0.10),
-    Label.BRANCH: (0.18, 0.55, 0.24),
-    Label.SIGN: (0.95, 0.77, 0.06),
-    Label.MARKER: (0.84, 0.15, 0.16),
-    Label.CALIBRATION_UNIT: (0.12, 0.47, 0.71),
-    Label.ROOF: (0.55, 0.34, 0.76),
-    Label.SUPPORT_POST: (0.50, 0.50, 0.50),
-    Label.UNLABELLED: (0.80, 0.80, 0.80),
-}
 
 
 def wood_mask(labels):

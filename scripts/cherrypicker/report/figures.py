@@ -12,8 +12,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 
-from cherrypicker.classes import CLASS_COLORS, CLASS_NAMES, wood_mask
+from cherrypicker.classes import CLASS_NAMES, wood_mask
 from cherrypicker.files import atomic_path
+from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.raster import heights_as_colors, side_views, splat
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.units import unit_name

@@ -9,7 +9,8 @@ import json
 
 import numpy as np
 
-from cherrypicker.classes import CLASS_COLORS, CLASS_NAMES, wood_mask
+from cherrypicker.classes import CLASS_NAMES, wood_mask
+from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
 from cherrypicker.skeleton import axes, node_order
 

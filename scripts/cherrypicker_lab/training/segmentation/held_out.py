@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CLASS_COLORS, CLASS_NAMES, Label
+from cherrypicker.classes import CLASS_NAMES, Label
 from cherrypicker.files import atomic_path
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.poses import read_poses
+from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.segmentation.dgcnn import N_CLASSES
 from cherrypicker.segmentation.inference import segment_cloud
 from cherrypicker_lab.evaluation import compare_cameras
