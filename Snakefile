@@ -1,6 +1,7 @@
 from snakemake.utils import min_version
 
-min_version("9.0")
+# The rules import snakemake.pathvars (9.12); the profiles bear the name profile.yaml (9.19).
+min_version("9.19")
 
 
 configfile: "config/config.yaml"
