@@ -60,16 +60,23 @@ def test_every_rule_with_a_script_names_an_environment_that_exists():
 
 @pytest.mark.parametrize("profile", sorted((PROJECT / "profiles").iterdir()), ids=lambda p: p.name)
 def test_a_profile_explains_every_entry(profile):
-    lines = (profile / "config.yaml").read_text().splitlines()
+    lines = (profile / "profile.yaml").read_text().splitlines()
     assert isinstance(yaml.safe_load("\n".join(lines)), dict)
     for number, line in enumerate(lines):
         if re.match(r"[\w-]+:", line):
             assert lines[number - 1].startswith("#"), line
 
 
+def test_the_hooks_before_a_commit_are_the_checks_of_make_lint():
+    (hooks,) = yaml.safe_load((PROJECT / ".pre-commit-config.yaml").read_text())["repos"]
+    entries = [hook["entry"].removeprefix(".venv/bin/") for hook in hooks["hooks"]]
+    recipe = re.search(r"(?m)^lint: install\n((?:\t.+\n)+)", (PROJECT / "Makefile").read_text())
+    assert entries == re.findall(r"\$\(VENV\)/bin/(.+)", recipe[1])
+
+
 def test_no_profile_asks_for_conda():
     for profile in (PROJECT / "profiles").iterdir():
-        content = yaml.safe_load((profile / "config.yaml").read_text())
+        content = yaml.safe_load((profile / "profile.yaml").read_text())
         assert not {"sdm", "software-deployment-method", "use-conda"} & set(content)
 
 
@@ -78,7 +85,7 @@ def test_the_groups_of_a_profile_are_rules():
     for path in (PROJECT / "workflow/rules").rglob("*.smk"):
         rules |= set(re.findall(r"(?m)^rule (\w+):", path.read_text()))
     for name in ("slurm", "kubernetes"):
-        profile = yaml.safe_load((PROJECT / f"profiles/{name}/config.yaml").read_text())
+        profile = yaml.safe_load((PROJECT / f"profiles/{name}/profile.yaml").read_text())
         assert set(profile["groups"]) <= rules
 
 
