@@ -16,7 +16,6 @@ from importlib.metadata import version
 
 import numpy as np
 import open3d
-from pc_skeletor import LBC, SLBC
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
@@ -53,6 +52,8 @@ def row_scaled(contraction):
 
 def contract(points, labels, method, weight, max_iterations):
     """Return the contraction that has run, and its CPU seconds."""
+    from pc_skeletor import LBC, SLBC  # here, so that --help works without it
+
     options = {"filter_nb_neighbors": 0, "max_iteration_steps": max_iterations}
     if method == "lbc":
         contraction = LBC(cloud_of(points), **options)
