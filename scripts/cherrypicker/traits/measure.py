@@ -64,7 +64,7 @@ def measure_traits(
     slab_half_height, min_points, min_arc_deg
         See `cherrypicker.traits.trunk.measure_diameter`.
     max_gap, min_stray
-        See `cherrypicker.traits.foot.find_support`.
+        See `cherrypicker.traits.support.find_support`.
     n_bootstrap : int, default 200
         Resamplings behind each uncertainty.
     scale, sparse, target : dict, optional
