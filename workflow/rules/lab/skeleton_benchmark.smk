@@ -15,7 +15,7 @@ rule benchmark_skeleton:
 rule measure_skeletons:
     input:
         code=code("lab/measure_skeletons"),
-        peer_code=str(LIBRARY / "run_pc_skeletor.py"),
+        peer_code=str(LIBRARY / "lab/run_pc_skeletor.py"),
     output:
         scores=ensure(
             "results/benchmark/skeleton/{number}/scores_{kind}.json", non_empty=True
