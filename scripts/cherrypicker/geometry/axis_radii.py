@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from cherrypicker.geometry.circles import FEWEST_POINTS, fit_slice
+from cherrypicker.geometry.circles import fit_slices
 from cherrypicker.geometry.edge_search import nearest_edges
 from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.tree_walks import (
@@ -11,7 +11,6 @@ from cherrypicker.geometry.tree_walks import (
     fill_reach,
     longest_children,
     tangents,
-    window,
 )
 
 __all__ = ["assign_surface", "fit_axis_radii", "less_spread", "local_tangents"]
@@ -66,7 +65,7 @@ def less_spread(fits):
     Parameters
     ----------
     fits : ndarray of shape (n_slices, 6), float64
-        Rows of `fit_slice`.
+        Rows of `fit_slices`.
 
     Returns
     -------
@@ -107,7 +106,7 @@ def fit_axis_radii(
     recentre : bool, default True
         Move nodes to the centre of their circles.
     less_noise : callable, default less_spread
-        Radii less what noise adds to them, from the rows of slices (see `fit_slice`) of nodes that
+        Radii less what noise adds to them, from the rows of slices (see `fit_slices`) of nodes that
         have points.
 
     Returns
@@ -125,7 +124,7 @@ def fit_axis_radii(
     reach = np.clip(1.5 * first_guess, 1.5 * spacing, None)
     tree = skeleton.parent, skeleton.edge_length, *child_rows(skeleton.parent)
     along = local_tangents(skeleton, 2 * reach)
-    fits, centres, n_points = _fit_nodes(
+    fits, centres, n_points = fit_slices(
         surface[order], start, tree, reach, skeleton.points, along, MOST_SLICE_POINTS
     )
     arc, residual = np.nan_to_num(fits[:, 3]), np.nan_to_num(fits[:, 4])
@@ -138,59 +137,6 @@ def fit_axis_radii(
     return type(skeleton)(
         centre, skeleton.parent, radius, skeleton.label, fields, skeleton.unit, skeleton.frame
     )
-
-
-@numba.njit(cache=True)
-def _fit_nodes(surface, start, tree, reach, nodes, along, most_points):
-    """`fit_slice` at every node; rows of `surface` are sorted by their node."""
-    parent, length, child_start, child = tree
-    n_nodes = len(nodes)
-    fits = np.full((n_nodes, 6), np.nan)
-    centres = nodes.copy()
-    counts = np.zeros(n_nodes, dtype=np.int64)
-    near = np.empty(n_nodes, dtype=np.int64)
-    u, v, x, y = np.empty(3), np.empty(3), np.empty(1), np.empty(1)
-    for node in range(n_nodes):
-        n_near = window(node, parent, length, child_start, child, reach[node], near)
-        n_rows = 0
-        for at in range(n_near):
-            n_rows += start[near[at] + 1] - start[near[at]]
-        counts[node] = n_rows
-        if n_rows < FEWEST_POINTS:
-            continue
-        stride = 1 + n_rows // most_points
-        _across(along[node, 0], along[node, 1], along[node, 2], u, v)
-        if n_rows > len(x):
-            x, y = np.empty(2 * n_rows), np.empty(2 * n_rows)
-        filled = 0
-        for at in range(n_near):
-            for row in range(start[near[at]], start[near[at] + 1], stride):
-                a = surface[row, 0] - nodes[node, 0]
-                b = surface[row, 1] - nodes[node, 1]
-                c = surface[row, 2] - nodes[node, 2]
-                x[filled] = a * u[0] + b * u[1] + c * u[2]
-                y[filled] = a * v[0] + b * v[1] + c * v[2]
-                filled += 1
-        fit = fit_slice(x[:filled], y[:filled])
-        for column in range(6):
-            fits[node, column] = fit[column]
-        for axis in range(3):
-            centres[node, axis] += fit[1] * u[axis] + fit[2] * v[axis]
-    return fits, centres, counts
-
-
-@numba.njit(cache=True)
-def _across(x, y, z, u, v):
-    """Two directions across a unit vector and one another, written to `u` and `v`."""
-    if abs(x) <= abs(y) and abs(x) <= abs(z):  # its cross product with the axis it is farthest from
-        u[0], u[1], u[2] = 0.0, z, -y
-    elif abs(y) <= abs(z):
-        u[0], u[1], u[2] = -z, 0.0, x
-    else:
-        u[0], u[1], u[2] = y, -x, 0.0
-    norm = np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    u[0], u[1], u[2] = u[0] / norm, u[1] / norm, u[2] / norm
-    v[0], v[1], v[2] = y * u[2] - z * u[1], z * u[0] - x * u[2], x * u[1] - y * u[0]
 
 
 @numba.njit(cache=True)

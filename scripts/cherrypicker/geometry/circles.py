@@ -4,8 +4,9 @@ import numba
 import numpy as np
 
 from cherrypicker.geometry.ordering import median
+from cherrypicker.geometry.tree_walks import window
 
-__all__ = ["FEWEST_POINTS", "fit_circle", "fit_slice"]
+__all__ = ["fit_circle", "fit_slices"]
 
 FEWEST_POINTS = 5
 ARC_SECTORS = 24
@@ -106,7 +107,7 @@ def _arc_deg(x, y, cx, cy):
 
 
 @numba.njit(cache=True)
-def fit_slice(x, y):
+def _fit_slice(x, y):
     """Radius, centre x, centre y, covered arc, residual of one slice; whether it is a circle's."""
     away = np.empty(len(x))
     for row in range(len(x)):
@@ -125,3 +126,82 @@ def fit_slice(x, y):
             if arc >= LEAST_ARC and residual <= 0.35 * radius and residual <= 1.05 * spread:
                 return radius, cx, cy, arc, residual, 1.0
     return simple, 0.0, 0.0, _arc_deg(x, y, 0.0, 0.0), spread, 0.0
+
+
+@numba.njit(cache=True)
+def fit_slices(surface, start, tree, reach, nodes, along, most_points):
+    """Circles across an axis at every node of a skeleton, from the surface points around it.
+
+    In this module with all that it calls on circles: Numba's cache asks no other file for its age.
+
+    Parameters
+    ----------
+    surface : ndarray of shape (n_points, 3), float64
+        Sorted by the node that each point belongs to.
+    start : ndarray of shape (n_nodes + 1,), int64
+        First row of each node's points.
+    tree : tuple
+        Parents, lengths of the edges below, and `child_rows`.
+    reach : ndarray of shape (n_nodes,), float64
+        How far along the axis a node's points are taken from.
+    nodes, along : ndarray of shape (n_nodes, 3), float64
+        Places and directions.
+    most_points : int
+        Of a slice; of more, every second, third ... is taken.
+
+    Returns
+    -------
+    fits : ndarray of shape (n_nodes, 6), float64
+        Radius, centre (two coordinates across the axis), covered arc in degrees, residual, 1 where
+        a circle fits; NaN where there are too few points.
+    centres : ndarray of shape (n_nodes, 3), float64
+    counts : ndarray of shape (n_nodes,), int64
+    """
+    parent, length, child_start, child = tree
+    n_nodes = len(nodes)
+    fits = np.full((n_nodes, 6), np.nan)
+    centres = nodes.copy()
+    counts = np.zeros(n_nodes, dtype=np.int64)
+    near = np.empty(n_nodes, dtype=np.int64)
+    u, v, x, y = np.empty(3), np.empty(3), np.empty(1), np.empty(1)
+    for node in range(n_nodes):
+        n_near = window(node, parent, length, child_start, child, reach[node], near)
+        n_rows = 0
+        for at in range(n_near):
+            n_rows += start[near[at] + 1] - start[near[at]]
+        counts[node] = n_rows
+        if n_rows < FEWEST_POINTS:
+            continue
+        stride = 1 + n_rows // most_points
+        _across(along[node, 0], along[node, 1], along[node, 2], u, v)
+        if n_rows > len(x):
+            x, y = np.empty(2 * n_rows), np.empty(2 * n_rows)
+        filled = 0
+        for at in range(n_near):
+            for row in range(start[near[at]], start[near[at] + 1], stride):
+                a = surface[row, 0] - nodes[node, 0]
+                b = surface[row, 1] - nodes[node, 1]
+                c = surface[row, 2] - nodes[node, 2]
+                x[filled] = a * u[0] + b * u[1] + c * u[2]
+                y[filled] = a * v[0] + b * v[1] + c * v[2]
+                filled += 1
+        fit = _fit_slice(x[:filled], y[:filled])
+        for column in range(6):
+            fits[node, column] = fit[column]
+        for axis in range(3):
+            centres[node, axis] += fit[1] * u[axis] + fit[2] * v[axis]
+    return fits, centres, counts
+
+
+@numba.njit(cache=True)
+def _across(x, y, z, u, v):
+    """Two directions across a unit vector and one another, written to `u` and `v`."""
+    if abs(x) <= abs(y) and abs(x) <= abs(z):  # its cross product with the axis it is farthest from
+        u[0], u[1], u[2] = 0.0, z, -y
+    elif abs(y) <= abs(z):
+        u[0], u[1], u[2] = -z, 0.0, x
+    else:
+        u[0], u[1], u[2] = y, -x, 0.0
+    norm = np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    u[0], u[1], u[2] = u[0] / norm, u[1] / norm, u[2] / norm
+    v[0], v[1], v[2] = y * u[2] - z * u[1], z * u[0] - x * u[2], x * u[1] - y * u[0]
