@@ -16,6 +16,7 @@ VOCABULARY = [
 LAYERS = [
     *VOCABULARY,
     *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "skeleton", "wood"),
+    "limbs",
     *("segmentation", "contraction", "graph", "traits", "report", "batch", "api"),
 ]
 LAB_LAYERS = [

@@ -1,0 +1,1 @@
+"""Limbs: from wood points to axes with radii, for wood of any thickness."""

@@ -1,0 +1,343 @@
+"""Chains of rings become tubes that claim their points.
+
+The heaviest way through the forest of rings comes first, its side ways after it. A chain becomes a
+limb by what no tube has claimed before it: what lies inside a limb's tube or on its surface is that
+limb, so that strands beside one another and whiskers on the bark never start.
+"""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.limbs.joints import back_to
+from cherrypicker.limbs.rings import ring_forest
+from cherrypicker.limbs.tubes import Tube, fit_tube, resample, seen_from
+
+__all__ = ["Limb", "Limbs", "chains_of", "grow_limbs", "spacing_of"]
+
+logger = logging.getLogger(__name__)
+
+NEIGHBOR = 2  # whose median distance is the spacing of a cloud
+STEP = 1.5  # in spacings: nodes of an axis are this far apart,
+STEP_IN_RADII = 1.0  # or this many radii, where that is more: a limb bends no faster
+NEAR_SURFACE = 1.0  # in spacings: points this near a surface belong to the limb,
+ROUGHNESS = 0.25  # and this share of its radius more
+LEAST_LENGTH = 2.0  # in spacings: an axis sticks out of its parent this far at least,
+LEAST_IN_NOISES = 4.0  # and this many noises
+NOISE_SHARE = 0.3  # of the spacing: the noise before any limb has told it
+LEAST_NOISE = 0.1  # of the spacing: what a perfect cloud is taken to have
+FREE_SHARE = 0.5  # of a ring's points that no tube has claimed, for the ring to be free
+CAPTURE = 2.0  # in spacings from the surface: where a fit looks for its points
+SURE_RADIUS = 4.0  # in noises: a limb at least this thick tells the noise
+LEAST_POINTS = 4
+MAD = 1.4826  # standard deviations in the median absolute deviation of a normal distribution
+
+
+@dataclass
+class Limb:
+    """An axis with radii and the limb that it grows from.
+
+    Attributes
+    ----------
+    tube : Tube
+        From where it leaves its parent to its tip.
+    parent : int
+        Number of the parent, smaller than its own; -1 for the stem.
+    """
+
+    tube: Tube
+    parent: int
+
+
+@dataclass
+class Limbs:
+    """The limbs of a tree, and which point belongs to which.
+
+    Attributes
+    ----------
+    limbs : list of Limb
+        Parents before children, the stem first.
+    member : ndarray of shape (n_points,), int64
+        Limb whose surface is the nearest to each point.
+    spacing : float
+        Of the points.
+    noise : float
+        Standard deviation of the points around the surface of thick wood.
+    claimed : float
+        Share of the points that lie inside a limb or near its surface.
+    """
+
+    limbs: list
+    member: np.ndarray
+    spacing: float
+    noise: float
+    claimed: float
+
+
+def spacing_of(points):
+    """Median distance of a point to its second nearest neighbour."""
+    k = min(NEIGHBOR, len(points) - 1)
+    return float(np.median(cKDTree(points).query(points, k=k + 1)[0][:, k]))
+
+
+def chains_of(parent, weight):
+    """Ways through a forest, heaviest first, parents before children.
+
+    Parameters
+    ----------
+    parent : ndarray of shape (n,), int64
+        Of a smaller number, -1 at the roots.
+    weight : ndarray of shape (n,)
+
+    Returns
+    -------
+    list of ndarray of int64
+        Nodes of each chain from its start outwards; each node stands in one chain.
+    """
+    total = np.asarray(weight, dtype=np.float64).copy()
+    for node in range(len(parent) - 1, -1, -1):
+        if parent[node] >= 0:
+            total[parent[node]] += total[node]
+    heir = np.full(len(parent), -1, dtype=np.int64)
+    for node in range(len(parent)):
+        up = parent[node]
+        if up >= 0 and (heir[up] < 0 or total[node] > total[heir[up]]):
+            heir[up] = node
+    is_start = np.array([up < 0 or heir[up] != node for node, up in enumerate(parent)])
+    starts = np.flatnonzero(is_start)
+    chains = []
+    for start in starts[np.lexsort((starts, -total[starts]))]:
+        chain = [start]
+        while heir[chain[-1]] >= 0:
+            chain.append(heir[chain[-1]])
+        chains.append(np.array(chain, dtype=np.int64))
+    return chains
+
+
+def grow_limbs(points, base, *, stem=None):
+    """The limbs of one tree.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Its wood, thinned evenly, z up.
+    base : array-like of 3 floats
+        Middle of the stem's lowest end.
+    stem : ndarray of shape (n_points,), bool, optional
+        What is known to be the stem: gaps in it are crossed at no price.
+
+    Returns
+    -------
+    Limbs
+
+    Raises
+    ------
+    ValueError
+        If the points make no limb.
+    """
+    points, base = np.asarray(points, dtype=np.float64), np.asarray(base, dtype=np.float64)
+    if len(points) < LEAST_POINTS or not spacing_of(points) > 0:
+        raise ValueError(f"{len(points)} points make no limb")
+    growth = _Growth(points - base, stem)  # far-off frames would cost digits
+    runs = chains_of(growth.forest.parent, growth.forest.size)
+    while runs:
+        free = growth.free_runs(runs.pop(0))
+        if free:
+            runs[:0] = free[1:]
+            growth.add(free[0])
+    if not growth.limbs:
+        raise ValueError(f"{len(points)} points make no limb")
+    return growth.finish(base)
+
+
+class _Growth:
+    """Limbs as they grow: which points are taken, and the noise so far."""
+
+    def __init__(self, points, stem):
+        self.points, self.spacing = points, spacing_of(points)
+        self.forest = ring_forest(points, np.zeros(3), self.spacing, stem)
+        by_ring = np.argsort(self.forest.ring, kind="stable")
+        self.rows_of = np.split(by_ring, np.cumsum(self.forest.size)[:-1])
+        self.tree = cKDTree(points)
+        self.owner = np.full(len(points), -1, dtype=np.int64)
+        self.limbs, self.noises = [], []
+
+    @property
+    def noise(self):
+        """Median noise of the thick limbs so far, each counted by its points."""
+        if not self.noises:
+            return NOISE_SHARE * self.spacing
+        values, counts = np.array(sorted(self.noises)).T
+        middle = float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
+        return max(middle, LEAST_NOISE * self.spacing)
+
+    def free_runs(self, chain):
+        """Runs of a chain's rings that no tube has claimed, the longest first."""
+        free = [np.mean(self.owner[self.rows_of[ring]] < 0) > FREE_SHARE for ring in chain]
+        change = np.flatnonzero(np.diff(np.array(free, dtype=int), prepend=0, append=0))
+        runs = [chain[start:end] for start, end in zip(change[::2], change[1::2])]
+        return sorted(runs, key=lambda run: -len(run))
+
+    def free(self, rows):
+        """Those of the points that no tube has claimed."""
+        return rows[self.owner[rows] < 0]
+
+    def add(self, run):
+        """Make a limb of a run of rings, if it is one, and let it claim its points."""
+        spacing = self.spacing
+        tube = self._through_middles(run)
+        if tube is None or tube.length < max(LEAST_LENGTH * spacing, LEAST_IN_NOISES * self.noise):
+            return
+        own = self.free(np.concatenate([self.rows_of[ring] for ring in run]))
+        if len(own) < LEAST_POINTS:
+            return
+        tube = self._fitted(tube, own)
+        parent = self._owner_before(run[0])
+        if parent >= 0:
+            tube = back_to(self.limbs[parent].tube, tube, self.spacing)
+        inside = self.free(self._near(tube, NEAR_SURFACE * spacing, ROUGHNESS))
+        if len(inside) < LEAST_POINTS:
+            return
+        self.owner[inside] = len(self.limbs)
+        tube = _to_its_tip(tube, self.points[inside])
+        self.limbs.append(Limb(tube, parent if len(self.limbs) == 0 else max(parent, 0)))
+
+    def finish(self, base):
+        """All limbs once more, each by the points to whose surface it is the nearest."""
+        noise, claimed = self.noise, float(np.mean(self.owner >= 0))
+        self._refit(noise)
+        self._drop_hidden()
+        member = self._refit(noise)
+        for limb in self.limbs[1:]:
+            limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube) or limb.tube
+        for limb in self.limbs:
+            limb.tube.nodes = limb.tube.nodes + base
+        logger.info(
+            "%d limbs from %s points %.1f mm apart, noise %.1f mm, %.1f %% of the points claimed",
+            len(self.limbs),
+            f"{len(self.points):,}",
+            1e3 * self.spacing,
+            1e3 * noise,
+            100 * claimed,
+        )
+        return Limbs(self.limbs, member, self.spacing, noise, claimed)
+
+    def _refit(self, noise):
+        """Fit each limb to its points and return whose each point is."""
+        member = self._nearest_limbs()
+        for number, limb in enumerate(self.limbs):
+            rows = np.flatnonzero(member == number)
+            if len(rows) >= LEAST_POINTS:
+                limb.tube = self._fit(limb.tube, rows, noise, CAPTURE * self.spacing)[0]
+        return member
+
+    def _drop_hidden(self):
+        """Drop limbs that hardly leave their parent's tube, now that it fits; children move up."""
+        number, kept = {-1: -1}, []
+        for old, limb in enumerate(self.limbs):
+            limb.parent = number[limb.parent]
+            if limb.parent >= 0:
+                rest = _outside(limb.tube, kept[limb.parent].tube)
+                if rest is None or rest.length < LEAST_LENGTH * self.spacing:
+                    number[old] = limb.parent
+                    continue
+            number[old] = len(kept)
+            kept.append(limb)
+        self.limbs = kept
+
+    def _through_middles(self, run):
+        """A tube through the middles of the free points of a run's rings."""
+        free = [self.points[self.free(self.rows_of[ring])] for ring in run]
+        nodes = np.array([own.mean(axis=0) for own in free])
+        radius = np.array(
+            [np.sqrt(np.square(own - own.mean(axis=0)).sum(axis=1).mean()) for own in free]
+        )
+        radius = np.array([np.median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
+        return self._with_even_nodes(Tube(nodes, radius))
+
+    def _with_even_nodes(self, tube):
+        return resample(tube, STEP * self.spacing, STEP_IN_RADII)
+
+    def _fit(self, tube, rows, noise, cutoff):
+        return fit_tube(self.points[rows], tube, noise=noise, spacing=self.spacing, cutoff=cutoff)
+
+    def _fitted(self, tube, own):
+        """The tube of a run: first by its own points, then by all free points around it."""
+        capture = CAPTURE * self.spacing
+        cutoff = max(capture, float(np.median(tube.radius)))
+        tube = self._with_even_nodes(self._fit(tube, own, self.noise, cutoff)[0])
+        around = self.free(self._near(tube, capture))
+        if len(around) < LEAST_POINTS:
+            return tube
+        tube, residual = self._fit(tube, around, self.noise, capture)
+        if np.median(tube.radius) > SURE_RADIUS * self.noise:
+            near = np.abs(residual) < capture
+            spread = MAD * float(np.median(np.abs(residual[near]))) if near.any() else 0.0
+            if spread > 0:
+                self.noises.append((spread, np.count_nonzero(near)))
+        return tube
+
+    def _near(self, tube, margin, in_radii=0.0):
+        """Rows of the points inside a tube or within a margin of its surface."""
+        step = np.linalg.norm(np.diff(tube.nodes, axis=0), axis=1).max()
+        reach = np.hypot((1 + in_radii) * tube.radius + margin, step / 2)
+        found = self.tree.query_ball_point(tube.nodes, reach, return_sorted=False)
+        rows = np.unique(np.concatenate([np.asarray(some, dtype=np.int64) for some in found]))
+        seen = seen_from(tube, self.points[rows])
+        margin = margin + in_radii * seen.radius
+        return rows[(seen.away <= seen.radius + margin) & (seen.beyond <= margin)]
+
+    def _owner_before(self, ring):
+        """The limb that claimed most of the points on the way from a ring to the foot."""
+        ring = self.forest.parent[ring]
+        while ring >= 0:
+            claimed = self.owner[self.rows_of[ring]]
+            claimed = claimed[claimed >= 0]
+            if len(claimed):
+                return int(np.bincount(claimed).argmax())
+            ring = self.forest.parent[ring]
+        return -1
+
+    def _nearest_limbs(self):
+        """Limb whose surface is the nearest to each point."""
+        best = np.full(len(self.points), np.inf)
+        member = np.full(len(self.points), -1, dtype=np.int64)
+        for number, limb in enumerate(self.limbs):
+            rows = self._near(limb.tube, CAPTURE * self.spacing)
+            seen = seen_from(limb.tube, self.points[rows])
+            off = np.hypot(seen.away - seen.radius, seen.beyond)
+            nearer = off < best[rows]
+            best[rows[nearer]], member[rows[nearer]] = off[nearer], number
+        rest = np.flatnonzero(member < 0)
+        if len(rest):
+            nodes = np.vstack([limb.tube.nodes for limb in self.limbs])
+            owner = np.repeat(
+                np.arange(len(self.limbs)), [len(limb.tube.nodes) for limb in self.limbs]
+            )
+            member[rest] = owner[cKDTree(nodes).query(self.points[rest])[1]]
+        return member
+
+
+def _to_its_tip(tube, own):
+    """The axis up to its last point: the middle of the last ring lies before the tip."""
+    beyond = seen_from(tube, own).way.max() - tube.length
+    if beyond <= 0:
+        return tube
+    step = tube.nodes[-1] - tube.nodes[-2]
+    tip = tube.nodes[-1] + beyond * step / np.linalg.norm(step)
+    return Tube(np.vstack([tube.nodes, tip]), np.append(tube.radius, tube.radius[-1]))
+
+
+def _outside(tube, parent):
+    """A limb from where its axis leaves its parent for good: inside it has no surface of its own.
+
+    None where it does not leave it.
+    """
+    seen = seen_from(parent, tube.nodes)
+    inside = np.flatnonzero((seen.away <= seen.radius) & (seen.beyond == 0))
+    first = inside[-1] + 1 if len(inside) else 0
+    if first > len(tube.nodes) - 2:
+        return None
+    return Tube(tube.nodes[first:], tube.radius[first:])

@@ -1,0 +1,136 @@
+"""The limbs of a tree joined to one rooted tree of nodes."""
+
+import numpy as np
+
+from cherrypicker.limbs.tubes import Tube, smooth
+from cherrypicker.skeleton.model import rooted_order
+
+__all__ = ["back_to", "join_limbs"]
+
+HEADING = 6.0  # in spacings: length of a limb's start that tells where it comes from,
+HEADING_IN_RADII = 3.0  # or this many of its radii, where that is more
+NEARNESS = 0.3  # of a place's distance from the limb's start, beside that from its continuation
+WINDOW = 2.0  # places within this many times the shortest distance are compared
+SAME_PLACE = (
+    1.5  # in spacings: limbs that meet their parent nearer to one another meet at one node,
+)
+SAME_IN_RADII = 1.0  # or in radii of the parent, where that is more
+PLACES = 8  # between two nodes of a fitted axis, where a meeting place is looked for
+
+
+def join_limbs(limbs, spacing, step):
+    """Join limbs where the straight continuation of each comes nearest to its parent.
+
+    Parameters
+    ----------
+    limbs : list of Limb
+        Parents before children.
+    spacing : float
+        Between the points that they were made from.
+    step : float
+        Longest edge along an axis.
+
+    Returns
+    -------
+    points : ndarray of shape (n_nodes, 3), float64
+    parent : ndarray of shape (n_nodes,), int64
+        As in `Skeleton`: parents before children, -1 for the root.
+    radius : ndarray of shape (n_nodes,), float64
+    limb : ndarray of shape (n_nodes,), int64
+        Limb of each node.
+    """
+    tubes = [smooth(limb.tube, step) for limb in limbs]
+    places = [np.arange(len(tube.nodes), dtype=float) for tube in tubes]
+    children = {}
+    for number, limb in enumerate(limbs[1:], start=1):
+        children.setdefault(limb.parent, []).append(number)
+    joint = {}
+    for up, numbers in children.items():
+        at = {n: _meeting_place(limbs[n].tube, tubes[up], spacing) for n in numbers}
+        joint |= _brought_together(at, tubes[up], spacing)
+        places[up] = np.union1d(places[up], [joint[n] for n in numbers])
+    start = np.concatenate([[0], np.cumsum([len(at) for at in places])])
+    points = np.vstack([_at(tube.nodes, at) for tube, at in zip(tubes, places)])
+    radius = np.concatenate(
+        [_at(tube.radius[:, None], at)[:, 0] for tube, at in zip(tubes, places)]
+    )
+    owner = np.repeat(np.arange(len(limbs)), np.diff(start))
+    inner = np.setdiff1d(np.arange(len(points) - 1), start[1:-1] - 1)
+    edges = [np.stack([inner, inner + 1], axis=1)]
+    for number, at in joint.items():
+        up = limbs[number].parent
+        edges.append([[start[up] + np.searchsorted(places[up], at), start[number]]])
+    order, parent = rooted_order(len(points), np.vstack(edges), 0)
+    return points[order], parent, radius[order], owner[order]
+
+
+def _at(values, places):
+    """Values at places between nodes."""
+    k = np.minimum(places.astype(int), len(values) - 2)
+    share = (places - k)[:, None]
+    return values[k] * (1 - share) + values[k + 1] * share
+
+
+def _brought_together(at, parent, spacing):
+    """Meeting places along a parent by limb, those that are one place brought together."""
+    numbers = sorted(at, key=at.get)
+    places = np.array([at[number] for number in numbers])
+    step = np.linalg.norm(np.diff(parent.nodes, axis=0), axis=1)
+    nodes = np.arange(len(parent.nodes))
+    along = np.interp(places, nodes, np.append(0.0, np.cumsum(step)))
+    reach = np.maximum(
+        SAME_PLACE * spacing, SAME_IN_RADII * np.interp(places, nodes, parent.radius)
+    )
+    together, group = {}, []
+    for k in range(len(numbers)):
+        if group and along[k] - along[group[0]] > reach[group[0]]:
+            group = []
+        group.append(k)
+        middle = round(float(np.mean(places[group])) * PLACES) / PLACES
+        together |= {numbers[member]: middle for member in group}
+    return together
+
+
+def _meeting_place(tube, parent, spacing):
+    """Place along the parent, in nodes, where a limb's straight continuation comes nearest."""
+    heading = _heading(tube, spacing)
+    at = np.linspace(0, len(parent.nodes) - 1, PLACES * (len(parent.nodes) - 1) + 1)
+    offset = _at(parent.nodes, at) - tube.nodes[0]
+    distance = np.linalg.norm(offset, axis=1)
+    back = np.maximum(-(offset @ heading), 0.0)
+    aside = np.linalg.norm(offset + back[:, None] * heading, axis=1)
+    cost = aside + NEARNESS * distance
+    cost[distance > WINDOW * distance.min() + 2 * spacing] = np.inf
+    return float(at[np.argmin(cost)])
+
+
+def _heading(tube, spacing):
+    """Unit vector along which a limb starts."""
+    reach = max(HEADING * spacing, HEADING_IN_RADII * float(np.median(tube.radius[:5])))
+    first = tube.nodes[np.linalg.norm(tube.nodes - tube.nodes[0], axis=1) <= reach]
+    first = first if len(first) > 1 else tube.nodes[:2]
+    heading = np.linalg.svd(first - first.mean(axis=0), full_matrices=False)[2][0]
+    return heading if heading @ (tube.nodes[1] - tube.nodes[0]) > 0 else -heading
+
+
+def back_to(parent, tube, spacing):
+    """A limb with its straight continuation back to where that comes nearest to its parent.
+
+    Parameters
+    ----------
+    parent, tube : Tube
+    spacing : float
+        Between the points that they were made from.
+
+    Returns
+    -------
+    Tube
+        With one node more, unless the limb starts there already.
+    """
+    heading = _heading(tube, spacing)
+    meeting = _at(parent.nodes, np.array([_meeting_place(tube, parent, spacing)]))[0]
+    back = float((tube.nodes[0] - meeting) @ heading)
+    if back <= spacing:
+        return tube
+    start = tube.nodes[0] - back * heading
+    return Tube(np.vstack([start, tube.nodes]), np.append(tube.radius[0], tube.radius))

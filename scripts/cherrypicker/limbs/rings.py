@@ -1,0 +1,198 @@
+"""Rings of wood: what lies equally far from the foot, on the way over the surface.
+
+A level set of the way over a limb's surface is a closed ring around it, whatever its thickness
+(Verroust and Lazarus, "Extracting skeletal curves from 3D scattered data", 2000). Rings that follow
+one another are a limb, a ring that several follow is a fork: together they are a forest, rooted at
+the foot.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
+
+from cherrypicker.geometry.neighbors import component_links, components, knn_edges, sparse_graph
+
+__all__ = ["RingForest", "ring_forest", "ways_from_foot"]
+
+N_NEIGHBORS = 12
+REACH = 2.5  # in spacings: neighbours this near touch
+GAP_WIDTH = 1.4  # of the shortest way over a gap: ways up to this long cross it as well
+FOOT_WIDTH = 2.0  # of the stem's half width at its base: what lies so near is the stem
+FOOT_REACH = 30.0  # in spacings: where points of the stem's base are looked for
+BAND = 2.0  # in spacings: how high a ring is
+
+
+@dataclass
+class RingForest:
+    """Rings in the order of their distance from the foot.
+
+    Attributes
+    ----------
+    ring : ndarray of shape (n_points,), int64
+        Ring of each point.
+    parent : ndarray of shape (n_rings,), int64
+        The ring before on the way to the foot, of a smaller number; -1 at the foot.
+    centre : ndarray of shape (n_rings, 3), float64
+    size : ndarray of shape (n_rings,), int64
+        Points of each ring.
+    way : ndarray of shape (n_points,), float64
+        Length of each point's way over the surface.
+    """
+
+    ring: np.ndarray
+    parent: np.ndarray
+    centre: np.ndarray
+    size: np.ndarray
+    way: np.ndarray
+
+
+def ways_from_foot(points, base, spacing, stem=None):
+    """Shortest ways over the surface from the foot of the tree.
+
+    A step longer than the spacing costs more than it is long, so that a way follows the wood and
+    does not leap to wood beside it; pieces that touch nothing are joined where they come nearest.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Thinned wood points of one tree, z up.
+    base : ndarray of shape (3,)
+        Middle of the stem's lowest end.
+    spacing : float
+        Between neighbouring points.
+    stem : ndarray of shape (n_points,), bool, optional
+        What is known to be the stem: gaps within it cost no more than they are long.
+
+    Returns
+    -------
+    way : ndarray of shape (n_points,), float64
+        Prices along each point's way, of steps no longer than the spacing their lengths.
+    before : ndarray of shape (n_points,), int64
+        The point before on the way, -1 at the foot.
+    edges : ndarray of shape (n_edges, 2), int64
+        Touching neighbours, and the links between pieces.
+    """
+    edges = knn_edges(points, N_NEIGHBORS, REACH * spacing)
+    edges = np.vstack([edges, _bridges(points, edges, component_links(points, edges), spacing)])
+    length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+    price = length * np.maximum(1.0, length / spacing)
+    if stem is not None and stem.any():
+        along = _stem_edges(points, edges, np.flatnonzero(stem), spacing)
+        edges = np.vstack([edges, along])
+        steps = np.linalg.norm(points[along[:, 0]] - points[along[:, 1]], axis=1)
+        price = np.append(price, steps)
+    edges, price = _cheapest(edges, price)
+    foot, height = _foot(points, base, spacing)
+    source = np.full(len(foot), len(points))
+    graph = sparse_graph(
+        len(points) + 1,
+        np.vstack([edges, np.stack([foot, source], axis=1)]),
+        np.concatenate([price, height]),
+    )
+    way, before = dijkstra(graph, directed=False, indices=len(points), return_predecessors=True)
+    way, before = way[:-1], before[:-1].astype(np.int64)
+    return way, np.where((before < 0) | (before == len(points)), -1, before), edges
+
+
+def _bridges(points, edges, links, spacing):
+    """All edges over the gaps that the links cross: a single one would tilt the rings beyond."""
+    piece, _ = components(len(points), edges)
+    rows_of = {number: np.flatnonzero(piece == number) for number in np.unique(piece[links])}
+    trees = {number: cKDTree(points[rows]) for number, rows in rows_of.items()}
+    found = [links]
+    for a, b in links:
+        one, other = sorted((piece[a], piece[b]), key=lambda number: len(rows_of[number]))
+        gap = np.linalg.norm(points[a] - points[b])
+        distance, nearest = trees[other].query(
+            points[rows_of[one]], distance_upper_bound=GAP_WIDTH * gap + spacing
+        )
+        near = np.flatnonzero(np.isfinite(distance))
+        found.append(np.stack([rows_of[one][near], rows_of[other][nearest[near]]], axis=1))
+    return np.vstack(found)
+
+
+def _stem_edges(points, edges, stem, spacing):
+    """Edges over the gaps between pieces of the stem: one thing, whatever hides a part of it."""
+    number = np.full(len(points), -1)
+    number[stem] = np.arange(len(stem))
+    own = number[edges]
+    own = own[(own >= 0).all(axis=1)]
+    return stem[_bridges(points[stem], own, component_links(points[stem], own), spacing)]
+
+
+def _cheapest(edges, price):
+    """Each edge once, at its lowest price."""
+    edges = np.sort(edges, axis=1)
+    order = np.lexsort((price, edges[:, 1], edges[:, 0]))
+    edges, price = edges[order], price[order]
+    first = np.append(True, (np.diff(edges, axis=0) != 0).any(axis=1))
+    return edges[first], price[first]
+
+
+def _foot(points, base, spacing):
+    """Points of the stem up to its base, and how far above the lowest each lies."""
+    aside = np.linalg.norm(points[:, :2] - base[:2], axis=1)
+    rise = points[:, 2] - base[2]
+    level = np.flatnonzero(np.abs(rise) <= 2 * spacing)
+    near = level[aside[level] <= FOOT_REACH * spacing]
+    width = np.median(aside[near]) if len(near) else aside.min()
+    foot = np.flatnonzero((rise <= 2 * spacing) & (aside <= FOOT_WIDTH * width + spacing))
+    if not len(foot):
+        foot = np.array([np.argmin(np.linalg.norm(points - base, axis=1))])
+    return foot, points[foot, 2] - points[foot, 2].min()
+
+
+def ring_forest(points, base, spacing, stem=None):
+    """Cut the wood into rings of equal way from the foot, and join them to a forest.
+
+    Parameters
+    ----------
+    points, base, spacing, stem
+        As in `ways_from_foot`.
+
+    Returns
+    -------
+    RingForest
+    """
+    way, before, edges = ways_from_foot(points, base, spacing, stem)
+    band = np.floor(way / (BAND * spacing)).astype(np.int64)
+    same = edges[band[edges[:, 0]] == band[edges[:, 1]]]
+    n_rings, ring = connected_components(
+        sparse_graph(len(points), same, np.ones(len(same))), directed=False
+    )
+    level = np.zeros(n_rings, dtype=np.int64)
+    level[ring] = band
+    order = np.argsort(level, kind="stable")
+    number = np.empty(n_rings, dtype=np.int64)
+    number[order] = np.arange(n_rings)
+    ring = number[ring]
+    size = np.bincount(ring, minlength=n_rings)
+    centre = np.stack([np.bincount(ring, c, n_rings) for c in points.T], axis=1) / size[:, None]
+    parent = _votes(ring, before, n_rings)
+    _stack_foot(parent, centre, level[order])
+    return RingForest(ring, parent, centre, size, way)
+
+
+def _stack_foot(parent, centre, level):
+    """Rings that ways start in stand on the nearest such ring of the level below."""
+    starts = np.flatnonzero(parent < 0)
+    for ring in starts:
+        below = starts[level[starts] < level[ring]]
+        if len(below):
+            below = below[level[below] == level[below].max()]
+            away = np.linalg.norm(centre[below] - centre[ring], axis=1)
+            parent[ring] = below[np.argmin(away)]
+
+
+def _votes(ring, before, n_rings):
+    """The ring from which most ways enter each ring; of equals the one nearest to the foot."""
+    entering = np.flatnonzero((before >= 0) & (ring[before] != ring))
+    pair = ring[entering] * n_rings + ring[before[entering]]
+    pair, votes = np.unique(pair, return_counts=True)
+    child, parent = np.divmod(pair, n_rings)
+    order = np.lexsort((-parent, votes, child))  # the last of each child has the most votes
+    found = np.full(n_rings, -1, dtype=np.int64)
+    found[child[order]] = parent[order]
+    return found

@@ -1,0 +1,154 @@
+"""Limbs of trees whose axes are known: thick and thin, seen in part, with holes."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from skeleton_shapes import sample_axes, small_tree, tube
+
+from cherrypicker.geometry.sampling import voxel_thin
+from cherrypicker.limbs.growth import chains_of, grow_limbs, spacing_of
+from cherrypicker.limbs.joints import join_limbs
+
+FOOT = (0.0, 0.0, 0.0)
+
+
+def grown(points, *, stem=None, voxel=0.008):
+    """Limbs of a cloud, thinned as the workflow does, and the thinned points."""
+    _, source, _ = voxel_thin(points, voxel)
+    return grow_limbs(points[source], FOOT, stem=None if stem is None else stem[source]), source
+
+
+def without_inside(pieces, axes):
+    """Points of limbs, less those inside another limb; axes as (start, end, radius, radius)."""
+    points = np.vstack(pieces)
+    inside = np.zeros(len(points), dtype=bool)
+    for start, end, radius, end_radius in axes:
+        step = np.subtract(end, start)
+        share = np.clip((points - start) @ step / (step @ step), 0, 1)
+        away = np.linalg.norm(points - start - share[:, None] * step, axis=1)
+        inside |= away < 0.93 * (radius + share * (end_radius - radius)) - 0.004
+    return points[~inside]
+
+
+def old_cherry(seed=0, noise=0.003):
+    """A thick tree: a stem of 9 cm radius, three limbs of 4 to 6 cm, twigs on them; its axes."""
+    rng = np.random.default_rng(seed)
+    axes = [
+        ((0, 0, 0), (0, 0, 1.6), 0.09, 0.05),
+        ((0, 0, 0.7), (0.8, 0, 1.5), 0.055, 0.02),
+        ((0, 0, 0.8), (-0.7, 0.2, 1.5), 0.05, 0.02),
+        ((0, 0, 0.95), (0.1, 0.7, 1.6), 0.045, 0.015),
+        *(((0.4, 0, 1.1), end, 0.006, 0.003) for end in ((0.5, 0.35, 1.2), (0.45, -0.3, 1.3))),
+        ((-0.35, 0.1, 1.15), (-0.45, 0.35, 1.45), 0.006, 0.003),
+        ((0.05, 0.35, 1.28), (-0.2, 0.45, 1.5), 0.006, 0.003),
+    ]
+    pieces = [
+        tube(start, end, r, 40_000, end_radius=tip, noise=noise, rng=rng)
+        for start, end, r, tip in axes
+    ]
+    return without_inside(pieces, axes), axes
+
+
+def test_chains_are_the_heaviest_ways():
+    parent = np.array([-1, 0, 1, 1, 3, -1])
+    chains = chains_of(parent, np.array([1, 1, 1, 1, 5, 2]))
+    assert [chain.tolist() for chain in chains] == [[0, 1, 3, 4], [5], [2]]
+
+
+def test_a_small_tree_has_its_limbs():
+    points, labels, axes = small_tree(noise=0.001)
+    found, source = grown(points, stem=labels == 1)
+    assert [limb.parent for limb in found.limbs].count(0) == 4
+    assert sorted(limb.parent < 0 for limb in found.limbs) == [False] * 5 + [True]
+    assert found.claimed > 0.95 and len(found.member) == len(source)
+    nodes = np.vstack([limb.tube.nodes for limb in found.limbs])
+    assert cKDTree(sample_axes(axes)).query(nodes)[0].max() < 0.012
+    heights = found.limbs[0].tube.nodes[:, 2]
+    assert heights[0] < 0.02 and heights[-1] > 1.17
+
+
+def test_thick_limbs_are_one_clean_axis_each():
+    points, axes = old_cherry()
+    found, _ = grown(points)
+    assert len(found.limbs) == len(axes)  # no strand beside another, no whisker on the bark
+    joined, *_ = join_limbs(found.limbs, found.spacing, 0.01)
+    assert np.quantile(cKDTree(sample_axes(axes)).query(joined)[0], 0.99) < 0.015
+    assert (cKDTree(joined).query(sample_axes(axes))[0] < 0.03).mean() > 0.95
+    stem = found.limbs[0].tube
+    low = stem.nodes[:, 2] < 0.6
+    assert np.abs(stem.radius - (0.09 - 0.025 * stem.nodes[:, 2]))[low].max() < 0.003
+
+
+def test_labels_help_and_are_not_needed():
+    points, axes = old_cherry(seed=1)
+    is_stem = (np.linalg.norm(points[:, :2], axis=1) < 0.1) & (points[:, 2] < 0.7)
+    plain, _ = grown(points)
+    known, _ = grown(points, stem=is_stem)
+    assert len(plain.limbs) == len(known.limbs) == len(axes)
+
+
+def test_a_hole_in_the_stem_does_not_bend_its_axis():
+    rng = np.random.default_rng(5)
+    stem = tube((0, 0, 0), (0.1, 0, 1.2), 0.06, 20_000, rng=rng, end_radius=0.03, noise=0.002)
+    for height, angle in ((0.4, 0.0), (0.8, 2.0)):
+        centre = [height / 12 + 0.05 * np.cos(angle), 0.05 * np.sin(angle), height]
+        stem = stem[np.linalg.norm(stem - centre, axis=1) > 0.08]
+    found, _ = grown(stem, stem=np.ones(len(stem), dtype=bool))
+    nodes = found.limbs[0].tube.nodes
+    assert len(found.limbs) == 1 and nodes[-1, 2] > 1.17
+    assert np.hypot(nodes[:, 0] - nodes[:, 2] / 12, nodes[:, 1]).max() < 0.006
+
+
+def test_a_ring_around_the_stem_hides_it_and_the_limb_goes_on():
+    rng = np.random.default_rng(4)
+    stem = tube((0, 0, 0), (0.06, 0, 1.2), 0.03, 40_000, rng=rng, end_radius=0.025)
+    stem = stem[(stem[:, 2] < 0.4) | (stem[:, 2] > 0.52)]
+    found, _ = grown(stem)
+    assert len(found.limbs) == 1
+    nodes = found.limbs[0].tube.nodes
+    assert np.hypot(nodes[:, 0] - 0.05 * nodes[:, 2], nodes[:, 1]).max() < 0.004
+
+
+def test_half_a_limb_has_its_axis_where_the_whole_one_has():
+    rng = np.random.default_rng(2)
+    whole = tube((0, 0, 0), (0, 0, 0.8), 0.05, 30_000, rng=rng, noise=0.002)
+    half = whole[(whole[:, 0] > -0.01) | (whole[:, 2] < 0.1)]
+    found, _ = grown(half)
+    nodes = found.limbs[0].tube.nodes
+    assert len(found.limbs) == 1
+    assert np.linalg.norm(nodes[2:-2, :2], axis=1).max() < 0.012
+    assert np.median(found.limbs[0].tube.radius) == pytest.approx(0.05, abs=0.004)
+
+
+def test_two_limbs_side_by_side_stay_two():
+    rng = np.random.default_rng(6)
+    stem = tube((0, 0, 0), (0, 0, 0.3), 0.04, 30_000, rng=rng)
+    forks = [tube((0, 0, 0.3), (x, 0, 0.5), 0.03, 30_000, rng=rng) for x in (-0.09, 0.09)]
+    limbs = [tube((x, 0, 0.5), (x, 0, 1.2), 0.03, 30_000, rng=rng) for x in (-0.09, 0.09)]
+    found, _ = grown(np.vstack([stem, *forks, *limbs]))
+    ends = sorted(limb.tube.nodes[-1, 0] for limb in found.limbs)
+    assert len(found.limbs) == 2
+    np.testing.assert_allclose(ends, [-0.09, 0.09], atol=0.01)
+
+
+def test_equal_input_gives_equal_limbs_in_any_frame():
+    points, _, _ = small_tree(noise=0.002)
+    _, source, _ = voxel_thin(points, 0.008)
+    first, second = (grow_limbs(points[source], FOOT) for _ in range(2))
+    for one, other in zip(first.limbs, second.limbs):
+        np.testing.assert_array_equal(one.tube.nodes, other.tube.nodes)
+    shift = np.array([365_000.0, 5_620_000.0, 310.0])
+    there = grow_limbs(points[source] + shift, shift)
+    assert len(there.limbs) == len(first.limbs)
+    away = np.linalg.norm(there.limbs[0].tube.nodes - shift - first.limbs[0].tube.nodes, axis=1)
+    assert away.max() < 1e-3
+
+
+def test_spacing_of_a_grid_is_its_step():
+    x, y = np.meshgrid(np.arange(20.0), np.arange(20.0))
+    assert spacing_of(np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)) == 1.0
+
+
+def test_points_that_make_no_limb_are_refused():
+    with pytest.raises(ValueError, match="no limb"):
+        grow_limbs(np.zeros((40, 3)), FOOT)
