@@ -47,9 +47,10 @@ def test_any_classes_and_weights(tree):
     renamed = np.where(labels == 1, 40, 7)
     same, _ = contract(points, renamed, weights={40: 10.0}, stem=40)
     np.testing.assert_array_equal(same, contract(points, labels)[0])
-    plain, _ = contract(points, labels, weights={})
-    assert np.abs(plain - same).max() > 1e-3
-    np.testing.assert_array_equal(plain, contract(points)[0])
+    published = {"preset": "paper", "max_iterations": 1}
+    plain, _ = contract(points, labels, weights={}, **published)
+    assert np.abs(plain - contract(points, labels, **published)[0]).max() > 1e-3
+    np.testing.assert_array_equal(plain, contract(points, **published)[0])
 
 
 def test_thinned_points_name_their_source(tree):
@@ -70,6 +71,8 @@ def test_a_callback_that_raises_stops(tree):
         raise Stop
 
     with pytest.raises(Stop):
+        contract(points, labels, preset="paper", callback=stop)
+    with pytest.raises(ValueError, match="paper"):
         contract(points, labels, callback=stop)
 
 

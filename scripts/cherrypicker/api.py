@@ -8,13 +8,12 @@ parameters of pc-skeletor to them.
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import contract_points, preset_options
 from cherrypicker.contraction.contract_wood import contract_wood
-from cherrypicker.contraction.tube import recentre_stem
-from cherrypicker.geometry.sampling import median_spacing, voxel_thin
+from cherrypicker.contraction.on_axes import move_to_axes
+from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.pointcloud import PointCloud
 
@@ -106,17 +105,16 @@ def contract(
     if weights is None:
         weights = {} if labels is None or stem is None else {int(stem): 10.0}
     options = preset_options(preset, **constants)
-    result = contract_points(points, _weight_of(labels, weights), options, callback)
-    contracted = result.points
-    is_stem = np.zeros(len(points), bool) if labels is None or stem is None else labels == stem
-    if weights and options.scheme == "adaptive" and is_stem.any():
-        contracted = contracted.copy()
-        contracted[is_stem], _ = recentre_stem(
-            points[is_stem],
-            contracted[is_stem],
-            _foot(points[is_stem]),
-            spacing=median_spacing(points, cKDTree(points)),
-        )
+    lambdas = _weight_of(labels, weights)
+    if options.scheme == "published":
+        return contract_points(points, lambdas, options, callback).points, source
+    if callback is not None:
+        raise ValueError("the default preset does not iterate: a callback needs preset='paper'")
+    is_stem = None if labels is None or stem is None else labels == stem
+    if not weights:
+        is_stem = None
+    foot = _foot(points if is_stem is None or not is_stem.any() else points[is_stem])
+    contracted, _ = move_to_axes(points, foot, stem=is_stem)
     return contracted, source
 
 

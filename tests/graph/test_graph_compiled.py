@@ -4,12 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import isotonic_regression, minimize
 
-from cherrypicker.geometry.polylines import (
-    arc_length,
-    interpolate,
-    nearest_on_polyline,
-    straight_back,
-)
 from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.geometry.tree_walks import (
     child_rows,
@@ -18,8 +12,7 @@ from cherrypicker.geometry.tree_walks import (
     sum_from_root,
     window,
 )
-from cherrypicker.graph.refine import _never_growing, taper_radii, taper_skeleton
-from cherrypicker.graph.smooth_axes import smooth
+from cherrypicker.graph.radius import _never_growing, taper_radii, taper_skeleton
 from cherrypicker.skeleton.model import Skeleton
 
 PARENT = np.array([-1, 0, 1, 1, 3, 3, 0])
@@ -56,18 +49,6 @@ def test_taper_is_the_isotonic_regression_of_the_running_median(n):
     np.testing.assert_allclose(taper_radii(radius, weights), wanted, rtol=1e-12)
 
 
-@pytest.mark.parametrize("n", [3, 4, 30])
-def test_smoothing_solves_its_equation(n):
-    rng = np.random.default_rng(n)
-    points = np.cumsum(rng.uniform(0.005, 0.02, (n, 3)), axis=0)
-    weights, spacing = rng.uniform(0.1, 1, n), 0.02
-    length = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    slope = spacing / np.maximum(length, 0.5 * spacing)
-    bends = np.diff(slope[:, None] * np.diff(np.eye(n), axis=0), axis=0)
-    wanted = np.linalg.solve(np.diag(weights) + 7.0 * bends.T @ bends, weights[:, None] * points)
-    np.testing.assert_allclose(smooth(points, weights, 7.0, spacing), wanted, rtol=1e-9)
-
-
 def test_farthest_points_are_those_of_the_plain_algorithm():
     points = np.random.default_rng(4).normal(size=(600, 3))
     samples, nearest = farthest_point_sample(points, 0.5, first=17)
@@ -78,26 +59,6 @@ def test_farthest_points_are_those_of_the_plain_algorithm():
         assert so_far.max() > 0.5
     assert away.min(axis=1).max() <= 0.5
     np.testing.assert_array_equal(nearest, np.argmin(away, axis=1))
-
-
-def test_places_on_a_polyline():
-    line = np.array([[0, 0, 0], [0, 0, 2], [0, 3, 2]], dtype=float)
-    at, away = nearest_on_polyline(line, np.array([[1, 0, 1], [0, 4, 2], [0, 1, 4]], dtype=float))
-    np.testing.assert_allclose(at, [1, 5, 3])
-    np.testing.assert_allclose(away, [1, 1, 2])
-    assert arc_length(line).tolist() == [0, 2, 5]
-    spots = interpolate(line, line, np.array([-1.0, 1.5, 3.5, 9.0]))
-    np.testing.assert_allclose(spots, [[0, 0, 0], [0, 0, 1.5], [0, 1.5, 2], [0, 3, 2]])
-
-
-def test_side_axis_starts_where_it_points_back_to():
-    line = np.array([[0, 0, 0], [0, 0, 1]], dtype=float)
-    run = np.array([0.1, 0.0, 0.5]) + np.linspace(0, 0.1, 5)[:, None] * np.array([1.0, 0, 1.0])
-    place, cosine = straight_back(line, run, 0.45, 0.4, 0.02)
-    assert place == pytest.approx(0.4, abs=0.006)
-    assert cosine == pytest.approx(np.sqrt(0.5), abs=0.01)
-    assert np.isnan(straight_back(line, run + [0, 0.1, 0], 0.45, 0.4, 0.02)[0])
-    assert np.isnan(straight_back(line, run[::-1], 0.45, 0.4, 0.02)[0])
 
 
 def test_radii_of_a_tree_are_the_nearest_that_never_grow():

@@ -210,7 +210,7 @@ def test_a_ready_cloud_gets_the_same_decision(rng):
     """No cameras: the mass and the height alone."""
     parts = tree(rng, (5.0, 5.0, 2.0)), tree(rng, (7.5, 5.0, 2.0), (0, 0, 1.0), length=0.5)
     points, labels = (np.concatenate(column) for column in zip(*parts))
-    options = preset_options("default", max_iterations=1)
+    options = preset_options("default")
     _, details = contract_wood(labelled_cloud(points, labels), options=options)
     report = target_report(details["choice"])
     assert report["target_xy"] == pytest.approx([5, 5], abs=0.03)
@@ -241,7 +241,7 @@ def test_the_stage_takes_crop_target_xy_in_the_aligned_frame(rng, tmp_path):
     write_json(tmp_path / "metric.json", metric | {"region": REGION.as_dict()})
     found = {}
     for name, extra in {"wood": [], "config": ["--target_xy", "1.8", "0"]}.items():
-        command = [sys.executable, SCRIPTS / "contract_cloud.py", "--max_iterations", "1"]
+        command = [sys.executable, SCRIPTS / "contract_cloud.py"]
         for option, file in {
             "segmented": "segmented.ply",
             "metric": "metric.json",

@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from cherrypicker.contraction.adaptive import contract_adaptively
 from cherrypicker.contraction.laplacian_published import (
     cotangent_laplacian,
     semantic_row_weights,
@@ -19,7 +18,6 @@ __all__ = ["PRESETS", "Contraction", "ContractionOptions", "contract_points", "p
 logger = logging.getLogger(__name__)
 
 AMPLIFICATION_BY_SIZE = ((1e3, 1.0), (1e4, 2.0), (1e6, 5.0), (np.inf, 8.0))
-ADAPTIVE_AMPLIFICATION = 8.0
 FEWEST_POINTS = 10
 
 
@@ -29,11 +27,9 @@ class ContractionOptions:
 
     Attributes
     ----------
-    scheme : {"published", "adaptive"}
-        The iteration as published, or with weights that follow the thickness of the wood
-        (`cherrypicker.contraction.adaptive`). The adaptive scheme reads ``initial_contraction``
-        (there relative to the local thickness), ``amplification`` (8 where None),
-        ``termination_move``, ``max_iterations``, ``n_neighbors`` and ``site_size``.
+    scheme : {"published", "limbs"}
+        The iteration as published, with the constants below, or every point to the axis of its
+        limb (`cherrypicker.contraction.on_axes`), which has none.
     initial_contraction : float
         W_L starts at this times the square root of the mean of the mass matrix.
     initial_attraction : float
@@ -52,9 +48,6 @@ class ContractionOptions:
     n_neighbors : int
     mollify_factor : float
         Of the Laplacian, see `cotangent_laplacian`.
-    site_size : float
-        Adaptive scheme: a cloud of eight points a voxel of this size is contracted at one site a
-        voxel, in the unit of the points.
     """
 
     scheme: str = "published"
@@ -69,18 +62,11 @@ class ContractionOptions:
     max_iterations: int = 20
     n_neighbors: int = 30
     mollify_factor: float = 1e-5
-    site_size: float = 0.015
 
 
 PRESETS = {
     "paper": ContractionOptions(),
-    "default": ContractionOptions(
-        scheme="adaptive",
-        initial_contraction=0.7,
-        amplification=8.0,
-        max_iterations=2,
-        n_neighbors=12,
-    ),
+    "default": ContractionOptions(scheme="limbs"),
 }
 
 
@@ -108,6 +94,13 @@ def preset_options(preset="default", **changes):
     given = {name: value for name, value in changes.items() if value is not None}
     if not set(given) <= known:
         raise TypeError(f"unknown options {sorted(set(given) - known)}")
+    if given and PRESETS[preset].scheme != "published":
+        logger.warning(
+            "contract.%s: constants of the published iteration; the preset %s does not iterate and "
+            "reads none of them",
+            ", contract.".join(sorted(given)),
+            preset,
+        )
     return replace(PRESETS[preset], **given)
 
 
@@ -163,8 +156,6 @@ def contract_points(points, weights=None, options=None, callback=None):
     options = options or ContractionOptions()
     points = _checked(points)
     centre = points.mean(axis=0)  # far-off frames would cost digits in the normal equations
-    if options.scheme == "adaptive":
-        return _adaptively(points, centre, weights, options, callback)
     current = points - centre
     L, mass = _laplacian_or_error(current, options)
     first_mass = mass
@@ -213,22 +204,6 @@ def contract_points(points, weights=None, options=None, callback=None):
         w_h = np.clip(w_h, options.min_weight, options.max_attraction)
     logger.info("stopped after %d iterations: %s", len(ratios), stop)
     return Contraction(current + centre, ratios, stop)
-
-
-def _adaptively(points, centre, weights, options, callback):
-    moved_back = None
-    if callback is not None:
-
-        def moved_back(iteration, ratio, current):
-            callback(iteration, ratio, current + centre)
-
-    options = replace(options, amplification=options.amplification or ADAPTIVE_AMPLIFICATION)
-    try:
-        found, ratios, stop = contract_adaptively(points - centre, weights, options, moved_back)
-    except RuntimeError as error:
-        raise StageError(f"the contraction fails ({error})", key="contract.voxel_size_m") from error
-    logger.info("stopped after %d iterations: %s", len(ratios), stop)
-    return Contraction(found + centre, ratios, stop)
 
 
 def _checked(points):

@@ -6,12 +6,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CLASS_NAMES, Label
-from cherrypicker.contraction.contract_points import contract_points
-from cherrypicker.contraction.limbs import recentre_limbs
-from cherrypicker.contraction.stem_gap import fill_stem_gaps
-from cherrypicker.contraction.tube import recentre_stem
+from cherrypicker.contraction.contract_points import contract_points, preset_options
+from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.sampling import median_spacing, thin_to_limit
+from cherrypicker.geometry.sampling import thin_to_limit
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target_wood import select_target_wood
@@ -21,7 +19,6 @@ __all__ = ["class_weights", "contract_wood"]
 logger = logging.getLogger(__name__)
 
 FEWEST_WOOD = 50
-N_VOTES = 9
 SELECTION_FACTOR = 2  # the selection may look at this many times the points of the contraction
 
 
@@ -116,6 +113,9 @@ def contract_wood(
             f"the cloud holds {len(rows)} points of the classes to contract ({names})",
             key="contract.classes, segment",
         )
+    options = options or preset_options()
+    if options.scheme == "published":
+        min_density = 0.0  # the paper knows no such filter
     weight_of = class_weights(np.arange(256), weights if weights is not None else {"trunk": 10.0})
     rows, wood = _target_rows(
         cloud.points,
@@ -141,25 +141,24 @@ def contract_wood(
         f"{len(points):,}",
         1000 * size,
     )
-    spacing = max(size, median_spacing(points, cKDTree(points)))  # a coarse scan fills no voxels
-    filler = fill_stem_gaps(points, label, base, spacing=spacing, stem_gap_m=stem_gap_m)
-    entering = np.vstack([points, filler])
-    entering_weight = np.concatenate(
-        [weight_of[label], np.full(len(filler), weight_of[Label.TRUNK])]
-    )
-    result = contract_points(entering, entering_weight if method == "slbc" else None, options)
-    moved, n_on_axis, n_on_rings = result.points, 0, 0
-    if method == "slbc" and options is not None and options.scheme == "adaptive":
-        stem = _mostly_trunk(entering, label, len(filler))
-        moved = moved.copy()
-        moved[stem], is_moved = recentre_stem(entering[stem], moved[stem], base, spacing=spacing)
-        n_on_axis = int(np.count_nonzero(is_moved))
-        taken = np.zeros(len(entering), dtype=bool)
-        taken[stem] = is_moved
-        moved, on_ring = recentre_limbs(entering, moved, base, spacing=spacing, taken=taken)
-        n_on_rings = int(np.count_nonzero(on_ring[: len(points)]))
+    if options.scheme == "limbs":
+        stem = label == Label.TRUNK if method == "slbc" else None
+        moved, found = move_to_axes(cloud.points[source], base, stem=stem)
+        details = {
+            "n_limbs": len(found.limbs),
+            "spacing": round(found.spacing, 6),
+            "noise": round(found.noise, 6),
+            "claimed": round(found.claimed, 4),
+        }
+    else:
+        result = contract_points(points, weight_of[label] if method == "slbc" else None, options)
+        moved = result.points
+        details = {
+            "mass_ratio": [round(value, 6) for value in result.mass_ratio],
+            "stop": result.stop,
+        }
     contracted = PointCloud(
-        moved[: len(points)],
+        moved,
         fields={"label": label.astype(np.uint8), "source": source.astype(np.int32)},
         frame=cloud.frame,
         unit=cloud.unit,
@@ -170,24 +169,11 @@ def contract_wood(
         "method": method,
         "voxel_size": float(size),
         "n_contracted": len(points),
-        "n_filled": len(filler),
-        "n_on_stem_axis": n_on_axis,
-        "n_on_limb_axes": n_on_rings,
-        "mass_ratio": [round(value, 6) for value in result.mass_ratio],
-        "stop": result.stop,
+        **details,
         "wood": wood.report,
         "choice": wood.choice,
     }
     return contracted, report
-
-
-def _mostly_trunk(points, label, n_filled):
-    """Points of the stem: most of the points around them are trunk, whatever they are called."""
-    is_trunk = np.concatenate([label == Label.TRUNK, np.ones(n_filled, dtype=bool)])
-    if not is_trunk.any():
-        return is_trunk
-    around = cKDTree(points).query(points, k=min(N_VOTES, len(points)))[1]
-    return is_trunk[around].mean(axis=1) > 0.5
 
 
 def _dense_enough(points, count, size, min_density):

@@ -1,31 +1,31 @@
 """From contracted points to the rooted skeleton with radii."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
+from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing
-from cherrypicker.graph.line_points import axis_points
-from cherrypicker.graph.prune import prune_stem_strays, prune_unseen
-from cherrypicker.graph.radius import fit_radii
-from cherrypicker.graph.refine import refine_skeleton, taper_skeleton
-from cherrypicker.graph.regrow import regrow, surface_noise
-from cherrypicker.graph.samples import auto_spacing, without_foot
-from cherrypicker.graph.solver import solve_tree
+from cherrypicker.graph.radius import fit_radii, taper_skeleton
+from cherrypicker.graph.samples import FEWEST_NODES, auto_spacing
 from cherrypicker.graph.spanning_tree import spanning_tree
+from cherrypicker.limbs.growth import grow_limbs
+from cherrypicker.limbs.joints import join_limbs
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.wood.feet import lowest_thick
 
 __all__ = ["extract_skeleton"]
 
 logger = logging.getLogger(__name__)
 
-MOST_SURFACE_POINTS = 120_000  # behind all radii but the final ones
-RESOLUTION_FACTOR = 1.3  # samples need not be closer than the points that entered the contraction
+GAP_IN_SPACINGS = 3.0  # an edge with no point so near to the surface around it bridges missing data
 
 
 def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, base=None):
-    """Sample, connect and root the contracted points, and measure the radii.
+    """Connect and root the wood, and measure the radii.
 
     Parameters
     ----------
@@ -34,8 +34,13 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     cloud : PointCloud
         The labelled cloud that `source` points into.
     method : {"tree", "mst"}
+        The limbs of the points that entered the contraction, joined to a tree
+        (`cherrypicker.limbs`), or the minimum spanning tree over the contracted points (paper,
+        section Graph).
     spacing_m : float, default 0.01
+        Longest edge along an axis.
     k : int, default 12
+        Neighbours of a node in the graph of the minimum spanning tree.
     base : array-like of 3 floats, optional
         Base of the stem.
 
@@ -50,42 +55,90 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     """
     labels = np.asarray(contracted["label"])
     entered = cloud.points[contracted["source"]]
-    resolution = RESOLUTION_FACTOR * median_spacing(entered, cKDTree(entered, balanced_tree=False))
-    spacing = max(auto_spacing(contracted.points, spacing_m), resolution)
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
-    some = surface[:: 1 + len(surface) // MOST_SURFACE_POINTS]
-    moved = np.linalg.norm(contracted.points - entered, axis=1)
-    max_radius = max(3 * spacing, 1.5 * float(np.quantile(moved, 0.99)))
-    radii = {"spacing": spacing, "max_radius": max_radius}
+    spacing = auto_spacing(contracted.points, spacing_m)
     if method == "mst":
+        spacing = max(spacing, median_spacing(entered, cKDTree(entered, balanced_tree=False)))
         skeleton = spanning_tree(contracted.points, labels, spacing_m=spacing, k=k, base=base)
-        skeleton = _in_frame_of(skeleton, contracted)
-        return fit_radii(skeleton, surface, recentre=False, is_final=True, **radii)
-    points, keep, direction = axis_points(entered, contracted.points, spacing)
-    keep &= without_foot(points, entered[labels == Label.TRUNK], base)
-    skeleton = solve_tree(
-        points[keep],
-        labels[keep],
-        spacing_m=spacing,
-        k=k,
-        base=base,
-        direction=direction[keep],
-        seen=np.vstack([points, contracted.points]),
+        widest = 1.5 * float(np.quantile(np.linalg.norm(contracted.points - entered, axis=1), 0.99))
+    else:
+        skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base)
+        widest = 1.5 * float(skeleton.radius.max())
+    skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
+    fitted = fit_radii(
+        skeleton,
+        surface,
+        spacing=spacing,
+        max_radius=max(3 * spacing, widest),
+        recentre=False,
+        is_final=True,
     )
-    skeleton = fit_radii(_in_frame_of(skeleton, contracted), some, recentre=False, **radii)
-    noise = surface_noise(skeleton)
-    skeleton = prune_unseen(skeleton, entered, spacing, noise)
-    skeleton = taper_skeleton(fit_radii(skeleton, some, recentre=True, **radii))
-    skeleton = prune_stem_strays(skeleton, spacing, noise)
-    skeleton = refine_skeleton(skeleton, entered, spacing, noise)
-    skeleton = taper_skeleton(fit_radii(skeleton, some, recentre=False, **radii))
-    skeleton, _ = regrow(skeleton, entered, spacing)
-    skeleton = fit_radii(skeleton, some, recentre=True, **radii)
-    skeleton = prune_unseen(skeleton, entered, spacing, noise)
-    skeleton = prune_stem_strays(taper_skeleton(skeleton), spacing, noise)
-    return taper_skeleton(fit_radii(skeleton, surface, recentre=False, is_final=True, **radii))
+    if method == "mst":
+        return fitted
+    return taper_skeleton(replace(fitted, radius=skeleton.radius))
 
 
-def _in_frame_of(skeleton, cloud):
-    skeleton.unit, skeleton.frame = cloud.unit, cloud.frame
-    return skeleton
+def limb_tree(points, labels, *, spacing_m=0.01, base=None):
+    """The limbs of a tree's wood, joined and labelled.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Thinned wood of one tree, z up.
+    labels : ndarray of shape (n_points,), int
+    spacing_m : float, default 0.01
+        Longest edge along an axis.
+    base : array-like of 3 floats, optional
+        Base of the stem; the lowest thick wood if left out.
+
+    Returns
+    -------
+    Skeleton
+        With the fields ``gap`` and ``limb``.
+
+    Raises
+    ------
+    StageError
+        If the points make no limb.
+    """
+    if len(points) < FEWEST_NODES:
+        raise StageError(f"{len(points)} points are too few for a graph", key="graph.spacing_m")
+    if base is None:
+        height = float(np.ptp(points[:, 2])) or 1.0
+        base = points[lowest_thick(points, 0.02 * height, 0.1 * height)]
+    try:
+        found = grow_limbs(points, base, stem=labels == Label.TRUNK)
+    except ValueError as error:
+        raise StageError(str(error), key="contract.classes, contract.voxel_size_m") from error
+    nodes, parent, radius, limb = join_limbs(found.limbs, found.spacing, spacing_m)
+    label = _labels(nodes, parent, limb, points, labels, found.member)
+    gap = _bridging(nodes, parent, radius, points, GAP_IN_SPACINGS * found.spacing)
+    return Skeleton(nodes, parent, radius, label, {"gap": gap, "limb": limb})
+
+
+def _labels(nodes, parent, limb, points, labels, member):
+    """Class of each node by the points of its limb: trunk from the root on, then the other."""
+    label = np.full(len(nodes), int(Label.BRANCH))
+    others = labels[labels != Label.TRUNK]
+    rest = int(np.bincount(others).argmax()) if len(others) else int(Label.TRUNK)
+    for number in np.unique(limb):
+        own, rows = np.flatnonzero(limb == number), np.flatnonzero(member == number)
+        up = parent[own[0]]
+        label[own] = rest
+        if len(rows) and (up < 0 or label[up] == Label.TRUNK):
+            nearest = cKDTree(nodes[own]).query(points[rows])[1]
+            votes = np.where(labels[rows] == Label.TRUNK, 1.0, -1.0)
+            # the stretch from the start that holds the most trunk points more than others
+            gain = np.append(0.0, np.cumsum(np.bincount(nearest, votes, len(own))))
+            label[own[: int(np.argmax(gain))]] = Label.TRUNK
+    return label
+
+
+def _bridging(nodes, parent, radius, points, reach):
+    """Flag of the edges to the parent around which there are no points."""
+    up = np.maximum(parent, 0)
+    middle = (nodes + nodes[up]) / 2
+    away = cKDTree(points).query(middle)[0]
+    gap = (away > np.maximum(radius, radius[up]) + reach).astype(np.int64)
+    gap[0] = 0
+    return gap

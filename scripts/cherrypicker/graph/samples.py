@@ -12,14 +12,11 @@ __all__ = [
     "find_root",
     "majority_label",
     "sample_nodes",
-    "without_foot",
 ]
 
 FEWEST_NODES = 3
-FEWEST_STEM_POINTS = 12
 MOST_SAMPLES = 20_000
 THICK_SHARE, MOSTLY_TRUNK = 0.02, 0.5  # around the foot, that its label may be believed
-MOST_FOOT_SPREAD = 0.3  # of its radius
 FOOT_SHARE = 0.05  # of the height: how far above its lowest point the stem's foot is looked for
 
 
@@ -58,46 +55,6 @@ def find_root(points, labels, base=None):
         if np.mean(labels[around] == 1) >= MOSTLY_TRUNK:
             return root
     return lowest_thick(points, THICK_SHARE * height, 2 * FOOT_SHARE * height, base)
-
-
-def without_foot(points, stem_points, base):
-    """Skeleton points without those within a radius of the stem's foot.
-
-    A contraction draws the rim of the stem's lower end into corners; without them the tree starts
-    inside the stem, and its straight continuation finds the foot.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-        Skeleton points, z up.
-    stem_points : ndarray of shape (n_stem, 3)
-        Surface points of the trunk.
-    base : array-like of 3 floats or None
-        Where the stem stands, by its lowest points if left out.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), bool
-        Points to keep.
-    """
-    keep = np.ones(len(points), dtype=bool)
-    if len(stem_points) < FEWEST_STEM_POINTS:
-        return keep
-    height = float(np.ptp(points[:, 2]))
-    middle = stem_points[np.argmin(stem_points[:, 2])] if base is None else np.asarray(base)
-    near = stem_points[:, 2] < middle[2] + FOOT_SHARE * height
-    near &= np.linalg.norm(stem_points[:, :2] - middle[:2], axis=1) < 2 * FOOT_SHARE * height
-    foot = stem_points[near]
-    if len(foot) < FEWEST_STEM_POINTS:
-        return keep
-    middle = np.median(foot[:, :2], axis=0)
-    away = np.linalg.norm(foot[:, :2] - middle, axis=1)
-    radius = float(np.median(away))
-    if np.median(np.abs(away - radius)) > MOST_FOOT_SPREAD * radius:
-        return keep  # stray labels, no stem
-    low = float(np.quantile(foot[:, 2], 0.02)) + 1.2 * radius
-    keep = (points[:, 2] > low) | (np.linalg.norm(points[:, :2] - middle, axis=1) > 2.5 * radius)
-    return keep if np.count_nonzero(keep) >= FEWEST_NODES else np.ones(len(points), dtype=bool)
 
 
 def sample_nodes(points, labels, spacing_m, base=None):

@@ -1,4 +1,4 @@
-"""Graphs, radii and refinement on trees whose skeleton is known."""
+"""Graphs and radii on trees whose skeleton is known."""
 
 import networkx as nx
 import numpy as np
@@ -11,12 +11,9 @@ from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.circles import fit_circle
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
-from cherrypicker.graph.extract import extract_skeleton
-from cherrypicker.graph.radius import fit_radii
-from cherrypicker.graph.refine import taper_radii
+from cherrypicker.graph.extract import extract_skeleton, limb_tree
+from cherrypicker.graph.radius import fit_radii, taper_radii
 from cherrypicker.graph.samples import find_root
-from cherrypicker.graph.smooth_axes import smooth
-from cherrypicker.graph.solver import solve_tree
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.skeleton import axes, fold
 from cherrypicker.skeleton.model import Skeleton
@@ -40,8 +37,7 @@ def graph_of(skeleton):
     return graph
 
 
-@pytest.mark.parametrize("solve", [spanning_tree, solve_tree])
-def test_y_has_one_junction_and_two_tips(solve):
+def test_y_has_one_junction_and_two_tips():
     points = np.vstack(
         [
             way((0, 0, 0), (0, 0, 0.5)),
@@ -50,7 +46,7 @@ def test_y_has_one_junction_and_two_tips(solve):
         ]
     )
     labels = np.where(points[:, 2] < 0.5, 1, 2)
-    skeleton = solve(points, labels, spacing_m=0.02)
+    skeleton = spanning_tree(points, labels, spacing_m=0.02)
     assert nx.is_tree(graph_of(skeleton))
     assert skeleton.points[0, 2] < 0.01
     big = [edge for edge in fold(skeleton).edges if edge.length > 0.05]
@@ -58,44 +54,13 @@ def test_y_has_one_junction_and_two_tips(solve):
     assert skeleton.edge_length.sum() == pytest.approx(0.5 + 0.5 + 0.424, rel=0.08)
 
 
-@pytest.mark.parametrize("solve", [spanning_tree, solve_tree])
-def test_pieces_far_apart_still_make_one_tree(solve):
+def test_pieces_far_apart_still_make_one_tree():
     points = np.vstack(
         [way((0, 0, 0), (0, 0, 0.5)), way((0, 0, 0.62), (0, 0, 1.0)), way((0.4, 0, 1), (0.6, 0, 1))]
     )
-    skeleton = solve(points, np.ones(len(points), dtype=int), spacing_m=0.02)
+    skeleton = spanning_tree(points, np.ones(len(points), dtype=int), spacing_m=0.02)
     assert nx.is_tree(graph_of(skeleton))
     assert skeleton.fields["gap"].sum() >= 2
-
-
-def test_crossing_branches_keep_their_own_ways():
-    """Two laterals cross high up; each outer part belongs to its own lateral."""
-    points = np.vstack(
-        [
-            way((-0.3, 0, 0.3), (0.3, 0, 0.3)),  # a bar that both rise from
-            way((0, 0, 0), (0, 0, 0.3), seed=1),
-            way((-0.3, 0, 0.3), (0.35, 0, 0.95), seed=2),
-            way((0.3, 0, 0.3), (-0.25, 0, 0.85), seed=3),
-        ]
-    )
-    skeleton = solve_tree(points, np.ones(len(points), dtype=int), spacing_m=0.015)
-    away = skeleton.distance_to_root()
-    tip_of_first = np.argmin(np.linalg.norm(skeleton.points - (0.35, 0, 0.95), axis=1))
-    tip_of_second = np.argmin(np.linalg.norm(skeleton.points - (-0.25, 0, 0.85), axis=1))
-    # by its own way: 0.3 up, 0.3 aside, then the lateral
-    assert away[tip_of_first] == pytest.approx(0.6 + 0.65 * np.sqrt(2), rel=0.06)
-    assert away[tip_of_second] == pytest.approx(0.6 + 0.55 * np.sqrt(2), rel=0.06)
-
-    def sides_of(node):
-        signs = []
-        while node > 0:
-            if 0.32 < skeleton.points[node, 2] < 0.5:
-                signs.append(np.sign(skeleton.points[node, 0]))
-            node = skeleton.parent[node]
-        return set(signs)
-
-    assert sides_of(tip_of_first) == {-1.0}
-    assert sides_of(tip_of_second) == {1.0}
 
 
 def test_components_are_joined_by_their_shortest_links():
@@ -117,7 +82,7 @@ def test_root_is_the_stems_foot_not_the_lowest_branch():
 
 def test_too_few_or_coinciding_points():
     with pytest.raises(StageError, match="coincide"):
-        solve_tree(np.zeros((30, 3)), np.ones(30, dtype=int))
+        spanning_tree(np.zeros((30, 3)), np.ones(30, dtype=int))
     with pytest.raises(StageError, match="too few"):
         spanning_tree(np.array([[0, 0, 0], [0, 0, 0.001]]), np.ones(2, dtype=int), spacing_m=0.01)
 
@@ -153,14 +118,6 @@ def test_stretch_without_points_takes_radii_from_both_sides():
     skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
     fitted = fit_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
     np.testing.assert_allclose(fitted.radius[30:37], (0.03 - 0.015 * z)[30:37], atol=0.002)
-
-
-def test_smoothing_keeps_lines_and_calms_noise():
-    line = np.column_stack([np.arange(40.0)] * 3)
-    np.testing.assert_allclose(smooth(line, np.ones(40), 200.0, np.sqrt(3)), line, atol=1e-8)
-    noisy = line + np.random.default_rng(0).normal(0, 0.3, line.shape)
-    calm = smooth(noisy, np.ones(40), 200.0, np.sqrt(3))
-    assert np.abs(calm - line).mean() < 0.6 * np.abs(noisy - line).mean()
 
 
 def test_tapered_radii_never_grow():
@@ -213,3 +170,30 @@ def test_equal_input_gives_equal_skeletons(tree_case):
     first, second = (extract_skeleton(contracted, cloud, base=(0, 0, 0)) for _ in range(2))
     np.testing.assert_array_equal(first.points, second.points)
     np.testing.assert_array_equal(first.radius, second.radius)
+
+
+def test_trunk_ends_once_and_begins_at_the_root():
+    """Wrong labels here and there neither end the trunk early nor begin one on a branch."""
+    points, labels, _ = small_tree(5, noise=0.001)
+    wrong = np.random.default_rng(1).random(len(labels)) < 0.1
+    skeleton = limb_tree(points, np.where(wrong, 3 - labels, labels), base=(0, 0, 0))
+    trunk = skeleton.label == 1
+    assert trunk[0] and not (trunk[1:] & ~trunk[skeleton.parent[1:]]).any()
+    aside = np.linalg.norm(skeleton.points[:, :2], axis=1)
+    assert trunk[aside < 0.01].mean() > 0.97 and not trunk[aside > 0.06].any()
+
+
+def test_an_edge_over_missing_data_says_so():
+    points, labels, _ = small_tree(5, noise=0.001)
+    seen = (points[:, 2] < 0.2) | (points[:, 2] > 0.4)
+    skeleton = limb_tree(points[seen], labels[seen], base=(0, 0, 0))
+    z = skeleton.points[:, 2]
+    assert skeleton.fields["gap"][(z > 0.27) & (z < 0.33)].all()
+    assert skeleton.fields["gap"][z > 0.45].mean() < 0.02
+
+
+def test_too_few_points_for_a_tree():
+    with pytest.raises(StageError, match="too few"):
+        limb_tree(np.zeros((2, 3)), np.ones(2, dtype=int))
+    with pytest.raises(StageError, match="no limb"):
+        limb_tree(np.zeros((30, 3)), np.ones(30, dtype=int), base=(0, 0, 0))
