@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cherrypicker.graph.samples import find_root, without_foot
+from cherrypicker.graph.samples import find_root
 from cherrypicker.wood.feet import lowest_thick
 
 
@@ -43,13 +43,3 @@ def test_lowest_thick_wood_ignores_thin_ends():
     points, is_twig = leaning_branch()
     assert np.argmin(points[:, 2]) in np.flatnonzero(is_twig)
     assert points[lowest_thick(points, 0.06, 0.3), 2] < 0.02
-
-
-def test_stray_trunk_labels_take_no_foot_away():
-    rng = np.random.default_rng(1)
-    skeleton = np.linspace(0, 1, 300)[:, None] * (0.0, 0.0, 2.0)
-    around = rng.uniform(0, 2 * np.pi, 2000)
-    ring = np.stack([np.cos(around), np.sin(around), rng.uniform(0, 2, 2000) / 0.04], axis=1) * 0.04
-    assert not without_foot(skeleton, ring, (0, 0, 0)).all()
-    stray = rng.normal(0, 0.08, (40, 3)) * (1, 1, 0.2)
-    assert without_foot(skeleton, stray, (0, 0, 0)).all()
