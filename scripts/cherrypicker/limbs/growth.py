@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.limbs.joints import back_to
-from cherrypicker.limbs.rings import ring_forest
+from cherrypicker.limbs.rings import BAND, ring_forest
 from cherrypicker.limbs.tubes import Tube, fit_tube, resample, seen_from
 
 __all__ = ["Limb", "Limbs", "chains_of", "grow_limbs", "spacing_of"]
@@ -24,7 +24,7 @@ STEP = 1.5  # in spacings: nodes of an axis are this far apart,
 STEP_IN_RADII = 1.0  # or this many radii, where that is more: a limb bends no faster
 NEAR_SURFACE = 1.0  # in spacings: points this near a surface belong to the limb,
 ROUGHNESS = 0.25  # and this share of its radius more
-LEAST_LENGTH = 2.0  # in spacings: an axis sticks out of its parent this far at least,
+LEAST_LENGTH = 3.0  # in spacings: a limb is this long beyond what its parent claims at least,
 LEAST_IN_NOISES = 4.0  # and this many noises
 NOISE_SHARE = 0.3  # of the spacing: the noise before any limb has told it
 LEAST_NOISE = 0.1  # of the spacing: what a perfect cloud is taken to have
@@ -188,7 +188,9 @@ class _Growth:
         """Make a limb of a run of rings, if it is one, and let it claim its points."""
         spacing = self.spacing
         tube = self._through_middles(run)
-        if tube is None or tube.length < max(LEAST_LENGTH * spacing, LEAST_IN_NOISES * self.noise):
+        if tube is None or tube.length + BAND * spacing < max(
+            LEAST_LENGTH * spacing, LEAST_IN_NOISES * self.noise
+        ):
             return
         own = self.free(np.concatenate([self.rows_of[ring] for ring in run]))
         if len(own) < LEAST_POINTS:
