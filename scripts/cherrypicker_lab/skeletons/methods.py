@@ -60,7 +60,7 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
         )
         found = {
             "cpu_s": time.process_time() - start,
-            "iterations": len(details["mass_ratio"]),
+            "iterations": len(details.get("mass_ratio", ())),
             "points": score_points(contracted.points, truth.skeleton),
         }
         if keep is not None:
