@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from cherrypicker.errors import StageError
-from cherrypicker.limbs.growth import grow_limbs
+from cherrypicker.limbs.growth import limbs_of_wood
 from cherrypicker.limbs.tubes import place_on_axis
 
 __all__ = ["move_to_axes", "points_on_axes"]
@@ -31,10 +30,7 @@ def move_to_axes(points, base, *, stem=None):
     StageError
         If the points make no limb.
     """
-    try:
-        found = grow_limbs(points, base, stem=stem)
-    except ValueError as error:
-        raise StageError(str(error), key="contract.classes, contract.voxel_size_m") from error
+    found = limbs_of_wood(points, base, stem=stem)
     return points_on_axes(points, found), found
 
 

@@ -1,6 +1,5 @@
 """From contracted points to the rooted skeleton with radii."""
 
-import logging
 from dataclasses import replace
 
 import numpy as np
@@ -10,16 +9,13 @@ from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing
 from cherrypicker.graph.radius import fit_radii, taper_skeleton
-from cherrypicker.graph.samples import FEWEST_NODES, auto_spacing
+from cherrypicker.graph.samples import FEWEST_NODES, auto_spacing, lowest_wood
 from cherrypicker.graph.spanning_tree import spanning_tree
-from cherrypicker.limbs.growth import grow_limbs
+from cherrypicker.limbs.growth import limbs_of_wood
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.wood.feet import lowest_thick
 
-__all__ = ["extract_skeleton"]
-
-logger = logging.getLogger(__name__)
+__all__ = ["extract_skeleton", "limb_tree"]
 
 GAP_IN_SPACINGS = 3.0  # an edge with no point so near to the surface around it bridges missing data
 
@@ -104,12 +100,8 @@ def limb_tree(points, labels, *, spacing_m=0.01, base=None):
     if len(points) < FEWEST_NODES:
         raise StageError(f"{len(points)} points are too few for a graph", key="graph.spacing_m")
     if base is None:
-        height = float(np.ptp(points[:, 2])) or 1.0
-        base = points[lowest_thick(points, 0.02 * height, 0.1 * height)]
-    try:
-        found = grow_limbs(points, base, stem=labels == Label.TRUNK)
-    except ValueError as error:
-        raise StageError(str(error), key="contract.classes, contract.voxel_size_m") from error
+        base = points[lowest_wood(points)]
+    found = limbs_of_wood(points, base, stem=labels == Label.TRUNK)
     nodes, parent, radius, limb = join_limbs(found.limbs, found.spacing, spacing_m)
     label = _labels(nodes, parent, limb, points, labels, found.member)
     gap = _bridging(nodes, parent, radius, points, GAP_IN_SPACINGS * found.spacing)

@@ -10,6 +10,7 @@ __all__ = [
     "FEWEST_NODES",
     "auto_spacing",
     "find_root",
+    "lowest_wood",
     "majority_label",
     "sample_nodes",
 ]
@@ -54,6 +55,12 @@ def find_root(points, labels, base=None):
         around = np.linalg.norm(points - points[root], axis=1) < THICK_SHARE * height
         if np.mean(labels[around] == 1) >= MOSTLY_TRUNK:
             return root
+    return lowest_wood(points, base)
+
+
+def lowest_wood(points, base=None):
+    """Row of the lowest point of thick wood, near `base` where that is given."""
+    height = float(np.ptp(points[:, 2])) or 1.0
     return lowest_thick(points, THICK_SHARE * height, 2 * FOOT_SHARE * height, base)
 
 

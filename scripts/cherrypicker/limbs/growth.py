@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.errors import StageError
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import BAND, ring_forest
 from cherrypicker.limbs.tubes import Tube, fit_tube, resample, seen_from
 
-__all__ = ["Limb", "Limbs", "chains_of", "grow_limbs", "spacing_of"]
+__all__ = ["Limb", "Limbs", "chains_of", "grow_limbs", "limbs_of_wood", "spacing_of"]
 
 logger = logging.getLogger(__name__)
 
@@ -137,10 +138,12 @@ def grow_limbs(points, base, *, stem=None):
     ValueError
         If the points make no limb.
     """
-    points, base = np.asarray(points, dtype=np.float64), np.asarray(base, dtype=np.float64)
-    if len(points) < LEAST_POINTS or not spacing_of(points) > 0:
+    base = np.asarray(base, dtype=np.float64)
+    points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits
+    spacing = spacing_of(points) if len(points) >= LEAST_POINTS else 0.0
+    if not spacing > 0:
         raise ValueError(f"{len(points)} points make no limb")
-    growth = _Growth(points - base, stem)  # far-off frames would cost digits
+    growth = _Growth(points, spacing, stem)
     runs = chains_of(growth.forest.parent, growth.forest.size)
     while runs:
         free = growth.free_runs(runs.pop(0))
@@ -152,11 +155,25 @@ def grow_limbs(points, base, *, stem=None):
     return growth.finish(base)
 
 
+def limbs_of_wood(points, base, *, stem=None):
+    """`grow_limbs` for the stages: points that make no limb are told in the user's terms.
+
+    Raises
+    ------
+    StageError
+        If the points make no limb.
+    """
+    try:
+        return grow_limbs(points, base, stem=stem)
+    except ValueError as error:
+        raise StageError(str(error), key="contract.classes, contract.voxel_size_m") from error
+
+
 class _Growth:
     """Limbs as they grow: which points are taken, and the noise so far."""
 
-    def __init__(self, points, stem):
-        self.points, self.spacing = points, spacing_of(points)
+    def __init__(self, points, spacing, stem):
+        self.points, self.spacing = points, spacing
         self.forest = ring_forest(points, np.zeros(3), self.spacing, stem)
         by_ring = np.argsort(self.forest.ring, kind="stable")
         self.rows_of = np.split(by_ring, np.cumsum(self.forest.size)[:-1])
@@ -198,13 +215,13 @@ class _Growth:
         tube = self._fitted(tube, own)
         parent = self._owner_before(run[0])
         if parent >= 0:
-            tube = back_to(self.limbs[parent].tube, tube, self.spacing)
-        inside = self.free(self._near(tube, NEAR_SURFACE * spacing, ROUGHNESS))
+            tube = back_to(self.limbs[parent].tube, tube, spacing)
+        inside = self.free(self._near(tube, NEAR_SURFACE * spacing, ROUGHNESS)[0])
         if len(inside) < LEAST_POINTS:
             return
         self.owner[inside] = len(self.limbs)
         tube = _to_its_tip(tube, self.points[inside])
-        self.limbs.append(Limb(tube, parent if len(self.limbs) == 0 else max(parent, 0)))
+        self.limbs.append(Limb(tube, max(parent, 0) if self.limbs else -1))
 
     def finish(self, base):
         """All limbs once more, each by the points to whose surface it is the nearest."""
@@ -270,7 +287,7 @@ class _Growth:
         capture = CAPTURE * self.spacing
         cutoff = max(capture, float(np.median(tube.radius)))
         tube = self._with_even_nodes(self._fit(tube, own, self.noise, cutoff)[0])
-        around = self.free(self._near(tube, capture))
+        around = self.free(self._near(tube, capture)[0])
         if len(around) < LEAST_POINTS:
             return tube
         tube, residual = self._fit(tube, around, self.noise, capture)
@@ -282,14 +299,15 @@ class _Growth:
         return tube
 
     def _near(self, tube, margin, in_radii=0.0):
-        """Rows of the points inside a tube or within a margin of its surface."""
+        """Rows of the points inside a tube or within a margin of its surface, and as seen from it."""
         step = np.linalg.norm(np.diff(tube.nodes, axis=0), axis=1).max()
         reach = np.hypot((1 + in_radii) * tube.radius + margin, step / 2)
         found = self.tree.query_ball_point(tube.nodes, reach, return_sorted=False)
         rows = np.unique(np.concatenate([np.asarray(some, dtype=np.int64) for some in found]))
         seen = seen_from(tube, self.points[rows])
         margin = margin + in_radii * seen.radius
-        return rows[(seen.away <= seen.radius + margin) & (seen.beyond <= margin)]
+        near = (seen.away <= seen.radius + margin) & (seen.beyond <= margin)
+        return rows[near], seen.select(near)
 
     def _owner_before(self, ring):
         """The limb that claimed most of the points on the way from a ring to the foot."""
@@ -307,8 +325,7 @@ class _Growth:
         best = np.full(len(self.points), np.inf)
         member = np.full(len(self.points), -1, dtype=np.int64)
         for number, limb in enumerate(self.limbs):
-            rows = self._near(limb.tube, CAPTURE * self.spacing)
-            seen = seen_from(limb.tube, self.points[rows])
+            rows, seen = self._near(limb.tube, CAPTURE * self.spacing)
             off = np.hypot(seen.away - seen.radius, seen.beyond)
             nearer = off < best[rows]
             best[rows[nearer]], member[rows[nearer]] = off[nearer], number

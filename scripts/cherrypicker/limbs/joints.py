@@ -11,9 +11,7 @@ HEADING = 6.0  # in spacings: length of a limb's start that tells where it comes
 HEADING_IN_RADII = 3.0  # or this many of its radii, where that is more
 NEARNESS = 0.3  # of a place's distance from the limb's start, beside that from its continuation
 WINDOW = 2.0  # places within this many times the shortest distance are compared
-SAME_PLACE = (
-    1.5  # in spacings: limbs that meet their parent nearer to one another meet at one node,
-)
+SAME_PLACE = 1.5  # in spacings: limbs that meet their parent this near to each other share a node,
 SAME_IN_RADII = 1.0  # or in radii of the parent, where that is more
 PLACES = 8  # between two nodes of a fitted axis, where a meeting place is looked for
 
@@ -75,9 +73,8 @@ def _brought_together(at, parent, spacing):
     """Meeting places along a parent by limb, those that are one place brought together."""
     numbers = sorted(at, key=at.get)
     places = np.array([at[number] for number in numbers])
-    step = np.linalg.norm(np.diff(parent.nodes, axis=0), axis=1)
     nodes = np.arange(len(parent.nodes))
-    along = np.interp(places, nodes, np.append(0.0, np.cumsum(step)))
+    along = np.interp(places, nodes, parent.way)
     reach = np.maximum(
         SAME_PLACE * spacing, SAME_IN_RADII * np.interp(places, nodes, parent.radius)
     )

@@ -37,15 +37,12 @@ class RingForest:
     centre : ndarray of shape (n_rings, 3), float64
     size : ndarray of shape (n_rings,), int64
         Points of each ring.
-    way : ndarray of shape (n_points,), float64
-        Length of each point's way over the surface.
     """
 
     ring: np.ndarray
     parent: np.ndarray
     centre: np.ndarray
     size: np.ndarray
-    way: np.ndarray
 
 
 def ways_from_foot(points, base, spacing, stem=None):
@@ -172,7 +169,7 @@ def ring_forest(points, base, spacing, stem=None):
     centre = np.stack([np.bincount(ring, c, n_rings) for c in points.T], axis=1) / size[:, None]
     parent = _votes(ring, before, n_rings)
     _stack_foot(parent, centre, level[order])
-    return RingForest(ring, parent, centre, size, way)
+    return RingForest(ring, parent, centre, size)
 
 
 def _stack_foot(parent, centre, level):

@@ -53,6 +53,11 @@ class Tube:
         """Length of the axis."""
         return float(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1).sum())
 
+    @property
+    def way(self):
+        """Way along the axis from its start to each node, (n_nodes,) float64."""
+        return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1)))
+
 
 def resample(tube, least, in_radii):
     """The same tube with nodes evenly apart: `least`, or `in_radii` local radii where that is more.
@@ -62,7 +67,7 @@ def resample(tube, least, in_radii):
     Tube or None
         With at least two nodes; None where all lie in one place.
     """
-    way = _way_along(tube.nodes)
+    way = tube.way
     keep = np.append(True, np.diff(way) > 0)
     way, nodes, radius = way[keep], tube.nodes[keep], tube.radius[keep]
     if len(way) < 2:
@@ -76,7 +81,7 @@ def resample(tube, least, in_radii):
 
 def smooth(tube, step):
     """The same tube with nodes at most `step` apart, on a smooth curve through the old ones."""
-    way = _way_along(tube.nodes)
+    way = tube.way
     at = np.linspace(0.0, way[-1], max(2, int(np.ceil(way[-1] / step)) + 1))
     if len(way) < 3:
         return Tube(
@@ -85,10 +90,6 @@ def smooth(tube, step):
         )
     nodes = PchipInterpolator(way, tube.nodes)(at)
     return Tube(nodes, np.interp(at, way, tube.radius))
-
-
-def _way_along(nodes):
-    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(nodes, axis=0), axis=1)))
 
 
 def place_on_axis(points, nodes):
@@ -140,12 +141,16 @@ class Seen:
     way: np.ndarray
     beyond: np.ndarray
 
+    def select(self, keep):
+        """Those of the points that `keep` (bool) names."""
+        return Seen(self.away[keep], self.radius[keep], self.way[keep], self.beyond[keep])
+
 
 def seen_from(tube, points):
     """`Seen` of points from a tube."""
     segment, share = place_on_axis(points, tube.nodes)
     inside = np.clip(share, 0.0, 1.0)
-    way = _way_along(tube.nodes)
+    way = tube.way
     length = np.diff(way)
     place = tube.nodes[segment] + share[:, None] * np.diff(tube.nodes, axis=0)[segment]
     return Seen(
@@ -156,7 +161,7 @@ def seen_from(tube, points):
     )
 
 
-def fit_tube(points, tube, *, noise, spacing, cutoff, weight=None, n_rounds=N_ROUNDS):
+def fit_tube(points, tube, *, noise, spacing, cutoff, n_rounds=N_ROUNDS):
     """Fit axis and radii to points.
 
     Parameters
@@ -171,8 +176,6 @@ def fit_tube(points, tube, *, noise, spacing, cutoff, weight=None, n_rounds=N_RO
     cutoff : float
         Distance from the surface from which a point counts no more, at the first round; it falls
         to `CUTOFF` times the noise.
-    weight : ndarray of shape (n_points,), optional
-        How many points each stands for.
     n_rounds : int
 
     Returns
@@ -182,11 +185,10 @@ def fit_tube(points, tube, *, noise, spacing, cutoff, weight=None, n_rounds=N_RO
         Distance of each point from the surface, negative inside.
     """
     nodes, radius = tube.nodes.copy(), tube.radius.copy()
-    weight = np.ones(len(points)) if weight is None else weight
     last = CUTOFF * noise
     for number in range(n_rounds):
         limit = max(last, cutoff * (last / cutoff) ** (number / max(1, n_rounds - 2)))
-        step = _newton_step(points, nodes, radius, weight, noise, spacing, limit)
+        step = _newton_step(points, nodes, radius, noise, spacing, limit)
         step *= min(1.0, MOST_STEP * limit / max(np.abs(step).max(), 1e-300))
         nodes += step[:, :3]
         radius = np.maximum(radius + step[:, 3], LEAST_RADIUS_SHARE * noise)
@@ -207,7 +209,7 @@ def _offsets(points, nodes, radius, segment, share):
     return away, offset / np.maximum(away, 1e-12)[:, None], own
 
 
-def _newton_step(points, nodes, radius, weight, noise, spacing, limit):
+def _newton_step(points, nodes, radius, noise, spacing, limit):
     segment, share = place_on_axis(points, nodes)
     inside = np.clip(share, 0.0, 1.0)
     away, out, own = _offsets(points, nodes, radius, segment, inside)
@@ -215,7 +217,7 @@ def _newton_step(points, nodes, radius, weight, noise, spacing, limit):
     beyond = np.abs(share - inside) * length[segment]
     error = away - own
     robust = np.square(np.maximum(0.0, 1.0 - np.square(error / limit)))
-    robust = weight * np.where(beyond > spacing, 0.0, robust)
+    robust = np.where(beyond > spacing, 0.0, robust)
     told = np.bincount(segment, robust, len(nodes) - 1)
     robust = robust * np.minimum(1.0, INDEPENDENT / np.maximum(told, 1e-9))[segment] / noise**2
     # Rice: first and second derivatives by the distance q and the radius r, times noise^2

@@ -21,7 +21,6 @@ __all__ = [
     "axis_polyline",
     "axis_runs",
     "node_order",
-    "run_of_node",
 ]
 
 TRUNK_KEEPS = 0.8  # share of the radius that a trunk keeps over a fork
@@ -247,13 +246,6 @@ def axis_of_node(skeleton, axis_list):
     owner = np.full(len(skeleton), -1, dtype=np.int64)
     for index, axis in enumerate(axis_list):
         owner[axis.nodes] = index
-    return owner
-
-
-def run_of_node(nodes, first):
-    """Index of the axis that holds each node, (n_nodes,) int64, from `axis_runs`."""
-    owner = np.empty(len(nodes), dtype=np.int64)
-    owner[nodes] = np.repeat(np.arange(len(first) - 1), np.diff(first))
     return owner
 
 
