@@ -12,7 +12,7 @@ from pathlib import Path
 
 from cherrypicker.files import write_json
 from cherrypicker.photos import exif_orientation
-from cherrypicker.placement.align import align
+from cherrypicker.placement.align import AlignOptions, align
 from cherrypicker.placement.camera_geometry import turns_from_exif
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
@@ -27,10 +27,8 @@ def main(
     aligned_poses,
     report,
     *,
-    ground_distance_fraction,
-    n_planes,
-    up_from,
-    seed,
+    options: AlignOptions,
+    seed: int = 0,
 ):
     """Load, align, save."""
     dense, cameras = read_cloud(cloud), read_poses(poses)
@@ -40,10 +38,8 @@ def main(
     result = align(
         dense.points,
         cameras,
+        options,
         stated_turns=turns_from_exif(orientations),
-        ground_distance=ground_distance_fraction,
-        n_planes=n_planes,
-        up_from=up_from,
         seed=seed,
     )
     moved = dense.transformed(1.0, result.rotation, result.translation)
@@ -59,13 +55,4 @@ parser.add_argument("--photos", nargs="*", help="photo files, for their EXIF ori
 parser.add_argument("--aligned", required=True, help="aligned cloud to write")
 parser.add_argument("--aligned_poses", required=True, help="aligned poses to write")
 parser.add_argument("--report", required=True, help="JSON of transform, angles and candidates")
-parser.add_argument(
-    "--ground_distance_fraction",
-    type=float,
-    default=0.03,
-    help="largest distance of ground points from their plane, in camera distances",
-)
-parser.add_argument("--n_planes", type=int, default=5, help="planes tried as the ground")
-parser.add_argument("--up_from", default="auto", help="auto, ground or cameras")
-parser.add_argument("--seed", type=int, default=0)
 run(main, parser, globals().get("snakemake"))

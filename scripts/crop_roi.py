@@ -13,7 +13,7 @@ from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 
 
-def main(cloud, poses, cropped, report, *, margin_fraction, seed):
+def main(cloud, poses, cropped, report, *, margin_fraction: float = 0.0, seed: int = 0):
     """Load, crop, save."""
     aligned = read_cloud(cloud)
     result = crop_roi(aligned.points, read_poses(poses), margin_fraction=margin_fraction, seed=seed)
@@ -26,11 +26,4 @@ parser.add_argument("--cloud", required=True, help="aligned cloud, PLY")
 parser.add_argument("--poses", required=True, help="aligned poses, NPZ")
 parser.add_argument("--cropped", required=True, help="cropped cloud to write")
 parser.add_argument("--report", required=True, help="JSON of the region and counts to write")
-parser.add_argument(
-    "--margin_fraction",
-    type=float,
-    default=0.0,
-    help="widens the region, in its extents, each side",
-)
-parser.add_argument("--seed", type=int, default=0)
 run(main, parser, globals().get("snakemake"))

@@ -15,7 +15,16 @@ from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.runner import run, stage_parser
 
 
-def main(undistorted, depth, *, backend, threads, cameras=None, sky_masks=None, **options):
+def main(
+    undistorted,
+    depth,
+    cameras=None,
+    sky_masks=None,
+    *,
+    options: StereoOptions,
+    backend: str = "auto",
+    threads: int = 2,
+):
     """Estimate the maps, then write the manifest."""
     masks = None
     if sky_masks:
@@ -23,7 +32,7 @@ def main(undistorted, depth, *, backend, threads, cameras=None, sky_masks=None, 
         masks = SkyMasks(sky_masks, Path(cameras).parent, names)
     manifest = estimate_workspace(
         Path(undistorted).parent,
-        StereoOptions(**options),
+        options,
         backend=backend,
         threads=threads,
         sky_masks=masks,
@@ -31,23 +40,9 @@ def main(undistorted, depth, *, backend, threads, cameras=None, sky_masks=None, 
     write_json(depth, manifest)
 
 
-defaults = StereoOptions()
 parser = stage_parser(__doc__)
 parser.add_argument("--undistorted", required=True, help="manifest of the dense workspace")
 parser.add_argument("--depth", required=True, help="manifest of the depth maps to write")
 parser.add_argument("--sky_masks", help="folder of sky masks; what they cover is left out")
 parser.add_argument("--cameras", help="cameras.bin of the photos as stored, for the sky masks")
-parser.add_argument("--backend", default="auto", help="auto, cuda or cpu")
-parser.add_argument("--n_sources", type=int, default=defaults.n_sources)
-parser.add_argument("--n_best", type=int, default=defaults.n_best)
-parser.add_argument("--n_iterations", type=int, default=defaults.n_iterations)
-parser.add_argument("--window_radius", type=int, default=defaults.window_radius)
-parser.add_argument("--color_spread", type=float, default=defaults.color_spread)
-parser.add_argument("--min_texture", type=float, default=defaults.min_texture)
-parser.add_argument("--max_cost", type=float, default=defaults.max_cost)
-parser.add_argument("--geometric_weight", type=float, default=defaults.geometric_weight)
-parser.add_argument("--max_error_px", type=float, default=defaults.max_error_px)
-parser.add_argument("--min_consistent", type=int, default=defaults.min_consistent)
-parser.add_argument("--seed", type=int, default=defaults.seed)
-parser.add_argument("--threads", type=int, default=2)
 run(main, parser, globals().get("snakemake"))

@@ -19,15 +19,15 @@ def main(
     photos,
     cameras,
     scale,
-    *,
     cell,
-    mode,
     dictionary,
     sides_m,
-    min_images,
-    max_reprojection_px,
-    threads,
-    seed,
+    *,
+    mode: str = "marker",
+    min_images: int = 2,
+    max_reprojection_px: float = 2.0,
+    threads: int = 2,
+    seed: int = 0,
 ):
     """Load, estimate, save."""
     report = estimate_scale(
@@ -50,13 +50,6 @@ parser.add_argument("--photos", nargs="*", help="photo files")
 parser.add_argument("--cameras", required=True, help="cameras.bin of the sparse model's folder")
 parser.add_argument("--scale", required=True, help="scale.json to write")
 parser.add_argument("--cell", default="", help="marker, none, or metres per unit; wins over mode")
-parser.add_argument("--mode", default="marker", help="marker or none")
 parser.add_argument("--dictionary", default="", help="OpenCV's name of the marker dictionary")
 parser.add_argument("--sides_m", default="", help="id:side pairs in metres, 7:0.20,8:0.15")
-parser.add_argument("--min_images", type=int, default=2, help="photos that must agree on a marker")
-parser.add_argument(
-    "--max_reprojection_px", type=float, default=2.0, help="largest error of an agreeing photo, px"
-)
-parser.add_argument("--threads", type=int, default=2)
-parser.add_argument("--seed", type=int, default=0)
 run(main, parser, globals().get("snakemake"))

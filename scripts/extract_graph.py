@@ -9,7 +9,7 @@ skeleton.swc and topology.graphml (the last three where a path is given). Exampl
 """
 
 from cherrypicker.files import read_json
-from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import (
@@ -30,20 +30,16 @@ def main(
     skeleton_ply=None,
     skeleton_swc=None,
     topology=None,
-    *,
     contract_report=None,
-    method="tree",
-    spacing_m=0.01,
-    n_neighbors=12,
+    *,
+    options: GraphOptions,
 ):
     """Load, extract, save."""
     skeleton = extract_skeleton(
         read_cloud(contracted, required=("label", "source")),
         read_cloud(segmented, required=("label",)),
-        method=method,
-        spacing_m=spacing_m,
-        k=n_neighbors,
         base=read_json(contract_report)["base"] if contract_report else None,
+        **vars(options),
     )
     axis_list = axes(skeleton)
     if skeleton_ply:
@@ -63,7 +59,4 @@ parser.add_argument("--skeleton_graph", required=True, help="skeleton.graphml")
 parser.add_argument("--skeleton_ply", help="skeleton.ply")
 parser.add_argument("--skeleton_swc", help="skeleton.swc")
 parser.add_argument("--topology", help="topology.graphml")
-parser.add_argument("--method", choices=["tree", "mst"], default="tree")
-parser.add_argument("--spacing_m", type=float, default=0.01, help="distance between nodes")
-parser.add_argument("--n_neighbors", type=int, default=12, help="neighbours of a node")
 run(main, parser, globals().get("snakemake"))

@@ -23,10 +23,21 @@ from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 
 
-def main(depth, sky_masks, cameras, cloud, coverage, *, method, silhouettes, threads, **options):
+def main(
+    depth,
+    sky_masks,
+    cameras,
+    cloud,
+    coverage,
+    *,
+    options: FusionOptions,
+    fusion: str = "star",
+    silhouettes: bool = True,
+    threads: int = 2,
+):
     """Load, fuse, add twigs, save, and count what the region holds."""
     folder, names = Path(depth).parent, read_json(depth)["maps"]
-    fused = fuse_workspace(folder, names, FusionOptions(**options), method=method, threads=threads)
+    fused = fuse_workspace(folder, names, options, method=fusion, threads=threads)
     workspace = Workspace(folder)
     region = find_region(workspace.poses)
     content = {"region": None}
@@ -39,19 +50,10 @@ def main(depth, sky_masks, cameras, cloud, coverage, *, method, silhouettes, thr
     write_cloud(cloud, fused)
 
 
-defaults = FusionOptions()
 parser = stage_parser(__doc__)
 parser.add_argument("--depth", required=True, help="manifest of the depth maps")
 parser.add_argument("--sky_masks", required=True, help="folder of sky masks")
 parser.add_argument("--cameras", required=True, help="cameras.bin of the photos as stored")
 parser.add_argument("--cloud", required=True, help="cloud to write, PLY")
 parser.add_argument("--coverage", required=True, help="coverage.json to write")
-parser.add_argument("--method", default="star", help="star (ours) or colmap")
-parser.add_argument("--silhouettes", action="store_true", help="add twigs seen before the sky")
-parser.add_argument("--min_views", type=int, default=defaults.min_views)
-parser.add_argument("--n_check", type=int, default=defaults.n_check)
-parser.add_argument("--max_reproj_error_px", type=float, default=defaults.max_reproj_error_px)
-parser.add_argument("--max_depth_error", type=float, default=defaults.max_depth_error)
-parser.add_argument("--max_normal_error_deg", type=float, default=defaults.max_normal_error_deg)
-parser.add_argument("--threads", type=int, default=2)
 run(main, parser, globals().get("snakemake"))

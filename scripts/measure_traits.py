@@ -17,6 +17,7 @@ from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import read_skeleton, read_topology
 from cherrypicker.traits import branches_csv, measure_traits
+from cherrypicker.traits.measure import TraitOptions
 
 
 def main(
@@ -25,7 +26,6 @@ def main(
     segmented,
     traits,
     branches,
-    *,
     scale=None,
     sparse=None,
     target=None,
@@ -33,7 +33,9 @@ def main(
     metric_poses=None,
     sky_masks=None,
     cameras=None,
-    **options,
+    *,
+    options: TraitOptions,
+    seed: int = 0,
 ):
     cloud = read_cloud(segmented, required=("label",))
     poses = read_poses(metric_poses) if metric_poses else None
@@ -48,7 +50,8 @@ def main(
         edits=read_json(edits) if edits else None,
         poses=poses,
         sky_masks=masks,
-        **options,
+        seed=seed,
+        **vars(options),
     )
     write_text(branches, branches_csv(rows))
     write_json(traits, numbers)
@@ -67,13 +70,4 @@ parser.add_argument("--cameras", help="cameras.bin of the photos as stored, for 
 parser.add_argument("--edits", help="edits.json of a tree with hand corrections")
 parser.add_argument("--traits", required=True, help="JSON to write")
 parser.add_argument("--branches", required=True, help="CSV to write")
-parser.add_argument("--trunk_height", type=float, default=0.30, help="m over the foot")
-parser.add_argument("--trunk_heights", type=float, nargs="*", default=[0.5, 1.0, 1.3], help="m")
-parser.add_argument("--slab_half_height", type=float, default=0.10, help="m")
-parser.add_argument("--min_points", type=int, default=60)
-parser.add_argument("--min_arc_deg", type=float, default=120.0)
-parser.add_argument("--max_gap", type=float, default=0.10, help="m")
-parser.add_argument("--min_stray", type=float, default=0.30, help="m")
-parser.add_argument("--n_bootstrap", type=int, default=200)
-parser.add_argument("--seed", type=int, default=0)
 run(main, parser, globals().get("snakemake"))

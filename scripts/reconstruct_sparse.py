@@ -22,10 +22,9 @@ def main(
     report,
     poses,
     *,
-    min_registered_fraction,
-    seed,
-    threads,
-    **options,
+    options: MappingOptions,
+    seed: int = 0,
+    threads: int = 2,
 ):
     reconstruct_sparse(
         database,
@@ -34,8 +33,7 @@ def main(
         Path(images).parent,
         report,
         poses,
-        MappingOptions(**options),
-        min_registered_fraction=min_registered_fraction,
+        options,
         seed=seed,
         threads=threads,
     )
@@ -48,14 +46,4 @@ parser.add_argument("--photos", required=True, nargs="*", help="photos of one fo
 parser.add_argument("--images", required=True, help="images.bin; its folder takes the model")
 parser.add_argument("--report", required=True, help="JSON report to write")
 parser.add_argument("--poses", required=True, help="NPZ of undistorted poses to write")
-parser.add_argument("--mapper", default="incremental", choices=("incremental", "global"))
-parser.add_argument("--min_registered_fraction", type=float, default=0.5, help="else an error")
-parser.add_argument("--wanted_fraction", type=float, default=0.95, help="else other attempts")
-parser.add_argument("--wanted_agreement", type=float, default=0.9, help="else other attempts")
-parser.add_argument("--max_attempts", type=int, default=5)
-parser.add_argument("--max_ratio", type=float, default=0.8, help="ratio test of guided matching")
-parser.add_argument("--max_error_px", type=float, default=4.0, help="epipolar error, px")
-parser.add_argument("--min_inliers", type=int, default=15, help="matches of a verified pair")
-parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--threads", type=int, default=2)
 run(main, parser, globals().get("snakemake"))

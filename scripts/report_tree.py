@@ -15,8 +15,21 @@ from cherrypicker.report.tree import report_tree
 from cherrypicker.runner import run, stage_parser
 
 
-def main(**arguments):
-    report_tree(**arguments)
+def main(
+    *,
+    viewer_points: int = 150_000,
+    figure_width_px: int = 1400,
+    n_examples: int = 3,
+    seed: int = 0,
+    **files,
+):
+    report_tree(
+        **files,
+        viewer_points=viewer_points,
+        figure_width_px=figure_width_px,
+        n_examples=n_examples,
+        seed=seed,
+    )
 
 
 parser = stage_parser(__doc__)
@@ -45,8 +58,4 @@ parser.add_argument("--coverage", help="dense/coverage.json")
 parser.add_argument("--photos", nargs="*", default=[], help="the photos")
 parser.add_argument("--date", default="")
 parser.add_argument("--series", default="")
-parser.add_argument("--viewer_points", type=int, default=150_000)
-parser.add_argument("--figure_width_px", type=int, default=1400)
-parser.add_argument("--n_examples", type=int, default=3)
-parser.add_argument("--seed", type=int, default=0)
 run(main, parser, globals().get("snakemake"))

@@ -14,10 +14,10 @@ from cherrypicker.mvs.undistort import undistort
 from cherrypicker.runner import run, stage_parser
 
 
-def main(model, photos, undistorted, *, max_image_size, threads):
+def main(model, photos, undistorted, *, max_image_size_px: int = 1600, threads: int = 2):
     """Undistort, then write the manifest, whose folder is the workspace."""
     manifest = undistort(
-        Path(model).parent, photos, Path(undistorted).parent, max_image_size, threads=threads
+        Path(model).parent, photos, Path(undistorted).parent, max_image_size_px, threads=threads
     )
     write_json(undistorted, manifest)
 
@@ -26,6 +26,4 @@ parser = stage_parser(__doc__)
 parser.add_argument("--model", required=True, help="images.bin of the sparse model")
 parser.add_argument("--photos", nargs="+", required=True, help="the photos of the tree")
 parser.add_argument("--undistorted", required=True, help="manifest to write, in the workspace")
-parser.add_argument("--max_image_size", type=int, default=1600, help="longer side, px")
-parser.add_argument("--threads", type=int, default=2)
 run(main, parser, globals().get("snakemake"))

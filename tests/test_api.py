@@ -86,7 +86,7 @@ def test_what_does_not_fit_is_refused(tree):
         contract(points, weights={1: 10.0})
     with pytest.raises(ValueError, match="positive"):
         contract(points, labels, weights={1: 0.0})
-    with pytest.raises(TypeError, match="unknown options"):
+    with pytest.raises(TypeError, match="n_neighbours"):
         contract(points, labels, n_neighbours=12)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cherrypicker.classes import Label
-from cherrypicker.contraction.contract_points import contract_points, preset_options
+from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.geometry.sampling import voxel_thin
@@ -104,9 +104,9 @@ def contract(
         labels = None if labels is None else labels[source]
     if weights is None:
         weights = {} if labels is None or stem is None else {int(stem): 10.0}
-    options = preset_options(preset, **constants)
+    options = ContractionOptions(preset, **constants)
     lambdas = _weight_of(labels, weights)
-    if options.scheme == "published":
+    if options.preset == "paper":
         return contract_points(points, lambdas, options, callback).points, source
     if callback is not None:
         raise ValueError("the default preset does not iterate: a callback needs preset='paper'")
@@ -163,7 +163,7 @@ def skeletonize(cloud, labels=None, *, method="slbc", preset="default", graph="t
         labels = np.full(len(points), int(Label.BRANCH))
     whole = PointCloud(points, fields={"label": labels.astype(np.uint8)}, frame="metric", unit="m")
     contracted, report = contract_wood(
-        whole, method=method, options=preset_options(preset), **options
+        whole, method=method, options=ContractionOptions(preset), **options
     )
     return extract_skeleton(contracted, whole, method=graph, base=report["base"])
 

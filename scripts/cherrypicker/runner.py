@@ -1,6 +1,9 @@
 """Run a stage's ``main`` from Snakemake or from the command line, with one way to log and to fail.
 
 Under Snakemake the rule's named inputs, outputs and params are the keyword arguments of ``main``.
+The options are those of its keywords that have a type: a dataclass stands for its fields, and
+``main`` takes an instance. Config keys of the same name, which the schema says the stage reads,
+give their values under Snakemake and their text on the command line.
 The rule's log takes everything, native output of COLMAP and Open3D too; the console gets progress,
 warnings and, when the stage fails, one line. A status file below ``logs/status`` tells the batch
 summary which stage of which tree failed, and why; one that still says "running" after the run was
@@ -12,21 +15,30 @@ from __future__ import annotations
 import argparse
 import errno
 import faulthandler
+import inspect
 import logging
 import os
+import re
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
+from types import NoneType, UnionType
+from typing import NamedTuple, Union, get_args, get_origin, get_type_hints
+
+import yaml
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
 
 logger = logging.getLogger(__name__)
 
+SCHEMA_FILE = Path(__file__).resolve().parents[2] / "workflow/schemas/config.schema.yaml"
 STATUS_DIR = Path("logs/status")
 NO_TREE = "_batch"
+_TEXT = {"threads": "Threads of the stage.", "gpu": "1 to use an NVIDIA GPU."}
 _LITTLE_ROOM_BYTES = 500_000_000
 _DISK_ERRORS = {
     errno.ENOSPC: "the disk is full",
@@ -37,11 +49,129 @@ _DISK_ERRORS = {
 }
 
 
+class Option(NamedTuple):
+    """An option of a stage: a typed keyword of its ``main``, or a field of such a keyword's class.
+
+    Attributes
+    ----------
+    kind : type
+    default : object
+    holder : str
+        The keyword whose class has the field; empty for a keyword of its own.
+    """
+
+    kind: type
+    default: object
+    holder: str = ""
+
+
+def options_of(main: Callable) -> dict[str, Option]:
+    """Return the options of a stage by name.
+
+    Raises
+    ------
+    TypeError
+        If two of them bear one name.
+    """
+    found: dict[str, Option] = {}
+    for name, keyword in inspect.signature(main, eval_str=True).parameters.items():
+        kind = keyword.annotation
+        if keyword.kind is not keyword.KEYWORD_ONLY or kind is keyword.empty:
+            continue
+        more = {name: Option(kind, keyword.default)}
+        if is_dataclass(kind):
+            defaults, kinds = kind(), get_type_hints(kind)
+            names = [field.name for field in fields(kind)]
+            more = {each: Option(kinds[each], getattr(defaults, each), name) for each in names}
+        if found.keys() & more.keys():
+            raise TypeError(f"two options are named {', '.join(found.keys() & more.keys())}")
+        found |= more
+    return found
+
+
+def keys_of_stage(schema: Mapping, stage: str) -> dict[str, dict]:
+    """Return the config keys that a stage reads, dotted, with their schemas.
+
+    The schema names the stages that read a key in the key's ``stages``, or in its section's.
+    """
+    return {key: each for key, each, stages in _keys(schema) if stage in stages}
+
+
+def _keys(schema: Mapping) -> Iterator[tuple[str, dict, list[str]]]:
+    """Yield every key, a section of a section taken as one, its schema and its stages."""
+    for name, section in schema["properties"].items():
+        stages = section.get("stages", [])
+        if section.get("default") != {}:
+            yield name, section, stages
+            continue
+        for key, each in section["properties"].items():
+            yield f"{name}.{key}", each, each.get("stages", stages)
+
+
 def stage_parser(doc: str) -> argparse.ArgumentParser:
     """Return the argument parser of a stage script from its module docstring."""
     return argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+
+
+def add_options(parser: argparse.ArgumentParser, main: Callable) -> None:
+    """Add a stage's options to its parser, with the text of their config keys or of their class."""
+    schema = yaml.safe_load(SCHEMA_FILE.read_text(encoding="utf-8"))
+    keys = keys_of_stage(schema, Path(main.__code__.co_filename).stem)
+    described = {key.rpartition(".")[2]: (key, each) for key, each in keys.items()}
+    kinds = inspect.signature(main, eval_str=True).parameters
+    for name, option in options_of(main).items():
+        key, each = described.get(name, ("", {}))
+        text = each.get("description") or _TEXT.get(name, "")
+        if not text and option.holder:
+            text = _documented(kinds[option.holder].annotation).get(name, "")
+        source = f"config key {key}, " if key else ""
+        parser.add_argument(
+            f"--{name}",
+            default=option.default,
+            choices=each.get("enum"),
+            help=f"{text.strip()} [{source}default {option.default}]".replace("%", "%%").strip(),
+            **_reading(option.kind),
+        )
+
+
+def _documented(kind: type) -> dict[str, str]:
+    """Return what a class's docstring says of its attributes."""
+    listed = (inspect.getdoc(kind) or "").partition("Attributes\n----------\n")[2]
+    listed = listed.partition("\n\n")[0]
+    found = re.findall(r"^(\S.*?) :.*((?:\n    .*)*)", listed, re.MULTILINE)
+    return {name: " ".join(text.split()) for names, text in found for name in names.split(", ")}
+
+
+def _reading(kind: type) -> dict:
+    """Return how argparse reads a type: its converter and number of values."""
+    if get_origin(kind) in (UnionType, Union):
+        (kind,) = (each for each in get_args(kind) if each is not NoneType)
+    origin, parts = get_origin(kind), get_args(kind)
+    if kind is bool:
+        return {"type": _flag, "nargs": "?", "const": True, "metavar": "true|false"}
+    if origin is dict:
+        return {"type": _pairs, "metavar": "NAME:NUMBER,..."}
+    if origin is tuple:
+        return {"type": parts[0], "nargs": "*" if parts[-1] is Ellipsis else len(parts)}
+    return {"type": kind}
+
+
+def _flag(text: str) -> bool:
+    """Parse ``true`` or ``false``."""
+    if text.lower() not in ("true", "false"):
+        raise argparse.ArgumentTypeError(f"{text!r} is neither true nor false")
+    return text.lower() == "true"
+
+
+def _pairs(text: str) -> dict[str, float]:
+    """Parse ``name:number`` pairs with commas between."""
+    try:
+        return {name: float(value) for name, value in (p.split(":") for p in text.split(","))}
+    except ValueError:
+        message = f"{text!r} is no list such as trunk:10,branch:1"
+        raise argparse.ArgumentTypeError(message) from None
 
 
 def run(main: Callable, parser: argparse.ArgumentParser, snakemake: object | None = None) -> None:
@@ -52,10 +182,11 @@ def run(main: Callable, parser: argparse.ArgumentParser, snakemake: object | Non
     Parameters
     ----------
     main : callable
-        Takes the parser's destinations as keyword arguments.
+        Takes the parser's destinations as keyword arguments, and its own options.
     parser : argparse.ArgumentParser
-        Its destinations bear the names of the rule's inputs, outputs and params; ``threads`` and
-        ``gpu`` take the rule's threads and GPU resource.
+        Of files and other values that are no options. Its destinations, like the options, bear the
+        names of the rule's inputs, outputs and params; ``threads`` and ``gpu`` take the rule's
+        threads and GPU resource.
     snakemake : object, optional
         Snakemake's script object; None on the command line.
 
@@ -74,8 +205,9 @@ def run(main: Callable, parser: argparse.ArgumentParser, snakemake: object | Non
 
 def _run_from_command_line(main: Callable, parser: argparse.ArgumentParser) -> None:
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    add_options(parser, main)
     try:
-        main(**vars(parser.parse_args()))
+        main(**_bundled(main, vars(parser.parse_args())))
     except (StageError, OSError) as error:
         logger.error("error: %s", StageError(**_explain(error)).describe())
         raise SystemExit(1) from None
@@ -91,7 +223,7 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake) -
     try:
         write_json(status, record)
         _refuse_bad_row(snakemake.params)
-        main(**_arguments(parser, snakemake))
+        main(**_bundled(main, _arguments(parser, main, snakemake)))
     except Exception as error:
         logger.exception("the stage failed")
         failure = _explain(error, snakemake.output)
@@ -143,24 +275,31 @@ def _disk_hint(outputs: Iterable[str]) -> str:
     return ""
 
 
-def _arguments(parser: argparse.ArgumentParser, snakemake) -> dict:
-    """Collect the rule's named values for the parser's destinations."""
+def _arguments(parser: argparse.ArgumentParser, main: Callable, snakemake) -> dict:
+    """Collect the rule's named values for the parser's destinations and the options."""
     named = {"threads": snakemake.threads, "gpu": int(snakemake.resources.get("gpu", 0))}
     for values in (snakemake.input, snakemake.output, snakemake.params):
         named.update(values.items())
-    arguments, missing = {}, []
-    for action in parser._actions:
-        if action.dest in named:
-            value = named[action.dest]
-            # Snakemake's lists of files carry state that a stage has no use for
-            arguments[action.dest] = list(value) if isinstance(value, list) else value
-        elif action.required:
-            missing.append(action.dest)
-        elif action.dest != "help":
-            arguments[action.dest] = action.default
+    actions = {action.dest: action for action in parser._actions if action.dest != "help"}
+    missing = [name for name, action in actions.items() if action.required and name not in named]
     if missing:
         raise TypeError(f"rule {snakemake.rule} gives no {', '.join(missing)}")
-    return arguments
+    defaults = {name: action.default for name, action in actions.items()}
+    defaults |= {name: option.default for name, option in options_of(main).items()}
+    values = {name: named.get(name, default) for name, default in defaults.items()}
+    # Snakemake's lists of files carry state that a stage has no use for
+    return {key: list(value) if isinstance(value, list) else value for key, value in values.items()}
+
+
+def _bundled(main: Callable, values: dict) -> dict:
+    """Put the options' values into the classes that ``main`` takes; None is an option's default."""
+    held: dict[str, dict] = {}
+    for name, option in options_of(main).items():
+        value = values.pop(name)
+        held.setdefault(option.holder, {})[name] = option.default if value is None else value
+    values |= held.pop("", {})
+    kinds = inspect.signature(main, eval_str=True).parameters
+    return values | {name: kinds[name].annotation(**given) for name, given in held.items()}
 
 
 def _redirect_output(log_path: str, prefix: str):

@@ -61,7 +61,7 @@ def ablate_scene(tree, scene, masks, options, depth_side):
         tree / "sfm/model",
         scene / "photos",
         masks,
-        EvidenceOptions(depth_side_px=depth_side),
+        EvidenceOptions(max_image_size_px=depth_side),
     )
     ground = GROUND_SHARE * float(np.median(poses.centers[:, 2]))
     sky = read_sky_colors(tree / "sky_colors.npz")

@@ -30,7 +30,7 @@ logger = logging.getLogger("cherrypicker")
 
 
 def main(weights, clouds, *, output, figure, only, most_points, seed, threads, gpu):
-    sampling = Sampling(None, reference_height_m=None, sphere_radius_m=None, sphere_points=None)
+    sampling = Sampling()
     settings = {
         "sampling": sampling,
         "smoothing": Smoothing(),
@@ -104,7 +104,7 @@ parser.add_argument("--clouds", required=True, help="folder clouds of the real d
 parser.add_argument("--output", default="", help="JSON to write")
 parser.add_argument("--figure", default="", help="PNG of the labels to write")
 parser.add_argument("--only", nargs="*", default=(), help="names of scans; all by default")
-parser.add_argument("--most-points", type=int, default=4_000_000, help="thinned to, at random")
+parser.add_argument("--most_points", type=int, default=4_000_000, help="thinned to, at random")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--threads", type=int, default=2)
 parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")

@@ -5,7 +5,7 @@ JSON, a plot of the matrix of the held-out scenes, and a picture of the scans' l
 
     python scripts/lab/evaluate_segmentation.py --weights resources/weights/dgcnn.pt \\
         --workspace work --scan results/cherry_vase=resources/demo/cherry_vase/truth \\
-        --figure confusion.png --labels-figure labels.png
+        --figure confusion.png --labels_figure labels.png
 """
 
 import logging
@@ -55,11 +55,8 @@ def main(
     threads,
     gpu,
 ):
-    sampling = Sampling(
-        None, reference_height_m=None, sphere_radius_m=None, sphere_points=None
-    )  # as the weights were trained
     settings = {
-        "sampling": sampling,
+        "sampling": Sampling(),
         "smoothing": Smoothing(),
         "post": PostModel(),
         "stems": StemModel() if trace_stems else None,
@@ -129,20 +126,20 @@ parser.add_argument("--weights", required=True, help="weights to measure")
 parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
 parser.add_argument("--output", default="", help="JSON to write")
 parser.add_argument("--figure", default="", help="PNG of the confusion matrix to write")
-parser.add_argument("--labels-figure", default="", help="PNG of the scans' labels to write")
+parser.add_argument("--labels_figure", default="", help="PNG of the scans' labels to write")
 parser.add_argument(
     "--colors", choices=("with", "without", "both"), default="both", help="colours of the clouds"
 )
 parser.add_argument(
     "--scan", dest="scans", action="append", default=[], help="RESULTS=TRUTH of a rendered scene"
 )
-parser.add_argument("--n-scenes", type=int, default=10)
-parser.add_argument("--n-templates", type=int, default=8)
+parser.add_argument("--n_scenes", type=int, default=10)
+parser.add_argument("--n_templates", type=int, default=8)
 parser.add_argument(
-    "--first-seed", type=int, default=HELD_OUT_SEED, help="of the scenes; the forms' is 500 above"
+    "--first_seed", type=int, default=HELD_OUT_SEED, help="of the scenes; the forms' is 500 above"
 )
-parser.add_argument("--scene-points", type=int, default=250_000)
-parser.add_argument("--no-trace-stems", dest="trace_stems", action="store_false")
+parser.add_argument("--scene_points", type=int, default=250_000)
+parser.add_argument("--no_trace_stems", dest="trace_stems", action="store_false")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--threads", type=int, default=2)
 parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")

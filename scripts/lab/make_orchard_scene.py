@@ -23,9 +23,18 @@ from cherrypicker_lab.orchard.truth import write_truth
 
 
 def main(
-    as_seen, *, seed, forms=FORMS, n_points=200_000, surface_points=150_000, extent_m=3.0,
-    n_photos=48, photo_size_px=0, distortion=True, chosen="{}",
-):  # fmt: skip
+    as_seen,
+    seed,
+    chosen="{}",
+    *,
+    forms: tuple[str, ...] = FORMS,
+    n_points: int = 200_000,
+    surface_points: int = 150_000,
+    extent_m: float = 3.0,
+    n_photos: int = 48,
+    photo_size_px: int = 0,
+    distortion: bool = True,
+):
     """Write the truth, then the cloud."""
     folder = Path(as_seen).parent
     chosen = json.loads(chosen)
@@ -46,12 +55,5 @@ def main(
 parser = stage_parser(__doc__)
 parser.add_argument("--as_seen", required=True, help="PLY to write, in the scene's folder")
 parser.add_argument("--seed", type=int, required=True)
-parser.add_argument("--forms", nargs="+", default=FORMS, help="forms of trees to draw from")
-parser.add_argument("--n_points", type=int, default=200_000, help="of the cloud as seen")
-parser.add_argument("--surface_points", type=int, default=150_000, help="of the exact cloud")
-parser.add_argument("--extent_m", type=float, default=3.0, help="radius of the clouds, m")
-parser.add_argument("--n_photos", type=int, default=48)
-parser.add_argument("--photo_size_px", type=int, default=0, help="longer side, 0: the cameras' own")
 parser.add_argument("--chosen", default="{}", help="JSON of the config's orchard.chosen")
-parser.add_argument("--distortion", type=int, default=1, help="0: pinholes")
 run(main, parser, globals().get("snakemake"))

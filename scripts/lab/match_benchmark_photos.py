@@ -14,7 +14,7 @@ from cherrypicker.sfm.features import extract_features
 from cherrypicker.sfm.matching import match_features
 
 
-def main(folder, features, database, listing, *, seed, threads):
+def main(folder, features, database, listing, *, seed: int = 0, threads: int = 2):
     """Both stages with their default options."""
     photos = list_photos(folder)
     extract_features(photos, features, listing, folder=folder, seed=seed, threads=threads)
@@ -26,6 +26,4 @@ parser.add_argument("--folder", required=True, help="folder of photos")
 parser.add_argument("--features", required=True, help="COLMAP database of features to write")
 parser.add_argument("--database", required=True, help="COLMAP database with matches to write")
 parser.add_argument("--listing", required=True, help="JSON to write: each photo, its camera")
-parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--threads", type=int, default=2)
 run(main, parser, globals().get("snakemake"))

@@ -7,7 +7,6 @@ work in, writes measurement.json and the fused cloud.ply. Example:
         --measurement benchmark/measurement.json --cloud benchmark/cloud.ply
 """
 
-from dataclasses import fields
 from pathlib import Path
 
 import lab_path  # noqa: F401
@@ -23,24 +22,25 @@ def main(
     undistorted,
     measurement,
     cloud,
-    *,
     backend,
     megapixels,
-    max_photos,
     sky_masks,
     images,
     scan,
     cameras,
-    threads,
-    **options,
+    *,
+    stereo: StereoOptions,
+    fusion: FusionOptions,
+    max_photos: int | None = None,
+    threads: int = 2,
 ):
     """Measure and save."""
     report, fused = measure_stereo(
         Path(undistorted).parent,
         Path(measurement).parent / "dense",
         backend,
-        StereoOptions(**select(StereoOptions, options)),
-        FusionOptions(**select(FusionOptions, options)),
+        stereo,
+        fusion,
         megapixels=megapixels or None,
         max_photos=max_photos or None,
         sky=(sky_masks, Path(images).parent) if sky_masks else None,
@@ -50,30 +50,14 @@ def main(
     write_json(measurement, {"scan": scan, "cameras": cameras, **report})
 
 
-def select(kind, options):
-    """The options that a dataclass knows."""
-    return {field.name: options[field.name] for field in fields(kind) if field.name in options}
-
-
-def add_options(parser, kind):
-    """An argument for each number of a dataclass of options."""
-    for field in fields(kind):
-        number = float if isinstance(field.default, float) else int
-        parser.add_argument(f"--{field.name}", type=number, default=field.default)
-
-
 parser = stage_parser(__doc__)
 parser.add_argument("--undistorted", required=True, help="manifest of the dense workspace")
 parser.add_argument("--measurement", required=True, help="JSON to write; its folder takes the copy")
 parser.add_argument("--cloud", required=True, help="fused cloud to write, PLY")
 parser.add_argument("--backend", default="cpu", choices=BACKENDS)
 parser.add_argument("--megapixels", type=float, default=0.0, help="of each photo; 0: as they are")
-parser.add_argument("--max_photos", type=int, default=0, help="the first so many; 0: all")
 parser.add_argument("--sky_masks", default="", help="folder of sky masks")
 parser.add_argument("--images", default="", help="images.bin of the photos as stored, for these")
 parser.add_argument("--scan", default="", help="name for the table")
 parser.add_argument("--cameras", default="", help="true or sfm, for the table")
-parser.add_argument("--threads", type=int, default=2)
-add_options(parser, StereoOptions)
-add_options(parser, FusionOptions)
 run(main, parser, globals().get("snakemake"))

@@ -25,12 +25,12 @@ def main(
     listing,
     images,
     undistorted,
-    *,
     cameras,
     poses,
-    max_image_size,
-    seed,
-    threads,
+    *,
+    max_image_size_px: int = 1600,
+    seed: int = 0,
+    threads: int = 2,
 ):
     """Place the cameras, then undistort."""
     photos, model = list_photos(folder), Path(images).parent
@@ -41,7 +41,9 @@ def main(
         reconstruct_sparse(
             database, photos, listing, model, report, sparse_poses, seed=seed, threads=threads
         )
-    manifest = undistort(model, photos, Path(undistorted).parent, max_image_size, threads=threads)
+    manifest = undistort(
+        model, photos, Path(undistorted).parent, max_image_size_px, threads=threads
+    )
     write_json(undistorted, manifest)
 
 
@@ -53,7 +55,4 @@ parser.add_argument("--listing", required=True, help="JSON of the photos")
 parser.add_argument("--poses", default="", help="SCENE/truth/poses.npz, for true cameras")
 parser.add_argument("--images", required=True, help="images.bin to write; its folder is the model")
 parser.add_argument("--undistorted", required=True, help="manifest of the workspace to write")
-parser.add_argument("--max_image_size", type=int, default=1600, help="longer side, px")
-parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--threads", type=int, default=2)
 run(main, parser, globals().get("snakemake"))

@@ -20,7 +20,7 @@ from cherrypicker.runner import run, stage_parser
 RENDER = Path(__file__).with_name("render_scene.py")
 
 
-def main(rendered, *, preset, blender_python, threads):
+def main(rendered, preset, *, blender_python: str = "", threads: int = 2):
     """Render what is missing, then list the photos."""
     folder = Path(rendered).parent
     command = ["--preset", preset, "--output", str(folder), "--threads", str(threads)]
@@ -55,6 +55,4 @@ def missing(folder):
 parser = stage_parser(__doc__)
 parser.add_argument("--preset", required=True, help="name of the scene")
 parser.add_argument("--rendered", required=True, help="JSON to write, in the scene's folder")
-parser.add_argument("--blender_python", default="", help="python with Blender's module bpy")
-parser.add_argument("--threads", type=int, default=2)
 run(main, parser, globals().get("snakemake"))

@@ -22,9 +22,19 @@ RENDER = Path(__file__).with_name("render_scene.py")
 
 
 def main(
-    scene, rendered, *, blender_python, seed, forms=FORMS, n_photos=48, photo_size_px=0,
-    distortion=True, effects=True, chosen="{}", threads=2,
-):  # fmt: skip
+    scene,
+    rendered,
+    seed,
+    chosen="{}",
+    *,
+    blender_python: str = "",
+    forms: tuple[str, ...] = FORMS,
+    n_photos: int = 48,
+    photo_size_px: int = 0,
+    distortion: bool = True,
+    effects: bool = True,
+    threads: int = 2,
+):
     """Render what is missing, then list the photos."""
     folder = Path(rendered).parent
     if read_json(scene)["seed"] != seed:
@@ -61,13 +71,6 @@ def main(
 parser = stage_parser(__doc__)
 parser.add_argument("--scene", required=True, help="truth/scene.json of the scene")
 parser.add_argument("--rendered", required=True, help="JSON to write, in the scene's folder")
-parser.add_argument("--blender_python", default="", help="python with Blender's module bpy")
 parser.add_argument("--seed", type=int, required=True)
-parser.add_argument("--forms", nargs="+", default=FORMS)
-parser.add_argument("--n_photos", type=int, default=48)
-parser.add_argument("--photo_size_px", type=int, default=0, help="longer side, 0: the cameras' own")
 parser.add_argument("--chosen", default="{}", help="JSON of the config's orchard.chosen")
-parser.add_argument("--distortion", type=int, default=1)
-parser.add_argument("--effects", type=int, default=1, help="0: perfect cameras")
-parser.add_argument("--threads", type=int, default=2)
 run(main, parser, globals().get("snakemake"))

@@ -17,7 +17,7 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.dense.scoring import describe, score_file
 
 
-def main(cloud, truth, scores="", scored="", *, poses="", fit="", max_photos=0):
+def main(cloud, truth, scores="", scored="", poses="", fit="", *, max_photos: int | None = None):
     """Place the cloud, score it, print and save."""
     fit = fit or ("surface" if poses else "none")
     report, judged = score_file(cloud, poses, truth, fit=fit, max_photos=max_photos or None)
@@ -38,9 +38,6 @@ parser.add_argument(
     choices=("", "none", "cameras", "surface"),
     help="none: it is in the true frame; cameras: similarity of the camera centres; "
     "surface: that, then refined on the surface (default where poses are given)",
-)
-parser.add_argument(
-    "--max_photos", type=int, default=0, help="it is from the first so many; 0: all"
 )
 parser.add_argument("--scores", default="", help="JSON to write")
 parser.add_argument("--scored", default="", help="PLY to write: the judged points, their errors")

@@ -59,7 +59,7 @@ def _of_size(cloud, n, rng):
 
 def _label(path, weights, seed, threads):
     """CPU seconds and peak memory in GB of one process that does the whole stage."""
-    sampling = Sampling(None, reference_height_m=None, sphere_radius_m=None, sphere_points=None)
+    sampling = Sampling()
     settings = {"sampling": sampling, "smoothing": Smoothing(), "seed": seed}
     device = choose_device(threads, 0)
     result = segment_cloud(

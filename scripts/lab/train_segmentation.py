@@ -4,7 +4,7 @@ Writes the weights and a JSON file with the schedule and the measures on held-ou
 from the checkpoint beside the weights where a run of the same settings was cut short. Example:
 
     python scripts/lab/train_segmentation.py --weights dgcnn.pt --metrics dgcnn.json \
-        --workspace training --n-scenes 100
+        --workspace training --n_scenes 100
 """
 
 from dataclasses import asdict
@@ -24,50 +24,25 @@ from cherrypicker_lab.training.segmentation.training import measure, train
 def main(
     weights,
     metrics,
-    *,
     workspace,
-    n_scenes,
-    n_held_out,
-    scene_points,
-    epochs,
-    batch_spheres,
-    spheres_per_cloud,
-    learning_rate,
-    final_learning_rate,
-    color_dropout,
-    voxel_size_m,
-    sphere_radius_m,
-    sphere_points,
-    reference_height_m,
-    width,
-    embedding,
-    k,
-    minutes,
-    start,
-    seed,
-    threads,
-    gpu,
     scenes=(),
-    course="exponential",
-    warmup=0,
-    average=0.0,
-    class_balance=0.5,
+    *,
+    n_scenes: int = 100,
+    n_held_out: int = 10,
+    scene_points: int = 250_000,
+    schedule: Schedule,
+    voxel_size_m: float = 0.02,
+    sphere_radius_m: float = 0.7,
+    sphere_points: int = 1536,
+    reference_height_m: float = 3.5,
+    width: int = 64,
+    embedding: int = 192,
+    k: int = 12,
+    start: str | None = None,
+    threads: int = 2,
+    gpu: int = 0,
 ):
     device = choose_device(threads, gpu)
-    schedule = Schedule(
-        epochs,
-        batch_spheres,
-        spheres_per_cloud,
-        learning_rate,
-        final_learning_rate,
-        color_dropout,
-        seed,
-        minutes,
-        course,
-        warmup,
-        average,
-        class_balance,
-    )
     sampling = Sampling(
         voxel_size_m=voxel_size_m,
         reference_height_m=reference_height_m,
@@ -75,7 +50,7 @@ def main(
         sphere_points=sphere_points,
     )
     folder = Path(workspace)
-    first = seed * n_scenes
+    first = schedule.seed * n_scenes
     if scenes:
         samples = SceneFolders(scenes)
     else:
@@ -117,36 +92,7 @@ parser = stage_parser(__doc__)
 parser.add_argument("--weights", required=True, help="weights to write")
 parser.add_argument("--metrics", required=True, help="JSON of schedule and measures to write")
 parser.add_argument("--workspace", required=True, help="folder of the scenes and the checkpoint")
-parser.add_argument("--n-scenes", type=int, default=100)
-parser.add_argument("--n-held-out", type=int, default=10, help="0 leaves the measuring out")
-parser.add_argument("--scene-points", type=int, default=250_000)
-parser.add_argument("--epochs", type=int, default=35)
-parser.add_argument("--batch-spheres", type=int, default=16)
-parser.add_argument("--spheres-per-cloud", type=int, default=8)
-parser.add_argument("--learning-rate", type=float, default=0.003)
-parser.add_argument("--final-learning-rate", type=float, default=3e-5)
-parser.add_argument("--color-dropout", type=float, default=0.25)
-parser.add_argument("--voxel-size-m", type=float, default=0.02)
-parser.add_argument("--sphere-radius-m", type=float, default=0.7)
-parser.add_argument("--sphere-points", type=int, default=1536)
-parser.add_argument("--reference-height-m", type=float, default=3.5)
-parser.add_argument("--width", type=int, default=64)
-parser.add_argument("--embedding", type=int, default=192)
-parser.add_argument("-k", "--k", type=int, default=12)
-parser.add_argument("--minutes", type=float, help="stop after this time; the rate falls over it")
-parser.add_argument("--start", help="weights to go on from")
 parser.add_argument(
     "--scenes", nargs="*", default=(), help="folders of scenes to train on, which may be growing"
 )
-parser.add_argument("--course", choices=("exponential", "cosine"), default="exponential")
-parser.add_argument("--warmup", type=int, default=0, help="batches over which the rate rises")
-parser.add_argument(
-    "--average", type=float, default=0.0, help="decay of the mean of the weights that is kept"
-)
-parser.add_argument(
-    "--class-balance", type=float, default=0.5, help="0: points weigh alike; 1: classes do"
-)
-parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--threads", type=int, default=2)
-parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")
 run(main, parser, globals().get("snakemake"))

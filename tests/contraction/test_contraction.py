@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_matrix
 from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
 
-from cherrypicker.contraction.contract_points import contract_points, preset_options
+from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
 from cherrypicker.contraction.contract_wood import class_weights, contract_wood
 from cherrypicker.contraction.laplacian_published import (
     cotangent_laplacian,
@@ -54,7 +54,7 @@ def test_one_solve_equals_the_stacked_least_squares():
 
 
 def test_cylinder_contracts_to_its_axis(cylinder):
-    result = contract_points(cylinder, options=preset_options("paper", max_iterations=6))
+    result = contract_points(cylinder, options=ContractionOptions("paper", max_iterations=6))
     assert np.isfinite(result.points).all() and result.points.shape == cylinder.shape
     inner = (result.points[:, 2] > 0.1) & (result.points[:, 2] < 0.4)
     away = np.linalg.norm(result.points[inner, :2], axis=1)
@@ -63,7 +63,7 @@ def test_cylinder_contracts_to_its_axis(cylinder):
 
 
 def test_contraction_does_not_depend_on_the_frame(cylinder):
-    options = preset_options("paper", max_iterations=3)
+    options = ContractionOptions("paper", max_iterations=3)
     here = contract_points(cylinder, options=options).points
     shift = np.array([365_000.0, 5_620_000.0, 310.0])
     there = contract_points(cylinder + shift, options=options).points - shift
@@ -71,7 +71,7 @@ def test_contraction_does_not_depend_on_the_frame(cylinder):
 
 
 def test_equal_input_gives_equal_points(cylinder):
-    options = preset_options("paper", max_iterations=2)
+    options = ContractionOptions("paper", max_iterations=2)
     first, second = (contract_points(cylinder, options=options).points for _ in range(2))
     np.testing.assert_array_equal(first, second)
 
@@ -79,7 +79,7 @@ def test_equal_input_gives_equal_points(cylinder):
 def test_heavier_trunk_contracts_further_past_a_hole():
     stem = tube((0, 0, 0), (0, 0, 0.6), 0.05, 12_000, rng=np.random.default_rng(5))
     stem = stem[np.linalg.norm(stem - (0.05, 0, 0.3), axis=1) > 0.06]
-    options = preset_options("paper", max_iterations=3)
+    options = ContractionOptions("paper", max_iterations=3)
     plain = contract_points(stem, options=options)
     heavy = contract_points(stem, np.full(len(stem), 10.0), options)
 
@@ -98,14 +98,14 @@ def test_too_few_or_broken_points_are_the_users_error():
     with pytest.raises(ValueError, match="shape"):
         contract_points(np.zeros((50, 2)))
     with pytest.raises(StageError, match="preset"):
-        preset_options("fastest")
+        ContractionOptions("fastest")
 
 
 def test_a_constant_that_a_preset_does_not_read_is_named(caplog):
-    assert preset_options("default", max_iterations=4).scheme == "limbs"
+    assert ContractionOptions("default", max_iterations=4).preset == "default"
     assert "contract.max_iterations" in caplog.text
     caplog.clear()
-    assert preset_options("paper", max_iterations=4).max_iterations == 4
+    assert ContractionOptions("paper", max_iterations=4).max_iterations == 4
     assert not caplog.text
 
 

@@ -11,7 +11,7 @@ import skeleton_shapes
 from scipy.spatial import cKDTree
 from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
 
-from cherrypicker.contraction.contract_points import preset_options
+from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.errors import StageError
@@ -60,9 +60,8 @@ def test_equal_bytes_for_any_number_of_threads():
         "import hashlib, numpy as np\n"
         "from skeleton_shapes import labelled_cloud, small_tree\n"
         "from cherrypicker.contraction.contract_wood import contract_wood\n"
-        "from cherrypicker.contraction.contract_points import preset_options\n"
         "cloud = labelled_cloud(*small_tree(noise=0.002)[:2])\n"
-        "points = contract_wood(cloud, options=preset_options(), voxel_size_m=0.012)[0].points\n"
+        "points = contract_wood(cloud, voxel_size_m=0.012)[0].points\n"
         "print(hashlib.sha256(points.tobytes()).hexdigest())\n"
     )
     folders = f"{Path(skeleton_shapes.__file__).parent}:{Path(__file__).parents[2] / 'scripts'}"
@@ -87,7 +86,7 @@ def test_a_branch_that_hangs_to_the_ground_is_no_stem():
     assert len(find_stems(points)) == 2
     assert len(find_stems(points, labels=labels)) == 1
     assert len(find_stems(points, labels=np.full(len(points), 2))) == 2
-    contracted, report = contract_wood(labelled_cloud(points, labels), options=preset_options())
+    contracted, report = contract_wood(labelled_cloud(points, labels), options=ContractionOptions())
     assert report["wood"]["n_neighbors_cut"] == 0
     assert contracted.points[:, 0].max() > 0.6
 
@@ -101,7 +100,7 @@ def test_default_beats_the_published_contraction_on_a_small_tree():
         ("plain", "lbc", "default"),
         ("published", "slbc", "paper"),
     ):
-        options = preset_options(preset)
+        options = ContractionOptions(preset)
         contracted, _ = contract_wood(cloud, method=method, options=options, voxel_size_m=0.01)
         found[name] = chamfer_cm2(contracted.points, truth)
     assert max(found["semantic"], found["plain"]) < 0.5 * found["published"]

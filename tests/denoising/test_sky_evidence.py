@@ -85,8 +85,8 @@ def test_a_mask_without_twigs_needs_the_photos_contrast():
 def test_without_clearance_the_cloud_s_error_costs_twigs():
     rng = np.random.default_rng(3)
     twig = colored_as_sky(POSES, TWIG.surface(400, rng, off=0.0015), "clear")
-    strict = replace(OPTIONS, clearance_px=0, twig_contrast=0.0)
-    tolerant = replace(strict, clearance_px=1)
+    strict = replace(OPTIONS, sky_clearance_px=0, twig_contrast=0.0)
+    tolerant = replace(strict, sky_clearance_px=1)
     assert np.mean(share(twig, "clear", options=strict) >= 0.7) < 0.5
     assert np.mean(share(twig, "clear", options=tolerant) >= 0.7) > 0.95
 
@@ -105,7 +105,7 @@ def test_larger_photos_say_the_same():
 
     flat = pinhole(POSES)
     small = sky_evidence(points, cloud, POSES, flat, look, OPTIONS)
-    options = replace(OPTIONS, depth_side_px=373)  # times 1.5: the small photo's 560
+    options = replace(OPTIONS, max_image_size_px=373)  # times 1.5: the small photo's 560
     same = sky_evidence(points, cloud, POSES, lambda i, x: 3 * flat(i, x), large, options)
     for name in ("n_clear", "n_solid", "n_alike"):
         np.testing.assert_array_equal(getattr(small, name), getattr(same, name))

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 from skeleton_shapes import labelled_cloud, sample_axes, sample_skeleton, small_tree, tube
 
-from cherrypicker.contraction.contract_points import preset_options
+from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.circles import fit_circle
@@ -132,7 +132,7 @@ def tree_case():
     """The contracted points of a small tree, its surface cloud and its true axes."""
     points, labels, true_axes = small_tree(3, noise=0.001)
     cloud = labelled_cloud(points, labels)
-    contracted, _ = contract_wood(cloud, options=preset_options())
+    contracted, _ = contract_wood(cloud, options=ContractionOptions())
     return contracted, cloud, true_axes
 
 

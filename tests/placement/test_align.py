@@ -12,7 +12,7 @@ from scan_scene import (
 )
 
 from cherrypicker.errors import StageError
-from cherrypicker.placement.align import align, rodrigues
+from cherrypicker.placement.align import AlignOptions, align, rodrigues
 from cherrypicker.placement.camera_geometry import angle_deg, camera_up, look_at_point
 
 TARGET = np.array([0.0, 0.0, 1.2])
@@ -209,7 +209,7 @@ def test_too_few_points_or_wrong_option_name_the_key():
     with pytest.raises(StageError):
         align(points[:20], poses)
     with pytest.raises(StageError) as caught:
-        align(points, poses, up_from="moon")
+        align(points, poses, AlignOptions(up_from="moon"))
     assert caught.value.key == "align.up_from"
 
 

@@ -14,7 +14,7 @@ from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path, write_npz
 from cherrypicker.pointcloud import write_cloud
-from cherrypicker.sfm.features import extract_features
+from cherrypicker.sfm.features import FeatureOptions, extract_features
 
 
 def test_a_full_disk_stops_its_tree_and_nothing_else(tmp_path):
@@ -125,7 +125,7 @@ def test_photos_under_a_path_beyond_ascii_with_blanks(tmp_path):
         path.rename(path.with_name(f"Kirschbäume №{i} 'vorn'.JPG"))
     photos = sorted((folder / "Fotos").iterdir())
     database, listing = folder / "Ausgabe é/merkmale.db", folder / "Ausgabe é/fotos.json"
-    content = extract_features(photos, database, listing, max_features=300)
+    content = extract_features(photos, database, listing, options=FeatureOptions(max_features=300))
     assert all(photo["n_features"] > 50 for photo in content["photos"].values())
     assert set(content["photos"]) == {path.name for path in photos}
 

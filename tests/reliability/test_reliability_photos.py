@@ -11,7 +11,7 @@ from sfm_scene import FOCAL, HEIGHT, WIDTH, box_quads, centers_of, orbit, render
 from cherrypicker.errors import StageError
 from cherrypicker.photos import list_photos
 from cherrypicker.poses import read_poses
-from cherrypicker.sfm.features import extract_features
+from cherrypicker.sfm.features import FeatureOptions, extract_features
 from cherrypicker.sfm.mapping import MappingOptions
 from cherrypicker.sfm.matching import match_features
 from cherrypicker.sfm.photo_check import check_photos
@@ -42,7 +42,9 @@ def exif(focal_35mm=None, **tags):
 def reconstruct(folder, photos, **options):
     """Run the three steps on a folder's photos; return the report and the poses by name."""
     out = folder.with_name(f"{folder.name} out")
-    extract_features(photos, out / "f.db", out / "l.json", max_features=800, threads=2)
+    extract_features(
+        photos, out / "f.db", out / "l.json", options=FeatureOptions(max_features=800), threads=2
+    )
     match_features(out / "f.db", out / "m.db", threads=2)
     reconstruct_sparse(
         out / "m.db",
@@ -118,7 +120,7 @@ def test_ten_blurred_photos_among_good_ones(tmp_path):
         Image.fromarray(pixels).save(folder / name, quality=97)
         truth[name] = poses[i]
     report, found = reconstruct(
-        folder, list_photos(folder), wanted_fraction=0.5, wanted_agreement=0.5
+        folder, list_photos(folder), wanted_registered_fraction=0.5, wanted_pair_agreement=0.5
     )
     assert {name for name in truth if "blurred" not in name} <= set(map(str, found.names))
     assert center_errors(found, truth).max() < 0.05 * RADIUS

@@ -97,6 +97,7 @@ def build(tmp_path):
             **{f"{name}_figure": tmp_path / f"figures/{name}.png" for name in PNGS},
             figure_width_px=500,
             viewer_points=2000,
+            n_examples=3,
             **options,
         )
         return (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -20,10 +20,10 @@ def test_vote_corrects_a_lone_error_and_keeps_rows_normalised():
     points = np.random.default_rng(0).random((400, 3)) * [1, 1, 0.01]
     labels = np.zeros(400, int)
     labels[7] = Label.ROOF
-    smooth = smooth_probabilities(points, _one_hot(labels), Smoothing(k=8))
+    smooth = smooth_probabilities(points, _one_hot(labels), Smoothing(smooth_k=8))
     assert (smooth.argmax(axis=1) == 0).all()
     assert np.allclose(smooth.sum(axis=1), 1.0)
-    same = smooth_probabilities(points, _one_hot(labels), Smoothing(k=0))
+    same = smooth_probabilities(points, _one_hot(labels), Smoothing(smooth_k=0))
     assert same[7].argmax() == Label.ROOF
 
 

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from sfm_scene import texture
 
 from cherrypicker.sfm import features
-from cherrypicker.sfm.features import extract_features
+from cherrypicker.sfm.features import FeatureOptions, extract_features
 
 N_WANTED = 200
 
@@ -41,7 +41,12 @@ def extract(photos, folder, monkeypatch, plain_first_mp):
     with monkeypatch.context() as patch:
         patch.setattr(features, "PLAIN_FIRST_MP", plain_first_mp)
         patch.setattr(features, "_search", watched)
-        extract_features(photos, folder / "f.db", folder / "l.json", max_features=N_WANTED)
+        extract_features(
+            photos,
+            folder / "f.db",
+            folder / "l.json",
+            options=FeatureOptions(max_features=N_WANTED),
+        )
     with closing(sqlite3.connect(folder / "f.db")) as connection:
         rows = connection.execute(
             "SELECT name, rows, cols, data FROM images JOIN keypoints USING (image_id)"

@@ -14,7 +14,7 @@ from sfm_scene import FOCAL, centers_of, similarity_errors, texture, write_orbit
 from cherrypicker.errors import StageError
 from cherrypicker.poses import read_poses
 from cherrypicker.sfm.export import MODEL_FILES
-from cherrypicker.sfm.features import extract_features
+from cherrypicker.sfm.features import FeatureOptions, extract_features
 from cherrypicker.sfm.mapping import MappingOptions, forget_focal_lengths
 from cherrypicker.sfm.matching import MatchingOptions, match_features
 from cherrypicker.sfm.sparse import reconstruct_sparse
@@ -32,7 +32,12 @@ def scan(tmp_path_factory):
     stranger = folder / "photos" / "y_stranger.jpg"
     cv2.imwrite(str(stranger), texture(np.random.default_rng(99), 320)[:240])
     photos += [blank, stranger]
-    extract_features(photos, folder / "features.db", folder / "photos.json", max_features=800)
+    extract_features(
+        photos,
+        folder / "features.db",
+        folder / "photos.json",
+        options=FeatureOptions(max_features=800),
+    )
     result = match_features(folder / "features.db", folder / "database.db")
     return {"folder": folder, "photos": photos, "poses": poses, "matching": result}
 
@@ -47,7 +52,7 @@ def model(scan):
         folder / "model",
         folder / "report.json",
         folder / "poses.npz",
-        MappingOptions(wanted_fraction=0.8),
+        MappingOptions(wanted_registered_fraction=0.8),
     )
     return {**scan, "report": report}
 
@@ -100,10 +105,10 @@ def test_too_few_registered_is_an_error_with_the_key(model, tmp_path):
         tmp_path / "model",
         tmp_path / "report.json",
         tmp_path / "poses.npz",
-        MappingOptions(wanted_fraction=0.5),
+        MappingOptions(wanted_registered_fraction=0.5, min_registered_fraction=0.9),
     )
     with pytest.raises(StageError, match="9 of 11") as caught:
-        reconstruct_sparse(*arguments, min_registered_fraction=0.9)
+        reconstruct_sparse(*arguments)
     assert "sfm.min_registered_fraction" in caught.value.key
     assert (tmp_path / "report.json").is_file(), "the report explains the failure"
     assert not (tmp_path / "poses.npz").exists()
@@ -115,7 +120,7 @@ def test_equal_input_gives_equal_databases(scan, tmp_path):
         scan["photos"],
         tmp_path / "features.db",
         tmp_path / "photos.json",
-        max_features=800,
+        options=FeatureOptions(max_features=800),
         threads=2,
     )
     assert (tmp_path / "features.db").read_bytes() == (folder / "features.db").read_bytes()
@@ -144,7 +149,7 @@ def test_wrong_exif_focal_length_is_survived(scan, tmp_path):
         tmp_path / "model",
         tmp_path / "report.json",
         tmp_path / "poses.npz",
-        MappingOptions(wanted_fraction=0.8),
+        MappingOptions(wanted_registered_fraction=0.8),
     )
     poses = read_poses(tmp_path / "poses.npz")
     assert len(poses) == N_GOOD
@@ -163,7 +168,7 @@ def test_forget_focal_lengths(scan, tmp_path):
 
 def test_guided_matching_adds_matches(scan, tmp_path):
     database = tmp_path / "plain.db"
-    match_features(scan["folder"] / "features.db", database, MatchingOptions(guided=True))
+    match_features(scan["folder"] / "features.db", database, MatchingOptions(guided_matching=True))
     totals = []
     for path in (scan["folder"] / "database.db", database):
         with closing(sqlite3.connect(path)) as connection:
@@ -179,7 +184,9 @@ def test_nothing_matches(tmp_path):
     for i in range(3):
         photos.append(tmp_path / f"{i}.png")
         cv2.imwrite(str(photos[-1]), texture(rng, 200))
-    extract_features(photos, tmp_path / "f.db", tmp_path / "l.json", max_features=300)
+    extract_features(
+        photos, tmp_path / "f.db", tmp_path / "l.json", options=FeatureOptions(max_features=300)
+    )
     with pytest.raises(StageError, match="no two of 3 photos match"):
         match_features(tmp_path / "f.db", tmp_path / "m.db")
     assert not (tmp_path / "m.db").exists()
@@ -217,7 +224,7 @@ def test_vocabulary_tree_must_exist(scan, tmp_path):
 
 def test_retrieval_pairing_beyond_the_limit(scan, tmp_path):
     options = MatchingOptions(
-        exhaustive_max_photos=5, retrieval_neighbors=3, sequential_overlap=1, guided=False
+        exhaustive_max_photos=5, retrieval_neighbors=3, sequential_overlap=1, guided_matching=False
     )
     result = match_features(scan["folder"] / "features.db", tmp_path / "m.db", options)
     assert result["pairing"] == "retrieval"
@@ -229,6 +236,6 @@ def test_relative_paths(scan, tmp_path, monkeypatch):
     shutil.copytree(scan["folder"] / "photos", "my photos")
     photos = sorted(tmp_path.glob("my photos/photo*"))[:3]
     photos = [path.relative_to(tmp_path) for path in photos]
-    extract_features(photos, "a/f.db", "a/l.json", max_features=300)
+    extract_features(photos, "a/f.db", "a/l.json", options=FeatureOptions(max_features=300))
     match_features("a/f.db", "b/m.db")
     assert (tmp_path / "b" / "m.db").is_file()

@@ -5,13 +5,14 @@ import pytest
 
 from cherrypicker.errors import StageError
 from cherrypicker.sky.colors import (
+    SkyColorOptions,
     cluster_sky_colors,
     read_sky_colors,
     sample_sky_pixels,
     write_sky_colors,
 )
 
-SETTINGS = {"epsilon": 0.02, "min_density": 0.001, "min_fraction": 0.02, "seed": 0}
+SETTINGS = {"options": SkyColorOptions(), "seed": 0}
 
 
 def two_skies():

@@ -32,6 +32,7 @@ from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.markers.columns import check_scale_columns
 from cherrypicker.photos import photos_in
+from cherrypicker.runner import keys_of_stage
 
 
 wildcard_constraints:
@@ -81,6 +82,11 @@ def cfg(key):
 
     lookup_key(SETTINGS, key)
     return value_for
+
+
+def options(stage):
+    """Return the params of a stage: every config key that the schema says it reads, one each."""
+    return {key.rpartition(".")[2]: cfg(key) for key in keys_of_stage(SCHEMA, stage)}
 
 
 def row(column):

@@ -25,19 +25,8 @@ rule denoise_cloud:
         runtime=minutes_for("denoise_cloud"),
         gpu=0,
     params:
+        **options("denoise_cloud"),
         photo_folder=row("photos"),
-        use_statistical=cfg("denoise.use_statistical"),
-        n_neighbors=cfg("denoise.n_neighbors"),
-        std_ratio=cfg("denoise.std_ratio"),
-        min_view_ratio=cfg("denoise.min_view_ratio"),
-        keep_seen_fraction=cfg("denoise.keep_seen_fraction"),
-        use_sky=cfg("denoise.use_sky"),
-        sky_color_distance=cfg("denoise.sky_color_distance"),
-        same_color_distance=cfg("denoise.same_color_distance"),
-        min_non_sky_fraction=cfg("denoise.min_non_sky_fraction"),
-        sky_clearance=cfg("denoise.sky_clearance_px"),
-        twig_contrast=cfg("denoise.twig_contrast"),
-        depth_side=cfg("mvs.max_image_size_px"),
     message:
         "{wildcards.tree}: remove outliers and sky silhouettes"
     script:

@@ -20,7 +20,7 @@ rule undistort_photos:
         runtime=minutes_for("undistort_photos"),
         gpu=0,
     params:
-        max_image_size=cfg("mvs.max_image_size_px"),
+        **options("undistort_photos"),
     message:
         "{wildcards.tree}: undistort the photos"
     script:
@@ -47,18 +47,7 @@ rule estimate_depth:
         runtime=minutes_for("estimate_depth"),
         gpu=stereo_gpus,
     params:
-        backend=cfg("mvs.backend"),
-        n_sources=cfg("mvs.n_sources"),
-        n_best=cfg("mvs.n_best"),
-        n_iterations=cfg("mvs.n_iterations"),
-        window_radius=cfg("mvs.window_radius"),
-        color_spread=cfg("mvs.color_spread"),
-        min_texture=cfg("mvs.min_texture"),
-        max_cost=cfg("mvs.max_cost"),
-        geometric_weight=cfg("mvs.geometric_weight"),
-        max_error_px=cfg("mvs.max_error_px"),
-        min_consistent=cfg("mvs.min_consistent"),
-        seed=cfg("seed"),
+        **options("estimate_depth"),
     message:
         "{wildcards.tree}: estimate depth maps"
     script:
@@ -86,13 +75,7 @@ rule fuse_depth:
         runtime=minutes_for("fuse_depth"),
         gpu=0,
     params:
-        method=cfg("mvs.fusion"),
-        min_views=cfg("mvs.min_views"),
-        n_check=cfg("mvs.n_check"),
-        max_reproj_error_px=cfg("mvs.max_reproj_error_px"),
-        max_depth_error=cfg("mvs.max_depth_error"),
-        max_normal_error_deg=cfg("mvs.max_normal_error_deg"),
-        silhouettes=cfg("mvs.silhouettes"),
+        **options("fuse_depth"),
     message:
         "{wildcards.tree}: fuse the depth maps"
     script:

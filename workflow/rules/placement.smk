@@ -20,10 +20,7 @@ rule align_cloud:
         runtime=minutes_for("align_cloud"),
         gpu=0,
     params:
-        ground_distance_fraction=cfg("align.ground_distance_fraction"),
-        n_planes=cfg("align.n_planes"),
-        up_from=cfg("align.up_from"),
-        seed=cfg("seed"),
+        **options("align_cloud"),
     message:
         "{wildcards.tree}: turn the cloud upright, the ground to z = 0"
     script:
@@ -50,8 +47,7 @@ rule crop_roi:
         runtime=minutes_for("crop_roi"),
         gpu=0,
     params:
-        margin_fraction=cfg("crop.margin_fraction"),
-        seed=cfg("seed"),
+        **options("crop_roi"),
     message:
         "{wildcards.tree}: crop to the region of interest"
     script:

@@ -84,13 +84,10 @@ rule report_tree:
         runtime=minutes_for("report_tree"),
         gpu=0,
     params:
+        **options("report_tree"),
         tree=row("tree"),
         date=row("date"),
         series=row("series"),
-        viewer_points=cfg("report.viewer_points"),
-        figure_width_px=cfg("report.figure_width_px"),
-        n_examples=cfg("report.n_examples"),
-        seed=cfg("seed"),
     message:
         "{wildcards.tree}: write the report"
     script:

@@ -21,12 +21,9 @@ rule estimate_scale:
         runtime=minutes_for("estimate_scale"),
         gpu=0,
     params:
+        **options("estimate_scale"),
         cell=row("scale"),
         dictionary=row("marker_dictionary"),
-        max_reprojection_px=cfg("scale.max_reprojection_px"),
-        min_images=cfg("scale.min_images"),
-        mode=cfg("scale.mode"),
-        seed=cfg("seed"),
         sides_m=row("marker_sides_m"),
     message:
         "{wildcards.tree}: find the scale"

@@ -22,27 +22,7 @@ rule contract_cloud:
         runtime=minutes_for("contract_cloud"),
         gpu=0,
     params:
-        target_xy=cfg("crop.target_xy"),
-        classes=cfg("contract.classes"),
-        weights=cfg("contract.weights"),
-        method=cfg("contract.method"),
-        preset=cfg("contract.preset"),
-        voxel_size_m=cfg("contract.voxel_size_m"),
-        max_points=cfg("contract.max_points"),
-        gap_m=cfg("contract.gap_m"),
-        stem_gap_m=cfg("contract.stem_gap_m"),
-        min_density=cfg("contract.min_density"),
-        initial_contraction=cfg("contract.initial_contraction"),
-        initial_attraction=cfg("contract.initial_attraction"),
-        amplification=cfg("contract.amplification"),
-        max_contraction=cfg("contract.max_contraction"),
-        max_attraction=cfg("contract.max_attraction"),
-        min_weight=cfg("contract.min_weight"),
-        termination_ratio=cfg("contract.termination_ratio"),
-        termination_move=cfg("contract.termination_move"),
-        max_iterations=cfg("contract.max_iterations"),
-        n_neighbors=cfg("contract.n_neighbors"),
-        mollify_factor=cfg("contract.mollify_factor"),
+        **options("contract_cloud"),
     message:
         "{wildcards.tree}: contract the target's wood to its skeleton points"
     script:
@@ -74,9 +54,7 @@ rule extract_graph:
         runtime=minutes_for("extract_graph"),
         gpu=0,
     params:
-        method=cfg("graph.method"),
-        spacing_m=cfg("graph.spacing_m"),
-        n_neighbors=cfg("graph.n_neighbors"),
+        **options("extract_graph"),
     message:
         "{wildcards.tree}: connect the skeleton and measure its radii"
     script:
@@ -106,9 +84,7 @@ rule solve_graph:
         runtime=minutes_for("extract_graph"),
         gpu=0,
     params:
-        method=cfg("graph.method"),
-        spacing_m=cfg("graph.spacing_m"),
-        n_neighbors=cfg("graph.n_neighbors"),
+        **options("extract_graph"),
     message:
         "{wildcards.tree}: connect the skeleton and measure its radii"
     script:

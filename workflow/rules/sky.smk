@@ -28,22 +28,9 @@ rule segment_sky:
         runtime=minutes_for("segment_sky"),
         gpu=0,
     params:
+        **options("segment_sky"),
         problem=problem_of,
         photo_folder=row("photos"),
-        weights=lambda wildcards: (
-            cfg("sky.weights")(wildcards) or resource("weights/sky_unet.npz")
-        ),
-        working_side_px=cfg("sky.working_side_px"),
-        threshold=cfg("sky.threshold"),
-        guide_radius_px=cfg("sky.guide_radius_px"),
-        guide_epsilon=cfg("sky.guide_epsilon"),
-        color_weight=cfg("sky.color_weight"),
-        twig_contrast=cfg("sky.twig_contrast"),
-        n_color_samples=cfg("sky.n_color_samples"),
-        cluster_epsilon=cfg("sky.cluster_epsilon"),
-        cluster_min_density=cfg("sky.cluster_min_density"),
-        cluster_min_fraction=cfg("sky.cluster_min_fraction"),
-        seed=cfg("seed"),
     message:
         "{wildcards.tree}: tell sky from everything else in the photos"
     script:

@@ -20,14 +20,9 @@ rule extract_features:
         runtime=minutes_for("extract_features"),
         gpu=0,
     params:
+        **options("extract_features"),
         problem=problem_of,
         folder=row("photos"),
-        camera_mode=cfg("sfm.camera_mode"),
-        camera_model=cfg("sfm.camera_model"),
-        max_features=cfg("sfm.max_features"),
-        max_image_size_px=cfg("sfm.max_image_size_px"),
-        skip_unreadable=cfg("sfm.skip_unreadable"),
-        seed=cfg("seed"),
     message:
         "{wildcards.tree}: extract features of the photos"
     script:
@@ -52,16 +47,7 @@ rule match_features:
         runtime=minutes_for("match_features"),
         gpu=0,
     params:
-        pairing=cfg("sfm.pairing"),
-        exhaustive_max_photos=cfg("sfm.exhaustive_max_photos"),
-        retrieval_neighbors=cfg("sfm.retrieval_neighbors"),
-        sequential_overlap=cfg("sfm.sequential_overlap"),
-        vocab_tree_path=cfg("sfm.vocab_tree_path"),
-        max_ratio=cfg("sfm.max_match_ratio"),
-        max_error_px=cfg("sfm.max_epipolar_error_px"),
-        min_inliers=cfg("sfm.min_inliers"),
-        guided=cfg("sfm.guided_matching"),
-        seed=cfg("seed"),
+        **options("match_features"),
     message:
         "{wildcards.tree}: match the photos"
     script:
@@ -94,15 +80,7 @@ rule reconstruct_sparse:
         runtime=minutes_for("reconstruct_sparse"),
         gpu=0,
     params:
-        mapper=cfg("sfm.mapper"),
-        min_registered_fraction=cfg("sfm.min_registered_fraction"),
-        wanted_fraction=cfg("sfm.wanted_registered_fraction"),
-        wanted_agreement=cfg("sfm.wanted_pair_agreement"),
-        max_attempts=cfg("sfm.max_attempts"),
-        max_ratio=cfg("sfm.max_match_ratio"),
-        max_error_px=cfg("sfm.max_epipolar_error_px"),
-        min_inliers=cfg("sfm.min_inliers"),
-        seed=cfg("seed"),
+        **options("reconstruct_sparse"),
     message:
         "{wildcards.tree}: reconstruct the camera poses"
     script:

@@ -31,15 +31,7 @@ rule measure_traits:
         runtime=minutes_for("measure_traits"),
         gpu=0,
     params:
-        trunk_height=cfg("traits.trunk_height_m"),
-        trunk_heights=cfg("traits.trunk_heights_m"),
-        slab_half_height=cfg("traits.slab_half_height_m"),
-        min_points=cfg("traits.min_points"),
-        min_arc_deg=cfg("traits.min_arc_deg"),
-        max_gap=cfg("traits.max_gap_m"),
-        min_stray=cfg("traits.min_stray_m"),
-        n_bootstrap=cfg("traits.n_bootstrap"),
-        seed=cfg("seed"),
+        **options("measure_traits"),
     message:
         "{wildcards.tree}: measure the traits"
     script:

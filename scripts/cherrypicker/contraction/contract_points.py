@@ -2,7 +2,7 @@
 
 import logging
 import time
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from cherrypicker.contraction.laplacian_published import (
 )
 from cherrypicker.errors import StageError
 
-__all__ = ["PRESETS", "Contraction", "ContractionOptions", "contract_points", "preset_options"]
+__all__ = ["Contraction", "ContractionOptions", "contract_points"]
 
 logger = logging.getLogger(__name__)
 
@@ -23,13 +23,13 @@ FEWEST_POINTS = 10
 
 @dataclass(frozen=True)
 class ContractionOptions:
-    """Numeric constants of the contraction; the defaults are the published ones.
+    """How wood is contracted; the fields are config keys of ``contract``, null there for these.
 
     Attributes
     ----------
-    scheme : {"published", "limbs"}
-        The iteration as published, with the constants below, or every point to the axis of its
-        limb (`cherrypicker.contraction.on_axes`), which has none.
+    preset : {"default", "paper"}
+        Every point to the axis of its limb (`cherrypicker.contraction.on_axes`), or the iteration
+        as published, with the constants below, which the default does not read.
     initial_contraction : float
         W_L starts at this times the square root of the mean of the mass matrix.
     initial_attraction : float
@@ -50,7 +50,7 @@ class ContractionOptions:
         Of the Laplacian, see `cotangent_laplacian`.
     """
 
-    scheme: str = "published"
+    preset: str = "default"
     initial_contraction: float = 1000.0
     initial_attraction: float = 0.5
     amplification: float | None = None
@@ -63,45 +63,20 @@ class ContractionOptions:
     n_neighbors: int = 30
     mollify_factor: float = 1e-5
 
-
-PRESETS = {
-    "paper": ContractionOptions(),
-    "default": ContractionOptions(scheme="limbs"),
-}
-
-
-def preset_options(preset="default", **changes):
-    """Options of a preset, with the changes that are not None.
-
-    Parameters
-    ----------
-    preset : {"default", "paper"}
-    **changes
-        Attributes of `ContractionOptions`; None leaves the preset's value.
-
-    Returns
-    -------
-    ContractionOptions
-
-    Raises
-    ------
-    StageError
-        If the preset is unknown.
-    """
-    if preset not in PRESETS:
-        raise StageError(f"unknown preset {preset!r}", key="contract.preset")
-    known = {item.name for item in fields(ContractionOptions)}
-    given = {name: value for name, value in changes.items() if value is not None}
-    if not set(given) <= known:
-        raise TypeError(f"unknown options {sorted(set(given) - known)}")
-    if given and PRESETS[preset].scheme != "published":
-        logger.warning(
-            "contract.%s: constants of the published iteration; the preset %s does not iterate and "
-            "reads none of them",
-            ", contract.".join(sorted(given)),
-            preset,
-        )
-    return replace(PRESETS[preset], **given)
+    def __post_init__(self):
+        if self.preset not in ("default", "paper"):
+            raise StageError(f"unknown preset {self.preset!r}", key="contract.preset")
+        unread = [
+            each.name
+            for each in fields(self)
+            if each.name != "preset" and getattr(self, each.name) != each.default
+        ]
+        if self.preset == "default" and unread:
+            logger.warning(
+                "contract.%s: constants of the published iteration; the preset default does not "
+                "iterate and reads none of them",
+                ", contract.".join(sorted(unread)),
+            )
 
 
 @dataclass

@@ -1,12 +1,13 @@
 """From a labelled cloud to the contracted points of the target tree's wood."""
 
 import logging
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CLASS_NAMES, Label
-from cherrypicker.contraction.contract_points import contract_points, preset_options
+from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
 from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import thin_to_limit
@@ -14,7 +15,7 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target_wood import select_target_wood
 
-__all__ = ["class_weights", "contract_wood"]
+__all__ = ["WoodOptions", "class_weights", "contract_wood"]
 
 logger = logging.getLogger(__name__)
 
@@ -53,45 +54,38 @@ def class_weights(labels, weights):
     return table[np.asarray(labels, dtype=np.int64)]
 
 
-def contract_wood(
-    cloud,
-    *,
-    classes=(1, 2),
-    weights=None,
-    method="slbc",
-    options=None,
-    voxel_size_m=0.008,
-    max_points=100_000,
-    target_xy=None,
-    region=None,
-    gap_m=GAP_M,
-    stem_gap_m=STEM_GAP_M,
-    min_density=0.05,
-):
+@dataclass(frozen=True)
+class WoodOptions:
+    """Which wood is contracted, and how it weighs; the fields are config keys of ``contract``.
+
+    Classes without a weight weigh 1.
+    """
+
+    classes: tuple[int, ...] = (1, 2)
+    weights: dict[str, float] = field(default_factory=lambda: {"trunk": 10.0})
+    method: str = "slbc"
+    voxel_size_m: float = 0.008
+    max_points: int = 100_000
+    gap_m: float = GAP_M
+    stem_gap_m: float = STEM_GAP_M
+    min_density: float = 0.05
+
+
+def contract_wood(cloud, *, options=None, target_xy=None, region=None, **wood_options):
     """Choose the target's wood, thin it and contract it.
 
     Parameters
     ----------
     cloud : PointCloud
         With the field ``label``, z up.
-    classes : sequence of int, default (1, 2)
-        Classes that enter.
-    weights : dict of str to float, optional
-        Lambda by class name, trunk 10 by default; unnamed classes weigh 1.
-    method : {"slbc", "lbc"}
     options : ContractionOptions, optional
-    voxel_size_m : float, default 0.008
-        Voxel that the wood is thinned to, enlarged until `max_points` are left.
-    max_points : int, default 100000
     target_xy : array-like of 2 floats, optional
         Where the target stands; left out, the wood decides.
     region : Footprint, optional
         Of the region of interest (trees from photos). With it, nearness to its middle counts, and
         wood at its border is taken to come from trees outside.
-    gap_m, stem_gap_m : float
-        See `select_target_wood`.
-    min_density : float, default 0.05
-        Share of the median number of points around a voxel that it needs to count as wood.
+    **wood_options
+        Fields of `WoodOptions`.
 
     Returns
     -------
@@ -105,33 +99,34 @@ def contract_wood(
     StageError
         If there is too little wood or the contraction fails.
     """
+    chosen = WoodOptions(**wood_options)
     labels = np.asarray(cloud["label"])
-    rows = np.flatnonzero(np.isin(labels, list(classes)))
-    names = ", ".join(CLASS_NAMES.get(int(index), str(index)) for index in classes)
+    rows = np.flatnonzero(np.isin(labels, list(chosen.classes)))
+    names = ", ".join(CLASS_NAMES.get(int(index), str(index)) for index in chosen.classes)
     if len(rows) < FEWEST_WOOD:
         raise StageError(
             f"the cloud holds {len(rows)} points of the classes to contract ({names})",
             key="contract.classes, segment",
         )
-    options = options or preset_options()
-    if options.scheme == "published":
-        min_density = 0.0  # the paper knows no such filter
-    weight_of = class_weights(np.arange(256), weights if weights is not None else {"trunk": 10.0})
+    options = options or ContractionOptions()
+    if options.preset == "paper":
+        chosen = replace(chosen, min_density=0.0)  # the paper knows no such filter
+    weight_of = class_weights(np.arange(256), chosen.weights)
     rows, wood = _target_rows(
         cloud.points,
         labels,
         rows,
-        voxel_size_m,
-        max_points,
-        min_density,
+        chosen.voxel_size_m,
+        chosen.max_points,
+        chosen.min_density,
         target_xy=target_xy,
         region=region,
-        gap_m=gap_m,
-        stem_gap_m=stem_gap_m,
+        gap_m=chosen.gap_m,
+        stem_gap_m=chosen.stem_gap_m,
     )
     base = wood.base
     points, source, _, size = thin_to_limit(
-        cloud.points[rows], voxel_size_m, max_points, labels[rows]
+        cloud.points[rows], chosen.voxel_size_m, chosen.max_points, labels[rows]
     )
     source = rows[source]
     label = labels[source]
@@ -141,8 +136,8 @@ def contract_wood(
         f"{len(points):,}",
         1000 * size,
     )
-    if options.scheme == "limbs":
-        stem = label == Label.TRUNK if method == "slbc" else None
+    if options.preset == "default":
+        stem = label == Label.TRUNK if chosen.method == "slbc" else None
         moved, found = move_to_axes(cloud.points[source], base, stem=stem)
         details = {
             "n_limbs": len(found.limbs),
@@ -151,7 +146,9 @@ def contract_wood(
             "claimed": round(found.claimed, 4),
         }
     else:
-        result = contract_points(points, weight_of[label] if method == "slbc" else None, options)
+        result = contract_points(
+            points, weight_of[label] if chosen.method == "slbc" else None, options
+        )
         moved = result.points
         details = {
             "mass_ratio": [round(value, 6) for value in result.mass_ratio],
@@ -166,7 +163,7 @@ def contract_wood(
     report = {
         "unit": cloud.unit,
         "base": [round(float(value), 6) for value in base],
-        "method": method,
+        "method": chosen.method,
         "voxel_size": float(size),
         "n_contracted": len(points),
         **details,

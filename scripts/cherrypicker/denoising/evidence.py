@@ -84,24 +84,14 @@ class SkyEvidence:
 
 @dataclass(frozen=True)
 class EvidenceOptions:
-    """Settings of `sky_evidence`.
+    """Settings of `sky_evidence`: config keys of ``denoise``, and the depth maps' size of ``mvs``.
 
-    Attributes
-    ----------
-    depth_side_px : int
-        Longer side of the depth maps; photos are reduced to `DETAIL` times that. 0 for photos as
-        they are.
-    clearance_px : int
-        Sky is clear with nothing else this near, pixels of the photo at that size.
-    twig_contrast : float
-        A thin structure that stands out in blue by this much is no clear sky, see
-        `thin_structures`; 0 leaves it to the masks alone.
-    same_color_distance : float
-        A pixel whose colour is this near to the point's shows the point.
+    Photos are reduced to `DETAIL` times the size of the depth maps (0: photos as they are); the
+    clearance is in pixels of that size.
     """
 
-    depth_side_px: int = 1600
-    clearance_px: int = 1
+    max_image_size_px: int = 1600
+    sky_clearance_px: int = 1
     twig_contrast: float = 0.05
     same_color_distance: float = 0.15
 
@@ -224,18 +214,18 @@ def photo_evidence(
     Returns
     -------
     kind : ndarray of shape (h, w), uint8
-        `AWAY`, `CLEAR` or `SOLID`; at most `DETAIL` times ``depth_side_px`` on the longer side.
+        `AWAY`, `CLEAR` or `SOLID`; at most `DETAIL` times ``max_image_size_px`` on the longer side.
     image : ndarray of shape (h, w, 3), uint8
         The photo at that size.
     """
-    scale = round(DETAIL * options.depth_side_px) / max(sky.shape)
+    scale = round(DETAIL * options.max_image_size_px) / max(sky.shape)
     if 0 < scale < 1:
         size = (max(1, round(sky.shape[1] * scale)), max(1, round(sky.shape[0] * scale)))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         share = cv2.resize(sky.astype(np.uint8) * 255, size, interpolation=cv2.INTER_AREA)
         sky = share >= 255 * SKY_SHARE
     is_sky = sky.astype(np.uint8)
-    clear = cv2.erode(is_sky, _square(options.clearance_px)) > 0
+    clear = cv2.erode(is_sky, _square(options.sky_clearance_px)) > 0
     if options.twig_contrast > 0 and clear.any():
         clear &= ~thin_structures(image, clear, options.twig_contrast)
     kind = np.where(cv2.dilate(is_sky, _square(SKY_REACH)) > 0, SOLID, AWAY).astype(np.uint8)

@@ -1,6 +1,6 @@
 """From contracted points to the rooted skeleton with radii."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,7 +20,16 @@ __all__ = ["extract_skeleton", "limb_tree"]
 GAP_IN_SPACINGS = 3.0  # an edge with no point so near to the surface around it bridges missing data
 
 
-def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, base=None):
+@dataclass(frozen=True)
+class GraphOptions:
+    """How the wood is connected; the fields are config keys of ``graph``."""
+
+    method: str = "tree"
+    spacing_m: float = 0.01
+    n_neighbors: int = 12
+
+
+def extract_skeleton(contracted, cloud, *, base=None, **options):
     """Connect and root the wood, and measure the radii.
 
     Parameters
@@ -29,16 +38,12 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
         With the fields ``label`` and ``source``.
     cloud : PointCloud
         The labelled cloud that `source` points into.
-    method : {"tree", "mst"}
-        The limbs of the points that entered the contraction, joined to a tree
-        (`cherrypicker.limbs`), or the minimum spanning tree over the contracted points (paper,
-        section Graph).
-    spacing_m : float, default 0.01
-        Longest edge along an axis.
-    k : int, default 12
-        Neighbours of a node in the graph of the minimum spanning tree.
     base : array-like of 3 floats, optional
         Base of the stem.
+    **options
+        Fields of `GraphOptions`. Its method "tree" joins the limbs of the points that entered the
+        contraction (`cherrypicker.limbs`), "mst" is the minimum spanning tree over the contracted
+        points (paper, section Graph).
 
     Returns
     -------
@@ -49,13 +54,16 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
     StageError
         If there are too few points for a graph.
     """
+    settings = GraphOptions(**options)
     labels = np.asarray(contracted["label"])
     entered = cloud.points[contracted["source"]]
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
-    spacing = auto_spacing(contracted.points, spacing_m)
-    if method == "mst":
+    spacing = auto_spacing(contracted.points, settings.spacing_m)
+    if settings.method == "mst":
         spacing = max(spacing, median_spacing(entered, cKDTree(entered, balanced_tree=False)))
-        skeleton = spanning_tree(contracted.points, labels, spacing_m=spacing, k=k, base=base)
+        skeleton = spanning_tree(
+            contracted.points, labels, spacing_m=spacing, k=settings.n_neighbors, base=base
+        )
         widest = 1.5 * float(np.quantile(np.linalg.norm(contracted.points - entered, axis=1), 0.99))
     else:
         skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base)
@@ -69,7 +77,7 @@ def extract_skeleton(contracted, cloud, *, method="tree", spacing_m=0.01, k=12, 
         recentre=False,
         is_final=True,
     )
-    if method == "mst":
+    if settings.method == "mst":
         return fitted
     return taper_skeleton(replace(fitted, radius=skeleton.radius))
 

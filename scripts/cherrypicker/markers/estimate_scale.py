@@ -32,8 +32,8 @@ def estimate_scale(
     mode,
     dictionary,
     sides_m,
-    min_images=2,
-    max_reprojection_px=2.0,
+    min_images,
+    max_reprojection_px,
     threads=1,
     seed=0,
 ):
@@ -48,9 +48,9 @@ def estimate_scale(
         As for :func:`cherrypicker.markers.columns.choose_mode`.
     dictionary, sides_m : str
         The columns ``marker_dictionary`` and ``marker_sides_m``.
-    min_images : int, default 2
+    min_images : int
         Photos that must agree on a marker.
-    max_reprojection_px : float, default 2
+    max_reprojection_px : float
     threads : int, default 1
     seed : int, default 0
 

@@ -88,14 +88,21 @@ def rodrigues(source, destination):
     return np.eye(3) + sine * k + (1 - cosine) * (k @ k)
 
 
+@dataclass(frozen=True)
+class AlignOptions:
+    """How the vertical is found; the fields are the config keys of ``align``."""
+
+    ground_distance_fraction: float = 0.03
+    n_planes: int = 5
+    up_from: str = "auto"
+
+
 def align(
     points,
     poses,
+    options=None,
     *,
     stated_turns=None,
-    ground_distance=0.03,
-    n_planes=5,
-    up_from="auto",
     seed=0,
 ):
     """Find the transform that turns a reconstruction upright.
@@ -106,17 +113,10 @@ def align(
         Dense cloud in COLMAP's frame, arbitrary scale.
     poses : Poses
         Same frame.
+    options : AlignOptions, optional
     stated_turns : ndarray of shape (n_cameras,), int, optional
         Quarter turns of the stored photos according to EXIF
         (:func:`cherrypicker.placement.camera_geometry.turns_from_exif`).
-    ground_distance : float, default 0.03
-        Largest distance of a point from its ground plane, as a fraction of the cameras' median
-        distance to the point they look at.
-    n_planes : int, default 5
-        Planes tried as the ground.
-    up_from : {"auto", "ground", "cameras"}, default "auto"
-        What decides the vertical: both by their uncertainty, the ground plane alone (the paper), or
-        the cameras alone.
     seed : int, default 0
 
     Returns
@@ -128,12 +128,15 @@ def align(
     StageError
         If the cloud or the poses are too few, or neither ground nor cameras tell the vertical.
     """
+    options = options or AlignOptions()
+    up_from = options.up_from
     _check_input(points, poses, up_from)
     points = _thin_randomly(points, seed)
     target, distance = look_at_point(poses, points)
-    scene = _Scene(points, poses, stated_turns, target, distance, ground_distance * distance)
+    threshold = options.ground_distance_fraction * distance
+    scene = _Scene(points, poses, stated_turns, target, distance, threshold)
     warnings = []
-    planes = _judged_planes(scene, n_planes, seed)
+    planes = _judged_planes(scene, options.n_planes, seed)
     ground = planes[0] if planes and planes[0].score >= _MIN_SCORE else None
     if ground is None:
         up, angles = _vertical_from_cameras(scene, up_from, seed, warnings)

@@ -47,9 +47,9 @@ def report_tree(
     photos=(),
     date="",
     series="",
-    viewer_points=150_000,
-    figure_width_px=1400,
-    n_examples=3,
+    viewer_points,
+    figure_width_px,
+    n_examples,
     seed=0,
     **scan_files,
 ):

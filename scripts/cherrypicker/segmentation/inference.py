@@ -32,31 +32,16 @@ TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_poin
 
 @dataclass(frozen=True)
 class Sampling:
-    """How a cloud is cut for the network; lengths in metres of the tree's frame.
+    """How a cloud is cut for the network; the fields are config keys of ``segment``.
 
-    Attributes
-    ----------
-    voxel_size_m : float
-    max_points : int
-        Points that enter the voxel sampling; a larger cloud is thinned at random.
-    reference_height_m : float
-        Taller clouds are shrunk to this height for the network alone.
-    sphere_radius_m : float
-    sphere_points : int
-    min_visits : int
-        Spheres that see each point at least.
-    batch_spheres : int
-
-    Notes
-    -----
     Those named in `TRAINED` may be None for `segment_cloud`: as the weights were trained.
     """
 
-    voxel_size_m: float | None = 0.02
+    voxel_size_m: float | None = None
     max_points: int = 4_000_000
-    reference_height_m: float | None = 3.5
-    sphere_radius_m: float | None = 0.7
-    sphere_points: int | None = 1536
+    reference_height_m: float | None = None
+    sphere_radius_m: float | None = None
+    sphere_points: int | None = None
     min_visits: int = 2
     batch_spheres: int = 16
 

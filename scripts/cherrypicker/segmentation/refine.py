@@ -23,19 +23,9 @@ MIN_SHEET_CELLS = 6
 
 @dataclass(frozen=True)
 class Smoothing:
-    """Parameters of the clean-up; lengths in metres of the tree's frame.
+    """Parameters of the clean-up; the fields are config keys of ``segment``."""
 
-    Attributes
-    ----------
-    k : int
-        Points that vote together, the point itself included; 0 or 1 leaves the network's result.
-    trunk_gap_m : float
-        Trunk points closer than this belong to one stem; it must span a calibration ring.
-    trunk_base_height_m : float
-        A stem starts at most this high above the ground, else it is branch.
-    """
-
-    k: int = 12
+    smooth_k: int = 12
     trunk_gap_m: float = GAP_M
     trunk_base_height_m: float = 0.5
 
@@ -53,7 +43,7 @@ def smooth_probabilities(points, probabilities, smoothing):
     -------
     ndarray of shape (n, n_classes), float32
     """
-    k = min(smoothing.k, len(points))
+    k = min(smoothing.smooth_k, len(points))
     if k <= 1:
         return probabilities
     _, nearest = cKDTree(points).query(points, k=k)

@@ -35,7 +35,7 @@ class StemModel:
     ----------
     voxel_m : float
         The wood is thinned to voxels of this size.
-    max_points : int
+    max_stem_points : int
         Larger voxels are taken until at most so many points are left.
     level_m : float
         Thickness of a level set at least.
@@ -55,7 +55,7 @@ class StemModel:
     """
 
     voxel_m: float = 0.006
-    max_points: int = 120_000
+    max_stem_points: int = 120_000
     level_m: float = 0.015
     gap_m: float = GAP_M
     stem_gap_m: float = STEM_GAP_M
@@ -119,7 +119,7 @@ def trace_stems(wood, ground, model=None):
     model = model or StemModel()
     if len(wood) < model.min_points:
         return [], np.empty((0, 3))
-    thin, _, _, _ = thin_to_limit(wood, model.voxel_m, model.max_points)
+    thin, _, _, _ = thin_to_limit(wood, model.voxel_m, model.max_stem_points)
     if len(thin) < model.min_points:
         return [], thin
     trees = quick_skeletons(

@@ -30,10 +30,10 @@ class PostModel:
 
     Attributes
     ----------
-    min_height_m : float
+    post_min_height_m : float
         Length of the cylinder at least.
     radius_range_m : tuple of float
-    max_tilt_deg : float
+    post_max_tilt_deg : float
         From the vertical.
     max_taper : float
         Change of the radius over the cylinder's length, as a share of the radius.
@@ -46,9 +46,9 @@ class PostModel:
         surface's own points lowers it.
     """
 
-    min_height_m: float = 0.6
-    radius_range_m: tuple = (0.008, 0.07)
-    max_tilt_deg: float = 8.0
+    post_min_height_m: float = 0.6
+    radius_range_m: tuple[float, float] = (0.008, 0.07)
+    post_max_tilt_deg: float = 8.0
     max_taper: float = 0.2
     max_bend_m: float = 0.005
     max_inside: float = 0.25
@@ -127,8 +127,8 @@ def _candidates(points, model, rng):
     rise = z[j] - z[i]
     slope = (center[j] - center[i]) / np.where(rise == 0, np.nan, rise)[:, None]
     alike = np.abs(radius[i] - radius[j]) < 0.25 * np.minimum(radius[i], radius[j])
-    steep = np.linalg.norm(slope, axis=1) < np.tan(np.deg2rad(model.max_tilt_deg))
-    good = np.flatnonzero((rise > 0.5 * model.min_height_m) & alike & steep)[:_N_TRIALS]
+    steep = np.linalg.norm(slope, axis=1) < np.tan(np.deg2rad(model.post_max_tilt_deg))
+    good = np.flatnonzero((rise > 0.5 * model.post_min_height_m) & alike & steep)[:_N_TRIALS]
     if not len(good):
         return []
     i, j, slope = i[good], j[good], slope[good]
@@ -215,11 +215,11 @@ def _grade(points, cylinder, model):
     near = np.abs(distance - cylinder.radius) < tolerance
     tilt = np.rad2deg(np.arctan(np.hypot(cylinder.slope_x, cylinder.slope_y)))
     in_range = model.radius_range_m[0] <= cylinder.radius <= model.radius_range_m[1]
-    if near.sum() < 60 or tilt > model.max_tilt_deg or not in_range:
+    if near.sum() < 60 or tilt > model.post_max_tilt_deg or not in_range:
         return None
     low, high = _span(points[near, 2])
     starts_low = low < np.quantile(points[:, 2], 0.01) + 0.3
-    if high - low < model.min_height_m or not starts_low:
+    if high - low < model.post_min_height_m or not starts_low:
         return None
     cylinder = replace(cylinder, low=float(low), high=float(high))
     spanned = (points[:, 2] >= low) & (points[:, 2] <= high)
@@ -285,7 +285,7 @@ def graded_posts(points, model, seed=0, wood=None, beside=None):
     list of (float, Cylinder)
         How far from a perfect post, and the post.
     """
-    if len(points) < 200 or np.ptp(points[:, 2]) < model.min_height_m:
+    if len(points) < 200 or np.ptp(points[:, 2]) < model.post_min_height_m:
         return []
     rng = np.random.default_rng(seed)
     fit_points = points[np.sort(rng.permutation(len(points))[:_MAX_FIT_POINTS])]

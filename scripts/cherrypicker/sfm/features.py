@@ -7,6 +7,7 @@ import os
 import sqlite3
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 import pycolmap
@@ -31,17 +32,28 @@ PLAIN_FIRST_MP = 2.0
 _ENLARGED, _PLAIN = -1, 0  # COLMAP's first_octave
 
 
+@dataclass(frozen=True)
+class FeatureOptions:
+    """Which features are found; the fields are config keys of ``sfm``.
+
+    COLMAP keeps whole levels of scale, which may be a third more than ``max_features``. Feature
+    coordinates are those of the full photo, whatever the size at which they are sought.
+    """
+
+    camera_mode: str = "folder"
+    camera_model: str = "SIMPLE_RADIAL"
+    max_features: int = 4000
+    max_image_size_px: int = 2400
+    skip_unreadable: bool = False
+
+
 def extract_features(
     photos: Sequence[str | os.PathLike],
     database: str | os.PathLike,
     listing: str | os.PathLike,
+    options: FeatureOptions | None = None,
     *,
     folder: str | os.PathLike = "",
-    camera_mode: str = "folder",
-    camera_model: str = "SIMPLE_RADIAL",
-    max_features: int = 4000,
-    max_image_size_px: int = 2400,
-    skip_unreadable: bool = False,
     seed: int = 0,
     threads: int = 1,
 ) -> dict:
@@ -55,20 +67,9 @@ def extract_features(
         COLMAP database to write.
     listing : path-like
         JSON to write: per photo its size, EXIF camera, camera group, features, or its problem.
+    options : FeatureOptions, optional
     folder : path-like
         Folder named in errors.
-    camera_mode : {"folder", "auto", "per_image"}
-        See :func:`cherrypicker.sfm.photo_check.group_by_camera`.
-    camera_model : str
-        COLMAP's name of the camera model. The focal length starts from EXIF where given.
-    max_features : int
-        Features kept per photo, the largest first; COLMAP keeps whole levels of scale, which may
-        be a third more.
-    max_image_size_px : int
-        Longer side at which features are sought; 0 for the full photo. Feature coordinates are
-        those of the full photo either way.
-    skip_unreadable : bool
-        Leave unreadable photos out instead of failing.
     seed : int
     threads : int
 
@@ -83,9 +84,12 @@ def extract_features(
         As :func:`cherrypicker.sfm.photo_check.check_photos`, or if COLMAP finds no features in
         any photo.
     """
+    options = options or FeatureOptions()
     pycolmap.set_random_seed(seed)
-    infos = check_photos(photos, folder=folder, skip_unreadable=skip_unreadable, threads=threads)
-    groups = group_by_camera(infos, camera_mode)
+    infos = check_photos(
+        photos, folder=folder, skip_unreadable=options.skip_unreadable, threads=threads
+    )
+    groups = group_by_camera(infos, options.camera_mode)
     logger.info(
         "%d of %d photos usable, %d camera(s)",
         sum(map(len, groups)),
@@ -96,8 +100,8 @@ def extract_features(
         working = scratch / "features.db"
         pycolmap.Database.open(working).close()
         for group in groups:
-            _import_group(working, group, camera_model)
-        _extract(working, groups, max_features, max_image_size_px, threads)
+            _import_group(working, group, options.camera_model)
+        _extract(working, groups, options.max_features, options.max_image_size_px, threads)
         counts = feature_counts(working)
         if not any(counts.values()):
             raise StageError(

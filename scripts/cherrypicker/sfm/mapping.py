@@ -31,31 +31,16 @@ _SCORE_MARGIN = 0.01
 
 @dataclass(frozen=True)
 class MappingOptions:
-    """How the model is built; the keys of the config's ``sfm`` section say the same.
-
-    Attributes
-    ----------
-    mapper : {"incremental", "global"}
-    wanted_fraction : float
-        Share of the photos below which other ways are tried.
-    wanted_agreement : float
-        Share of the verified pairs that must fit the model, or other ways are tried.
-    max_attempts : int
-    max_error_px : float
-        Largest epipolar error that matching allowed, px.
-    min_inliers : int
-        Least matches of a verified pair.
-    max_ratio : float
-        Ratio test of guided matching.
-    """
+    """How the model is built; the fields are config keys of ``sfm``."""
 
     mapper: str = "incremental"
-    wanted_fraction: float = 0.95
-    wanted_agreement: float = 0.9
+    min_registered_fraction: float = 0.5
+    wanted_registered_fraction: float = 0.95
+    wanted_pair_agreement: float = 0.9
     max_attempts: int = 5
-    max_error_px: float = 4.0
+    max_epipolar_error_px: float = 4.0
     min_inliers: int = 15
-    max_ratio: float = 0.8
+    max_match_ratio: float = 0.8
 
 
 @dataclass(frozen=True)
@@ -133,8 +118,8 @@ def map_photos(
     if not _good_enough(attempts[0], options):
         further = further_policies(
             options.mapper,
-            options.max_error_px,
-            too_few=attempts[0].fraction < options.wanted_fraction,
+            options.max_epipolar_error_px,
+            too_few=attempts[0].fraction < options.wanted_registered_fraction,
             has_exif_focal=has_exif_focal,
         )
         for policy in further[: options.max_attempts - 1]:
@@ -171,13 +156,13 @@ def _refine(
     """Refine the chosen model, unless the verified pairs then fit it less well."""
     adjusted = pycolmap.Reconstruction(best.model)
     adjust(adjusted, threads=threads)
-    before = measure_agreement(adjusted, pairs, options.max_error_px)
+    before = measure_agreement(adjusted, pairs, options.max_epipolar_error_px)
     model = adjusted
     for _ in range(n_rounds):
         model = refine_model(
-            model, database, scratch, options.max_error_px, seed=seed, threads=threads
+            model, database, scratch, options.max_epipolar_error_px, seed=seed, threads=threads
         )
-    agreement = measure_agreement(model, pairs, options.max_error_px)
+    agreement = measure_agreement(model, pairs, options.max_epipolar_error_px)
     if agreement.matches < before.matches - _SCORE_MARGIN:
         logger.warning("matching by poses took the model off the verified pairs: left out")
         model, agreement = adjusted, before
@@ -188,8 +173,8 @@ def _refine(
 def _good_enough(attempt: Attempt, options: MappingOptions) -> bool:
     return (
         attempt.agreement is not None
-        and attempt.fraction >= options.wanted_fraction
-        and attempt.agreement.pairs >= options.wanted_agreement
+        and attempt.fraction >= options.wanted_registered_fraction
+        and attempt.agreement.pairs >= options.wanted_pair_agreement
     )
 
 
@@ -204,14 +189,15 @@ def _verdict(attempt: Attempt) -> str:
 
 
 def _complaint(attempt: Attempt, options: MappingOptions) -> str:
-    if attempt.model is None or attempt.fraction < options.wanted_fraction:
+    if attempt.model is None or attempt.fraction < options.wanted_registered_fraction:
         return (
             f"only {attempt.n_registered} of {attempt.n_photos} photos registered "
-            f"(sfm.wanted_registered_fraction {options.wanted_fraction:g})"
+            f"(sfm.wanted_registered_fraction {options.wanted_registered_fraction:g})"
         )
     return (
         f"only {100 * attempt.agreement.pairs:.0f} % of {attempt.agreement.n_pairs} verified pairs "
-        f"fit the model, which may be bent (sfm.wanted_pair_agreement {options.wanted_agreement:g})"
+        f"fit the model, which may be bent "
+        f"(sfm.wanted_pair_agreement {options.wanted_pair_agreement:g})"
     )
 
 
@@ -237,8 +223,8 @@ def _attempt(
         _verify_again(working, policy.recheck_error_px, options.min_inliers, seed, threads)
     if policy.guided:
         matching = MatchingOptions(
-            max_ratio=options.max_ratio,
-            max_error_px=options.max_error_px,
+            max_match_ratio=options.max_match_ratio,
+            max_epipolar_error_px=options.max_epipolar_error_px,
             min_inliers=options.min_inliers,
         )
         add_guided_matches(working, matching, seed=seed, threads=threads)
@@ -251,7 +237,7 @@ def _attempt(
     if not models:
         attempt = Attempt(policy, None, None, (), n_photos)
     else:
-        agreement = measure_agreement(models[0], pairs, options.max_error_px)
+        agreement = measure_agreement(models[0], pairs, options.max_epipolar_error_px)
         others = tuple(registered_names(each) for each in models[1:])
         attempt = Attempt(policy, models[0], agreement, others, n_photos)
     logger.info("attempt '%s': %s", policy.name, _verdict(attempt))

@@ -38,39 +38,17 @@ N_GLOBAL_FEATURES = 2000
 
 @dataclass(frozen=True)
 class MatchingOptions:
-    """How photos are matched; the keys of the config's ``sfm`` section say the same.
-
-    Attributes
-    ----------
-    pairing : {"auto", "exhaustive", "retrieval", "sequential", "vocab_tree"}
-        ``auto`` is exhaustive up to ``exhaustive_max_photos``, else the vocabulary tree where a
-        path is given, else retrieval.
-    exhaustive_max_photos : int
-    retrieval_neighbors : int
-        Most similar photos that each photo is matched with.
-    sequential_overlap : int
-        Next photos in name order that each photo is matched with.
-    vocab_tree_path : str
-        COLMAP's vocabulary tree (faiss format), empty for none.
-    max_ratio : float
-        Ratio test: largest best to second best descriptor angle.
-    max_error_px : float
-        Largest epipolar error of a match, px.
-    min_inliers : int
-        Least matches of a verified pair.
-    guided : bool
-        Search again along the epipolar lines of each verified pair.
-    """
+    """How photos are matched; the fields are config keys of ``sfm``."""
 
     pairing: str = "auto"
     exhaustive_max_photos: int = 80
     retrieval_neighbors: int = 30
     sequential_overlap: int = 8
     vocab_tree_path: str = ""
-    max_ratio: float = 0.8
-    max_error_px: float = 4.0
+    max_match_ratio: float = 0.8
+    max_epipolar_error_px: float = 4.0
     min_inliers: int = 15
-    guided: bool = False
+    guided_matching: bool = False
 
 
 def match_features(
@@ -113,7 +91,7 @@ def match_features(
         else:
             pairs = _choose_pairs(working, pairing, options, seed)
             _match_pairs(working, pairs, options, seed, threads)
-        if options.guided:
+        if options.guided_matching:
             add_guided_matches(working, options, seed=seed, threads=threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
@@ -151,7 +129,9 @@ def add_guided_matches(
     int
         Number of matches added over all pairs.
     """
-    verification = verification_options(options.max_error_px / 2, options.min_inliers, seed)
+    verification = verification_options(
+        options.max_epipolar_error_px / 2, options.min_inliers, seed
+    )
     max_distance = pycolmap.SiftMatchingOptions().max_distance
     with pycolmap.Database.open(database) as opened:
         pair_ids, geometries = opened.read_two_view_geometries()
@@ -171,7 +151,7 @@ def add_guided_matches(
                 features[second],
                 geometry,
                 verification,
-                max_ratio=options.max_ratio,
+                max_ratio=options.max_match_ratio,
                 max_distance=max_distance,
             )
 
@@ -237,7 +217,7 @@ def _matcher_options(options: MatchingOptions, threads: int):
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu = False
     matching.num_threads = threads
-    matching.sift.max_ratio = options.max_ratio
+    matching.sift.max_ratio = options.max_match_ratio
     return matching
 
 
@@ -255,7 +235,7 @@ def _match_pairs(database: Path, pairs, options: MatchingOptions, seed: int, thr
             database,
             _matcher_options(options, threads),
             pairing,
-            verification_options(options.max_error_px, options.min_inliers, seed),
+            verification_options(options.max_epipolar_error_px, options.min_inliers, seed),
             device=pycolmap.Device.cpu,
         )
     rename_images(database, {alias: name for name, alias in aliases.items()})
@@ -277,6 +257,6 @@ def _match_by_vocabulary_tree(
             database,
             _matcher_options(options, threads),
             pairing,
-            verification_options(options.max_error_px, options.min_inliers, seed),
+            verification_options(options.max_epipolar_error_px, options.min_inliers, seed),
             device=pycolmap.Device.cpu,
         )

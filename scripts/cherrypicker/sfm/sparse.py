@@ -34,7 +34,6 @@ def reconstruct_sparse(
     poses: str | os.PathLike,
     options: MappingOptions | None = None,
     *,
-    min_registered_fraction: float = 0.5,
     seed: int = 0,
     threads: int = 1,
 ) -> dict:
@@ -55,8 +54,6 @@ def reconstruct_sparse(
     poses : path-like
         NPZ of the registered photos' undistorted poses.
     options : MappingOptions, optional
-    min_registered_fraction : float
-        Least share of the usable photos that must register.
     seed : int
     threads : int
 
@@ -87,7 +84,7 @@ def reconstruct_sparse(
     content = _report(best, attempts, explained)
     write_json(report, content)
     _log_missing(explained)
-    _enforce(content, min_registered_fraction, Path(photos[0]).parent)
+    _enforce(content, options.min_registered_fraction, Path(photos[0]).parent)
     _enforce_one_scale(content, Path(photos[0]).parent)
     write_model(best.model, model_folder)
     write_poses(poses, undistorted_poses(best.model))

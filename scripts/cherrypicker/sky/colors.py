@@ -24,6 +24,16 @@ JITTER = 1.0 / 256.0
 
 
 @dataclass(frozen=True)
+class SkyColorOptions:
+    """How a scan's sky colours are found; the fields are config keys of ``sky``."""
+
+    n_color_samples: int = 20_000
+    cluster_epsilon: float = 0.02
+    cluster_min_density: float = 0.001
+    cluster_min_fraction: float = 0.02
+
+
+@dataclass(frozen=True)
 class SkyColors:
     """Dominant sky colours.
 
@@ -85,25 +95,13 @@ def sample_sky_pixels(
     return image.reshape(-1, 3)[inside]
 
 
-def cluster_sky_colors(
-    samples: np.ndarray,
-    *,
-    epsilon: float,
-    min_density: float,
-    min_fraction: float,
-    seed: int,
-) -> SkyColors:
+def cluster_sky_colors(samples: np.ndarray, options: SkyColorOptions, *, seed: int) -> SkyColors:
     """Cluster sampled sky colours and keep the dominant clusters.
 
     Parameters
     ----------
     samples : ndarray of shape (n, 3), uint8
-    epsilon : float
-        DBSCAN's neighbourhood, distance in the RGB unit cube.
-    min_density : float
-        DBSCAN's ``min_samples`` as a share of all samples (10 at least).
-    min_fraction : float
-        A cluster with a smaller share of the samples is not dominant.
+    options : SkyColorOptions
     seed : int
 
     Returns
@@ -122,8 +120,8 @@ def cluster_sky_colors(
         np.rint(jittered * 256).astype(np.int32), axis=0, return_inverse=True, return_counts=True
     )
     inverse = inverse.ravel()
-    min_samples = max(10, round(min_density * n_samples))
-    clustering = DBSCAN(eps=epsilon, min_samples=min_samples, n_jobs=1)
+    min_samples = max(10, round(options.cluster_min_density * n_samples))
+    clustering = DBSCAN(eps=options.cluster_epsilon, min_samples=min_samples, n_jobs=1)
     clustering.fit(cells / 256.0, sample_weight=counts)
     is_core = np.zeros(len(cells), bool)
     is_core[clustering.core_sample_indices_] = True
@@ -131,7 +129,7 @@ def cluster_sky_colors(
     n_found = int(labels.max()) + 1
     share = np.bincount(labels[inverse] + 1, minlength=n_found + 1)[1:] / n_samples
     order = np.argsort(-share, kind="stable")
-    dominant = order[share[order] >= min_fraction]
+    dominant = order[share[order] >= options.cluster_min_fraction]
     logger.info(
         "sky colours: %d clusters in %d samples, %d dominant, %.1f %% noise",
         *(n_found, n_samples, len(dominant), 100 * float(np.mean(labels[inverse] < 0))),

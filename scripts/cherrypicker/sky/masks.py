@@ -70,25 +70,7 @@ _UPRIGHT = {
 
 @dataclass(frozen=True)
 class MaskOptions:
-    """Settings of `sky_mask`; the fields are the config keys of ``sky``.
-
-    Attributes
-    ----------
-    working_side_px : int
-        Longer side that the network sees.
-    threshold : float
-        A pixel is sky above this probability.
-    guide_radius_px : int
-        Radius of the guided filter, working pixels.
-    guide_epsilon : float
-        Regularisation of its linear models (variance of colours in [0, 1]): larger is smoother.
-    color_weight : float
-        Weight of the photo's own sky and ground colours against the network, see
-        `refine_probability`; 0 for none.
-    twig_contrast : float
-        A thin structure this much darker in blue, or yellower, than the sky beside it is not sky;
-        0 turns the test off.
-    """
+    """Settings of `sky_mask`; the fields are config keys of ``sky``."""
 
     working_side_px: int = 800
     threshold: float = 0.5

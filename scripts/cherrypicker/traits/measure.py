@@ -1,6 +1,7 @@
 """All traits of one tree, with uncertainties and quality warnings."""
 
 import logging
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.support import MIN_REACH_M, find_support, support_reach
 from cherrypicker.traits.trunk import measure_near, stem_of
 
-__all__ = ["measure_traits"]
+__all__ = ["TraitOptions", "measure_traits"]
 
 logger = logging.getLogger(__name__)
 
@@ -27,19 +28,25 @@ _MIN_WOOD_POINTS = 10
 _ALPHA_SHARE = 0.15  # of the crown's width: hollows wider than this are outside
 
 
+@dataclass(frozen=True)
+class TraitOptions:
+    """How traits are measured; the fields are the config keys of ``traits``."""
+
+    trunk_height_m: float = 0.30
+    trunk_heights_m: tuple[float, ...] = (0.5, 1.0, 1.3)
+    slab_half_height_m: float = 0.10
+    min_points: int = 60
+    min_arc_deg: float = 120.0
+    max_gap_m: float = 0.10
+    min_stray_m: float = 0.30
+    n_bootstrap: int = 200
+
+
 def measure_traits(
     skeleton,
     cloud,
     topology=None,
     *,
-    trunk_height=0.30,
-    trunk_heights=(0.5, 1.0, 1.3),
-    slab_half_height=0.10,
-    min_points=60,
-    min_arc_deg=120.0,
-    max_gap=0.10,
-    min_stray=0.30,
-    n_bootstrap=200,
     scale=None,
     sparse=None,
     target=None,
@@ -47,6 +54,7 @@ def measure_traits(
     poses=None,
     sky_masks=None,
     seed=0,
+    **options,
 ):
     """Measure a tree's traits on its skeleton and its original points.
 
@@ -57,16 +65,6 @@ def measure_traits(
         The segmented cloud, z up, in the skeleton's frame and unit, with a ``label`` field.
     topology : Topology, optional
         Counts junctions and tips; the skeleton's own without it.
-    trunk_height : float, default 0.30
-        Height over the stem's foot of ``trunk_diameter_m``.
-    trunk_heights : sequence of float
-        Further heights, for ``trunk_diameters``.
-    slab_half_height, min_points, min_arc_deg
-        See `cherrypicker.traits.trunk.measure_diameter`.
-    max_gap, min_stray
-        See `cherrypicker.traits.support.find_support`.
-    n_bootstrap : int, default 200
-        Resamplings behind each uncertainty.
     scale, sparse, target : dict, optional
         ``scale.json`` and ``sfm/report.json`` of a scan from photos, and ``target.json``; the
         scale's standard error enters every uncertainty.
@@ -77,6 +75,8 @@ def measure_traits(
     sky_masks : SkyMasks, optional
         Of the same photos: tells where they show a top that the cloud does not hold.
     seed : int, default 0
+    **options
+        Fields of `TraitOptions`.
 
     Returns
     -------
@@ -90,6 +90,8 @@ def measure_traits(
     StageError
         If the skeleton has no edge or the cloud no wood.
     """
+    settings = TraitOptions(**options)
+    n_bootstrap = settings.n_bootstrap
     is_wood = _checked_wood(skeleton, cloud)
     wood = cloud.points[is_wood]
     rng = np.random.default_rng(seed)
@@ -100,8 +102,8 @@ def measure_traits(
     support = find_support(
         skeleton,
         wood,
-        max_gap=max_gap,
-        min_stray=min_stray,
+        max_gap=settings.max_gap_m,
+        min_stray=settings.min_stray_m,
         reach=reach,
         cells=cells,
     )
@@ -116,16 +118,17 @@ def measure_traits(
         100 * support.point.mean(),
     )
 
-    options = {
-        "half_height": slab_half_height,
-        "min_points": min_points,
-        "min_arc_deg": min_arc_deg,
+    fit = {
+        "half_height": settings.slab_half_height_m,
+        "min_points": settings.min_points,
+        "min_arc_deg": settings.min_arc_deg,
         "n_bootstrap": n_bootstrap,
         "rng": rng,
     }
     stem = stem_of(skeleton, axis_list[0].nodes, foot)
-    trunk = measure_near(stem, wood, trunk_height, **options)
-    further = {height: _measured(stem, wood, height, options) for height in sorted(trunk_heights)}
+    trunk = measure_near(stem, wood, settings.trunk_height_m, **fit)
+    heights = sorted(settings.trunk_heights_m)
+    further = {height: _measured(stem, wood, height, fit) for height in heights}
     crown_points = wood[crown_of(skeleton, axis_of_node(skeleton, axis_list), wood, support)]
     hull = hull_of(crown_points) if len(crown_points) else None
     crown, samples = measure_crown(
@@ -176,7 +179,7 @@ def measure_traits(
         if sky_masks is None
         else find_missing_top(poses, sky_masks, wood[support.point], foot.point),
     ) + quality_flags(
-        trunk, trunk_height, missing, foot, support, crown.width, confidence, cloud.unit
+        trunk, settings.trunk_height_m, missing, foot, support, crown.width, confidence, cloud.unit
     )
     for flag in traits["flags"]:
         logger.info("flag: %s", flag)

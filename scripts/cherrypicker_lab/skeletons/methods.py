@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from cherrypicker.contraction.contract_points import preset_options
+from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.graph.extract import extract_skeleton
@@ -55,7 +55,7 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
         contracted, details = contract_wood(
             cloud,
             method=method,
-            options=preset_options(preset),
+            options=ContractionOptions(preset),
             weights={"trunk": TRUNK_WEIGHT},
         )
         found = {

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from cherrypicker.contraction.contract_points import preset_options
+from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.skeleton import axes, axis_of_node, axis_polyline
@@ -74,9 +74,7 @@ def make_tree(seed, n_points):
 
 def skeleton_of(cloud):
     """Contract a labelled cloud and make its graph, with the default options."""
-    contracted, report = contract_wood(
-        cloud, options=preset_options("default"), target_xy=np.zeros(2)
-    )
+    contracted, report = contract_wood(cloud, options=ContractionOptions(), target_xy=np.zeros(2))
     return extract_skeleton(contracted, cloud, base=report["base"])
 
 

@@ -22,7 +22,12 @@ from cherrypicker_lab.training.segmentation.training import (
 )
 
 SAMPLING = Sampling(
-    voxel_size_m=0.05, sphere_radius_m=0.8, sphere_points=400, min_visits=1, batch_spheres=8
+    voxel_size_m=0.05,
+    reference_height_m=3.5,
+    sphere_radius_m=0.8,
+    sphere_points=400,
+    min_visits=1,
+    batch_spheres=8,
 )
 SMALL = {"width": 16, "embedding": 16, "scales": (0, 1), "k": 8}
 
@@ -71,7 +76,7 @@ def _cloud(seed=50, with_colors=True):
 def test_training_learns_and_holds_on_a_new_tree(trained):
     network, history, _ = trained
     assert history[-1]["loss"] < 0.6 * history[0]["loss"]
-    result = measure(network, [_tree(99)], SAMPLING, Smoothing(k=4))
+    result = measure(network, [_tree(99)], SAMPLING, Smoothing(smooth_k=4))
     assert result["color"]["accuracy"] > 0.85
     assert set(result) == {"color", "no_color"}
 
@@ -110,7 +115,7 @@ def test_resumed_training_equals_an_uninterrupted_one(tmp_path):
 
 def test_segmented_cloud_keeps_its_points_and_is_reproducible(trained):
     cloud, truth = _cloud()
-    options = {"sampling": SAMPLING, "smoothing": Smoothing(k=4), "post": None, "seed": 3}
+    options = {"sampling": SAMPLING, "smoothing": Smoothing(smooth_k=4), "post": None, "seed": 3}
     result = segment_cloud(cloud, trained[2], **options)
     again = segment_cloud(cloud, trained[2], **options)
     assert np.array_equal(result.points, cloud.points)

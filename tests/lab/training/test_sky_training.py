@@ -17,7 +17,7 @@ from cherrypicker_lab.training.sky.data import doubtful_pixels, load_photos, spl
 from cherrypicker_lab.training.sky.metrics import Confusion
 from cherrypicker_lab.training.sky.training import TrainOptions, train_network
 
-SMALL = {"batch_size": 3, "image_size": 64, "widths": (6, 8, 8), "working_side": 96}
+SMALL = {"batch_size": 3, "image_size_px": 64, "widths": (6, 8, 8), "max_side_px": 96}
 
 
 @pytest.fixture
@@ -105,10 +105,8 @@ def test_f1_of_a_known_confusion():
 def test_training_learns(folder):
     torch.set_num_threads(1)
     training, validation = split_photos(load_photos([str(folder)], 100), 0.2, [], seed=0)
-    plain = AugmentOptions(branch_fraction=0, exchange_fraction=0, color_fraction=0)
-    options = TrainOptions(
-        epochs=5, learning_rate=1e-2, samples_per_epoch=24, augment=plain, **SMALL
-    )
+    plain = {"branch_fraction": 0, "exchange_fraction": 0, "color_fraction": 0}
+    options = TrainOptions(epochs=5, learning_rate=1e-2, samples_per_epoch=24, **plain, **SMALL)
     _, history = train_network(training, validation, options)
     assert len(history["epochs"]) == 5
     assert history["epochs"][-1]["loss"] < 0.6 * history["epochs"][0]["loss"]
@@ -179,7 +177,7 @@ def test_the_script_keeps_its_checkpoint_after_the_time_limit_only(folder, tmp_p
     script = Path(__file__).parents[3] / "scripts/lab/train_sky.py"
     command = [sys.executable, script, "--folders", folder, "--weights", tmp_path / "w.npz"]
     command += ["--metrics", tmp_path / "m.json", "--exclude", "set/p[12].jpg", "--epochs", "2"]
-    command += ["--samples_per_epoch", "3", "--image_size", "64", "--threads", "1"]
+    command += ["--samples_per_epoch", "3", "--image_size_px", "64", "--threads", "1"]
     subprocess.run([*command, "--time_limit_min", "1e-6"], check=True)
     metrics = json.loads((tmp_path / "m.json").read_text())
     assert len(metrics["epochs"]) == 1 and metrics["n_training"] + metrics["n_validation"] == 8

@@ -28,8 +28,8 @@ rule render_benchmark_scene:
         runtime=240,
         gpu=0,
     params:
+        **options("render_benchmark_scene"),
         preset="{scan}",
-        blender_python=cfg("benchmark.blender_python"),
     message:
         "{wildcards.scan}: render the scene"
     script:
@@ -54,8 +54,8 @@ rule match_benchmark_photos:
         runtime=240,
         gpu=0,
     params:
+        **options("match_benchmark_photos"),
         folder=benchmark_photos,
-        seed=cfg("seed"),
     message:
         "{wildcards.scan}: match the photos"
     script:
@@ -110,11 +110,10 @@ rule place_benchmark_cameras:
         runtime=120,
         gpu=0,
     params:
+        **options("place_benchmark_cameras"),
         cameras="{cameras}",
         folder=benchmark_photos,
         poses=lambda wildcards: f"{benchmark_truth(wildcards)}/poses.npz",
-        max_image_size=cfg("mvs.max_image_size_px"),
-        seed=cfg("seed"),
     message:
         "{wildcards.scan}: dense workspace, cameras: {wildcards.cameras}"
     script:
@@ -149,27 +148,11 @@ rule measure_stereo:
         runtime=600,
         gpu=lambda wildcards: int(wildcards.backend == "cuda"),
     params:
+        **options("measure_stereo"),
         scan="{scan}",
         cameras="{cameras}",
         backend="{backend}",
         megapixels=lambda wildcards: megapixels_of(wildcards.size),
-        max_photos=cfg("benchmark.max_photos"),
-        n_sources=cfg("mvs.n_sources"),
-        n_best=cfg("mvs.n_best"),
-        n_iterations=cfg("mvs.n_iterations"),
-        window_radius=cfg("mvs.window_radius"),
-        color_spread=cfg("mvs.color_spread"),
-        min_texture=cfg("mvs.min_texture"),
-        max_cost=cfg("mvs.max_cost"),
-        geometric_weight=cfg("mvs.geometric_weight"),
-        max_error_px=cfg("mvs.max_error_px"),
-        min_consistent=cfg("mvs.min_consistent"),
-        min_views=cfg("mvs.min_views"),
-        n_check=cfg("mvs.n_check"),
-        max_reproj_error_px=cfg("mvs.max_reproj_error_px"),
-        max_depth_error=cfg("mvs.max_depth_error"),
-        max_normal_error_deg=cfg("mvs.max_normal_error_deg"),
-        seed=cfg("seed"),
     message:
         "{wildcards.scan}, cameras {wildcards.cameras}, {wildcards.size}: {wildcards.backend}"
     script:
@@ -200,9 +183,9 @@ rule score_surface:
         runtime=60,
         gpu=0,
     params:
+        **options("score_surface"),
         truth=benchmark_truth,
         fit=lambda wildcards: "none" if wildcards.cameras == "true" else "surface",
-        max_photos=cfg("benchmark.max_photos"),
     message:
         "{wildcards.scan}, cameras {wildcards.cameras}, {wildcards.size}: "
         "score {wildcards.backend}"

@@ -61,15 +61,9 @@ rule make_orchard_scene:
         runtime=20,
         gpu=0,
     params:
+        **options("make_orchard_scene"),
         seed=lambda wildcards: int(wildcards.scene_seed),
-        forms=ORCHARD["forms"],
         chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
-        n_points=ORCHARD["n_points"],
-        surface_points=ORCHARD["surface_points"],
-        extent_m=ORCHARD["extent_m"],
-        n_photos=ORCHARD["n_photos"],
-        photo_size_px=ORCHARD["photo_size_px"],
-        distortion=ORCHARD["distortion"],
     message:
         "orchard: scene {wildcards.scene_seed}"
     script:
@@ -95,14 +89,9 @@ rule render_orchard_scene:
         runtime=240,
         gpu=0,
     params:
-        blender_python=ORCHARD["blender_python"],
+        **options("render_orchard_scene"),
         seed=lambda wildcards: int(wildcards.scene_seed),
-        forms=ORCHARD["forms"],
         chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
-        n_photos=ORCHARD["n_photos"],
-        photo_size_px=ORCHARD["photo_size_px"],
-        distortion=ORCHARD["distortion"],
-        effects=ORCHARD["effects"],
     message:
         "orchard: render scene {wildcards.scene_seed}"
     script:

@@ -20,7 +20,7 @@ import json
 import logging
 import math
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import cv2
@@ -43,26 +43,8 @@ WARM_UP, FIRST_RATE = 0.05, 0.1
 
 
 @dataclass(frozen=True)
-class TrainOptions:
-    """Settings of `train_network`; the fields are the config keys of ``train_sky``.
-
-    Attributes
-    ----------
-    schedule : {"decay", "one_cycle"}
-        Of the learning rate: times ``learning_rate_decay`` after each epoch, or up to
-        ``learning_rate`` and down to zero over all epochs.
-    weight_average : float
-        The network is a running mean of the weights that keeps this share of itself at each step; 0
-        for the last weights.
-    weight_decay : float
-        Share of each weight that a step takes away, times the learning rate.
-    source_power : float
-        A source's share of the samples grows with this power of its number of photos.
-    use_bfloat16 : bool
-        Forward pass in 16 bits, about twice as fast where the processor knows them.
-    time_limit_min : float
-        No epoch begins after so many minutes; 0 for no limit.
-    """
+class TrainOptions(AugmentOptions):
+    """Settings of `train_network`; the fields are config keys of ``train_sky``."""
 
     epochs: int = 15
     batch_size: int = 3
@@ -74,12 +56,11 @@ class TrainOptions:
     source_power: float = 0.5
     use_bfloat16: bool = False
     time_limit_min: float = 0.0
-    image_size: int = 400
-    samples_per_epoch: int | None = None
-    working_side: int = 800
+    image_size_px: int = 400
+    samples_per_epoch: int = 0
+    max_side_px: int = 640
     widths: tuple[int, ...] = DEFAULT_WIDTHS
     seed: int = 0
-    augment: AugmentOptions = field(default_factory=AugmentOptions)
 
 
 def _fingerprint(photos: list[SkyPhoto], options: TrainOptions) -> str:
@@ -114,7 +95,7 @@ def _batches(photos: list[SkyPhoto], options: TrainOptions, epoch: int):
         stop = min(start + options.batch_size, n_samples)
         chances = [np.random.default_rng(seeds[i]) for i in range(start, stop)]
         drawn = [
-            draw_sample(photos[i], options.image_size, options.augment, chance)
+            draw_sample(photos[i], options.image_size_px, options, chance)
             for i, chance in zip(chosen[start:stop], chances)
         ]
         images, sky, weight = (np.stack(arrays) for arrays in zip(*drawn))
@@ -254,7 +235,7 @@ def train_network(
             logger.warning("the time limit ends the training after epoch %d", epoch)
             break
         loss = _train_epoch((net, average, optimiser), training, options, epoch)
-        scores = evaluate(average.eval(), validation, options.working_side)
+        scores = evaluate(average.eval(), validation, options.max_side_px)
         epochs.append({"loss": loss, "learning_rate": _rate(options, epoch, 0.0), **scores})
         seconds = time.monotonic() - start
         logger.info(
