@@ -8,7 +8,7 @@ prints what the numbers are made of.
 Examples:
 
     python scripts/forecast.py --directory WORK
-    python scripts/forecast.py --directory WORK --nodes 5 --cores 32 --memory-gb 120 --gpus 1
+    python scripts/forecast.py --directory WORK --nodes 5 --cores 32 --memory_gb 120 --gpus 1
     python scripts/forecast.py --scans 30 --photos 250 --size 4000x3000
 """
 
@@ -136,7 +136,7 @@ parser.add_argument(
 )
 parser.add_argument("--nodes", type=count, help="number of machines")
 parser.add_argument("--cores", type=count, help="cores of each machine")
-parser.add_argument("--memory-gb", type=float, default=16.0, help="memory of each machine, GB")
+parser.add_argument("--memory_gb", type=float, default=16.0, help="memory of each machine, GB")
 parser.add_argument("--gpus", type=int, default=0, help="GPUs of each machine")
 parser.add_argument("--formulas", action="store_true", help="print the formulas and rates instead")
 

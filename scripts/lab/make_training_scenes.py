@@ -3,8 +3,8 @@
 Scenes that the folder already holds are kept, so that a run that was cut short goes on, and a
 training that reads the folder (`train_segmentation.py --scenes`) may run beside it. Example:
 
-    python scripts/lab/make_training_scenes.py --folder training/scenes --first-seed 30000 \
-        --n-scenes 200 --things confusable
+    python scripts/lab/make_training_scenes.py --folder training/scenes --first_seed 30000 \
+        --n_scenes 200 --things confusable
 """
 
 import lab_path  # noqa: F401
@@ -17,16 +17,16 @@ def main(folder, *, first_seed, n_scenes, scene_points, things):
     if n_scenes < 1 or first_seed < 0 or first_seed + n_scenes > HELD_OUT_SEED:
         raise StageError(
             f"training seeds are 0 to {HELD_OUT_SEED - 1}, asked for {n_scenes} from {first_seed}",
-            key="--first-seed",
+            key="--first_seed",
         )
     make_scenes(range(first_seed, first_seed + n_scenes), folder, scene_points, things=things)
 
 
 parser = stage_parser(__doc__)
 parser.add_argument("--folder", required=True, help="folder of the scenes to write")
-parser.add_argument("--first-seed", type=int, default=0)
-parser.add_argument("--n-scenes", type=int, default=100)
-parser.add_argument("--scene-points", type=int, default=160_000, help="of a cloud at most")
+parser.add_argument("--first_seed", type=int, default=0)
+parser.add_argument("--n_scenes", type=int, default=100)
+parser.add_argument("--scene_points", type=int, default=160_000, help="of a cloud at most")
 parser.add_argument(
     "--things",
     choices=("common", "confusable"),

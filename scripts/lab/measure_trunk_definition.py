@@ -4,7 +4,7 @@ Both follow one rule (`cherrypicker.skeleton.axes`); here the true skeletons of 
 split into axes as the graph stage splits them, and every point of the true surface is compared: its
 label against the order of the nearest wood. Prints a table by form. Example:
 
-    python scripts/lab/measure_trunk_definition.py --first-seed 920000 --n-trees 5 \\
+    python scripts/lab/measure_trunk_definition.py --first_seed 920000 --n_trees 5 \\
         --output order.json
 """
 
@@ -67,8 +67,8 @@ def _one(form, seed, n_points):
 
 parser = stage_parser(__doc__)
 parser.add_argument("--output", default="", help="JSON to write")
-parser.add_argument("--first-seed", type=int, default=920_000)
-parser.add_argument("--n-trees", type=int, default=5, help="of each form")
+parser.add_argument("--first_seed", type=int, default=920_000)
+parser.add_argument("--n_trees", type=int, default=5, help="of each form")
 parser.add_argument("--points", type=int, default=60_000)
 parser.add_argument("--forms", nargs="*", default=(), help="all by default")
 run(main, parser, globals().get("snakemake"))

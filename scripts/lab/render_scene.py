@@ -157,7 +157,7 @@ def parse_arguments():
     )
     parser.add_argument("--only", type=int, nargs="+", help="render only these photos, from 0")
     parser.add_argument("--masks", help="folder for exact sky masks (none written by default)")
-    parser.add_argument("--truth-only", action="store_true", help="write the truth, no photos")
+    parser.add_argument("--truth_only", action="store_true", help="write the truth, no photos")
     return parser.parse_args()
 
 

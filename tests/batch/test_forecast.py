@@ -169,13 +169,13 @@ def test_the_command_reads_the_table_and_writes_nothing(tmp_path):
 
 def test_the_command_plans_scans_that_are_not_taken_yet(tmp_path):
     options = ("--scans", 30, "--photos", 250, "--directory", tmp_path)
-    machine_options = ("--nodes", 20, "--cores", 16, "--memory-gb", 60)
+    machine_options = ("--nodes", 20, "--cores", 16, "--memory_gb", 60)
     large = run_command(*options, "--size", "4000x3000", *machine_options)
     small = run_command(*options, "--size", "2000x1500", *machine_options)
     assert large.startswith("30 scans")
     assert large != small
     assert "20 machines" in large
-    assert "does not fit" in run_command(*options, "--nodes", 1, "--cores", 2, "--memory-gb", 1)
+    assert "does not fit" in run_command(*options, "--nodes", 1, "--cores", 2, "--memory_gb", 1)
 
 
 def test_the_command_prints_its_formulas():
