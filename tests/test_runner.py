@@ -4,18 +4,26 @@ import json
 import subprocess
 import sys
 import textwrap
+from dataclasses import dataclass
 
 import pytest
 
 from cherrypicker.batch.watched_modules import imported_modules
+from cherrypicker.runner import add_options, options_of, stage_parser
 
 SCRIPT = """
-import argparse, logging, os, sys
+import logging, os, sys
+from dataclasses import dataclass
 sys.path.insert(0, {library!r})
 from types import SimpleNamespace
 from cherrypicker.errors import StageError
 from cherrypicker.progress import Progress
 from cherrypicker.runner import run, stage_parser
+
+@dataclass
+class Limits:
+    least: float = 0.5
+    most: tuple[float, ...] = (1.0,)
 
 class Named(list):
     def __init__(self, **named):
@@ -24,24 +32,22 @@ class Named(list):
     def items(self):
         return self.named.items()
 
-def main(cloud, out, *, threads, k, missing="default"):
+def main(cloud, out, k, *, limits: Limits, threads: int = 1, missing: str = "default"):
     os.write(1, b"native output\\n")
     if k == 1:
         raise StageError("no wood found", file=cloud, key="segment.k")
     if k == 2:
         raise ZeroDivisionError("oops")
     logging.getLogger("cherrypicker.x").warning("look here")
-    open(out, "w").write(f"{{threads}} {{k}} {{missing}}")
+    open(out, "w").write(f"{{threads}} {{k}} {{missing}} {{limits}}")
 
 parser = stage_parser("Demo.")
 for name in ("--cloud", "--out", "--k"):
     parser.add_argument(name, required=True)
-parser.add_argument("--threads", type=int, default=1)
-parser.add_argument("--missing", default="default")
 snakemake = SimpleNamespace(
     rule="segment_cloud", wildcards=dict(tree="T1"), log=["logs/x.log"], threads=2,
     resources=dict(gpu=0), input=Named(cloud="a.ply", code=["b.py"]), output=Named(out="o.txt"),
-    params=Named(k={k}),
+    params=Named(k={k}, least=None, most=[2.0]),
 )
 run(main, parser, snakemake)
 """
@@ -62,7 +68,7 @@ def run_script(project, tmp_path):
 def test_success_writes_the_output_and_leaves_no_status(run_script, tmp_path):
     done = run_script(0)
     assert done.returncode == 0
-    assert (tmp_path / "o.txt").read_text() == "2 0 default"
+    assert (tmp_path / "o.txt").read_text() == "2 0 default Limits(least=0.5, most=[2.0])"
     assert not list((tmp_path / "logs/status").rglob("*.json"))
     assert "native output" in (tmp_path / "logs/x.log").read_text()
     assert done.stderr.strip() == "[T1 segment_cloud] look here"
@@ -86,6 +92,75 @@ def test_a_bug_is_one_line_too_and_keeps_its_traceback(run_script, tmp_path):
     assert len(done.stderr.strip().splitlines()) == 1
     assert "unexpected ZeroDivisionError: oops" in done.stderr
     assert "ZeroDivisionError" in (tmp_path / "logs/x.log").read_text()
+
+
+@dataclass
+class Limits:
+    """Limits of a demo.
+
+    Attributes
+    ----------
+    least, most : float
+        Of what
+        is kept.
+    """
+
+    least: float = 0.5
+    most: float | None = None
+    box: tuple[float, float] = (0.0, 1.0)
+
+
+def demo(
+    *,
+    limits: Limits,
+    skip: bool = True,
+    names: tuple[str, ...] = (),
+    weights: dict[str, float] | None = None,
+    threads: int = 2,
+):
+    """A stage without files."""
+
+
+def read(*arguments):
+    parser = stage_parser("Demo.")
+    add_options(parser, demo)
+    return vars(parser.parse_args(arguments))
+
+
+def test_the_options_of_a_stage_come_from_its_typed_keywords():
+    assert read() == {
+        **{"least": 0.5, "most": None, "box": (0.0, 1.0), "skip": True, "names": ()},
+        **{"weights": None, "threads": 2},
+    }
+    text = "--most 2 --box 1 3 --skip false --names a b --weights trunk:10,branch:1"
+    given = {"most": 2.0, "box": [1.0, 3.0], "skip": False, "names": ["a", "b"]}
+    assert read(*text.split()) == read() | given | {"weights": {"trunk": 10.0, "branch": 1.0}}
+    assert read("--skip")["skip"] is True
+
+
+@pytest.mark.parametrize("text", ["--skip maybe", "--weights trunk", "--least much", "--box 1"])
+def test_a_value_of_another_type_is_refused(text):
+    with pytest.raises(SystemExit):
+        read(*text.split())
+
+
+def test_two_options_of_one_name_are_refused():
+    def main(*, limits: Limits, least: float = 1.0):
+        """Two of a name."""
+
+    with pytest.raises(TypeError, match="two options are named least"):
+        options_of(main)
+
+
+def test_the_help_tells_text_key_and_default(project):
+    command = [sys.executable, str(project / "scripts/segment_cloud.py"), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    text = " ".join(done.stdout.split())
+    assert "Points of a sphere at most; as the weights were trained without it." in text
+    assert "[config key segment.smooth_k, default 12]" in text
+    assert "Points inside the cylinder at most" in text, (
+        "what is no config key has its class's text"
+    )
 
 
 def test_the_code_of_a_stage_is_found_through_its_imports(project):
