@@ -23,31 +23,11 @@ FEWEST_POINTS = 10
 
 @dataclass(frozen=True)
 class ContractionOptions:
-    """How wood is contracted; the fields are config keys of ``contract``, null there for these.
+    """How wood is contracted; the fields are config keys of ``contract``, described there.
 
-    Attributes
-    ----------
-    preset : {"default", "paper"}
-        Every point to the axis of its limb (`cherrypicker.contraction.on_axes`), or the iteration
-        as published, with the constants below, which the default does not read.
-    initial_contraction : float
-        W_L starts at this times the square root of the mean of the mass matrix.
-    initial_attraction : float
-        W_H starts here.
-    amplification : float or None
-        Growth of W_L each iteration; None: 1, 2, 5, 8 below 1e3, 1e4, 1e6 points, above.
-    max_contraction, max_attraction, min_weight : float
-        W_L is clipped to ``min_weight .. max_contraction``, W_H to
-        ``min_weight .. max_attraction``.
-    termination_ratio : float
-        Stop when mean(M) / mean(M_0) falls below.
-    termination_move : float
-        Stop when the mean move of an iteration falls below this share of the first mean spacing,
-        sqrt(mean(M_0)).
-    max_iterations : int
-    n_neighbors : int
-    mollify_factor : float
-        Of the Laplacian, see `cotangent_laplacian`.
+    The preset "default" moves every point to the axis of its limb
+    (`cherrypicker.contraction.on_axes`) and reads none of the constants. "paper" is the iteration
+    as published, with its constants by default (null in the config).
     """
 
     preset: str = "default"

@@ -28,13 +28,11 @@ _MAX_STEMS = 12
 class PostModel:
     """What counts as a support post; lengths in metres of the tree's frame.
 
+    ``post_min_height_m`` and ``post_max_tilt_deg`` are config keys of ``segment``.
+
     Attributes
     ----------
-    post_min_height_m : float
-        Length of the cylinder at least.
     radius_range_m : tuple of float
-    post_max_tilt_deg : float
-        From the vertical.
     max_taper : float
         Change of the radius over the cylinder's length, as a share of the radius.
     max_bend_m : float
