@@ -299,7 +299,7 @@ class _Growth:
         return tube
 
     def _near(self, tube, margin, in_radii=0.0):
-        """Rows of the points inside a tube or within a margin of its surface, and as seen from it."""
+        """Rows of the points in a tube or within a margin of its surface, and as seen from it."""
         step = np.linalg.norm(np.diff(tube.nodes, axis=0), axis=1).max()
         reach = np.hypot((1 + in_radii) * tube.radius + margin, step / 2)
         found = self.tree.query_ball_point(tube.nodes, reach, return_sorted=False)
