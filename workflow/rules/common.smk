@@ -104,6 +104,16 @@ def resource(path):
     return str(PROJECT / "resources" / path)
 
 
+def weights_of(key, shipped):
+    """Return an input function: a network's weights; none where missing, which the stage reports."""
+
+    def inputs(wildcards):
+        path = cfg(key)(wildcards) or resource(shipped)
+        return [path] if Path(path).is_file() else []
+
+    return inputs
+
+
 def is_plain(path):
     """Whether Snakemake takes a path as it is: it fills in {name} and <name>, with no way out."""
     return not (contains_wildcard(path) or PATHVAR_REGEX.search(path))

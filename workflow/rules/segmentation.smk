@@ -4,14 +4,7 @@
 rule segment_cloud:
     input:
         cloud="results/{tree}/metric.ply",
-        # Absent weights are the stage's to report, by the name of the key.
-        weights_file=lambda wildcards: [
-            path
-            for path in [
-                cfg("segment.weights")(wildcards) or resource("weights/dgcnn.pt")
-            ]
-            if Path(path).is_file()
-        ],
+        weights_file=weights_of("segment.weights", "weights/dgcnn.pt"),
         code=code("segment_cloud"),
     output:
         segmented=ensure("results/{tree}/segmented.ply", non_empty=True),

@@ -4,14 +4,7 @@
 rule segment_sky:
     input:
         photos=photos_of,
-        # Absent weights are the stage's to report, by the name of the key.
-        weights_file=lambda wildcards: [
-            path
-            for path in [
-                cfg("sky.weights")(wildcards) or resource("weights/sky_unet.npz")
-            ]
-            if Path(path).is_file()
-        ],
+        weights_file=weights_of("sky.weights", "weights/sky_unet.npz"),
         code=code("segment_sky"),
     output:
         masks=directory("results/{tree}/sky"),
