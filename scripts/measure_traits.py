@@ -16,8 +16,8 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import read_skeleton, read_topology
-from cherrypicker.traits import branches_csv, measure_traits
-from cherrypicker.traits.measure import TraitOptions
+from cherrypicker.traits.branches import branches_csv
+from cherrypicker.traits.measure import TraitOptions, measure_traits
 
 
 def main(

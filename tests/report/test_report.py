@@ -25,7 +25,8 @@ from cherrypicker.skeleton import (
     write_skeleton_graphml,
     write_topology_graphml,
 )
-from cherrypicker.traits.branches import BRANCH_COLUMNS, branch_rows, branches_csv
+from cherrypicker.traits.branches import branch_rows, branches_csv
+from cherrypicker.traits.table import BRANCH_COLUMNS, Trait
 
 PNGS = ("cloud", "label", "skeleton", "topology", "trunk", "thumbnail")
 
@@ -330,7 +331,7 @@ def test_removed_points():
     ],
 )
 def test_numbers_with_errors(value, error, power, unit, expected):
-    assert with_uncertainty(value, error, power, 3, unit) == expected
+    assert with_uncertainty(value, error, Trait("x", "X", power), unit) == expected
 
 
 def test_branches_as_the_traits_write_them(tmp_path):

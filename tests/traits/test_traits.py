@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 
 import numpy as np
 import pytest
@@ -10,16 +11,12 @@ from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Skeleton, axes, fold
-from cherrypicker.traits import (
-    BRANCH_COLUMNS,
-    branch_rows,
-    branches_csv,
-    find_foot,
-    find_support,
-    measure_traits,
-)
+from cherrypicker.traits.branches import branch_rows, branches_csv
+from cherrypicker.traits.foot import find_foot
+from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.stem_fit import fit_cone, search_circle
-from cherrypicker.traits.support import support_reach
+from cherrypicker.traits.support import find_support, support_reach
+from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 
 
 def surface(start, end, r_start, r_end, n, rng, noise=0.0, arc=(0.0, 2 * np.pi)):
@@ -134,10 +131,30 @@ def test_plain_tree(y_tree, y_traits):
 
 def test_intervals_hold_the_estimate(y_traits):
     traits, _ = y_traits
-    for name in ("height_m", "trunk_diameter_m", "tcsa_cm2", "crown_width_m", "crown_volume_m3"):
+    for name in (name for name, trait in TRAITS.items() if trait.has_error):
         low, high = traits[f"{name}_ci90"]
         assert low <= traits[name] <= high
         assert 0 < traits[f"{name}_se"] < 0.1 * traits[name]
+
+
+def test_every_trait_is_a_row_of_the_table(y_traits):
+    traits, _ = y_traits
+    numbers = {name for name, value in traits.items() if isinstance(value, int | float)}
+    errors = {name for name in numbers if name.endswith("_se")}
+    assert numbers - errors == TRAITS.keys()
+    assert errors == {f"{name}_se" for name, trait in TRAITS.items() if trait.has_error}
+
+
+def test_the_docs_list_every_trait_and_column(y_traits, project):
+    _, whole, branches, *_ = re.split(r"^## ", (project / "docs/traits.md").read_text(), flags=re.M)
+    rows = [line.split("|")[1:-1] for line in whole.splitlines() if line.startswith("| `")]
+    told = {name: row[2] for row in rows for name in re.findall("`(.*?)`", row[0])}
+    objects = {name for name, value in y_traits[0].items() if isinstance(value, dict)}
+    assert told.keys() == TRAITS.keys() | objects - {"trunk_diameters_se"}
+    sure = {name for name in TRAITS if told[name].strip() != "none"}
+    assert sure == {name for name, trait in TRAITS.items() if trait.has_error}
+    columns = re.findall("`([a-z0-9_]+)`", "".join(re.findall(r"^\| (`.*?) \|", branches, re.M)))
+    assert columns == list(BRANCH_COLUMNS)
 
 
 def test_branch_angles(y_tree):
@@ -151,7 +168,7 @@ def test_branch_angles(y_tree):
     assert first["base_diameter_m"] == pytest.approx(0.024)
     assert (first["parent_id"], first["order"]) == (0, 1)
     table = list(csv.DictReader(io.StringIO(branches_csv(rows))))
-    assert tuple(table[0]) == BRANCH_COLUMNS
+    assert list(table[0]) == list(BRANCH_COLUMNS)
     assert table[0]["parent_id"] == "-1"
 
 

@@ -9,9 +9,10 @@ import pytest
 from cherrypicker.classes import Label
 from cherrypicker.geometry.cells import sort_into_cells
 from cherrypicker.skeleton import Skeleton, axes
-from cherrypicker.traits import branch_rows, branches_csv, find_foot
 from cherrypicker.traits.branch_intervals import angle_interval, diameter_interval
+from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.crown import horizontal_width, hull_of, measure_crown
+from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.shoot_ends import ShootEnds, draw_losses, find_shoot_ends, grow_hull
 from cherrypicker.traits.trunk import Stem, measure_diameter
 

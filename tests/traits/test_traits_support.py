@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from cherrypicker.skeleton import Skeleton, axes
-from cherrypicker.traits import (
-    alpha_volume,
-    branch_rows,
-    branches_csv,
-    projected_area,
-    totals_by_order,
-)
+from cherrypicker.traits.branches import branch_rows, branches_csv, totals_by_order
+from cherrypicker.traits.crown import alpha_volume, projected_area
 from cherrypicker.traits.support import missed_wood
 
 

@@ -14,34 +14,15 @@ from datetime import datetime
 from pathlib import Path
 
 from cherrypicker.files import write_text
+from cherrypicker.traits.table import TRAITS
 
-__all__ = ["STATUS_ORDER", "TRAIT_COLUMNS", "TreeResult", "collect_results", "summarise"]
+__all__ = ["STATUS_ORDER", "TreeResult", "collect_results", "summarise"]
 
-TRAIT_COLUMNS = (
-    "height_m",
-    "trunk_diameter_m",
-    "trunk_height_m",
-    "tcsa_cm2",
-    "crown_width_m",
-    "crown_volume_m3",
-    "total_length_m",
-    "n_junctions",
-    "n_tips",
+_TRAIT_COLUMNS = (
+    *(trait.name for trait in TRAITS.values() if trait.is_shown),
+    *(f"{trait.name}_se" for trait in TRAITS.values() if trait.has_error_column),
 )
-_SPREAD_COLUMNS = ("height_m_se", "trunk_diameter_m_se", "tcsa_cm2_se")
-_CSV_COLUMNS = (
-    "tree",
-    "status",
-    "failed_stage",
-    "cause",
-    "change",
-    "date",
-    "series",
-    "unit",
-    *TRAIT_COLUMNS,
-    *_SPREAD_COLUMNS,
-    "flags",
-)
+_ABOUT = ("tree", "status", "failed_stage", "cause", "change", "date", "series", "unit")
 STATUS_ORDER = ("failed", "interrupted", "not run", "done")
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 # Their failure says nothing against traits.json, which was finished before they started.
@@ -123,9 +104,9 @@ def summary_csv(results: list[TreeResult]) -> str:
     """Return the batch's table as CSV with a header, one row a tree in the table's order."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(_CSV_COLUMNS)
+    writer.writerow([*_ABOUT, *_TRAIT_COLUMNS, "flags"])
     for result in results:
-        numbers = [_number(result.traits.get(name)) for name in (*TRAIT_COLUMNS, *_SPREAD_COLUMNS)]
+        numbers = [_number(result.traits.get(name)) for name in _TRAIT_COLUMNS]
         row = [result.tree, result.status, result.stage, _inert(result.cause), _inert(result.key)]
         row += [result.date, _inert(result.series), result.unit, *numbers]
         row += [_inert("; ".join(result.flags))]

@@ -11,9 +11,9 @@ import cherrypicker
 from cherrypicker.errors import StageError
 from cherrypicker.report.figures import DPI, order_color, write_png
 from cherrypicker.report.stages import branch_section, scan_sections, stage_warnings
-from cherrypicker.report.text import STYLE, TRAIT_ROWS, with_uncertainty
+from cherrypicker.report.text import STYLE, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
-from cherrypicker.traits.branches import AXIS_COLUMNS
+from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
 
 __all__ = ["TEMPLATE_FILES", "read_branches", "render_report"]
@@ -32,18 +32,13 @@ _FILES = (
 )
 
 
-_WHOLE = ("branch_id", "parent_id", "order")
-_TEXTS = ("flags",)
-
-
 def read_branches(path):
     """Read ``branches.csv``.
 
     Returns
     -------
     list of dict
-        A row an axis: int for the ids and the order, text for ``flags``, else float; None where
-        an axis has no such number (the spacing of laterals of one without any).
+        A row an axis, cells as `cherrypicker.traits.table.BranchColumn` reads them.
 
     Raises
     ------
@@ -52,18 +47,12 @@ def read_branches(path):
     """
     try:
         with open(path, encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream))
-        return [{key: _value(key, text) for key, text in row.items()} for row in rows]
-    except (OSError, ValueError, TypeError) as error:
+            return [
+                {name: BRANCH_COLUMNS[name].read(text) for name, text in row.items()}
+                for row in csv.DictReader(stream)
+            ]
+    except (OSError, ValueError, TypeError, KeyError) as error:
         raise StageError(f"not a readable table of branches ({error})", file=path) from error
-
-
-def _value(key, text):
-    if key in _TEXTS:
-        return text
-    if key in _WHOLE:
-        return int(text)
-    return float(text) if text or key in AXIS_COLUMNS else None
 
 
 def render_report(
@@ -156,16 +145,13 @@ def _lead(about, unit, scan):
 
 def _trait_rows(traits, unit):
     rows = []
-    for name, title, power, decimals in TRAIT_ROWS:
-        is_cm2 = name.endswith("_cm2")
-        value, error = traits.get(name), traits.get(f"{name}_se")
-        interval = traits.get(f"{name}_ci90")
-        ends = [
-            with_uncertainty(end, None, power, decimals, unit, is_cm2=is_cm2).split(" ")[0]
-            for end in interval or ()
-        ]
-        shown = with_uncertainty(value, error, power, decimals, unit, is_cm2=is_cm2)
-        rows.append({"name": title, "value": shown, "interval": " to ".join(ends)})
+    for name, trait in TRAITS.items():
+        if not trait.is_shown:
+            continue
+        interval = traits.get(f"{name}_ci90") or ()
+        ends = [with_uncertainty(end, None, trait, unit).split(" ")[0] for end in interval]
+        shown = with_uncertainty(traits.get(name), traits.get(f"{name}_se"), trait, unit)
+        rows.append({"name": trait.title, "value": shown, "interval": " to ".join(ends)})
     return rows
 
 
@@ -184,16 +170,17 @@ def _order_rows(traits):
 
 
 def _diameter_rows(traits, unit):
-    errors = traits.get("trunk_diameters_se", {})
+    errors, trait = traits.get("trunk_diameters_se", {}), TRAITS["trunk_diameter_m"]
     return [
-        {"height": height, "value": with_uncertainty(value, errors.get(height), 1, 4, unit)}
+        {"height": height, "value": with_uncertainty(value, errors.get(height), trait, unit)}
         for height, value in traits.get("trunk_diameters", {}).items()
     ]
 
 
 def _trunk_end(traits, unit):
     """Where the trunk ends, for the reader who misses a diameter above."""
-    return with_uncertainty(traits.get("trunk_end_height_m"), None, 1, 2, unit)
+    name = "trunk_end_height_m"
+    return with_uncertainty(traits.get(name), None, TRAITS[name], unit)
 
 
 def _foot_source(traits):

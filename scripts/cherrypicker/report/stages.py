@@ -19,6 +19,7 @@ from cherrypicker.report.stage_figures import (
     denoise_figure,
     example_figure,
 )
+from cherrypicker.traits.table import BRANCH_COLUMNS
 from cherrypicker.units import unit_name
 
 __all__ = ["branch_section", "scan_sections", "stage_warnings"]
@@ -96,28 +97,26 @@ def scan_sections(scan, tree, *, width_px, n_examples):
 
 def branch_section(rows, unit):
     """The table of axes, the longest first within an order."""
-    name = unit_name(unit)
-    head = ["axis", "parent", "order"]
-    head += [f"{what} [{name}]" for what in ("length", "chord", "base diameter", "tip diameter")]
-    head += ["insertion angle [°]", "azimuth [°]", f"base height [{name}]", "flags"]
+    columns = [column for column in BRANCH_COLUMNS.values() if column.title]
+    head = [_branch_head(column, unit) for column in columns]
     ordered = sorted(rows, key=lambda row: (row["order"], -row["length_m"]))
-    lines = [
-        [
-            row["branch_id"],
-            row["parent_id"] if row["parent_id"] >= 0 else "–",
-            row["order"],
-            f"{row['length_m']:.3f}",
-            f"{row['chord_m']:.3f}",
-            f"{row['base_diameter_m']:.4f}",
-            f"{row['tip_diameter_m']:.4f}",
-            f"{row['insertion_angle_deg']:.1f}",
-            f"{row['azimuth_deg']:.1f}",
-            f"{row['base_height_m']:.3f}",
-            ", ".join(row.get("flags", "").split()).replace("_", " "),
-        ]
-        for row in ordered
-    ]
+    lines = [[_branch_cell(column, row) for column in columns] for row in ordered]
     return section("Axes", tables=[table(f"{len(rows)} axes", head, lines)])
+
+
+def _branch_head(column, unit):
+    if column.kind != "number":
+        return column.title
+    return f"{column.title} [{'°' if column.name.endswith('_deg') else unit_name(unit)}]"
+
+
+def _branch_cell(column, row):
+    if column.kind == "text":
+        return ", ".join(row.get(column.name, "").split()).replace("_", " ")
+    value = row[column.name]
+    if column.kind == "whole":
+        return "–" if column.name == "parent_id" and value < 0 else value
+    return f"{value:.{column.decimals}f}"
 
 
 def _sparse(scan, tree, width_px):

@@ -9,13 +9,13 @@ from datetime import date
 from html import escape
 from urllib.parse import quote
 
-from cherrypicker.report.text import STYLE, TRAIT_ROWS, with_uncertainty
+from cherrypicker.report.text import STYLE, with_uncertainty
+from cherrypicker.traits.table import TRAITS
 from cherrypicker.units import unit_name
 
 __all__ = ["summary_html"]
 
-_SHOWN = [row for row in TRAIT_ROWS if row[0] != "trunk_height_m"]
-_CHARTED = ("height_m", "trunk_diameter_m", "crown_volume_m3", "total_length_m")
+_SHOWN = [t for t in TRAITS.values() if t.is_shown and t.name != "trunk_height_m"]
 _MANY_FLAGS = 6
 _LEFT, _TOP, _PLOT_WIDTH, _PLOT_HEIGHT = 58, 26, 286, 118  # of a chart, px
 
@@ -88,21 +88,15 @@ def _failures(failed) -> str:
 
 
 def _table(done) -> str:
-    names = ["", "Tree", "Date", *(row[1] for row in _SHOWN), "Warnings"]
+    names = ["", "Tree", "Date", *(trait.title for trait in _SHOWN), "Warnings"]
     head = "".join(f"<th>{name}</th>" for name in names)
     rows = []
     for result in done:
         cells = [f'<td class="thumb">{_thumbnail(result)}</td>']
         cells.append(f'<td class="name">{_link(result)}</td><td>{escape(result.date)}</td>')
-        for name, _, power, decimals in _SHOWN:
-            text = with_uncertainty(
-                result.traits.get(name),
-                result.traits.get(f"{name}_se"),
-                power,
-                decimals,
-                result.unit,
-                is_cm2=name.endswith("_cm2"),
-            )
+        for trait in _SHOWN:
+            value, error = result.traits.get(trait.name), result.traits.get(f"{trait.name}_se")
+            text = with_uncertainty(value, error, trait, result.unit)
             cells.append(f'<td class="n">{escape(text)}</td>')
         cells.append(f'<td class="flagcell">{_flags(result)}</td>')
         rows.append(f"<tr>{''.join(cells)}</tr>")
@@ -142,7 +136,7 @@ def _series(results) -> list[str]:
         scans.sort(key=lambda scan: (scan[0], scan[1].tree))
         if len({when for when, _ in scans}) < 2:
             continue
-        charts = [_chart(scans, row) for row in TRAIT_ROWS if row[0] in _CHARTED]
+        charts = [_chart(scans, trait) for trait in TRAITS.values() if trait.is_charted]
         body.append(f'<h3>{escape(name)}</h3><div class="figures">{"".join(charts)}</div>')
     return ["<h2>Series</h2>", *body] if body else []
 
@@ -154,14 +148,14 @@ def _day(text: str) -> int | None:
         return None
 
 
-def _chart(scans, row) -> str:
+def _chart(scans, trait) -> str:
     """One trait over the dates of a series as inline SVG, error bars where there are errors."""
-    name, title, power, decimals = row
-    data = []
+    name, decimals = trait.name, trait.decimals
+    unit, data = unit_name("m", trait.power), []
     for when, result in scans:
         value, error = result.traits.get(name), result.traits.get(f"{name}_se")
         if isinstance(value, int | float):
-            label = f"{result.tree}, {result.date}: {value:.{decimals}f} {unit_name('m', power)}"
+            label = f"{result.tree}, {result.date}: {value:.{decimals}f} {unit}"
             data.append((when, float(value), float(error or 0.0), label))
     if len({item[0] for item in data}) < 2:
         return ""
@@ -189,7 +183,7 @@ def _chart(scans, row) -> str:
     under, right = _TOP + _PLOT_HEIGHT + 18, _LEFT + _PLOT_WIDTH
     return (
         f'<figure><svg viewBox="0 0 {right + 16} {under + 8}" role="img">'
-        f'<text x="{_LEFT}" y="14">{escape(title)} [{unit_name("m", power)}]</text>'
+        f'<text x="{_LEFT}" y="14">{escape(trait.title)} [{unit}]</text>'
         f'<rect x="{_LEFT}" y="{_TOP}" width="{_PLOT_WIDTH}" height="{_PLOT_HEIGHT}" '
         f'fill="#fff" stroke="#d9dde3"/><polyline points="{line}" fill="none" stroke="#22662e"/>'
         f'{marks}{ticks}<text x="{_LEFT}" y="{under}">{date.fromordinal(first).isoformat()}</text>'

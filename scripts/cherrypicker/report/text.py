@@ -4,22 +4,10 @@ from __future__ import annotations
 
 import math
 
+from cherrypicker.traits.table import Trait
 from cherrypicker.units import unit_name
 
-__all__ = ["STYLE", "TRAIT_ROWS", "with_unit", "with_uncertainty"]
-
-# Trait, its name on the pages, power of the length unit (None: a count), decimals in metric units.
-TRAIT_ROWS = (
-    ("height_m", "Height", 1, 3),
-    ("trunk_diameter_m", "Trunk diameter", 1, 4),
-    ("trunk_height_m", "Height of that diameter", 1, 2),
-    ("tcsa_cm2", "Trunk cross-section area", 2, 1),
-    ("crown_width_m", "Crown width", 1, 3),
-    ("crown_volume_m3", "Crown volume", 3, 3),
-    ("total_length_m", "Total length of wood", 1, 2),
-    ("n_junctions", "Junctions", None, 0),
-    ("n_tips", "Tips", None, 0),
-)
+__all__ = ["STYLE", "with_uncertainty"]
 
 STYLE = """
 :root { --ink: #20242a; --soft: #68707c; --line: #d9dde3; --back: #fbfbf9; --warn: #8a4b00;
@@ -51,38 +39,28 @@ code { background: #f0f1ee; padding: 0 4px; overflow-wrap: anywhere; }
 """
 
 
-def with_unit(name: str, value: object, unit: str) -> str:
-    """Return a trait's value with its unit; a cross-section without a scale is not in cm²."""
-    row = next((row for row in TRAIT_ROWS if row[0] == name), (name, name, 1, 3))
-    return with_uncertainty(value, None, row[2], row[3], unit, is_cm2=name.endswith("_cm2"))
-
-
-def with_uncertainty(value, error, power, decimals, unit, *, is_cm2=False) -> str:
+def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> str:
     """Return "1.234 ± 0.005 m"; a dash where there is no number.
 
     Parameters
     ----------
     value, error : float or None
-    power : int or None
-        Power of the length unit, None for a count.
-    decimals : int
-        Decimals to show at least; a small error adds some.
+    trait : Trait
+        Whose unit and decimals count; a cross-section without a scale is not in cm².
     unit : str
         ``m`` or ``arbitrary``.
-    is_cm2 : bool, default False
-        The value is in square centimetres where there is a scale, else in 1e-4 square units.
     """
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return "–"
-    if power is None:
+    if trait.power is None:
         return f"{value:,.0f}"
-    name = unit_name(unit, power)
-    if is_cm2 and unit == "m":
+    spread = error if isinstance(error, int | float) and math.isfinite(error) else 0.0
+    name, decimals = unit_name(unit, trait.power), trait.decimals
+    if trait.is_cm2 and unit == "m":
         name = "cm²"
-    elif is_cm2:
-        value, error, decimals = value / 1e4, None if error is None else error / 1e4, 5
-    text = f"{value:,.{decimals}f}"
-    if isinstance(error, int | float) and math.isfinite(error) and error > 0:
-        digits = max(decimals, min(decimals + 1, 1 - math.floor(math.log10(error))))
-        text = f"{value:,.{digits}f} ± {error:,.{digits}f}"
-    return f"{text} {name}"
+    elif trait.is_cm2:
+        value, spread, decimals = value / 1e4, spread / 1e4, 5
+    if spread <= 0:
+        return f"{value:,.{decimals}f} {name}"
+    digits = max(decimals, min(decimals + 1, 1 - math.floor(math.log10(spread))))
+    return f"{value:,.{digits}f} ± {spread:,.{digits}f} {name}"

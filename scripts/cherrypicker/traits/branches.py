@@ -11,39 +11,11 @@ import numpy as np
 
 from cherrypicker.traits.branch_intervals import angle_interval, diameter_interval, typical_scatter
 from cherrypicker.traits.branch_shapes import axis_shapes
+from cherrypicker.traits.table import BRANCH_COLUMNS
 
-__all__ = ["AXIS_COLUMNS", "BRANCH_COLUMNS", "branch_rows", "branches_csv", "totals_by_order"]
+__all__ = ["branch_rows", "branches_csv", "totals_by_order"]
 
-#: What every axis has, a number each; the others may be empty.
-AXIS_COLUMNS = (
-    "branch_id",
-    "parent_id",
-    "order",
-    "length_m",
-    "chord_m",
-    "base_diameter_m",
-    "tip_diameter_m",
-    "insertion_angle_deg",
-    "azimuth_deg",
-    "base_height_m",
-)
-BRANCH_COLUMNS = (
-    *AXIS_COLUMNS,
-    "mean_diameter_m",
-    "taper_mm_per_m",
-    "volume_m3",
-    "n_laterals",
-    "lateral_spacing_m",
-    "shoot_length_m",
-    "base_arc_deg",
-    "base_n_points",
-    "gap_share",
-    "flags",
-    "base_diameter_low_m",
-    "base_diameter_high_m",
-    "insertion_angle_low_deg",
-    "insertion_angle_high_deg",
-)
+_INTERVALS = tuple(name for name in BRANCH_COLUMNS if "_low_" in name or "_high_" in name)
 _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 
 
@@ -121,13 +93,13 @@ def _intervals(shape, count, typical, scale_error):
     """The columns of the 90 % intervals, None without a scatter."""
     n_axes = len(count)
     if typical is None:
-        return {name: [None] * n_axes for name in BRANCH_COLUMNS[-4:]}
+        return {name: [None] * n_axes for name in _INTERVALS}
     scatter = np.where(shape["base_residual"] > 0, shape["base_residual"], typical)
     ends = [
         *diameter_interval(shape["base_diameter"], scatter, scale_error),
         *angle_interval(shape["insertion_angle"], scatter, count, shape["stretch"]),
     ]
-    return dict(zip(BRANCH_COLUMNS[-4:], ends, strict=True))
+    return dict(zip(_INTERVALS, ends, strict=True))
 
 
 def branches_csv(rows):
@@ -146,8 +118,7 @@ def _cell(name, value):
         return ""
     if isinstance(value, int | str):
         return value
-    decimals = 2 if name.endswith(("_deg", "_per_m")) else 8 if name.endswith("_m3") else 5
-    return f"{value:.{decimals}f}"
+    return f"{value:.{BRANCH_COLUMNS[name].decimals_in_file}f}"
 
 
 def totals_by_order(rows):

@@ -18,6 +18,7 @@ from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.support import MIN_REACH_M, find_support, support_reach
+from cherrypicker.traits.table import TRAITS
 from cherrypicker.traits.trunk import measure_near, stem_of
 
 __all__ = ["TraitOptions", "measure_traits"]
@@ -151,9 +152,9 @@ def measure_traits(
     _add(traits, "trunk_diameter_m", trunk.diameter, trunk.samples, error)
     traits["trunk_height_m"] = _rounded(trunk.height)
     area = np.pi / 4 * 1e4
-    _add(traits, "tcsa_cm2", area * trunk.diameter**2, area * trunk.samples**2, error, power=2)
+    _add(traits, "tcsa_cm2", area * trunk.diameter**2, area * trunk.samples**2, error)
     _add(traits, "crown_width_m", crown.width, samples[:, 1], error)
-    _add(traits, "crown_volume_m3", crown.volume, samples[:, 2], error, power=3)
+    _add(traits, "crown_volume_m3", crown.volume, samples[:, 2], error)
     traits["crown_projected_area_m2"] = _rounded(
         projected_area(crown_points if hull is None else hull.points)
     )
@@ -245,12 +246,12 @@ def _scale_error(scale, unit):
     return scale["scale_std"] / scale["scale"]
 
 
-def _add(traits, name, value, samples, error, power=1):
+def _add(traits, name, value, samples, error):
     """Enter a trait with its standard error and 90 % interval, where there are samples."""
     traits[name] = _rounded(float(value))
     if len(samples) < 20:
         return
-    spread = samples * error[: len(samples)] ** power
+    spread = samples * error[: len(samples)] ** TRAITS[name].power
     traits[f"{name}_se"] = _rounded(float(spread.std(ddof=1)))
     low, high = np.quantile(spread, [0.05, 0.95])
     traits[f"{name}_ci90"] = [_rounded(float(min(low, value))), _rounded(float(max(high, value)))]

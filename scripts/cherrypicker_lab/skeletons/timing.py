@@ -13,7 +13,7 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.axes import axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import fold
-from cherrypicker.traits import measure_traits
+from cherrypicker.traits.measure import measure_traits
 from cherrypicker_lab.skeletons.peer import run_peer
 from cherrypicker_lab.skeletons.point_scores import score_points
 

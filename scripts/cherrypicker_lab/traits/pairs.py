@@ -12,18 +12,17 @@ from scipy.spatial import cKDTree
 from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.graph.extract import extract_skeleton
-from cherrypicker.skeleton import axes, axis_of_node, axis_polyline
-from cherrypicker.traits import branch_rows, horizontal_width, measure_traits
-from cherrypicker.traits.crown import clear_stem, hull_of
+from cherrypicker.skeleton import axes, axis_polyline
+from cherrypicker.traits.branches import branch_rows
+from cherrypicker.traits.measure import measure_traits
 from cherrypicker_lab.orchard.grow.growth import HABITS
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
-from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.skeletons.set_tree import true_skeleton
+from cherrypicker_lab.traits.table import JUDGED, SCALARS
 
 __all__ = [
-    "SCALARS",
     "as_pair",
     "axis_pairs",
     "branch_pairs",
@@ -34,13 +33,6 @@ __all__ = [
     "tree_pairs",
 ]
 
-SCALARS = (
-    "trunk_diameter_m",
-    "height_m",
-    "crown_width_m",
-    "crown_volume_m3",
-    "total_length_m",
-)
 LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
 LEAST_DIAMETER_M = 0.010  # thinner bases do not count for the diameter
 NEAR_M, NEAR_SHARE = 0.02, 0.7  # an axis is found where this share of it has a match this near
@@ -116,35 +108,11 @@ def tree_pairs(tree, traits):
     dict of str to list of dict
         Name to one pair: `true`, `found`, and `low`, `high` of the 90 % interval (None without).
     """
-    true = tree_traits(tree)
-    true["crown_width_m"] = _true_width(tree.skeleton())
-    true["crown_volume_m3"] = _true_volume(true_skeleton(tree.skeleton()))
     pairs = {}
     for name in SCALARS:
         low, high = traits.get(f"{name}_ci90", (None, None))
-        pairs[name] = [as_pair(true[name], traits[name], low, high)]
+        pairs[name] = [as_pair(JUDGED[name].truth(tree), traits[name], low, high)]
     return pairs
-
-
-def _true_width(skeleton):
-    """Width of the wood's surface; the generator's own runs along x and y, not the widest way."""
-    angle = np.radians(np.arange(0.0, 360.0, 10.0))
-    around = np.column_stack([np.cos(angle), np.sin(angle)])
-    outline = skeleton.points[:, None, :2] + skeleton.radii[:, None, None] * around
-    return horizontal_width(outline.reshape(-1, 2))
-
-
-def _true_volume(skeleton):
-    """Volume of the convex hull of the wood's surface beyond the stem's first fork."""
-    height, turn = np.radians(np.mgrid[-90:91:30, 0:360:30].reshape(2, -1))
-    around = np.column_stack(
-        [np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)]
-    )
-    rows = ~clear_stem(skeleton, axis_of_node(skeleton, axes(skeleton)))
-    if not rows.any():
-        return 0.0
-    surface = skeleton.points[rows, None] + skeleton.radius[rows, None, None] * around
-    return hull_of(surface.reshape(-1, 3)).volume
 
 
 def branch_pairs(tree, skeleton, rows):

@@ -7,9 +7,9 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_json, read_table
 from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
-from cherrypicker.traits import horizontal_width
-from cherrypicker_lab.traits.pairs import NEAR_BASE_M, NEAR_M, SCALARS, as_pair, axis_pairs
-from cherrypicker_lab.traits.tables import NAMES
+from cherrypicker.traits.crown import horizontal_width
+from cherrypicker_lab.traits.pairs import NEAR_BASE_M, NEAR_M, as_pair, axis_pairs
+from cherrypicker_lab.traits.table import JUDGED, SCALARS
 
 __all__ = [
     "compare_results",
@@ -128,7 +128,7 @@ def compare_results(
     wanted |= measures or {}
     if not wanted:
         raise StageError("no reference measure of this tree", file=folder.name)
-    report = {"name": folder.name, "traits": {name: [] for name in NAMES}}
+    report = {"name": folder.name, "traits": {name: [] for name in JUDGED}}
     for trait, true in wanted.items():
         name, _, height = trait.partition("@")
         if name == "trunk_diameter_m":

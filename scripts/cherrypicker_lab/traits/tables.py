@@ -4,18 +4,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cherrypicker.errors import StageError
+from cherrypicker_lab.traits.table import JUDGED
 
 __all__ = ["gather", "score_pairs", "traits_figure", "write_table"]
-
-NAMES = {
-    "trunk_diameter_m": ("trunk diameter", "mm", 1e3, 3.0),
-    "base_diameter_m": ("branch diameter, 10 mm and more", "mm", 1e3, 4.0),
-    "height_m": ("height", "cm", 1e2, 2.0),
-    "insertion_angle_deg": ("insertion angle", "deg", 1.0, 6.0),
-    "crown_width_m": ("crown width", "cm", 1e2, None),
-    "crown_volume_m3": ("crown volume", "dm3", 1e3, None),
-    "total_length_m": ("total length", "m", 1.0, None),
-}  # name in words, unit, factor, largest MAE asked for
 
 
 def gather(reports):
@@ -40,7 +31,7 @@ def gather(reports):
     if not reports:
         raise StageError("no tree was measured", key="benchmark.traits")
     joined = {}
-    for name in NAMES:
+    for name in JUDGED:
         pairs = [pair for report in reports for pair in report["traits"][name]]
         joined[name] = {
             key: np.array([pair[key] for pair in pairs], dtype=float)
@@ -89,15 +80,16 @@ def write_table(reports):
         " | median width |",
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
-    for name, (words, unit, factor, bar) in NAMES.items():
+    for name, trait in JUDGED.items():
         score = score_pairs(joined[name])
         if not score["n"]:
-            lines.append(f"| {words} | {unit} | 0 | | | | no reference | |")
+            lines.append(f"| {trait.words} | {trait.unit} | 0 | | | | no reference | |")
             continue
         covered = _covered(score)
-        cells = [words, unit, str(score["n"]), _number(score["mae"], factor)]
-        cells += ["" if bar is None else f"{bar:g}", _number(score["bias"], factor, "+")]
-        lines.append("| " + " | ".join([*cells, covered, _number(score["width"], factor)]) + " |")
+        cells = [trait.words, trait.unit, str(score["n"]), _number(score["mae"], trait.factor)]
+        cells += ["" if trait.bar is None else f"{trait.bar:g}"]
+        cells += [_number(score["bias"], trait.factor, "+"), covered]
+        lines.append("| " + " | ".join([*cells, _number(score["width"], trait.factor)]) + " |")
     return "\n".join([*lines, *_by_form(reports)]) + "\n"
 
 
@@ -114,16 +106,16 @@ def _by_form(reports):
     if not forms:
         return []
     joined = {form: gather(r for r in reports if r.get("habit") == form) for form in forms}
-    names = [name for name in NAMES if score_pairs(joined[forms[0]][name])["n_intervals"]]
+    names = [name for name in JUDGED if score_pairs(joined[forms[0]][name])["n_intervals"]]
     lines = [
         "",
         "By form, MAE with the intervals that hold the truth:",
         "",
-        "| form | trees |" + "".join(f" {NAMES[name][0]}, {NAMES[name][1]} |" for name in names),
+        "| form | trees |" + "".join(f" {t.words}, {t.unit} |" for t in map(JUDGED.get, names)),
         "|---|" + "---:|" * (len(names) + 1),
     ]
     for form in forms:
-        scores = [(score_pairs(joined[form][name]), NAMES[name][2]) for name in names]
+        scores = [(score_pairs(joined[form][name]), JUDGED[name].factor) for name in names]
         cells = [f"{_number(score['mae'], factor)}, {_covered(score)}" for score, factor in scores]
         n_trees = sum(report.get("habit") == form for report in reports)
         lines.append(f"| {form} | {n_trees} | " + " | ".join(cells) + " |")
@@ -152,10 +144,11 @@ def traits_figure(reports):
     """
     figure = Figure(figsize=(12, 6.2), layout="constrained")
     panels = figure.subplots(2, 4).flat
-    for axis in panels[len(NAMES) :]:
+    for axis in panels[len(JUDGED) :]:
         axis.remove()
     for axis, (name, pairs) in zip(panels, gather(reports).items()):
-        words, unit, factor, _ = NAMES[name]
+        trait = JUDGED[name]
+        factor, unit = trait.factor, trait.unit
         true, found = factor * pairs["true"], factor * pairs["found"]
         if np.isfinite(pairs["low"]).any():
             axis.vlines(true, factor * pairs["low"], factor * pairs["high"], "#9db8d6", lw=1)
@@ -163,5 +156,5 @@ def traits_figure(reports):
         if len(true):
             ends = [min(true.min(), found.min()), max(true.max(), found.max())]
             axis.plot(ends, ends, color="0.6", lw=0.8, zorder=0)
-        axis.set(title=words, xlabel=f"true, {unit}", ylabel=f"found, {unit}")
+        axis.set(title=trait.words, xlabel=f"true, {unit}", ylabel=f"found, {unit}")
     return figure

@@ -7,7 +7,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
 from cherrypicker.skeleton import axes, read_skeleton_csv, write_skeleton_graphml
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits import branch_rows, branches_csv
+from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker_lab.traits.references import (
     compare_results,
     read_reference_table,

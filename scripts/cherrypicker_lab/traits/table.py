@@ -1,0 +1,87 @@
+"""What the benchmark asks of traits: their truth, the unit it is told in, and the error allowed.
+
+Traits of a whole tree are rows of `cherrypicker.traits.table.TRAITS`, the others columns of
+``branches.csv``.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cherrypicker.skeleton import axes, axis_of_node
+from cherrypicker.traits.crown import clear_stem, horizontal_width, hull_of
+from cherrypicker.traits.table import TRAITS
+from cherrypicker_lab.orchard.truth import tree_traits
+from cherrypicker_lab.skeletons.set_tree import true_skeleton
+
+__all__ = ["JUDGED", "SCALARS", "Judged"]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How a trait is judged.
+
+    Attributes
+    ----------
+    words, unit : str
+        Its name in tables, and the unit there.
+    factor : float
+        From metres, or degrees, to that unit.
+    bar : float or None
+        Largest MAE asked for, in that unit.
+    truth : callable or None
+        From a `growth.Tree`; None for columns of ``branches.csv``, whose truth is what
+        `branch_rows` says of the true skeleton.
+    """
+
+    words: str
+    unit: str
+    factor: float
+    bar: float | None = None
+    truth: Callable | None = None
+
+
+def _true_width(tree):
+    """Width of the wood's surface; the generator's own runs along x and y, not the widest way."""
+    skeleton = tree.skeleton()
+    angle = np.radians(np.arange(0.0, 360.0, 10.0))
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    outline = skeleton.points[:, None, :2] + skeleton.radii[:, None, None] * around
+    return horizontal_width(outline.reshape(-1, 2))
+
+
+def _true_volume(tree):
+    """Volume of the convex hull of the wood's surface beyond the stem's first fork."""
+    skeleton = true_skeleton(tree.skeleton())
+    height, turn = np.radians(np.mgrid[-90:91:30, 0:360:30].reshape(2, -1))
+    around = np.column_stack(
+        [np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)]
+    )
+    rows = ~clear_stem(skeleton, axis_of_node(skeleton, axes(skeleton)))
+    if not rows.any():
+        return 0.0
+    surface = skeleton.points[rows, None] + skeleton.radius[rows, None, None] * around
+    return hull_of(surface.reshape(-1, 3)).volume
+
+
+def _whole(name, unit, factor, bar=None, *, words="", truth=None):
+    """A trait of a whole tree; its truth is the generator's where nothing else is given."""
+    words = words or TRAITS[name].title.lower()
+    return name, Judged(words, unit, factor, bar, truth or (lambda tree: tree_traits(tree)[name]))
+
+
+#: Trait to how it is judged, in the order of the tables.
+JUDGED = dict(
+    [
+        _whole("trunk_diameter_m", "mm", 1e3, 3.0),
+        ("base_diameter_m", Judged("branch diameter, 10 mm and more", "mm", 1e3, 4.0)),
+        _whole("height_m", "cm", 1e2, 2.0),
+        ("insertion_angle_deg", Judged("insertion angle", "deg", 1.0, 6.0)),
+        _whole("crown_width_m", "cm", 1e2, truth=_true_width),
+        _whole("crown_volume_m3", "dm3", 1e3, truth=_true_volume),
+        _whole("total_length_m", "m", 1.0, words="total length"),
+    ]
+)
+#: Those of a whole tree.
+SCALARS = tuple(name for name, judged in JUDGED.items() if judged.truth)
