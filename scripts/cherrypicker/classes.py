@@ -1,34 +1,73 @@
-"""The semantic classes of a point."""
+"""The semantic classes of a point: the one table that every stage, file and page follows.
+
+What a class looks like on the pages is `cherrypicker.report.colors`, whose edits rerun the report
+alone; all else about a class stands here.
+"""
 
 from __future__ import annotations
 
 from enum import IntEnum
 
+import numpy as np
+
+__all__ = ["CHANNELS", "CLASS_IDS", "CLASS_NAMES", "WOOD", "Label", "wood_mask"]
+
+_DENDRITE, _AXON = 3, 2
+
 
 class Label(IntEnum):
     """Label ids in ``segmented.ply`` and everything after it.
 
-    0 to 6 are the seven classes of the network (paper, Sec. 3.4); the support post is split off
-    from the trunk afterwards.
+    Attributes
+    ----------
+    channel : int or None
+        Of the network (paper, Sec. 3.4), which knows the support post as trunk; it is split off
+        afterwards. None: the network never sees the class.
+    is_wood : bool
+        Wood of the tree: contracted, and measured.
+    swc : int
+        Type in ``skeleton.swc``, which viewers colour by.
     """
 
-    GROUND = 0
-    TRUNK = 1
-    BRANCH = 2
-    SIGN = 3
-    MARKER = 4
-    CALIBRATION_UNIT = 5
-    ROOF = 6
-    SUPPORT_POST = 7
-    UNLABELLED = 255
+    channel: int | None
+    is_wood: bool
+    swc: int
+
+    def __new__(cls, value: int, channel: int | None, is_wood: bool = False, swc: int = _DENDRITE):
+        """Make a member of the table's row."""
+        label = int.__new__(cls, value)
+        label._value_ = value
+        label.channel, label.is_wood, label.swc = channel, is_wood, swc
+        return label
+
+    # id, channel, wood, SWC
+    GROUND = 0, 0
+    TRUNK = 1, 1, True, _AXON
+    BRANCH = 2, 2, True
+    SIGN = 3, 3
+    MARKER = 4, 4
+    CALIBRATION_UNIT = 5, 5
+    ROOF = 6, 6
+    SUPPORT_POST = 7, 1
+    UNLABELLED = 255, None
+
+    @property
+    def title(self) -> str:
+        """Its name on the pages."""
+        return self.name.lower().replace("_", " ")
 
 
 CLASS_NAMES: dict[int, str] = {int(label): label.name.lower() for label in Label}
 CLASS_IDS: dict[str, int] = {name: number for number, name in CLASS_NAMES.items()}
 
-N_NETWORK_CLASSES = 7
+#: Classes of the network by channel: of those that share one, the first.
+CHANNELS = tuple(
+    next(label for label in Label if label.channel == channel)
+    for channel in range(1 + max(label.channel or 0 for label in Label))
+)
+WOOD = tuple(label for label in Label if label.is_wood)
 
 
-def wood_mask(labels):
-    """Points of trunk or branch, (n_points,) bool."""
-    return (labels == Label.TRUNK) | (labels == Label.BRANCH)
+def wood_mask(labels: np.ndarray) -> np.ndarray:
+    """Points of the tree's wood, (n_points,) bool."""
+    return np.isin(labels, WOOD)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.workspace import Workspace
@@ -182,7 +182,7 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> None:
     skeleton = read_skeleton_csv(truth / "skeleton.csv")
     samples, node, _, _ = densify(skeleton, SKELETON_STEP_M)
     points = (samples - translation) @ rotation
-    wood = np.flatnonzero(np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH)))
+    wood = np.flatnonzero(wood_mask(cloud["label"]))
     if len(wood) == 0:
         raise StageError("the cloud holds no wood", file=results / "segmented.ply")
     source = wood[cKDTree(cloud.points[wood]).query(points, workers=-1)[1]]
@@ -210,7 +210,7 @@ def _true_classes(truth: Path) -> tuple[np.ndarray, np.ndarray]:
     """Samples of all true surfaces, (n, 3), and their classes, (n,) uint8."""
     tree = sample_skeleton(read_skeleton_csv(truth / "skeleton.csv"), step=SURFACE_STEP_M)
     cloud = read_cloud(truth / "cloud.ply", required=("label", "tree"))
-    is_wood = np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH))
+    is_wood = wood_mask(cloud["label"])
     other = ~(is_wood & (cloud["tree"] == 0))
     labels = np.where(tree.is_trunk, Label.TRUNK, Label.BRANCH).astype(np.uint8)
     return np.vstack([tree.points, cloud.points[other]]), np.r_[labels, cloud["label"][other]]

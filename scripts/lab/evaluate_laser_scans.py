@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import lab_path  # noqa: F401
-from cherrypicker.classes import CLASS_NAMES, Label
+from cherrypicker.classes import CLASS_NAMES, WOOD
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
@@ -65,9 +65,7 @@ def main(weights, clouds, *, output, figure, only, most_points, seed, threads, g
 
 def _row(name, cloud, labels, truth):
     others = {
-        CLASS_NAMES[int(c)]: float((labels == c).mean())
-        for c in np.unique(labels)
-        if c not in (Label.TRUNK, Label.BRANCH)
+        CLASS_NAMES[int(c)]: float((labels == c).mean()) for c in np.unique(labels) if c not in WOOD
     }
     row = {
         "scan": name,

@@ -13,7 +13,7 @@ import logging
 import numpy as np
 
 import lab_path  # noqa: F401
-from cherrypicker.classes import Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton.model import Skeleton
@@ -60,7 +60,7 @@ def _one(form, seed, n_points):
     skeleton = Skeleton(
         true.points, true.parents, true.radii, np.full(len(true.points), int(Label.BRANCH))
     )
-    wood = np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH))
+    wood = wood_mask(cloud["label"])
     found = wood_by_order(np.asarray(cloud.points[wood], float), skeleton)
     return confusion_matrix(cloud["label"][wood], found)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CLASS_NAMES, Label
+from cherrypicker.classes import CLASS_IDS, CLASS_NAMES, WOOD, Label
 from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
 from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.errors import StageError
@@ -41,16 +41,15 @@ def class_weights(labels, weights):
     StageError
         If a name is no class or a weight is not positive.
     """
-    number = {name: index for index, name in CLASS_NAMES.items()}
     table = np.ones(256)
     for name, weight in weights.items():
-        if name not in number:
+        if name not in CLASS_IDS:
             raise StageError(
-                f"unknown class {name!r} (known: {', '.join(number)})", key="contract.weights"
+                f"unknown class {name!r} (known: {', '.join(CLASS_IDS)})", key="contract.weights"
             )
         if not weight > 0:
             raise StageError(f"the weight of {name} must be positive", key="contract.weights")
-        table[number[name]] = weight
+        table[CLASS_IDS[name]] = weight
     return table[np.asarray(labels, dtype=np.int64)]
 
 
@@ -61,7 +60,7 @@ class WoodOptions:
     Classes without a weight weigh 1.
     """
 
-    classes: tuple[int, ...] = (1, 2)
+    classes: tuple[int, ...] = WOOD
     weights: dict[str, float] = field(default_factory=lambda: {"trunk": 10.0})
     method: str = "slbc"
     voxel_size_m: float = 0.008

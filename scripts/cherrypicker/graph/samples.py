@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.wood.feet import lowest_thick
@@ -45,7 +46,7 @@ def find_root(points, labels, base=None):
     int
         The lowest trunk point; where the wood around it is no trunk, the lowest thick wood.
     """
-    rows = np.flatnonzero(labels == 1)
+    rows = np.flatnonzero(labels == Label.TRUNK)
     height = float(np.ptp(points[:, 2])) or 1.0
     if len(rows):
         if base is not None:
@@ -53,7 +54,7 @@ def find_root(points, labels, base=None):
             rows = rows[aside <= max(3 * aside.min(), FOOT_SHARE * height)]
         root = int(rows[np.argmin(points[rows, 2])])
         around = np.linalg.norm(points - points[root], axis=1) < THICK_SHARE * height
-        if np.mean(labels[around] == 1) >= MOSTLY_TRUNK:
+        if np.mean(labels[around] == Label.TRUNK) >= MOSTLY_TRUNK:
             return root
     return lowest_wood(points, base)
 

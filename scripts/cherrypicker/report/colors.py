@@ -1,4 +1,4 @@
-"""Colours that the classes are drawn in."""
+"""Colours that the classes are drawn in, one for each `Label`."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 
-from cherrypicker.classes import CLASS_NAMES, wood_mask
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.raster import heights_as_colors, side_views, splat
@@ -106,7 +106,7 @@ def cloud_colors(cloud):
 
 def class_colors(labels):
     """RGB per point by class, (n, 3) float32."""
-    table = np.full((256, 3), CLASS_COLORS[255], dtype=np.float32)
+    table = np.full((256, 3), CLASS_COLORS[Label.UNLABELLED], dtype=np.float32)
     for label, color in CLASS_COLORS.items():
         table[label] = color
     return table[labels]
@@ -144,7 +144,7 @@ def label_figure(cloud, skeleton, width_px):
     handles = [
         Patch(
             color=CLASS_COLORS[label],
-            label=f"{CLASS_NAMES[label].replace('_', ' ')} ({(labels == label).mean():.1%})",
+            label=f"{Label(label).title} ({(labels == label).mean():.1%})",
         )
         for label in present
     ]

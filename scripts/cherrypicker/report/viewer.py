@@ -9,7 +9,7 @@ import json
 
 import numpy as np
 
-from cherrypicker.classes import CLASS_NAMES, wood_mask
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
 from cherrypicker.skeleton import axes, node_order
@@ -71,7 +71,7 @@ def viewer_data(cloud, skeleton, *, n_points, seed=0):
     present = [int(label) for label in np.unique(labels)]
     unknown = [label for label in present if label not in CLASS_COLORS]
     if unknown:
-        labels = np.where(np.isin(labels, unknown), 255, labels).astype(np.uint8)
+        labels = np.where(np.isin(labels, unknown), Label.UNLABELLED, labels).astype(np.uint8)
         present = [int(label) for label in np.unique(labels)]
     orders = node_order(skeleton, axes(skeleton))
     box = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
@@ -94,7 +94,7 @@ def viewer_data(cloud, skeleton, *, n_points, seed=0):
         "classes": [
             {
                 "id": label,
-                "name": CLASS_NAMES[label].replace("_", " "),
+                "name": Label(label).title,
                 "color": _css(CLASS_COLORS[label]),
             }
             for label in present

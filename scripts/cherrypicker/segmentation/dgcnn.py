@@ -15,12 +15,13 @@ import torch
 from torch import nn
 from torch_geometric.nn import EdgeConv
 
+from cherrypicker.classes import CHANNELS
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 
 logger = logging.getLogger(__name__)
 
-N_CLASSES = 7
+N_CLASSES = len(CHANNELS)
 N_FEATURES = 10  # RGB, colour flag, global xyz, normalised xyz
 CHECKPOINT_FORMAT = "cherrypicker-dgcnn-1"
 

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CLASS_NAMES, Label
+from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, collate, load_weights
@@ -25,6 +25,8 @@ from cherrypicker.segmentation.stem_labels import relabel_wood
 from cherrypicker.segmentation.support_post import split_support_post
 
 logger = logging.getLogger(__name__)
+
+_WOOD_CHANNELS = [label.channel for label in WOOD]
 
 _BLOCK = 500_000
 TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_points")
@@ -239,7 +241,7 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, stems=None, seed
     full = propagate(frame.apply(cloud.points), points, probabilities)
     labels = _likeliest(full)
     confidence = full.max(axis=1).clip(0.0, 1.0).astype(np.float32)
-    if not np.isin(labels, (Label.TRUNK, Label.BRANCH)).any():
+    if not wood_mask(labels).any():
         found = ", ".join(CLASS_NAMES[int(c)] for c in np.unique(labels))
         raise StageError(
             f"no point was labelled trunk or branch (found: {found})",
@@ -251,21 +253,20 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, stems=None, seed
     if stems is not None:
         chosen = relabel_wood(cloud.points, labels, frame, stems, cloud.colors)
         moved = chosen != labels
-        wood = full[moved, Label.TRUNK] + full[moved, Label.BRANCH]
+        wood = full[moved][:, _WOOD_CHANNELS].sum(axis=1)
         labels, confidence[moved] = chosen, wood.clip(0.0, 1.0)
     _log_counts(labels, confidence)
     return cloud.with_fields(label=labels, confidence=confidence)
 
 
 def _likeliest(probabilities):
-    """Label of each row; trunk and branch together stand against the rest."""
-    joined = probabilities.copy()
-    wood = [int(Label.TRUNK), int(Label.BRANCH)]
+    """Label of each row; the classes of wood together stand against the rest."""
+    joined, wood = probabilities.copy(), _WOOD_CHANNELS
     joined[:, wood] = probabilities[:, wood].sum(axis=1, keepdims=True)
-    labels = joined.argmax(axis=1).astype(np.uint8)
-    is_wood = np.isin(labels, wood)
-    labels[is_wood] = np.array(wood, np.uint8)[probabilities[is_wood][:, wood].argmax(axis=1)]
-    return labels
+    channel = joined.argmax(axis=1)
+    is_wood = np.isin(channel, wood)
+    channel[is_wood] = np.array(wood)[probabilities[is_wood][:, wood].argmax(axis=1)]
+    return np.array(CHANNELS, np.uint8)[channel]
 
 
 def _log_counts(labels, confidence):

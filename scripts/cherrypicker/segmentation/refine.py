@@ -114,12 +114,12 @@ def clean_trunk(points, probabilities, smoothing):
     ndarray of shape (n, 7), float32
         A copy in which the trunk probability of the islands is added to branch.
     """
-    labels = probabilities.argmax(axis=1)
-    trunk = np.flatnonzero(labels == Label.TRUNK)
+    channel = probabilities.argmax(axis=1)
+    trunk = np.flatnonzero(channel == Label.TRUNK.channel)
     if not len(trunk):
         return probabilities
     group = link_components(points[trunk], smoothing.trunk_gap_m)
-    ground = points[labels == Label.GROUND]
+    ground = points[channel == Label.GROUND.channel]
     rooted = []
     for g in range(group.max() + 1):
         part = points[trunk[group == g]]
@@ -132,8 +132,8 @@ def clean_trunk(points, probabilities, smoothing):
         rooted = [0]
     island = trunk[~np.isin(group, rooted)]
     result = probabilities.copy()
-    result[island, Label.BRANCH] += result[island, Label.TRUNK]
-    result[island, Label.TRUNK] = 0.0
+    result[island, Label.BRANCH.channel] += result[island, Label.TRUNK.channel]
+    result[island, Label.TRUNK.channel] = 0.0
     logger.info(
         "%d stems reach the ground; %s of %s trunk points lay apart and became branch (%.1f %%)",
         len(rooted),
@@ -180,7 +180,7 @@ def keep_sheets(points, probabilities):
     ndarray of shape (n, 7), float32
         A copy with a roof probability of 0 where there is no sheet.
     """
-    roof = np.flatnonzero(probabilities.argmax(axis=1) == Label.ROOF)
+    roof = np.flatnonzero(probabilities.argmax(axis=1) == Label.ROOF.channel)
     if not len(roof):
         return probabilities
     cells, cell_of, _ = voxel_sample(points[roof], SHEET_STEP_M)
@@ -192,8 +192,8 @@ def keep_sheets(points, probabilities):
     stays = (share[piece] >= 0.5) & (flat[near].mean(axis=1) >= 0.5)
     lost = roof[~stays[cell_of]]
     result = probabilities.copy()
-    result[lost, Label.ROOF] = 0.0
-    result[lost, Label.BRANCH] += 1e-6  # what the network is certain of is wood then
+    result[lost, Label.ROOF.channel] = 0.0
+    result[lost, Label.BRANCH.channel] += 1e-6  # what the network is certain of is wood then
     result[lost] /= result[lost].sum(axis=1, keepdims=True)
     logger.info(
         "%s of %s roof points lie in no sheet and became another class",

@@ -10,7 +10,7 @@ import logging
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.segmentation.refine import link_components
 from cherrypicker.segmentation.spheres import voxel_sample
 from cherrypicker.segmentation.support_post import graded_posts, label_post
@@ -89,7 +89,7 @@ def split_standing_posts(points, labels, frame, model, seed=0):
     labels = labels.copy()
     local = points - frame.origin
     ground = local[labels == Label.GROUND]
-    is_wood = (labels == Label.TRUNK) | (labels == Label.BRANCH)
+    is_wood = wood_mask(labels)
     if not len(ground) or not is_wood.any():
         return labels
     wood = local[is_wood]

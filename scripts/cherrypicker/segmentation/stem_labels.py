@@ -5,7 +5,7 @@ import logging
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.segmentation.stem_axis import trace_stems
 from cherrypicker.segmentation.white_rings import ring_points
 
@@ -41,7 +41,7 @@ def relabel_wood(points, labels, frame, model=None, colors=None):
         A copy; only what was trunk or branch differs.
     """
     result = labels.copy()
-    rows = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.BRANCH))
+    rows = np.flatnonzero(wood_mask(labels))
     wood = frame.apply(points[rows])
     ground = frame.apply(points[labels == Label.GROUND])
     stems, thin = trace_stems(wood, ground[:: max(1, len(ground) // 50_000)], model)

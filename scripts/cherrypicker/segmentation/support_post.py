@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import theilslopes
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.segmentation.refine import link_components
 
 logger = logging.getLogger(__name__)
@@ -336,7 +336,7 @@ def label_post(local, labels, post, model):
     int
         Number of points of the post.
     """
-    wood = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.BRANCH))
+    wood = np.flatnonzero(wood_mask(labels))
     z = local[wood, 2]
     distance = post.distance(local[wood])
     own = labels[wood] == Label.TRUNK
@@ -367,7 +367,7 @@ def split_support_post(points, labels, frame, model, seed=0):
     labels = labels.copy()
     local = points - frame.origin
     trunk = np.flatnonzero(labels == Label.TRUNK)
-    around = local[(labels == Label.TRUNK) | (labels == Label.BRANCH)]
+    around = local[wood_mask(labels)]
     group = link_components(local[trunk], 0.25)
     for g in range(min(group.max() + 1 if len(group) else 0, _MAX_STEMS)):
         stem = trunk[group == g]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.skeleton.graphml import GraphColumns, read_graphml, write_graphml
@@ -19,7 +20,6 @@ __all__ = [
     "write_topology_graphml",
 ]
 
-SWC_TYPE = {1: 2}  # class trunk as SWC's axon (2), all else as dendrite (3): viewers colour by it
 LARGEST_ROUNDING = 1e-5  # float32 is enough while it moves no vertex by more than this
 
 
@@ -193,6 +193,7 @@ def write_skeleton_swc(path, skeleton):
     path : path-like
     skeleton : Skeleton
     """
+    types = {int(label): label.swc for label in Label}
     lines = [
         f"# frame={skeleton.frame} unit={skeleton.unit}",
         "# id type x y z radius parent (type 2 = trunk, 3 = any other wood)",
@@ -206,7 +207,7 @@ def write_skeleton_swc(path, skeleton):
         )
     ):
         above = parent + 1 if parent >= 0 else -1
-        kind = SWC_TYPE.get(label, 3)
+        kind = types.get(label, Label.BRANCH.swc)
         lines.append(f"{node + 1} {kind} {x:.6f} {y:.6f} {z:.6f} {radius:.6f} {above}")
     with atomic_path(path) as temporary:
         Path(temporary).write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.mvs.workspace import View
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.skeleton import read_skeleton_csv
@@ -135,7 +135,7 @@ class TrueScene:
     def __init__(self, truth: str | os.PathLike):
         truth = Path(truth)
         cloud = read_cloud(truth / "cloud.ply", required=("label", "tree"))
-        is_wood = np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH))
+        is_wood = wood_mask(cloud["label"])
         is_ground = cloud["label"] == Label.GROUND
         is_other = ~is_ground & ~(is_wood & (cloud["tree"] == 0))
         self._load(

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import Poses, read_poses
 from cherrypicker.skeleton import read_skeleton_csv
@@ -92,7 +92,7 @@ def load_true_surface(
     truth = Path(truth)
     skeleton = read_skeleton_csv(truth / "skeleton.csv")
     cloud = read_cloud(truth / "cloud.ply", required=("label", "tree"))
-    is_target = np.isin(cloud["label"], (Label.TRUNK, Label.BRANCH)) & (cloud["tree"] == 0)
+    is_target = wood_mask(cloud["label"]) & (cloud["tree"] == 0)
     others = cloud.points[~is_target]
     surface = sample_skeleton(skeleton, step=step)
     surface.others = others

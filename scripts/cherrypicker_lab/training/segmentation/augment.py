@@ -9,9 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cherrypicker.classes import Label
-
-WOOD = (Label.TRUNK, Label.BRANCH)
+from cherrypicker.classes import Label, wood_mask
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ def isolate(sample, rng, probability=0.2):
     """Leave the target tree alone, with or without a little ground, as in a single-tree scan."""
     if rng.random() >= probability:
         return sample
-    wood = np.isin(sample.labels, WOOD) & (sample.trees == 0)
+    wood = wood_mask(sample.labels) & (sample.trees == 0)
     if wood.sum() < 500:
         return sample
     keep = wood
@@ -84,7 +82,7 @@ def thin(sample, rng, max_points=120_000):
 def punch_holes(sample, rng, n_max=8):
     """Remove balls of points around random places, mostly on wood: occlusions."""
     keep = np.ones(len(sample.points), bool)
-    wood = np.flatnonzero(np.isin(sample.labels, WOOD))
+    wood = np.flatnonzero(wood_mask(sample.labels))
     for _ in range(int(rng.integers(0, n_max + 1))):
         pool = wood if len(wood) and rng.random() < 0.7 else None
         center = pool[rng.integers(len(pool))] if pool is not None else rng.integers(len(keep))
@@ -104,7 +102,7 @@ def add_noise(sample, rng):
 
 def add_fringes(sample, rng, probability=0.5):
     """Sky-coloured copies of wood points a little off the wood: silhouettes the filter left."""
-    wood = np.flatnonzero(np.isin(sample.labels, WOOD))
+    wood = np.flatnonzero(wood_mask(sample.labels))
     if sample.colors is None or not len(wood) or rng.random() >= probability:
         return sample
     chosen = rng.choice(wood, int(len(wood) * rng.uniform(0.0, 0.15)))

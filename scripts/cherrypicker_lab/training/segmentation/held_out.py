@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CLASS_NAMES, Label
+from cherrypicker.classes import CHANNELS, Label
 from cherrypicker.files import atomic_path
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.poses import read_poses
@@ -113,7 +113,7 @@ def table(confusions):
     -------
     str
     """
-    names = [CLASS_NAMES[c].replace("_", " ") for c in range(N_CLASSES)]
+    names = [label.title for label in CHANNELS]
     lines = [f"| clouds | mean IoU | {' | '.join(names)} |", "|---" * (N_CLASSES + 2) + "|"]
     for name, confusion in confusions.items():
         result = scores(confusion)
@@ -135,7 +135,7 @@ def confusion_figure(path, confusion, title):
     import matplotlib.pyplot as plt
 
     share = confusion / np.maximum(confusion.sum(axis=1, keepdims=True), 1)
-    names = [CLASS_NAMES[c].replace("_", " ") for c in range(N_CLASSES)]
+    names = [label.title for label in CHANNELS]
     figure, axes = plt.subplots(figsize=(6.4, 5.6))
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
     for row, values in enumerate(share):

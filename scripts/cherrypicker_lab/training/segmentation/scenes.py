@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
 from cherrypicker.progress import Progress
 from cherrypicker_lab.orchard.scene.layout import generate_scene
@@ -88,7 +88,7 @@ def hidden_bark(points, labels):
     if not len(rings):
         return hidden
     low, high = rings.min(axis=0) - UNDER_RING_M, rings.max(axis=0) + UNDER_RING_M
-    wood = np.isin(labels, (Label.TRUNK, Label.BRANCH))
+    wood = wood_mask(labels)
     rows = np.flatnonzero(wood & (points > low).all(axis=1) & (points < high).all(axis=1))
     distance, _ = cKDTree(rings).query(points[rows], distance_upper_bound=UNDER_RING_M)
     hidden[rows] = np.isfinite(distance)

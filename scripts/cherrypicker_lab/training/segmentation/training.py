@@ -15,7 +15,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import WOOD, Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.progress import Progress
@@ -44,10 +44,10 @@ BORDER_SHARE = 0.25  # weight of trunk against branch, whose border the stem's c
 
 def network_labels(labels):
     """Training targets (n,) int64: the post counts as trunk (paper), the unlabelled is ignored."""
-    targets = np.asarray(labels).astype(np.int64)
-    targets[targets == Label.SUPPORT_POST] = int(Label.TRUNK)
-    targets[targets >= N_CLASSES] = IGNORED
-    return targets
+    targets = np.full(256, IGNORED, dtype=np.int64)
+    for label in Label:
+        targets[label] = IGNORED if label.channel is None else label.channel
+    return targets[np.asarray(labels)]
 
 
 def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
@@ -125,7 +125,7 @@ def wood_loss(output, targets, weights):
     Tensor
         A scalar.
     """
-    trunk, branch = int(Label.TRUNK), int(Label.BRANCH)
+    trunk, branch = (label.channel for label in WOOD)
     wood = torch.logaddexp(output[:, trunk], output[:, branch])
     joined = output.clone()
     joined[:, trunk], joined[:, branch] = wood, wood

@@ -1,0 +1,37 @@
+"""The one table of classes, and what has to agree with it."""
+
+import numpy as np
+import yaml
+
+from cherrypicker.classes import CHANNELS, CLASS_IDS, WOOD, Label, wood_mask
+from cherrypicker.report.colors import CLASS_COLORS
+
+
+def test_ids_are_what_the_files_have_said_so_far():
+    assert {name: CLASS_IDS[name] for name in ("ground", "trunk", "branch", "unlabelled")} == {
+        "ground": 0,
+        "trunk": 1,
+        "branch": 2,
+        "unlabelled": 255,
+    }
+    assert Label.CALIBRATION_UNIT.title == "calibration unit"
+
+
+def test_every_channel_of_the_network_gives_a_class():
+    assert [label.channel for label in CHANNELS] == list(range(7))
+    assert Label.SUPPORT_POST.channel == Label.TRUNK.channel  # the network knows it as trunk
+    assert CHANNELS[Label.SUPPORT_POST.channel] is Label.TRUNK
+
+
+def test_every_class_has_a_colour_of_its_own():
+    assert CLASS_COLORS.keys() == set(Label)
+    assert len(set(CLASS_COLORS.values())) == len(Label)
+
+
+def test_wood_is_what_is_contracted(project):
+    schema = yaml.safe_load((project / "workflow/schemas/config.schema.yaml").read_text())
+    options = schema["properties"]["contract"]["properties"]
+    assert options["classes"]["default"] == list(WOOD)
+    assert options["weights"]["default"].keys() <= CLASS_IDS.keys()
+    labels = np.array(list(Label))
+    assert labels[wood_mask(labels)].tolist() == [Label.TRUNK, Label.BRANCH]
