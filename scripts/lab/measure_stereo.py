@@ -15,7 +15,8 @@ from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.fusion import FusionOptions
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.dense.measure import BACKENDS, measure_stereo
+from cherrypicker_lab.dense.backends import ALL_BACKENDS
+from cherrypicker_lab.dense.measure import measure_stereo
 
 
 def main(
@@ -54,7 +55,7 @@ parser = stage_parser(__doc__)
 parser.add_argument("--undistorted", required=True, help="manifest of the dense workspace")
 parser.add_argument("--measurement", required=True, help="JSON to write; its folder takes the copy")
 parser.add_argument("--cloud", required=True, help="fused cloud to write, PLY")
-parser.add_argument("--backend", default="cpu", choices=BACKENDS)
+parser.add_argument("--backend", default="cpu", choices=ALL_BACKENDS)
 parser.add_argument("--megapixels", type=float, default=0.0, help="of each photo; 0: as they are")
 parser.add_argument("--sky_masks", default="", help="folder of sky masks")
 parser.add_argument("--images", default="", help="images.bin of the photos as stored, for these")

@@ -12,6 +12,7 @@ from pathlib import Path
 import lab_path  # noqa: F401
 from cherrypicker.files import write_text
 from cherrypicker.runner import run, stage_parser
+from cherrypicker_lab.dense.backends import ALL_BACKENDS, backends_here
 from cherrypicker_lab.dense.figures import (
     depth_figure,
     error_figure,
@@ -19,7 +20,6 @@ from cherrypicker_lab.dense.figures import (
     score_figure,
     time_figure,
 )
-from cherrypicker_lab.dense.measure import BACKENDS, backends_here
 from cherrypicker_lab.dense.results import at_full_size, read_results, write_table
 
 
@@ -44,5 +44,5 @@ def main(measurements, table, *, backends):
 parser = stage_parser(__doc__)
 parser.add_argument("--measurements", required=True, nargs="+", help="measurement.json files")
 parser.add_argument("--table", required=True, help="Markdown to write; its folder takes figures")
-parser.add_argument("--backends", nargs="*", default=list(BACKENDS), help="those asked for")
+parser.add_argument("--backends", nargs="*", default=list(ALL_BACKENDS), help="those asked for")
 run(main, parser, globals().get("snakemake"))

@@ -97,9 +97,9 @@ def test_the_depth_maps_go_to_the_gpu_where_the_config_lets_them():
     scans = dict.fromkeys("abc", SCAN)
     backends = {"a": "auto", "b": "cpu", "c": "cuda"}
     with_gpu = on_machine(scans, backends, machine(gpus=1))
-    assert [with_gpu[name].has_gpu_stereo for name in "abc"] == [True, False, True]
+    assert [with_gpu[name].stereo for name in "abc"] == ["cuda", "cpu", "cuda"]
     without = on_machine(scans, backends, machine())
-    assert [without[name].has_gpu_stereo for name in "abc"] == [False, False, True]
+    assert [without[name].stereo for name in "abc"] == ["cpu", "cpu", "cuda"]
     with pytest.raises(ValueError, match="estimate_depth"):
         forecast_hours(without, machine(cores=8, memory_gb=64))
 

@@ -156,7 +156,7 @@ def test_feature_extraction_pays_memory_for_every_thread():
 
 
 def test_a_gpu_takes_the_stereo_off_the_cpu():
-    on_cpu, on_gpu = scan(250), scan(250, has_gpu_stereo=True)
+    on_cpu, on_gpu = scan(250), scan(250, stereo="cuda")
     times = [cpu_seconds(one.stages["estimate_depth"], one) for one in (on_cpu, on_gpu)]
     assert times[1] < 0.5 * times[0]
     assert threads_to_ask("estimate_depth", on_gpu) <= 2

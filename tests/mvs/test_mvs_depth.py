@@ -4,16 +4,19 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 import pytest
+import yaml
 from stereo_scene import Surface, write_scene
 
+from cherrypicker.batch.resources import ScanSize, cpu_seconds
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends import choice
 from cherrypicker.mvs.backends.choice import choose_backend, estimate_workspace
+from cherrypicker.mvs.backends.table import BACKENDS, Backend, first_choice
 from cherrypicker.mvs.estimate import StereoOptions, field_to_maps, maps_to_field
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
 from cherrypicker.mvs.kernels import compiled
@@ -215,7 +218,7 @@ def test_a_missing_photo_and_a_missing_model_are_told(tmp_path):
 def test_auto_falls_back_to_the_cpu_where_cuda_leaves_empty_maps(tmp_path, monkeypatch, caplog):
     write_scene(tmp_path, [SLANTED])
 
-    def empty_maps(workspace, options):
+    def empty_maps(workspace, options, threads, sky_masks):
         for view in workspace.views:
             size = (view.height, view.width)
             for kind in ("photometric", "geometric"):
@@ -223,7 +226,7 @@ def test_auto_falls_back_to_the_cpu_where_cuda_leaves_empty_maps(tmp_path, monke
         return {view.name for view in workspace.views}
 
     monkeypatch.setattr(pycolmap, "has_cuda", True)
-    monkeypatch.setattr(choice, "run_cuda", empty_maps)
+    monkeypatch.setitem(BACKENDS, "cuda", replace(BACKENDS["cuda"], run=empty_maps))
     with pytest.raises(StageError, match="no pixel has a consistent depth") as caught:
         estimate_workspace(tmp_path, StereoOptions(), backend="cuda")
     assert caught.value.key == "mvs.backend"
@@ -231,3 +234,29 @@ def test_auto_falls_back_to_the_cpu_where_cuda_leaves_empty_maps(tmp_path, monke
     assert manifest["backend"] == "cpu"
     assert min(manifest["share_with_depth"].values()) > 0.5
     assert "CUDA stereo left all 5 depth maps empty" in caplog.text
+
+
+def test_a_new_backend_is_one_row_of_the_table(tmp_path, monkeypatch):
+    _, _, depths = write_scene(tmp_path, [SLANTED])
+
+    def true_maps(workspace, options, threads, sky_masks):
+        assert (options.n_sources, threads, sky_masks) == (3, 2, None)
+        for view, depth in zip(workspace.views, depths):
+            normals = np.zeros((*depth.shape, 3), np.float32)
+            workspace.write_maps(view, "geometric", depth.astype(np.float32), normals)
+        return {view.name for view in workspace.views}
+
+    fake = Backend("Oracle", true_maps, {"base": 7.0, "stereo_mp": 0.0}, {"base": 1.0}, 3)
+    monkeypatch.setitem(BACKENDS, "oracle", fake)
+    manifest = estimate_workspace(tmp_path, StereoOptions(n_sources=3), backend="oracle", threads=2)
+    assert manifest["backend"] == "oracle"
+    assert min(manifest["share_with_depth"].values()) == pytest.approx(1.0)
+    scan = ScanSize(is_photo_scan=True, stereo=first_choice("oracle"), dense_mp=100.0)
+    assert cpu_seconds(scan.stages["estimate_depth"], scan) == 7.0
+    assert scan.stages["estimate_depth"].max_threads == 3
+
+
+def test_the_config_allows_every_backend(project):
+    schema = yaml.safe_load((project / "workflow/schemas/config.schema.yaml").read_text())
+    allowed = schema["properties"]["mvs"]["properties"]["backend"]["enum"]
+    assert set(allowed) == {"auto", *BACKENDS}

@@ -2,7 +2,6 @@ import dataclasses
 import re
 import sys
 from functools import cache
-from importlib.metadata import distributions as find_distributions
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -31,6 +30,7 @@ from cherrypicker.batch.watched_modules import imported_modules
 from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.markers.columns import check_scale_columns
+from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.photos import photos_in
 from cherrypicker.runner import keys_of_stage
 
@@ -169,10 +169,8 @@ def sky_masks_for_stereo(wildcards):
 
 
 def stereo_gpus(wildcards):
-    """Return how many GPUs the stereo of this tree takes: one where COLMAP's CUDA stereo runs."""
-    backend = cfg("mvs.backend")(wildcards)
-    has_cuda = find_distributions(name="pycolmap-cuda12")
-    return int(backend == "cuda" or (backend == "auto" and any(has_cuda)))
+    """Return how many GPUs the stereo of this tree takes: one where its backend needs CUDA."""
+    return int(BACKENDS[first_choice(cfg("mvs.backend")(wildcards))].needs_cuda)
 
 
 @cache
@@ -183,8 +181,8 @@ def scan_of(tree):
     sizes = PHOTO_SIZES.of(photos_in(TREES[tree].photos))
     if workflow.is_main_process:
         PHOTO_SIZES.save()
-    with_gpu = stereo_gpus({"tree": tree}) > 0
-    return size_of_photos(sizes, SETTINGS_OF[tree], has_gpu_stereo=with_gpu)
+    backend = first_choice(cfg("mvs.backend")({"tree": tree}))
+    return size_of_photos(sizes, SETTINGS_OF[tree], stereo=backend)
 
 
 def threads_for(stage):

@@ -22,6 +22,7 @@ from cherrypicker.batch.resources import (
 )
 from cherrypicker.batch.schedule import Job, Machine, wall_seconds
 from cherrypicker.batch.stage_costs import CLOUD_STAGES, PHOTO_STAGES
+from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 
 logger = logging.getLogger(__name__)
 
@@ -145,7 +146,7 @@ def forecast_hours(
             threads = _threads(rule, scan, machine.cores)
             seconds = fix.cpu * cpu_seconds(scan.stages[rule], scan) / speedup(threads)
             before = _befores(scan, rule, place)
-            gpus = int(rule == "estimate_depth" and scan.has_gpu_stereo)
+            gpus = int(rule == "estimate_depth" and BACKENDS[scan.stereo].needs_cuda)
             memory = _memory_gb(rule, scan, threads, fix)
             place[rule] = len(jobs)
             jobs.append(Job(rule, seconds, memory, threads, gpus, before))
@@ -167,11 +168,7 @@ def on_machine(
         Where they run.
     """
     return {
-        name: replace(
-            scan,
-            has_gpu_stereo=backends[name] == "cuda"
-            or (backends[name] == "auto" and machine.gpus > 0),
-        )
+        name: replace(scan, stereo=first_choice(backends[name], machine.gpus > 0))
         for name, scan in scans.items()
     }
 

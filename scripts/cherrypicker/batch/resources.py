@@ -17,13 +17,14 @@ from cherrypicker.batch.stage_costs import (
     CLOUD_STAGES,
     CROPPED_SHARE,
     ENLARGED_BELOW_MP,
-    GPU_DEPTH,
     MOST_CROPPED_SHARE,
     MOST_POINTS_PER_PIXEL,
     PHOTO_STAGES,
     POINTS_PER_PIXEL,
     StageCost,
+    stereo_stage,
 )
+from cherrypicker.mvs.backends.table import BACKENDS
 from cherrypicker.ply import PlyError, read_ply_header
 
 # Snakemake itself and the job's shell run beside the stage and count towards its memory
@@ -46,8 +47,10 @@ class ScanSize:
 
     Attributes
     ----------
-    is_photo_scan, has_gpu_stereo : bool
-        Whether the scan starts from photos, and whether its depth maps come from a GPU.
+    is_photo_scan : bool
+        Whether the scan starts from photos.
+    stereo : str
+        The backend of its depth maps.
     n_photos, n_pairs, n_sources, n_checked : int
         Photos, pairs of photos to match, source photos of each depth map, and photos that are
         asked about each point in the fusion.
@@ -62,7 +65,7 @@ class ScanSize:
     """
 
     is_photo_scan: bool = False
-    has_gpu_stereo: bool = False
+    stereo: str = "cpu"
     n_photos: int = 0
     n_pairs: int = 0
     n_sources: int = 0
@@ -82,7 +85,7 @@ class ScanSize:
         """The stages that a scan like this goes through."""
         if not self.is_photo_scan:
             return CLOUD_STAGES
-        return PHOTO_STAGES | {"estimate_depth": GPU_DEPTH} if self.has_gpu_stereo else PHOTO_STAGES
+        return PHOTO_STAGES | {"estimate_depth": stereo_stage(BACKENDS[self.stereo])}
 
     def quantities(self, points_m: float, cropped_share: float) -> dict[str, float]:
         """Return what the factors of :class:`StageCost` multiply.
@@ -115,7 +118,7 @@ class ScanSize:
 
 
 def size_of_photos(
-    sizes: Sequence[tuple[int, int]], settings: Mapping, *, has_gpu_stereo: bool = False
+    sizes: Sequence[tuple[int, int]], settings: Mapping, *, stereo: str = "cpu"
 ) -> ScanSize:
     """Return the size of a scan from photos.
 
@@ -125,8 +128,8 @@ def size_of_photos(
         Width and height of each photo, px.
     settings : mapping
         The tree's whole config; the sections ``sfm`` and ``mvs`` are read.
-    has_gpu_stereo : bool, default False
-        Whether the depth maps come from a GPU.
+    stereo : str, default "cpu"
+        The backend of the depth maps.
     """
     sfm, mvs = settings["sfm"], settings["mvs"]
     as_is = _megapixels(sizes, 0)
@@ -134,7 +137,7 @@ def size_of_photos(
     dense = _megapixels(sizes, mvs["max_image_size_px"])
     return ScanSize(
         is_photo_scan=True,
-        has_gpu_stereo=has_gpu_stereo,
+        stereo=stereo,
         n_photos=len(sizes),
         n_pairs=count_pairs(len(sizes), sfm),
         n_sources=min(mvs["n_sources"], max(len(sizes) - 1, 1)),

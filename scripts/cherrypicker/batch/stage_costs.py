@@ -1,8 +1,9 @@
 """What each stage costs: CPU time, memory and disk as linear functions of the size of a scan.
 
-The one place for these numbers. They were fitted to Snakemake's benchmark files and to the peak
-memory of single stages; docs/cluster.md lists the runs. Memory is an upper line through the
-measured peaks, CPU time the middle of the measured times.
+The one place for these numbers, but those of the stereo, which stand with its backends. They were
+fitted to Snakemake's benchmark files and to the peak memory of single stages; docs/cluster.md lists
+the runs. Memory is an upper line through the measured peaks, CPU time the middle of the measured
+times.
 """
 
 from __future__ import annotations
@@ -10,12 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-# CPU seconds of our stereo per megapixel of a reference photo with six sources. Where a third of
-# the photo is sky, which is left out, its kernels take 4.3 to 4.8, and the stage took 5.7 on a
-# machine with other jobs
-DEPTH_CPU_S_PER_MP = 6.0
-# A data-centre GPU was not at hand: COLMAP's stereo is assumed at this rate, nothing was measured
-DEPTH_GPU_S_PER_MP = 1.5
+from cherrypicker.mvs.backends.table import BACKENDS, Backend
+
 # Photos below this size are enlarged fourfold for their features, see sfm/features.py
 ENLARGED_BELOW_MP = 2.0
 # Points of the cloud per pixel of all depth maps: 0.048 to 0.099 were measured on 23 to 66 photos,
@@ -60,6 +57,19 @@ class StageCost:
 _CLOUD_MB = {"points_m": 32.0}
 _CROPPED_MB = {"cropped_m": 32.0}
 
+
+def stereo_stage(backend: Backend) -> StageCost:
+    """Return what ``estimate_depth`` costs with a backend."""
+    return StageCost(
+        cpu_s=backend.cpu_s,
+        memory_mb=backend.memory_mb,
+        # Two depth maps of 4 and two normal maps of 12 bytes a pixel
+        disk_mb={"dense_mp": 32.0},
+        max_threads=backend.max_threads,
+        after=("undistort_photos", "segment_sky"),
+    )
+
+
 PHOTO_STAGES = {
     "extract_features": StageCost(
         cpu_s={"base": 2.0, "sift_mp": 0.24, "photo_mp": 0.18},
@@ -96,14 +106,7 @@ PHOTO_STAGES = {
         disk_mb={"photo_mp": 0.01},
         max_threads=2,
     ),
-    "estimate_depth": StageCost(
-        cpu_s={"base": 10.0, "stereo_mp": DEPTH_CPU_S_PER_MP},
-        memory_mb={"base": 260.0, "stereo_mb": 1.0},
-        # Two depth maps of 4 and two normal maps of 12 bytes a pixel
-        disk_mb={"dense_mp": 32.0},
-        max_threads=8,
-        after=("undistort_photos", "segment_sky"),
-    ),
+    "estimate_depth": stereo_stage(BACKENDS["cpu"]),
     "fuse_depth": StageCost(
         # Twigs from silhouettes take 0.3 CPU seconds a megapixel of these, and 4 bytes a pixel when
         # the fusion has given back its own
@@ -152,15 +155,6 @@ PHOTO_STAGES = {
         after=("scale_cloud",),
     ),
 }
-
-# COLMAP's stereo on a GPU: what the CPU does beside it is reading and writing
-GPU_DEPTH = StageCost(
-    cpu_s={"base": 20.0, "stereo_mp": DEPTH_GPU_S_PER_MP},
-    memory_mb={"base": 1500.0, "stereo_mb": 2.0},
-    disk_mb=PHOTO_STAGES["estimate_depth"].disk_mb,
-    max_threads=2,
-    after=("undistort_photos", "segment_sky"),
-)
 
 CLOUD_STAGES = {
     "import_cloud": StageCost(

@@ -21,28 +21,20 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.choice import estimate_workspace
+from cherrypicker.mvs.backends.choice import estimate_workspace, run_backend
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker_lab.dense.agreement import sparse_agreement
+from cherrypicker_lab.dense.backends import ALL_BACKENDS, WITH_SKY_MASKS, backends_here
 from cherrypicker_lab.dense.copies import copy_workspace
-from cherrypicker_lab.dense.sgbm import SgbmOptions, estimate_sgbm
 
 logger = logging.getLogger(__name__)
 
-BACKENDS = ("cpu", "sgbm", "sgbm_sky", "cuda")
-# SGBM runs as it comes, and once more with the masks that our own backend is given
-WITH_SKY_MASKS = ("cpu", "sgbm_sky")
 # A few small photos with two pyramid levels reach every kernel
 _WARM_UP = {"megapixels": 0.12, "max_photos": 4}
-
-
-def backends_here() -> list[str]:
-    """Return the backends that can run with the installed pycolmap."""
-    return [name for name in BACKENDS if name != "cuda" or pycolmap.has_cuda]
 
 
 def measure_stereo(
@@ -69,7 +61,8 @@ def measure_stereo(
         Dense workspace, left as it is.
     folder : path-like
         Copy to make; its maps are kept.
-    backend : {"cpu", "sgbm", "sgbm_sky", "cuda"}
+    backend : str
+        A name of `cherrypicker_lab.dense.backends.ALL_BACKENDS`.
     stereo : StereoOptions
         Of the cpu and the cuda backend; the source views of all.
     fusion : FusionOptions
@@ -106,15 +99,20 @@ def measure_stereo(
     masks = None
     if sky is not None and backend in WITH_SKY_MASKS:
         masks = SkyMasks(*sky, [view.name for view in views])
-    manifest, depth_use = _measured(lambda: _estimate(folder, backend, stereo, masks, threads))
+    program = ALL_BACKENDS[backend]
+    shares, depth_use = _measured(
+        lambda: run_backend(program, Workspace(folder), stereo, threads, masks)
+    )
+    if not any(shares.values()):
+        raise StageError("no photo has a depth", file=Path(folder), key=program.cause)
     cloud, fusion_use = _measured(
-        lambda: fuse_workspace(folder, manifest["maps"], fusion, threads=threads)
+        lambda: fuse_workspace(folder, list(shares), fusion, threads=threads)
     )
     total = sum(view.width * view.height for view in views) / 1e6
     report = {
         "backend": backend,
         "n_photos": len(views),
-        "n_maps": len(manifest["maps"]),
+        "n_maps": len(shares),
         "megapixels": total,
         "megapixels_per_photo": total / len(views),
         "depth": depth_use,
@@ -125,7 +123,7 @@ def measure_stereo(
         "warm_up_cpu_s": warm_up_s,
         "left_out_sky": masks is not None,
         "agreement": sparse_agreement(folder),
-        "share_with_depth": float(np.mean(list(manifest["share_with_depth"].values()))),
+        "share_with_depth": float(np.mean(list(shares.values()))),
         "n_points": len(cloud),
         "stereo_options": asdict(stereo),
         "fusion_options": asdict(fusion),
@@ -142,13 +140,6 @@ def measure_stereo(
         f"{len(cloud):,}",
     )
     return report, cloud
-
-
-def _estimate(folder, backend: str, stereo: StereoOptions, masks, threads: int) -> dict:
-    if backend in ("sgbm", "sgbm_sky"):
-        options = SgbmOptions(n_sources=stereo.n_sources)
-        return estimate_sgbm(folder, options, sky_masks=masks, threads=threads)
-    return estimate_workspace(folder, stereo, backend=backend, sky_masks=masks, threads=threads)
 
 
 def _measured(work: Callable):

@@ -9,14 +9,10 @@ from pathlib import Path
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
+from cherrypicker_lab.dense.backends import ALL_BACKENDS
 from cherrypicker_lab.dense.surface import CLASSES
 
-BACKEND_NAMES = {
-    "cpu": "CPU (ours)",
-    "sgbm": "SGBM (OpenCV)",
-    "sgbm_sky": "SGBM, our sky masks",
-    "cuda": "CUDA (COLMAP)",
-}
+BACKEND_NAMES = {name: backend.title for name, backend in ALL_BACKENDS.items()}
 CAMERA_NAMES = {"true": "true", "sfm": "from SfM"}
 CLASS_NAMES = {
     "trunk": "trunk",
@@ -119,7 +115,9 @@ def _conditions(results: list[Result], left_out: Iterable[str]) -> str:
         f"pycolmap {first['pycolmap']}."
     ]
     for name in left_out:
-        reason = "this pycolmap has no CUDA" if name == "cuda" else "it cannot run here"
+        reason = (
+            "this pycolmap has no CUDA" if ALL_BACKENDS[name].needs_cuda else "it cannot run here"
+        )
         lines.append(f"{BACKEND_NAMES[name]} is left out: {reason}.")
     return "\n".join(lines) + "\n"
 

@@ -9,16 +9,15 @@ fusion with the same options makes the cloud.
 from __future__ import annotations
 
 import logging
-import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.mvs.backends.map_keys import GEOMETRIC
 from cherrypicker.mvs.clear_sky import SkyMasks, clear_sky
-from cherrypicker.mvs.estimate import field_to_maps
+from cherrypicker.mvs.estimate import StereoOptions, field_to_maps
 from cherrypicker.mvs.views import StereoProblem, plan_views
 from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo
@@ -26,7 +25,6 @@ from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
 
-KIND = "geometric"
 # OpenCV keeps sixteenths of a disparity in 16 bits
 _MAX_DISPARITIES = 1600
 _SUBPIXELS = 16
@@ -43,8 +41,6 @@ class SgbmOptions:
 
     Attributes
     ----------
-    n_sources : int
-        Sources that the plan of views offers each reference.
     n_pairs : int
         Sources that are matched, the best first.
     block_size : int
@@ -57,7 +53,6 @@ class SgbmOptions:
         Regions of fewer pixels whose disparities differ by less are removed.
     """
 
-    n_sources: int = 6
     n_pairs: int = 2
     block_size: int = 5
     max_difference: int = 1
@@ -260,42 +255,15 @@ def slopes(inverse: np.ndarray) -> np.ndarray:
     return np.where(good[..., None], np.stack([gx, gy], axis=-1), np.float32(0.0))
 
 
-def estimate_sgbm(
-    folder: str | os.PathLike,
-    options: SgbmOptions,
-    *,
-    sky_masks: SkyMasks | None = None,
-    threads: int = 1,
-) -> dict:
-    """Write depth and normal maps (kind "geometric") of every view of a workspace.
-
-    Parameters
-    ----------
-    folder : path-like
-        Dense workspace.
-    options : SgbmOptions
-    sky_masks : SkyMasks, optional
-        What they call sky gets no depth, as with the PatchMatch backend.
-    threads : int
-        Threads of OpenCV.
-
-    Returns
-    -------
-    dict
-        ``backend``, ``maps`` (names with a depth map), ``share_with_depth`` by name.
-
-    Raises
-    ------
-    StageError
-        If no photo has a pair that can be rectified.
-    """
-    workspace = Workspace(folder)
+def run_sgbm(
+    workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
+) -> set[str]:
+    """Match every view that has a pair which can be rectified, as OpenCV's samples set it up."""
     cv2.setNumThreads(threads)
-    problems = plan_views(workspace, options.n_sources)
-    share = {}
+    problems, names = plan_views(workspace, options.n_sources), set()
     with Progress(len(problems), "SGBM depth maps") as bar:
         for problem in problems:
-            inverse = _match_reference(workspace, problem, options)
+            inverse = _match_reference(workspace, problem, SgbmOptions())
             bar.step()
             if inverse is None:
                 continue
@@ -304,12 +272,10 @@ def estimate_sgbm(
                 photo = read_photo(workspace.photo_path(view))
                 inverse[clear_sky(photo, sky_masks.of(view))] = 0.0
             field = np.dstack([inverse, slopes(inverse), np.zeros_like(inverse)])
-            workspace.write_maps(view, KIND, *field_to_maps(field, view.K))
-            share[view.name] = float((inverse > 0.0).mean())
-    if not any(share.values()):
-        raise StageError("no pair of photos gives a depth by SGBM", file=Path(folder))
+            workspace.write_maps(view, GEOMETRIC, *field_to_maps(field, view.K))
+            names.add(view.name)
     workspace.write_fusion_config()
-    return {"backend": "sgbm", "maps": list(share), "share_with_depth": share}
+    return names
 
 
 def _match_reference(

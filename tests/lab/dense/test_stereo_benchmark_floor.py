@@ -6,11 +6,14 @@ import pytest
 from stereo_scene import Surface, write_scene
 
 from cherrypicker.errors import StageError
+from cherrypicker.mvs.backends.choice import run_backend
+from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
 from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker_lab.dense.agreement import sparse_agreement
+from cherrypicker_lab.dense.backends import ALL_BACKENDS
 from cherrypicker_lab.dense.copies import copy_workspace
-from cherrypicker_lab.dense.sgbm import SgbmOptions, estimate_sgbm, rectify, slopes
+from cherrypicker_lab.dense.sgbm import rectify, slopes
 
 
 @pytest.fixture(scope="module")
@@ -19,8 +22,8 @@ def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stereo")
     surfaces = [Surface(seed=1), Surface(radius=0.12, center=(0.2, 0.0, 3.4), seed=2)]
     K, poses, depths = write_scene(folder, surfaces, n_views=5, width=320, height=240)
-    manifest = estimate_sgbm(folder, SgbmOptions())
-    return folder, depths, manifest
+    shares = run_backend(ALL_BACKENDS["sgbm"], Workspace(folder), StereoOptions())
+    return folder, depths, {"maps": list(shares), "share_with_depth": shares}
 
 
 def test_sgbm_depths_are_right_and_not_few(scene):

@@ -19,6 +19,7 @@ from cherrypicker.pointcloud import write_cloud
 from cherrypicker.poses import Poses, write_poses
 from cherrypicker.sfm.features import extract_features
 from cherrypicker.sfm.matching import match_features
+from cherrypicker_lab.dense.backends import backends_here
 from cherrypicker_lab.dense.figures import (
     depth_figure,
     error_figure,
@@ -27,7 +28,7 @@ from cherrypicker_lab.dense.figures import (
     time_figure,
 )
 from cherrypicker_lab.dense.jobs import benchmark_runs, megapixels_of, scan_folders
-from cherrypicker_lab.dense.measure import backends_here, measure_stereo
+from cherrypicker_lab.dense.measure import measure_stereo
 from cherrypicker_lab.dense.results import read_results, write_table
 from cherrypicker_lab.dense.surface import CLASSES
 from cherrypicker_lab.dense.true_cameras import triangulate_true_cameras

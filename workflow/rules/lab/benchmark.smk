@@ -5,7 +5,7 @@ wildcard_constraints:
     scan=any_of(BENCHMARK_FOLDERS),
     cameras="true|sfm",
     size=r"full|[0-9.]+mp",
-    backend="cpu|sgbm|sgbm_sky|cuda",
+    backend="|".join(ALL_BACKENDS),
 
 
 rule benchmark_dense:
@@ -146,7 +146,7 @@ rule measure_stereo:
     resources:
         mem_mb=more_at_each_attempt(8000),
         runtime=600,
-        gpu=lambda wildcards: int(wildcards.backend == "cuda"),
+        gpu=lambda wildcards: int(ALL_BACKENDS[wildcards.backend].needs_cuda),
     params:
         **options("measure_stereo"),
         scan="{scan}",

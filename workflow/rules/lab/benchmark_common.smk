@@ -1,5 +1,6 @@
 # What the rules of the benchmark of dense stereo share.
 
+from cherrypicker_lab.dense.backends import ALL_BACKENDS, backends_here
 from cherrypicker_lab.dense.jobs import (
     benchmark_runs,
     is_preset_name,
@@ -14,10 +15,8 @@ BENCHMARK_SCENES = [Path(entry).name for entry in BENCHMARK["scenes"]]
 
 def load_benchmark():
     """Return the folder of each scan of the benchmark, and the folders of all runs."""
-    has_cuda = any(find_distributions(name="pycolmap-cuda12"))
-    backends = ["cpu", "sgbm", "sgbm_sky", *(["cuda"] if has_cuda else [])]
     try:
-        return scan_folders(BENCHMARK), benchmark_runs(BENCHMARK, backends)
+        return scan_folders(BENCHMARK), benchmark_runs(BENCHMARK, backends_here())
     except StageError as error:
         raise WorkflowError(error.describe())
 

@@ -10,46 +10,43 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.cpu import run_cpu
-from cherrypicker.mvs.backends.cuda import run_cuda
 from cherrypicker.mvs.backends.map_keys import GEOMETRIC
+from cherrypicker.mvs.backends.table import AUTO, BACKENDS, Backend, first_choice, has_cuda
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.workspace import Workspace
 
-__all__ = ["BACKENDS", "choose_backend", "estimate_workspace"]
+__all__ = ["choose_backend", "estimate_workspace", "run_backend"]
 
 logger = logging.getLogger(__name__)
 
-BACKENDS = ("auto", "cuda", "cpu")
-
 
 def choose_backend(wanted: str) -> str:
-    """Return "cuda" or "cpu" for the config's ``mvs.backend``.
+    """Return the name of the backend for the config's ``mvs.backend``.
 
     Raises
     ------
     StageError
         If the name is unknown, or CUDA is asked for and this pycolmap has none.
     """
-    if wanted not in BACKENDS:
-        raise StageError(f"unknown backend {wanted!r}, one of {BACKENDS}", key="mvs.backend")
-    if wanted == "cuda" and not pycolmap.has_cuda:
+    if wanted != AUTO and wanted not in BACKENDS:
+        known = ", ".join([AUTO, *BACKENDS])
+        raise StageError(f"unknown backend {wanted!r}, one of {known}", key="mvs.backend")
+    name = first_choice(wanted)
+    if BACKENDS[name].needs_cuda and not has_cuda():
         raise StageError(
             "this pycolmap has no CUDA: run `pip uninstall pycolmap` and "
             f"`pip install pycolmap-cuda12=={pycolmap.__version__}`, or use the CPU backend",
             key="mvs.backend",
         )
-    if wanted == "auto":
-        return "cuda" if pycolmap.has_cuda else "cpu"
-    return wanted
+    return name
 
 
 def estimate_workspace(
     folder: str | Path,
     options: StereoOptions,
     *,
-    backend: str = "auto",
+    backend: str = AUTO,
     threads: int = 1,
     sky_masks: SkyMasks | None = None,
 ) -> dict:
@@ -68,10 +65,11 @@ def estimate_workspace(
         Dense workspace.
     options : StereoOptions
         Settings.
-    backend : {"auto", "cuda", "cpu"}
-        See :func:`choose_backend`.
+    backend : str, default "auto"
+        A name of `BACKENDS`; ``auto`` takes the first that can run, and where all its maps come
+        out empty the CPU.
     threads : int
-        Threads of the CPU backend.
+        Threads of the backend.
     sky_masks : SkyMasks, optional
         The CPU backend leaves out what they call sky, see :mod:`cherrypicker.mvs.clear_sky`.
 
@@ -82,29 +80,24 @@ def estimate_workspace(
     """
     workspace = Workspace(folder)
     chosen = choose_backend(backend)
-    names, shares = set(), {}
-    if chosen == "cuda":
-        names = run_cuda(workspace, options)
-        shares = _shares_with_depth(workspace, names)
-        if backend == "auto" and not any(shares.values()):
-            logger.warning(
-                "COLMAP's CUDA stereo left all %d depth maps empty, as on some GPUs (COLMAP "
-                "issue 4090): the CPU computes them instead",
-                len(names),
-            )
-            for view in workspace.views:
-                workspace.remove_maps(view)
-            chosen = "cpu"
-    if chosen == "cpu":
-        names = run_cpu(workspace, options, threads, sky_masks)
-        shares = _shares_with_depth(workspace, names)
+    shares = run_backend(BACKENDS[chosen], workspace, options, threads, sky_masks)
+    if backend == AUTO and BACKENDS[chosen].needs_cuda and not any(shares.values()):
+        logger.warning(
+            "COLMAP's CUDA stereo left all %d depth maps empty, as on some GPUs (COLMAP "
+            "issue 4090): the CPU computes them instead",
+            len(shares),
+        )
+        for view in workspace.views:
+            workspace.remove_maps(view)
+        chosen = first_choice(AUTO, with_cuda=False)
+        shares = run_backend(BACKENDS[chosen], workspace, options, threads, sky_masks)
     share = float(np.mean(list(shares.values()))) if shares else 0.0
     logger.info("%s backend: depth at %.1f %% of the pixels", chosen, 100.0 * share)
     if share == 0.0:
         raise StageError(
             "no pixel has a consistent depth in any photo",
             file=Path(folder),
-            key="mvs.backend" if chosen == "cuda" else "mvs.max_cost, mvs.min_consistent",
+            key=BACKENDS[chosen].cause,
         )
     return {
         "backend": chosen,
@@ -114,8 +107,15 @@ def estimate_workspace(
     }
 
 
-def _shares_with_depth(workspace: Workspace, names: set[str]) -> dict[str, float]:
-    """Return the share of the pixels with a depth, for each of some photos."""
+def run_backend(
+    backend: Backend,
+    workspace: Workspace,
+    options: StereoOptions,
+    threads: int = 1,
+    sky_masks: SkyMasks | None = None,
+) -> dict[str, float]:
+    """Run one backend; return the share of the pixels with a depth of each photo with a map."""
+    names = backend.run(workspace, options, threads, sky_masks)
     return {
         view.name: float((workspace.read_depth(view, GEOMETRIC) > 0).mean())
         for view in workspace.views

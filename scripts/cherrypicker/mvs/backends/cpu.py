@@ -80,6 +80,7 @@ class PhotoStore:
 def run_cpu(
     workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
 ) -> set[str]:
+    """Compute the maps that are not there yet."""
     views = workspace.views
     problems = plan_views(workspace, options.n_sources)
     sizes = [min(view.width, view.height) for view in views]

@@ -7,14 +7,17 @@ import hashlib
 import pycolmap
 
 from cherrypicker.mvs.backends.map_keys import GEOMETRIC, PHOTOMETRIC, MapKeys
+from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.workspace import Workspace
 
 __all__ = ["run_cuda"]
 
 
-def run_cuda(workspace: Workspace, options: StereoOptions) -> set[str]:
-    """COLMAP's own PatchMatch, which itself skips maps that exist."""
+def run_cuda(
+    workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
+) -> set[str]:
+    """COLMAP's own PatchMatch, which itself skips maps that exist; it knows no masks."""
     keys = MapKeys(workspace)
     key = hashlib.sha256(f"cuda:{options.n_sources}".encode()).hexdigest()
     for view in workspace.views:
