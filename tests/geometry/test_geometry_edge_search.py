@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cherrypicker.geometry.edge_search import nearest_edges, sections_around, spatial_order
+from cherrypicker.geometry.edge_search import nearest_edges, spatial_order
 from cherrypicker.skeleton.model import Skeleton
 
 
@@ -40,26 +40,6 @@ def test_nearest_edge_of_all(n, outside):
     np.testing.assert_allclose(distance, wanted.min(axis=1), atol=1e-12)
     np.testing.assert_allclose(distance, wanted[rows, node], atol=1e-12)
     np.testing.assert_allclose(share, shares[rows, node], atol=1e-9)
-
-
-@pytest.mark.parametrize("k", [2, 30])
-def test_sections_around_places(k):
-    rng = np.random.default_rng(1)
-    skeleton = random_tree(200, rng)
-    places = skeleton.points[rng.integers(0, 200, 150)] + rng.normal(0, 0.03, (150, 3))
-    section, own, limit = np.arange(200) // 20, rng.integers(-1, 10, 150), 0.08
-    near, outside = sections_around(skeleton, section, places, own, limit, k)
-    away = all_distances(skeleton, places)[0] - skeleton.radius
-    best = np.stack([away[:, section == one].min(axis=1) for one in range(10)], axis=1)
-    best[np.arange(150)[own >= 0], own[own >= 0]] = np.inf
-    order = np.argsort(best, axis=1)[:, :k]
-    wanted = np.take_along_axis(best, order, axis=1)
-    there = wanted <= limit
-    assert there.sum() > 250 and not there.all()
-    columns = wanted.shape[1]
-    np.testing.assert_allclose(outside[:, :columns], np.where(there, wanted, np.inf), atol=1e-12)
-    np.testing.assert_array_equal(near[:, :columns], np.where(there, order, -1))
-    assert (near[:, columns:] == -1).all()
 
 
 def test_spatial_order_keeps_neighbours_together():

@@ -1,9 +1,9 @@
-"""Compiled medians, sorting and look-ups against NumPy's."""
+"""Compiled medians and look-ups against NumPy's."""
 
 import numpy as np
 import pytest
 
-from cherrypicker.geometry.ordering import first_not_below, median, sort_in_place
+from cherrypicker.geometry.ordering import first_not_below, median
 
 
 @pytest.fixture(params=[1, 2, 3, 4, 5, 12, 13, 100, 1001])
@@ -21,12 +21,6 @@ def test_medians(values):
 def test_a_nan_makes_the_median_one(values):
     values[len(values) // 2] = np.nan
     assert np.isnan(median(values))
-
-
-def test_sorting(values):
-    wanted = np.sort(values)
-    sort_in_place(values)
-    np.testing.assert_array_equal(values, wanted)
 
 
 def test_rows_not_below(values):

@@ -9,7 +9,6 @@ from skeleton_shapes import labelled_cloud, sample_axes, sample_skeleton, small_
 from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.circles import fit_circle
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
 from cherrypicker.graph.extract import extract_skeleton, limb_tree
 from cherrypicker.graph.radius import fit_radii, taper_radii
@@ -85,13 +84,6 @@ def test_too_few_or_coinciding_points():
         spanning_tree(np.zeros((30, 3)), np.ones(30, dtype=int))
     with pytest.raises(StageError, match="too few"):
         spanning_tree(np.array([[0, 0, 0], [0, 0, 0.001]]), np.ones(2, dtype=int), spacing_m=0.01)
-
-
-def test_circle_is_exact_and_lines_have_none():
-    angle = np.linspace(0, 2, 40)
-    centre, radius = fit_circle(np.column_stack([3 + 0.5 * np.cos(angle), 1 + 0.5 * np.sin(angle)]))
-    np.testing.assert_allclose([*centre, radius], [3, 1, 0.5], atol=1e-9)
-    assert np.isnan(fit_circle(np.column_stack([angle, 2 * angle]))[1])
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from torch_geometric.nn import EdgeConv
 
 from cherrypicker.errors import StageError
 from cherrypicker.segmentation.dgcnn import (
@@ -33,7 +34,10 @@ def test_linear_edge_conv_equals_the_edge_conv_of_torch_geometric():
     conv = LinearEdgeConv(5, 7)
     x = torch.randn(40, 5, requires_grad=True)
     neighbors = torch.randint(0, 40, (40, 6), dtype=torch.int32)
-    ours, theirs = conv(x, neighbors), conv.forward_edges(x, neighbors)
+    edges = torch.stack([torch.arange(40).repeat_interleave(6), neighbors.reshape(-1).long()]).flip(
+        0
+    )
+    ours, theirs = conv(x, neighbors), EdgeConv.forward(conv, x, edges)
     assert torch.allclose(ours, theirs, atol=1e-5)
     pull = torch.randn_like(ours)
     parameters = [x, conv.nn.weight, conv.nn.bias]

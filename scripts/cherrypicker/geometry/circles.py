@@ -6,32 +6,12 @@ import numpy as np
 from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.tree_walks import window
 
-__all__ = ["fit_circle", "fit_slices"]
+__all__ = ["fit_slices"]
 
 FEWEST_POINTS = 5
 ARC_SECTORS = 24
 LEAST_ARC = 150.0  # a circle on less of the circumference says little about its centre
 SETTLED = 1e-3  # share of its radius that a circle moves less than in its last round
-
-
-def fit_circle(xy, weights=None):
-    """Algebraic least-squares circle.
-
-    Parameters
-    ----------
-    xy : ndarray of shape (n_points, 2)
-    weights : ndarray of shape (n_points,), optional
-
-    Returns
-    -------
-    centre : ndarray of shape (2,), float64
-    radius : float
-        NaN where the points lie on a line.
-    """
-    xy = np.ascontiguousarray(xy, dtype=np.float64)
-    weights = np.ones(len(xy)) if weights is None else np.asarray(weights, dtype=np.float64)
-    x, y, radius = _circle(xy[:, 0].copy(), xy[:, 1].copy(), weights)
-    return np.array([x, y]), radius
 
 
 @numba.njit(cache=True)

@@ -8,7 +8,7 @@ nearest to the last one bounds the search for the next.
 import numba
 import numpy as np
 
-__all__ = ["nearest_edges", "sections_around", "spatial_order"]
+__all__ = ["nearest_edges", "spatial_order"]
 
 BITS = 10  # of a cell's number along each axis
 EDGES_A_BOX = BOXES_A_BOX = 4
@@ -49,34 +49,6 @@ def nearest_edges(skeleton, places, *, outside=False):
     places = np.ascontiguousarray(places, dtype=np.float64)
     radius = skeleton.radius if outside else np.zeros(len(skeleton))
     return _nearest(_edges(skeleton), radius, places, spatial_order(places))
-
-
-def sections_around(skeleton, section, places, own, limit, k):
-    """The nearest pieces of a skeleton's wood around each place.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-    section : ndarray of shape (n_nodes,), int64
-        Piece that each node's edge belongs to.
-    places : ndarray of shape (n_places, 3), float64
-    own : ndarray of shape (n_places,), int64
-        Piece of each place that is passed over, -1 for none.
-    limit : float
-        Distance outside the wood up to which pieces count.
-    k : int
-        Pieces that are kept of each place.
-
-    Returns
-    -------
-    near : ndarray of shape (n_places, k), int64
-        Pieces, the nearest first; -1 where there are fewer.
-    outside : ndarray of shape (n_places, k), float64
-        Distance of the place from their wood, negative inside; inf where there are fewer.
-    """
-    places = np.ascontiguousarray(places, dtype=np.float64)
-    order = spatial_order(places)
-    return _around(_edges(skeleton), skeleton.radius, section, places, order, own, limit, k)
 
 
 def _edges(skeleton):
@@ -198,44 +170,3 @@ def _nearest(edges, radius, places, order):
                     least, best, at_best = np.sqrt(squared) - radius[edge], edge, there
         node[place], share[place], distance[place] = best, at_best, least
     return node, share, distance
-
-
-@numba.njit(cache=True)
-def _around(edges, radius, section, places, order, own, limit, k):
-    start, step, inverse = edges
-    near = np.full((len(places), k), -1, dtype=np.int64)
-    outside = np.full((len(places), k), np.inf)
-    box, first = _boxes(start, step, radius)
-    stack = np.empty((BOXES_A_BOX * MOST_LEVELS, 2), dtype=np.int64)
-    for place in order:
-        x, y, z = places[place, 0], places[place, 1], places[place, 2]
-        stack[0, 0], stack[0, 1], n_stack = len(first) - 2, 0, 1
-        while n_stack:
-            n_stack -= 1
-            level, at = stack[n_stack, 0], stack[n_stack, 1]
-            if level:
-                n_stack = _open(box, first, stack, n_stack, level, at, x, y, z, limit)
-                continue
-            for edge in range(at * EDGES_A_BOX, min((at + 1) * EDGES_A_BOX, len(start))):
-                if section[edge] == own[place]:
-                    continue
-                squared, _ = _to_edge(start, step, inverse, edge, x, y, z)
-                reach = limit + radius[edge]
-                if squared <= reach * reach:
-                    away = np.sqrt(squared) - radius[edge]
-                    _keep(near, outside, place, section[edge], away)
-    return near, outside
-
-
-@numba.njit(cache=True)
-def _keep(near, outside, place, section, away):
-    """Put a piece into its place among the nearest of a place so far, each once."""
-    slot, last = 0, near.shape[1] - 1
-    while slot < last and near[place, slot] != section and near[place, slot] >= 0:
-        slot += 1
-    if away >= outside[place, slot]:
-        return
-    while slot and outside[place, slot - 1] > away:
-        near[place, slot], outside[place, slot] = near[place, slot - 1], outside[place, slot - 1]
-        slot -= 1
-    near[place, slot], outside[place, slot] = section, away

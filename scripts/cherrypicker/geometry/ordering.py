@@ -7,7 +7,7 @@ and take seconds on the first run of a machine.
 import numba
 import numpy as np
 
-__all__ = ["first_not_below", "median", "sort_in_place"]
+__all__ = ["first_not_below", "median"]
 
 
 @numba.njit(cache=True)
@@ -41,22 +41,6 @@ def median(values):
     for row in range(1, middle):
         below = max(below, values[row])
     return 0.5 * (below + values[middle])
-
-
-@numba.njit(cache=True)
-def sort_in_place(values):
-    """Sort values, the least first (Shell's sort)."""
-    n, gap = len(values), 1
-    while gap < n // 3:
-        gap = 3 * gap + 1
-    while gap:
-        for row in range(gap, n):
-            value, at = values[row], row
-            while at >= gap and values[at - gap] > value:
-                values[at] = values[at - gap]
-                at -= gap
-            values[at] = value
-        gap //= 3
 
 
 @numba.njit(cache=True)

@@ -130,12 +130,6 @@ class LinearEdgeConv(EdgeConv):
         offset = torch.nn.functional.linear(x, of_offset)
         return center + _NeighborMax.apply(offset, neighbors)
 
-    def forward_edges(self, x, neighbors):
-        """The same by torch-geometric's message passing over explicit edges (slow)."""
-        target = torch.arange(len(neighbors)).repeat_interleave(neighbors.shape[1])
-        source = neighbors.reshape(-1).long()
-        return super().forward(x, torch.stack([source, target]))
-
 
 class _Block(nn.Module):
     """EdgeConv, a layer per point, and a skip connection."""
