@@ -1,4 +1,4 @@
-"""Smoothing within edges, the second look at middle brightness, and the scores of bare crowns."""
+"""Evening out, the second look at middle brightness, and the scores of bare crowns."""
 
 import numpy as np
 import pytest
@@ -10,44 +10,7 @@ from cherrypicker.sky.masks import (
     photo_probability,
     refine_probability,
 )
-from cherrypicker.sky.smoothing import smooth_within_edges
 from cherrypicker_lab.training.sky.metrics import CrownScores
-
-
-def halves(left, right, shape=(80, 120)):
-    """An image whose halves differ."""
-    image = np.empty((*shape, 3), np.float32)
-    image[:, : shape[1] // 2], image[:, shape[1] // 2 :] = left, right
-    return image
-
-
-def test_values_agree_within_an_edge_and_do_not_cross_it():
-    rng = np.random.default_rng(0)
-    image = halves(0.2, 0.9)
-    values = np.where(image[..., 0] > 0.5, 1.0, -1.0) + rng.normal(0, 1.0, image.shape[:2])
-    smooth = smooth_within_edges(image, values.astype(np.float32), reach=60, contrast=0.1)
-    assert smooth[:, :58] == pytest.approx(-1.0, abs=0.25)
-    assert smooth[:, 62:] == pytest.approx(1.0, abs=0.25)
-
-
-def test_without_edges_a_spike_spreads_to_its_reach_and_keeps_its_mass():
-    image = np.full((1, 401, 3), 0.5, np.float32)
-    spike = np.zeros((1, 401), np.float32)
-    spike[0, 200] = 1
-    smooth = smooth_within_edges(image, spike, reach=20, contrast=0.3)[0].astype(float)
-    assert smooth.sum() == pytest.approx(1.0, abs=0.02)
-    spread = np.sqrt((smooth * (np.arange(401) - 200.0) ** 2).sum() / smooth.sum())
-    assert spread == pytest.approx(20, rel=0.15)
-    # there and back is no shift, up to the end of the row that the way back starts from
-    assert smooth[:200][::-1] == pytest.approx(smooth[201:], abs=0.002)
-
-
-def test_values_stay_within_their_range():
-    rng = np.random.default_rng(1)
-    image = rng.random((30, 40, 3)).astype(np.float32)
-    values = rng.uniform(-3, 2, (30, 40)).astype(np.float32)
-    smooth = smooth_within_edges(image, values, reach=15, contrast=0.5)
-    assert smooth.min() >= values.min() and smooth.max() <= values.max()
 
 
 @pytest.mark.parametrize("mean", [30, 90, 200])

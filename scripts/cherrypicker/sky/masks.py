@@ -11,6 +11,8 @@ References
 ----------
 .. [1] He, Sun, Tang, "Guided image filtering", PAMI 2013.
 .. [2] He, Sun, "Fast guided filter", arXiv:1505.00996.
+.. [3] Gastal, Oliveira, "Domain transform for edge-aware image and video processing",
+   SIGGRAPH 2011.
 """
 
 from __future__ import annotations
@@ -22,7 +24,6 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
-from cherrypicker.sky.smoothing import smooth_within_edges
 from cherrypicker.sky.unet import SkyUNet, to_tensor
 
 #: Rows per strip at full resolution; bounds the memory, changes no result.
@@ -161,7 +162,9 @@ def _from_odds(odds: np.ndarray) -> np.ndarray:
 def even_out(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
     """Even the network's log odds out where no edge divides the photo.
 
-    Grey clouds below bright ones, or a house above its dark windows, are of one piece.
+    Grey clouds below bright ones, or a house above its dark windows, are of one piece. This is the
+    domain transform, recursive form [3]_: a pixel's value spreads along rows and columns, less the
+    more the photo's colours differ on the way.
 
     Parameters
     ----------
@@ -172,7 +175,10 @@ def even_out(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
     calm = cv2.GaussianBlur(image, (3, 3), 0.6).astype(np.float32) / 255
     reach = EVEN_REACH * max(probability.shape)
     odds = _log_odds(probability).astype(np.float32)
-    return _from_odds(smooth_within_edges(calm, odds, reach, EDGE_CONTRAST))
+    smooth = cv2.ximgproc.dtFilter(
+        calm, odds, reach, EDGE_CONTRAST, mode=cv2.ximgproc.DTF_RF, numIters=3
+    )
+    return _from_odds(smooth)
 
 
 def guided_coefficients(
