@@ -36,9 +36,8 @@ def main(
     threads: int = 2,
 ):
     """Load, fuse, add twigs, save, and count what the region holds."""
-    folder, names = Path(depth).parent, read_json(depth)["maps"]
-    fused = fuse_workspace(folder, names, options, method=fusion, threads=threads)
-    workspace = Workspace(folder)
+    workspace, names = Workspace(Path(depth).parent), read_json(depth)["maps"]
+    fused = fuse_workspace(workspace, names, options, method=fusion, threads=threads)
     region = find_region(workspace.poses)
     content = {"region": None}
     if region is not None:

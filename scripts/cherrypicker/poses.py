@@ -98,12 +98,18 @@ class Poses:
         depth : ndarray of shape (n_points,)
             Depth along the optical axis, negative behind the camera.
         """
-        in_camera = points @ self.rotations[i].T + self.cam_from_world[i, :, 3]
-        depth = in_camera[:, 2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            homogeneous = in_camera @ self.K[i].T
-            uv = homogeneous[:, :2] / homogeneous[:, 2:]
-        return uv, depth
+        return project(points, self.rotations[i], self.cam_from_world[i, :, 3], self.K[i])
+
+
+def project(
+    points: np.ndarray, rotation: np.ndarray, shift: np.ndarray, K: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Project world points by one pinhole camera, see `Poses.project`."""
+    in_camera = points @ rotation.T + shift
+    with np.errstate(divide="ignore", invalid="ignore"):
+        homogeneous = in_camera @ K.T
+        uv = homogeneous[:, :2] / homogeneous[:, 2:]
+    return uv, in_camera[:, 2]
 
 
 def read_poses(path: str | os.PathLike) -> Poses:

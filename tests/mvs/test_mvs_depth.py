@@ -68,7 +68,7 @@ def test_either_fusion_takes_the_maps_and_lies_on_the_plane(slanted):
     folder, _, _, _, manifest = slanted
     normal = np.array(SLANTED.normal)
     for method in ("star", "colmap"):
-        cloud = fuse_workspace(folder, manifest["maps"], FusionOptions(), method=method)
+        cloud = fuse_workspace(Workspace(folder), manifest["maps"], FusionOptions(), method=method)
         distance = np.abs(cloud.points @ normal - SLANTED.offset) / np.linalg.norm(normal)
         assert len(cloud) > 5000
         assert np.median(distance) < 0.005
@@ -81,7 +81,7 @@ def test_confidence_falls_where_photos_see_past_a_point(slanted, tmp_path):
     folder, _, _, _, manifest = slanted
     shutil.copytree(folder, tmp_path / "scene")
     options = FusionOptions()
-    agreed = fuse_workspace(folder, manifest["maps"], options)
+    agreed = fuse_workspace(Workspace(folder), manifest["maps"], options)
     assert np.quantile(agreed["stereo_confidence"], 0.05) == 1.0
     workspace = Workspace(tmp_path / "scene")
     view = workspace.views[4]
@@ -90,7 +90,7 @@ def test_confidence_falls_where_photos_see_past_a_point(slanted, tmp_path):
         workspace.read_normals(view, "geometric"),
     )
     workspace.write_maps(view, "geometric", 1.2 * depth, normals)
-    doubted = fuse_workspace(workspace.folder, manifest["maps"], options)
+    doubted = fuse_workspace(workspace, manifest["maps"], options)
     at = doubted["stereo_confidence"]
     seen = doubted["n_views"] == 4
     # Four photos agree, the fifth sees past
@@ -169,7 +169,7 @@ def test_maps_that_another_program_made_are_kept_and_fused_with_ours(tmp_path):
     manifest = estimate_workspace(tmp_path, StereoOptions(), backend="cpu")
     assert workspace.depth_path(theirs, "geometric").read_bytes() == content
     assert len(manifest["maps"]) == 5
-    cloud = fuse_workspace(tmp_path, manifest["maps"], FusionOptions())
+    cloud = fuse_workspace(workspace, manifest["maps"], FusionOptions())
     assert (cloud["n_views"] == 5).mean() > 0.2
 
 

@@ -9,7 +9,6 @@ normals within 10 degrees; normals of a branch three pixels wide are worth no mo
 from __future__ import annotations
 
 import logging
-import os
 import tempfile
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -383,7 +382,7 @@ def _fuse_one(workspace, slots, used, members, rows, options, threads):
 
 
 def fuse_workspace(
-    folder: str | os.PathLike,
+    workspace: Workspace,
     names: list[str],
     options: FusionOptions,
     *,
@@ -396,7 +395,6 @@ def fuse_workspace(
     Parameters and errors as :func:`fuse`; COLMAP's fusion knows ``n_views`` too,
     but no confidence.
     """
-    workspace = Workspace(folder)
     if method == "star":
         overlaps = {
             p.view: list(p.sources)

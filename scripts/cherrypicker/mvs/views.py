@@ -128,11 +128,11 @@ def plan_views(
         if not sources:
             logger.warning("%s: no other photo sees what it shows, no depth map", view.name)
             continue
-        uv, depth = project(view, sparse[own])
+        uv, depth = view.project(sparse[own])
         near = _depths_in_frame(view, sparse[seen[list(sources)].any(axis=0)])
         depth_min, depth_max = _depth_range(depth, near)
         if region is not None:
-            through = project(view, region.samples[places.own[i]])[1]
+            through = view.project(region.samples[places.own[i]])[1]
             depth_min = min(depth_min, float(through.min()))
             depth_max = max(depth_max, float(through.max()))
         problems.append(
@@ -170,13 +170,13 @@ def _observations(workspace: Workspace) -> tuple[np.ndarray, np.ndarray]:
         image = workspace.model.images[view.image_id]
         observed = [p.point3D_id for p in image.points2D if p.has_point3D()]
         seen[row, np.searchsorted(ids, np.array(observed, dtype=np.int64))] = True
-        seen[row] &= project(view, points)[1] > 0.0
+        seen[row] &= view.project(points)[1] > 0.0
     return points, seen
 
 
 def _sparse_places(views: list[View], points: np.ndarray, seen: np.ndarray) -> Places:
     """Take all that the photos share as the places to cover."""
-    shown = np.stack([_in_frame(view, *project(view, points)) for view in views])
+    shown = np.stack([_in_frame(view, *view.project(points)) for view in views])
     shown = np.where(seen, 1.0, UNMATCHED_WEIGHT * shown).astype(np.float32)
     return Places(points, np.ones(len(points)), shown, seen)
 
@@ -187,21 +187,13 @@ def _region_places(workspace: Workspace, region: Region) -> Places:
     return Places(region.samples, framed.mean(axis=0), framed.astype(np.float32), framed)
 
 
-def project(view: View, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pixel coordinates (n, 2) and depth (n,) of points (n, 3) in a view."""
-    in_camera = points @ view.R.T + view.t
-    depth = in_camera[:, 2]
-    safe = np.where(np.abs(depth) > 1e-12, depth, 1e-12)
-    return (in_camera @ view.K.T)[:, :2] / safe[:, None], depth
-
-
 def _in_frame(view: View, uv: np.ndarray, depth: np.ndarray) -> np.ndarray:
     inside = (uv >= 0.0).all(axis=1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
     return inside & (depth > 0.0)
 
 
 def _depths_in_frame(view: View, points: np.ndarray) -> np.ndarray:
-    uv, depth = project(view, points)
+    uv, depth = view.project(points)
     return depth[_in_frame(view, uv, depth)]
 
 

@@ -15,7 +15,7 @@ import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
-from cherrypicker.poses import Poses
+from cherrypicker.poses import Poses, project
 
 _HEADER_BYTES = 64
 
@@ -50,6 +50,10 @@ class View:
     def center(self) -> np.ndarray:
         """Camera centre in the world, (3,)."""
         return -self.R.T @ self.t
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return pixel coordinates (n, 2) and depth (n,) of points (n, 3)."""
+        return project(points, self.R, self.t, self.K)
 
 
 class Workspace:

@@ -95,18 +95,17 @@ def measure_stereo(
         )
     copy_workspace(source, folder, megapixels=megapixels, max_photos=max_photos)
     warm_up_s = _warm_up(source, stereo, threads) if backend == "cpu" else 0.0
-    views = Workspace(folder).views
+    workspace = Workspace(folder)
+    views = workspace.views
     masks = None
     if sky is not None and backend in WITH_SKY_MASKS:
         masks = SkyMasks(*sky, [view.name for view in views])
     program = ALL_BACKENDS[backend]
-    shares, depth_use = _measured(
-        lambda: run_backend(program, Workspace(folder), stereo, threads, masks)
-    )
+    shares, depth_use = _measured(lambda: run_backend(program, workspace, stereo, threads, masks))
     if not any(shares.values()):
         raise StageError("no photo has a depth", file=Path(folder), key=program.cause)
     cloud, fusion_use = _measured(
-        lambda: fuse_workspace(folder, list(shares), fusion, threads=threads)
+        lambda: fuse_workspace(workspace, list(shares), fusion, threads=threads)
     )
     total = sum(view.width * view.height for view in views) / 1e6
     report = {
@@ -194,7 +193,8 @@ def warm_up(folder: str | os.PathLike, stereo: StereoOptions | None = None, thre
         manifest = estimate_workspace(
             folder, stereo or StereoOptions(), backend="cpu", threads=threads
         )
-        fuse_workspace(folder, manifest["maps"], FusionOptions(min_views=2), threads=threads)
+        options = FusionOptions(min_views=2)
+        fuse_workspace(Workspace(folder), manifest["maps"], options, threads=threads)
     except StageError as error:  # so few and small photos may agree on nothing
         logger.info("warm-up: %s", error.describe())
 

@@ -51,7 +51,7 @@ def test_sgbm_normals_face_the_camera(scene):
 
 def test_sgbm_maps_can_be_fused(scene):
     folder, _, manifest = scene
-    cloud = fuse_workspace(folder, manifest["maps"], FusionOptions(min_views=2))
+    cloud = fuse_workspace(Workspace(folder), manifest["maps"], FusionOptions(min_views=2))
     on_plane = np.abs(cloud.points[:, 2] - 4.0) < 0.05
     radius = np.hypot(cloud.points[:, 0] - 0.2, cloud.points[:, 2] - 3.4)
     assert (on_plane | (np.abs(radius - 0.12) < 0.05)).mean() > 0.9
