@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
+from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
 from cherrypicker.segmentation.spheres import (
     cover,
     features_of,
     neighbor_graphs,
     tree_frame,
-    voxel_majority,
-    voxel_mean,
-    voxel_sample,
 )
+from cherrypicker_lab.training.segmentation.training import voxel_majority
 
 
 def test_voxels_average_their_points_and_count_them():

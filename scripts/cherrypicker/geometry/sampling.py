@@ -1,11 +1,58 @@
-"""Thinning of point sets: one representative a voxel, and farthest point sampling."""
+"""Voxels and samples of point sets: members and means, one point a voxel, farthest points."""
 
 import numba
 import numpy as np
 
-__all__ = ["farthest_point_sample", "median_spacing", "thin_to_limit", "voxel_thin"]
+__all__ = [
+    "farthest_point_sample",
+    "median_spacing",
+    "thin_to_limit",
+    "voxel_keys",
+    "voxel_mean",
+    "voxel_sample",
+    "voxel_thin",
+]
 
 BLOCKS_ACROSS = 40  # the largest side of a cloud in blocks of farthest point sampling
+
+
+def voxel_keys(points, size):
+    """Number of the voxel of each point, (n_points,) int64, on a grid from the lowest corner."""
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    shape = cells.max(axis=0) + 1
+    return (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+
+
+def voxel_sample(points, size):
+    """Group points by the cells of a cubic grid.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    size : float
+        Edge of a voxel, in the unit of the points.
+
+    Returns
+    -------
+    centers : ndarray of shape (n_voxels, 3), float64
+        Mean of the points of each voxel.
+    inverse : ndarray of shape (n_points,), int64
+        Voxel of each point.
+    counts : ndarray of shape (n_voxels,), int64
+    """
+    _, inverse, counts = np.unique(
+        voxel_keys(points, size), return_inverse=True, return_counts=True
+    )
+    return voxel_mean(points, inverse, counts), inverse, counts
+
+
+def voxel_mean(values, inverse, counts):
+    """Mean over the voxels of `voxel_sample`, (n_points, C) to (n_voxels, C) float64."""
+    columns = [
+        np.bincount(inverse, weights=values[:, c], minlength=len(counts))
+        for c in range(values.shape[1])
+    ]
+    return np.stack(columns, axis=1) / counts[:, None]
 
 
 def voxel_thin(points, size, groups=None):
@@ -29,15 +76,12 @@ def voxel_thin(points, size, groups=None):
         Row in `means` that each point went into.
     """
     points = np.asarray(points, dtype=np.float64)
-    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
-    shape = cells.max(axis=0) + 1
-    key = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+    key = voxel_keys(points, size)
     if groups is not None:
         groups = np.asarray(groups, dtype=np.int64)
         key = key * (groups.max() + 1) + groups
-    _, member = np.unique(key, return_inverse=True)
-    count = np.bincount(member)
-    means = np.stack([np.bincount(member, column) / count for column in points.T], axis=1)
+    _, member, count = np.unique(key, return_inverse=True, return_counts=True)
+    means = voxel_mean(points, member, count)
     offset = np.square(points - means[member]).sum(axis=1)
     by_offset = np.lexsort((offset, member))
     source = by_offset[np.concatenate([[0], np.cumsum(count)[:-1]])]

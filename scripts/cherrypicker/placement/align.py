@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.placement.camera_geometry import (
     angle_deg,
     camera_up,
@@ -29,7 +30,6 @@ from cherrypicker.placement.ground import (
     ground_tilt,
     judge_plane,
     plane_candidates,
-    thin_cloud,
 )
 from cherrypicker.poses import Poses
 
@@ -198,7 +198,7 @@ def _thin_randomly(points, seed):
 def _judged_planes(scene, n_planes, seed):
     """Candidate planes near the target, the best ground first."""
     near = scene.points[np.linalg.norm(scene.points - scene.target, axis=1) < 4 * scene.distance]
-    thinned = thin_cloud(near if len(near) >= _MIN_POINTS else scene.points, scene.threshold)
+    thinned, *_ = voxel_sample(near if len(near) >= _MIN_POINTS else scene.points, scene.threshold)
     planes = plane_candidates(thinned, scene.threshold, n_planes=n_planes, seed=seed)
     for plane in planes:
         judge_plane(

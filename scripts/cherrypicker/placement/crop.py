@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.ground_surface import GroundSurface
 from cherrypicker.placement.camera_geometry import look_at_point
 from cherrypicker.placement.footprint import Footprint
-from cherrypicker.placement.ground import GroundSurface, ground_cells
+from cherrypicker.placement.ground import ground_cells
 from cherrypicker.placement.region import find_region
 
 logger = logging.getLogger(__name__)

@@ -45,26 +45,6 @@ class Plane:
         return points @ self.normal + self.offset
 
 
-def thin_cloud(points, voxel_size):
-    """One mean point for each occupied voxel, so that dense and sparse regions count alike.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-    voxel_size : float
-
-    Returns
-    -------
-    ndarray of shape (n_voxels, 3)
-    """
-    keys = np.floor((points - points.min(axis=0)) / voxel_size).astype(np.int64)
-    sizes = keys.max(axis=0) + 1
-    flat = (keys[:, 0] * sizes[1] + keys[:, 1]) * sizes[2] + keys[:, 2]
-    _, inverse, counts = np.unique(flat, return_inverse=True, return_counts=True)
-    sums = [np.bincount(inverse, weights=column) for column in points.T]
-    return np.stack(sums, axis=1) / counts[:, None]
-
-
 def plane_candidates(points, distance, *, n_planes, n_iterations=1500, seed=0):
     """Find planes one after the other by RANSAC, each on what the ones before it left.
 
@@ -322,24 +302,3 @@ def ground_height_at(points, xy, radius, tolerance):
             coefficients, _ = fit_slope(cells[near], 0.05 * reach)
             return float(coefficients[0])
     return None
-
-
-class GroundSurface:
-    """Height of hilly ground: median of the nearest ground cells.
-
-    Parameters
-    ----------
-    cells : ndarray of shape (n_cells, 3)
-        As :func:`ground_cells` gives them; without any the ground is z = 0.
-    """
-
-    def __init__(self, cells):
-        self._heights = cells[:, 2]
-        self._tree = cKDTree(cells[:, :2]) if len(cells) else None
-
-    def __call__(self, xy):
-        """Ground heights, shape (n,), at x, y of shape (n, 2)."""
-        if self._tree is None:
-            return np.zeros(len(xy))
-        _, index = self._tree.query(xy, k=min(5, len(self._heights)))
-        return np.median(self._heights[np.reshape(index, (len(xy), -1))], axis=1)

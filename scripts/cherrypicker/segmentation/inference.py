@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, wood_mask
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, collate, load_weights
 from cherrypicker.segmentation.refine import clean_trunk, keep_sheets, smooth_probabilities
@@ -17,8 +18,6 @@ from cherrypicker.segmentation.spheres import (
     features_of,
     neighbor_graphs,
     tree_frame,
-    voxel_mean,
-    voxel_sample,
 )
 from cherrypicker.segmentation.standing_posts import split_standing_posts
 from cherrypicker.segmentation.stem_labels import relabel_wood

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.segmentation.spheres import voxel_sample
+from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.wood.gaps import GAP_M
 
 logger = logging.getLogger(__name__)

@@ -14,51 +14,6 @@ from scipy.spatial import cKDTree
 GLOBAL_UNIT = 3.0  # global coordinates are divided by this, so that they are of the order of 1
 
 
-def voxel_sample(points, size):
-    """Group points by the cells of a cubic grid.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    size : float
-        Edge of a voxel, in the unit of the points.
-
-    Returns
-    -------
-    centers : ndarray of shape (n_voxels, 3), float64
-        Mean of the points of each voxel.
-    inverse : ndarray of shape (n_points,), int64
-        Voxel of each point.
-    counts : ndarray of shape (n_voxels,), int64
-    """
-    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
-    shape = cells.max(axis=0) + 1
-    keys = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
-    _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    inverse = inverse.reshape(-1)
-    return voxel_mean(points, inverse, counts), inverse, counts
-
-
-def voxel_mean(values, inverse, counts):
-    """Mean over the voxels of `voxel_sample`, (n_points, C) to (n_voxels, C) float64."""
-    columns = [
-        np.bincount(inverse, weights=values[:, c], minlength=len(counts))
-        for c in range(values.shape[1])
-    ]
-    return np.stack(columns, axis=1) / counts[:, None]
-
-
-def voxel_majority(labels, inverse, n_voxels, n_classes=256):
-    """Most frequent label of each voxel (the smaller label on a tie), uint8."""
-    present, compact = np.unique(labels, return_inverse=True)
-    if len(present) and present[-1] >= n_classes:
-        raise ValueError(f"labels must be below {n_classes}, got {present[-1]}")
-    votes = np.bincount(
-        inverse * len(present) + compact.reshape(-1), minlength=n_voxels * len(present)
-    )
-    return present[votes.reshape(n_voxels, len(present)).argmax(axis=1)].astype(np.uint8)
-
-
 @dataclass(frozen=True)
 class TreeFrame:
     """Origin and unit of the global coordinates: ``(x - origin) * scale``.

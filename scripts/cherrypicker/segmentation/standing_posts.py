@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.segmentation.refine import link_components
-from cherrypicker.segmentation.spheres import voxel_sample
 from cherrypicker.segmentation.support_post import graded_posts, label_post
 
 __all__ = ["split_standing_posts", "standing_columns"]

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 from cherrypicker.geometry.cells import rows_in_box
+from cherrypicker.geometry.sampling import voxel_keys
 from cherrypicker.traits.shoot_ends import draw_losses, grow_hull
 
 __all__ = [
@@ -239,10 +240,7 @@ def alpha_volume(points, alpha, cell):
     """
     if len(points) < 4:
         return 0.0
-    cells = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
-    shape = cells.max(axis=0) + 1
-    key = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
-    points = points[np.unique(key, return_index=True)[1]]
+    points = points[np.unique(voxel_keys(points, cell), return_index=True)[1]]
     if len(points) < 4:
         return 0.0
     try:

@@ -8,6 +8,7 @@ from scipy.ndimage import label as label_cells
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
+from cherrypicker.geometry.ground_surface import GroundSurface
 
 __all__ = ["Stem", "find_stems", "ground_height", "lowest_thick", "stems_off_the_ground"]
 
@@ -61,11 +62,7 @@ def ground_height(xy, ground, fallback):
     """
     if len(ground) < FEWEST_POINTS:
         return np.full(len(xy), fallback)
-    stride = max(1, len(ground) // 50_000)
-    ground = ground[::stride]
-    k = min(15, len(ground))
-    _, nearest = cKDTree(ground[:, :2]).query(xy, k=k)
-    return np.median(ground[nearest.reshape(len(xy), -1), 2], axis=1)
+    return GroundSurface(ground[:: max(1, len(ground) // 50_000)], n_nearest=15)(xy)
 
 
 def find_stems(points, ground=None, labels=None):

@@ -18,6 +18,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from cherrypicker.classes import WOOD, Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
+from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
 from cherrypicker.segmentation.inference import predict_spheres
@@ -27,9 +28,6 @@ from cherrypicker.segmentation.spheres import (
     neighbor_graphs,
     sphere_indices,
     tree_frame,
-    voxel_majority,
-    voxel_mean,
-    voxel_sample,
 )
 from cherrypicker_lab.training.segmentation.augment import augment
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, score_table, scores
@@ -48,6 +46,17 @@ def network_labels(labels):
     for label in Label:
         targets[label] = IGNORED if label.channel is None else label.channel
     return targets[np.asarray(labels)]
+
+
+def voxel_majority(labels, inverse, n_voxels, n_classes=256):
+    """Most frequent label of each voxel (the smaller label on a tie), uint8."""
+    present, compact = np.unique(labels, return_inverse=True)
+    if len(present) and present[-1] >= n_classes:
+        raise ValueError(f"labels must be below {n_classes}, got {present[-1]}")
+    votes = np.bincount(
+        inverse * len(present) + compact.reshape(-1), minlength=n_voxels * len(present)
+    )
+    return present[votes.reshape(n_voxels, len(present)).argmax(axis=1)].astype(np.uint8)
 
 
 def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
