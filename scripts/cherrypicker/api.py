@@ -5,7 +5,10 @@
 parameters of pc-skeletor to them.
 """
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +19,7 @@ from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["contract", "skeletonize"]
 
@@ -23,16 +27,16 @@ FOOT_SHARE = 0.03  # of the stem's height
 
 
 def contract(
-    cloud,
-    labels=None,
+    cloud: PointCloud | np.ndarray,
+    labels: np.ndarray | None = None,
     *,
-    weights=None,
-    preset="default",
-    stem=Label.TRUNK,
-    voxel_size=None,
-    callback=None,
-    **constants,
-):
+    weights: dict | None = None,
+    preset: str = "default",
+    stem: int | None = Label.TRUNK,
+    voxel_size: float | None = None,
+    callback: Callable | None = None,
+    **constants: Any,
+) -> tuple[np.ndarray, np.ndarray]:
     """Contract a cloud to its skeleton points: LBC, or S-LBC where classes weigh differently.
 
     Parameters
@@ -118,7 +122,15 @@ def contract(
     return contracted, source
 
 
-def skeletonize(cloud, labels=None, *, method="slbc", preset="default", graph="tree", **options):
+def skeletonize(
+    cloud: PointCloud | np.ndarray,
+    labels: np.ndarray | None = None,
+    *,
+    method: str = "slbc",
+    preset: str = "default",
+    graph: str = "tree",
+    **options: Any,
+) -> Skeleton:
     """The skeleton of a tree: wood chosen, contracted, connected, rooted and measured.
 
     Parameters
@@ -168,7 +180,7 @@ def skeletonize(cloud, labels=None, *, method="slbc", preset="default", graph="t
     return extract_skeleton(contracted, whole, method=graph, base=report["base"])
 
 
-def _points_and_labels(cloud, labels):
+def _points_and_labels(cloud: PointCloud | np.ndarray, labels: np.ndarray | None) -> tuple:
     """Points (n, 3) float64 and labels (n,) int64 or None, from any kind of cloud."""
     if isinstance(cloud, PointCloud) and labels is None and "label" in cloud:
         labels = cloud["label"]
@@ -183,7 +195,7 @@ def _points_and_labels(cloud, labels):
     return points, labels.astype(np.int64)
 
 
-def _weight_of(labels, weights):
+def _weight_of(labels: np.ndarray | None, weights: dict) -> np.ndarray | None:
     """Lambda of each point; None for plain LBC."""
     if not isinstance(weights, Mapping):
         raise ValueError("weights must map classes to lambdas, as {1: 10.0}")
@@ -199,7 +211,7 @@ def _weight_of(labels, weights):
     return lambdas
 
 
-def _foot(stem):
+def _foot(stem: np.ndarray) -> np.ndarray:
     """Middle of a stem's lowest points."""
     low = stem[:, 2] <= stem[:, 2].min() + FOOT_SHARE * np.ptp(stem[:, 2])
     return np.median(stem[low], axis=0)

@@ -33,7 +33,13 @@ class Label(IntEnum):
     is_wood: bool
     swc: int
 
-    def __new__(cls, value: int, channel: int | None, is_wood: bool = False, swc: int = _DENDRITE):
+    def __new__(
+        cls,
+        value: int,
+        channel: int | None = None,
+        is_wood: bool = False,
+        swc: int = _DENDRITE,
+    ) -> Label:
         """Make a member of the table's row."""
         label = int.__new__(cls, value)
         label._value_ = value
@@ -49,7 +55,7 @@ class Label(IntEnum):
     CALIBRATION_UNIT = 5, 5
     ROOF = 6, 6
     SUPPORT_POST = 7, 1
-    UNLABELLED = 255, None
+    UNLABELLED = 255
 
     @property
     def title(self) -> str:

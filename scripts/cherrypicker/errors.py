@@ -22,7 +22,7 @@ class StageError(Exception):
 
     def __init__(
         self, cause: str, *, file: str | os.PathLike | None = None, key: str | None = None
-    ):
+    ) -> None:
         self.cause = " ".join(str(cause).split())
         self.file = None if file is None else os.fspath(file)
         self.key = key
@@ -37,9 +37,9 @@ class StageError(Exception):
             parts.append(f"change: {self.key}")
         return "; ".join(parts)
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple:
         return _rebuild, (self.cause, self.file, self.key)
 
 
-def _rebuild(cause, file, key):
+def _rebuild(cause: str, file: str | os.PathLike | None, key: str | None) -> StageError:
     return StageError(cause, file=file, key=key)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 
 import numpy as np
 import pycolmap
@@ -26,7 +27,7 @@ class PhotoLenses:
         When the model is unreadable or lacks one of the photos.
     """
 
-    def __init__(self, model: str | os.PathLike, names) -> None:
+    def __init__(self, model: str | os.PathLike, names: Sequence[str] | np.ndarray) -> None:
         try:
             reconstruction = pycolmap.Reconstruction(os.fspath(model))
         except (ValueError, RuntimeError, OSError) as error:

@@ -180,7 +180,9 @@ def write_ply_vertices(
             stream.write(np.ascontiguousarray(edges, dtype="<i4").tobytes())
 
 
-def _read_ascii(path, vertex: _Element, offset: int, is_alone: bool) -> dict[str, np.ndarray]:
+def _read_ascii(
+    path: str | os.PathLike, vertex: _Element, offset: int, is_alone: bool
+) -> dict[str, np.ndarray]:
     n_columns = len(vertex.properties)
     # One row beyond the promise tells that there are more.
     n_rows = vertex.count + is_alone

@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
@@ -81,7 +82,10 @@ class PointCloud:
         return replace(self, fields={**self.fields, **fields})
 
     def transformed(
-        self, scale: float = 1.0, rotation: np.ndarray | None = None, translation=(0.0, 0.0, 0.0)
+        self,
+        scale: float = 1.0,
+        rotation: np.ndarray | None = None,
+        translation: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> PointCloud:
         """Return the cloud under ``x' = scale * R x + t``; normals are rotated along."""
         rotation = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
@@ -155,7 +159,7 @@ def write_cloud(path: str | os.PathLike, cloud: PointCloud) -> None:
         write_ply_vertices(temporary, columns, [header])
 
 
-def _cloud_from_columns(columns: dict, comments: list[str], path) -> PointCloud:
+def _cloud_from_columns(columns: dict, comments: list[str], path: str | os.PathLike) -> PointCloud:
     missing = [name for name in "xyz" if name not in columns]
     if missing:
         raise StageError(f"the vertices have no {', '.join(missing)}", file=path)

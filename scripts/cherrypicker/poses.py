@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_npz, write_npz
@@ -77,7 +78,10 @@ class Poses:
         return Poses(**arrays)
 
     def transformed(
-        self, scale: float = 1.0, rotation: np.ndarray | None = None, translation=(0.0, 0.0, 0.0)
+        self,
+        scale: float = 1.0,
+        rotation: np.ndarray | None = None,
+        translation: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> Poses:
         """Return the poses in the world ``x' = scale * R x + t``."""
         rotation = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)

@@ -26,7 +26,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TextIO, Union, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -213,7 +213,7 @@ def _run_from_command_line(main: Callable, parser: argparse.ArgumentParser) -> N
         raise SystemExit(1) from None
 
 
-def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake) -> None:
+def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: Any) -> None:
     rule = snakemake.rule
     tree = snakemake.wildcards.get("tree", NO_TREE)
     log_path = str(snakemake.log[0]) if len(snakemake.log) else os.devnull
@@ -242,7 +242,7 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake) -
     raise SystemExit(1)
 
 
-def _refuse_bad_row(params) -> None:
+def _refuse_bad_row(params: dict) -> None:
     """Raise what the Snakefile found wrong with the tree's row, before any work is done for it."""
     problem = dict(params.items()).get("problem")
     if problem:
@@ -275,7 +275,7 @@ def _disk_hint(outputs: Iterable[str]) -> str:
     return ""
 
 
-def _arguments(parser: argparse.ArgumentParser, main: Callable, snakemake) -> dict:
+def _arguments(parser: argparse.ArgumentParser, main: Callable, snakemake: Any) -> dict:
     """Collect the rule's named values for the parser's destinations and the options."""
     named = {"threads": snakemake.threads, "gpu": int(snakemake.resources.get("gpu", 0))}
     for values in (snakemake.input, snakemake.output, snakemake.params):
@@ -302,7 +302,7 @@ def _bundled(main: Callable, values: dict) -> dict:
     return values | {name: kinds[name].annotation(**given) for name, given in held.items()}
 
 
-def _redirect_output(log_path: str, prefix: str):
+def _redirect_output(log_path: str, prefix: str) -> TextIO:
     """Send both streams, native writes included, to the log; return the old console."""
     Path(log_path).parent.mkdir(parents=True, exist_ok=True)
     console = os.fdopen(os.dup(2), "w", encoding="utf-8", errors="replace")

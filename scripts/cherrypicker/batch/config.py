@@ -7,6 +7,7 @@ import difflib
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import yaml
 from jsonschema import Draft202012Validator
@@ -75,9 +76,9 @@ def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None)
     return resolved
 
 
-def lookup(config: Mapping, key: str) -> object:
+def lookup(config: Mapping, key: str) -> Any:
     """Return the value of a dotted key, ``denoise.std_ratio`` for instance."""
-    value: object = config
+    value: Any = config
     for part in key.split("."):
         value = value[part]
     return value
@@ -105,7 +106,7 @@ def _check_keys(schema: Mapping, values: Mapping, path: tuple, source: str | Non
             _check_keys(known[key], value, (*path, str(key)), source)
 
 
-def _fill(schema: Mapping, value: object) -> object:
+def _fill(schema: Mapping, value: Any) -> Any:
     """Return ``value`` with defaults filled in and strings read as the type that is asked for."""
     if schema.get("type") == "object" and "properties" in schema:
         value = {} if value is None else value

@@ -119,7 +119,7 @@ def forecast_stages(
             row[4] = max(row[4], _memory_gb(rule, scan, threads, fix))
             row[5] += disk_mb(scan.stages[rule], scan) / 1000.0
     return [
-        StageForecast(rule, *row, corrections.get(rule, Correction()).n_benchmarks)
+        StageForecast(rule, *row, corrections.get(rule, Correction()).n_benchmarks)  # type: ignore[call-arg]
         for rule, row in rows.items()
     ]
 

@@ -29,7 +29,7 @@ class PhotoSizes:
         Where sizes are kept between runs; unreadable content is ignored, it is only a cache.
     """
 
-    def __init__(self, cache_file: str | os.PathLike = CACHE_FILE):
+    def __init__(self, cache_file: str | os.PathLike = CACHE_FILE) -> None:
         self._cache_file = Path(cache_file)
         self._known = self._load()
         self._has_news = False

@@ -93,9 +93,9 @@ def claim_lock() -> bool:
     """
     owner = _read_owner()
     is_locked = LOCK_DIR.is_dir() and any(LOCK_DIR.iterdir())
-    if is_locked and (owner is None or not _is_gone(owner)):
-        return False
     if is_locked:
+        if owner is None or not _is_gone(owner):
+            return False
         for path in LOCK_DIR.iterdir():
             path.unlink(missing_ok=True)
         logger.warning("released the lock of a run that was killed (process %d)", owner["pid"])

@@ -9,14 +9,15 @@ from __future__ import annotations
 import csv
 import io
 import json
-from dataclasses import dataclass, field
+import os
 from datetime import datetime
 from pathlib import Path
 
 from cherrypicker.files import write_text
+from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.traits.table import TRAITS
 
-__all__ = ["STATUS_ORDER", "TreeResult", "collect_results", "summarise"]
+__all__ = ["STATUS_ORDER", "collect_results", "summarise"]
 
 _TRAIT_COLUMNS = (
     *(trait.name for trait in TRAITS.values() if trait.is_shown),
@@ -29,50 +30,13 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 _AFTER_TRAITS = frozenset({"report_tree", "summarise_batch"})
 
 
-@dataclass
-class TreeResult:
-    """What the batch knows of one scan.
-
-    Attributes
-    ----------
-    tree, date, series : str
-        From the table of trees; empty where not given.
-    status : str
-        ``done``, ``failed``, ``interrupted`` (a stage was killed) or ``not run``.
-    traits : dict
-        Content of ``traits.json``; empty where there is none or where it is out of date.
-    stage, cause, file, key, log : str
-        Of the failure; empty without one.
-    report, thumbnail : str
-        Paths below the results folder; empty where the file is missing.
-    """
-
-    tree: str
-    date: str = ""
-    series: str = ""
-    status: str = "not run"
-    traits: dict = field(default_factory=dict)
-    stage: str = ""
-    cause: str = ""
-    file: str = ""
-    key: str = ""
-    log: str = ""
-    report: str = ""
-    thumbnail: str = ""
-
-    @property
-    def unit(self) -> str:
-        """``m`` or ``arbitrary``; empty without traits."""
-        return str(self.traits.get("unit", "")) if self.traits else ""
-
-    @property
-    def flags(self) -> list[str]:
-        """Quality warnings of the traits."""
-        flags = self.traits.get("flags", [])
-        return [str(flag) for flag in flags] if isinstance(flags, list) else [str(flags)]
-
-
-def summarise(trees, results_dir, logs_dir, out_csv, out_html) -> None:
+def summarise(
+    trees: list[dict],
+    results_dir: str | os.PathLike,
+    logs_dir: str | os.PathLike,
+    out_csv: str | os.PathLike,
+    out_html: str | os.PathLike,
+) -> None:
     """Write the table and the page over all trees of the batch.
 
     Files are only touched when their content changes, so that writing them after every run does
@@ -87,14 +51,14 @@ def summarise(trees, results_dir, logs_dir, out_csv, out_html) -> None:
     out_csv, out_html : path-like
         Table and page to write.
     """
-    from cherrypicker.report.summary_page import summary_html
-
     results = collect_results(trees, results_dir, logs_dir)
     _write_if_changed(out_csv, summary_csv(results))
     _write_if_changed(out_html, summary_html(results))
 
 
-def collect_results(trees, results_dir, logs_dir) -> list[TreeResult]:
+def collect_results(
+    trees: list[dict], results_dir: str | os.PathLike, logs_dir: str | os.PathLike
+) -> list[TreeResult]:
     """Return one :class:`TreeResult` a row of the table, in the table's order."""
     results_dir, logs_dir = Path(results_dir), Path(logs_dir)
     return [_result_of(row, results_dir, logs_dir) for row in trees]
@@ -190,7 +154,7 @@ def _number(value: object) -> str:
     return str(value) if isinstance(value, int) else f"{value:.6g}"
 
 
-def _write_if_changed(path, text: str) -> None:
+def _write_if_changed(path: str | os.PathLike, text: str) -> None:
     path = Path(path)
     try:
         is_same = path.read_text(encoding="utf-8") == text

@@ -101,7 +101,7 @@ def _no_id(header: list[str], cells: list[str]) -> dict:
     return {} if len(cells) > header.index("tree") else {"tree": ""}
 
 
-def _check_header(header: list[str], path) -> None:
+def _check_header(header: list[str], path: str | os.PathLike) -> None:
     for name in header:
         if name not in COLUMNS:
             near = difflib.get_close_matches(name, COLUMNS, n=1, cutoff=0.0)
@@ -118,8 +118,8 @@ def _check_header(header: list[str], path) -> None:
         )
 
 
-def _check_row(row: Tree, number: int, path) -> None:
-    def refuse(column: str, reason: str):
+def _check_row(row: Tree, number: int, path: str | os.PathLike) -> None:
+    def refuse(column: str, reason: str) -> None:
         raise StageError(f"line {number}, tree {row.tree!r}: {reason}", file=path, key=column)
 
     if not re.fullmatch(TREE_PATTERN, row.tree) or row.tree.strip(".") == "" or row.tree[0] == ".":
@@ -146,7 +146,7 @@ def _check_row(row: Tree, number: int, path) -> None:
             refuse("date", f"{row.date!r} is no ISO date (YYYY-MM-DD)")
 
 
-def _check_duplicates(trees: list[Tree], path) -> None:
+def _check_duplicates(trees: list[Tree], path: str | os.PathLike) -> None:
     seen: dict[str, str] = {}
     for row in trees:
         folded = row.tree.casefold()

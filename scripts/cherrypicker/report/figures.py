@@ -3,7 +3,18 @@
 Each function returns a Matplotlib figure; `save_figure` writes it with equal bytes for equal input.
 """
 
+from __future__ import annotations
+
+import os
+from io import BytesIO
+
 import matplotlib
+from matplotlib.axes import Axes
+
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.report.raster import View
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.topology import Topology
 
 matplotlib.use("Agg")
 
@@ -39,25 +50,25 @@ _MIN_VIEW_ASPECT, _MAX_VIEW_ASPECT = 0.15, 2.2
 _MAX_DRAWN = 1_000_000
 
 
-def order_color(order):
+def order_color(order: int) -> str:
     """Colour of a branch order; they repeat after seven."""
     return _ORDER_COLORS[int(order) % len(_ORDER_COLORS)]
 
 
-def save_figure(figure, path, width_px):
+def save_figure(figure: Figure, path: str | os.PathLike, width_px: int) -> None:
     """Write a figure as PNG of about this width, atomically."""
     with atomic_path(path) as temporary:
         write_png(figure, temporary, width_px)
 
 
-def write_png(figure, target, width_px):
+def write_png(figure: Figure, target: BytesIO | str | os.PathLike, width_px: int) -> None:
     """Write a figure to a path or stream, its margins cut off (a thumbnail's canvas is kept)."""
-    tight = {} if figure.get_layout_engine() is None else {"bbox_inches": "tight"}
+    tight: dict = {} if figure.get_layout_engine() is None else {"bbox_inches": "tight"}
     dpi = width_px / figure.get_size_inches()[0]
     figure.savefig(target, format="png", dpi=dpi, pad_inches=0.1, **tight)
 
 
-def view_grid(views, unit, width_px, title=""):
+def view_grid(views: list[View], unit: str, width_px: int, title: str = "") -> tuple[Figure, list]:
     """A figure with one panel a view, side by side at one scale of height.
 
     Returns
@@ -88,23 +99,30 @@ def view_grid(views, unit, width_px, title=""):
     return figure, panels
 
 
-def show_points(panel, points, colors, *, size=2, background=1.0):
+def show_points(
+    panel: tuple[Axes, View, int],
+    points: np.ndarray,
+    colors: np.ndarray | tuple[float, ...],
+    *,
+    size: int = 2,
+    background: float = 1.0,
+) -> None:
     """Draw points into a panel of `view_grid`; of a big cloud every few, which no pixel misses."""
     axes_, view, width = panel
     step = 1 + len(points) // _MAX_DRAWN
-    if np.ndim(colors) == 2:
+    if isinstance(colors, np.ndarray) and colors.ndim == 2:
         colors = colors[::step]
     image = splat(points[::step], colors, view, width, size=size, background=background)
     extent = (view.low[0], view.high[0], view.low[1], view.high[1])
     axes_.imshow(np.clip(image, 0, 1), extent=extent, interpolation="nearest", zorder=0)
 
 
-def cloud_colors(cloud):
+def cloud_colors(cloud: PointCloud) -> np.ndarray:
     """The cloud's colours, or colours by height where it has none."""
     return heights_as_colors(cloud.points) if cloud.colors is None else cloud.colors
 
 
-def class_colors(labels):
+def class_colors(labels: np.ndarray) -> np.ndarray:
     """RGB per point by class, (n, 3) float32."""
     table = np.full((256, 3), CLASS_COLORS[Label.UNLABELLED], dtype=np.float32)
     for label, color in CLASS_COLORS.items():
@@ -112,13 +130,13 @@ def class_colors(labels):
     return table[labels]
 
 
-def tree_box(cloud, skeleton):
+def tree_box(cloud: PointCloud, skeleton: Skeleton) -> np.ndarray:
     """Points that span the tree: its skeleton, widened by its radii."""
     spread = np.maximum(skeleton.radius, 0.02)[:, None]
     return np.vstack([skeleton.points - spread, skeleton.points + spread])
 
 
-def cloud_figure(cloud, skeleton, width_px):
+def cloud_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The segmented cloud in its own colours: the tree from two sides, the scene from above."""
     box = tree_box(cloud, skeleton)
     views = side_views(box, margin=0.08, kinds=("front", "side"))
@@ -130,7 +148,7 @@ def cloud_figure(cloud, skeleton, width_px):
     return figure
 
 
-def label_figure(cloud, skeleton, width_px):
+def label_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The segmented cloud by class."""
     box = tree_box(cloud, skeleton)
     views = side_views(box, margin=0.08, kinds=("front", "side"))
@@ -152,12 +170,12 @@ def label_figure(cloud, skeleton, width_px):
     return figure
 
 
-def _edge_lines(skeleton, view):
+def _edge_lines(skeleton: Skeleton, view: View) -> list[np.ndarray]:
     flat, _ = view.flatten(skeleton.points)
-    return np.stack([flat[skeleton.parent[1:]], flat[1:]], axis=1)
+    return list(np.stack([flat[skeleton.parent[1:]], flat[1:]], axis=1))
 
 
-def skeleton_figure(cloud, skeleton, width_px):
+def skeleton_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The skeleton over the wood it was made from, its lines as thick as its radii say."""
     wood = cloud.points[wood_mask(cloud["label"])]
     views = side_views(tree_box(cloud, skeleton), kinds=("front", "side"))
@@ -175,7 +193,9 @@ def skeleton_figure(cloud, skeleton, width_px):
     return figure
 
 
-def topology_figure(cloud, skeleton, topology, width_px):
+def topology_figure(
+    cloud: PointCloud, skeleton: Skeleton, topology: Topology, width_px: int
+) -> Figure:
     """Branch orders by colour, with root, junctions and tips."""
     orders = node_order(skeleton, axes(skeleton))
     views = side_views(tree_box(cloud, skeleton), kinds=("front", "side"))
@@ -199,7 +219,9 @@ def topology_figure(cloud, skeleton, topology, width_px):
     return figure
 
 
-def trunk_figure(cloud, traits, width_px, *, half_height=0.05):
+def trunk_figure(
+    cloud: PointCloud, traits: dict, width_px: int, *, half_height: float = 0.05
+) -> Figure:
     """The stem's points across its axis at every measured height, with the fitted circle."""
     sections = traits["trunk_sections"]
     n_columns = min(len(sections), 4)
@@ -237,7 +259,9 @@ def trunk_figure(cloud, traits, width_px, *, half_height=0.05):
     return figure
 
 
-def _section_points(points, center, axis, reach, half_height):
+def _section_points(
+    points: np.ndarray, center: np.ndarray, axis: np.ndarray, reach: float, half_height: float
+) -> tuple[np.ndarray, np.ndarray]:
     near = np.flatnonzero((np.abs(points - center) <= 1.5 * reach + half_height).all(axis=1))
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     u = np.cross(axis, helper)
@@ -247,7 +271,7 @@ def _section_points(points, center, axis, reach, half_height):
     return local[inside, :2], near[inside]
 
 
-def thumbnail(cloud, skeleton, width_px=240):
+def thumbnail(cloud: PointCloud, skeleton: Skeleton, width_px: int = 240) -> Figure:
     """A small front view: wood in its colours, the skeleton's orders on it."""
     (view,) = side_views(tree_box(cloud, skeleton), kinds=("front",))
     aspect = min(view.aspect, 3.0)

@@ -1,9 +1,15 @@
 """Crops of photos around the markers, with the corners that the scale rests on drawn in."""
 
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image, UnidentifiedImageError
 
+from cherrypicker.poses import Poses
 from cherrypicker.report.figures import DPI
 
 __all__ = ["marker_crops", "marker_figure"]
@@ -11,7 +17,9 @@ __all__ = ["marker_crops", "marker_figure"]
 _TILE_PX = 300
 
 
-def marker_crops(scale, poses, lenses, *, n_photos=3, n_markers=3):
+def marker_crops(
+    scale: dict, poses: Poses, lenses: Any, *, n_photos: int = 3, n_markers: int = 3
+) -> list:
     """Choose the photos that show each used marker largest.
 
     Parameters
@@ -49,7 +57,7 @@ def marker_crops(scale, poses, lenses, *, n_photos=3, n_markers=3):
     return chosen
 
 
-def marker_figure(scale, poses, lenses, photos):
+def marker_figure(scale: dict, poses: Poses, lenses: Any, photos: list[Path]) -> Figure | None:
     """The markers as the photos show them.
 
     Parameters
@@ -87,7 +95,7 @@ def marker_figure(scale, poses, lenses, photos):
     return figure
 
 
-def _tile(path, corners):
+def _tile(path: Path, corners: np.ndarray) -> tuple[Image.Image, np.ndarray] | None:
     """Crop around the corners and the corners in its pixels; None where the photo is unreadable."""
     middle = corners.mean(axis=0)
     half = max(0.9 * float(np.ptp(corners, axis=0).max()), 8.0)
@@ -98,8 +106,8 @@ def _tile(path, corners):
             if (high - low < 2).any():
                 return None
             zoom = _TILE_PX / float((high - low).max())
-            size = tuple(max(int(round(side * zoom)), 1) for side in high - low)
-            tile = image.convert("RGB").crop((*low, *high)).resize(size)
+            wide, tall = (max(int(round(side * zoom)), 1) for side in high - low)
+            tile = image.convert("RGB").crop((*low, *high)).resize((wide, tall))
     except (OSError, UnidentifiedImageError, ValueError, SyntaxError):
         return None
     return tile, (corners - low) * zoom

@@ -1,18 +1,25 @@
 """The report of one tree: a single HTML file that needs no network."""
 
+from __future__ import annotations
+
 import base64
 import csv
 import io
+import os
 from pathlib import Path
 
 import jinja2
+import numpy as np
+from matplotlib.figure import Figure
 
 import cherrypicker
 from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.figures import DPI, order_color, write_png
 from cherrypicker.report.stages import branch_section, scan_sections, stage_warnings
 from cherrypicker.report.text import STYLE, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
+from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
 
@@ -32,7 +39,7 @@ _FILES = (
 )
 
 
-def read_branches(path):
+def read_branches(path: str | os.PathLike) -> list:
     """Read ``branches.csv``.
 
     Returns
@@ -56,8 +63,18 @@ def read_branches(path):
 
 
 def render_report(
-    about, traits, branches, cloud, skeleton, figures, scan, foot, *, options, seed=0
-):
+    about: dict,
+    traits: dict,
+    branches: list,
+    cloud: PointCloud,
+    skeleton: Skeleton,
+    figures: list,
+    scan: dict,
+    foot: np.ndarray,
+    *,
+    options: dict,
+    seed: int = 0,
+) -> str:
     """Render the report.
 
     Parameters
@@ -122,7 +139,7 @@ def render_report(
     )
 
 
-def _embedded(figure, caption, width_px):
+def _embedded(figure: Figure | bytes, caption: str, width_px: int) -> dict:
     if not isinstance(figure, bytes):
         stream = io.BytesIO()
         width = min(width_px, 1.5 * DPI * figure.get_size_inches()[0])
@@ -131,19 +148,19 @@ def _embedded(figure, caption, width_px):
     return {"data": base64.b64encode(figure).decode("ascii"), "caption": caption}
 
 
-def _warnings(traits, reports):
+def _warnings(traits: dict, reports: list) -> list[str]:
     """The traits' flags, among them what the choice of the target doubts, then the stages'."""
     return [str(flag) for flag in traits.get("flags", [])] + stage_warnings(*reports)
 
 
-def _lead(about, unit, scan):
+def _lead(about: dict, unit: str, scan: dict) -> list[str]:
     lead = [about[name] for name in ("date", "series") if about.get(name)]
     lead.append("from photos" if scan.get("sparse") else "from a ready point cloud")
     lead.append("in metres" if unit == "m" else "without a scale: lengths in arbitrary units")
     return lead
 
 
-def _trait_rows(traits, unit):
+def _trait_rows(traits: dict, unit: str) -> list:
     rows = []
     for name, trait in TRAITS.items():
         if not trait.is_shown:
@@ -155,7 +172,7 @@ def _trait_rows(traits, unit):
     return rows
 
 
-def _order_rows(traits):
+def _order_rows(traits: dict) -> list:
     lengths = traits.get("length_by_order_m", {})
     counts = traits.get("n_branches_by_order", {})
     return [
@@ -169,7 +186,7 @@ def _order_rows(traits):
     ]
 
 
-def _diameter_rows(traits, unit):
+def _diameter_rows(traits: dict, unit: str) -> list:
     errors, trait = traits.get("trunk_diameters_se", {}), TRAITS["trunk_diameter_m"]
     return [
         {"height": height, "value": with_uncertainty(value, errors.get(height), trait, unit)}
@@ -177,20 +194,20 @@ def _diameter_rows(traits, unit):
     ]
 
 
-def _trunk_end(traits, unit):
+def _trunk_end(traits: dict, unit: str) -> str:
     """Where the trunk ends, for the reader who misses a diameter above."""
     name = "trunk_end_height_m"
     return with_uncertainty(traits.get(name), None, TRAITS[name], unit)
 
 
-def _foot_source(traits):
+def _foot_source(traits: dict) -> str:
     flags = [str(flag).split(":")[0] for flag in traits.get("flags", [])]
     if "no_ground" in flags:
         return "its lowest points"
     return "the skeleton's root" if "foot_unseen" in flags else "the ground around it"
 
 
-def _scale_note(unit, scan):
+def _scale_note(unit: str, scan: dict) -> str:
     scale = scan.get("scale") or {}
     if unit == "m" and scale.get("scale_std"):
         return ", with the scale's error"

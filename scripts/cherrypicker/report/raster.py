@@ -1,5 +1,7 @@
 """Fast pictures of point clouds: every point becomes a few pixels, the nearest one on top."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,18 +31,20 @@ class View:
     name: str
 
     @property
-    def aspect(self):
+    def aspect(self) -> float:
         """Height over width."""
         width, height = self.high - self.low
         return float(height / width)
 
-    def flatten(self, points):
+    def flatten(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates in the picture (n, 2) and nearness to the viewer (n,)."""
         flat = points @ np.stack([self.right, self.up], axis=1)
         return flat, points @ np.cross(self.right, self.up)
 
 
-def side_views(points, *, margin=0.05, kinds=("front", "side", "top")):
+def side_views(
+    points: np.ndarray, *, margin: float = 0.05, kinds: tuple = ("front", "side", "top")
+) -> list[View]:
     """Views of the box of some points.
 
     Parameters
@@ -68,7 +72,15 @@ def side_views(points, *, margin=0.05, kinds=("front", "side", "top")):
     return views
 
 
-def splat(points, colors, view, width, *, size=2, background=BACKGROUND):
+def splat(
+    points: np.ndarray,
+    colors: np.ndarray | tuple[float, ...],
+    view: View,
+    width: int,
+    *,
+    size: int = 2,
+    background: float = BACKGROUND,
+) -> np.ndarray:
     """Draw points into an image.
 
     Parameters
@@ -113,7 +125,7 @@ def splat(points, colors, view, width, *, size=2, background=BACKGROUND):
     return image
 
 
-def heights_as_colors(points):
+def heights_as_colors(points: np.ndarray) -> np.ndarray:
     """Colours for a cloud without any: dark below, light above, (n, 3) float32."""
     z = points[:, 2]
     low, high = np.quantile(z, [0.01, 0.99])

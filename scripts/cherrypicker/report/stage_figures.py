@@ -1,16 +1,25 @@
 """Figures of the stages that only a scan from photos goes through; they live inside the report."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Patch, Rectangle
 from PIL import Image, UnidentifiedImageError
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.mvs.coverage import voxel_centers
+from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.region import Region
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.poses import Poses
 from cherrypicker.report.figures import DPI, cloud_colors, show_points, tree_box, view_grid
 from cherrypicker.report.raster import side_views
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = [
     "alignment_figure",
@@ -26,7 +35,7 @@ _RED = "#d02020"
 _TILE_PX = 420
 
 
-def camera_figure(poses, cloud, target, width_px):
+def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px: int) -> Figure:
     """Where the registered photos were taken, from above and from the front.
 
     Parameters
@@ -50,13 +59,17 @@ def camera_figure(poses, cloud, target, width_px):
         show_points(panel, cloud.points, colors, size=1)
         start, _ = view.flatten(centers)
         end, _ = view.flatten(centers + reach * poses.forward)
-        axes_.add_collection(LineCollection(np.stack([start, end], axis=1), colors=_RED, lw=1))
+        axes_.add_collection(
+            LineCollection(list(np.stack([start, end], axis=1)), colors=_RED, lw=1)
+        )
         axes_.scatter(*start.T, s=14, color=_RED, zorder=3)
         axes_.scatter(*view.flatten(target[None])[0].T, marker="+", s=60, color="k", zorder=4)
     return figure
 
 
-def alignment_figure(aligned, poses, roi, width_px):
+def alignment_figure(
+    aligned: PointCloud, poses: Poses, roi: Footprint | None, width_px: int
+) -> Figure:
     """The aligned cloud with z = 0 and the region that was kept.
 
     Parameters
@@ -93,15 +106,15 @@ def alignment_figure(aligned, poses, roi, width_px):
     return figure
 
 
-def _outline(roi):
+def _outline(roi: Footprint) -> Patch:
     """The border of a footprint, as a patch."""
-    style = {"fill": False, "color": "#2368a8", "lw": 1.2}
+    style: dict = {"fill": False, "color": "#2368a8", "lw": 1.2}
     if roi.box is None:
-        return Circle(roi.center_xy, roi.radius, **style)
+        return Circle(tuple(roi.center_xy), roi.radius, **style)
     return Rectangle(roi.box[0], *np.ptp(roi.box, axis=0), **style)
 
 
-def coverage_figure(coverage, align, width_px):
+def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None:
     """How many photos frame the region, and how many depth maps hold something there; front view.
 
     Parameters
@@ -138,7 +151,7 @@ def coverage_figure(coverage, align, width_px):
     return figure
 
 
-def removed_points(before, after):
+def removed_points(before: PointCloud, after: PointCloud) -> np.ndarray:
     """Rows of `before` that are not in `after`, by exact single-precision coordinates.
 
     Parameters
@@ -156,7 +169,7 @@ def removed_points(before, after):
     return ~np.isin(keys[0], keys[1])
 
 
-def denoise_figure(cropped, denoised, width_px):
+def denoise_figure(cropped: PointCloud, denoised: PointCloud, width_px: int) -> Figure:
     """What the filters removed, over what they kept."""
     removed = removed_points(cropped, denoised)
     views = side_views(denoised.points, margin=0.04, kinds=("front", "top"))
@@ -174,7 +187,9 @@ def denoise_figure(cropped, denoised, width_px):
     return figure
 
 
-def contraction_figure(cloud, contracted, skeleton, width_px):
+def contraction_figure(
+    cloud: PointCloud, contracted: PointCloud, skeleton: Skeleton, width_px: int
+) -> Figure:
     """The contracted points over the wood they came from."""
     wood = cloud.points[wood_mask(cloud["label"])]
     views = side_views(tree_box(cloud, skeleton), kinds=("front", "side"))
@@ -190,7 +205,9 @@ def contraction_figure(cloud, contracted, skeleton, width_px):
     return figure
 
 
-def example_figure(photos, sky_folder, depth_of, n_examples):
+def example_figure(
+    photos: list[Path], sky_folder: Path | None, depth_of: Callable | None, n_examples: int
+) -> Figure | None:
     """Photos with their sky masks and depth maps.
 
     Parameters
@@ -214,7 +231,7 @@ def example_figure(photos, sky_folder, depth_of, n_examples):
         photo = _thumbnail(path)
         if photo is None:
             continue
-        tiles = [(path.name, photo, {})]
+        tiles: list[tuple] = [(path.name, photo, {})]
         mask = _thumbnail(sky_folder / f"{path.stem}.png", photo.size) if sky_folder else None
         if mask is not None:
             tiles.append(("sky mask", _tinted(photo, mask), {}))
@@ -224,24 +241,24 @@ def example_figure(photos, sky_folder, depth_of, n_examples):
         rows.append(tiles)
     if not rows:
         return None
-    n_columns = max(len(tiles) for tiles in rows)
+    n_columns = max(len(row) for row in rows)
     tile = rows[0][0][1]
     side = 4.4 * min(1.0, tile.size[0] / tile.size[1])  # a portrait's height, not its width
     height = side * tile.size[1] / tile.size[0] + 0.3
     size = (side * n_columns, height * len(rows))
     figure = Figure(figsize=size, dpi=DPI, layout="constrained")
     grid = figure.subplots(len(rows), n_columns, squeeze=False)
-    for panels, tiles in zip(grid, rows, strict=True):
+    for panels, row in zip(grid, rows, strict=True):
         for panel in panels:
             panel.set_axis_off()
-        for panel, (title, image, style) in zip(panels, tiles, strict=False):
+        for panel, (title, image, style) in zip(panels, row, strict=False):
             panel.imshow(image, interpolation="nearest", **style)
             # Names come from the user's files: no mathtext in them
             panel.set_title(title, fontsize=9, parse_math=False)
     return figure
 
 
-def _thumbnail(path, size=None):
+def _thumbnail(path: Path, size: tuple[int, int] | None = None) -> Image.Image | None:
     """The image at tile size, as stored (EXIF orientation not applied); None if unreadable."""
     try:
         with Image.open(path) as image:
@@ -249,19 +266,19 @@ def _thumbnail(path, size=None):
             mode = "RGB" if size is None else "L"
             if size is None:
                 scale = _TILE_PX / max(image.size)
-                size = tuple(max(int(side * scale), 1) for side in image.size)
+                size = max(int(image.size[0] * scale), 1), max(int(image.size[1] * scale), 1)
             return image.convert(mode).resize(size)
     except (OSError, UnidentifiedImageError, ValueError, SyntaxError):
         return None
 
 
-def _tinted(photo, mask):
+def _tinted(photo: Image.Image, mask: Image.Image) -> np.ndarray:
     image = np.asarray(photo, dtype=np.float32) / 255.0
     sky = (np.asarray(mask, dtype=np.float32) / 255.0)[..., None]
     return np.clip(image * (1 - 0.6 * sky) + 0.6 * sky * np.array([0.1, 0.35, 0.95]), 0, 1)
 
 
-def _depth_tile(depth):
+def _depth_tile(depth: np.ndarray) -> tuple[np.ndarray, dict]:
     step = max(max(depth.shape) // (2 * _TILE_PX), 1)
     depth = depth[::step, ::step]
     known = depth[depth > 0]

@@ -3,8 +3,12 @@
 Stages that a tree did not go through have no section; a report that lacks a fact is shown without.
 """
 
+from __future__ import annotations
+
 import logging
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +23,7 @@ from cherrypicker.report.stage_figures import (
     denoise_figure,
     example_figure,
 )
-from cherrypicker.traits.table import BRANCH_COLUMNS
+from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
 from cherrypicker.units import unit_name
 
 __all__ = ["branch_section", "scan_sections", "stage_warnings"]
@@ -32,7 +36,7 @@ _SOURCES = {
 }
 
 
-def section(name, facts=(), tables=(), figures=()):
+def section(name: str, facts: Sequence = (), tables: Sequence = (), figures: Sequence = ()) -> dict:
     """A section of the page; facts without a value are left out."""
     return {
         "name": name,
@@ -42,12 +46,12 @@ def section(name, facts=(), tables=(), figures=()):
     }
 
 
-def table(caption, head, rows, *, is_open=False):
+def table(caption: str, head: list[str], rows: list, *, is_open: bool = False) -> dict:
     """A table that the reader can open."""
     return {"caption": caption, "head": head, "rows": rows, "open": is_open}
 
 
-def stage_warnings(*reports):
+def stage_warnings(*reports: Any) -> list[str]:
     """Warnings that stages wrote into their reports, each once."""
     found = []
     for report in reports:
@@ -56,7 +60,7 @@ def stage_warnings(*reports):
     return found
 
 
-def scan_sections(scan, tree, *, width_px, n_examples):
+def scan_sections(scan: dict, tree: dict, *, width_px: int, n_examples: int) -> list:
     """Sections on everything between the photos and the traits.
 
     Parameters
@@ -95,7 +99,7 @@ def scan_sections(scan, tree, *, width_px, n_examples):
     return sections
 
 
-def branch_section(rows, unit):
+def branch_section(rows: list, unit: str) -> dict:
     """The table of axes, the longest first within an order."""
     columns = [column for column in BRANCH_COLUMNS.values() if column.title]
     head = [_branch_head(column, unit) for column in columns]
@@ -104,13 +108,13 @@ def branch_section(rows, unit):
     return section("Axes", tables=[table(f"{len(rows)} axes", head, lines)])
 
 
-def _branch_head(column, unit):
+def _branch_head(column: BranchColumn, unit: str) -> str:
     if column.kind != "number":
         return column.title
     return f"{column.title} [{'°' if column.name.endswith('_deg') else unit_name(unit)}]"
 
 
-def _branch_cell(column, row):
+def _branch_cell(column: BranchColumn, row: dict) -> int | str:
     if column.kind == "text":
         return ", ".join(row.get(column.name, "").split()).replace("_", " ")
     value = row[column.name]
@@ -119,7 +123,7 @@ def _branch_cell(column, row):
     return f"{value:.{column.decimals}f}"
 
 
-def _sparse(scan, tree, width_px):
+def _sparse(scan: dict, tree: dict, width_px: int) -> dict:
     report = scan["sparse"]
     facts = [
         ("Photos registered", f"{report.get('n_registered')} of {report.get('n_photos')}"),
@@ -143,7 +147,7 @@ def _sparse(scan, tree, width_px):
     return section("Photos and sparse model", facts, tables, figures)
 
 
-def _examples(scan, n_examples):
+def _examples(scan: dict, n_examples: int) -> dict:
     registered = set(scan["poses"].names) if scan.get("poses") is not None else set()
     photos = [path for path in scan["photos"] if path.name in registered] or scan["photos"]
     dense = scan.get("dense_folder")
@@ -154,10 +158,10 @@ def _examples(scan, n_examples):
     return section("Sky and depth", figures=[(figure, caption)])
 
 
-def _depth_reader(folder):
+def _depth_reader(folder: Path) -> Callable:
     from cherrypicker.mvs.workspace import read_map
 
-    def depth_of(name):
+    def depth_of(name: str) -> np.ndarray | None:
         for kind in ("geometric", "photometric"):
             path = Path(folder) / "stereo" / "depth_maps" / f"{name}.{kind}.bin"
             if path.is_file():
@@ -170,13 +174,13 @@ def _depth_reader(folder):
     return depth_of
 
 
-def _aligned(scan, width_px):
+def _aligned(scan: dict, width_px: int) -> dict:
     report, crop = scan["align"], scan.get("crop") or {}
     facts = [
         ("Up decided by", report.get("up_from")),
         ("Up to the ground's normal", _number(report.get("up_to_ground_deg"), 2, "°")),
         ("Up to the cameras' up", _number(report.get("up_to_cameras_deg"), 2, "°")),
-        ("Region of interest", _SOURCES.get(crop.get("source"))),
+        ("Region of interest", _SOURCES.get(str(crop.get("source")))),
         ("Points kept by the crop", _kept(crop.get("n_kept"), crop.get("n_points"))),
     ]
     figures = []
@@ -189,7 +193,7 @@ def _aligned(scan, width_px):
     return section("Alignment and crop", facts, figures=figures)
 
 
-def _covered(scan, width_px):
+def _covered(scan: dict, width_px: int) -> dict:
     """The region of interest in voxels; nothing where the cameras look at no common place."""
     coverage = scan["coverage"]
     if coverage.get("region") is None:
@@ -206,7 +210,7 @@ def _covered(scan, width_px):
     return section("Coverage", facts, figures=[(figure, caption)])
 
 
-def _denoised(scan, width_px):
+def _denoised(scan: dict, width_px: int) -> dict:
     report = scan["denoise"]
     facts = [
         ("Removed as outliers", _kept(report.get("n_removed_statistical"), report.get("n_input"))),
@@ -222,7 +226,7 @@ def _denoised(scan, width_px):
     return section("Denoising", facts, figures=figures)
 
 
-def _scaled(scan):
+def _scaled(scan: dict) -> dict:
     scale = scan["scale"]
     is_metric = scale.get("unit", "m") == "m"
     value, spread = scale.get("scale"), scale.get("scale_std")
@@ -246,7 +250,7 @@ def _scaled(scan):
     return section("Scale", facts, tables, figures)
 
 
-def _marker_row(marker):
+def _marker_row(marker: dict) -> list:
     sides = [float(side) for side in marker.get("side_lengths") or []]
     return [
         marker.get("id"),
@@ -259,7 +263,7 @@ def _marker_row(marker):
     ]
 
 
-def _target(report):
+def _target(report: dict) -> dict:
     length = unit_name(report.get("unit", "m"))
     margin, other = report.get("margin"), report.get("runner_up")
     by = "crop.target_xy" if report.get("source") == "config" else "its wood"
@@ -286,11 +290,11 @@ def _target(report):
     return section("Target", facts, [table(caption, head, rows, is_open=len(rows) > 1)])
 
 
-def _place(base, length):
+def _place(base: list[float], length: str) -> str:
     return f"x {base[0]:.2f}, y {base[1]:.2f} {length}"
 
 
-def _contracted(scan, tree, width_px):
+def _contracted(scan: dict, tree: dict, width_px: int) -> dict:
     report = scan.get("contract") or {}
     facts = [
         ("Method", report.get("method")),
@@ -303,17 +307,17 @@ def _contracted(scan, tree, width_px):
     return section("Contraction", facts, figures=[(figure, "Contracted points over the wood.")])
 
 
-def _number(value, decimals, unit=""):
+def _number(value: float | None, decimals: int, unit: str = "") -> str | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         return None
     return f"{value:,.{decimals}f}{unit}"
 
 
-def _count(value):
+def _count(value: int | None) -> str | None:
     return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else None
 
 
-def _kept(part, whole):
+def _kept(part: int | None, whole: int | None) -> str | None:
     if not isinstance(part, int) or not isinstance(whole, int) or not whole:
         return None
     return f"{part:,} of {whole:,} ({100 * part / whole:.1f} %)"

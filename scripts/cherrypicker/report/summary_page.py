@@ -5,27 +5,71 @@ Within each part the trees stand in the order of ``config/trees.tsv``.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from datetime import date
 from html import escape
 from urllib.parse import quote
 
 from cherrypicker.report.text import STYLE, with_uncertainty
-from cherrypicker.traits.table import TRAITS
+from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_name
 
-__all__ = ["summary_html"]
+__all__ = ["TreeResult", "summary_html"]
 
 _SHOWN = [t for t in TRAITS.values() if t.is_shown and t.name != "trunk_height_m"]
 _MANY_FLAGS = 6
 _LEFT, _TOP, _PLOT_WIDTH, _PLOT_HEIGHT = 58, 26, 286, 118  # of a chart, px
 
 
-def summary_html(results) -> str:
+@dataclass
+class TreeResult:
+    """What the batch knows of one scan.
+
+    Attributes
+    ----------
+    tree, date, series : str
+        From the table of trees; empty where not given.
+    status : str
+        ``done``, ``failed``, ``interrupted`` (a stage was killed) or ``not run``.
+    traits : dict
+        Content of ``traits.json``; empty where there is none or where it is out of date.
+    stage, cause, file, key, log : str
+        Of the failure; empty without one.
+    report, thumbnail : str
+        Paths below the results folder; empty where the file is missing.
+    """
+
+    tree: str
+    date: str = ""
+    series: str = ""
+    status: str = "not run"
+    traits: dict = field(default_factory=dict)
+    stage: str = ""
+    cause: str = ""
+    file: str = ""
+    key: str = ""
+    log: str = ""
+    report: str = ""
+    thumbnail: str = ""
+
+    @property
+    def unit(self) -> str:
+        """``m`` or ``arbitrary``; empty without traits."""
+        return str(self.traits.get("unit", "")) if self.traits else ""
+
+    @property
+    def flags(self) -> list[str]:
+        """Quality warnings of the traits."""
+        flags = self.traits.get("flags", [])
+        return [str(flag) for flag in flags] if isinstance(flags, list) else [str(flags)]
+
+
+def summary_html(results: list[TreeResult]) -> str:
     """Return the page over all trees.
 
     Parameters
     ----------
-    results : list of cherrypicker.batch.summary.TreeResult
+    results : list of TreeResult
 
     Returns
     -------
@@ -68,7 +112,7 @@ svg text { font: 11px system-ui, sans-serif; fill: #68707c; }
 """
 
 
-def _failures(failed) -> str:
+def _failures(failed: list[TreeResult]) -> str:
     rows = []
     for result in failed:
         fix = f"<code>{escape(result.key)}</code>" if result.key else ""
@@ -87,7 +131,7 @@ def _failures(failed) -> str:
     )
 
 
-def _table(done) -> str:
+def _table(done: list[TreeResult]) -> str:
     names = ["", "Tree", "Date", *(trait.title for trait in _SHOWN), "Warnings"]
     head = "".join(f"<th>{name}</th>" for name in names)
     rows = []
@@ -106,25 +150,25 @@ def _table(done) -> str:
     )
 
 
-def _flags(result) -> str:
+def _flags(result: TreeResult) -> str:
     lines = [escape(flag) for flag in result.flags[:_MANY_FLAGS]]
     if len(result.flags) > _MANY_FLAGS:
         lines.append(f"and {len(result.flags) - _MANY_FLAGS} more")
     return "<br>".join(lines)
 
 
-def _link(result) -> str:
+def _link(result: TreeResult) -> str:
     name = escape(result.tree)
     return f'<a href="{escape(quote(result.report))}">{name}</a>' if result.report else name
 
 
-def _thumbnail(result) -> str:
+def _thumbnail(result: TreeResult) -> str:
     if not result.thumbnail:
         return ""
     return f'<img src="{escape(quote(result.thumbnail))}" alt="" loading="lazy">'
 
 
-def _series(results) -> list[str]:
+def _series(results: list[TreeResult]) -> list[str]:
     """Charts of the series with two dates or more; scans without a scale have no place on them."""
     by_name: dict[str, list] = {}
     for result in results:
@@ -148,10 +192,10 @@ def _day(text: str) -> int | None:
         return None
 
 
-def _chart(scans, trait) -> str:
+def _chart(scans: list, trait: Trait) -> str:
     """One trait over the dates of a series as inline SVG, error bars where there are errors."""
     name, decimals = trait.name, trait.decimals
-    unit, data = unit_name("m", trait.power), []
+    unit, data = unit_name("m", trait.power or 1), []
     for when, result in scans:
         value, error = result.traits.get(name), result.traits.get(f"{name}_se")
         if isinstance(value, int | float):
@@ -164,10 +208,10 @@ def _chart(scans, trait) -> str:
     high = max(value + error for _, value, error, _ in data)
     pad = 0.1 * (high - low) or 0.1 * abs(high) or 1.0
 
-    def x_of(when):
+    def x_of(when: int) -> float:
         return _LEFT + (when - first) / (last - first) * _PLOT_WIDTH
 
-    def y_of(value):
+    def y_of(value: float) -> float:
         return _TOP + (high + pad - value) / (high - low + 2 * pad) * _PLOT_HEIGHT
 
     marks = "".join(

@@ -1,7 +1,12 @@
 """Load everything a tree has, draw its figures and write its report."""
 
+from __future__ import annotations
+
 import logging
+import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,30 +34,30 @@ _THUMBNAIL_PX = 240
 
 
 def report_tree(
-    tree,
-    traits,
-    branches,
-    skeleton,
-    topology,
-    segmented,
-    contracted,
+    tree: str,
+    traits: str | os.PathLike,
+    branches: str | os.PathLike,
+    skeleton: str | os.PathLike,
+    topology: str | os.PathLike,
+    segmented: str | os.PathLike,
+    contracted: str | os.PathLike,
     *,
-    report,
-    cloud_figure,
-    label_figure,
-    skeleton_figure,
-    topology_figure,
-    trunk_figure,
-    thumbnail_figure,
-    photos=(),
-    date="",
-    series="",
-    viewer_points,
-    figure_width_px,
-    n_examples,
-    seed=0,
-    **scan_files,
-):
+    report: str | os.PathLike,
+    cloud_figure: str | os.PathLike,
+    label_figure: str | os.PathLike,
+    skeleton_figure: str | os.PathLike,
+    topology_figure: str | os.PathLike,
+    trunk_figure: str | os.PathLike,
+    thumbnail_figure: str | os.PathLike,
+    photos: Sequence = (),
+    date: str = "",
+    series: str = "",
+    viewer_points: int,
+    figure_width_px: int,
+    n_examples: int,
+    seed: int = 0,
+    **scan_files: Any,
+) -> None:
     """Write a tree's report and its figures.
 
     Parameters
@@ -118,10 +123,10 @@ def report_tree(
     logger.info("report of %.1f MB", len(page) / 1e6)
 
 
-def _load_scan(photos, files):
+def _load_scan(photos: Sequence, files: dict) -> dict:
     """Load what the tree has; inputs that a ready cloud lacks stay None."""
 
-    def load(name, read):
+    def load(name: str, read: Callable) -> Any:
         path = files.get(name)
         return read(path) if path else None
 

@@ -4,15 +4,19 @@ Positions are 16-bit steps of the cloud's box (0.1 mm in a box of 6 m), colours 
 so that 150 thousand points take 2 MB in the page.
 """
 
+from __future__ import annotations
+
 import base64
 import json
 
 import numpy as np
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
 from cherrypicker.skeleton import axes, node_order
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["pick_points", "viewer_data"]
 
@@ -20,7 +24,7 @@ _WOOD_SHARE = 0.7
 _STEPS = 65535
 
 
-def pick_points(labels, n_most, rng):
+def pick_points(labels: np.ndarray, n_most: int, rng: np.random.Generator) -> np.ndarray:
     """Choose points to show, wood before the rest, in increasing order.
 
     Parameters
@@ -43,7 +47,7 @@ def pick_points(labels, n_most, rng):
     return np.sort(picked.astype(np.int64))
 
 
-def viewer_data(cloud, skeleton, *, n_points, seed=0):
+def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: int = 0) -> dict:
     """Return the view's data as text for the page.
 
     Parameters
@@ -79,7 +83,7 @@ def viewer_data(cloud, skeleton, *, n_points, seed=0):
         "low": low.tolist(),
         "span": span.tolist(),
         "center": ((box[0] + box[1]) / 2).tolist(),
-        "reach": float(max(np.linalg.norm(box[1] - box[0]) / 2, 1e-3)),
+        "reach": max(float(np.linalg.norm(box[1] - box[0])) / 2, 1e-3),
         "has_color": cloud.colors is not None,
         "labels": present,
         "label_colors": [list(map(float, CLASS_COLORS[label])) for label in present],
@@ -106,7 +110,7 @@ def viewer_data(cloud, skeleton, *, n_points, seed=0):
     }
 
 
-def _edges(skeleton, orders):
+def _edges(skeleton: Skeleton, orders: np.ndarray) -> np.ndarray:
     """Both ends with radius, then the order, (n_edges, 9) float32."""
     end = np.arange(1, len(skeleton))
     start = skeleton.parent[1:]
@@ -122,13 +126,13 @@ def _edges(skeleton, orders):
     ).astype("<f4")
 
 
-def _base64(array):
+def _base64(array: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
 
 
-def _rgb(color):
+def _rgb(color: str) -> list[float]:
     return [int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)]
 
 
-def _css(color):
+def _css(color: tuple[float, float, float]) -> str:
     return "#" + "".join(f"{round(255 * float(value)):02x}" for value in color)

@@ -4,8 +4,11 @@ What makes them is in `cherrypicker.contraction` and `cherrypicker.graph`; `cher
 in two calls.
 """
 
+from __future__ import annotations
+
 import importlib
 import warnings
+from typing import Any
 
 from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, axis_polyline, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
@@ -40,7 +43,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     """Names that moved to `cherrypicker.api`, for code written before; by name, so that nobody who
     reads skeletons watches, or loads, what makes them."""
     if name in ("contract", "skeletonize"):

@@ -6,6 +6,8 @@ other axis goes on into its thickest child; the children that it leaves aside st
 next order.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numba
@@ -13,6 +15,7 @@ import numpy as np
 
 from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.tree_walks import child_rows, fill_reach
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = [
     "Axis",
@@ -49,7 +52,7 @@ class Axis:
     attach: int
 
 
-def axes(skeleton, *, trunk_keeps=TRUNK_KEEPS):
+def axes(skeleton: Skeleton, *, trunk_keeps: float = TRUNK_KEEPS) -> list[Axis]:
     """Split a skeleton into axes.
 
     Parameters
@@ -69,7 +72,7 @@ def axes(skeleton, *, trunk_keeps=TRUNK_KEEPS):
     return [Axis(*axis) for axis in zip(runs, *(values.tolist() for values in rest))]
 
 
-def axis_runs(skeleton, *, trunk_keeps=TRUNK_KEEPS):
+def axis_runs(skeleton: Skeleton, *, trunk_keeps: float = TRUNK_KEEPS) -> tuple[np.ndarray, ...]:
     """The same axes as flat arrays, for compiled code.
 
     Parameters
@@ -94,7 +97,7 @@ def axis_runs(skeleton, *, trunk_keeps=TRUNK_KEEPS):
 
 
 @numba.njit(cache=True)
-def _split(tree, trunk_keeps):
+def _split(tree: tuple, trunk_keeps: float) -> tuple[np.ndarray, ...]:
     """Axes as runs of nodes: the runs, their starts, orders, parent axes and attach nodes."""
     start, child = tree[5], tree[6]
     n = len(tree[1])
@@ -128,7 +131,7 @@ def _split(tree, trunk_keeps):
 
 
 @numba.njit(cache=True)
-def _farthest_child(tree, node):
+def _farthest_child(tree: tuple, node: int) -> int:
     """Child with the longest way up to a tip, -1 at a tip."""
     _, _, _, _, ahead, start, child = tree
     best = -1
@@ -139,7 +142,7 @@ def _farthest_child(tree, node):
 
 
 @numba.njit(cache=True)
-def _place_up(tree, node, reach):
+def _place_up(tree: tuple, node: int, reach: float) -> int:
     """Node that lies `reach` up the longest way from a node."""
     travelled, length = 0.0, tree[3]
     while travelled < reach:
@@ -152,7 +155,7 @@ def _place_up(tree, node, reach):
 
 
 @numba.njit(cache=True)
-def _place_down(tree, node, reach):
+def _place_down(tree: tuple, node: int, reach: float) -> int:
     """Node that lies `reach` down the way from a node to the root."""
     travelled, parent, length = 0.0, tree[1], tree[3]
     while travelled < reach and parent[node] >= 0:
@@ -162,7 +165,7 @@ def _place_down(tree, node, reach):
 
 
 @numba.njit(cache=True)
-def _straightness(tree, node, one):
+def _straightness(tree: tuple, node: int, one: int) -> float:
     """Cosine of the turn from the stretch before a junction into one of its children."""
     points, _, radius, length, _, _, _ = tree
     reach = max(3 * radius[node], 3 * length[node])
@@ -175,7 +178,7 @@ def _straightness(tree, node, one):
 
 
 @numba.njit(cache=True)
-def _radius_ahead(tree, node, skip, stretch, buffer):
+def _radius_ahead(tree: tuple, node: int, skip: float, stretch: float, buffer: np.ndarray) -> float:
     """Median radius over a stretch, `skip` past the fork below a node, on the longest way up."""
     _, _, radius, length, _, _, _ = tree
     travelled, n, last = length[node], 0, node
@@ -192,7 +195,9 @@ def _radius_ahead(tree, node, skip, stretch, buffer):
 
 
 @numba.njit(cache=True)
-def _radius_behind(tree, nodes, skip, stretch, buffer):
+def _radius_behind(
+    tree: tuple, nodes: np.ndarray, skip: float, stretch: float, buffer: np.ndarray
+) -> float:
     """Median radius over a stretch, `skip` before the last of a run of nodes."""
     _, _, radius, length, _, _, _ = tree
     travelled, n = 0.0, 0
@@ -209,7 +214,7 @@ def _radius_behind(tree, nodes, skip, stretch, buffer):
 
 
 @numba.njit(cache=True)
-def _heir(tree, node, buffer):
+def _heir(tree: tuple, node: int, buffer: np.ndarray) -> int:
     """Child that the axis goes on into: the thickest; among similar ones far reach and straight."""
     _, _, radius, _, ahead, start, child = tree
     candidates = child[start[node] : start[node + 1]]
@@ -230,7 +235,9 @@ def _heir(tree, node, buffer):
 
 
 @numba.njit(cache=True)
-def _trunk_goes_on(tree, nodes, heir, trunk_keeps, buffer):
+def _trunk_goes_on(
+    tree: tuple, nodes: np.ndarray, heir: int, trunk_keeps: float, buffer: np.ndarray
+) -> bool:
     """Whether the trunk, whose nodes so far are `nodes`, goes on into `heir`."""
     _, _, radius, _, _, start, _ = tree
     node = nodes[len(nodes) - 1]
@@ -241,7 +248,7 @@ def _trunk_goes_on(tree, nodes, heir, trunk_keeps, buffer):
     return above >= trunk_keeps * _radius_behind(tree, nodes, 0.5 * diameter, diameter, buffer)
 
 
-def axis_of_node(skeleton, axis_list):
+def axis_of_node(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
     """Index of the axis that holds each node, (n_nodes,) int64."""
     owner = np.full(len(skeleton), -1, dtype=np.int64)
     for index, axis in enumerate(axis_list):
@@ -249,12 +256,12 @@ def axis_of_node(skeleton, axis_list):
     return owner
 
 
-def node_order(skeleton, axis_list):
+def node_order(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
     """Order of the axis that holds each node (and its edge to the parent), (n_nodes,) int64."""
     order = np.array([axis.order for axis in axis_list], dtype=np.int64)
     return order[axis_of_node(skeleton, axis_list)]
 
 
-def axis_polyline(axis):
+def axis_polyline(axis: Axis) -> np.ndarray:
     """Node ids of an axis from the node it hangs on (where there is one) to its tip, int64."""
     return axis.nodes if axis.attach < 0 else np.concatenate([[axis.attach], axis.nodes])

@@ -1,5 +1,9 @@
 """Skeletons as a CSV of nodes: the form that truths and other tools' skeletons come in."""
 
+from __future__ import annotations
+
+import os
+
 import numpy as np
 
 from cherrypicker.errors import StageError
@@ -11,7 +15,7 @@ __all__ = ["read_skeleton_csv"]
 COLUMNS = ("id", "parent", "x", "y", "z", "radius")
 
 
-def read_skeleton_csv(path, unit_m=1.0):
+def read_skeleton_csv(path: str | os.PathLike, unit_m: float = 1.0) -> Skeleton:
     """Read a skeleton from a CSV of nodes in any order.
 
     Parameters
@@ -35,7 +39,7 @@ def read_skeleton_csv(path, unit_m=1.0):
     """
     rows = read_table(path, required=COLUMNS)
 
-    def column(name, missing=None):
+    def column(name: str, missing: float | None = None) -> np.ndarray:
         return np.array([cell_number(row.get(name), path, at, missing) for at, row in rows])
 
     ids = column("id").astype(np.int64)
@@ -61,7 +65,7 @@ def read_skeleton_csv(path, unit_m=1.0):
     )
 
 
-def _closed(radius, parent):
+def _closed(radius: np.ndarray, parent: np.ndarray) -> np.ndarray:
     """Radii with those left open filled from the parents; 0 where there are none at all."""
     known = radius[np.isfinite(radius)]
     for node in np.flatnonzero(~np.isfinite(radius)):

@@ -4,7 +4,10 @@ An edit names places, not nodes: the nearest node within a tolerance is meant. W
 edit is lost, which is reported and changes nothing. The result is one rooted tree, or an error.
 """
 
+from __future__ import annotations
+
 import logging
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +43,7 @@ class Edit:
     places: dict
     tolerance: float = TOLERANCE_M
 
-    def __str__(self):
+    def __str__(self) -> str:
         places = ", ".join(
             f"{name} ({', '.join(f'{value:g}' for value in place)})"
             for name, place in self.places.items()
@@ -48,7 +51,7 @@ class Edit:
         return f"{self.kind} {places}"
 
 
-def read_edits(path):
+def read_edits(path: str | os.PathLike) -> list[Edit]:
     """Read a tree's edits: a YAML list under ``edits``, applied in its order.
 
     Parameters
@@ -75,7 +78,7 @@ def read_edits(path):
     return [_parsed(entry, number, path) for number, entry in enumerate(entries, start=1)]
 
 
-def _parsed(entry, number, path):
+def _parsed(entry: dict, number: int, path: str | os.PathLike) -> Edit:
     key = f"edits, entry {number}"
     kinds = [kind for kind in PLACES if isinstance(entry, dict) and kind in entry]
     if len(kinds) != 1 or not set(entry) <= {kinds[0], "tolerance_m", "note"}:
@@ -99,7 +102,7 @@ def _parsed(entry, number, path):
     return Edit(kind, places, tolerance)
 
 
-def apply_edits(skeleton, edits):
+def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
     """Apply edits one after the other.
 
     connect: the wood at ``from`` leaves what it hung on and hangs on the node at ``to``; a piece
@@ -150,7 +153,7 @@ def apply_edits(skeleton, edits):
 class _EditedTree:
     """Nodes and parents while they are edited; -1 is the parent of the root and of cut pieces."""
 
-    def __init__(self, skeleton):
+    def __init__(self, skeleton: Skeleton) -> None:
         self.skeleton = skeleton
         self.points = skeleton.points.copy()
         self.parent = skeleton.parent.copy()
@@ -159,13 +162,13 @@ class _EditedTree:
         self.alive = np.ones(len(skeleton), dtype=bool)
         self.usual = float(np.median(skeleton.edge_length[1:])) if len(skeleton) > 1 else 0.0
 
-    def nearest(self, place, tolerance):
+    def nearest(self, place: np.ndarray, tolerance: float) -> int:
         """Living node nearest to a place, -1 if none lies within the tolerance."""
         rows = np.flatnonzero(self.alive)
         distance, index = cKDTree(self.points[rows]).query(place)
         return int(rows[index]) if distance <= tolerance else -1
 
-    def apply(self, number, edit, nodes):
+    def apply(self, number: int, edit: Edit, nodes: list[int]) -> None:
         """Apply one edit whose nodes were found."""
         if edit.kind == "move":
             self.points[nodes[0]] = edit.places["to"]
@@ -178,7 +181,7 @@ class _EditedTree:
         else:
             self.alive[self._beyond(nodes[0])] = False
 
-    def _connect(self, number, edit, start, target):
+    def _connect(self, number: int, edit: Edit, start: int, target: int) -> None:
         if self._top(start) != self._top(target):
             self._hang_from(start)
         elif start in self._way_down(target):
@@ -190,16 +193,16 @@ class _EditedTree:
         length = np.linalg.norm(self.points[start] - self.points[target])
         self.gap[start] = int(length > BARE_STEPS * self.usual)
 
-    def _way_down(self, node):
+    def _way_down(self, node: int) -> list[int]:
         way = [node]
         while self.parent[way[-1]] >= 0:
             way.append(int(self.parent[way[-1]]))
         return way
 
-    def _top(self, node):
+    def _top(self, node: int) -> int:
         return self._way_down(node)[-1]
 
-    def _hang_from(self, node):
+    def _hang_from(self, node: int) -> None:
         """Turn a piece's parents round so that it hangs from a node."""
         way = self._way_down(node)
         gaps = [self.gap[item] for item in way]
@@ -207,7 +210,7 @@ class _EditedTree:
             self.parent[lower], self.gap[lower] = item, gap
         self.parent[node] = -1
 
-    def _beyond(self, node):
+    def _beyond(self, node: int) -> np.ndarray:
         """A node and all that hangs on it, (n_nodes,) bool."""
         beyond = np.zeros(len(self.parent), dtype=bool)
         beyond[node] = True
@@ -217,7 +220,7 @@ class _EditedTree:
                 return beyond
             beyond |= more
 
-    def result(self):
+    def result(self) -> tuple[Skeleton, float]:
         """Skeleton of what hangs on the root, and the length of what does not."""
         keep = self._beyond(0) & self.alive
         if np.count_nonzero(keep) < 2:

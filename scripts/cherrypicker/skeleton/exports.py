@@ -1,5 +1,8 @@
 """Skeletons and topologies as GraphML, SWC and PLY, and back."""
 
+from __future__ import annotations
+
+import os
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +26,7 @@ __all__ = [
 LARGEST_ROUNDING = 1e-5  # float32 is enough while it moves no vertex by more than this
 
 
-def write_skeleton_graphml(path, skeleton):
+def write_skeleton_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
     """Write ``skeleton.graphml``: one node a skeleton node, ids "0" (the root) and up.
 
     Parameters
@@ -47,7 +50,7 @@ def write_skeleton_graphml(path, skeleton):
         write_graphml(temporary, GraphColumns(attributes, ids, nodes | fields, edges, edge_data))
 
 
-def write_topology_graphml(path, topology):
+def write_topology_graphml(path: str | os.PathLike, topology: Topology) -> None:
     """Write ``topology.graphml``; node ids are the skeleton's, a path is "0 1 2".
 
     Parameters
@@ -57,7 +60,7 @@ def write_topology_graphml(path, topology):
     """
     nodes = dict(zip("xyz", topology.points.T.astype(float).tolist(), strict=True))
     nodes["kind"] = list(topology.kind)
-    edge_data = {
+    edge_data: dict[str, list] = {
         name: [float(getattr(edge, name)) for edge in topology.edges]
         for name in ("length", "radius_start", "radius_end")
     }
@@ -70,7 +73,7 @@ def write_topology_graphml(path, topology):
         write_graphml(temporary, GraphColumns(attributes, ids, nodes, edges, edge_data))
 
 
-def _read_graph(path):
+def _read_graph(path: str | os.PathLike) -> GraphColumns:
     """Read a GraphML tree with its `root`, as a user's error where it cannot be one."""
     if not Path(path).is_file():
         raise StageError("the graph is missing", file=path, key="graph.method")
@@ -83,7 +86,7 @@ def _read_graph(path):
     return graph
 
 
-def read_skeleton(path):
+def read_skeleton(path: str | os.PathLike) -> Skeleton:
     """Read ``skeleton.graphml``.
 
     Parameters
@@ -135,21 +138,21 @@ def read_skeleton(path):
     )
 
 
-def _is_rooted(names, edges):
+def _is_rooted(names: list[str], edges: np.ndarray) -> bool:
     """Whether ids are already 0, 1, ... with one smaller neighbour a node but the root."""
     if names != [str(index) for index in range(len(names))]:
         return False
     return len(np.unique(edges.max(axis=1))) == len(edges) if len(edges) else True
 
 
-def _parents(n_nodes, edges):
+def _parents(n_nodes: int, edges: np.ndarray) -> np.ndarray:
     parent = np.full(n_nodes, -1, dtype=np.int64)
     if len(edges):
         parent[edges.max(axis=1)] = edges.min(axis=1)
     return parent
 
 
-def read_topology(path):
+def read_topology(path: str | os.PathLike) -> Topology:
     """Read ``topology.graphml``.
 
     Parameters
@@ -174,8 +177,9 @@ def read_topology(path):
         edges = []
         for row, path_text in enumerate(data["path"] if graph.edges else ()):
             way = np.array([int(node) for node in path_text.split()], dtype=np.int64)
-            numbers = [data[name][row] for name in ("length", "radius_start", "radius_end")]
-            edges.append(TopologyEdge(int(way[0]), int(way[-1]), way, *numbers, data["order"][row]))
+            edge = {name: data[name][row] for name in ("radius_start", "radius_end", "order")}
+            length = data["length"][row]
+            edges.append(TopologyEdge(int(way[0]), int(way[-1]), way, length, **edge))
         kind = [graph.nodes["kind"][row] for row in order]
     except (KeyError, ValueError) as error:
         raise StageError(f"not a topology: {error!r}", file=path) from error
@@ -185,7 +189,7 @@ def read_topology(path):
     return Topology(nodes[order], kind, points, edges, unit, frame)
 
 
-def write_skeleton_swc(path, skeleton):
+def write_skeleton_swc(path: str | os.PathLike, skeleton: Skeleton) -> None:
     """Write ``skeleton.swc``: id (from 1), type, x, y, z, radius, parent (-1 for the root).
 
     Parameters
@@ -213,7 +217,7 @@ def write_skeleton_swc(path, skeleton):
         Path(temporary).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def write_skeleton_ply(path, skeleton, order):
+def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:
     """Write ``skeleton.ply``: nodes as vertices, edges as PLY edges, binary little endian.
 
     Parameters

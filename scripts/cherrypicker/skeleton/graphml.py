@@ -4,6 +4,9 @@ The bytes are those that networkx writes with ``prettyprint`` and ``named_key_id
 another layout, as other tools write it, is read by networkx.
 """
 
+from __future__ import annotations
+
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +59,7 @@ class GraphColumns:
     edge_data: dict
 
 
-def write_graphml(path, graph):
+def write_graphml(path: str | os.PathLike, graph: GraphColumns) -> None:
     """Write a graph; edges come by their first node, as networkx lists them.
 
     Parameters
@@ -75,8 +78,8 @@ def write_graphml(path, graph):
         for kind, name, value in reversed(keys)
     ]
     node = ['    <node id="%s">\n', *map(_template, graph.nodes), "    </node>\n"]
-    edge = ['    <edge source="%s" target="%s">\n', *map(_template, graph.edge_data)]
-    edge = "".join([*edge, "    </edge>\n"])
+    edge_parts = ['    <edge source="%s" target="%s">\n', *map(_template, graph.edge_data)]
+    edge = "".join([*edge_parts, "    </edge>\n"])
     node_columns = [graph.ids, *map(_texts, graph.nodes.values())]
     edge_columns = [[ends[0] for ends in edges], [ends[1] for ends in edges]]
     edge_columns += map(_texts, graph.edge_data.values())
@@ -97,15 +100,15 @@ def write_graphml(path, graph):
     )
 
 
-def _template(name):
+def _template(name: str) -> str:
     return f'      <data key="{name}">%s</data>\n'
 
 
-def _text(value):
+def _text(value: object) -> str:
     return escape(value) if isinstance(value, str) else str(value)
 
 
-def _texts(values):
+def _texts(values: list) -> list[str]:
     return (
         list(map(_text, values))
         if values and isinstance(values[0], str)
@@ -113,7 +116,7 @@ def _texts(values):
     )
 
 
-def read_graphml(path):
+def read_graphml(path: str | os.PathLike) -> GraphColumns:
     """Read a graph.
 
     Parameters
@@ -137,7 +140,7 @@ def read_graphml(path):
     return _read_any(path) if found is None else found
 
 
-def _read_own_layout(text):
+def _read_own_layout(text: str) -> GraphColumns | None:
     """Columns of a file as `write_graphml` writes it, None of any other."""
     start, end = '  <graph edgedefault="undirected">\n', "  </graph>\n</graphml>"
     head, opened, body = text.partition(start)
@@ -158,15 +161,16 @@ def _read_own_layout(text):
         ),
         _read_part(f"    <graph>\n{body[after:]}    </graph>\n", "graph", "<graph>()", declared),
     )
-    if at != len(head) or any(part is None for part in parts):
+    node_part, edge_part, graph_part = parts
+    if at != len(head) or node_part is None or edge_part is None or graph_part is None:
         return None
-    (ids,), nodes = parts[0]
-    (sources, targets), edge_data = parts[1]
-    attributes = {name: values[0] for name, values in parts[2][1].items()}
+    (ids,), nodes = node_part
+    (sources, targets), edge_data = edge_part
+    attributes = {name: values[0] for name, values in graph_part[1].items()}
     return GraphColumns(attributes, ids, nodes, list(zip(sources, targets, strict=True)), edge_data)
 
 
-def _read_part(text, kind, opening, declared):
+def _read_part(text: str, kind: str, opening: str, declared: dict) -> tuple | None:
     """Ids and columns of elements that follow one another and have one layout, None of others."""
     n_ids = opening.count("(")
     if not text:
@@ -190,7 +194,7 @@ def _read_part(text, kind, opening, declared):
     return [list(column) for column in columns[:n_ids]], values
 
 
-def _read_any(path):
+def _read_any(path: str | os.PathLike) -> GraphColumns:
     """Columns by networkx; attributes that only some nodes or edges have are left out."""
     import networkx as nx  # takes longer to import than our own files to read
 
@@ -204,7 +208,7 @@ def _read_any(path):
     return GraphColumns(attributes, list(graph.nodes), nodes, edges, _shared(edge_data))
 
 
-def _shared(rows):
+def _shared(rows: list) -> dict:
     """Columns of what all rows have."""
     names = [name for name in (rows[0] if rows else ()) if all(name in row for row in rows)]
     return {name: [row[name] for row in rows] for name in names}

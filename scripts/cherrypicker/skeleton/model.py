@@ -1,5 +1,7 @@
 """The skeleton as a rooted tree of nodes: what the graph stage makes and the traits read."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,7 +44,7 @@ class Skeleton:
     unit: str = "m"
     frame: str = "metric"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.points = np.asarray(self.points, dtype=np.float64)
         self.parent = np.asarray(self.parent, dtype=np.int64)
         self.radius = np.asarray(self.radius, dtype=np.float64)
@@ -57,11 +59,11 @@ class Skeleton:
         if self.parent[0] != -1 or (self.parent[1:] < 0).any() or (self.parent >= ids).any():
             raise ValueError("node 0 must be the root (parent -1), parents before children")
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.points)
 
     @property
-    def edge_length(self):
+    def edge_length(self) -> np.ndarray:
         """Length of each node's edge to its parent, (n_nodes,) float64, 0 for the root."""
         length = np.zeros(len(self))
         steps = self.points[1:] - self.points[self.parent[1:]]
@@ -69,31 +71,31 @@ class Skeleton:
         return length
 
     @property
-    def n_children(self):
+    def n_children(self) -> np.ndarray:
         """Number of children of each node, (n_nodes,) int64."""
         return np.bincount(self.parent[1:], minlength=len(self))
 
     @property
-    def degree(self):
+    def degree(self) -> np.ndarray:
         """Number of edges of each node, (n_nodes,) int64."""
         degree = self.n_children
         degree[1:] += 1
         return degree
 
-    def children(self):
+    def children(self) -> list[np.ndarray]:
         """Children of each node: a list of n_nodes int64 arrays, in increasing order."""
         order = np.argsort(self.parent[1:], kind="stable") + 1
         return np.split(order, np.cumsum(self.n_children)[:-1])
 
-    def distance_to_root(self):
+    def distance_to_root(self) -> np.ndarray:
         """Length of the way along the skeleton from each node to the root, (n_nodes,) float64."""
         return sum_from_root(self.parent, self.edge_length)
 
-    def reach(self):
+    def reach(self) -> np.ndarray:
         """Length of the longest way from each node up to a tip, (n_nodes,) float64."""
         return fill_reach(self.parent, self.edge_length)
 
-    def select(self, keep):
+    def select(self, keep: np.ndarray) -> Skeleton:
         """Skeleton of the nodes in `keep` (bool mask, closed under parents), order kept."""
         keep = np.asarray(keep, dtype=bool)
         if not keep[0] or (keep[1:] & ~keep[self.parent[1:]]).any():
@@ -112,7 +114,7 @@ class Skeleton:
         )
 
 
-def rooted_order(n_nodes, edges, root):
+def rooted_order(n_nodes: int, edges: np.ndarray, root: int) -> tuple[np.ndarray, np.ndarray]:
     """Order the nodes of a tree from its root, parents before children.
 
     Parameters

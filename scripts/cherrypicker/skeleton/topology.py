@@ -1,11 +1,14 @@
 """The topology graph: the skeleton with its degree-2 nodes folded away (paper, Sec. Graph)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
 
+from cherrypicker.skeleton.axes import Axis, node_order
 from cherrypicker.skeleton.axes import axes as find_axes
-from cherrypicker.skeleton.axes import node_order
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["Topology", "TopologyEdge", "fold"]
 
@@ -62,17 +65,17 @@ class Topology:
     frame: str = "metric"
 
     @property
-    def n_junctions(self):
+    def n_junctions(self) -> int:
         """Number of junctions."""
         return self.kind.count("junction")
 
     @property
-    def n_tips(self):
+    def n_tips(self) -> int:
         """Number of tips."""
         return self.kind.count("tip")
 
 
-def fold(skeleton, axis_list=None):
+def fold(skeleton: Skeleton, axis_list: list[Axis] | None = None) -> Topology:
     """Fold the degree-2 nodes of a skeleton away.
 
     The root always stays, whatever its degree.
@@ -96,10 +99,10 @@ def fold(skeleton, axis_list=None):
     kind = ["root" if node == 0 else "junction" if n_children[node] else "tip" for node in kept]
     length, edges = skeleton.edge_length, []
     for child in kept[1:]:
-        path = [child, skeleton.parent[child]]
-        while not keep[path[-1]]:
-            path.append(skeleton.parent[path[-1]])
-        path = np.array(path[::-1], dtype=np.int64)
+        way = [child, skeleton.parent[child]]
+        while not keep[way[-1]]:
+            way.append(skeleton.parent[way[-1]])
+        path = np.array(way[::-1], dtype=np.int64)
         first = path[0] if path[0] == 0 or order[path[1]] == order[path[0]] else path[1]
         edges.append(
             TopologyEdge(

@@ -6,7 +6,11 @@ around the fitted radius instead; the factors were set on generated trees with k
 docs/traits.md.
 """
 
+from __future__ import annotations
+
 import numpy as np
+
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["angle_interval", "diameter_interval", "typical_scatter"]
 
@@ -18,7 +22,7 @@ _BEND = 10.0  # error of a direction over that of a line through as many indepen
 _LEAST_POINTS = 3
 
 
-def typical_scatter(skeleton):
+def typical_scatter(skeleton: Skeleton) -> float | None:
     """Median scatter of the points around the skeleton's radii; None where that is not known.
 
     Parameters
@@ -35,7 +39,9 @@ def typical_scatter(skeleton):
     return float(np.median(scatter)) if len(scatter) else None
 
 
-def diameter_interval(diameter, scatter, scale_error=0.0):
+def diameter_interval(
+    diameter: float | np.ndarray, scatter: float | np.ndarray, scale_error: float = 0.0
+) -> tuple:
     """90 % interval of a diameter.
 
     Parameters
@@ -55,7 +61,12 @@ def diameter_interval(diameter, scatter, scale_error=0.0):
     return np.maximum(diameter - half, 0.0), diameter + half
 
 
-def angle_interval(angle_deg, scatter, n_points, stretch):
+def angle_interval(
+    angle_deg: float | np.ndarray,
+    scatter: float | np.ndarray,
+    n_points: int | np.ndarray,
+    stretch: float | np.ndarray,
+) -> tuple:
     """90 % interval of an angle to a branch's direction.
 
     Parameters

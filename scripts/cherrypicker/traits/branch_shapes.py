@@ -1,9 +1,13 @@
 """Shapes of all axes of a skeleton in one compiled pass: lengths, directions, radii, laterals."""
 
+from __future__ import annotations
+
 import numba
 import numpy as np
 
 from cherrypicker.geometry.ordering import median
+from cherrypicker.skeleton.axes import Axis
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["SHAPE_COLUMNS", "axis_shapes"]
 
@@ -33,7 +37,7 @@ TIP_WINDOW_M = 0.03
 N_SAMPLES = 12  # of a stretch whose direction is taken
 
 
-def axis_shapes(skeleton, axis_list):
+def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict:
     """Measure every axis; `cherrypicker.traits.branch_rows` tells what the numbers mean.
 
     Parameters
@@ -61,12 +65,15 @@ def axis_shapes(skeleton, axis_list):
     radius = np.ascontiguousarray(skeleton.radius, dtype=np.float64)
     length = np.ascontiguousarray(skeleton.edge_length, dtype=np.float64)
     lines = _lines(points, nodes, first, attach)
-    table = _shapes(points, radius, length, *fields, nodes, first, attach, parent, *lines)
+    arrays = *fields, nodes, first, attach, parent, *lines
+    table = _shapes(points, radius, length, *arrays)  # type: ignore[call-arg]
     return dict(zip(SHAPE_COLUMNS, table.T, strict=True))
 
 
 @numba.njit(cache=True)
-def _lines(points, nodes, first, attach):
+def _lines(
+    points: np.ndarray, nodes: np.ndarray, first: np.ndarray, attach: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Polylines from the nodes that axes hang on: their nodes, arc lengths and starts."""
     n_axes = len(attach)
     line, start = np.empty(len(nodes) + n_axes, dtype=np.int64), np.empty(n_axes + 1, np.int64)
@@ -86,7 +93,7 @@ def _lines(points, nodes, first, attach):
 
 
 @numba.njit(cache=True)
-def _apart(points, a, b):
+def _apart(points: np.ndarray, a: int, b: int) -> float:
     """Distance of two points."""
     x, y, z = points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], points[a, 2] - points[b, 2]
     return np.sqrt(x * x + y * y + z * z)
@@ -94,9 +101,21 @@ def _apart(points, a, b):
 
 @numba.njit(cache=True)
 def _shapes(
-    points, radius, length, arc, count, residual, gap, nodes, first, attach, parent, line, along,
-    start,
-):  # fmt: skip
+    points: np.ndarray,
+    radius: np.ndarray,
+    length: np.ndarray,
+    arc: np.ndarray,
+    count: np.ndarray,
+    residual: np.ndarray,
+    gap: np.ndarray,
+    nodes: np.ndarray,
+    first: np.ndarray,
+    attach: np.ndarray,
+    parent: np.ndarray,
+    line: np.ndarray,
+    along: np.ndarray,
+    start: np.ndarray,
+) -> np.ndarray:
     """The table of `axis_shapes`, (n_axes, n_columns)."""
     n_axes = len(attach)
     table = np.empty((n_axes, 18))
@@ -145,7 +164,7 @@ def _shapes(
 
 
 @numba.njit(cache=True)
-def _share(gap, length, nodes):
+def _share(gap: np.ndarray, length: np.ndarray, nodes: np.ndarray) -> float:
     """Share of the nodes' edges, by length, that bridge missing data."""
     bare = total = 0.0
     for node in nodes:
@@ -155,7 +174,7 @@ def _share(gap, length, nodes):
 
 
 @numba.njit(cache=True)
-def _wood(along, radius, nodes):
+def _wood(along: np.ndarray, radius: np.ndarray, nodes: np.ndarray) -> tuple[float, float, float]:
     """Mean diameter over the length, taper and volume, from the node that the axis hangs on."""
     n = len(along)
     before = n - len(nodes)  # 1 where it hangs on another's node, with its own first radius
@@ -178,7 +197,9 @@ def _wood(along, radius, nodes):
 
 
 @numba.njit(cache=True)
-def _laterals(is_foot, place, nodes, end, buffer):
+def _laterals(
+    is_foot: np.ndarray, place: np.ndarray, nodes: np.ndarray, end: float, buffer: np.ndarray
+) -> tuple[float, float]:
     """Median way between successive laterals, NaN with fewer than two, and from the last on."""
     n, last = 0, 0.0
     for node in nodes:
@@ -192,7 +213,14 @@ def _laterals(is_foot, place, nodes, end, buffer):
 
 
 @numba.njit(cache=True)
-def _median_between(values, place, nodes, low, high, inside):
+def _median_between(
+    values: np.ndarray,
+    place: np.ndarray,
+    nodes: np.ndarray,
+    low: float,
+    high: float,
+    inside: np.ndarray,
+) -> float:
     """Median over the nodes placed in a stretch of their axis; the nearest's where none is."""
     n, nearest = 0, nodes[0]
     middle = (low + high) / 2
@@ -206,7 +234,9 @@ def _median_between(values, place, nodes, low, high, inside):
 
 
 @numba.njit(cache=True)
-def _direction(points, line, along, low, high):
+def _direction(
+    points: np.ndarray, line: np.ndarray, along: np.ndarray, low: float, high: float
+) -> tuple[float, float, float]:
     """Unit direction of a polyline over a stretch: a line fitted to even samples of it."""
     last = len(line) - 1
     if last < 1 or along[last] <= 0:
@@ -240,7 +270,9 @@ def _direction(points, line, along, low, high):
 
 
 @numba.njit(cache=True)
-def _through(points, line, along, at, window):
+def _through(
+    points: np.ndarray, line: np.ndarray, along: np.ndarray, at: float, window: float
+) -> tuple[float, float, float]:
     """Direction of an axis through one of its nodes at `at`, over `window` on either side."""
     low, high = at - window, at + window
     if at >= along[-1] - 1e-9:  # the axis ends here: only what lies below counts

@@ -4,11 +4,15 @@ An axis leaves its parent inside the parent's wood and a contracted skeleton ben
 directions and base diameters are taken beyond the parent's surface.
 """
 
+from __future__ import annotations
+
 import csv
 import io
 
 import numpy as np
 
+from cherrypicker.skeleton.axes import Axis
+from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.branch_intervals import angle_interval, diameter_interval, typical_scatter
 from cherrypicker.traits.branch_shapes import axis_shapes
 from cherrypicker.traits.table import BRANCH_COLUMNS
@@ -19,7 +23,9 @@ _INTERVALS = tuple(name for name in BRANCH_COLUMNS if "_low_" in name or "_high_
 _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 
 
-def branch_rows(skeleton, axis_list, foot_z, *, scale_error=0.0):
+def branch_rows(
+    skeleton: Skeleton, axis_list: list[Axis], foot_z: float, *, scale_error: float = 0.0
+) -> list:
     """Measure every axis.
 
     Parameters
@@ -74,11 +80,11 @@ def branch_rows(skeleton, axis_list, foot_z, *, scale_error=0.0):
     return [dict(zip(columns, row, strict=True)) for row in zip(*listed, strict=True)]
 
 
-def _or_none(values):
+def _or_none(values: np.ndarray) -> list:
     return [None if np.isnan(value) else value for value in values.tolist()]
 
 
-def _flags(skeleton, shape):
+def _flags(skeleton: Skeleton, shape: dict) -> list[str]:
     """What is weak about each axis, words joined by spaces."""
     weak = {
         "low_arc": ("arc_deg" in skeleton.fields) & (shape["base_arc"] < _LOW_ARC_DEG),
@@ -89,7 +95,7 @@ def _flags(skeleton, shape):
     return [" ".join(word for word, is_so in zip(weak, row, strict=True) if is_so) for row in rows]
 
 
-def _intervals(shape, count, typical, scale_error):
+def _intervals(shape: dict, count: np.ndarray, typical: float | None, scale_error: float) -> dict:
     """The columns of the 90 % intervals, None without a scatter."""
     n_axes = len(count)
     if typical is None:
@@ -102,7 +108,7 @@ def _intervals(shape, count, typical, scale_error):
     return dict(zip(_INTERVALS, ends, strict=True))
 
 
-def branches_csv(rows):
+def branches_csv(rows: list[dict]) -> str:
     """Return rows as CSV text with a header; lengths to 0.01 mm, angles to 0.01 degrees."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -112,7 +118,7 @@ def branches_csv(rows):
     return stream.getvalue()
 
 
-def _cell(name, value):
+def _cell(name: str, value: float | str | None) -> int | str:
     """Text of a cell; empty where there is no such number."""
     if value is None:
         return ""
@@ -121,7 +127,7 @@ def _cell(name, value):
     return f"{value:.{BRANCH_COLUMNS[name].decimals_in_file}f}"
 
 
-def totals_by_order(rows):
+def totals_by_order(rows: list[dict]) -> dict[int, dict]:
     """Number, length, volume and mean diameter of the axes of each order.
 
     Parameters
@@ -134,7 +140,7 @@ def totals_by_order(rows):
     dict of int to dict
         Order to ``n``, ``length``, ``volume`` and ``mean_diameter`` (weighted by length).
     """
-    totals = {}
+    totals: dict[int, dict] = {}
     for row in rows:
         total = totals.setdefault(row["order"], {"n": 0, "length": 0.0, "volume": 0.0, "sum": 0.0})
         total["n"] += 1

@@ -3,6 +3,8 @@
 A cone is six numbers, see `cherrypicker.traits.stem_fit.ConeFit`; points lie in its slab's frame.
 """
 
+from __future__ import annotations
+
 import numba
 import numpy as np
 
@@ -22,7 +24,9 @@ _TUKEY = 4.685  # 95 % efficiency on Gaussian residuals
 
 
 @numba.njit(cache=True)
-def iterate_cone(local, parameters, prior_weights, n_iterations):
+def iterate_cone(
+    local: np.ndarray, parameters: np.ndarray, prior_weights: np.ndarray, n_iterations: int
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Parameters, residuals and their spread; the parameters are NaN without a solution."""
     first_radius = parameters[2]
     sigma = max(0.15 * first_radius, 1e-9)
@@ -52,7 +56,7 @@ def iterate_cone(local, parameters, prior_weights, n_iterations):
 
 
 @numba.njit(cache=True)
-def radial_residuals(local, parameters):
+def radial_residuals(local: np.ndarray, parameters: np.ndarray) -> np.ndarray:
     """Distances of points (n, 3) from a cone's surface, across its axis, outwards positive."""
     residual = np.empty(len(local))
     for row in range(len(local)):
@@ -64,7 +68,7 @@ def radial_residuals(local, parameters):
 
 
 @numba.njit(cache=True)
-def tukey_weights(residual, sigma):
+def tukey_weights(residual: np.ndarray, sigma: float) -> np.ndarray:
     """Tukey's biweights of residuals that scatter by `sigma`, 0 to 1."""
     weights = np.empty(len(residual))
     for row in range(len(residual)):
@@ -74,7 +78,14 @@ def tukey_weights(residual, sigma):
 
 
 @numba.njit(cache=True)
-def normal_sums(local, parameters, residual, weights, cell, n_cells):
+def normal_sums(
+    local: np.ndarray,
+    parameters: np.ndarray,
+    residual: np.ndarray,
+    weights: np.ndarray,
+    cell: np.ndarray,
+    n_cells: int | np.int64,
+) -> tuple[np.ndarray, np.ndarray]:
     """Normal matrices (n_cells, 6, 6) and gradients (n_cells, 6) of the points of each cell."""
     normals, gradients = np.zeros((n_cells, 6, 6)), np.zeros((n_cells, 6))
     slope = np.empty(6)
@@ -95,7 +106,7 @@ def normal_sums(local, parameters, residual, weights, cell, n_cells):
 
 
 @numba.njit(cache=True)
-def tilt_damping(local, weights):
+def tilt_damping(local: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """What keeps a thin slab from tipping over, (6,)."""
     extent, total = 1e-9, 0.0
     for row in range(len(local)):
@@ -107,7 +118,9 @@ def tilt_damping(local, weights):
 
 
 @numba.njit(cache=True)
-def _gauss_newton(local, parameters, residual, weights):
+def _gauss_newton(
+    local: np.ndarray, parameters: np.ndarray, residual: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, float]:
     """One weighted step; returns the new parameters and the largest move of centre or radius.
 
     Both are NaN where the points leave the step open.
@@ -131,7 +144,7 @@ def _gauss_newton(local, parameters, residual, weights):
 
 
 @numba.njit(cache=True)
-def _solved(matrix, right):
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solution of symmetric equations by Cholesky's factors, NaN where they have none."""
     n, factor, found = len(right), np.zeros(matrix.shape), np.empty(len(right))
     for i in range(n):

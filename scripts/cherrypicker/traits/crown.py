@@ -5,6 +5,8 @@ lost of the shoots that end there, see `cherrypicker.traits.shoot_ends`. The est
 medians of the samples.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numba
@@ -13,11 +15,12 @@ from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 from cherrypicker.geometry.cells import rows_in_box
 from cherrypicker.geometry.sampling import voxel_keys
-from cherrypicker.traits.shoot_ends import draw_losses, grow_hull
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.shoot_ends import Hull, ShootEnds, draw_losses, grow_hull
+from cherrypicker.traits.support import Support
 
 __all__ = [
     "Crown",
-    "Hull",
     "alpha_volume",
     "clear_stem",
     "crown_of",
@@ -55,30 +58,7 @@ class Crown:
     volume: float
 
 
-@dataclass
-class Hull:
-    """Convex hull of points.
-
-    Attributes
-    ----------
-    points : ndarray of shape (n_vertices, 3), float64
-        Its vertices; all points where they span no volume.
-    reach : ndarray of shape (360,), float64
-        How far it reaches horizontally, in whole degrees from +x towards +y.
-    normals, offsets, areas : ndarray of shape (n_faces, 3), (n_faces,), (n_faces,), float64
-        Of its faces; a point p is `normals @ p + offsets` outside.
-    volume : float
-    """
-
-    points: np.ndarray
-    reach: np.ndarray
-    normals: np.ndarray
-    offsets: np.ndarray
-    areas: np.ndarray
-    volume: float
-
-
-def hull_of(points):
+def hull_of(points: np.ndarray) -> Hull:
     """The :class:`Hull` of points, (n, 3) float64 with n of 1 at least."""
     try:
         hull = ConvexHull(points) if len(points) > 3 else None
@@ -100,13 +80,13 @@ def hull_of(points):
     )
 
 
-def robust_top(z):
+def robust_top(z: np.ndarray) -> float:
     """z of the third highest point (of the highest with fewer points)."""
     rank = min(_TOP_RANK, len(z))
     return float(np.partition(z, len(z) - rank)[len(z) - rank])
 
 
-def clear_stem(skeleton, axis_owner):
+def clear_stem(skeleton: Skeleton, axis_owner: np.ndarray) -> np.ndarray:
     """Nodes of the trunk up to its first junction, (n_nodes,) bool; all where there is none."""
     junctions = np.flatnonzero((skeleton.n_children > 1) & (axis_owner == 0))
     if not len(junctions):
@@ -119,7 +99,9 @@ def clear_stem(skeleton, axis_owner):
     return is_clear_stem
 
 
-def crown_of(skeleton, axis_owner, wood, support):
+def crown_of(
+    skeleton: Skeleton, axis_owner: np.ndarray, wood: np.ndarray, support: Support
+) -> np.ndarray:
     """Wood points of the crown: everything but the trunk below its first junction.
 
     Parameters
@@ -149,7 +131,16 @@ def crown_of(skeleton, axis_owner, wood, support):
     return in_crown
 
 
-def measure_crown(tree_points, hull, ends, scatter, reach, *, n_samples, rng):
+def measure_crown(
+    tree_points: np.ndarray,
+    hull: Hull | None,
+    ends: ShootEnds,
+    scatter: float,
+    reach: float,
+    *,
+    n_samples: int,
+    rng: np.random.Generator,
+) -> tuple[Crown, np.ndarray]:
     """Measure top, crown width and volume, and how sure they are.
 
     Parameters
@@ -192,7 +183,7 @@ def measure_crown(tree_points, hull, ends, scatter, reach, *, n_samples, rng):
     return Crown(*(float(value) for value in np.median(samples, axis=0))), samples
 
 
-def horizontal_width(flat):
+def horizontal_width(flat: np.ndarray) -> float:
     """Mean of the widest extent of flat points (n, 2), to whole degrees, and that across it."""
     extent = _extents(np.ascontiguousarray(flat, dtype=np.float64), *_WAYS[:, :180])
     widest = np.argmax(extent)
@@ -200,7 +191,7 @@ def horizontal_width(flat):
 
 
 @numba.njit(cache=True)
-def _extents(flat, x, y):
+def _extents(flat: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Extent of flat points in each of several directions."""
     extent = np.empty(len(x))
     for way in range(len(x)):
@@ -212,7 +203,7 @@ def _extents(flat, x, y):
     return extent
 
 
-def projected_area(points):
+def projected_area(points: np.ndarray) -> float:
     """Area of the convex hull of points seen from above; 0 where they span none."""
     if len(points) < 3:
         return 0.0
@@ -222,7 +213,7 @@ def projected_area(points):
         return 0.0
 
 
-def alpha_volume(points, alpha, cell):
+def alpha_volume(points: np.ndarray, alpha: float, cell: float) -> float:
     """Volume of the alpha shape of points: tetrahedra of their Delaunay mesh that are small.
 
     Parameters

@@ -1,7 +1,15 @@
 """Quality warnings of a tree's traits: "name: sentence", in a fixed order."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import numpy as np
 
+from cherrypicker.traits.foot import Foot
+from cherrypicker.traits.missing_top import MissingTop
+from cherrypicker.traits.support import Support
+from cherrypicker.traits.trunk import TrunkDiameter
 from cherrypicker.units import unit_name
 
 __all__ = ["quality_flags", "scan_flags"]
@@ -16,7 +24,16 @@ _LOOSE_CAMERA = 0.005  # of the cameras' distance: 2 cm at 4 m
 _PLAUSIBLE_HEIGHT_M = (0.15, 25.0)  # of a fruit tree
 
 
-def quality_flags(trunk, wanted_height, missing, foot, support, crown_width, confidence, unit):
+def quality_flags(
+    trunk: TrunkDiameter,
+    wanted_height: float,
+    missing: list[float],
+    foot: Foot,
+    support: Support,
+    crown_width: float,
+    confidence: float | None,
+    unit: str,
+) -> list[str]:
     """Warnings that follow from the measurement itself.
 
     Parameters
@@ -67,7 +84,9 @@ def quality_flags(trunk, wanted_height, missing, foot, support, crown_width, con
     return flags
 
 
-def _shape_flags(foot, support, crown_width, confidence, length):
+def _shape_flags(
+    foot: Foot, support: Support, crown_width: float, confidence: float | None, length: str
+) -> list[str]:
     flags = []
     if foot.source == "wood":
         flags.append("no_ground: no ground around the stem, its foot is its lowest points")
@@ -99,16 +118,16 @@ def _shape_flags(foot, support, crown_width, confidence, length):
 
 
 def scan_flags(
-    unit,
+    unit: str,
     *,
-    height=None,
-    scale=None,
-    sparse=None,
-    target=None,
-    edits=None,
-    edges=(),
-    missing_top=None,
-):
+    height: float | None = None,
+    scale: dict | None = None,
+    sparse: dict | None = None,
+    target: dict | None = None,
+    edits: dict | None = None,
+    edges: Sequence = (),
+    missing_top: MissingTop | None = None,
+) -> list[str]:
     """Warnings that earlier stages left in their reports, and an odd size of the whole.
 
     Parameters
@@ -170,7 +189,7 @@ def scan_flags(
     return flags
 
 
-def _target_flags(target):
+def _target_flags(target: dict) -> list:
     """What ``target.json`` doubts, and which other trees it saw."""
     flags = list(target.get("warnings") or [])
     others = target.get("other_stems_xy") or []
@@ -182,7 +201,7 @@ def _target_flags(target):
     return flags
 
 
-def _edge_flags(edges, length):
+def _edge_flags(edges: Sequence, length: str) -> list[str]:
     """One warning for a top that the photos may cut off, one for all such sides of the crown."""
     top = [edge for edge in edges if edge.azimuth_deg is None]
     sides = [edge for edge in edges if edge.azimuth_deg is not None]

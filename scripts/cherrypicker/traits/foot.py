@@ -1,10 +1,13 @@
 """Where the stem meets the ground: the height that a tree's heights are measured from."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["Foot", "find_foot"]
 
@@ -39,7 +42,7 @@ class Foot:
     error: float
 
 
-def find_foot(skeleton, points, labels):
+def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foot:
     """Find the stem's foot: the ground below the root, or else the lowest points of the stem.
 
     Parameters
@@ -73,7 +76,7 @@ def find_foot(skeleton, points, labels):
     return Foot(foot, "ground", max(low - level, 0.0), _FOOT_ERROR * scatter)
 
 
-def _ground_level(ground, at):
+def _ground_level(ground: np.ndarray, at: np.ndarray) -> tuple:
     """Height of a robust plane through the ground points at `at`, and their scatter around it.
 
     The height is None with too few points.

@@ -1,14 +1,22 @@
 """All traits of one tree, with uncertainties and quality warnings."""
 
+from __future__ import annotations
+
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.cells import sort_into_cells
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, axis_of_node
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.topology import Topology
 from cherrypicker.traits.branch_intervals import typical_scatter
 from cherrypicker.traits.branches import branch_rows, totals_by_order
 from cherrypicker.traits.crown import alpha_volume, crown_of, hull_of, measure_crown, projected_area
@@ -19,7 +27,7 @@ from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.support import MIN_REACH_M, find_support, support_reach
 from cherrypicker.traits.table import TRAITS
-from cherrypicker.traits.trunk import measure_near, stem_of
+from cherrypicker.traits.trunk import Stem, TrunkDiameter, measure_near, stem_of
 
 __all__ = ["TraitOptions", "measure_traits"]
 
@@ -44,19 +52,19 @@ class TraitOptions:
 
 
 def measure_traits(
-    skeleton,
-    cloud,
-    topology=None,
+    skeleton: Skeleton,
+    cloud: PointCloud,
+    topology: Topology | None = None,
     *,
-    scale=None,
-    sparse=None,
-    target=None,
-    edits=None,
-    poses=None,
-    sky_masks=None,
-    seed=0,
-    **options,
-):
+    scale: dict | None = None,
+    sparse: dict | None = None,
+    target: dict | None = None,
+    edits: dict | None = None,
+    poses: Poses | None = None,
+    sky_masks: SkyMasks | None = None,
+    seed: int = 0,
+    **options: Any,
+) -> tuple[dict, list[dict]]:
     """Measure a tree's traits on its skeleton and its original points.
 
     Parameters
@@ -119,7 +127,7 @@ def measure_traits(
         100 * support.point.mean(),
     )
 
-    fit = {
+    fit: dict[str, Any] = {
         "half_height": settings.slab_half_height_m,
         "min_points": settings.min_points,
         "min_arc_deg": settings.min_arc_deg,
@@ -146,7 +154,7 @@ def measure_traits(
     rows = branch_rows(skeleton, axis_list, foot.point[2], scale_error=scale_error)
     confidence = float(np.median(cloud["confidence"][is_wood])) if "confidence" in cloud else None
 
-    traits = {"unit": cloud.unit}
+    traits: dict[str, Any] = {"unit": cloud.unit}
     heights = samples[:, 0] - foot.point[2] + foot.error * rng.standard_normal(n_bootstrap)
     _add(traits, "height_m", crown.top - foot.point[2], heights, error)
     _add(traits, "trunk_diameter_m", trunk.diameter, trunk.samples, error)
@@ -177,7 +185,7 @@ def measure_traits(
         edits=edits,
         edges=() if poses is None else frame_edges(poses, wood[support.point]),
         missing_top=None
-        if sky_masks is None
+        if sky_masks is None or poses is None
         else find_missing_top(poses, sky_masks, wood[support.point], foot.point),
     ) + quality_flags(
         trunk, settings.trunk_height_m, missing, foot, support, crown.width, confidence, cloud.unit
@@ -187,7 +195,7 @@ def measure_traits(
     return traits, rows
 
 
-def _checked_wood(skeleton, cloud):
+def _checked_wood(skeleton: Skeleton, cloud: PointCloud) -> np.ndarray:
     """Which points are wood, (n_points,) bool; refuse where there is nothing to measure."""
     if len(skeleton) < 2:
         raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
@@ -201,7 +209,7 @@ def _checked_wood(skeleton, cloud):
     return is_wood
 
 
-def _measured(stem, wood, height, options):
+def _measured(stem: Stem, wood: np.ndarray, height: float, options: dict) -> TrunkDiameter | None:
     """The diameter at a further height; None where the trunk does not reach it or no fit holds."""
     if height > stem.height[-1] - 0.02:
         return None
@@ -209,7 +217,7 @@ def _measured(stem, wood, height, options):
     return found if found.source == "points" else None
 
 
-def _counts(skeleton, topology, rows):
+def _counts(skeleton: Skeleton, topology: Topology | None, rows: list) -> dict:
     n_children = skeleton.n_children
     totals = totals_by_order(rows)
     n_junctions = int((n_children[1:] > 1).sum())
@@ -228,7 +236,7 @@ def _counts(skeleton, topology, rows):
     }
 
 
-def _shoots(rows):
+def _shoots(rows: list) -> dict:
     """Candidates for last year's shoots: what lies beyond the last lateral of every side axis."""
     lengths = [row["shoot_length_m"] for row in rows if row["order"] > 0]
     spacing = [row["lateral_spacing_m"] for row in rows if row["lateral_spacing_m"]]
@@ -239,14 +247,14 @@ def _shoots(rows):
     }
 
 
-def _scale_error(scale, unit):
+def _scale_error(scale: dict | None, unit: str) -> float:
     """Relative standard error of the scale; 0 where it is unknown."""
     if unit != "m" or not scale or not scale.get("scale") or not scale.get("scale_std"):
         return 0.0
     return scale["scale_std"] / scale["scale"]
 
 
-def _add(traits, name, value, samples, error):
+def _add(traits: dict, name: str, value: float, samples: np.ndarray, error: np.ndarray) -> None:
     """Enter a trait with its standard error and 90 % interval, where there are samples."""
     traits[name] = _rounded(float(value))
     if len(samples) < 20:
@@ -257,13 +265,15 @@ def _add(traits, name, value, samples, error):
     traits[f"{name}_ci90"] = [_rounded(float(min(low, value))), _rounded(float(max(high, value)))]
 
 
-def _spread(item, error):
+def _spread(item: TrunkDiameter, error: np.ndarray) -> float:
     if len(item.samples) < 20:
         return 0.0
     return float((item.samples * error[: len(item.samples)]).std(ddof=1))
 
 
-def _sections(trunk, further, error):
+def _sections(
+    trunk: TrunkDiameter, further: dict[float, TrunkDiameter | None], error: np.ndarray
+) -> dict:
     """Diameters at the further heights, and what each diameter rests on."""
     found = {height: item for height, item in further.items() if item is not None}
     return {
@@ -273,7 +283,7 @@ def _sections(trunk, further, error):
     }
 
 
-def _section(item):
+def _section(item: TrunkDiameter) -> dict:
     """What a diameter rests on, for the report and for whoever doubts it."""
     return {
         "height_m": _rounded(item.height),
@@ -287,6 +297,6 @@ def _section(item):
     }
 
 
-def _rounded(value):
+def _rounded(value: float) -> float:
     """Six decimals: a micrometre in metric results, and a file that people can read."""
     return round(float(value), 6)

@@ -7,6 +7,8 @@ crown width and volume follow from all shoots at once, since another may reach n
 The factors were measured on generated trees, see docs/traits.md.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numba
@@ -14,8 +16,9 @@ import numpy as np
 
 from cherrypicker.geometry.cells import Cells
 from cherrypicker.geometry.ordering import first_not_below
+from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["ShootEnds", "draw_losses", "find_shoot_ends", "grow_hull"]
+__all__ = ["Hull", "ShootEnds", "draw_losses", "find_shoot_ends", "grow_hull"]
 
 # Lengths over the distance within which wood points have company (0.03 m in most scans).
 _DIRECTION, _STRETCH, _AHEAD, _ASIDE = 2.0, 1.33, 0.13, 0.4
@@ -45,7 +48,7 @@ class ShootEnds:
     beyond: float
 
 
-def find_shoot_ends(skeleton, kept, cells: Cells, reach):
+def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, cells: Cells, reach: float) -> ShootEnds:
     """Find the tips of a skeleton and how far apart the wood points lie there.
 
     Parameters
@@ -79,7 +82,7 @@ def find_shoot_ends(skeleton, kept, cells: Cells, reach):
     return ShootEnds(points, directions, scale, _POINTS_BEYOND * reach)
 
 
-def draw_losses(ends, n_samples, rng):
+def draw_losses(ends: ShootEnds, n_samples: int, rng: np.random.Generator) -> np.ndarray:
     """Draw what every shoot has lost, (n_samples, n_ends) float64, below 0 where points overshoot.
 
     Parameters
@@ -93,7 +96,30 @@ def draw_losses(ends, n_samples, rng):
     return ends.scale * mean * rng.exponential(size=shape) - ends.beyond
 
 
-def grow_hull(hull, ends, losses, overshoot):
+@dataclass
+class Hull:
+    """Convex hull of points.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n_vertices, 3), float64
+        Its vertices; all points where they span no volume.
+    reach : ndarray of shape (360,), float64
+        How far it reaches horizontally, in whole degrees from +x towards +y.
+    normals, offsets, areas : ndarray of shape (n_faces, 3), (n_faces,), (n_faces,), float64
+        Of its faces; a point p is `normals @ p + offsets` outside.
+    volume : float
+    """
+
+    points: np.ndarray
+    reach: np.ndarray
+    normals: np.ndarray
+    offsets: np.ndarray
+    areas: np.ndarray
+    volume: float
+
+
+def grow_hull(hull: Hull, ends: ShootEnds, losses: np.ndarray, overshoot: np.ndarray) -> np.ndarray:
     """Width and volume of a crown whose surface lies deeper and whose shoots reach farther.
 
     Parameters
@@ -128,7 +154,9 @@ def grow_hull(hull, ends, losses, overshoot):
 
 
 @numba.njit(cache=True)
-def _behind(tips, parent, length, n_children, reach):
+def _behind(
+    tips: np.ndarray, parent: np.ndarray, length: np.ndarray, n_children: np.ndarray, reach: float
+) -> np.ndarray:
     """Node `reach` behind each tip, no farther than the next fork."""
     start = tips.copy()
     for row in range(len(tips)):
@@ -143,7 +171,18 @@ def _behind(tips, parent, length, n_children, reach):
 
 
 @numba.njit(cache=True)
-def _count_along(points, key, low, shape, size, ends, directions, behind, ahead, aside):
+def _count_along(
+    points: np.ndarray,
+    key: np.ndarray,
+    low: np.ndarray,
+    shape: np.ndarray,
+    size: float,
+    ends: np.ndarray,
+    directions: np.ndarray,
+    behind: float,
+    ahead: float,
+    aside: np.ndarray,
+) -> np.ndarray:
     """Points in a tube along each end, some way behind and ahead of it and as far aside."""
     count, n = np.zeros(len(ends), dtype=np.int64), len(key)
     first, last = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
@@ -170,7 +209,17 @@ def _count_along(points, key, low, shape, size, ends, directions, behind, ahead,
 
 
 @numba.njit(cache=True)
-def _grown(reach, height, rise, areas, volume, ends, directions, losses, overshoot):
+def _grown(
+    reach: np.ndarray,
+    height: np.ndarray,
+    rise: np.ndarray,
+    areas: np.ndarray,
+    volume: float,
+    ends: np.ndarray,
+    directions: np.ndarray,
+    losses: np.ndarray,
+    overshoot: np.ndarray,
+) -> np.ndarray:
     n_ways, n_samples = len(reach), len(losses)
     half, quarter = n_ways // 2, n_ways // 4
     x, y = np.empty(n_ways), np.empty(n_ways)

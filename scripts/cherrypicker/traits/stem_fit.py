@@ -7,6 +7,8 @@ more noise than single slices, is free of tilt and taper, and lets a minority of
 calibration ring, a post, a twig, floaters) get weight zero.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numba
@@ -69,7 +71,15 @@ class ConeFit:
         return int((self.weights > 0).sum())
 
 
-def search_circle(points, tolerance, radius_range, rng, *, n_trials=600, max_points=1500):
+def search_circle(
+    points: np.ndarray,
+    tolerance: float,
+    radius_range: tuple[float, float],
+    rng: np.random.Generator,
+    *,
+    n_trials: int = 600,
+    max_points: int = 1500,
+) -> np.ndarray:
     """Find the circle that explains most of a slice by sampling triples of points.
 
     Each point counts by the inverse of its sector's point count, so that a densely seen side does
@@ -113,7 +123,7 @@ def search_circle(points, tolerance, radius_range, rng, *, n_trials=600, max_poi
 
 
 @numba.njit(cache=True)
-def _best_circle(points, circles, tolerance):
+def _best_circle(points: np.ndarray, circles: np.ndarray, tolerance: float) -> int:
     """Row of the circle that most points lie near, by sectors, of those with the least miss."""
     promising, missed, n = np.empty(_PROMISING, dtype=np.int64), np.empty(_PROMISING), 0
     for row in range(len(circles)):
@@ -143,14 +153,20 @@ def _best_circle(points, circles, tolerance):
 
 
 @numba.njit(cache=True)
-def _miss(points, point, circles, row, tolerance):
+def _miss(points: np.ndarray, point: int, circles: np.ndarray, row: int, tolerance: float) -> float:
     """Squared distance of a point from a circle in tolerances, 1 at most."""
     x, y = points[point, 0] - circles[row, 0], points[point, 1] - circles[row, 1]
     away = (np.sqrt(x * x + y * y) - circles[row, 2]) / tolerance
     return min(away * away, 1.0)
 
 
-def fit_cone(local, circle, *, prior_weights=None, n_iterations=30):
+def fit_cone(
+    local: np.ndarray,
+    circle: np.ndarray,
+    *,
+    prior_weights: np.ndarray | None = None,
+    n_iterations: int = 30,
+) -> ConeFit:
     """Fit a cone to slab points by Tukey-weighted Gauss-Newton.
 
     Parameters
@@ -186,7 +202,9 @@ def fit_cone(local, circle, *, prior_weights=None, n_iterations=30):
 
 
 @numba.njit(cache=True)
-def _level_shifts(residual, level, sector, n_levels, min_points):
+def _level_shifts(
+    residual: np.ndarray, level: np.ndarray, sector: np.ndarray, n_levels: int, min_points: int
+) -> np.ndarray:
     """Median over its sectors of each level's median residuals, NaN where points are too few."""
     shift, own = np.full(n_levels, np.nan), np.empty(len(residual))
     n_sectors, counts = 0, np.zeros(n_levels, dtype=np.int64)
@@ -211,7 +229,9 @@ def _level_shifts(residual, level, sector, n_levels, min_points):
     return shift
 
 
-def steady_levels(local, fit, *, n_levels=16, min_points=6):
+def steady_levels(
+    local: np.ndarray, fit: ConeFit, *, n_levels: int = 16, min_points: int = 6
+) -> np.ndarray:
     """Points of the levels whose radius goes with the others'.
 
     A ring around the stem, or a knot, moves all points of its levels by a distance that a robust
@@ -249,7 +269,15 @@ def steady_levels(local, fit, *, n_levels=16, min_points=6):
     return is_steady[level]
 
 
-def bootstrap_radii(local, fit, n_samples, rng, *, n_sectors=12, n_levels=4):
+def bootstrap_radii(
+    local: np.ndarray,
+    fit: ConeFit,
+    n_samples: int,
+    rng: np.random.Generator,
+    *,
+    n_sectors: int = 12,
+    n_levels: int = 4,
+) -> np.ndarray:
     """Radii at w = 0 of cones refitted to resampled points.
 
     Neighbouring points of a photogrammetric cloud share their errors, so whole cells (sector times
@@ -289,13 +317,13 @@ def bootstrap_radii(local, fit, n_samples, rng, *, n_sectors=12, n_levels=4):
     return radii[np.isfinite(radii) & (radii > 0.3 * fit.radius) & (radii < 3.0 * fit.radius)]
 
 
-def arc_coverage(offset, n_sectors=N_SECTORS):
+def arc_coverage(offset: np.ndarray, n_sectors: int = N_SECTORS) -> float:
     """Degrees of a circle whose sectors hold a point; `offset` (n, 2) is relative to the centre."""
     return 360.0 * len(np.unique(_sector(offset, n_sectors))) / n_sectors
 
 
 @numba.njit(cache=True)
-def _sector(offset, n_sectors):
+def _sector(offset: np.ndarray, n_sectors: int | np.int64) -> np.ndarray:
     sector = np.empty(len(offset), dtype=np.int64)
     for row in range(len(offset)):
         turn = np.arctan2(offset[row, 1], offset[row, 0]) / (2 * np.pi) + 0.5
@@ -304,7 +332,7 @@ def _sector(offset, n_sectors):
 
 
 @numba.njit(cache=True)
-def _sector_weights(offset):
+def _sector_weights(offset: np.ndarray) -> np.ndarray:
     """Weights that even out the number of points per sector, at most by `_MAX_BALANCE`."""
     sector, count = _sector(offset, np.int64(N_SECTORS)), np.zeros(N_SECTORS)
     for part in sector:
@@ -320,7 +348,7 @@ def _sector_weights(offset):
     return weights
 
 
-def _circles_through(triples):
+def _circles_through(triples: np.ndarray) -> np.ndarray:
     """Circles through three points each, (n, 3) of u, v, r; not finite where they are in line."""
     a, b, c = triples[:, 0], triples[:, 1], triples[:, 2]
     ab, ac = b - a, c - a

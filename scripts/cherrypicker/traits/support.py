@@ -1,14 +1,17 @@
 """What of the cloud and the skeleton is wood of this tree: its gaps, its stray pieces."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.geometry.cells import have_company, sort_into_cells
+from cherrypicker.geometry.cells import Cells, have_company, sort_into_cells
 from cherrypicker.geometry.neighbors import components
 from cherrypicker.geometry.sampling import voxel_thin
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["MIN_REACH_M", "Support", "densify", "find_support", "missed_wood", "support_reach"]
 
@@ -54,7 +57,9 @@ class Support:
     missed_length: float = 0.0
 
 
-def densify(skeleton, step):
+def densify(
+    skeleton: Skeleton, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Sample every edge of a skeleton at most `step` apart.
 
     Returns
@@ -86,7 +91,7 @@ def densify(skeleton, step):
     )
 
 
-def support_reach(wood, min_neighbours=4, cells=None):
+def support_reach(wood: np.ndarray, min_neighbours: int = 4, cells: Cells | None = None) -> float:
     """Distance within which a wood point has company: 0.03, or more in a sparse scan.
 
     Parameters
@@ -112,8 +117,15 @@ def support_reach(wood, min_neighbours=4, cells=None):
 
 
 def find_support(
-    skeleton, wood, *, max_gap, min_stray, reach=MIN_REACH_M, min_neighbours=4, cells=None
-):
+    skeleton: Skeleton,
+    wood: np.ndarray,
+    *,
+    max_gap: float,
+    min_stray: float,
+    reach: float = MIN_REACH_M,
+    min_neighbours: int = 4,
+    cells: Cells | None = None,
+) -> Support:
     """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
 
     Parameters
@@ -155,11 +167,13 @@ def find_support(
     point[rows] = have_company(cells, wood[rows], np.full(len(rows), reach), min_neighbours + 1)
     is_far = close > np.maximum(2.0 * radius[sample], _MISSED_M)
     missed = missed_wood(wood, point, is_far, reach, cells=cells)
-    return Support(kept, point, allowed.max(), run[is_gap], n_stray, stray_length, *missed)
+    return Support(kept, point, allowed.max(), run[is_gap], int(n_stray), stray_length, *missed)
 
 
 @numba.njit(cache=True)
-def _gaps(parent, length, bare, max_gap, min_stray):
+def _gaps(
+    parent: np.ndarray, length: np.ndarray, bare: np.ndarray, max_gap: float, min_stray: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Gaps of a skeleton whose edges are bare over some length, and what small lies beyond them.
 
     Returns the bare length that ends at each node, whether a gap ends there, the length of
@@ -183,7 +197,13 @@ def _gaps(parent, length, bare, max_gap, min_stray):
     return run, is_gap, beyond, kept
 
 
-def missed_wood(wood, supported, is_far, reach, cells=None):
+def missed_wood(
+    wood: np.ndarray,
+    supported: np.ndarray,
+    is_far: np.ndarray,
+    reach: float,
+    cells: Cells | None = None,
+) -> tuple[float, float]:
     """Wood that a skeleton leaves out: clusters of points far from it that lie beside its own.
 
     Parameters

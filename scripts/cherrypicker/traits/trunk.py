@@ -6,14 +6,25 @@ other classes (calibration ring, post, sign) are left out; those that the networ
 outliers of the robust fit.
 """
 
+from __future__ import annotations
+
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.cells import rows_in_box
-from cherrypicker.traits.stem_fit import bootstrap_radii, fit_cone, search_circle, steady_levels
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.foot import Foot
+from cherrypicker.traits.stem_fit import (
+    ConeFit,
+    bootstrap_radii,
+    fit_cone,
+    search_circle,
+    steady_levels,
+)
 
 __all__ = ["Stem", "TrunkDiameter", "measure_diameter", "stem_of"]
 
@@ -46,11 +57,11 @@ class Stem:
     height: np.ndarray
     is_lying: bool
 
-    def at(self, height):
+    def at(self, height: float) -> np.ndarray:
         """Point on the stem at a height, clipped to its ends."""
         return np.array([np.interp(height, self.height, axis) for axis in self.points.T])
 
-    def direction(self, height, span):
+    def direction(self, height: float, span: float) -> np.ndarray:
         """Unit direction of the stem around a height, over `span` below and above it."""
         low = max(height - span, self.height[0])
         high = min(height + span, self.height[-1])
@@ -61,7 +72,7 @@ class Stem:
         norm = np.linalg.norm(slope)
         return slope / norm if norm > 0 else np.array([0.0, 0.0, 1.0])
 
-    def radius_around(self, height, span=0.15):
+    def radius_around(self, height: float, span: float = 0.15) -> float:
         """Median skeleton radius within `span` of a height."""
         near = np.abs(self.height - height) <= span
         if not near.any():
@@ -99,7 +110,7 @@ class TrunkDiameter:
     source: str
 
 
-def stem_of(skeleton, trunk_nodes, foot):
+def stem_of(skeleton: Skeleton, trunk_nodes: np.ndarray, foot: Foot) -> Stem:
     """Return the :class:`Stem` along the trunk's nodes (root first) over the foot."""
     points, radius = skeleton.points[trunk_nodes], skeleton.radius[trunk_nodes]
     rise = points[-1] - points[0]
@@ -115,7 +126,17 @@ def stem_of(skeleton, trunk_nodes, foot):
     return Stem(points, radius, height, bool(is_lying))
 
 
-def measure_diameter(stem, wood, height, *, half_height, min_points, min_arc_deg, n_bootstrap, rng):
+def measure_diameter(
+    stem: Stem,
+    wood: np.ndarray,
+    height: float,
+    *,
+    half_height: float,
+    min_points: int,
+    min_arc_deg: float,
+    n_bootstrap: int,
+    rng: np.random.Generator,
+) -> TrunkDiameter:
     """Measure the stem's diameter at a height on the points around it.
 
     Parameters
@@ -171,7 +192,9 @@ def measure_diameter(stem, wood, height, *, half_height, min_points, min_arc_deg
     )
 
 
-def _diameter_samples(local, fit, n_bootstrap, rng):
+def _diameter_samples(
+    local: np.ndarray, fit: ConeFit, n_bootstrap: int, rng: np.random.Generator
+) -> np.ndarray:
     """Bootstrap diameters, with the error that all points share.
 
     Photogrammetry moves a whole surface outwards or inwards by a part of the scatter that it shows;
@@ -183,7 +206,15 @@ def _diameter_samples(local, fit, n_bootstrap, rng):
     return samples + error * rng.standard_normal(len(samples))
 
 
-def _fit_section(wood, center, axis, guess, half_height, min_points, rng):
+def _fit_section(
+    wood: np.ndarray,
+    center: np.ndarray,
+    axis: np.ndarray,
+    guess: float,
+    half_height: float,
+    min_points: int,
+    rng: np.random.Generator,
+) -> tuple[ConeFit, np.ndarray, np.ndarray]:
     """Fit a cone to the slab of wood across `axis` at `center`: fit, its points and its frame."""
     local, frame = _slab(wood, center, axis, half_height, 3.0 * guess + 0.03)
     if len(local) < min_points:
@@ -201,7 +232,7 @@ def _fit_section(wood, center, axis, guess, half_height, min_points, rng):
     return fit, local, frame
 
 
-def diameter_from_skeleton(stem, height):
+def diameter_from_skeleton(stem: Stem, height: float) -> TrunkDiameter:
     """A diameter from the skeleton's radius, for a stem whose points allow no fit."""
     height = float(np.clip(height, stem.height[0], stem.height[-1]))
     return TrunkDiameter(
@@ -217,7 +248,15 @@ def diameter_from_skeleton(stem, height):
     )
 
 
-def measure_near(stem, wood, height, *, max_shift=0.2, step=0.05, **options):
+def measure_near(
+    stem: Stem,
+    wood: np.ndarray,
+    height: float,
+    *,
+    max_shift: float = 0.2,
+    step: float = 0.05,
+    **options: Any,
+) -> TrunkDiameter:
     """Measure at a height or, where that fails, at the nearest height where it works.
 
     Returns
@@ -241,7 +280,9 @@ def measure_near(stem, wood, height, *, max_shift=0.2, step=0.05, **options):
     return diameter_from_skeleton(stem, wanted)
 
 
-def _slab(points, center, axis, half_height, reach):
+def _slab(
+    points: np.ndarray, center: np.ndarray, axis: np.ndarray, half_height: float, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Points of a slab across `axis` in its frame (u, v, w), and the frame's rows in the world."""
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     u = np.cross(axis, helper)
