@@ -118,13 +118,13 @@ def read_json(path: str | os.PathLike) -> dict:
     return content
 
 
-def write_npz(path: str | os.PathLike, **arrays: np.ndarray) -> None:
+def write_npz(path: str | os.PathLike, **arrays: np.ndarray | np.generic) -> None:
     """Write arrays to an uncompressed NPZ atomically; equal arrays give equal bytes."""
     for name, array in arrays.items():
         if np.asarray(array).dtype == object:
             raise ValueError(f"array {name!r} has dtype object, which NPZ would have to pickle")
     with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        np.savez(stream, **arrays)
+        np.savez(stream, **arrays)  # type: ignore[arg-type]  # none is called allow_pickle
 
 
 def read_npz(path: str | os.PathLike, required: tuple[str, ...] = ()) -> dict[str, np.ndarray]:

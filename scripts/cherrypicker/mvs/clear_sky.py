@@ -105,7 +105,8 @@ class SkyMasks:
         i = self._index[view.name]
         mask = read_mask(self.path(view), self._lenses.shape(i)).astype(np.uint8)
         at = self._photo_pixels(i, view)
-        return cv2.remap(mask, at, None, cv2.INTER_NEAREST, borderValue=0) > 0
+        seen = cv2.remap(mask, at, None, cv2.INTER_NEAREST, borderValue=0)  # type: ignore[call-overload]
+        return seen > 0
 
     def _photo_pixels(self, i: int, view: View) -> np.ndarray:
         """Pixel (x, y) of the photo as stored for each undistorted one, (height, width, 2)."""

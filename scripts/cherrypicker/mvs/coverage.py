@@ -211,7 +211,7 @@ def _before_sky(poses: Poses, i: int, centers: np.ndarray, size: float, sky: np.
     solid = (share < 0.999).astype(np.uint8)
     side = 2 * max(round(0.5 * THIN_SHARE * max(solid.shape)), 1) + 1
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    thin = solid & ~cv2.morphologyEx(solid, cv2.MORPH_OPEN, window)
+    thin = cv2.morphologyEx(solid, cv2.MORPH_TOPHAT, window)
     uv, depth = poses.project(centers, i)
     x, y = (np.minimum(uv[:, k] / STEP_PX, solid.shape[1 - k] - 1).astype(int) for k in (0, 1))
     reach = 0.5 * np.sqrt(3.0) * size * poses.K[i, 0, 0] / depth / STEP_PX

@@ -200,13 +200,14 @@ def estimate_photometric(
     view = views[problem.view]
     seed = view_seed(options.seed, view.name, 0)
     n_levels = len(photos[problem.view])
-    field = coarse_color = coarse_chosen = None
+    field = np.zeros(0, np.float32)
+    coarse = coarse_color = coarse_chosen = None
     for index in reversed(range(n_levels)):
         level = make_level(problem, views, photos, index, options)
         active = _to_match(skip, level)
         initial.find_texture(level, active, np.float32(options.min_texture**2), threads)
         matchable = active.copy()
-        coarse, field = field, _unknown_field(level)
+        field = _unknown_field(level)
         chosen = np.zeros((level.height, level.width), dtype=np.uint16)
         if coarse is None:
             prior = _sparse_prior(problem, view, level.width, level.height)
@@ -230,7 +231,7 @@ def estimate_photometric(
             for parity in (0, 1):
                 draw = seed + (((index * 64 + i) * 2 + parity + 1) << 40)
                 patchmatch.sweep(level, field, chosen, active, parity, turn, draw, threads)
-        coarse_color, coarse_chosen = level.color, chosen
+        coarse, coarse_color, coarse_chosen = field, level.color, chosen
     return field
 
 

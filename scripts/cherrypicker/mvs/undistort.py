@@ -76,7 +76,7 @@ def undistort(
         )
     except (RuntimeError, ValueError) as error:
         raise StageError(f"undistortion failed ({error})", file=folder) from error
-    sizes = []
+    sizes: list[dict] = []
     for view in Workspace(workspace).views:
         shape = read_photo(workspace / "images" / view.name).shape
         if shape[:2] != (view.height, view.width):

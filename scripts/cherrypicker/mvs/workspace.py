@@ -153,7 +153,7 @@ class Workspace:
 
 
 def _view(image: pycolmap.Image, folder: Path) -> View:
-    camera = image.camera
+    camera: pycolmap.Camera = image.camera  # type: ignore[assignment]  # a read model has it
     if camera.model.name not in ("PINHOLE", "SIMPLE_PINHOLE"):
         raise StageError(
             f"camera of {image.name} is {camera.model.name}, not an undistorted pinhole",

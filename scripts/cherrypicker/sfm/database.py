@@ -73,7 +73,7 @@ def watched_table(database: Path, table: str, total: int, what: str) -> Iterator
     command = [sys.executable, "-c", _COUNTER, _read_only(database), table, str(POLL_INTERVAL_S)]
 
     def watch(bar: Progress) -> None:
-        for line in counter.stdout:
+        for line in counter.stdout or ():
             done = int(line) - before
             if done > bar.done:
                 bar.step(done - bar.done)
@@ -90,8 +90,9 @@ def watched_table(database: Path, table: str, total: int, what: str) -> Iterator
             counter.kill()
             counter.wait()
             watcher.join()
-            counter.stdin.close()
-            counter.stdout.close()
+            for stream in (counter.stdin, counter.stdout):
+                if stream is not None:
+                    stream.close()
         bar.step(max(count_rows(database, table) - before - bar.done, 0))
 
 

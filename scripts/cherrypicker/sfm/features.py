@@ -190,7 +190,7 @@ def _listing(
     """Describe each photo, and log what a reader wants to know."""
     group_of = {info.name: i for i, group in enumerate(groups) for info in group}
     ids = image_ids(database)
-    photos = {}
+    photos: dict[str, dict] = {}
     for info in infos:
         problem = info.problem
         if not problem and info.name not in ids:

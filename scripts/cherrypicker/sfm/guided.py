@@ -144,6 +144,7 @@ def tight_guided_matches(
     wide = guided_matches(first, second, geometry, max_error_px=2 * width, **limits)
     if len(wide) < verification.min_num_inliers:
         return None
+    assert first.camera is not None and second.camera is not None  # the database has them
     again = pycolmap.estimate_two_view_geometry(
         first.camera, first.pixels, second.camera, second.pixels, wide, verification
     )

@@ -154,7 +154,7 @@ def _refine(
     threads: int,
 ) -> Attempt:
     """Refine the chosen model, unless the verified pairs then fit it less well."""
-    adjusted = pycolmap.Reconstruction(best.model)
+    adjusted = pycolmap.Reconstruction(best.model)  # type: ignore[arg-type]  # there is one
     adjust(adjusted, threads=threads)
     before = measure_agreement(adjusted, pairs, options.max_epipolar_error_px)
     model = adjusted
@@ -179,7 +179,7 @@ def _good_enough(attempt: Attempt, options: MappingOptions) -> bool:
 
 
 def _verdict(attempt: Attempt) -> str:
-    if attempt.model is None:
+    if attempt.model is None or attempt.agreement is None:
         return "no photo registered"
     return (
         f"{attempt.n_registered} of {attempt.n_photos} photos registered, "
@@ -189,7 +189,7 @@ def _verdict(attempt: Attempt) -> str:
 
 
 def _complaint(attempt: Attempt, options: MappingOptions) -> str:
-    if attempt.model is None or attempt.fraction < options.wanted_registered_fraction:
+    if attempt.agreement is None or attempt.fraction < options.wanted_registered_fraction:
         return (
             f"only {attempt.n_registered} of {attempt.n_photos} photos registered "
             f"(sfm.wanted_registered_fraction {options.wanted_registered_fraction:g})"

@@ -146,7 +146,7 @@ def group_by_camera(infos: Sequence[PhotoInfo], camera_mode: str) -> list[list[P
     for info in infos:
         if info.problem:
             continue
-        key = (info.width, info.height, info.camera, round(info.focal_mm, 2))
+        key: tuple = (info.width, info.height, info.camera, round(info.focal_mm, 2))
         if camera_mode == "per_image" or (camera_mode == "auto" and not info.camera):
             key = (*key, info.name)
         groups.setdefault(key, []).append(info)

@@ -152,7 +152,7 @@ def _verified(
     """Read the verified pairs among the registered photos, the smaller id first."""
     registered = set(model.reg_image_ids())
     pair_ids, geometries = database.read_two_view_geometries()
-    pairs = [tuple(pycolmap.pair_id_to_image_pair(pair_id)) for pair_id in pair_ids]
+    pairs = [(a, b) for a, b in map(pycolmap.pair_id_to_image_pair, pair_ids)]
     return {
         pair: geometry
         for pair, geometry in zip(pairs, geometries)

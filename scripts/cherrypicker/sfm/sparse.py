@@ -86,6 +86,7 @@ def reconstruct_sparse(
     _log_missing(explained)
     _enforce(content, options.min_registered_fraction, Path(photos[0]).parent)
     _enforce_one_scale(content, Path(photos[0]).parent)
+    assert best.model is not None  # _enforce refuses a scan without
     write_model(best.model, model_folder)
     write_poses(poses, undistorted_poses(best.model))
     logger.info(
@@ -115,7 +116,7 @@ def _report(best: Attempt, attempts: Sequence[Attempt], explained: dict) -> dict
         "cameras": [],
         "photos": explained,
     }
-    if best.model is not None:
+    if best.model is not None and best.agreement is not None:
         report |= {
             "n_points": best.model.num_points3D(),
             "mean_track_length": best.model.compute_mean_track_length(),
@@ -133,7 +134,7 @@ def _describe_uncertainty(model) -> dict | None:
     errors = camera_uncertainty(model)
     if not errors:
         return None
-    worst = max(errors, key=errors.get)
+    worst = max(errors, key=lambda name: errors[name])
     return {"median": float(np.median([*errors.values()])), "max": errors[worst], "worst": worst}
 
 
@@ -145,7 +146,7 @@ def _describe_attempt(attempt: Attempt) -> dict:
         "n_registered": attempt.n_registered,
         "n_other_models": len(attempt.other_models),
     }
-    if attempt.agreement is not None:
+    if attempt.model is not None and attempt.agreement is not None:
         described |= {
             "pair_agreement": attempt.agreement.pairs,
             "match_agreement": attempt.agreement.matches,

@@ -125,7 +125,7 @@ def sky_probability(net: SkyUNet, image: np.ndarray, working_side: int) -> np.nd
     padded = cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_REPLICATE)
     with torch.inference_mode():
         x = to_tensor(padded[None]).contiguous(memory_format=torch.channels_last)
-        logits = net.to(memory_format=torch.channels_last)(x)
+        logits = net.to(memory_format=torch.channels_last)(x)  # type: ignore[call-overload]
         probability = torch.sigmoid(logits)[0, 0, :height, :width]
     return probability.float().numpy().copy()
 
@@ -355,7 +355,7 @@ def mask_from_probability(
     # Mean blueness of the sky around, for the twig test.
     weight = cv2.blur(probability, (31, 31))
     chroma = cv2.blur(probability * np.clip(guide[..., 2] - guide[..., 0], 0, 1), (31, 31))
-    chroma /= np.maximum(weight, 1e-3)
+    chroma = chroma / np.maximum(weight, 1e-3)
     reach = max(5, round(2.5 * max(height, width) / max(small.shape[:2])) | 1)
     for top in range(0, height, STRIP_ROWS):
         bottom = min(top + STRIP_ROWS, height)

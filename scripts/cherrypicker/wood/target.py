@@ -248,7 +248,7 @@ def target_report(
 
     runner_up = choice.runner_up
     warnings = []
-    if choice.margin is not None and choice.margin < CLOSE_CALL:
+    if runner_up is not None and choice.margin is not None and choice.margin < CLOSE_CALL:
         other = shown(runner_up)
         warnings.append(
             f"target_close: another tree scores {100 * runner_up.score:.0f} % of the target; "

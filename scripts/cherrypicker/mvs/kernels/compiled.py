@@ -46,7 +46,7 @@ def cache_folder() -> str:
 
 
 # Numba's own modules were decorated before this line, those of this package after it
-numba.config.CACHE_DIR = cache_folder()
+numba.config.CACHE_DIR = cache_folder()  # type: ignore[attr-defined]
 
 
 OPTIONS = {

@@ -67,8 +67,11 @@ def find_lines(photo: np.ndarray) -> PhotoLines:
 def _widened(photo: PhotoLines) -> np.ndarray:
     """Return the signs of the lines within a pixel, bits DARK and BRIGHT, (height * width,)."""
     around = np.ones((3, 3), np.uint8)
-    near = [cv2.dilate((photo.sign == sign).astype(np.uint8), around) for sign in (DARK, BRIGHT)]
-    return (near[0] * DARK | near[1] * BRIGHT).ravel()
+    dark, bright = (
+        np.asarray(cv2.dilate((photo.sign == sign).astype(np.uint8), around), np.uint8)
+        for sign in (DARK, BRIGHT)
+    )
+    return (dark * DARK | bright * BRIGHT).ravel()
 
 
 @inlined

@@ -147,7 +147,7 @@ def gather_lines(workspace: Workspace, masks: SkyMasks) -> Lines:
             own = find_sky_lines(photo, masks.of(view), TOLERANCE_PX)
             maps[starts[i] : starts[i + 1]] = _line_map(own, first[i]).ravel()
             clear.append(own.clear.mean())
-            found.append(own._replace(clear=None))
+            found.append(own._replace(clear=None))  # type: ignore[arg-type]  # as large as the photo
             first[i + 1] = first[i] + len(own.uv)
             bar.step()
     share = np.concatenate([own.share for own in found])
