@@ -12,7 +12,7 @@ from cherrypicker.geometry.tree_walks import (
     sum_from_root,
     window,
 )
-from cherrypicker.graph.radius import _never_growing, taper_radii, taper_skeleton
+from cherrypicker.graph.radius import _never_growing, _running_medians, taper_skeleton
 from cherrypicker.skeleton.model import Skeleton
 
 PARENT = np.array([-1, 0, 1, 1, 3, 3, 0])
@@ -46,7 +46,10 @@ def test_taper_is_the_isotonic_regression_of_the_running_median(n):
     padded = np.pad(radius, half, mode="edge")
     medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
     wanted = isotonic_regression(medians, weights=weights, increasing=False).x
-    np.testing.assert_allclose(taper_radii(radius, weights), wanted, rtol=1e-12)
+    smooth = _running_medians(np.arange(n), np.array([0, n]), radius)
+    np.testing.assert_allclose(smooth, medians, rtol=1e-15)
+    found = _never_growing(np.arange(-1, n - 1), smooth, weights)
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
 
 def test_farthest_points_are_those_of_the_plain_algorithm():

@@ -11,7 +11,7 @@ from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
 from cherrypicker.graph.extract import extract_skeleton, limb_tree
-from cherrypicker.graph.radius import fit_radii, taper_radii
+from cherrypicker.graph.radius import fit_radii
 from cherrypicker.graph.samples import find_root
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.skeleton import axes, fold
@@ -110,13 +110,6 @@ def test_stretch_without_points_takes_radii_from_both_sides():
     skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
     fitted = fit_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
     np.testing.assert_allclose(fitted.radius[30:37], (0.03 - 0.015 * z)[30:37], atol=0.002)
-
-
-def test_tapered_radii_never_grow():
-    radius = np.linspace(0.03, 0.01, 30) + np.random.default_rng(1).normal(0, 0.002, 30)
-    tapered = taper_radii(radius, np.ones(30))
-    assert (np.diff(tapered) <= 1e-12).all()
-    assert np.abs(tapered - np.linspace(0.03, 0.01, 30)).max() < 0.003
 
 
 @pytest.fixture(scope="module")

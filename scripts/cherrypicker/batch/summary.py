@@ -17,14 +17,13 @@ from cherrypicker.files import write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.traits.table import TRAITS
 
-__all__ = ["STATUS_ORDER", "collect_results", "summarise"]
+__all__ = ["collect_results", "summarise"]
 
 _TRAIT_COLUMNS = (
     *(trait.name for trait in TRAITS.values() if trait.is_shown),
     *(f"{trait.name}_se" for trait in TRAITS.values() if trait.has_error_column),
 )
 _ABOUT = ("tree", "status", "failed_stage", "cause", "change", "date", "series", "unit")
-STATUS_ORDER = ("failed", "interrupted", "not run", "done")
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 # Their failure says nothing against traits.json, which was finished before they started.
 _AFTER_TRAITS = frozenset({"report_tree", "summarise_batch"})

@@ -9,7 +9,7 @@ from cherrypicker.geometry.axis_radii import fit_axis_radii, less_spread
 from cherrypicker.geometry.ordering import median
 from cherrypicker.skeleton.axes import axis_runs
 
-__all__ = ["fit_radii", "taper_radii", "taper_skeleton"]
+__all__ = ["fit_radii", "taper_skeleton"]
 
 CLEAR_ARC, CLEAR_SPREAD, FEWEST_CLEAR = 240.0, 0.25, 10  # circles that tell the noise
 CLEAR_QUANTILE = 0.25  # bark, flutes and bends scatter points as well: the calmer circles count
@@ -66,24 +66,6 @@ def _less_common_noise(fits):
         share = 0.386 * np.exp(-np.maximum(found, 0.0) / (2 * noise))
         found = squared - noise * (1 + np.where(is_circle, 0.0, share))
     return np.sqrt(np.maximum(found, LEAST_SHARE**2 * squared))
-
-
-def taper_radii(radius, weights):
-    """Radii that never grow from base to tip, near the measured ones.
-
-    Parameters
-    ----------
-    radius : ndarray of shape (n,)
-    weights : ndarray of shape (n,)
-        Positive trust in each.
-
-    Returns
-    -------
-    ndarray of shape (n,), float64
-    """
-    radius, n = np.asarray(radius, dtype=np.float64), len(radius)
-    smooth = _running_medians(np.arange(n), np.array([0, n]), radius)
-    return _never_growing(np.arange(-1, n - 1), smooth, np.asarray(weights, dtype=np.float64))
 
 
 def taper_skeleton(skeleton):

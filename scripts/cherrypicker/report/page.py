@@ -23,10 +23,9 @@ from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
 
-__all__ = ["TEMPLATE_FILES", "read_branches", "render_report"]
+__all__ = ["read_branches", "render_report"]
 
 _FOLDER = Path(__file__).resolve().parent
-TEMPLATE_FILES = (_FOLDER / "report.html.j2", _FOLDER / "viewer.js")
 _FILES = (
     "traits.json",
     "branches.csv",

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 from cherrypicker.mvs.backends.table import BACKENDS, Backend, has_cuda
-
-if TYPE_CHECKING:
-    from cherrypicker.mvs.clear_sky import SkyMasks
-    from cherrypicker.mvs.estimate import StereoOptions
-    from cherrypicker.mvs.workspace import Workspace
 
 __all__ = ["ALL_BACKENDS", "WITH_SKY_MASKS", "backends_here"]
 
 
-def _sgbm(
-    workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
-) -> set[str]:
+def _sgbm(*work: Any) -> set[str]:
     from cherrypicker_lab.dense.sgbm import run_sgbm
 
-    return run_sgbm(workspace, options, threads, sky_masks)
+    return run_sgbm(*work)
 
 
 # Photos of 1.2 megapixels, docs/dense.md

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cherrypicker.mvs.clear_sky import SkyMasks
@@ -75,20 +75,16 @@ def first_choice(wanted: str, with_cuda: bool | None = None) -> str:
     return next(name for name, backend in BACKENDS.items() if with_cuda or not backend.needs_cuda)
 
 
-def _cuda(
-    workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
-) -> set[str]:
+def _cuda(*work: Any) -> set[str]:
     from cherrypicker.mvs.backends.cuda import run_cuda
 
-    return run_cuda(workspace, options, threads, sky_masks)
+    return run_cuda(*work)
 
 
-def _cpu(
-    workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
-) -> set[str]:
+def _cpu(*work: Any) -> set[str]:
     from cherrypicker.mvs.backends.cpu import run_cpu
 
-    return run_cpu(workspace, options, threads, sky_masks)
+    return run_cpu(*work)
 
 
 #: Name in the config to backend; ``auto`` takes the first that can run.
