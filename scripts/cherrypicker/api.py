@@ -16,7 +16,7 @@ from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.contraction.on_axes import move_to_axes
-from cherrypicker.geometry.sampling import voxel_thin
+from cherrypicker.geometry.sampling import majority_label, voxel_thin
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
@@ -104,8 +104,8 @@ def contract(
     points, labels = _points_and_labels(cloud, labels)
     source = np.arange(len(points))
     if voxel_size is not None:
-        points, source, _ = voxel_thin(points, voxel_size, labels)
-        labels = None if labels is None else labels[source]
+        points, source, member = voxel_thin(points, voxel_size)
+        labels = None if labels is None else majority_label(labels, member, len(points))
     if weights is None:
         weights = {} if labels is None or stem is None else {int(stem): 10.0}
     options = ContractionOptions(preset, **constants)

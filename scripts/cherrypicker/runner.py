@@ -79,7 +79,7 @@ def options_of(main: Callable) -> dict[str, Option]:
         if keyword.kind is not keyword.KEYWORD_ONLY or kind is keyword.empty:
             continue
         more = {name: Option(kind, keyword.default)}
-        if is_dataclass(kind):
+        if isinstance(kind, type) and is_dataclass(kind):
             defaults, kinds = kind(), get_type_hints(kind)
             names = [field.name for field in fields(kind)]
             more = {each: Option(kinds[each], getattr(defaults, each), name) for each in names}

@@ -10,7 +10,7 @@ from cherrypicker.classes import CLASS_IDS, CLASS_NAMES, WOOD, Label
 from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
 from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.sampling import thin_to_limit
+from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target_wood import select_target_wood
@@ -20,6 +20,7 @@ __all__ = ["WoodOptions", "class_weights", "contract_wood"]
 logger = logging.getLogger(__name__)
 
 FEWEST_WOOD = 50
+N_AROUND = 13  # a point and its neighbours, whose most frequent class is its own
 SELECTION_FACTOR = 2  # the selection may look at this many times the points of the contraction
 
 
@@ -124,11 +125,11 @@ def contract_wood(cloud, *, options=None, target_xy=None, region=None, **wood_op
         stem_gap_m=chosen.stem_gap_m,
     )
     base = wood.base
-    points, source, _, size = thin_to_limit(
-        cloud.points[rows], chosen.voxel_size_m, chosen.max_points, labels[rows]
+    points, source, member, size = thin_to_limit(
+        cloud.points[rows], chosen.voxel_size_m, chosen.max_points
     )
+    label = _agreed(points, labels[rows], member)
     source = rows[source]
-    label = labels[source]
     logger.info(
         "thinned %s to %s points (voxels of %.1f mm)",
         f"{len(rows):,}",
@@ -172,6 +173,19 @@ def contract_wood(cloud, *, options=None, target_xy=None, region=None, **wood_op
     return contracted, report
 
 
+def _agreed(thin, labels, member):
+    """Class of each thinned point: that of most points of its voxel, then of most around it.
+
+    A class is a class of a place: a lone label of the stem far out would let the wood there be
+    taken for a piece of the stem.
+    """
+    label = majority_label(labels, member, len(thin))
+    around = cKDTree(thin).query(thin, k=min(N_AROUND, len(thin)))[1].reshape(len(thin), -1)
+    return majority_label(
+        label[around].ravel(), np.repeat(np.arange(len(thin)), around.shape[1]), len(thin)
+    )
+
+
 def _dense_enough(points, count, size, min_density):
     """Which voxels hold enough points, with their neighbours, to be wood.
 
@@ -194,12 +208,13 @@ def _dense_enough(points, count, size, min_density):
 
 def _target_rows(points, labels, rows, size, max_points, min_density, **options):
     """Rows of the cloud that are the target's wood, and the `TargetWood` that they come from."""
-    thin, source, member, size = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
+    thin, _, member, size = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
     dense = _dense_enough(thin, np.bincount(member), size, min_density)
     rows = rows[dense[member]]
-    thin, source, member, _ = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
+    thin, _, member, _ = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
     ground = points[labels == Label.GROUND]
-    wood = select_target_wood(thin, labels[rows][source], ground=ground, **options)
+    label = _agreed(thin, labels[rows], member)
+    wood = select_target_wood(thin, label, ground=ground, **options)
     rows = rows[wood.keep[member]]
     if len(rows) < FEWEST_WOOD:
         raise StageError(

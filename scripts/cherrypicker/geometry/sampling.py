@@ -5,6 +5,7 @@ import numpy as np
 
 __all__ = [
     "farthest_point_sample",
+    "majority_label",
     "median_spacing",
     "thin_to_limit",
     "voxel_keys",
@@ -55,16 +56,14 @@ def voxel_mean(values, inverse, counts):
     return np.stack(columns, axis=1) / counts[:, None]
 
 
-def voxel_thin(points, size, groups=None):
-    """Thin points to one a voxel and group.
+def voxel_thin(points, size):
+    """Thin points to one a voxel.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3)
     size : float
         Voxel edge in the unit of `points`.
-    groups : ndarray of shape (n_points,), int, optional
-        Points of different groups (classes) in one voxel stay apart.
 
     Returns
     -------
@@ -76,12 +75,7 @@ def voxel_thin(points, size, groups=None):
         Row in `means` that each point went into.
     """
     points = np.asarray(points, dtype=np.float64)
-    key = voxel_keys(points, size)
-    if groups is not None:
-        groups = np.asarray(groups, dtype=np.int64)
-        key = key * (groups.max() + 1) + groups
-    _, member, count = np.unique(key, return_inverse=True, return_counts=True)
-    means = voxel_mean(points, member, count)
+    means, member, count = voxel_sample(points, size)
     offset = np.square(points - means[member]).sum(axis=1)
     by_offset = np.lexsort((offset, member))
     source = by_offset[np.concatenate([[0], np.cumsum(count)[:-1]])]
@@ -91,7 +85,7 @@ def voxel_thin(points, size, groups=None):
     return means[order], source[order], rank[member]
 
 
-def thin_to_limit(points, size, max_points, groups=None):
+def thin_to_limit(points, size, max_points):
     """`voxel_thin` with voxels of `size`, enlarged until at most `max_points` are left.
 
     Returns
@@ -102,11 +96,24 @@ def thin_to_limit(points, size, max_points, groups=None):
         The voxel edge that was used.
     """
     while True:
-        means, source, member = voxel_thin(points, size, groups)
+        means, source, member = voxel_thin(points, size)
         if len(means) <= max_points:
             return means, source, member, size
         # points lie on surfaces, so their number falls with the square of the voxel size
         size *= max(1.05, float(np.sqrt(len(means) / max_points)))
+
+
+def majority_label(labels, member, n_nodes):
+    """Most frequent class of the points of each node or voxel (the smaller id on a tie)."""
+    classes, column = np.unique(labels, return_inverse=True)
+    votes = np.zeros((n_nodes, len(classes)), dtype=np.int64)
+    np.add.at(votes, (member, column), 1)
+    label = classes[np.argmax(votes, axis=1)].astype(np.int64)
+    empty = votes.sum(axis=1) == 0
+    if empty.any():
+        filled = np.flatnonzero(~empty)
+        label[empty] = label[filled[0]]
+    return label
 
 
 def median_spacing(points, tree):

@@ -4,7 +4,7 @@ import numpy as np
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.sampling import farthest_point_sample
+from cherrypicker.geometry.sampling import farthest_point_sample, majority_label
 from cherrypicker.wood.feet import lowest_thick
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "auto_spacing",
     "find_root",
     "lowest_wood",
-    "majority_label",
     "sample_nodes",
 ]
 
@@ -98,16 +97,3 @@ def sample_nodes(points, labels, spacing_m, base=None):
             f"{len(samples)} skeleton samples are too few for a graph", key="graph.spacing_m"
         )
     return samples, majority_label(labels, nearest, len(samples)), spacing
-
-
-def majority_label(labels, nearest, n_nodes):
-    """Most frequent class of the points nearest to each node (the smaller id on a tie)."""
-    classes, column = np.unique(labels, return_inverse=True)
-    votes = np.zeros((n_nodes, len(classes)), dtype=np.int64)
-    np.add.at(votes, (nearest, column), 1)
-    label = classes[np.argmax(votes, axis=1)].astype(np.int64)
-    empty = votes.sum(axis=1) == 0
-    if empty.any():
-        filled = np.flatnonzero(~empty)
-        label[empty] = label[filled[0]]
-    return label
