@@ -64,7 +64,7 @@ class WoodOptions:
     classes: tuple[int, ...] = WOOD
     weights: dict[str, float] = field(default_factory=lambda: {"trunk": 10.0})
     method: str = "slbc"
-    voxel_size_m: float = 0.008
+    voxel_size_m: float = 0.005
     max_points: int = 100_000
     gap_m: float = GAP_M
     stem_gap_m: float = STEM_GAP_M
