@@ -355,8 +355,15 @@ def _outside(tube, parent):
     None where it does not leave it.
     """
     seen = seen_from(parent, tube.nodes)
-    inside = np.flatnonzero((seen.away <= seen.radius) & (seen.beyond == 0))
-    first = inside[-1] + 1 if len(inside) else 0
-    if first > len(tube.nodes) - 2:
+    out = np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
+    inside = np.flatnonzero(out <= 0)
+    if not len(inside):
+        return tube
+    last = inside[-1]
+    if last == len(tube.nodes) - 1:
         return None
-    return Tube(tube.nodes[first:], tube.radius[first:])
+    share = -out[last] / (out[last + 1] - out[last])
+    start = tube.nodes[last] + share * (tube.nodes[last + 1] - tube.nodes[last])
+    radius = tube.radius[last] + share * (tube.radius[last + 1] - tube.radius[last])
+    nodes = np.vstack([start, tube.nodes[last + 1 :]])
+    return Tube(nodes, np.append(radius, tube.radius[last + 1 :]))
