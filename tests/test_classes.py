@@ -18,7 +18,8 @@ def test_ids_are_what_the_files_have_said_so_far():
 
 
 def test_every_channel_of_the_network_gives_a_class():
-    assert [label.channel for label in CHANNELS] == list(range(7))
+    assert [label.channel for label in CHANNELS] == list(range(len(CHANNELS)))
+    assert {label.channel for label in Label} - {None} == set(range(len(CHANNELS)))
     assert Label.SUPPORT_POST.channel == Label.TRUNK.channel  # the network knows it as trunk
     assert CHANNELS[Label.SUPPORT_POST.channel] is Label.TRUNK
 
@@ -32,6 +33,6 @@ def test_wood_is_what_is_contracted(project):
     schema = yaml.safe_load((project / "workflow/schemas/config.schema.yaml").read_text())
     options = schema["properties"]["contract"]["properties"]
     assert options["classes"]["default"] == list(WOOD)
-    assert options["weights"]["default"].keys() <= CLASS_IDS.keys()
+    assert options["weights"]["properties"].keys() == CLASS_IDS.keys()
     labels = np.array(list(Label))
     assert labels[wood_mask(labels)].tolist() == [Label.TRUNK, Label.BRANCH]

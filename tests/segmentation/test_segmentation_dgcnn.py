@@ -82,6 +82,15 @@ def test_unusable_weights_name_the_file_and_the_key(tmp_path, content):
     assert str(path) in str(caught.value)
 
 
+def test_weights_of_other_classes_are_refused(tmp_path):
+    network = Dgcnn()
+    last = [module for module in network.modules() if isinstance(module, torch.nn.Linear)][-1]
+    last.weight = torch.nn.Parameter(last.weight[:-1])
+    save_weights(tmp_path / "w.pt", network, SAMPLING, {})
+    with pytest.raises(StageError, match="do not fit the network of 7 classes"):
+        load_weights(tmp_path / "w.pt")
+
+
 def test_another_kind_of_torch_file_is_refused(tmp_path):
     torch.save({"state": {}}, tmp_path / "w.pt")
     with pytest.raises(StageError, match="not a file of segmentation weights"):

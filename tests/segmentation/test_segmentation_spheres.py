@@ -10,7 +10,6 @@ from cherrypicker.segmentation.spheres import (
     neighbor_graphs,
     tree_frame,
 )
-from cherrypicker_lab.training.segmentation.training import voxel_majority
 
 
 def test_voxels_average_their_points_and_count_them():
@@ -20,11 +19,6 @@ def test_voxels_average_their_points_and_count_them():
     assert sorted(counts) == [1, 2]
     values = voxel_mean(np.array([[0.0], [1.0], [5.0]]), inverse, counts)
     assert np.allclose(values[inverse, 0], [0.5, 0.5, 5.0])
-
-
-def test_voxel_majority_takes_the_most_frequent_label():
-    inverse = np.array([0, 0, 0, 1, 1])
-    assert voxel_majority(np.array([2, 2, 1, 255, 7]), inverse, 2).tolist() == [2, 7]
 
 
 def test_frame_puts_the_ground_at_zero_and_shrinks_tall_clouds():

@@ -106,8 +106,8 @@ def thin_to_limit(points, size, max_points):
 def majority_label(labels, member, n_nodes):
     """Most frequent class of the points of each node or voxel (the smaller id on a tie)."""
     classes, column = np.unique(labels, return_inverse=True)
-    votes = np.zeros((n_nodes, len(classes)), dtype=np.int64)
-    np.add.at(votes, (member, column), 1)
+    votes = np.bincount(member * len(classes) + column, minlength=n_nodes * len(classes))
+    votes = votes.reshape(n_nodes, len(classes))
     label = classes[np.argmax(votes, axis=1)].astype(np.int64)
     empty = votes.sum(axis=1) == 0
     if empty.any():

@@ -311,5 +311,12 @@ def load_weights(path, key="segment.weights"):
     if not isinstance(content, dict) or content.get("format") != CHECKPOINT_FORMAT:
         raise StageError("not a file of segmentation weights", file=path, key=key)
     network = Dgcnn(**content["settings"])
-    network.load_state_dict(content["state"])
+    try:
+        network.load_state_dict(content["state"])
+    except RuntimeError as error:
+        raise StageError(
+            f"the segmentation weights do not fit the network of {N_CLASSES} classes",
+            file=path,
+            key=key,
+        ) from error
     return network.eval(), content["sampling"], content["meta"]

@@ -2,17 +2,18 @@
 
 import numpy as np
 
-from cherrypicker.classes import CLASS_NAMES
+from cherrypicker.classes import CHANNELS
+from cherrypicker.segmentation.dgcnn import N_CLASSES
 
 
-def confusion_matrix(truth, predicted, n_classes=7):
+def confusion_matrix(truth, predicted, n_classes=N_CLASSES):
     """Count points by true class (rows) and predicted class (columns).
 
     Parameters
     ----------
     truth, predicted : ndarray of shape (n_points,), int
         Rows whose truth lies outside 0 .. n_classes - 1 (unlabelled) are left out.
-    n_classes : int
+    n_classes : int, default all channels of the network
 
     Returns
     -------
@@ -39,7 +40,8 @@ def scores(confusion):
 
     Parameters
     ----------
-    confusion : ndarray of shape (n_classes, n_classes)
+    confusion : ndarray of shape (n_channels, n_channels)
+        By channel of the network.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def scores(confusion):
 
     classes = {}
     for c in range(len(confusion)):
-        classes[CLASS_NAMES[c]] = {
+        classes[CHANNELS[c].name.lower()] = {
             "iou": ratio(hit[c], union[c]),
             "precision": ratio(hit[c], in_prediction[c]),
             "recall": ratio(hit[c], in_truth[c]),

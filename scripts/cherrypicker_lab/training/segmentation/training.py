@@ -15,10 +15,10 @@ import torch
 from scipy.spatial import cKDTree
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from cherrypicker.classes import WOOD, Label
+from cherrypicker.classes import CHANNELS, WOOD, Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
-from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
+from cherrypicker.geometry.sampling import majority_label, voxel_mean, voxel_sample
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
 from cherrypicker.segmentation.inference import predict_spheres
@@ -36,7 +36,15 @@ logger = logging.getLogger(__name__)
 
 IGNORED = -100  # nll_loss leaves these points out
 # Chance of a class to give a sphere's centre: the rare classes as often as the wood.
-CENTER_WEIGHTS = np.array([0.8, 1.0, 1.2, 1.2, 1.4, 1.4, 0.6])
+_CENTER_WEIGHT = {
+    Label.GROUND: 0.8,
+    Label.BRANCH: 1.2,
+    Label.SIGN: 1.2,
+    Label.MARKER: 1.4,
+    Label.CALIBRATION_UNIT: 1.4,
+    Label.ROOF: 0.6,
+}
+CENTER_WEIGHTS = np.array([_CENTER_WEIGHT.get(label, 1.0) for label in CHANNELS])
 BORDER_SHARE = 0.25  # weight of trunk against branch, whose border the stem's course decides
 
 
@@ -46,17 +54,6 @@ def network_labels(labels):
     for label in Label:
         targets[label] = IGNORED if label.channel is None else label.channel
     return targets[np.asarray(labels)]
-
-
-def voxel_majority(labels, inverse, n_voxels, n_classes=256):
-    """Most frequent label of each voxel (the smaller label on a tie), uint8."""
-    present, compact = np.unique(labels, return_inverse=True)
-    if len(present) and present[-1] >= n_classes:
-        raise ValueError(f"labels must be below {n_classes}, got {present[-1]}")
-    votes = np.bincount(
-        inverse * len(present) + compact.reshape(-1), minlength=n_voxels * len(present)
-    )
-    return present[votes.reshape(n_voxels, len(present)).argmax(axis=1)].astype(np.uint8)
 
 
 def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
@@ -77,7 +74,7 @@ def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
     """
     frame = tree_frame(sample.points, sampling.reference_height_m)
     points, inverse, counts = voxel_sample(frame.apply(sample.points), sampling.voxel_size_m)
-    targets = network_labels(voxel_majority(sample.labels, inverse, len(counts)))
+    targets = network_labels(majority_label(sample.labels, inverse, len(counts)))
     colors = None if sample.colors is None else voxel_mean(sample.colors, inverse, counts)
     # The frame's origin is an estimate; the network must not lean on its exact place.
     points = points + rng.normal(0.0, [0.3, 0.3, 0.03])
@@ -268,7 +265,7 @@ def evaluate(network, samples, sampling, smoothing, *, seed=0, use_color=True, d
     for sample in (sample.as_float() for sample in samples):
         frame = tree_frame(sample.points, sampling.reference_height_m)
         points, inverse, counts = voxel_sample(frame.apply(sample.points), sampling.voxel_size_m)
-        targets = network_labels(voxel_majority(sample.labels, inverse, len(counts)))
+        targets = network_labels(majority_label(sample.labels, inverse, len(counts)))
         colors = None
         if use_color and sample.colors is not None:
             colors = voxel_mean(sample.colors, inverse, counts)
