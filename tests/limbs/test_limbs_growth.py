@@ -72,7 +72,8 @@ def test_thick_limbs_are_one_clean_axis_each():
     found, _ = grown(points)
     assert len(found.limbs) == len(axes)  # no strand beside another, no whisker on the bark
     joined, *_ = join_limbs(found.limbs, found.spacing, 0.01)
-    assert np.quantile(cKDTree(sample_axes(axes)).query(joined)[0], 0.99) < 0.015
+    # the stem (10 cm) bows by 2 cm where a limb of half its radius leaves it
+    assert np.quantile(cKDTree(sample_axes(axes)).query(joined)[0], 0.99) < 0.022
     assert (cKDTree(joined).query(sample_axes(axes))[0] < 0.03).mean() > 0.95
     stem = found.limbs[0].tube
     low = stem.nodes[:, 2] < 0.6

@@ -13,10 +13,10 @@ proportion to its thickness and its radius changes slowly.
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
-from scipy.spatial import cKDTree
 from scipy.special import i0e, i1e
 
 __all__ = ["Seen", "Tube", "fit_tube", "place_on_axis", "resample", "seen_from", "smooth"]
@@ -102,22 +102,38 @@ def place_on_axis(points, nodes):
     share : ndarray of shape (n_points,), float64
         Way along the segment: below 0 before the first node, above 1 beyond the last.
     """
-    start, step = nodes[:-1], np.diff(nodes, axis=0)
-    square = np.maximum(np.square(step).sum(axis=1), 1e-18)
-    node = cKDTree(nodes).query(points)[1]
-    last = len(start) - 1
-    best = np.full(len(points), np.inf)
-    segment, share = np.zeros(len(points), dtype=np.int64), np.zeros(len(points))
-    for k in (np.maximum(node - 1, 0), np.minimum(node, last)):
-        offset = points - start[k]
-        along = np.einsum("ij,ij->i", offset, step[k]) / square[k]
-        inside = np.clip(along, 0.0, 1.0)
-        away = np.square(offset - inside[:, None] * step[k]).sum(axis=1)
-        beyond = ((k == 0) & (along < 0)) | ((k == last) & (along > 1))
-        nearer = away < best
-        best[nearer], segment[nearer] = away[nearer], k[nearer]
-        share[nearer] = np.where(beyond, along, inside)[nearer]
+    segment, share = np.empty(len(points), dtype=np.int64), np.empty(len(points))
+    _place(np.ascontiguousarray(points), nodes, segment, share)
     return segment, share
+
+
+@numba.njit(cache=True)
+def _place(points, nodes, segment, share):
+    last = len(nodes) - 2
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        node, least = 0, np.inf
+        for k in range(len(nodes)):
+            away = (x - nodes[k, 0]) ** 2 + (y - nodes[k, 1]) ** 2 + (z - nodes[k, 2]) ** 2
+            if away < least:
+                node, least = k, away
+        least = np.inf
+        for k in range(max(node - 1, 0), min(node, last) + 1):
+            square = along = 0.0
+            for c in range(3):
+                step = nodes[k + 1, c] - nodes[k, c]
+                square += step * step
+                along += (points[i, c] - nodes[k, c]) * step
+            along /= max(square, 1e-18)
+            inside = min(max(along, 0.0), 1.0)
+            away = 0.0
+            for c in range(3):
+                step = nodes[k + 1, c] - nodes[k, c]
+                away += (points[i, c] - nodes[k, c] - inside * step) ** 2
+            if away < least:
+                least, segment[i], share[i] = away, k, inside
+                if (k == 0 and along < 0.0) or (k == last and along > 1.0):
+                    share[i] = along
 
 
 @dataclass
@@ -210,38 +226,96 @@ def _offsets(points, nodes, radius, segment, share):
 
 
 def _newton_step(points, nodes, radius, noise, spacing, limit):
+    """Step of nodes and radii, (n_nodes, 4), from the points' derivatives and the priors."""
     segment, share = place_on_axis(points, nodes)
+    length = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     inside = np.clip(share, 0.0, 1.0)
     away, out, own = _offsets(points, nodes, radius, segment, inside)
-    length = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    beyond = np.abs(share - inside) * length[segment]
-    error = away - own
-    robust = np.square(np.maximum(0.0, 1.0 - np.square(error / limit)))
-    robust = np.where(beyond > spacing, 0.0, robust)
+    robust = np.square(np.maximum(0.0, 1.0 - np.square((away - own) / limit)))
+    robust[np.abs(share - inside) * length[segment] > spacing] = 0.0
     told = np.bincount(segment, robust, len(nodes) - 1)
-    robust = robust * np.minimum(1.0, INDEPENDENT / np.maximum(told, 1e-9))[segment] / noise**2
-    # Rice: first and second derivatives by the distance q and the radius r, times noise^2
-    kappa = away * own / noise**2
-    ratio, slope = _pull(kappa, own / noise)
-    g_out, g_radius = away - own * ratio, own - away * ratio
-    h_out = np.clip(1.0 - np.square(own / noise) * slope, 0.1, 1.0)
-    h_side = np.clip(1.0 - own * ratio / np.maximum(away, 1e-12), 0.0, 1.0)
-    h_radius = np.clip(1.0 - np.square(away / noise) * slope, 0.1, 1.0)
-    h_cross = -np.minimum(ratio + kappa * slope, 0.999 * np.sqrt(h_out * h_radius))
+    robust *= np.minimum(1.0, INDEPENDENT / np.maximum(told, 1e-9))[segment] / noise**2
+    ratio, slope = _pull(away * own / noise**2, own / noise)
     along = np.diff(nodes, axis=0) / np.maximum(length, 1e-12)[:, None]
-    axis = along[segment]
-    # distance grows with p - c: derivatives by the axis have the opposite sign
-    side = np.eye(3) - out[:, :, None] * out[:, None, :] - axis[:, :, None] * axis[:, None, :]
-    block = np.zeros((len(points), 4, 4))
-    block[:, :3, :3] = h_out[:, None, None] * out[:, :, None] * out[:, None, :]
-    block[:, :3, :3] += h_side[:, None, None] * side
-    block[:, :3, 3] = block[:, 3, :3] = -h_cross[:, None] * out
-    block[:, 3, 3] = h_radius
-    force = np.concatenate([-g_out[:, None] * out, g_radius[:, None]], axis=1)
-    return _solve(
-        nodes, radius, segment, inside, robust[:, None, None] * block, robust[:, None] * force,
-        noise, spacing, along,
-    )  # fmt: skip
+    band, gradient = np.zeros((BAND + 1, 4 * len(nodes))), np.zeros((len(nodes), 4))
+    _add_points(band, gradient, segment, inside, robust, away, own, out, ratio, slope, along, noise)
+    _add_priors(band, gradient, nodes, radius, length, along, noise, spacing)
+    step = solveh_banded(band, -gradient.ravel(), check_finite=False, overwrite_ab=True)
+    return step.reshape(gradient.shape)
+
+
+@numba.njit(cache=True)
+def _add_points(
+    band, gradient, segment, share, weight, away, own, out, ratio, slope, along, noise
+):  # fmt: skip
+    """Rice: derivatives by the distance q and the radius r, times noise^2, into the equations."""
+    block, force = np.empty((4, 4)), np.empty(4)
+    for i in range(len(segment)):
+        if weight[i] == 0.0:
+            continue
+        k, q, r = segment[i], away[i], own[i]
+        kappa = q * r / noise**2
+        h_out = min(max(1.0 - (r / noise) ** 2 * slope[i], 0.1), 1.0)
+        h_side = min(max(1.0 - r * ratio[i] / max(q, 1e-12), 0.0), 1.0)
+        h_radius = min(max(1.0 - (q / noise) ** 2 * slope[i], 0.1), 1.0)
+        h_cross = -min(ratio[i] + kappa * slope[i], 0.999 * np.sqrt(h_out * h_radius))
+        # distance grows with p - c: derivatives by the axis have the opposite sign
+        for a in range(3):
+            for b in range(3):
+                both = out[i, a] * out[i, b]
+                side = -both - along[k, a] * along[k, b]
+                if a == b:
+                    side += 1.0
+                block[a, b] = h_out * both + h_side * side
+            block[a, 3] = block[3, a] = -h_cross * out[i, a]
+            force[a] = -(q - r * ratio[i]) * out[i, a]
+        block[3, 3] = h_radius
+        force[3] = r - q * ratio[i]
+        two = share[i]
+        one = 1.0 - two
+        for a in range(4):
+            gradient[k, a] += weight[i] * one * force[a]
+            gradient[k + 1, a] += weight[i] * two * force[a]
+            for b in range(4):
+                value = weight[i] * block[a, b]
+                if b >= a:
+                    band[BAND + a - b, 4 * k + b] += one * one * value
+                    band[BAND + a - b, 4 * k + 4 + b] += two * two * value
+                band[BAND + a - b - 4, 4 * k + 4 + b] += one * two * value
+
+
+@numba.njit(cache=True)
+def _add_priors(band, gradient, nodes, radius, length, along, noise, spacing):
+    """Bends, tapers, and nodes that do not slide along the axis: nothing else would hold them."""
+    n = len(nodes)
+    turn = (1.0, -2.0, 1.0)
+    for k in range(n - 2):
+        reach = (length[k] + length[k + 1]) / 2
+        bend = (BEND * (radius[k + 1] + spacing) / reach**2) ** 2
+        for c in range(3):
+            second = nodes[k, c] - 2 * nodes[k + 1, c] + nodes[k + 2, c]
+            for a in range(3):
+                gradient[k + a, c] += turn[a] * bend * second
+                for b in range(a, 3):
+                    band[BAND - 4 * (b - a), 4 * (k + b) + c] += turn[a] * turn[b] * bend
+    for k in range(n - 1):
+        rise = radius[k + 1] - radius[k]
+        stiff = 1.0 / ((GROWTH if rise > 0 else TAPER) * length[k]) ** 2
+        gradient[k, 3] -= stiff * rise
+        gradient[k + 1, 3] += stiff * rise
+        band[BAND, 4 * k + 3] += stiff
+        band[BAND, 4 * k + 7] += stiff
+        band[BAND - 4, 4 * k + 7] -= stiff
+    tangent = np.empty(3)
+    for k in range(n):
+        for c in range(3):
+            tangent[c] = along[max(k - 1, 0), c] + along[min(k, n - 2), c]
+        tangent /= max(np.sqrt(np.square(tangent).sum()), 1e-12)
+        for b in range(4):
+            band[BAND, 4 * k + b] += 1e-3 / noise**2
+        for b in range(3):
+            for a in range(b + 1):
+                band[BAND + a - b, 4 * k + b] += HOLD / noise**2 * tangent[a] * tangent[b]
 
 
 def _pull(kappa, thickness):
@@ -259,68 +333,3 @@ def _pull(kappa, thickness):
     square = np.square(kappa)
     ratio = ratio + seen * kappa / (2 * (1 + square))
     return ratio, slope + seen * (1 - square) / (2 * np.square(1 + square))
-
-
-def _solve(nodes, radius, segment, share, block, force, noise, spacing, along):
-    """One step of all unknowns from the points' second and first derivatives, with the priors."""
-    n = len(nodes)
-    one, other = (1.0 - share)[:, None], share[:, None]
-    flat = block.reshape(-1, 16)
-    parts = (one**2 * flat, other**2 * flat, one * other * flat, one * force, other * force)
-    sums = _sums(segment, np.hstack(parts), n - 1)
-    first, second, beside = (sums[:, k : k + 16].reshape(-1, 4, 4) for k in (0, 16, 32))
-    diagonal, gradient = np.zeros((n, 4, 4)), np.zeros((n, 4))
-    diagonal[:-1] += first
-    diagonal[1:] += second
-    gradient[:-1] += sums[:, 48:52]
-    gradient[1:] += sums[:, 52:]
-    band = np.zeros((BAND + 1, 4 * n))
-    _into_band(band, diagonal, 0)
-    _into_band(band, beside, 1)
-    step = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    if n > 2:
-        reach = (step[:-1] + step[1:]) / 2
-        bend = np.square(BEND * (radius[1:-1] + spacing) / np.square(reach))
-        second = nodes[:-2] - 2 * nodes[1:-1] + nodes[2:]
-        for a, ca in ((0, 1.0), (1, -2.0), (2, 1.0)):
-            gradient[a : n - 2 + a, :3] += (ca * bend)[:, None] * second
-            for b, cb in ((0, 1.0), (1, -2.0), (2, 1.0)):
-                if b >= a:
-                    for c in range(3):
-                        columns = 4 * (np.arange(n - 2) + b) + c
-                        band[BAND - 4 * (b - a), columns] += ca * cb * bend
-    rise = np.diff(radius)
-    stiff = 1.0 / np.square(np.where(rise > 0, GROWTH, TAPER) * step)
-    gradient[:-1, 3] -= stiff * rise
-    gradient[1:, 3] += stiff * rise
-    columns = 4 * np.arange(n) + 3
-    band[BAND, columns[:-1]] += stiff
-    band[BAND, columns[1:]] += stiff
-    band[BAND - 4, columns[1:]] -= stiff
-    # nodes do not slide along the axis: nothing else would hold them
-    tangent = np.vstack([along[:1], along[:-1] + along[1:], along[-1:]])
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-12)[:, None]
-    hold = HOLD / noise**2
-    still = np.zeros((n, 4, 4))
-    still[:, :3, :3] = hold * tangent[:, :, None] * tangent[:, None, :]
-    still += 1e-3 / noise**2 * np.eye(4)
-    _into_band(band, still, 0)
-    return solveh_banded(band, -gradient.ravel(), check_finite=False).reshape(n, 4)
-
-
-def _sums(rows, values, n_rows):
-    """Sums of the values (m, k) of each row: (n_rows, k)."""
-    order = np.argsort(rows, kind="stable")
-    filled, start = np.unique(rows[order], return_index=True)
-    sums = np.zeros((n_rows, values.shape[1]))
-    if len(filled):
-        sums[filled] = np.add.reduceat(values[order], start)
-    return sums
-
-
-def _into_band(band, blocks, offset):
-    """Blocks (n, 4, 4) that couple node k with node k + offset into the upper band."""
-    a, b = np.nonzero(np.triu(np.ones((4, 4)))) if offset == 0 else np.nonzero(np.ones((4, 4)))
-    row = 4 * np.arange(len(blocks))[:, None] + a
-    column = 4 * (np.arange(len(blocks))[:, None] + offset) + b
-    band[BAND + row - column, column] += blocks[:, a, b]
