@@ -252,6 +252,14 @@ def _share(is_good, weight, among=True):
 
 
 def _compare_traits(found, truth):
+    heights = [each["trunk_height_m"] for each in (found, truth)]
+    if abs(heights[0] - heights[1]) > 1e-6:
+        raise StageError(
+            "the trunk's diameter was measured at {:g} m, its truth is that at {:g} m".format(
+                *heights
+            ),
+            key="traits.trunk_height_m",
+        )
     report = {
         "trunk_diameter_m": found["trunk_diameter_m"],
         "trunk_diameter_error_m": abs(found["trunk_diameter_m"] - truth["trunk_diameter_m"]),

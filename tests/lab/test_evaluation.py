@@ -66,7 +66,13 @@ def write_scene(folder, skeleton, traits):
     return truth
 
 
-TRAITS = {"height_m": 1.5, "trunk_diameter_m": 0.08, "total_length_m": 2.4, "n_tips": 2}
+TRAITS = {
+    "height_m": 1.5,
+    "trunk_diameter_m": 0.08,
+    "trunk_height_m": 0.3,
+    "total_length_m": 2.4,
+    "n_tips": 2,
+}
 
 
 def write_results(folder, skeleton, poses, **changes):
@@ -137,6 +143,13 @@ def test_known_errors_are_measured(tmp_path):
         "height_error",
         "trunk_diameter_error_m",
     }
+
+
+def test_diameters_at_two_heights_are_not_compared(tmp_path):
+    truth = write_scene(tmp_path / "scene", y_skeleton(), TRAITS)
+    results = write_results(tmp_path / "tree", y_skeleton(), ring(), trunk_height_m=0.5)
+    with pytest.raises(StageError, match="at 0.5 m, its truth is that at 0.3 m.*trunk_height_m"):
+        evaluate(results, truth)
 
 
 def test_recall_and_precision_are_lengths():
