@@ -261,12 +261,16 @@ class _Growth:
             limb.parent = number[limb.parent]
             if limb.parent >= 0:
                 rest = _outside(limb.tube, kept[limb.parent].tube)
-                if rest is None or rest.length < LEAST_LENGTH * self.spacing:
+                if rest is None or rest.length < self._least_length(rest):
                     number[old] = limb.parent
                     continue
             number[old] = len(kept)
             kept.append(limb)
         self.limbs = kept
+
+    def _least_length(self, tube):
+        """Length from which a limb outside its parent is one: it is longer than thick."""
+        return max(LEAST_LENGTH * self.spacing, float(np.median(tube.radius)))
 
     def _through_middles(self, run):
         """A tube through the middles of the free points of a run's rings."""
