@@ -4,18 +4,16 @@ import networkx as nx
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from skeleton_shapes import labelled_cloud, sample_axes, sample_skeleton, small_tree, tube
+from skeleton_shapes import labelled_cloud, sample_axes, sample_skeleton, small_tree
 
 from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
 from cherrypicker.graph.extract import extract_skeleton, limb_tree
-from cherrypicker.graph.radius import fit_radii
 from cherrypicker.graph.samples import find_root
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.skeleton import axes, fold
-from cherrypicker.skeleton.model import Skeleton
 
 
 def way(*corners, step=0.002, jitter=0.0005, seed=0):
@@ -84,32 +82,6 @@ def test_too_few_or_coinciding_points():
         spanning_tree(np.zeros((30, 3)), np.ones(30, dtype=int))
     with pytest.raises(StageError, match="too few"):
         spanning_tree(np.array([[0, 0, 0], [0, 0, 0.001]]), np.ones(2, dtype=int), spacing_m=0.01)
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.003])
-def test_radii_and_centres_of_a_tapered_stem(noise):
-    rng = np.random.default_rng(8)
-    surface = tube((0, 0, 0), (0, 0, 1), 0.03, end_radius=0.015, rng=rng, noise=noise)
-    z = np.linspace(0, 1, 67)
-    points = np.column_stack([np.full(67, 0.006), np.zeros(67), z])  # beside the axis
-    skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
-    fitted = fit_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
-    inner = slice(3, -3)
-    np.testing.assert_allclose(fitted.radius[inner], (0.03 - 0.015 * z)[inner], atol=0.0012)
-    assert np.abs(fitted.points[inner, :2]).max() < 0.0015
-    assert (fitted.fields["arc_deg"][inner] > 300).all()
-    assert (fitted.fields["n_points"][inner] > 20).all()
-
-
-def test_stretch_without_points_takes_radii_from_both_sides():
-    rng = np.random.default_rng(8)
-    surface = tube((0, 0, 0), (0, 0, 1), 0.03, end_radius=0.015, rng=rng)
-    surface = surface[(surface[:, 2] < 0.4) | (surface[:, 2] > 0.6)]
-    z = np.linspace(0, 1, 67)
-    points = np.column_stack([np.zeros(67), np.zeros(67), z])
-    skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
-    fitted = fit_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
-    np.testing.assert_allclose(fitted.radius[30:37], (0.03 - 0.015 * z)[30:37], atol=0.002)
 
 
 @pytest.fixture(scope="module")

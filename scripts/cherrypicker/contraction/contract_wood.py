@@ -20,7 +20,7 @@ __all__ = ["WoodOptions", "class_weights", "contract_wood"]
 logger = logging.getLogger(__name__)
 
 FEWEST_WOOD = 50
-N_AROUND = 13  # a point and its neighbours, whose most frequent class is its own
+N_AROUND = 13  # a point and twelve neighbours, whose most frequent class is its own (guess)
 SELECTION_FACTOR = 2  # the selection may look at this many times the points of the contraction
 
 

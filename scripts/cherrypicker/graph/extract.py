@@ -74,8 +74,6 @@ def extract_skeleton(contracted, cloud, *, base=None, **options):
         surface,
         spacing=spacing,
         max_radius=max(3 * spacing, widest),
-        recentre=False,
-        is_final=True,
     )
     if settings.method == "mst":
         return fitted

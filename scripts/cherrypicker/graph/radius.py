@@ -5,7 +5,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 
-from cherrypicker.geometry.axis_radii import fit_axis_radii, less_spread
+from cherrypicker.geometry.axis_radii import fit_axis_radii
 from cherrypicker.geometry.ordering import median
 from cherrypicker.skeleton.axes import axis_runs
 
@@ -17,32 +17,26 @@ RAYLEIGH_SPREAD = 0.6  # robust spread of the distances from an axis without rad
 LEAST_SHARE = 0.3  # of the distance of its points that a radius has
 
 
-def fit_radii(
-    skeleton, surface, *, spacing, max_radius, least_radius=0.001, recentre=True, is_final=False
-):
-    """Radius of each node, and its place on the axis, from the surface points around it.
+def fit_radii(skeleton, surface, *, spacing, max_radius):
+    """Radius of each node from the surface points around it, less what noise adds to it.
 
     Parameters
     ----------
-    skeleton, surface, spacing, max_radius, least_radius, recentre
+    skeleton, surface, spacing, max_radius
         See `cherrypicker.geometry.axis_radii.fit_axis_radii`.
-    is_final : bool, default False
-        Take the noise that the clear circles of thick wood show off thin wood as well. Pruning
-        compares points with radii that do not.
 
     Returns
     -------
     Skeleton
-        With `radius` and the fields ``n_points``, ``arc_deg``, ``residual``.
+        With `radius` and the fields ``n_points``, ``arc_deg``, ``residual``; nodes stay in place.
     """
     return fit_axis_radii(
         skeleton,
         surface,
         spacing=spacing,
         max_radius=max_radius,
-        least_radius=least_radius,
-        recentre=recentre,
-        less_noise=_less_common_noise if is_final else less_spread,
+        recentre=False,
+        less_noise=_less_common_noise,
     )
 
 

@@ -21,7 +21,7 @@ from scipy.special import i0e, i1e
 
 __all__ = ["Seen", "Tube", "fit_tube", "place_on_axis", "resample", "seen_from", "smooth"]
 
-BAND = 11  # nodes of four unknowns, coupled with the next two
+BANDWIDTH = 11  # nodes of four unknowns, coupled with the next two
 BEND = 5.0  # a limb bends no more than in an arc of this many (radii + spacings); a guess
 TAPER = 0.03  # change of radius by length, one standard deviation; a guess
 GROWTH = 0.01  # the same where it would grow outwards; a guess
@@ -237,7 +237,7 @@ def _newton_step(points, nodes, radius, noise, spacing, limit):
     robust *= np.minimum(1.0, INDEPENDENT / np.maximum(told, 1e-9))[segment] / noise**2
     ratio, slope = _pull(away * own / noise**2, own / noise)
     along = np.diff(nodes, axis=0) / np.maximum(length, 1e-12)[:, None]
-    band, gradient = np.zeros((BAND + 1, 4 * len(nodes))), np.zeros((len(nodes), 4))
+    band, gradient = np.zeros((BANDWIDTH + 1, 4 * len(nodes))), np.zeros((len(nodes), 4))
     _add_points(band, gradient, segment, inside, robust, away, own, out, ratio, slope, along, noise)
     _add_priors(band, gradient, nodes, radius, length, along, noise, spacing)
     step = solveh_banded(band, -gradient.ravel(), check_finite=False, overwrite_ab=True)
@@ -279,9 +279,9 @@ def _add_points(
             for b in range(4):
                 value = weight[i] * block[a, b]
                 if b >= a:
-                    band[BAND + a - b, 4 * k + b] += one * one * value
-                    band[BAND + a - b, 4 * k + 4 + b] += two * two * value
-                band[BAND + a - b - 4, 4 * k + 4 + b] += one * two * value
+                    band[BANDWIDTH + a - b, 4 * k + b] += one * one * value
+                    band[BANDWIDTH + a - b, 4 * k + 4 + b] += two * two * value
+                band[BANDWIDTH + a - b - 4, 4 * k + 4 + b] += one * two * value
 
 
 @numba.njit(cache=True)
@@ -297,25 +297,25 @@ def _add_priors(band, gradient, nodes, radius, length, along, noise, spacing):
             for a in range(3):
                 gradient[k + a, c] += turn[a] * bend * second
                 for b in range(a, 3):
-                    band[BAND - 4 * (b - a), 4 * (k + b) + c] += turn[a] * turn[b] * bend
+                    band[BANDWIDTH - 4 * (b - a), 4 * (k + b) + c] += turn[a] * turn[b] * bend
     for k in range(n - 1):
         rise = radius[k + 1] - radius[k]
         stiff = 1.0 / ((GROWTH if rise > 0 else TAPER) * length[k]) ** 2
         gradient[k, 3] -= stiff * rise
         gradient[k + 1, 3] += stiff * rise
-        band[BAND, 4 * k + 3] += stiff
-        band[BAND, 4 * k + 7] += stiff
-        band[BAND - 4, 4 * k + 7] -= stiff
+        band[BANDWIDTH, 4 * k + 3] += stiff
+        band[BANDWIDTH, 4 * k + 7] += stiff
+        band[BANDWIDTH - 4, 4 * k + 7] -= stiff
     tangent = np.empty(3)
     for k in range(n):
         for c in range(3):
             tangent[c] = along[max(k - 1, 0), c] + along[min(k, n - 2), c]
         tangent /= max(np.sqrt(np.square(tangent).sum()), 1e-12)
         for b in range(4):
-            band[BAND, 4 * k + b] += 1e-3 / noise**2
+            band[BANDWIDTH, 4 * k + b] += 1e-3 / noise**2
         for b in range(3):
             for a in range(b + 1):
-                band[BAND + a - b, 4 * k + b] += HOLD / noise**2 * tangent[a] * tangent[b]
+                band[BANDWIDTH + a - b, 4 * k + b] += HOLD / noise**2 * tangent[a] * tangent[b]
 
 
 def _pull(kappa, thickness):

@@ -1,0 +1,34 @@
+"""Radii of an axis from the surface points around it."""
+
+import numpy as np
+import pytest
+from skeleton_shapes import tube
+
+from cherrypicker.geometry.axis_radii import fit_axis_radii
+from cherrypicker.skeleton.model import Skeleton
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_radii_and_centres_of_a_tapered_stem(noise):
+    rng = np.random.default_rng(8)
+    surface = tube((0, 0, 0), (0, 0, 1), 0.03, end_radius=0.015, rng=rng, noise=noise)
+    z = np.linspace(0, 1, 67)
+    points = np.column_stack([np.full(67, 0.006), np.zeros(67), z])  # beside the axis
+    skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
+    fitted = fit_axis_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
+    inner = slice(3, -3)
+    np.testing.assert_allclose(fitted.radius[inner], (0.03 - 0.015 * z)[inner], atol=0.0012)
+    assert np.abs(fitted.points[inner, :2]).max() < 0.0015
+    assert (fitted.fields["arc_deg"][inner] > 300).all()
+    assert (fitted.fields["n_points"][inner] > 20).all()
+
+
+def test_stretch_without_points_takes_radii_from_both_sides():
+    rng = np.random.default_rng(8)
+    surface = tube((0, 0, 0), (0, 0, 1), 0.03, end_radius=0.015, rng=rng)
+    surface = surface[(surface[:, 2] < 0.4) | (surface[:, 2] > 0.6)]
+    z = np.linspace(0, 1, 67)
+    points = np.column_stack([np.zeros(67), np.zeros(67), z])
+    skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
+    fitted = fit_axis_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
+    np.testing.assert_allclose(fitted.radius[30:37], (0.03 - 0.015 * z)[30:37], atol=0.002)
