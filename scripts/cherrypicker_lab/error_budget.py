@@ -149,14 +149,18 @@ def climb(
         here, before = results[rung], results[RUNGS[RUNGS.index(rung) - 1]]
         write_work_folder(folder / rung, tree, row, settings)
         if rung == "true_poses":
-            place_true_poses(found, here, photos, truth, seed=seed, threads=threads)
+            placed = place_true_poses(found, here, photos, truth, seed=seed, threads=threads)
         elif rung == "true_depth":
-            place_true_depth(before, here, truth, threads=threads)
+            placed = place_true_depth(before, here, truth, threads=threads)
         elif rung == "true_labels":
-            place_true_labels(before, here, truth)
+            placed = place_true_labels(before, here, truth)
         else:
-            place_true_skeleton(before, here, truth)
+            placed = place_true_skeleton(before, here, truth)
+        times = [file.stat().st_mtime_ns for file in placed]
         run_stages(snakefile, folder / rung, f"results/{tree}/traits.json", threads)
+        for file, time in zip(placed, times):
+            if file.stat().st_mtime_ns != time:
+                raise StageError("a stage ran again and overwrote the truth", file=file)
         values[rung] = evaluate(here, truth)
     ladder = {rung: errors_of(values[rung], traits) for rung in RUNGS}
     costs = costs_of(ladder)

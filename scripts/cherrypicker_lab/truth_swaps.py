@@ -1,7 +1,7 @@
 """The truth of a generated scene in the place of a stage's output, in the stage's own format.
 
-Each function writes into the results folder of a tree what the stage would have written, so that
-the stages after it run on as they are.
+Each function takes over a tree's results and writes what a stage would have written in its place,
+so that the stages after it are due and run on as they are. It returns the files that it wrote.
 """
 
 from __future__ import annotations
@@ -32,42 +32,27 @@ SURFACE_STEP_M, SKELETON_STEP_M = 0.003, 0.003
 CLASS_REACH_M = 0.03
 
 _MODEL = ("cameras.bin", "images.bin", "points3D.bin", "frames.bin", "rigs.bin")
-#: What each rung takes over from the one before, in the order of the stages.
-_SKY = ("sky", "sky_colors.npz")
-_SPARSE = (*(f"sfm/model/{name}" for name in _MODEL), "sfm/report.json", "poses.npz", "scale.json")
-_DENSE = ("dense/images", "dense/sparse", "dense/undistorted.json")
-_METRIC = (
-    "sfm/report.json",
-    "scale.json",
-    "crop.json",
-    "metric.ply",
-    "metric_poses.npz",
-    "metric.json",
-)
+#: Gigabytes that no rung needs: depth maps are made anew or replaced, and fused before later rungs.
+_LEFT_BEHIND = ("stereo",)
 
 
-def take_over(source: Path, target: Path, names: tuple[str, ...]) -> None:
-    """Copy files and folders of one results folder to another, with the time of now.
+def take_over(source: Path, target: Path) -> None:
+    """Copy the results of a tree, with their times: only what the truth replaces is newer.
 
     Raises
     ------
     StageError
-        When one is missing.
+        When there are none.
     """
-    for name in names:
-        here, there = source / name, target / name
-        if not here.exists():
-            raise StageError("the tree's results are not complete", file=here)
-        there.parent.mkdir(parents=True, exist_ok=True)
-        if here.is_dir():
-            shutil.copytree(here, there, dirs_exist_ok=True, copy_function=shutil.copyfile)
-        else:
-            shutil.copyfile(here, there)
+    if not source.is_dir():
+        raise StageError("the tree has no results", file=source)
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(source, target, ignore=shutil.ignore_patterns(*_LEFT_BEHIND))
 
 
 def place_true_poses(
     found: Path, results: Path, photos: Path, truth: Path, *, seed: int, threads: int
-) -> None:
+) -> list[Path]:
     """Put the scene's cameras in the place of the sparse model.
 
     The points are triangulated from the photos' own matches with these cameras held fixed: the
@@ -86,20 +71,19 @@ def place_true_poses(
     StageError
         When a photo has no true pose, or the results as found are not complete.
     """
-    take_over(found, results, _SKY)
+    take_over(found, results)
     model = results / "sfm/model"
-    model.mkdir(parents=True, exist_ok=True)
     database = found / "sfm/database.db"
     if not database.is_file():
         raise StageError("the tree's results are not complete", file=database)
     triangulate_true_cameras(
         database, photos, truth / "poses.npz", model, seed=seed, threads=threads
     )
-    take_over(found, results, ("sfm/report.json",))
     write_poses(results / "poses.npz", read_poses(truth / "poses.npz"))
+    return [results / "poses.npz", *(model / name for name in _MODEL)]
 
 
-def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) -> None:
+def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) -> list[Path]:
     """Put the true depth of every pixel in the place of the depth maps.
 
     Parameters
@@ -114,7 +98,7 @@ def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) 
     StageError
         When the results or the truth are not complete.
     """
-    take_over(before, results, (*_SKY, *_SPARSE, *_DENSE))
+    take_over(before, results)
     workspace, scene = Workspace(results / "dense"), TrueScene(truth)
     shares = {}
     with Progress(len(workspace.views), "true depth maps") as bar:
@@ -126,9 +110,10 @@ def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) 
     workspace.write_fusion_config()
     manifest = {"backend": "truth", "options": {}, "maps": list(shares), "share_with_depth": shares}
     write_json(results / "dense/depth.json", manifest)
+    return [results / "dense/depth.json"]
 
 
-def place_true_labels(before: Path, results: Path, truth: Path) -> None:
+def place_true_labels(before: Path, results: Path, truth: Path) -> list[Path]:
     """Give every point of ``metric.ply`` the class of the true surface that it lies on.
 
     Points further than `CLASS_REACH_M` from all of them are unlabelled.
@@ -144,7 +129,7 @@ def place_true_labels(before: Path, results: Path, truth: Path) -> None:
     StageError
         When the results or the truth are not complete.
     """
-    take_over(before, results, _METRIC)
+    take_over(before, results)
     cloud = read_cloud(results / "metric.ply")
     rotation, translation = _to_truth(results, truth)
     surface, labels = _true_classes(truth)
@@ -157,9 +142,10 @@ def place_true_labels(before: Path, results: Path, truth: Path) -> None:
     fields = {"label": label, "confidence": np.ones(len(cloud), np.float32)}
     cloud.fields = {**cloud.fields, **fields}
     write_cloud(results / "segmented.ply", cloud)
+    return [results / "segmented.ply"]
 
 
-def place_true_skeleton(before: Path, results: Path, truth: Path) -> None:
+def place_true_skeleton(before: Path, results: Path, truth: Path) -> list[Path]:
     """Put points of the true skeleton in the place of the contracted ones.
 
     The whole skeleton is there, also where no photo saw the wood. Each point's source is the wood
@@ -176,7 +162,7 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> None:
     StageError
         When the results or the truth are not complete, or the cloud holds no wood.
     """
-    take_over(before, results, (*_METRIC, "segmented.ply", "target.json"))
+    take_over(before, results)
     cloud = read_cloud(results / "segmented.ply", required=("label",))
     rotation, translation = _to_truth(results, truth)
     skeleton = read_skeleton_csv(truth / "skeleton.csv")
@@ -195,6 +181,7 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> None:
     base = (skeleton.points[0] - translation) @ rotation
     report = {"unit": cloud.unit, "base": base.tolist(), "method": "truth"}
     write_json(results / "contract.json", report | {"n_contracted": len(points)})
+    return [results / "contracted.ply", results / "contract.json"]
 
 
 def _to_truth(results: Path, truth: Path) -> tuple[np.ndarray, np.ndarray]:

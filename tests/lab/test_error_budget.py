@@ -184,10 +184,18 @@ def test_true_skeleton_points_lie_on_the_axis_in_the_trees_frame(results, truth,
 
 
 def test_results_that_are_not_complete_are_named(results, truth, tmp_path):
-    (results / "crop.json").unlink()
-    with pytest.raises(StageError, match="not complete") as caught:
+    (results / "metric.ply").unlink()
+    with pytest.raises(StageError, match="missing") as caught:
         place_true_labels(results, tmp_path / "rung", truth)
-    assert "crop.json" in caught.value.describe()
+    assert "metric.ply" in caught.value.describe()
+
+
+def test_only_what_the_truth_replaces_is_newer_than_it_was(results, truth, tmp_path):
+    there = tmp_path / "rung"
+    before = {path.name: path.stat().st_mtime_ns for path in results.rglob("*.*")}
+    placed = place_true_labels(results, there, truth)
+    changed = [p for p in there.rglob("*.*") if before.get(p.name) != p.stat().st_mtime_ns]
+    assert changed == placed
 
 
 def test_without_a_scale_there_is_no_budget(results, truth, tmp_path):
@@ -243,7 +251,9 @@ def test_climbing_runs_the_stages_after_each_swap(truth, tmp_path, monkeypatch):
     swaps = ("place_true_poses", "place_true_depth", "place_true_labels", "place_true_skeleton")
     for name in swaps:
         monkeypatch.setattr(
-            error_budget, name, lambda before, here, *_, _n=name, **__: calls.append((_n, before))
+            error_budget,
+            name,
+            lambda before, here, *_, _n=name, **__: calls.append((_n, before)) or [],
         )
     ran = []
     monkeypatch.setattr(error_budget, "run_stages", lambda _s, folder, *_: ran.append(folder))
@@ -277,3 +287,28 @@ def test_climbing_runs_the_stages_after_each_swap(truth, tmp_path, monkeypatch):
     row = dict(zip(header.split("\t"), cells.split("\t")))
     assert row["tree"] == "tree" and row["marker_sides_m"] == "7:0.2"
     assert row["photos"].startswith("/")
+
+
+def test_a_rung_whose_truth_is_made_anew_is_no_rung(results, truth, tmp_path, monkeypatch):
+    def run_all(_snakefile, folder, *_):
+        (folder / "results/tree/poses.npz").write_bytes(b"found again")
+
+    def place(_found, here, *_, **__):
+        here.mkdir(parents=True)
+        (here / "poses.npz").write_bytes(b"true")
+        return [here / "poses.npz"]
+
+    monkeypatch.setattr(error_budget, "place_true_poses", place)
+    monkeypatch.setattr(error_budget, "run_stages", run_all)
+    monkeypatch.setattr(error_budget, "evaluate", lambda *_: {})
+    with pytest.raises(StageError, match="overwrote the truth"):
+        climb(
+            results,
+            truth,
+            tmp_path / "budget",
+            tree="tree",
+            row={"photos": "photos"},
+            settings={"seed": 0, "sky": {}, "segment": {}},
+            snakefile=tmp_path / "Snakefile",
+            threads=1,
+        )
