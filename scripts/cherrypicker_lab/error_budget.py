@@ -1,9 +1,9 @@
 """What each stage costs, on a generated scene: its output is replaced by the truth, one by one.
 
 The rungs of a ladder: the tree as found; the same with the true poses; with the true depth as well;
-with the true labels; with points of the true skeleton for the contracted ones. The stages after
-the one replaced are the workflow's own, so the drop of an error from one rung to the next is what
-that stage costs, and what is left at the last rung is the cost of the graph and the traits. A
+with the true labels; with the true skeleton. The stages after the one replaced are the workflow's
+own, so the drop of an error from one rung to the next is what that stage costs, and what is left at
+the last rung is the cost of the traits. A
 negative cost says that the stages after had made up for the error, or that errors cancelled out.
 """
 
@@ -33,15 +33,15 @@ NAMES = {
     "true_poses": "+ true poses",
     "true_depth": "+ true depth",
     "true_labels": "+ true labels",
-    "true_skeleton": "+ true skeleton points",
+    "true_skeleton": "+ true skeleton",
 }
 #: The stage whose cost the step to each rung shows.
 STAGES = {
     "true_poses": "poses (structure from motion)",
     "true_depth": "depth (stereo)",
     "true_labels": "labels (segmentation)",
-    "true_skeleton": "skeleton points (crop, denoising, contraction)",
-    "rest": "graph, radii and traits",
+    "true_skeleton": "skeleton (crop, denoising, contraction, graph, radii)",
+    "rest": "traits",
 }
 #: Errors, in percent of the truth.
 MEASURES = {

@@ -7,6 +7,7 @@ so that the stages after it are due and run on as they are. It returns the files
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,18 +17,23 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.workspace import Workspace
-from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
+from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.progress import Progress
-from cherrypicker.skeleton import read_skeleton_csv
-from cherrypicker.traits.support import densify
+from cherrypicker.skeleton import (
+    axes,
+    fold,
+    read_skeleton_csv,
+    write_skeleton_graphml,
+    write_topology_graphml,
+)
 from cherrypicker_lab.dense.true_cameras import triangulate_true_cameras
 from cherrypicker_lab.dense.true_depth import TrueScene
 from cherrypicker_lab.dense.truth import sample_skeleton
 from cherrypicker_lab.evaluation import compare_cameras
 
-#: Distance between samples of the true tree's surface and of its skeleton, m.
-SURFACE_STEP_M, SKELETON_STEP_M = 0.003, 0.003
+#: Distance between samples of the true tree's surface, m.
+SURFACE_STEP_M = 0.003
 #: A point further from every true surface has no true class, m.
 CLASS_REACH_M = 0.03
 
@@ -146,42 +152,27 @@ def place_true_labels(before: Path, results: Path, truth: Path) -> list[Path]:
 
 
 def place_true_skeleton(before: Path, results: Path, truth: Path) -> list[Path]:
-    """Put points of the true skeleton in the place of the contracted ones.
-
-    The whole skeleton is there, also where no photo saw the wood. Each point's source is the wood
-    point of the cloud nearest to it.
+    """Put the true tree in the place of the skeleton and its topology.
 
     Parameters
     ----------
     before, results : Path
-        Results up to ``segmented.ply`` and ``target.json``, and those to fill.
+        Complete results, and those to fill.
     truth : Path
 
     Raises
     ------
     StageError
-        When the results or the truth are not complete, or the cloud holds no wood.
+        When the results or the truth are not complete.
     """
     take_over(before, results)
-    cloud = read_cloud(results / "segmented.ply", required=("label",))
     rotation, translation = _to_truth(results, truth)
-    skeleton = read_skeleton_csv(truth / "skeleton.csv")
-    samples, node, _, _ = densify(skeleton, SKELETON_STEP_M)
-    points = (samples - translation) @ rotation
-    wood = np.flatnonzero(wood_mask(cloud["label"]))
-    if len(wood) == 0:
-        raise StageError("the cloud holds no wood", file=results / "segmented.ply")
-    source = wood[cKDTree(cloud.points[wood]).query(points, workers=-1)[1]]
-    fields = {
-        "label": skeleton.label[node].astype(np.uint8),
-        "source": source.astype(np.int32),
-    }
-    contracted = PointCloud(points, fields=fields, frame=cloud.frame, unit=cloud.unit)
-    write_cloud(results / "contracted.ply", contracted)
-    base = (skeleton.points[0] - translation) @ rotation
-    report = {"unit": cloud.unit, "base": base.tolist(), "method": "truth"}
-    write_json(results / "contract.json", report | {"n_contracted": len(points)})
-    return [results / "contracted.ply", results / "contract.json"]
+    grown = read_skeleton_csv(truth / "skeleton.csv")
+    skeleton = replace(grown, points=(grown.points - translation) @ rotation, frame="metric")
+    files = [results / "skeleton.graphml", results / "topology.graphml"]
+    write_skeleton_graphml(files[0], skeleton)
+    write_topology_graphml(files[1], fold(skeleton, axes(skeleton)))
+    return files
 
 
 def _to_truth(results: Path, truth: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.workspace import View
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
-from cherrypicker.skeleton import Skeleton
+from cherrypicker.skeleton import Skeleton, read_skeleton, read_topology
 from cherrypicker_lab import error_budget
 from cherrypicker_lab.dense.true_depth import TrueScene, ground_mesh, square_mesh, tube_mesh
 from cherrypicker_lab.error_budget import (
@@ -167,20 +167,15 @@ def test_true_labels_are_those_of_the_surface_that_a_point_lies_on(results, trut
     assert read_json(there / "scale.json") == {"name": "scale.json"}
 
 
-def test_true_skeleton_points_lie_on_the_axis_in_the_trees_frame(results, truth, tmp_path):
-    labelled, there = tmp_path / "a", tmp_path / "b"
-    place_true_labels(results, labelled, truth)
-    write_json(labelled / "target.json", {"target_xy": [0, 0]})
-    place_true_skeleton(labelled, there, truth)
-    assert read_json(there / "target.json") == {"target_xy": [0, 0]}
-    contracted = read_cloud(there / "contracted.ply", required=("label", "source"))
-    moved = contracted.points @ TURN.T + SHIFT
+def test_the_true_tree_stands_in_the_trees_frame(results, truth, tmp_path):
+    there = tmp_path / "rung"
+    placed = place_true_skeleton(results, there, truth)
+    skeleton = read_skeleton(placed[0])
+    moved = skeleton.points @ TURN.T + SHIFT
     assert np.abs(moved[:, :2]).max() < 1e-5
     assert np.ptp(moved[:, 2]) == pytest.approx(HEIGHT, abs=1e-4)
-    assert np.diff(np.sort(moved[:, 2])).max() < 0.0031
-    assert (contracted["label"] == Label.TRUNK).all() and contracted["source"].max() < 400
-    base = np.array(read_json(there / "contract.json")["base"])
-    assert base @ TURN.T + SHIFT == pytest.approx([0, 0, 0], abs=1e-6)
+    assert skeleton.radius == pytest.approx(RADIUS)
+    assert len(read_topology(placed[1]).edges) == 1
 
 
 def test_results_that_are_not_complete_are_named(results, truth, tmp_path):
