@@ -4,8 +4,9 @@ VENV := .venv
 # A requirements file that pins torch; GPU users give their own.
 TORCH ?= envs/torch.txt
 PIP_OPTIONS ?=
-# Two processes; a module's tests stay together, since some build on one another.
-PYTEST_OPTIONS ?= -n 2 --dist loadfile
+# Two processes; a module's tests stay together, since some build on one another. The modules come in
+# the order of tests/conftest.py; left to itself, xdist takes those of few tests last, the long ones.
+PYTEST_OPTIONS ?= -n 2 --dist loadfile --no-loadscope-reorder
 
 REQUIREMENTS := $(TORCH) envs/requirements.txt envs/constraints.txt
 

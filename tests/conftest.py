@@ -4,8 +4,14 @@ import os
 from pathlib import Path
 
 import pytest
+from workspace import Workspace
 
 PROJECT = Path(__file__).resolve().parents[1]
+
+
+def pytest_collection_modifyitems(items):
+    """Take the long modules first, those that start Snakemake: all processes shall end together."""
+    items.sort(key=lambda item: getattr(item.module, "Workspace", None) is not Workspace)
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 """The runner as Snakemake and the command line use it: scripts in processes of their own."""
 
+import importlib
 import json
 import subprocess
 import sys
@@ -152,10 +153,10 @@ def test_two_options_of_one_name_are_refused():
         options_of(main)
 
 
-def test_the_help_tells_text_key_and_default(project):
-    command = [sys.executable, str(project / "scripts/segment_cloud.py"), "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    text = " ".join(done.stdout.split())
+def test_the_help_tells_text_key_and_default():
+    stage = importlib.import_module("segment_cloud")
+    add_options(stage.parser, stage.main)
+    text = " ".join(stage.parser.format_help().split())
     assert "Points of a sphere at most; as the weights were trained without it." in text
     assert "[config key segment.smooth_k, default 12]" in text
     assert "Points inside the cylinder at most" in text, (

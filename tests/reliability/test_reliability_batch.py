@@ -20,8 +20,6 @@ ODD_PATH = "Bäume & Blüten {1}/名 'x' $a %s <b>.ply"
 HEADER = "tree | cloud | photos | scale | marker_dictionary | marker_sides_m | date | series"
 SIDES = {
     "m_missing": ("", "marker_dictionary and marker_sides_m are empty"),
-    "m_twice": ("7:0.2,7:0.3", "marker 7 stands twice"),
-    "m_zero": ("7:0", "the side of marker 7 must be positive"),
     "m_cm": ("7:20", "sides are given in metres"),
 }
 
@@ -138,9 +136,3 @@ def test_markup_in_a_note_is_shown_and_never_executed(batch):
         assert page.tags.count("script") == Elements(plain).tags.count("script")
     report = (batch.folder / "results/good/report.html").read_text()
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in report
-
-
-def test_the_batch_can_be_mended_tree_by_tree(batch):
-    """Last: the bad trees' files are replaced; nothing that was finished is made again."""
-    write_small_cloud(batch.folder / "nan.ply", seed=2)
-    assert {tree for _, tree in batch.ran("results/nan/report.html")} == {"nan"}

@@ -9,7 +9,7 @@ import pytest
 from reliability_scene import same_files
 from sfm_scene import similarity_errors
 from test_reliability_processes import COLMAP_TOLERANCE, try_to_kill_in_stage
-from workspace import PROJECT, Workspace, copy_project
+from workspace import PROJECT, Workspace
 
 from cherrypicker.poses import read_poses
 
@@ -26,9 +26,9 @@ LIMIT_S = 3600
 CONFIG = {"sfm": {"max_features": 2000}, "mvs": {"backend": "cpu", "max_image_size_px": 500}}
 
 
-def demo_workspace(folder, project):
+def demo_workspace(folder):
     """A working directory with one of the demo's trees, as its table has it."""
-    workspace = Workspace(folder, project)
+    workspace = Workspace(folder)
     with open(PROJECT / "config/trees.tsv", newline="") as stream:
         (row,) = [r for r in csv.DictReader(stream, delimiter="\t") if r["tree"] == TREE]
     (folder / "photos").mkdir()
@@ -62,11 +62,9 @@ def take_over_colmaps_model(disturbed, quiet):
 
 
 def test_every_stage_of_a_demo_tree_survives_a_kill(tmp_path):
-    (tmp_path / "project").mkdir()
-    project = copy_project(tmp_path / "project")
-    quiet = demo_workspace(tmp_path / "quiet", project)
+    quiet = demo_workspace(tmp_path / "quiet")
     quiet.run(limit_s=LIMIT_S)
-    disturbed = demo_workspace(tmp_path / "disturbed", project)
+    disturbed = demo_workspace(tmp_path / "disturbed")
     folders = [workspace.folder / "results" / TREE for workspace in (disturbed, quiet)]
     delays = random.Random(11)
     for stage in STAGES:

@@ -9,7 +9,7 @@ import numpy as np
 import psutil
 import pytest
 from reliability_scene import odd_clouds
-from workspace import Workspace, copy_project
+from workspace import Workspace
 
 pytestmark = pytest.mark.slow
 
@@ -83,7 +83,7 @@ def peaks_mb(workspace, stage, trees):
 
 def test_soak(tmp_path):
     (tmp_path / "project").mkdir()
-    workspace = Workspace(tmp_path / "work", copy_project(tmp_path / "project"))
+    workspace = Workspace(tmp_path / "work")
     reasons = odd_clouds(workspace.folder) | {"gone": ("import_cloud", "missing")}
     spoilt, victims = draw(random.Random(SEED))
     names = [f"t{i:02d}" for i in range(N_TREES)]

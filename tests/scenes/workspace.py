@@ -53,6 +53,8 @@ class Workspace:
         self.configure({})
 
     def configure(self, config: dict, name: str = "config.yaml") -> None:
+        if name == "config.yaml":  # small figures, or a small tree's report takes longest
+            config = {"report": {"figure_width_px": 400}, **config}
         (self.folder / "config" / name).write_text(yaml.safe_dump(config), encoding="utf-8")
 
     def table(self, *rows: str) -> None:
@@ -96,9 +98,15 @@ class Workspace:
     def ran(self, *arguments: str, fails: bool = False) -> set[tuple[str, str]]:
         """Run Snakemake; return the (rule, tree) pairs that it completed."""
         before = self._benchmarks()
-        self.run(*arguments, fails=fails)
+        self.printed = self.run(*arguments, fails=fails)
         after = self._benchmarks()
         return {key for key, time in after.items() if before.get(key) != time}
+
+    def planned(self, *arguments: str) -> set[tuple[str, str]]:
+        """Return the (rule, tree) pairs that :meth:`ran` would return, without running them."""
+        rows = [line.split("\t") for line in self.run("--summary", *arguments).splitlines()]
+        pending = {(row[0], row[2]) for row in rows if row[-1] == "update pending"}
+        return {(rule, "/".join(Path(output).parts[1:-1][:1])) for output, rule in pending}
 
     def _benchmarks(self) -> dict[tuple[str, str], int]:
         root = self.folder / "benchmarks"
@@ -117,14 +125,14 @@ def kill_group(process: subprocess.Popen) -> None:
         process.wait()
 
 
-def copy_project(target: Path) -> Path:
-    """Copy what a run needs of the project, so that a test may edit its code."""
-    for name in ("workflow", "scripts", "profiles", "envs"):
-        shutil.copytree(
-            PROJECT / name,
-            target / name,
-            ignore=shutil.ignore_patterns("__pycache__", "*.nbi", "*.nbc"),
-        )
-    shutil.copy2(PROJECT / "Snakefile", target / "Snakefile")
-    (target / "resources").symlink_to(PROJECT / "resources")
+def project_with_own(module: str, target: Path) -> Path:
+    """Return a project with one module to edit; all else is linked, compiled kernels too."""
+    source, folder = PROJECT, target
+    for part in Path(module).parts:
+        folder.mkdir(exist_ok=True)
+        for child in source.iterdir():
+            if child.name not in (part, "__pycache__"):
+                (folder / child.name).symlink_to(child)
+        source, folder = source / part, folder / part
+    shutil.copy2(source, folder)
     return target

@@ -89,6 +89,7 @@ def test_a_batch_with_a_cancelled_job_is_finished_by_the_next_call(cluster, tmp_
     workspace.add_cloud("b", seed=1)
     workspace.table("tree | cloud", "a | a.ply", "b | b.ply")
     results = workspace.folder / "results"
+    workspace.run("--until", "contract_cloud")  # here, as before a batch moves to the cluster
     run = Run(cluster, workspace, "--retries", "0")
 
     def running_job_of_b():

@@ -95,8 +95,12 @@ def row(column):
 
 
 def code(script):
-    """Return the library modules that a stage script imports, for its rule to watch."""
-    return imported_modules(LIBRARY / f"{script}.py", LIBRARY)
+    """Return an input function: the library modules that a stage script imports, to be watched.
+
+    They are looked for when a job of the stage is planned, not for the rules that are not needed.
+    """
+    modules = cache(lambda: imported_modules(LIBRARY / f"{script}.py", LIBRARY))
+    return lambda wildcards: modules()
 
 
 def resource(path):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import os
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -44,14 +45,23 @@ def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list
 def _imports_of(path: Path, root: Path) -> tuple[Path, ...]:
     tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
     modules: set[Path] = set()
-    for node in ast.walk(tree):
+    for node in _imports_in(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 modules.update(_files_of(alias.name, (), root))
-        elif isinstance(node, ast.ImportFrom):
+        else:
             name = _absolute_name(node, path, root)
             modules.update(_files_of(name, tuple(alias.name for alias in node.names), root))
     return tuple(sorted(modules - {path}))
+
+
+def _imports_in(block: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Yield a block's imports, those of the blocks in it too; no expression holds one."""
+    for node in ast.iter_child_nodes(block):
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            yield node
+        elif isinstance(node, (ast.stmt, ast.excepthandler, ast.match_case)):
+            yield from _imports_in(node)
 
 
 def _absolute_name(node: ast.ImportFrom, path: Path, root: Path) -> str:

@@ -12,7 +12,6 @@ import logging
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 from cherrypicker.poses import Poses
 
@@ -151,5 +150,7 @@ def framing(poses: Poses, region: Region) -> np.ndarray:
 
 def _ball(n: int) -> np.ndarray:
     """Evenly spread points of the unit ball, (n, 3), the same at every call."""
+    from scipy.stats import qmc  # half a second to load, and a ready cloud has no cameras
+
     cube = 2.0 * qmc.Halton(3, scramble=False).random(3 * n)[1:] - 1.0
     return cube[np.linalg.norm(cube, axis=1) <= 1.0][:n]
