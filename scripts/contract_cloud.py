@@ -7,6 +7,8 @@ and contract.json. Example:
         --report contract.json --target target.json --method slbc
 """
 
+from typing import Annotated
+
 import numpy as np
 
 from cherrypicker.contraction.contract_points import ContractionOptions
@@ -19,16 +21,16 @@ from cherrypicker.wood.target import target_report
 
 
 def main(
-    segmented,
-    contracted,
-    report,
-    target,
-    metric=None,
+    segmented: Annotated[str, "labelled cloud"],
+    contracted: Annotated[str, "contracted points, PLY"],
+    report: Annotated[str, "what was cut, and how it went, JSON"],
+    target: Annotated[str, "which tree it is, and the others, JSON"],
+    metric: Annotated[str | None, "metric.json of a tree from photos"] = None,
     *,
     target_xy: tuple[float, float] | None = None,
     wood: WoodOptions,
     options: ContractionOptions,
-):
+) -> None:
     """Load, choose, contract, save."""
     cloud = read_cloud(segmented, required=("label",))
     scan = {"unit": cloud.unit, "factor": 1.0, "region": None}
@@ -47,10 +49,4 @@ def main(
     write_json(report, {"preset": options.preset, **details})
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--segmented", required=True, help="labelled cloud")
-parser.add_argument("--metric", default=None, help="metric.json of a tree from photos")
-parser.add_argument("--target", required=True, help="which tree it is, and the others, JSON")
-parser.add_argument("--contracted", required=True, help="contracted points, PLY")
-parser.add_argument("--report", required=True, help="what was cut, and how it went, JSON")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

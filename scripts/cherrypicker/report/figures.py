@@ -44,6 +44,7 @@ __all__ = [
 ]
 
 DPI = 100
+THUMBNAIL_PX = 240
 _GREY = 0.78
 _ORDER_COLORS = ("#5b3a1e", "#c2571a", "#2b7a3d", "#2368a8", "#8a3fa0", "#c43b6b", "#4f9da6")
 _MIN_VIEW_ASPECT, _MAX_VIEW_ASPECT = 0.15, 2.2
@@ -271,7 +272,7 @@ def _section_points(
     return local[inside, :2], near[inside]
 
 
-def thumbnail(cloud: PointCloud, skeleton: Skeleton, width_px: int = 240) -> Figure:
+def thumbnail(cloud: PointCloud, skeleton: Skeleton, width_px: int = THUMBNAIL_PX) -> Figure:
     """A small front view: wood in its colours, the skeleton's orders on it."""
     (view,) = side_views(tree_box(cloud, skeleton), kinds=("front",))
     aspect = min(view.aspect, 3.0)
