@@ -10,6 +10,7 @@ import numpy as np
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
+from cherrypicker.ply import write_ply_vertices
 from cherrypicker.skeleton.graphml import GraphColumns, read_graphml, write_graphml
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.topology import Topology, TopologyEdge
@@ -228,30 +229,13 @@ def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.nd
         Order of each node's axis.
     """
     small = np.abs(skeleton.points - skeleton.points.astype(np.float32)).max() <= LARGEST_ROUNDING
-    real, name = ("<f4", "float") if small else ("<f8", "double")
-    vertices = np.empty(
-        len(skeleton),
-        dtype=[("x", real), ("y", real), ("z", real), ("radius", "<f4"), ("label", "u1")]
-        + [("order", "u1")],
-    )
-    vertices["x"], vertices["y"], vertices["z"] = skeleton.points.T
-    vertices["radius"], vertices["label"] = skeleton.radius, skeleton.label
-    vertices["order"] = np.minimum(order, 255)
-    edges = np.stack([skeleton.parent[1:], np.arange(1, len(skeleton))], axis=1).astype("<i4")
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"comment frame={skeleton.frame} unit={skeleton.unit}",
-        f"element vertex {len(skeleton)}",
-        *(f"property {name} {axis}" for axis in "xyz"),
-        "property float radius",
-        "property uchar label",
-        "property uchar order",
-        f"element edge {len(edges)}",
-        "property int vertex1",
-        "property int vertex2",
-        "end_header",
-    ]
+    columns = dict(zip("xyz", skeleton.points.astype(np.float32 if small else np.float64).T))
+    columns |= {
+        "radius": skeleton.radius.astype(np.float32),
+        "label": skeleton.label.astype(np.uint8),
+        "order": np.minimum(order, np.iinfo(np.uint8).max).astype(np.uint8),
+    }
+    edges = np.stack([skeleton.parent[1:], np.arange(1, len(skeleton))], axis=1)
+    header = f"frame={skeleton.frame} unit={skeleton.unit}"
     with atomic_path(path) as temporary:
-        payload = ("\n".join(header) + "\n").encode("ascii")
-        Path(temporary).write_bytes(payload + vertices.tobytes() + edges.tobytes())
+        write_ply_vertices(temporary, columns, [header], edges)
