@@ -39,10 +39,10 @@ def main(
         scan["region"] = Footprint.from_dict(scan["region"])
     points, details = contract_wood(
         cloud,
+        wood,
         options=options,
         target_xy=scan["factor"] * np.array(target_xy) if target_xy else None,
         region=scan["region"],
-        **vars(wood),
     )
     write_cloud(contracted, points)
     write_json(target, target_report(details.pop("choice"), **scan))

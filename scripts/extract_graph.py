@@ -40,8 +40,8 @@ def main(
     skeleton = extract_skeleton(
         read_cloud(contracted, required=("label", "source")),
         read_cloud(segmented, required=("label",)),
+        options,
         base=read_json(contract_report)["base"] if contract_report else None,
-        **vars(options),
     )
     axis_list = axes(skeleton)
     if skeleton_ply:
