@@ -1,5 +1,7 @@
 """Which places have points near: points sorted into cells, looked up by columns of cells."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numba
@@ -37,13 +39,13 @@ class Cells:
     size: float
     order: np.ndarray
 
-    def select(self, chosen):
+    def select(self, chosen: np.ndarray) -> Cells:
         """Those points that `chosen`, (n_points,) bool in their old order, names."""
         rows = np.flatnonzero(chosen[self.order])
         return replace(self, points=self.points[rows], key=self.key[rows], order=self.order[rows])
 
 
-def sort_into_cells(points, size):
+def sort_into_cells(points: np.ndarray, size: float) -> Cells:
     """Sort points into cubic cells.
 
     Parameters
@@ -68,7 +70,7 @@ def sort_into_cells(points, size):
     return Cells(points[order], key[order], low, shape, float(size), order)
 
 
-def have_company(cells, places, reach, n_points):
+def have_company(cells: Cells, places: np.ndarray, reach: np.ndarray, n_points: int) -> np.ndarray:
     """Places with points near.
 
     Parameters
@@ -89,13 +91,13 @@ def have_company(cells, places, reach, n_points):
     )
 
 
-def rows_in_box(points, low, high):
+def rows_in_box(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Rows of points (n, 3) between two corners (3,) of a box, faces included, in order."""
     return _rows_in_box(np.ascontiguousarray(points, dtype=np.float64), low, high)
 
 
 @numba.njit(cache=True)
-def _rows_in_box(points, low, high):
+def _rows_in_box(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     rows, n = np.empty(len(points), dtype=np.int64), 0
     for row in range(len(points)):
         inside = True
@@ -107,7 +109,7 @@ def _rows_in_box(points, low, high):
 
 
 @numba.njit(cache=True)
-def _ends(points):
+def _ends(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest of each coordinate."""
     low, high = points[0].copy(), points[0].copy()
     for row in range(len(points)):
@@ -118,7 +120,7 @@ def _ends(points):
 
 
 @numba.njit(cache=True)
-def _keys(points, low, shape, size):
+def _keys(points: np.ndarray, low: np.ndarray, shape: np.ndarray, size: float) -> np.ndarray:
     """Number of the cell of each point."""
     key = np.empty(len(points), dtype=np.int64)
     for row in range(len(points)):
@@ -131,7 +133,16 @@ def _keys(points, low, shape, size):
 
 
 @numba.njit(cache=True)
-def _company(points, key, low, shape, size, places, reach, n_points):
+def _company(
+    points: np.ndarray,
+    key: np.ndarray,
+    low: np.ndarray,
+    shape: np.ndarray,
+    size: float,
+    places: np.ndarray,
+    reach: np.ndarray,
+    n_points: int,
+) -> np.ndarray:
     """Walk the columns of cells around each place, the nearest first, until enough are found."""
     enough, n = np.zeros(len(places), dtype=np.bool_), len(key)
     for place in range(len(places)):
