@@ -51,8 +51,8 @@ def main(
         edits=read_json(edits) if edits else None,
         poses=poses,
         sky_masks=masks,
+        options=options,
         seed=seed,
-        **vars(options),
     )
     write_text(branches, branches_csv(rows))
     write_json(traits, numbers)
