@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 
 import cherrypicker
 from cherrypicker.errors import StageError
-from cherrypicker.report.figures import DPI, order_color, write_png
+from cherrypicker.report.figures import order_color, write_png
 from cherrypicker.report.stages import branch_section, scan_sections
+from cherrypicker.report.style import DPI
 from cherrypicker.report.text import STYLE, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
@@ -25,6 +26,7 @@ from cherrypicker.units import unit_name
 __all__ = ["ReportOptions", "read_branches", "render_report"]
 
 _FOLDER = Path(__file__).resolve().parent
+_ZOOM = 1.5  # of a figure's own px that are drawn at most
 _FILES = (
     "traits.json",
     "branches.csv",
@@ -134,7 +136,7 @@ def render_report(
 def _embedded(figure: Figure | bytes, caption: str, width_px: int) -> dict:
     if not isinstance(figure, bytes):
         stream = io.BytesIO()
-        width = min(width_px, 1.5 * DPI * figure.get_size_inches()[0])
+        width = min(width_px, _ZOOM * DPI * figure.get_size_inches()[0])
         write_png(figure, stream, width)
         figure = stream.getvalue()
     return {"data": base64.b64encode(figure).decode("ascii"), "caption": caption}

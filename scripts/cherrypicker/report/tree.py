@@ -15,6 +15,7 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.report import figures as draw
 from cherrypicker.report.page import ReportOptions, read_branches, render_report
+from cherrypicker.report.style import LAYOUT
 from cherrypicker.skeleton import read_skeleton, read_topology
 
 __all__ = ["CAPTIONS", "FILES", "report_tree"]
@@ -120,7 +121,7 @@ def report_tree(
     for name, figure in drawn.items():
         draw.save_figure(figure, files[f"{name}_figure"], width)
     small = draw.thumbnail(cloud, skeleton)
-    draw.save_figure(small, files["thumbnail_figure"], draw.THUMBNAIL_PX)
+    draw.save_figure(small, files["thumbnail_figure"], int(LAYOUT["thumbnail_px"]))
     figures = [(Path(files[f"{name}_figure"]).read_bytes(), CAPTIONS[name]) for name in drawn]
     page = render_report(about, data, figures, options, seed=seed)
     write_text(report, page)

@@ -15,13 +15,14 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
+from cherrypicker.report.style import ORDER_COLORS
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["pick_points", "viewer_data"]
 
-_WOOD_SHARE = 0.7
-_STEPS = 65535
+_WOOD_SHARE = 0.7  # of the points shown, where there are enough (taste)
+_STEPS = np.iinfo(np.uint16).max
 
 
 def pick_points(labels: np.ndarray, n_most: int, rng: np.random.Generator) -> np.ndarray:
@@ -87,7 +88,7 @@ def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: i
         "has_color": cloud.colors is not None,
         "labels": present,
         "label_colors": [list(map(float, CLASS_COLORS[label])) for label in present],
-        "order_colors": [_rgb(order_color(order)) for order in range(7)],
+        "order_colors": [_rgb(order_color(order)) for order in range(len(ORDER_COLORS))],
     }
     return {
         "meta": json.dumps(meta).replace("<", "\\u003c"),
