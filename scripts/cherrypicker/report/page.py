@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import jinja2
 from matplotlib.figure import Figure
 
 import cherrypicker
@@ -18,7 +17,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.report.figures import order_color, write_png
 from cherrypicker.report.stages import branch_section, scan_sections
 from cherrypicker.report.style import DPI
-from cherrypicker.report.text import STYLE, with_uncertainty
+from cherrypicker.report.text import STYLE, page_template, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
@@ -106,10 +105,7 @@ def render_report(
     for item in sections:
         item["figures"] = [_embedded(figure, text, width_px) for figure, text in item["figures"]]
     viewer = viewer_data(cloud, data["skeleton"], n_points=options.viewer_points, seed=seed)
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_FOLDER), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    return environment.get_template("report.html.j2").render(
+    return page_template("report.html.j2").render(
         tree=about["tree"],
         lead=_lead(about, unit, data),
         warnings=_warnings(data),
