@@ -18,6 +18,7 @@ __all__ = [
 ]
 
 BLOCKS_ACROSS = 40  # the largest side of a cloud in blocks of farthest point sampling
+LEAST_GROWTH = 1.05  # of voxels that leave too many points
 
 
 def voxel_keys(points: np.ndarray, size: float) -> np.ndarray:
@@ -105,7 +106,7 @@ def thin_to_limit(
         if len(means) <= max_points:
             return means, source, member, size
         # points lie on surfaces, so their number falls with the square of the voxel size
-        size *= max(1.05, float(np.sqrt(len(means) / max_points)))
+        size *= max(LEAST_GROWTH, float(np.sqrt(len(means) / max_points)))
 
 
 def majority_label(labels: np.ndarray, member: np.ndarray, n_nodes: int) -> np.ndarray:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-
-import jinja2
+from typing import TYPE_CHECKING
 
 from cherrypicker.traits.table import Trait
 from cherrypicker.units import unit_name
+
+if TYPE_CHECKING:
+    import jinja2
 
 __all__ = ["STYLE", "page_template", "with_uncertainty"]
 
@@ -44,6 +46,8 @@ code { background: #f0f1ee; padding: 0 4px; overflow-wrap: anywhere; }
 
 def page_template(name: str) -> jinja2.Template:
     """Return a page's template; all text that goes into it is escaped."""
+    import jinja2  # every run of Snakemake imports this module, and few write a page
+
     loader = jinja2.FileSystemLoader(Path(__file__).resolve().parent)
     pages = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
     return pages.get_template(name)

@@ -26,8 +26,15 @@ __all__ = [
     "node_order",
 ]
 
-TRUNK_KEEPS = 0.8  # share of the radius that a trunk keeps over a fork
-SIMILAR_RADIUS = 0.85  # children this close in radius are told apart by how far they reach
+TRUNK_KEEPS = 0.8  # share of the radius that a trunk keeps over a fork (docs/segmentation.md)
+SIMILAR_RADIUS = 0.85  # children this close in radius are told apart by how far they reach (guess)
+# Of these: how far one reaches times this plus the cosine of its turn, so that straight on counts
+# 11 times as much as straight back (guess)
+STRAIGHT_BASE = 1.2
+TURN_REACH = 3.0  # the turn is taken over so many radii, or edges, on either side (guess)
+# The radii of a child are taken from one radius of the junction on, over two; those of the trunk
+# from half its diameter off a fork on, over a whole one: within a fork radii are no one's own
+CHILD_STRETCH, TRUNK_SKIP = 2.0, 0.5
 
 
 @dataclass
@@ -168,7 +175,7 @@ def _place_down(tree: tuple, node: int, reach: float) -> int:
 def _straightness(tree: tuple, node: int, one: int) -> float:
     """Cosine of the turn from the stretch before a junction into one of its children."""
     points, _, radius, length, _, _, _ = tree
-    reach = max(3 * radius[node], 3 * length[node])
+    reach = TURN_REACH * max(radius[node], length[node])
     down, up = _place_down(tree, node, reach), _place_up(tree, one, reach)
     before = after = both = 0.0
     for axis in range(3):
@@ -223,12 +230,13 @@ def _heir(tree: tuple, node: int, buffer: np.ndarray) -> int:
     thickness, thickest = np.empty(len(candidates)), 0.0
     for row in range(len(candidates)):
         skip = radius[node]
-        thickness[row] = _radius_ahead(tree, candidates[row], skip, 2 * skip, buffer)
+        thickness[row] = _radius_ahead(tree, candidates[row], skip, CHILD_STRETCH * skip, buffer)
         thickest = max(thickest, thickness[row])
     best, most = candidates[0], -np.inf
     for row in range(len(candidates)):
         if thickness[row] >= SIMILAR_RADIUS * thickest:
-            score = ahead[candidates[row]] * (1.2 + _straightness(tree, node, candidates[row]))
+            straight = _straightness(tree, node, candidates[row])
+            score = ahead[candidates[row]] * (STRAIGHT_BASE + straight)
             if score > most:
                 best, most = candidates[row], score
     return best
@@ -244,8 +252,9 @@ def _trunk_goes_on(
     if start[node + 1] - start[node] == 1 or len(nodes) == 1:  # at the root there is no stem below
         return True
     diameter = 2 * radius[node]
-    above = _radius_ahead(tree, heir, 0.5 * diameter, diameter, buffer)
-    return above >= trunk_keeps * _radius_behind(tree, nodes, 0.5 * diameter, diameter, buffer)
+    skip = TRUNK_SKIP * diameter
+    above = _radius_ahead(tree, heir, skip, diameter, buffer)
+    return above >= trunk_keeps * _radius_behind(tree, nodes, skip, diameter, buffer)
 
 
 def axis_of_node(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:

@@ -117,40 +117,23 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
         radius, label = columns.pop("radius"), columns.pop("label")
     except (KeyError, ValueError) as error:
         raise StageError(f"not a skeleton: {error}", file=path) from error
+    upper = np.full(len(names), -1, dtype=np.int64)  # parents by the file's order of nodes
+    upper[order[1:]] = order[parent[1:]]
     if "gap" in graph.edge_data:
-        child = order[1:]
-        upper = np.full(len(names), -1, dtype=np.int64)
-        upper[child] = order[parent[1:]]
         is_child = upper[edges[:, 1]] == edges[:, 0]
         columns["gap"] = np.zeros(len(names), dtype=np.int64)
         columns["gap"][np.where(is_child, edges[:, 1], edges[:, 0])] = graph.edge_data["gap"]
-    unit = graph.attributes.get("unit", "m")
-    frame = graph.attributes.get("frame", "metric")
-    if root == 0 and _is_rooted(names, edges):
-        order, parent = np.arange(len(names)), _parents(len(names), edges)
+    if names == list(map(str, range(len(names)))) and (upper < np.arange(len(names))).all():
+        order, parent = np.arange(len(names)), upper
     return Skeleton(
         points[order],
         parent,
         radius[order],
         label[order],
         {name: values[order] for name, values in columns.items()},
-        unit,
-        frame,
+        graph.attributes.get("unit", "m"),
+        graph.attributes.get("frame", "metric"),
     )
-
-
-def _is_rooted(names: list[str], edges: np.ndarray) -> bool:
-    """Whether ids are already 0, 1, ... with one smaller neighbour a node but the root."""
-    if names != [str(index) for index in range(len(names))]:
-        return False
-    return len(np.unique(edges.max(axis=1))) == len(edges) if len(edges) else True
-
-
-def _parents(n_nodes: int, edges: np.ndarray) -> np.ndarray:
-    parent = np.full(n_nodes, -1, dtype=np.int64)
-    if len(edges):
-        parent[edges.max(axis=1)] = edges.min(axis=1)
-    return parent
 
 
 def read_topology(path: str | os.PathLike) -> Topology:

@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
+_FLAT = 1e-12  # of a tetrahedron's largest edge cubed: one of less volume has no circumsphere
 _WAYS = np.vstack([np.cos(np.radians(np.arange(360.0))), np.sin(np.radians(np.arange(360.0)))])
 
 
@@ -224,7 +225,7 @@ def alpha_volume(points: np.ndarray, alpha: float, cell: float) -> float:
         return 0.0
     edges = corners[:, 1:] - corners[:, :1]
     determinant = np.linalg.det(edges)
-    solid = np.abs(determinant) > 1e-12 * np.abs(edges).max() ** 3
+    solid = np.abs(determinant) > _FLAT * np.abs(edges).max() ** 3
     edges, determinant = edges[solid], determinant[solid]
     centre = np.linalg.solve(2 * edges, (edges**2).sum(axis=2)[..., None])[..., 0]
     small = np.linalg.norm(centre, axis=1) <= alpha
