@@ -9,14 +9,13 @@ import pytest
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.cells import sort_into_cells
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Skeleton, axes, fold
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.measure import TraitOptions, measure_traits
 from cherrypicker.traits.stem_fit import fit_cone, search_circle
-from cherrypicker.traits.support import find_support, support_reach
+from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 
 
@@ -238,9 +237,8 @@ def test_gap_in_the_stem_is_reported_not_cut():
     tree = Tree()
     away = np.abs((tree.cloud[0] - tree.foot)[:, 2] - 0.8) > 0.1
     tree.cloud, tree.labels = [tree.cloud[0][away]], [tree.labels[0][away]]
-    wood = np.vstack(tree.cloud)
-    cells = sort_into_cells(wood, 0.03)
-    support = find_support(tree.skeleton(), wood, cells, 0.03, max_gap=0.05, min_stray=0.3)
+    wood = quick_tree(np.vstack(tree.cloud))
+    support = find_support(tree.skeleton(), wood, 0.03, max_gap=0.05, min_stray=0.3)
     assert len(support.gaps) == 1
     assert 0.05 < support.gaps[0] < 0.21
     assert support.node.all()
@@ -353,6 +351,5 @@ def test_points_of_a_sparse_tall_scan_keep_one_another_company():
     rng = np.random.default_rng(0)
     angle, height = rng.uniform(0, 2 * np.pi, 2000), rng.uniform(0, 20, 2000)
     sparse = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), height])
-    for size, least, most in ((1.0, 0.1, 0.4), (0.01, 0.03, 0.03)):
-        points = size * sparse
-        assert least <= support_reach(points, sort_into_cells(points, 0.03)) <= most
+    assert 0.1 < support_reach(quick_tree(sparse)) < 0.4
+    assert support_reach(quick_tree(0.01 * sparse)) == 0.03

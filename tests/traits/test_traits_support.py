@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cherrypicker.geometry.cells import sort_into_cells
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv, totals_by_order
 from cherrypicker.traits.crown import alpha_volume, projected_area
@@ -90,10 +89,9 @@ def test_wood_without_an_axis_is_counted_where_it_touches_the_tree():
     other = np.array([0.8, 0, 0.5]) + rng.normal(0, 0.02, (200, 3))
     wood = np.vstack([stem, shoot, other])
     away = np.hypot(wood[:, 0], wood[:, 1])
-    share, length = missed_wood(wood, away < 0.05, away > 0.05, 0.03, sort_into_cells(wood, 0.03))
+    share, length = missed_wood(wood, away < 0.05, away > 0.05, 0.03)
     n_missed = np.count_nonzero(away[900:1000] > 0.05)
     assert share == pytest.approx(n_missed / (n_missed + np.count_nonzero(away < 0.05)))
     assert length == pytest.approx(0.25, abs=0.04)
     near = away[:900] < 0.05
-    cells = sort_into_cells(wood[:900], 0.03)
-    assert missed_wood(wood[:900], near, ~near, 0.03, cells) == (0.0, 0.0)
+    assert missed_wood(wood[:900], near, ~near, 0.03) == (0.0, 0.0)

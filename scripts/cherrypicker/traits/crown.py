@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
-from cherrypicker.geometry.cells import rows_in_box
+from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.sampling import voxel_keys
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.interval_factors import FACTORS

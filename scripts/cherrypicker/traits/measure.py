@@ -10,7 +10,6 @@ import numpy as np
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.cells import sort_into_cells
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
@@ -25,7 +24,7 @@ from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.shoot_ends import find_shoot_ends
-from cherrypicker.traits.support import MIN_REACH_M, find_support, support_reach
+from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.traits.trunk import Stem, TrunkDiameter, measure_near, stem_of
 
@@ -110,12 +109,11 @@ def measure_traits(
     rng = np.random.default_rng(seed)
     axis_list = axes(skeleton)
     foot = find_foot(skeleton, cloud.points, cloud["label"])
-    cells = sort_into_cells(wood, MIN_REACH_M)
-    reach = support_reach(wood, cells)
+    tree = quick_tree(wood)
+    reach = support_reach(tree)
     support = find_support(
         skeleton,
-        wood,
-        cells,
+        tree,
         reach,
         max_gap=settings.max_gap_m,
         min_stray=settings.min_stray_m,
@@ -147,7 +145,7 @@ def measure_traits(
     crown, samples = measure_crown(
         wood[support.point],
         hull,
-        find_shoot_ends(skeleton, support.node, cells, reach),
+        find_shoot_ends(skeleton, support.node, tree, reach),
         typical_scatter(skeleton) or 0.0,
         reach,
         n_samples=n_bootstrap,

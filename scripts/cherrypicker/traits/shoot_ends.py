@@ -10,11 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+from scipy.spatial import cKDTree
 
-from cherrypicker.geometry.cells import Cells
-from cherrypicker.geometry.ordering import first_not_below
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.interval_factors import FACTORS
 
@@ -46,7 +44,7 @@ class ShootEnds:
     beyond: float
 
 
-def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, cells: Cells, reach: float) -> ShootEnds:
+def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, wood: cKDTree, reach: float) -> ShootEnds:
     """Find the tips of a skeleton and how far apart the wood points lie there.
 
     Parameters
@@ -54,8 +52,8 @@ def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, cells: Cells, reach: f
     skeleton : Skeleton
     kept : ndarray of shape (n_nodes,), bool
         Nodes that belong to the tree.
-    cells : Cells
-        Wood points.
+    wood : cKDTree
+        Of the wood points.
     reach : float
         Distance within which they have company.
 
@@ -65,16 +63,13 @@ def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, cells: Cells, reach: f
     """
     tips = np.flatnonzero((skeleton.n_children == 0) & kept)
     tips = tips[tips > 0]
-    start = _behind(
-        tips, skeleton.parent, skeleton.edge_length, skeleton.n_children, _DIRECTION * reach
-    )
-    points = np.ascontiguousarray(skeleton.points[tips])
+    start = _behind(skeleton, tips, _DIRECTION * reach)
+    points = skeleton.points[tips]
     directions = points - skeleton.points[start]
     directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-12)[:, None]
     stretch = _STRETCH * reach
     aside = np.maximum(_ASIDE * reach, _ASIDE_RADII * skeleton.radius[tips])
-    tube = points, directions, stretch, _AHEAD * reach, aside
-    n_points = _count_along(cells.points, cells.key, cells.low, cells.shape, cells.size, *tube)
+    n_points = _count_along(wood, points, directions, stretch, _AHEAD * reach, aside)
     spacing = stretch / np.maximum(n_points, 1)
     scale = np.minimum(FACTORS["loss_spacings"] * spacing, FACTORS["largest_loss"] * reach)
     return ShootEnds(points, directions, scale, FACTORS["tip_beyond"] * reach)
@@ -155,30 +150,21 @@ def grow_hull(hull: Hull, ends: ShootEnds, losses: np.ndarray, overshoot: np.nda
     return grown
 
 
-@numba.njit(cache=True)
-def _behind(
-    tips: np.ndarray, parent: np.ndarray, length: np.ndarray, n_children: np.ndarray, reach: float
-) -> np.ndarray:
+def _behind(skeleton: Skeleton, tips: np.ndarray, reach: float) -> np.ndarray:
     """Node `reach` behind each tip, no farther than the next fork."""
+    parent, length, n_children = skeleton.parent, skeleton.edge_length, skeleton.n_children
     start = tips.copy()
-    for row in range(len(tips)):
-        node, travelled = tips[row], 0.0
-        while parent[node] >= 0 and travelled < reach:
-            if node != tips[row] and n_children[node] > 1:
-                break
+    for row, tip in enumerate(tips):
+        node, travelled = tip, 0.0
+        while parent[node] >= 0 and travelled < reach and (node == tip or n_children[node] == 1):
             travelled += length[node]
             node = parent[node]
         start[row] = node
     return start
 
 
-@numba.njit(cache=True)
 def _count_along(
-    points: np.ndarray,
-    key: np.ndarray,
-    low: np.ndarray,
-    shape: np.ndarray,
-    size: float,
+    wood: cKDTree,
     ends: np.ndarray,
     directions: np.ndarray,
     behind: float,
@@ -186,25 +172,12 @@ def _count_along(
     aside: np.ndarray,
 ) -> np.ndarray:
     """Points in a tube along each end, some way behind and ahead of it and as far aside."""
-    count, n = np.zeros(len(ends), dtype=np.int64), len(key)
-    first, last = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
-    for row in range(len(ends)):
-        for axis in range(3):
-            at = ends[row, axis] + 0.5 * (ahead - behind) * directions[row, axis]
-            away = 0.5 * (ahead + behind) + aside[row]
-            first[axis] = max(int((at - away - low[axis]) // size), 0)
-            last[axis] = min(int((at + away - low[axis]) // size), shape[axis] - 1)
-        for a in range(first[0], last[0] + 1):
-            for b in range(first[1], last[1] + 1):
-                column = (a * shape[1] + b) * shape[2]
-                at = first_not_below(key, column + first[2])
-                while at < n and key[at] <= column + last[2]:
-                    along = off = 0.0
-                    for axis in range(3):
-                        offset = points[at, axis] - ends[row, axis]
-                        along += offset * directions[row, axis]
-                        off += offset * offset
-                    off -= along * along
-                    count[row] += -behind <= along <= ahead and off < aside[row] * aside[row]
-                    at += 1
+    middle = ends + 0.5 * (ahead - behind) * directions
+    around = wood.query_ball_point(middle, np.hypot(0.5 * (ahead + behind), aside))
+    count = np.zeros(len(ends), dtype=np.int64)
+    for row, near in enumerate(around):
+        offset = wood.data[near] - ends[row]
+        along = offset @ directions[row]
+        off = (offset**2).sum(axis=1) - along**2
+        count[row] = ((-behind <= along) & (along <= ahead) & (off < aside[row] ** 2)).sum()
     return count
