@@ -10,6 +10,7 @@ import base64
 import json
 
 import numpy as np
+from matplotlib.colors import to_hex, to_rgb
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import PointCloud
@@ -88,7 +89,7 @@ def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: i
         "has_color": cloud.colors is not None,
         "labels": present,
         "label_colors": [list(map(float, CLASS_COLORS[label])) for label in present],
-        "order_colors": [_rgb(order_color(order)) for order in range(len(ORDER_COLORS))],
+        "order_colors": [to_rgb(order_color(order)) for order in range(len(ORDER_COLORS))],
     }
     return {
         "meta": json.dumps(meta).replace("<", "\\u003c"),
@@ -100,7 +101,7 @@ def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: i
             {
                 "id": label,
                 "name": Label(label).title,
-                "color": _css(CLASS_COLORS[label]),
+                "color": to_hex(CLASS_COLORS[label]),
             }
             for label in present
         ],
@@ -129,11 +130,3 @@ def _edges(skeleton: Skeleton, orders: np.ndarray) -> np.ndarray:
 
 def _base64(array: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
-
-
-def _rgb(color: str) -> list[float]:
-    return [int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-
-
-def _css(color: tuple[float, float, float]) -> str:
-    return "#" + "".join(f"{round(255 * float(value)):02x}" for value in color)
