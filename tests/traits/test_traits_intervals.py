@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from cherrypicker.traits.branch_intervals import angle_interval, diameter_interv
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.crown import horizontal_width, hull_of, measure_crown
 from cherrypicker.traits.foot import find_foot
+from cherrypicker.traits.interval_factors import FACTORS, FACTORS_FILE
 from cherrypicker.traits.shoot_ends import ShootEnds, draw_losses, find_shoot_ends, grow_hull
 from cherrypicker.traits.trunk import Stem, measure_diameter
 
@@ -209,3 +211,8 @@ def test_an_uncertain_crown_holds_its_estimate():
         crown_points, hull, ends, 0.002, 0.03, n_samples=0, rng=np.random.default_rng(0)
     )
     assert (none.width, none.volume) == (pytest.approx(plain), pytest.approx(hull.volume))
+
+
+def test_every_factor_of_the_intervals_is_used():
+    code = "".join(path.read_text() for path in FACTORS_FILE.parent.glob("*.py"))
+    assert set(re.findall(r'FACTORS\["(\w+)"\]', code)) == set(FACTORS)
