@@ -7,7 +7,7 @@ and contract.json. Example:
         --report contract.json --target target.json --method slbc
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def main(
 ) -> None:
     """Load, choose, contract, save."""
     cloud = read_cloud(segmented, required=("label",))
-    scan = {"unit": cloud.unit, "factor": 1.0, "region": None}
+    scan: dict[str, Any] = {"unit": cloud.unit, "factor": 1.0, "region": None}
     if metric:
         scan |= read_json(metric)
         scan["region"] = Footprint.from_dict(scan["region"])

@@ -28,7 +28,7 @@ def main(
 ) -> None:
     """Estimate the maps, then write the manifest."""
     masks = None
-    if sky_masks:
+    if sky_masks and cameras:
         names = [photo["name"] for photo in read_json(undistorted)["photos"]]
         masks = SkyMasks(sky_masks, Path(cameras).parent, names)
     manifest = estimate_workspace(

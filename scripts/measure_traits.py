@@ -40,7 +40,9 @@ def main(
 ) -> None:
     cloud = read_cloud(segmented, required=("label",))
     poses = read_poses(metric_poses) if metric_poses else None
-    masks = SkyMasks(sky_masks, Path(cameras).parent, poses.names) if sky_masks else None
+    masks = None
+    if sky_masks and cameras and poses:
+        masks = SkyMasks(sky_masks, Path(cameras).parent, poses.names)
     numbers, rows = measure_traits(
         read_skeleton(skeleton),
         cloud,

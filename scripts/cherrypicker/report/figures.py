@@ -137,7 +137,8 @@ def mark_points(
 ) -> None:
     """Draw points (n, 3) into a panel of `view_grid` as marks of an area in pt²."""
     flat, _ = panel[1].flatten(points)
-    panel[0].scatter(*flat.T, s=size, color=color, **({"linewidths": 0, "zorder": 2} | style))
+    style = {"linewidths": 0, "zorder": 2} | style
+    panel[0].scatter(flat[:, 0], flat[:, 1], s=size, color=color, **style)
 
 
 def cloud_colors(cloud: PointCloud) -> np.ndarray:

@@ -71,7 +71,8 @@ def axes(skeleton: Skeleton, *, trunk_keeps: float = TRUNK_KEEPS) -> list[Axis]:
     list of Axis
         The trunk first, parents before children; every node is in exactly one axis.
     """
-    tree, found = _Tree(skeleton), []
+    tree = _Tree(skeleton)
+    found: list[Axis] = []
     waiting = [(0, 0, -1, -1)]
     for first, order, parent, attach in waiting:  # which grows by the axes that each leaves aside
         nodes = [first]
