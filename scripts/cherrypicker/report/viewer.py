@@ -73,12 +73,9 @@ def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: i
     span = np.maximum(high - low, 1e-6)
     positions = np.rint((shown.points - low) / span * _STEPS).astype("<u2")
     colors = np.clip(np.rint(cloud_colors(shown) * 255), 0, 255).astype(np.uint8)
-    labels = shown["label"].astype(np.uint8)
-    present = [int(label) for label in np.unique(labels)]
-    unknown = [label for label in present if label not in CLASS_COLORS]
-    if unknown:
-        labels = np.where(np.isin(labels, unknown), Label.UNLABELLED, labels).astype(np.uint8)
-        present = [int(label) for label in np.unique(labels)]
+    is_known = np.isin(shown["label"], list(CLASS_COLORS))
+    labels = np.where(is_known, shown["label"], Label.UNLABELLED).astype(np.uint8)
+    present = np.unique(labels).tolist()
     orders = node_order(skeleton, axes(skeleton))
     box = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
     meta = {
