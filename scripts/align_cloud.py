@@ -7,8 +7,10 @@ and align.json (transform, angles, candidate planes). Example:
         --aligned aligned.ply --aligned_poses aligned_poses.npz --report align.json
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 from cherrypicker.files import write_json
 from cherrypicker.photos import exif_orientation
@@ -20,16 +22,16 @@ from cherrypicker.runner import run, stage_parser
 
 
 def main(
-    cloud,
-    poses,
-    photos,
-    aligned,
-    aligned_poses,
-    report,
+    cloud: Annotated[str, "dense cloud, PLY, COLMAP's frame"],
+    poses: Annotated[str, "camera poses, NPZ, the same frame"],
+    aligned: Annotated[str, "aligned cloud to write"],
+    aligned_poses: Annotated[str, "aligned poses to write"],
+    report: Annotated[str, "JSON of transform, angles and candidates"],
+    photos: Annotated[Sequence[str], "photo files, for their EXIF orientation"] = (),
     *,
     options: AlignOptions,
     seed: int = 0,
-):
+) -> None:
     """Load, align, save."""
     dense, cameras = read_cloud(cloud), read_poses(poses)
     files = {Path(path).name: path for path in photos or []}
@@ -48,11 +50,4 @@ def main(
     write_json(report, result.report)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--cloud", required=True, help="dense cloud, PLY, COLMAP's frame")
-parser.add_argument("--poses", required=True, help="camera poses, NPZ, the same frame")
-parser.add_argument("--photos", nargs="*", help="photo files, for their EXIF orientation")
-parser.add_argument("--aligned", required=True, help="aligned cloud to write")
-parser.add_argument("--aligned_poses", required=True, help="aligned poses to write")
-parser.add_argument("--report", required=True, help="JSON of transform, angles and candidates")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

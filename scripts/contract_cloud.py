@@ -7,6 +7,8 @@ and contract.json. Example:
         --report contract.json --target target.json --method slbc
 """
 
+from typing import Annotated, Any
+
 import numpy as np
 
 from cherrypicker.contraction.contract_points import ContractionOptions
@@ -19,38 +21,32 @@ from cherrypicker.wood.target import target_report
 
 
 def main(
-    segmented,
-    contracted,
-    report,
-    target,
-    metric=None,
+    segmented: Annotated[str, "labelled cloud"],
+    contracted: Annotated[str, "contracted points, PLY"],
+    report: Annotated[str, "what was cut, and how it went, JSON"],
+    target: Annotated[str, "which tree it is, and the others, JSON"],
+    metric: Annotated[str | None, "metric.json of a tree from photos"] = None,
     *,
     target_xy: tuple[float, float] | None = None,
     wood: WoodOptions,
     options: ContractionOptions,
-):
+) -> None:
     """Load, choose, contract, save."""
     cloud = read_cloud(segmented, required=("label",))
-    scan = {"unit": cloud.unit, "factor": 1.0, "region": None}
+    scan: dict[str, Any] = {"unit": cloud.unit, "factor": 1.0, "region": None}
     if metric:
         scan |= read_json(metric)
         scan["region"] = Footprint.from_dict(scan["region"])
     points, details = contract_wood(
         cloud,
+        wood,
         options=options,
         target_xy=scan["factor"] * np.array(target_xy) if target_xy else None,
         region=scan["region"],
-        **vars(wood),
     )
     write_cloud(contracted, points)
     write_json(target, target_report(details.pop("choice"), **scan))
     write_json(report, {"preset": options.preset, **details})
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--segmented", required=True, help="labelled cloud")
-parser.add_argument("--metric", default=None, help="metric.json of a tree from photos")
-parser.add_argument("--target", required=True, help="which tree it is, and the others, JSON")
-parser.add_argument("--contracted", required=True, help="contracted points, PLY")
-parser.add_argument("--report", required=True, help="what was cut, and how it went, JSON")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -6,6 +6,8 @@ Reads aligned.ply and aligned_poses.npz, writes cropped.ply and crop.json. Examp
         --cropped cropped.ply --report crop.json
 """
 
+from typing import Annotated
+
 from cherrypicker.files import write_json
 from cherrypicker.placement.crop import crop_roi
 from cherrypicker.pointcloud import read_cloud, write_cloud
@@ -13,7 +15,15 @@ from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 
 
-def main(cloud, poses, cropped, report, *, margin_fraction: float = 0.0, seed: int = 0):
+def main(
+    cloud: Annotated[str, "aligned cloud, PLY"],
+    poses: Annotated[str, "aligned poses, NPZ"],
+    cropped: Annotated[str, "cropped cloud to write"],
+    report: Annotated[str, "JSON of the region and counts to write"],
+    *,
+    margin_fraction: float = 0.0,
+    seed: int = 0,
+) -> None:
     """Load, crop, save."""
     aligned = read_cloud(cloud)
     result = crop_roi(aligned.points, read_poses(poses), margin_fraction=margin_fraction, seed=seed)
@@ -21,9 +31,4 @@ def main(cloud, poses, cropped, report, *, margin_fraction: float = 0.0, seed: i
     write_json(report, result.report)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--cloud", required=True, help="aligned cloud, PLY")
-parser.add_argument("--poses", required=True, help="aligned poses, NPZ")
-parser.add_argument("--cropped", required=True, help="cropped cloud to write")
-parser.add_argument("--report", required=True, help="JSON of the region and counts to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

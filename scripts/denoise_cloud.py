@@ -10,6 +10,7 @@ filter removed. Example:
 """
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -24,18 +25,18 @@ from cherrypicker.sky.colors import read_sky_colors
 
 
 def main(
-    cloud,
-    poses,
-    cameras,
-    photo_folder,
-    masks,
-    sky_colors,
-    denoised,
-    report,
+    cloud: Annotated[str, "cropped cloud"],
+    poses: Annotated[str, "poses in the cloud's frame"],
+    cameras: Annotated[str, "cameras.bin in the folder of the model"],
+    photo_folder: Annotated[str, "folder of photos"],
+    masks: Annotated[str, "folder of sky masks"],
+    sky_colors: Annotated[str, "dominant sky colours"],
+    denoised: Annotated[str, "cloud to write"],
+    report: Annotated[str, "counts to write (JSON)"],
     *,
     options: DenoiseOptions,
     looking: EvidenceOptions,
-):
+) -> None:
     """Load cloud, poses, lenses and sky, filter, save cloud and counts."""
     views = read_poses(poses)
     evidence = photos_as_witnesses(
@@ -52,13 +53,4 @@ def main(
     write_json(report, counts)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--cloud", required=True, help="cropped cloud")
-parser.add_argument("--poses", required=True, help="poses in the cloud's frame")
-parser.add_argument("--cameras", required=True, help="cameras.bin in the folder of the model")
-parser.add_argument("--photo_folder", required=True, help="folder of photos")
-parser.add_argument("--masks", required=True, help="folder of sky masks")
-parser.add_argument("--sky_colors", required=True, help="dominant sky colours")
-parser.add_argument("--denoised", required=True, help="cloud to write")
-parser.add_argument("--report", required=True, help="counts to write (JSON)")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

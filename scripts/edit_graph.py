@@ -8,6 +8,8 @@ topology.graphml and edits.json, which names the edits that no longer find their
         --skeleton_swc skeleton.swc --topology topology.graphml --report edits.json
 """
 
+from typing import Annotated
+
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import (
@@ -23,7 +25,15 @@ from cherrypicker.skeleton import (
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 
 
-def main(solved, edits, skeleton_graph, skeleton_ply, skeleton_swc, topology, report):
+def main(
+    solved: Annotated[str, "the solver's skeleton, GraphML"],
+    edits: Annotated[str, "the tree's hand corrections, YAML"],
+    skeleton_graph: Annotated[str, "skeleton.graphml"],
+    skeleton_ply: Annotated[str, "skeleton.ply"],
+    skeleton_swc: Annotated[str, "skeleton.swc"],
+    topology: Annotated[str, "topology.graphml"],
+    report: Annotated[str, "what was applied and what was lost, JSON"],
+) -> None:
     """Load, edit, save."""
     skeleton, details = apply_edits(read_skeleton(solved), read_edits(edits))
     axis_list = axes(skeleton)
@@ -34,12 +44,4 @@ def main(solved, edits, skeleton_graph, skeleton_ply, skeleton_swc, topology, re
     write_json(report, details)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--solved", required=True, help="the solver's skeleton, GraphML")
-parser.add_argument("--edits", required=True, help="the tree's hand corrections, YAML")
-parser.add_argument("--skeleton_graph", required=True, help="skeleton.graphml")
-parser.add_argument("--skeleton_ply", required=True, help="skeleton.ply")
-parser.add_argument("--skeleton_swc", required=True, help="skeleton.swc")
-parser.add_argument("--topology", required=True, help="topology.graphml")
-parser.add_argument("--report", required=True, help="what was applied and what was lost, JSON")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -7,6 +7,7 @@ COLMAP's layout and the manifest depth.json. Whole maps of the same settings are
 """
 
 from pathlib import Path
+from typing import Annotated
 
 from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.backends.choice import estimate_workspace
@@ -16,18 +17,18 @@ from cherrypicker.runner import run, stage_parser
 
 
 def main(
-    undistorted,
-    depth,
-    cameras=None,
-    sky_masks=None,
+    undistorted: Annotated[str, "manifest of the dense workspace"],
+    depth: Annotated[str, "manifest of the depth maps to write"],
+    cameras: Annotated[str | None, "cameras.bin of the photos as stored, for the sky masks"] = None,
+    sky_masks: Annotated[str | None, "folder of sky masks; what they cover is left out"] = None,
     *,
     options: StereoOptions,
     backend: str = "auto",
     threads: int = 2,
-):
+) -> None:
     """Estimate the maps, then write the manifest."""
     masks = None
-    if sky_masks:
+    if sky_masks and cameras:
         names = [photo["name"] for photo in read_json(undistorted)["photos"]]
         masks = SkyMasks(sky_masks, Path(cameras).parent, names)
     manifest = estimate_workspace(
@@ -40,9 +41,4 @@ def main(
     write_json(depth, manifest)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--undistorted", required=True, help="manifest of the dense workspace")
-parser.add_argument("--depth", required=True, help="manifest of the depth maps to write")
-parser.add_argument("--sky_masks", help="folder of sky masks; what they cover is left out")
-parser.add_argument("--cameras", help="cameras.bin of the photos as stored, for the sky masks")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

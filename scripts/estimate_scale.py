@@ -6,7 +6,9 @@ Reads the photos and the sparse model, writes scale.json. Example:
         --dictionary DICT_4X4_50 --sides_m 7:0.20 --scale scale.json
 """
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import pycolmap
 
@@ -16,19 +18,19 @@ from cherrypicker.runner import run, stage_parser
 
 
 def main(
-    photos,
-    cameras,
-    scale,
-    cell,
-    dictionary,
-    sides_m,
+    cameras: Annotated[str, "cameras.bin of the sparse model's folder"],
+    scale: Annotated[str, "scale.json to write"],
+    photos: Annotated[Sequence[str], "photo files"] = (),
+    cell: Annotated[str, "marker, none, or metres per unit; wins over mode"] = "",
+    dictionary: Annotated[str, "OpenCV's name of the marker dictionary"] = "",
+    sides_m: Annotated[str, "id:side pairs in metres, 7:0.20,8:0.15"] = "",
     *,
     mode: str = "marker",
     min_images: int = 2,
     max_reprojection_px: float = 2.0,
     threads: int = 2,
     seed: int = 0,
-):
+) -> None:
     """Load, estimate, save."""
     report = estimate_scale(
         photos or [],
@@ -45,11 +47,4 @@ def main(
     write_json(scale, report)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--photos", nargs="*", help="photo files")
-parser.add_argument("--cameras", required=True, help="cameras.bin of the sparse model's folder")
-parser.add_argument("--scale", required=True, help="scale.json to write")
-parser.add_argument("--cell", default="", help="marker, none, or metres per unit; wins over mode")
-parser.add_argument("--dictionary", default="", help="OpenCV's name of the marker dictionary")
-parser.add_argument("--sides_m", default="", help="id:side pairs in metres, 7:0.20,8:0.15")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -8,6 +8,8 @@ skeleton.swc and topology.graphml (the last three where a path is given). Exampl
         --skeleton_swc skeleton.swc --topology topology.graphml
 """
 
+from typing import Annotated
+
 from cherrypicker.files import read_json
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker.pointcloud import read_cloud
@@ -24,22 +26,22 @@ from cherrypicker.skeleton import (
 
 
 def main(
-    contracted,
-    segmented,
-    skeleton_graph,
-    skeleton_ply=None,
-    skeleton_swc=None,
-    topology=None,
-    contract_report=None,
+    contracted: Annotated[str, "contracted points, PLY"],
+    segmented: Annotated[str, "labelled cloud that they come from"],
+    skeleton_graph: Annotated[str, "skeleton.graphml"],
+    skeleton_ply: Annotated[str | None, "skeleton.ply"] = None,
+    skeleton_swc: Annotated[str | None, "skeleton.swc"] = None,
+    topology: Annotated[str | None, "topology.graphml"] = None,
+    contract_report: Annotated[str | None, "contract.json, for the stem's base"] = None,
     *,
     options: GraphOptions,
-):
+) -> None:
     """Load, extract, save."""
     skeleton = extract_skeleton(
         read_cloud(contracted, required=("label", "source")),
         read_cloud(segmented, required=("label",)),
+        options,
         base=read_json(contract_report)["base"] if contract_report else None,
-        **vars(options),
     )
     axis_list = axes(skeleton)
     if skeleton_ply:
@@ -51,12 +53,4 @@ def main(
     write_skeleton_graphml(skeleton_graph, skeleton)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--contracted", required=True, help="contracted points, PLY")
-parser.add_argument("--segmented", required=True, help="labelled cloud that they come from")
-parser.add_argument("--contract_report", default=None, help="contract.json, for the stem's base")
-parser.add_argument("--skeleton_graph", required=True, help="skeleton.graphml")
-parser.add_argument("--skeleton_ply", help="skeleton.ply")
-parser.add_argument("--skeleton_swc", help="skeleton.swc")
-parser.add_argument("--topology", help="topology.graphml")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

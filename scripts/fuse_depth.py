@@ -11,6 +11,7 @@ field from_silhouette is 1 for their points. Example:
 """
 
 from pathlib import Path
+from typing import Annotated
 
 from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.clear_sky import SkyMasks
@@ -24,17 +25,17 @@ from cherrypicker.runner import run, stage_parser
 
 
 def main(
-    depth,
-    sky_masks,
-    cameras,
-    cloud,
-    coverage,
+    depth: Annotated[str, "manifest of the depth maps"],
+    sky_masks: Annotated[str, "folder of sky masks"],
+    cameras: Annotated[str, "cameras.bin of the photos as stored"],
+    cloud: Annotated[str, "cloud to write, PLY"],
+    coverage: Annotated[str, "coverage.json to write"],
     *,
     options: FusionOptions,
     fusion: str = "star",
     silhouettes: bool = True,
     threads: int = 2,
-):
+) -> None:
     """Load, fuse, add twigs, save, and count what the region holds."""
     workspace, names = Workspace(Path(depth).parent), read_json(depth)["maps"]
     fused = fuse_workspace(workspace, names, options, method=fusion, threads=threads)
@@ -49,10 +50,4 @@ def main(
     write_cloud(cloud, fused)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--depth", required=True, help="manifest of the depth maps")
-parser.add_argument("--sky_masks", required=True, help="folder of sky masks")
-parser.add_argument("--cameras", required=True, help="cameras.bin of the photos as stored")
-parser.add_argument("--cloud", required=True, help="cloud to write, PLY")
-parser.add_argument("--coverage", required=True, help="coverage.json to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -9,6 +9,7 @@ hand corrections edits.json); writes traits.json and branches.csv. Example:
 """
 
 from pathlib import Path
+from typing import Annotated
 
 from cherrypicker.files import read_json, write_json, write_text
 from cherrypicker.mvs.clear_sky import SkyMasks
@@ -21,25 +22,27 @@ from cherrypicker.traits.measure import TraitOptions, measure_traits
 
 
 def main(
-    skeleton,
-    topology,
-    segmented,
-    traits,
-    branches,
-    scale=None,
-    sparse=None,
-    target=None,
-    edits=None,
-    metric_poses=None,
-    sky_masks=None,
-    cameras=None,
+    skeleton: Annotated[str, "skeleton.graphml"],
+    topology: Annotated[str, "topology.graphml"],
+    segmented: Annotated[str, "labelled cloud"],
+    traits: Annotated[str, "JSON to write"],
+    branches: Annotated[str, "CSV to write"],
+    scale: Annotated[str | None, "scale.json of a scan from photos"] = None,
+    sparse: Annotated[str | None, "sfm/report.json of a scan from photos"] = None,
+    target: Annotated[str | None, "target.json: which tree it is, and the others"] = None,
+    edits: Annotated[str | None, "edits.json of a tree with hand corrections"] = None,
+    metric_poses: Annotated[str | None, "poses in the segmented cloud's frame"] = None,
+    sky_masks: Annotated[str | None, "folder of sky masks of a scan from photos"] = None,
+    cameras: Annotated[str | None, "cameras.bin of the photos as stored, for the sky masks"] = None,
     *,
     options: TraitOptions,
     seed: int = 0,
-):
+) -> None:
     cloud = read_cloud(segmented, required=("label",))
     poses = read_poses(metric_poses) if metric_poses else None
-    masks = SkyMasks(sky_masks, Path(cameras).parent, poses.names) if sky_masks else None
+    masks = None
+    if sky_masks and cameras and poses:
+        masks = SkyMasks(sky_masks, Path(cameras).parent, poses.names)
     numbers, rows = measure_traits(
         read_skeleton(skeleton),
         cloud,
@@ -50,24 +53,11 @@ def main(
         edits=read_json(edits) if edits else None,
         poses=poses,
         sky_masks=masks,
+        options=options,
         seed=seed,
-        **vars(options),
     )
     write_text(branches, branches_csv(rows))
     write_json(traits, numbers)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--skeleton", required=True, help="skeleton.graphml")
-parser.add_argument("--topology", required=True, help="topology.graphml")
-parser.add_argument("--segmented", required=True, help="labelled cloud")
-parser.add_argument("--scale", help="scale.json of a scan from photos")
-parser.add_argument("--sparse", help="sfm/report.json of a scan from photos")
-parser.add_argument("--target", help="target.json: which tree it is, and the others")
-parser.add_argument("--metric_poses", help="poses in the segmented cloud's frame")
-parser.add_argument("--sky_masks", help="folder of sky masks of a scan from photos")
-parser.add_argument("--cameras", help="cameras.bin of the photos as stored, for the sky masks")
-parser.add_argument("--edits", help="edits.json of a tree with hand corrections")
-parser.add_argument("--traits", required=True, help="JSON to write")
-parser.add_argument("--branches", required=True, help="CSV to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -8,6 +8,7 @@ and poses.npz (undistorted pinholes). Example:
 """
 
 from pathlib import Path
+from typing import Annotated
 
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.sfm.mapping import MappingOptions
@@ -15,17 +16,17 @@ from cherrypicker.sfm.sparse import reconstruct_sparse
 
 
 def main(
-    database,
-    listing,
-    photos,
-    images,
-    report,
-    poses,
+    database: Annotated[str, "COLMAP database with matches"],
+    listing: Annotated[str, "JSON of extract_features"],
+    photos: Annotated[list[str], "photos of one folder"],
+    images: Annotated[str, "images.bin; its folder takes the model"],
+    report: Annotated[str, "JSON report to write"],
+    poses: Annotated[str, "NPZ of undistorted poses to write"],
     *,
     options: MappingOptions,
     seed: int = 0,
     threads: int = 2,
-):
+) -> None:
     reconstruct_sparse(
         database,
         photos,
@@ -39,11 +40,4 @@ def main(
     )
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--database", required=True, help="COLMAP database with matches")
-parser.add_argument("--listing", required=True, help="JSON of extract_features")
-parser.add_argument("--photos", required=True, nargs="*", help="photos of one folder")
-parser.add_argument("--images", required=True, help="images.bin; its folder takes the model")
-parser.add_argument("--report", required=True, help="JSON report to write")
-parser.add_argument("--poses", required=True, help="NPZ of undistorted poses to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -11,51 +11,32 @@ writes report.html and PNG figures. Example (a ready cloud; a scan from photos a
         --thumbnail_figure figures/thumbnail.png
 """
 
-from cherrypicker.report.tree import report_tree
+from collections.abc import Sequence
+from typing import Annotated
+
+from cherrypicker.report.page import ReportOptions
+from cherrypicker.report.tree import CAPTIONS, FILES, report_tree
 from cherrypicker.runner import run, stage_parser
 
 
 def main(
+    tree: Annotated[str, "the tree's id"],
+    report: Annotated[str, "page to write"],
+    photos: Annotated[Sequence[str], "the photos"] = (),
+    date: Annotated[str, "of the scan, as in the table of trees"] = "",
+    series: Annotated[str, "of the scan, as in the table of trees"] = "",
     *,
-    viewer_points: int = 150_000,
-    figure_width_px: int = 1400,
-    n_examples: int = 3,
+    options: ReportOptions,
     seed: int = 0,
-    **files,
-):
-    report_tree(
-        **files,
-        viewer_points=viewer_points,
-        figure_width_px=figure_width_px,
-        n_examples=n_examples,
-        seed=seed,
-    )
+    **files: str,
+) -> None:
+    about = {"tree": tree, "date": date, "series": series}
+    report_tree(about, report, files, options, photos=photos or (), seed=seed)
 
 
-parser = stage_parser(__doc__)
-for name in ("tree", "traits", "branches", "skeleton", "topology", "segmented", "contracted"):
-    parser.add_argument(f"--{name}", required=True, help="the tree's id or its result to read")
-for name in ("report", "cloud", "label", "skeleton", "topology", "trunk", "thumbnail"):
-    option = name if name == "report" else f"{name}_figure"
-    parser.add_argument(f"--{option}", required=True, help="file to write")
-parser.add_argument("--contract_report", help="contract.json")
-parser.add_argument("--target", help="target.json")
-parser.add_argument("--sparse", help="sfm/report.json of a scan from photos")
-parser.add_argument("--align_report", help="align.json")
-parser.add_argument("--crop_report", help="crop.json")
-parser.add_argument("--denoise_report", help="denoise.json")
-parser.add_argument("--scale", help="scale.json")
-parser.add_argument("--poses", help="poses in COLMAP's frame")
-parser.add_argument("--cameras", help="cameras.bin in the folder of the sparse model")
-parser.add_argument("--metric_poses", help="poses in the segmented cloud's frame")
-parser.add_argument("--aligned", help="aligned cloud")
-parser.add_argument("--aligned_poses", help="poses in the aligned cloud's frame")
-parser.add_argument("--cropped", help="cropped cloud")
-parser.add_argument("--denoised", help="denoised cloud")
-parser.add_argument("--sky_colors", help="sky_colors.npz, beside the folder sky/ of masks")
-parser.add_argument("--depth", help="dense/depth.json, beside the depth maps")
-parser.add_argument("--coverage", help="dense/coverage.json")
-parser.add_argument("--photos", nargs="*", default=[], help="the photos")
-parser.add_argument("--date", default="")
-parser.add_argument("--series", default="")
+parser = stage_parser(__doc__, main)
+for name, file in FILES.items():
+    parser.add_argument(f"--{name}", required=file.is_needed, help=file.text)
+for name in (*CAPTIONS, "thumbnail"):
+    parser.add_argument(f"--{name}_figure", required=True, help="PNG to write")
 run(main, parser, globals().get("snakemake"))

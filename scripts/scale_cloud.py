@@ -8,6 +8,8 @@ metric_poses.npz and metric.json. Example:
         --metric_poses metric_poses.npz --report metric.json
 """
 
+from typing import Annotated
+
 from cherrypicker.files import read_json, write_json
 from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.pointcloud import read_cloud, write_cloud
@@ -15,7 +17,15 @@ from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.runner import run, stage_parser
 
 
-def main(cloud, poses, scale, crop, metric, metric_poses, report):
+def main(
+    cloud: Annotated[str, "denoised cloud, PLY, aligned frame"],
+    poses: Annotated[str, "aligned poses, NPZ"],
+    scale: Annotated[str, "scale.json"],
+    crop: Annotated[str, "crop.json"],
+    metric: Annotated[str, "metric cloud to write"],
+    metric_poses: Annotated[str, "metric poses to write"],
+    report: Annotated[str, "JSON of the unit and the region to write"],
+) -> None:
     """Load, scale, save."""
     scaled, scaled_poses, details = scale_scene(
         read_cloud(cloud), read_poses(poses), read_json(scale), read_json(crop)
@@ -25,12 +35,4 @@ def main(cloud, poses, scale, crop, metric, metric_poses, report):
     write_json(report, details)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--cloud", required=True, help="denoised cloud, PLY, aligned frame")
-parser.add_argument("--poses", required=True, help="aligned poses, NPZ")
-parser.add_argument("--scale", required=True, help="scale.json")
-parser.add_argument("--crop", required=True, help="crop.json")
-parser.add_argument("--metric", required=True, help="metric cloud to write")
-parser.add_argument("--metric_poses", required=True, help="metric poses to write")
-parser.add_argument("--report", required=True, help="JSON of the unit and the region to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -8,6 +8,7 @@ with a label and a confidence. Example:
 """
 
 from pathlib import Path
+from typing import Annotated
 
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
@@ -21,8 +22,8 @@ SHIPPED = Path(__file__).resolve().parents[1] / "resources/weights/dgcnn.pt"
 
 
 def main(
-    cloud,
-    segmented,
+    cloud: Annotated[str, "metric.ply"],
+    segmented: Annotated[str, "segmented.ply to write"],
     *,
     weights: str | None = None,
     sampling: Sampling,
@@ -34,7 +35,7 @@ def main(
     seed: int = 0,
     threads: int = 2,
     gpu: int = 0,
-):
+) -> None:
     result = segment_cloud(
         read_cloud(cloud),
         weights or SHIPPED,
@@ -48,7 +49,4 @@ def main(
     write_cloud(segmented, result)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--cloud", required=True, help="metric.ply")
-parser.add_argument("--segmented", required=True, help="segmented.ply to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

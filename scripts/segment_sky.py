@@ -10,6 +10,7 @@ Reads the folder of photos and the sky network's weights, writes one mask per ph
 
 import logging
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import torch
@@ -25,16 +26,16 @@ SHIPPED = Path(__file__).resolve().parents[1] / "resources/weights/sky_unet.npz"
 
 
 def main(
-    photo_folder,
-    masks,
-    colors,
+    photo_folder: Annotated[str, "folder of photos"],
+    masks: Annotated[str, "folder of masks to write"],
+    colors: Annotated[str, "sky colours to write (NPZ)"],
     *,
     weights: str = "",
     options: MaskOptions,
     clustering: SkyColorOptions,
     seed: int = 0,
     threads: int = 2,
-):
+) -> None:
     """Load photos and weights, write masks and sky colours."""
     torch.set_num_threads(threads)
     cv2.setNumThreads(threads)
@@ -56,8 +57,4 @@ def main(
     write_sky_colors(colors, sky)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--photo_folder", required=True, help="folder of photos")
-parser.add_argument("--masks", required=True, help="folder of masks to write")
-parser.add_argument("--colors", required=True, help="sky colours to write (NPZ)")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

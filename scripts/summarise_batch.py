@@ -7,12 +7,23 @@ writes traits.csv and summary.html. Example:
         --page results/summary.html
 """
 
+from collections.abc import Sequence
+from typing import Annotated
+
 from cherrypicker.batch.summary import summarise
 from cherrypicker.errors import StageError
 from cherrypicker.runner import run, stage_parser
 
 
-def main(trees, table, page, *, dates=(), series=(), results="results", logs="logs"):
+def main(
+    trees: Annotated[list[str], "ids of the trees"],
+    table: Annotated[str, "CSV to write"],
+    page: Annotated[str, "HTML to write"],
+    dates: Annotated[Sequence[str], "ISO date of each tree's scan"] = (),
+    series: Annotated[Sequence[str], "series of each tree's scan"] = (),
+    results: Annotated[str, "folder of the results"] = "results",
+    logs: Annotated[str, "folder of the logs"] = "logs",
+) -> None:
     dates, series = dates or [""] * len(trees), series or [""] * len(trees)
     if not len(trees) == len(dates) == len(series):
         raise StageError(f"{len(trees)} trees, {len(dates)} dates and {len(series)} series given")
@@ -23,12 +34,4 @@ def main(trees, table, page, *, dates=(), series=(), results="results", logs="lo
     summarise(rows, results, logs, table, page)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--trees", nargs="+", required=True, help="ids of the trees")
-parser.add_argument("--dates", nargs="*", default=[], help="ISO date of each tree's scan")
-parser.add_argument("--series", nargs="*", default=[], help="series of each tree's scan")
-parser.add_argument("--results", default="results", help="folder of the results")
-parser.add_argument("--logs", default="logs", help="folder of the logs")
-parser.add_argument("--table", required=True, help="CSV to write")
-parser.add_argument("--page", required=True, help="HTML to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

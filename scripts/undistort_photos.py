@@ -8,13 +8,21 @@ and its manifest undistorted.json. Example:
 """
 
 from pathlib import Path
+from typing import Annotated
 
 from cherrypicker.files import write_json
 from cherrypicker.mvs.undistort import undistort
 from cherrypicker.runner import run, stage_parser
 
 
-def main(model, photos, undistorted, *, max_image_size_px: int = 1600, threads: int = 2):
+def main(
+    model: Annotated[str, "images.bin of the sparse model"],
+    photos: Annotated[list[str], "the photos of the tree"],
+    undistorted: Annotated[str, "manifest to write, in the workspace"],
+    *,
+    max_image_size_px: int = 1600,
+    threads: int = 2,
+) -> None:
     """Undistort, then write the manifest, whose folder is the workspace."""
     manifest = undistort(
         Path(model).parent, photos, Path(undistorted).parent, max_image_size_px, threads=threads
@@ -22,8 +30,4 @@ def main(model, photos, undistorted, *, max_image_size_px: int = 1600, threads: 
     write_json(undistorted, manifest)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--model", required=True, help="images.bin of the sparse model")
-parser.add_argument("--photos", nargs="+", required=True, help="the photos of the tree")
-parser.add_argument("--undistorted", required=True, help="manifest to write, in the workspace")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -5,7 +5,9 @@ import json
 import subprocess
 import sys
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import pytest
 
@@ -126,6 +128,27 @@ def read(*arguments):
     parser = stage_parser("Demo.")
     add_options(parser, demo)
     return vars(parser.parse_args(arguments))
+
+
+def test_the_files_of_a_stage_are_the_parameters_of_its_main():
+    def main(
+        cloud: Annotated[str, "cloud to read"],
+        photos: Annotated[Sequence[str], "photos, if any"] = (),
+        report: Annotated[str | None, "JSON to write"] = None,
+        *,
+        limits: Limits,
+        **others: str,
+    ) -> None:
+        """A stage."""
+
+    parser = stage_parser("Demo.", main)
+    plain = {"cloud": "a.ply", "photos": (), "report": None}
+    assert vars(parser.parse_args(["--cloud", "a.ply"])) == plain
+    given = parser.parse_args(["--report", "r.json", "--photos", "b", "c", "--cloud", "a.ply"])
+    assert vars(given) == plain | {"photos": ["b", "c"], "report": "r.json"}
+    assert "photos, if any" in parser.format_help()
+    with pytest.raises(SystemExit):
+        parser.parse_args([])
 
 
 def test_the_options_of_a_stage_come_from_its_typed_keywords():

@@ -11,13 +11,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
-from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
 from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.geometry.sampling import majority_label, voxel_thin
-from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
 
@@ -129,6 +130,7 @@ def skeletonize(
     method: str = "slbc",
     preset: str = "default",
     graph: str = "tree",
+    target_xy: npt.ArrayLike | None = None,
     **options: Any,
 ) -> Skeleton:
     """The skeleton of a tree: wood chosen, contracted, connected, rooted and measured.
@@ -143,9 +145,11 @@ def skeletonize(
     preset : {"default", "paper"}
     graph : {"tree", "mst"}
         Tree solver or plain minimum spanning tree.
+    target_xy : array-like of 2 floats, optional
+        Where the tree stands; left out, the wood decides.
     **options
-        Of `cherrypicker.contraction.contract_wood.contract_wood`: ``classes``, ``weights`` (by
-        class name), ``voxel_size_m``, ``max_points``, ``target_xy``, ...
+        Of `cherrypicker.contraction.contract_wood.WoodOptions`: ``classes``, ``weights`` (by class
+        name), ``voxel_size_m``, ``max_points``, ...
 
     Returns
     -------
@@ -175,9 +179,12 @@ def skeletonize(
         labels = np.full(len(points), int(Label.BRANCH))
     whole = PointCloud(points, fields={"label": labels.astype(np.uint8)}, frame="metric", unit="m")
     contracted, report = contract_wood(
-        whole, method=method, options=ContractionOptions(preset), **options
+        whole,
+        WoodOptions(method=method, **options),
+        options=ContractionOptions(preset),
+        target_xy=target_xy,
     )
-    return extract_skeleton(contracted, whole, method=graph, base=report["base"])
+    return extract_skeleton(contracted, whole, GraphOptions(method=graph), base=report["base"])
 
 
 def _points_and_labels(cloud: PointCloud | np.ndarray, labels: np.ndarray | None) -> tuple:

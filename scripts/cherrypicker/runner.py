@@ -1,8 +1,9 @@
 """Run a stage's ``main`` from Snakemake or from the command line, with one way to log and to fail.
 
 Under Snakemake the rule's named inputs, outputs and params are the keyword arguments of ``main``.
-The options are those of its keywords that have a type: a dataclass stands for its fields, and
-``main`` takes an instance. Config keys of the same name, which the schema says the stage reads,
+Its parameters are the files of the stage, each with its text in ``Annotated``; its options are the
+keyword-only ones that have a type: a dataclass stands for its fields, and ``main`` takes an
+instance. Config keys of the same name, which the schema says the stage reads,
 give their values under Snakemake and their text on the command line.
 The rule's log takes everything, native output of COLMAP and Open3D too; the console gets progress,
 warnings and, when the stage fails, one line. A status file below ``logs/status`` tells the batch
@@ -22,7 +23,7 @@ import re
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
@@ -108,11 +109,24 @@ def _keys(schema: Mapping) -> Iterator[tuple[str, dict, list[str]]]:
             yield f"{name}.{key}", each, each.get("stages", stages)
 
 
-def stage_parser(doc: str) -> argparse.ArgumentParser:
-    """Return the argument parser of a stage script from its module docstring."""
-    return argparse.ArgumentParser(
+def stage_parser(doc: str | None, main: Callable | None = None) -> argparse.ArgumentParser:
+    """Return the argument parser of a script from its module docstring and the files of ``main``.
+
+    What is no option of ``main`` is a file: ``cloud: Annotated[str, "metric.ply"]`` says what it
+    is, and whether it can be left out. A script without ``main`` here adds its own arguments.
+    """
+    parser = argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    for name, given in inspect.signature(main, eval_str=True).parameters.items() if main else ():
+        if given.kind is given.POSITIONAL_OR_KEYWORD:
+            kind, text = get_args(given.annotation)
+            needed = given.default is given.empty
+            default = None if needed else given.default
+            parser.add_argument(
+                f"--{name}", required=needed, default=default, help=text, **_reading(kind)
+            )
+    return parser
 
 
 def add_options(parser: argparse.ArgumentParser, main: Callable) -> None:
@@ -153,8 +167,10 @@ def _reading(kind: type) -> dict:
         return {"type": _flag, "nargs": "?", "const": True, "metavar": "true|false"}
     if origin is dict:
         return {"type": _pairs, "metavar": "NAME:NUMBER,..."}
-    if origin is tuple:
-        return {"type": parts[0], "nargs": "*" if parts[-1] is Ellipsis else len(parts)}
+    if origin is tuple and parts[-1] is not Ellipsis:
+        return {"type": parts[0], "nargs": len(parts)}
+    if origin in (tuple, list, Sequence):
+        return {"type": parts[0], "nargs": "*"}
     return {"type": kind}
 
 

@@ -6,7 +6,7 @@ from scipy.sparse import csr_matrix
 from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
 
 from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
-from cherrypicker.contraction.contract_wood import class_weights, contract_wood
+from cherrypicker.contraction.contract_wood import WoodOptions, class_weights, contract_wood
 from cherrypicker.contraction.laplacian_published import (
     cotangent_laplacian,
     semantic_row_weights,
@@ -121,7 +121,7 @@ def test_wood_contracts_with_a_source_for_every_point():
     points, labels, axes = small_tree(noise=0.001)
     ground = np.random.default_rng(2).uniform((-1, -1, -0.01), (1, 1, 0.01), (2000, 3))
     cloud = labelled_cloud(np.vstack([points, ground]), np.concatenate([labels, np.zeros(2000)]))
-    contracted, report = contract_wood(cloud, voxel_size_m=0.01)
+    contracted, report = contract_wood(cloud, WoodOptions(voxel_size_m=0.01))
     source = contracted["source"]
     assert source.dtype == np.int32 and len(np.unique(source)) == len(source)
     assert np.mean(cloud["label"][source] == contracted["label"]) > 0.99  # most of a voxel's points

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
 
 from cherrypicker.contraction.contract_points import ContractionOptions
-from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
 from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_thin
@@ -48,7 +48,9 @@ def test_wrong_labels_do_not_carry_branches_onto_the_stem():
     whole_branch = np.where((points[:, 0] > 0.02) & (points[:, 2] < 0.76), 1, labels)
     truth = sample_axes(axes)
     for wrong in (scattered, whole_branch):
-        contracted, report = contract_wood(labelled_cloud(points, wrong), voxel_size_m=0.01)
+        contracted, report = contract_wood(
+            labelled_cloud(points, wrong), WoodOptions(voxel_size_m=0.01)
+        )
         away = cKDTree(truth).query(contracted.points)[0]
         assert np.quantile(away, 0.99) < 0.02
         assert contracted.points[:, 0].max() > 0.43  # the branch keeps its tip
@@ -59,9 +61,9 @@ def test_equal_bytes_for_any_number_of_threads():
     script = (
         "import hashlib, numpy as np\n"
         "from skeleton_shapes import labelled_cloud, small_tree\n"
-        "from cherrypicker.contraction.contract_wood import contract_wood\n"
+        "from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood\n"
         "cloud = labelled_cloud(*small_tree(noise=0.002)[:2])\n"
-        "points = contract_wood(cloud, voxel_size_m=0.012)[0].points\n"
+        "points = contract_wood(cloud, WoodOptions(voxel_size_m=0.012))[0].points\n"
         "print(hashlib.sha256(points.tobytes()).hexdigest())\n"
     )
     folders = f"{Path(skeleton_shapes.__file__).parent}:{Path(__file__).parents[2] / 'scripts'}"
@@ -101,7 +103,9 @@ def test_default_beats_the_published_contraction_on_a_small_tree():
         ("published", "slbc", "paper"),
     ):
         options = ContractionOptions(preset)
-        contracted, _ = contract_wood(cloud, method=method, options=options, voxel_size_m=0.01)
+        contracted, _ = contract_wood(
+            cloud, WoodOptions(method=method, voxel_size_m=0.01), options=options
+        )
         found[name] = chamfer_cm2(contracted.points, truth)
     assert max(found["semantic"], found["plain"]) < 0.5 * found["published"]
     assert found["semantic"] < 0.3

@@ -29,16 +29,14 @@ def all_distances(skeleton, places):
 
 
 @pytest.mark.parametrize("n", [1, 2, 4, 5, 17, 300])
-@pytest.mark.parametrize("outside", [False, True])
-def test_nearest_edge_of_all(n, outside):
+def test_nearest_edge_of_all(n):
     rng = np.random.default_rng(n)
     skeleton, places = random_tree(n, rng), rng.normal(0, 0.2, (200, 3))
-    node, share, distance = nearest_edges(skeleton, places, outside=outside)
+    node, share, distance = nearest_edges(skeleton, places)
     away, shares = all_distances(skeleton, places)
     rows = np.arange(len(places))
-    wanted = away - skeleton.radius if outside else away
-    np.testing.assert_allclose(distance, wanted.min(axis=1), atol=1e-12)
-    np.testing.assert_allclose(distance, wanted[rows, node], atol=1e-12)
+    np.testing.assert_allclose(distance, away.min(axis=1), atol=1e-12)
+    np.testing.assert_allclose(distance, away[rows, node], atol=1e-12)
     np.testing.assert_allclose(share, shares[rows, node], atol=1e-9)
 
 

@@ -10,7 +10,7 @@ from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
-from cherrypicker.graph.extract import extract_skeleton, limb_tree
+from cherrypicker.graph.extract import GraphOptions, extract_skeleton, limb_tree
 from cherrypicker.graph.samples import find_root
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.skeleton import axes, fold
@@ -96,7 +96,7 @@ def tree_case():
 @pytest.mark.parametrize("method", ["mst", "tree"])
 def test_extracted_tree_is_the_true_one(tree_case, method):
     contracted, cloud, true_axes = tree_case
-    skeleton = extract_skeleton(contracted, cloud, method=method, base=(0, 0, 0))
+    skeleton = extract_skeleton(contracted, cloud, GraphOptions(method=method), base=(0, 0, 0))
     assert nx.is_tree(graph_of(skeleton)) and np.isfinite(skeleton.points).all()
     true, found = sample_axes(true_axes), sample_skeleton(skeleton)
     assert (cKDTree(found).query(true)[0] < 0.02).mean() > 0.97
@@ -106,7 +106,7 @@ def test_extracted_tree_is_the_true_one(tree_case, method):
 
 def test_tree_solver_finds_the_branches_and_their_radii(tree_case):
     contracted, cloud, true_axes = tree_case
-    skeleton = extract_skeleton(contracted, cloud, method="tree", base=(0, 0, 0))
+    skeleton = extract_skeleton(contracted, cloud, base=(0, 0, 0))
     found = axes(skeleton)
     assert sorted(axis.order for axis in found) == [0, 1, 1, 1, 1, 2]
     topology = fold(skeleton, found)

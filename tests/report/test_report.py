@@ -12,7 +12,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
 from cherrypicker.report.marker_figure import marker_crops, marker_figure
-from cherrypicker.report.page import read_branches
+from cherrypicker.report.page import ReportOptions, read_branches
 from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.stage_figures import example_figure, removed_points
 from cherrypicker.report.text import with_uncertainty
@@ -28,6 +28,9 @@ from cherrypicker.skeleton import (
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.table import BRANCH_COLUMNS, Trait
 
+READ = {"traits": "traits.json", "branches": "branches.csv", "skeleton": "skeleton.graphml"}
+READ |= {"topology": "topology.graphml", "segmented": "segmented.ply"}
+READ |= {"contracted": "contracted.ply"}
 PNGS = ("cloud", "label", "skeleton", "topology", "trunk", "thumbnail")
 
 
@@ -75,7 +78,7 @@ def traits(unit="m"):
 
 @pytest.fixture
 def build(tmp_path):
-    def run(tree="cherry", unit="m", colors=True, **options):
+    def run(tree="cherry", unit="m", colors=True, photos=(), **files):
         skeleton = y_skeleton(unit)
         cloud = scan(skeleton, unit, colors)
         write_skeleton_graphml(tmp_path / "skeleton.graphml", skeleton)
@@ -87,19 +90,13 @@ def build(tmp_path):
         head += "insertion_angle_deg,azimuth_deg,base_height_m"
         (tmp_path / "branches.csv").write_text(f"{head}\n0,-1,0,1,1,0.1,0.1,0,0,0\n")
         report_tree(
-            tree,
-            tmp_path / "traits.json",
-            tmp_path / "branches.csv",
-            tmp_path / "skeleton.graphml",
-            tmp_path / "topology.graphml",
-            tmp_path / "segmented.ply",
-            tmp_path / "contracted.ply",
-            report=tmp_path / "report.html",
-            **{f"{name}_figure": tmp_path / f"figures/{name}.png" for name in PNGS},
-            figure_width_px=500,
-            viewer_points=2000,
-            n_examples=3,
-            **options,
+            {"tree": tree},
+            tmp_path / "report.html",
+            {name: tmp_path / file for name, file in READ.items()}
+            | {f"{name}_figure": tmp_path / f"figures/{name}.png" for name in PNGS}
+            | files,
+            ReportOptions(figure_width_px=500, viewer_points=2000),
+            photos=photos,
         )
         return (tmp_path / "report.html").read_text(encoding="utf-8")
 

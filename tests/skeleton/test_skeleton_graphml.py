@@ -3,7 +3,6 @@
 import networkx as nx
 import pytest
 
-from cherrypicker.skeleton import graphml
 from cherrypicker.skeleton.graphml import GraphColumns, read_graphml, write_graphml
 
 
@@ -37,9 +36,8 @@ def test_bytes_are_those_of_networkx(tmp_path, kind):
     assert (tmp_path / "own.graphml").read_bytes() == (tmp_path / "nx.graphml").read_bytes()
 
 
-def test_own_layout_is_read_without_networkx(tmp_path, monkeypatch):
+def test_what_was_written_is_read(tmp_path):
     write_graphml(tmp_path / "own.graphml", columns())
-    monkeypatch.setattr(graphml, "_read_any", None)
     found = read_graphml(tmp_path / "own.graphml")
     assert found.edges == [("0", "1"), ("0", "2"), ("1", "7")]  # by their first nodes
     assert found.edge_data == {"length": [0.25, 0.1, 1.0], "gap": [0, 0, 1]}
@@ -60,17 +58,6 @@ def test_other_layouts_are_read_as_well(tmp_path):
     )
     lone = read_graphml(tmp_path / "lone.graphml")
     assert set(found.nodes) - set(lone.nodes) == {"label"}  # one node lacks it
-
-
-def test_nodes_that_differ_are_not_read_by_their_layout(tmp_path):
-    write_graphml(tmp_path / "own.graphml", columns())
-    text = (tmp_path / "own.graphml").read_text()
-    line = '      <data key="label">2</data>\n'
-    assert text.count(line) == 2
-    moved = text.replace(line, "", 1).replace(line, 2 * line, 1)
-    assert graphml._read_own_layout(text) is not None
-    assert graphml._read_own_layout(moved) is None
-    assert graphml._read_own_layout(text + "<more/>") is None
 
 
 def test_a_single_node(tmp_path):

@@ -13,9 +13,9 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Skeleton, axes, fold
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.foot import find_foot
-from cherrypicker.traits.measure import measure_traits
+from cherrypicker.traits.measure import TraitOptions, measure_traits
 from cherrypicker.traits.stem_fit import fit_cone, search_circle
-from cherrypicker.traits.support import find_support, support_reach
+from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 
 
@@ -96,6 +96,11 @@ class Tree:
         return 2 * (self.radius + share * (self.top_radius - self.radius))
 
 
+def draws(n):
+    """So many bootstrap samples: a test needs few."""
+    return TraitOptions(n_bootstrap=n)
+
+
 @pytest.fixture(scope="module")
 def y_tree():
     tree = Tree(noise=0.002)
@@ -108,7 +113,7 @@ def y_tree():
 @pytest.fixture(scope="module")
 def y_traits(y_tree):
     skeleton = y_tree.skeleton()
-    return measure_traits(skeleton, y_tree.scan(), fold(skeleton), n_bootstrap=60)
+    return measure_traits(skeleton, y_tree.scan(), fold(skeleton), options=draws(60))
 
 
 def test_plain_tree(y_tree, y_traits):
@@ -176,7 +181,7 @@ def test_crown_of_four_branches():
     tree = Tree(height=1.5)
     for azimuth in (0, 90, 180, 270):
         tree.add_branch(1.0, 90, azimuth, 0.7, radius=0.005)
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
     # A horizontal square with diagonals of 1.4 m, its widest extent a diagonal
     assert traits["crown_width_m"] == pytest.approx(1.4, rel=0.03)
     # with the trunk's top 0.5 m above: a pyramid on that square
@@ -200,7 +205,7 @@ def test_ring_post_and_noise_do_not_fool_the_trunk(lean):
     post = tree.foot + [0.09, 0.02, 0.0]
     tree.add_points(surface(post, post + [0, 0, 1.5], 0.02, 0.02, 8000, tree.rng), Label.TRUNK)
     tree.add_ground()
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
     assert traits["trunk_diameter_m"] == pytest.approx(tree.diameter_at(0.30), abs=0.003)
 
 
@@ -208,7 +213,7 @@ def test_half_a_trunk_is_flagged():
     tree = Tree(noise=0.002)
     kept = (tree.cloud[0] - tree.foot) @ [1.0, 0.0, 0.0] > 0.01
     tree.cloud, tree.labels = [tree.cloud[0][kept]], [tree.labels[0][kept]]
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
     assert traits["trunk_diameter_m"] == pytest.approx(tree.diameter_at(0.30), abs=0.006)
     assert any(flag.startswith("arc_coverage_low") for flag in traits["flags"])
 
@@ -222,7 +227,7 @@ def test_floaters_do_not_raise_the_tree(y_tree):
     tree.points += [tree.stem[-1] + [0, 0, 0.48], tree.stem[-1] + [0, 0, 0.51]]
     tree.parent += [top, top + 1]
     tree.radii += [0.01, 0.01]
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
     assert traits["height_m"] == pytest.approx(2.0, abs=0.02)
     assert any(flag.startswith("stray_pieces") for flag in traits["flags"])
     assert any(flag.startswith("gaps_bridged") for flag in traits["flags"])
@@ -232,7 +237,8 @@ def test_gap_in_the_stem_is_reported_not_cut():
     tree = Tree()
     away = np.abs((tree.cloud[0] - tree.foot)[:, 2] - 0.8) > 0.1
     tree.cloud, tree.labels = [tree.cloud[0][away]], [tree.labels[0][away]]
-    support = find_support(tree.skeleton(), np.vstack(tree.cloud), max_gap=0.05, min_stray=0.3)
+    wood = quick_tree(np.vstack(tree.cloud))
+    support = find_support(tree.skeleton(), wood, 0.03, max_gap=0.05, min_stray=0.3)
     assert len(support.gaps) == 1
     assert 0.05 < support.gaps[0] < 0.21
     assert support.node.all()
@@ -253,14 +259,14 @@ def test_short_trunk_measures_where_it_can():
     tree = Tree(height=0.25)
     tree.add_branch(0.24, 30, 0, 0.8, radius=0.02)
     tree.add_branch(0.24, 30, 180, 0.8, radius=0.02)
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=40)
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
     assert 0.05 <= traits["trunk_height_m"] < 0.30
     assert traits["trunk_diameter_m"] == pytest.approx(0.09, abs=0.01)
     assert any(flag.startswith("trunk_height_moved") for flag in traits["flags"])
 
 
 def test_unscaled_results_do_not_say_metres(y_tree):
-    traits, _ = measure_traits(y_tree.skeleton(), y_tree.scan(unit="arbitrary"), n_bootstrap=30)
+    traits, _ = measure_traits(y_tree.skeleton(), y_tree.scan(unit="arbitrary"), options=draws(30))
     assert traits["unit"] == "arbitrary"
     assert traits["flags"][0].startswith("unscaled")
     assert not any(f" {word}" in flag for flag in traits["flags"] for word in ("m ", "m,", "metre"))
@@ -269,8 +275,8 @@ def test_unscaled_results_do_not_say_metres(y_tree):
 def test_scale_error_widens_intervals(y_tree):
     skeleton, scan = y_tree.skeleton(), y_tree.scan()
     loose = {"scale": 2.0, "scale_std": 0.04, "unit": "m"}
-    plain, _ = measure_traits(skeleton, scan, n_bootstrap=80)
-    wide, _ = measure_traits(skeleton, scan, n_bootstrap=80, scale=loose)
+    plain, _ = measure_traits(skeleton, scan, options=draws(80))
+    wide, _ = measure_traits(skeleton, scan, options=draws(80), scale=loose)
     assert wide["height_m_se"] == pytest.approx(0.02 * wide["height_m"], rel=0.3)
     assert wide["trunk_diameter_m_se"] > plain["trunk_diameter_m_se"]
     assert any(flag.startswith("scale_uncertain") for flag in wide["flags"])
@@ -281,7 +287,7 @@ def test_unsure_cameras_are_flagged(y_tree):
     for largest, flagged in ((0.004, False), (0.012, True)):
         sure = {"median": 0.001, "max": largest, "worst": "IMG_7.jpg"}
         sparse = {"n_photos": 9, "n_registered": 9, "camera_std_fraction": sure}
-        traits, _ = measure_traits(skeleton, scan, n_bootstrap=30, sparse=sparse)
+        traits, _ = measure_traits(skeleton, scan, options=draws(30), sparse=sparse)
         named = [flag for flag in traits["flags"] if flag.startswith("cameras_uncertain")]
         assert bool(named) is flagged
         assert all("IMG_7.jpg" in flag and "1.2 %" in flag for flag in named)
@@ -289,7 +295,7 @@ def test_unsure_cameras_are_flagged(y_tree):
 
 def test_same_seed_same_traits(y_tree, y_traits):
     skeleton = y_tree.skeleton()
-    again = measure_traits(skeleton, y_tree.scan(), fold(skeleton), n_bootstrap=60)
+    again = measure_traits(skeleton, y_tree.scan(), fold(skeleton), options=draws(60))
     assert again == y_traits
 
 
@@ -324,7 +330,7 @@ def test_a_vase_whose_trunk_ends_below_a_height_is_no_warning():
     tree.add_branch(0.78, 40, 0, 0.8, radius=0.02)
     tree.add_branch(0.78, 40, 180, 0.8, radius=0.02)
     tree.add_ground()
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), n_bootstrap=20)
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(20))
     assert sorted(traits["trunk_diameters"]) == ["0.50"]
     assert traits["trunk_end_height_m"] < 1.0
     assert traits["flags"] == []
@@ -334,7 +340,7 @@ def test_a_root_that_nothing_surrounds():
     tree = Tree()
     scan = tree.scan()
     scan = scan.select(scan.points[:, 2] > 1.2)
-    traits, _ = measure_traits(tree.skeleton(), scan, n_bootstrap=20)
+    traits, _ = measure_traits(tree.skeleton(), scan, options=draws(20))
     names = [flag.split(":")[0] for flag in traits["flags"]]
     assert "foot_unseen" in names
     assert "trunk_not_measured" in names
@@ -345,5 +351,5 @@ def test_points_of_a_sparse_tall_scan_keep_one_another_company():
     rng = np.random.default_rng(0)
     angle, height = rng.uniform(0, 2 * np.pi, 2000), rng.uniform(0, 20, 2000)
     sparse = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), height])
-    assert 0.1 < support_reach(sparse) < 0.4
-    assert support_reach(0.01 * sparse) == 0.03
+    assert 0.1 < support_reach(quick_tree(sparse)) < 0.4
+    assert support_reach(quick_tree(0.01 * sparse)) == 0.03

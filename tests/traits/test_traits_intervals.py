@@ -2,17 +2,19 @@
 
 import csv
 import io
+import re
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.geometry.cells import sort_into_cells
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branch_intervals import angle_interval, diameter_interval
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.crown import horizontal_width, hull_of, measure_crown
 from cherrypicker.traits.foot import find_foot
+from cherrypicker.traits.interval_factors import FACTORS, FACTORS_FILE
 from cherrypicker.traits.shoot_ends import ShootEnds, draw_losses, find_shoot_ends, grow_hull
 from cherrypicker.traits.trunk import Stem, measure_diameter
 
@@ -125,9 +127,7 @@ def test_a_top_that_thins_out_is_higher_and_less_sure():
     for name, step in (("sparse", 0.01), ("dense", 0.0005)):
         line, points = shoot([0.0, 0.0, 1.0], [0.0, 0.0, 1.0], 1.0, step)
         skeleton = as_skeleton(line)
-        ends = find_shoot_ends(
-            skeleton, np.ones(len(line), bool), sort_into_cells(points, 0.03), 0.03
-        )
+        ends = find_shoot_ends(skeleton, np.ones(len(line), bool), cKDTree(points), 0.03)
         crown, samples = measure_crown(
             points, None, ends, 0.0, 0.03, n_samples=4000, rng=np.random.default_rng(0)
         )
@@ -167,8 +167,8 @@ def test_losses_are_short_for_most_and_long_for_some():
 def test_a_tube_along_a_shoot_counts_its_points():
     line, points = shoot([0.2, 0.1, 0.5], np.array([0.6, 0.0, 0.8]), 0.4, 0.004)
     aside = points + [0.0, 0.02, 0.0]  # beyond the tube
-    cells = sort_into_cells(np.vstack([points, aside]), 0.03)
-    ends = find_shoot_ends(as_skeleton(line), np.ones(len(line), bool), cells, 0.03)
+    wood = cKDTree(np.vstack([points, aside]))
+    ends = find_shoot_ends(as_skeleton(line), np.ones(len(line), bool), wood, 0.03)
     np.testing.assert_allclose(ends.points, [line[-1]])
     np.testing.assert_allclose(ends.directions, [[0.6, 0.0, 0.8]], atol=1e-9)
     np.testing.assert_allclose(ends.scale, 2.0 * 0.0399 / 10)  # points at 0, 4, ... 36 mm
@@ -197,8 +197,8 @@ def test_an_uncertain_crown_holds_its_estimate():
     shoots = [shoot([0.0, 0.0, 1.0], way, 0.8, 0.01) for way in ways]
     skeleton = as_skeleton(stem, *(line for line, _ in shoots))
     crown_points = np.vstack([points for _, points in shoots])
-    cells = sort_into_cells(np.vstack([stem_points, crown_points]), 0.03)
-    ends = find_shoot_ends(skeleton, np.ones(len(skeleton), bool), cells, 0.03)
+    wood = cKDTree(np.vstack([stem_points, crown_points]))
+    ends = find_shoot_ends(skeleton, np.ones(len(skeleton), bool), wood, 0.03)
     hull = hull_of(crown_points)
     crown, samples = measure_crown(
         crown_points, hull, ends, 0.002, 0.03, n_samples=400, rng=np.random.default_rng(0)
@@ -211,3 +211,8 @@ def test_an_uncertain_crown_holds_its_estimate():
         crown_points, hull, ends, 0.002, 0.03, n_samples=0, rng=np.random.default_rng(0)
     )
     assert (none.width, none.volume) == (pytest.approx(plain), pytest.approx(hull.volume))
+
+
+def test_every_factor_of_the_intervals_is_used():
+    code = "".join(path.read_text() for path in FACTORS_FILE.parent.glob("*.py"))
+    assert set(re.findall(r'FACTORS\["(\w+)"\]', code)) == set(FACTORS)

@@ -93,4 +93,5 @@ def test_wood_without_an_axis_is_counted_where_it_touches_the_tree():
     n_missed = np.count_nonzero(away[900:1000] > 0.05)
     assert share == pytest.approx(n_missed / (n_missed + np.count_nonzero(away < 0.05)))
     assert length == pytest.approx(0.25, abs=0.04)
-    assert missed_wood(wood[:900], away[:900] < 0.05, away[:900] > 0.05, 0.03) == (0.0, 0.0)
+    near = away[:900] < 0.05
+    assert missed_wood(wood[:900], near, ~near, 0.03) == (0.0, 0.0)

@@ -99,6 +99,7 @@ rule summarise_batch:
         traits=expand("results/{tree}/traits.json", tree=TREES),
         reports=expand("results/{tree}/report.html", tree=TREES),
         code=code("summarise_batch"),
+        template=str(PROJECT / "scripts/cherrypicker/report/summary.html.j2"),
     output:
         table=report(
             ensure("results/traits.csv", non_empty=True),

@@ -38,7 +38,12 @@ START_MINUTES = 5
 CPU_S_PER_THREAD = 120.0
 # How much of further threads is used, assumed: two cores were all there was to measure on
 THREAD_EFFICIENCY = 0.8
-_BYTES_PER_TEXT_POINT = 30.0
+_BYTES_PER_TEXT_POINT = 30.0  # three coordinates with their blanks (guess)
+# Sources of a depth map that the stereo's rate holds for
+SOURCES_OF_RATE = 6.0
+# Bytes a pixel of the largest map, as mvs/backends/ and mvs/fusion.py state for what they hold at a
+# time: of the stereo for each source and for the photo itself, of the fusion for each map
+STEREO_SOURCE_BYTES, STEREO_PHOTO_BYTES, FUSION_MAP_BYTES = 38.0, 80.0, 16.0
 
 
 @dataclass(frozen=True)
@@ -106,10 +111,10 @@ class ScanSize:
             "feature_mp": self.feature_mp,
             "sift_mp": self.sift_mp,
             "dense_mp": self.dense_mp,
-            "stereo_mp": self.dense_mp * self.n_sources / 6.0,
-            # What mvs/backends/ and mvs/fusion.py state for the photos and maps held at a time
-            "stereo_mb": (38.0 * self.n_sources + 80.0) * self.largest_dense_mp,
-            "fusion_mb": 16.0 * (self.n_checked + 1) * self.largest_dense_mp,
+            "stereo_mp": self.dense_mp * self.n_sources / SOURCES_OF_RATE,
+            "stereo_mb": (STEREO_SOURCE_BYTES * self.n_sources + STEREO_PHOTO_BYTES)
+            * self.largest_dense_mp,
+            "fusion_mb": FUSION_MAP_BYTES * (self.n_checked + 1) * self.largest_dense_mp,
             "largest_photo_mp": self.largest_photo_mp,
             "largest_feature_mp": self.largest_feature_mp,
             "points_m": points_m,

@@ -9,7 +9,7 @@ times.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from cherrypicker.mvs.backends.table import BACKENDS, Backend
 
@@ -53,9 +53,11 @@ class StageCost:
     after: tuple[str, ...] = ()
 
 
-# One cloud in our PLY files, with colours, normals and the number of views
-_CLOUD_MB = {"points_m": 32.0}
-_CROPPED_MB = {"cropped_m": 32.0}
+# A point in our PLY files, with colour, normal and the number of views; a label and its confidence
+_POINT_BYTES, _LABEL_BYTES = 32.0, 5.0
+_CLOUD_MB = {"points_m": _POINT_BYTES}
+_CROPPED_MB = {"cropped_m": _POINT_BYTES}
+_LABELLED_MB = {"cropped_m": _POINT_BYTES + _LABEL_BYTES}
 
 
 def stereo_stage(backend: Backend) -> StageCost:
@@ -150,7 +152,7 @@ PHOTO_STAGES = {
     "segment_cloud": StageCost(
         cpu_s={"base": 22.0, "cropped_m": 4.0},
         memory_mb={"base": 750.0, "cropped_m": 185.0},
-        disk_mb={"cropped_m": 37.0},
+        disk_mb=_LABELLED_MB,
         max_threads=2,
         after=("scale_cloud",),
     ),
@@ -160,15 +162,9 @@ CLOUD_STAGES = {
     "import_cloud": StageCost(
         cpu_s={"base": 1.0, "points_m": 2.0},
         memory_mb={"base": 130.0, "points_m": 250.0},
-        disk_mb={"points_m": 32.0},
+        disk_mb=_CLOUD_MB,
     ),
-    "segment_cloud": StageCost(
-        cpu_s=PHOTO_STAGES["segment_cloud"].cpu_s,
-        memory_mb=PHOTO_STAGES["segment_cloud"].memory_mb,
-        disk_mb={"cropped_m": 37.0},
-        max_threads=2,
-        after=("import_cloud",),
-    ),
+    "segment_cloud": replace(PHOTO_STAGES["segment_cloud"], after=("import_cloud",)),
 }
 
 # The skeleton is drawn from a bounded number of points, so its time hardly grows with the cloud;

@@ -71,21 +71,20 @@ class WoodOptions:
     min_density: float = 0.05
 
 
-def contract_wood(cloud, *, options=None, target_xy=None, region=None, **wood_options):
+def contract_wood(cloud, chosen=None, *, options=None, target_xy=None, region=None):
     """Choose the target's wood, thin it and contract it.
 
     Parameters
     ----------
     cloud : PointCloud
         With the field ``label``, z up.
+    chosen : WoodOptions, optional
     options : ContractionOptions, optional
     target_xy : array-like of 2 floats, optional
         Where the target stands; left out, the wood decides.
     region : Footprint, optional
         Of the region of interest (trees from photos). With it, nearness to its middle counts, and
         wood at its border is taken to come from trees outside.
-    **wood_options
-        Fields of `WoodOptions`.
 
     Returns
     -------
@@ -99,7 +98,7 @@ def contract_wood(cloud, *, options=None, target_xy=None, region=None, **wood_op
     StageError
         If there is too little wood or the contraction fails.
     """
-    chosen = WoodOptions(**wood_options)
+    chosen = chosen or WoodOptions()
     labels = np.asarray(cloud["label"])
     rows = np.flatnonzero(np.isin(labels, list(chosen.classes)))
     names = ", ".join(CLASS_NAMES.get(int(index), str(index)) for index in chosen.classes)

@@ -5,6 +5,10 @@ boxes without any sorting. Places are looked at along a space-filling curve: the
 nearest to the last one bounds the search for the next.
 """
 
+from __future__ import annotations
+
+from typing import Protocol
+
 import numba
 import numpy as np
 
@@ -16,7 +20,14 @@ MOST_LEVELS = 32
 TINY = 1e-24
 
 
-def spatial_order(points):
+class RootedTree(Protocol):
+    """What a skeleton is here: nodes (n, 3), and the parent of each, -1 for the root."""
+
+    points: np.ndarray
+    parent: np.ndarray
+
+
+def spatial_order(points: np.ndarray) -> np.ndarray:
     """Order of points along a space-filling (Morton) curve, (n_points,) int64.
 
     Parameters
@@ -26,16 +37,15 @@ def spatial_order(points):
     return np.argsort(_cells(np.ascontiguousarray(points, dtype=np.float64)), kind="stable")
 
 
-def nearest_edges(skeleton, places, *, outside=False):
+def nearest_edges(
+    skeleton: RootedTree, places: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nearest edge of a skeleton to each place.
 
     Parameters
     ----------
     skeleton : Skeleton
     places : ndarray of shape (n_places, 3), float64
-    outside : bool, default False
-        By the distance from the wood around an edge, of its upper node's radius; else from the
-        edge itself.
 
     Returns
     -------
@@ -44,14 +54,12 @@ def nearest_edges(skeleton, places, *, outside=False):
     share : ndarray of shape (n_places,), float64
         Where on the edge: 0 at that node, 1 at its parent.
     distance : ndarray of shape (n_places,), float64
-        Negative inside the wood.
     """
     places = np.ascontiguousarray(places, dtype=np.float64)
-    radius = skeleton.radius if outside else np.zeros(len(skeleton))
-    return _nearest(_edges(skeleton), radius, places, spatial_order(places))
+    return _nearest(_edges(skeleton), places, spatial_order(places))
 
 
-def _edges(skeleton):
+def _edges(skeleton: RootedTree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Upper ends, ways to the lower ends and the inverse squared lengths of all edges."""
     start = skeleton.points
     step = start[np.maximum(skeleton.parent, 0)] - start
@@ -59,7 +67,7 @@ def _edges(skeleton):
 
 
 @numba.njit(cache=True)
-def _cells(points):
+def _cells(points: np.ndarray) -> np.ndarray:
     """Number of each point's cell on a Morton curve through its cloud's bounding cube."""
     n, side = len(points), 0.0
     low, key = np.zeros(3), np.zeros(n, dtype=np.int64)
@@ -81,8 +89,8 @@ def _cells(points):
 
 
 @numba.njit(cache=True)
-def _boxes(start, step, radius):
-    """Boxes around runs of edges, then of boxes: low, high and largest radius; first of a level."""
+def _boxes(start: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes around runs of edges, then of boxes, low and high; first of a level."""
     n, first, n_levels = len(start), np.zeros(MOST_LEVELS, dtype=np.int64), 1
     size = -(-n // EDGES_A_BOX)
     first[1] = size
@@ -90,14 +98,12 @@ def _boxes(start, step, radius):
         size = -(-size // BOXES_A_BOX)
         n_levels += 1
         first[n_levels] = first[n_levels - 1] + size
-    box = np.empty((first[n_levels], 7))
+    box = np.empty((first[n_levels], 6))
     for index in range(first[n_levels]):
         for axis in range(3):
             box[index, axis], box[index, axis + 3] = np.inf, -np.inf
-        box[index, 6] = -np.inf
     for edge in range(n):
         at = edge // EDGES_A_BOX
-        box[at, 6] = max(box[at, 6], radius[edge])
         for axis in range(3):
             a, b = start[edge, axis], start[edge, axis] + step[edge, axis]
             box[at, axis] = min(box[at, axis], a, b)
@@ -105,7 +111,6 @@ def _boxes(start, step, radius):
     for level in range(1, n_levels):
         for index in range(first[level - 1], first[level]):
             at = first[level] + (index - first[level - 1]) // BOXES_A_BOX
-            box[at, 6] = max(box[at, 6], box[index, 6])
             for axis in range(3):
                 box[at, axis] = min(box[at, axis], box[index, axis])
                 box[at, axis + 3] = max(box[at, axis + 3], box[index, axis + 3])
@@ -113,17 +118,24 @@ def _boxes(start, step, radius):
 
 
 @numba.njit(cache=True, inline="always")
-def _is_beyond(box, row, x, y, z, limit):
-    """Whether a place lies farther than `limit` outside all wood in a box."""
+def _is_beyond(box: np.ndarray, row: int, x: float, y: float, z: float, limit: float) -> bool:
+    """Whether a place lies farther than `limit` outside a box."""
     u = max(box[row, 0] - x, x - box[row, 3], 0.0)
     v = max(box[row, 1] - y, y - box[row, 4], 0.0)
     w = max(box[row, 2] - z, z - box[row, 5], 0.0)
-    reach = limit + box[row, 6]
-    return reach < 0 or u * u + v * v + w * w > reach * reach
+    return u * u + v * v + w * w > limit * limit
 
 
 @numba.njit(cache=True, inline="always")
-def _to_edge(start, step, inverse, edge, x, y, z):
+def _to_edge(
+    start: np.ndarray,
+    step: np.ndarray,
+    inverse: np.ndarray,
+    edge: int,
+    x: float,
+    y: float,
+    z: float,
+) -> tuple[float, float]:
     """Squared distance of a place from an edge, and the share of it where it is nearest."""
     u, v, w = x - start[edge, 0], y - start[edge, 1], z - start[edge, 2]
     share = (u * step[edge, 0] + v * step[edge, 1] + w * step[edge, 2]) * inverse[edge]
@@ -133,8 +145,19 @@ def _to_edge(start, step, inverse, edge, x, y, z):
 
 
 @numba.njit(cache=True)
-def _open(box, first, stack, n_stack, level, at, x, y, z, limit):
-    """Put the boxes in a box that may hold near wood on the stack; how many are there then."""
+def _open(
+    box: np.ndarray,
+    first: np.ndarray,
+    stack: np.ndarray,
+    n_stack: int,
+    level: int,
+    at: int,
+    x: float,
+    y: float,
+    z: float,
+    limit: float,
+) -> int:
+    """Put the boxes in a box that may hold near edges on the stack; how many are there then."""
     below = first[level - 1]
     end = min(below + (at + 1) * BOXES_A_BOX, first[level])
     for row in range(below + at * BOXES_A_BOX, end):
@@ -145,17 +168,19 @@ def _open(box, first, stack, n_stack, level, at, x, y, z, limit):
 
 
 @numba.njit(cache=True)
-def _nearest(edges, radius, places, order):
+def _nearest(
+    edges: tuple, places: np.ndarray, order: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     start, step, inverse = edges
     n = len(places)
     node, share, distance = np.empty(n, dtype=np.int64), np.empty(n), np.empty(n)
-    box, first = _boxes(start, step, radius)
+    box, first = _boxes(start, step)
     stack = np.empty((BOXES_A_BOX * MOST_LEVELS, 2), dtype=np.int64)
     best = 0
     for place in order:
         x, y, z = places[place, 0], places[place, 1], places[place, 2]
         squared, at_best = _to_edge(start, step, inverse, best, x, y, z)
-        least = np.sqrt(squared) - radius[best]
+        least = np.sqrt(squared)
         stack[0, 0], stack[0, 1], n_stack = len(first) - 2, 0, 1
         while n_stack:
             n_stack -= 1
@@ -165,8 +190,7 @@ def _nearest(edges, radius, places, order):
                 continue
             for edge in range(at * EDGES_A_BOX, min((at + 1) * EDGES_A_BOX, len(start))):
                 squared, there = _to_edge(start, step, inverse, edge, x, y, z)
-                reach = least + radius[edge]
-                if reach > 0 and squared < reach * reach:
-                    least, best, at_best = np.sqrt(squared) - radius[edge], edge, there
+                if squared < least * least:
+                    least, best, at_best = np.sqrt(squared), edge, there
         node[place], share[place], distance[place] = best, at_best, least
     return node, share, distance

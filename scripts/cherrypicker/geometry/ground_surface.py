@@ -1,5 +1,7 @@
 """Height of the ground below a place, from the ground seen around it."""
 
+from __future__ import annotations
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -16,11 +18,11 @@ class GroundSurface:
     n_nearest : int, default 5
     """
 
-    def __init__(self, cells, n_nearest=5):
+    def __init__(self, cells: np.ndarray, n_nearest: int = 5) -> None:
         self._heights, self._n_nearest = cells[:, 2], n_nearest
         self._tree = cKDTree(cells[:, :2]) if len(cells) else None
 
-    def __call__(self, xy):
+    def __call__(self, xy: np.ndarray) -> np.ndarray:
         """Ground heights, shape (n,), at x, y of shape (n, 2)."""
         if self._tree is None:
             return np.zeros(len(xy))

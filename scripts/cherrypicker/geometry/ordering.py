@@ -4,6 +4,8 @@ NumPy's own, called in a compiled function, are compiled anew into every functio
 and take seconds on the first run of a machine.
 """
 
+from __future__ import annotations
+
 import numba
 import numpy as np
 
@@ -11,7 +13,7 @@ __all__ = ["first_not_below", "median"]
 
 
 @numba.njit(cache=True)
-def median(values):
+def median(values: np.ndarray) -> float:
     """Median of values (one at least), NaN if one of them is; puts them in another order."""
     n = len(values)
     for row in range(n):
@@ -44,7 +46,7 @@ def median(values):
 
 
 @numba.njit(cache=True)
-def first_not_below(values, wanted):
+def first_not_below(values: np.ndarray, wanted: float) -> int:
     """First row of increasing values that is not below `wanted`; their number if all are."""
     low, high = 0, len(values)
     while low < high:

@@ -1,7 +1,10 @@
 """Voxels and samples of point sets: members and means, one point a voxel, farthest points."""
 
+from __future__ import annotations
+
 import numba
 import numpy as np
+from scipy.spatial import cKDTree
 
 __all__ = [
     "farthest_point_sample",
@@ -15,16 +18,17 @@ __all__ = [
 ]
 
 BLOCKS_ACROSS = 40  # the largest side of a cloud in blocks of farthest point sampling
+LEAST_GROWTH = 1.05  # of voxels that leave too many points
 
 
-def voxel_keys(points, size):
+def voxel_keys(points: np.ndarray, size: float) -> np.ndarray:
     """Number of the voxel of each point, (n_points,) int64, on a grid from the lowest corner."""
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     shape = cells.max(axis=0) + 1
     return (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
 
 
-def voxel_sample(points, size):
+def voxel_sample(points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Group points by the cells of a cubic grid.
 
     Parameters
@@ -47,7 +51,7 @@ def voxel_sample(points, size):
     return voxel_mean(points, inverse, counts), inverse, counts
 
 
-def voxel_mean(values, inverse, counts):
+def voxel_mean(values: np.ndarray, inverse: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Mean over the voxels of `voxel_sample`, (n_points, C) to (n_voxels, C) float64."""
     columns = [
         np.bincount(inverse, weights=values[:, c], minlength=len(counts))
@@ -56,7 +60,7 @@ def voxel_mean(values, inverse, counts):
     return np.stack(columns, axis=1) / counts[:, None]
 
 
-def voxel_thin(points, size):
+def voxel_thin(points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Thin points to one a voxel.
 
     Parameters
@@ -85,7 +89,9 @@ def voxel_thin(points, size):
     return means[order], source[order], rank[member]
 
 
-def thin_to_limit(points, size, max_points):
+def thin_to_limit(
+    points: np.ndarray, size: float, max_points: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """`voxel_thin` with voxels of `size`, enlarged until at most `max_points` are left.
 
     Returns
@@ -100,10 +106,10 @@ def thin_to_limit(points, size, max_points):
         if len(means) <= max_points:
             return means, source, member, size
         # points lie on surfaces, so their number falls with the square of the voxel size
-        size *= max(1.05, float(np.sqrt(len(means) / max_points)))
+        size *= max(LEAST_GROWTH, float(np.sqrt(len(means) / max_points)))
 
 
-def majority_label(labels, member, n_nodes):
+def majority_label(labels: np.ndarray, member: np.ndarray, n_nodes: int) -> np.ndarray:
     """Most frequent class of the points of each node or voxel (the smaller id on a tie)."""
     classes, column = np.unique(labels, return_inverse=True)
     votes = np.bincount(member * len(classes) + column, minlength=n_nodes * len(classes))
@@ -116,13 +122,15 @@ def majority_label(labels, member, n_nodes):
     return label
 
 
-def median_spacing(points, tree):
+def median_spacing(points: np.ndarray, tree: cKDTree) -> float:
     """Median distance of a point to its nearest neighbour, from a k-d tree of the points."""
     distance, _ = tree.query(points, k=2)
     return float(np.median(distance[:, 1]))
 
 
-def farthest_point_sample(points, spacing, *, first=0, max_samples=None):
+def farthest_point_sample(
+    points: np.ndarray, spacing: float, *, first: int = 0, max_samples: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Sample points greedily, each the farthest from those before, until `spacing` covers all.
 
     Parameters
@@ -147,7 +155,7 @@ def farthest_point_sample(points, spacing, *, first=0, max_samples=None):
     return _farthest(points[order], order, start, float(spacing), int(first), limit)
 
 
-def _blocks(points):
+def _blocks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points in blocks that lie together: rows block by block, and where each block starts."""
     low = points.min(axis=0)
     side = max(float(np.ptp(points, axis=0).max()), 1e-300) / BLOCKS_ACROSS
@@ -159,7 +167,14 @@ def _blocks(points):
 
 
 @numba.njit(cache=True)
-def _farthest(points, row_of, start, spacing, first, limit):
+def _farthest(
+    points: np.ndarray,
+    row_of: np.ndarray,
+    start: np.ndarray,
+    spacing: float,
+    first: int,
+    limit: int,
+) -> tuple[np.ndarray, np.ndarray]:
     """Farthest point sampling; blocks that a new sample is too far from are passed over."""
     n_points, n_blocks = len(points), len(start) - 1
     samples = np.empty(limit, dtype=np.int64)

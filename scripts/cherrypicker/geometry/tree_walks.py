@@ -1,5 +1,7 @@
 """Walks along a rooted tree that is stored as parents before children (compiled)."""
 
+from __future__ import annotations
+
 import numba
 import numpy as np
 
@@ -7,7 +9,7 @@ __all__ = ["child_rows", "fill_reach", "longest_children", "sum_from_root", "tan
 
 
 @numba.njit(cache=True)
-def child_rows(parent):
+def child_rows(parent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Children of each node as compressed rows.
 
     Parameters
@@ -36,7 +38,7 @@ def child_rows(parent):
 
 
 @numba.njit(cache=True)
-def fill_reach(parent, length):
+def fill_reach(parent: np.ndarray, length: np.ndarray) -> np.ndarray:
     """Length of the longest way from each node up to a tip, (n_nodes,) float64."""
     reach = np.zeros(len(parent))
     for node in range(len(parent) - 1, 0, -1):
@@ -45,7 +47,7 @@ def fill_reach(parent, length):
 
 
 @numba.njit(cache=True)
-def sum_from_root(parent, values):
+def sum_from_root(parent: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Sum of a node's value and those of all nodes below it, (n_nodes,) float64."""
     total = values.copy()
     for node in range(1, len(parent)):
@@ -54,7 +56,7 @@ def sum_from_root(parent, values):
 
 
 @numba.njit(cache=True)
-def longest_children(parent, ahead):
+def longest_children(parent: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     """Child of each node with the largest `ahead` (the later one on a tie), -1 at tips."""
     heir = np.full(len(parent), -1, dtype=np.int64)
     for node in range(len(parent) - 1, 0, -1):
@@ -65,7 +67,9 @@ def longest_children(parent, ahead):
 
 
 @numba.njit(cache=True)
-def tangents(points, parent, length, heir, reach):
+def tangents(
+    points: np.ndarray, parent: np.ndarray, length: np.ndarray, heir: np.ndarray, reach: np.ndarray
+) -> np.ndarray:
     """Direction at each node, from the nodes within `reach` (n_nodes,) along its own axis.
 
     `heir` is the child that the axis goes on into. Zeros where all of them coincide.
@@ -92,7 +96,15 @@ def tangents(points, parent, length, heir, reach):
 
 
 @numba.njit(cache=True)
-def window(node, parent, length, start, child, reach, found):
+def window(
+    node: int,
+    parent: np.ndarray,
+    length: np.ndarray,
+    start: np.ndarray,
+    child: np.ndarray,
+    reach: float,
+    found: np.ndarray,
+) -> int:
     """Nodes within `reach` of a node along its path, down and up without forks.
 
     Writes them to `found` (n_nodes,) and returns their number.

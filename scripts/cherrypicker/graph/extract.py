@@ -29,7 +29,7 @@ class GraphOptions:
     n_neighbors: int = 12
 
 
-def extract_skeleton(contracted, cloud, *, base=None, **options):
+def extract_skeleton(contracted, cloud, options=None, *, base=None):
     """Connect and root the wood, and measure the radii.
 
     Parameters
@@ -38,12 +38,12 @@ def extract_skeleton(contracted, cloud, *, base=None, **options):
         With the fields ``label`` and ``source``.
     cloud : PointCloud
         The labelled cloud that `source` points into.
+    options : GraphOptions, optional
+        Its method "tree" joins the limbs of the points that entered the contraction
+        (`cherrypicker.limbs`), "mst" is the minimum spanning tree over the contracted points
+        (paper, section Graph).
     base : array-like of 3 floats, optional
         Base of the stem.
-    **options
-        Fields of `GraphOptions`. Its method "tree" joins the limbs of the points that entered the
-        contraction (`cherrypicker.limbs`), "mst" is the minimum spanning tree over the contracted
-        points (paper, section Graph).
 
     Returns
     -------
@@ -54,7 +54,7 @@ def extract_skeleton(contracted, cloud, *, base=None, **options):
     StageError
         If there are too few points for a graph.
     """
-    settings = GraphOptions(**options)
+    settings = options or GraphOptions()
     labels = np.asarray(contracted["label"])
     entered = cloud.points[contracted["source"]]
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from io import BytesIO
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -27,6 +28,17 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.raster import heights_as_colors, side_views, splat
+from cherrypicker.report.style import (
+    COLOR,
+    DPI,
+    FONT,
+    GREY,
+    LAYOUT,
+    LINE,
+    MARGIN,
+    MARK,
+    ORDER_COLORS,
+)
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.units import unit_name
 
@@ -43,16 +55,17 @@ __all__ = [
     "write_png",
 ]
 
-DPI = 100
-_GREY = 0.78
-_ORDER_COLORS = ("#5b3a1e", "#c2571a", "#2b7a3d", "#2368a8", "#8a3fa0", "#c43b6b", "#4f9da6")
-_MIN_VIEW_ASPECT, _MAX_VIEW_ASPECT = 0.15, 2.2
-_MAX_DRAWN = 1_000_000
+_MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
+_MAX_IN_SECTION = 6000
+_SECTIONS_A_ROW = 4
+_SECTION_HALF_HEIGHT_M = 0.05
+_SECTION_RADII, _SECTION_MARGIN_M = 1.8, 0.01  # drawn around a section's centre
+_LEAST_SPREAD_M = 0.02  # of a tree's box around its skeleton
 
 
 def order_color(order: int) -> str:
-    """Colour of a branch order; they repeat after seven."""
-    return _ORDER_COLORS[int(order) % len(_ORDER_COLORS)]
+    """Colour of a branch order."""
+    return ORDER_COLORS[int(order) % len(ORDER_COLORS)]
 
 
 def save_figure(figure: Figure, path: str | os.PathLike, width_px: int) -> None:
@@ -65,7 +78,7 @@ def write_png(figure: Figure, target: BytesIO | str | os.PathLike, width_px: int
     """Write a figure to a path or stream, its margins cut off (a thumbnail's canvas is kept)."""
     tight: dict = {} if figure.get_layout_engine() is None else {"bbox_inches": "tight"}
     dpi = width_px / figure.get_size_inches()[0]
-    figure.savefig(target, format="png", dpi=dpi, pad_inches=0.1, **tight)
+    figure.savefig(target, format="png", dpi=dpi, pad_inches=LAYOUT["pad"], **tight)
 
 
 def view_grid(views: list[View], unit: str, width_px: int, title: str = "") -> tuple[Figure, list]:
@@ -77,10 +90,12 @@ def view_grid(views: list[View], unit: str, width_px: int, title: str = "") -> t
     panels : list of (Axes, View, int)
         Axes, view and the px across of the panel.
     """
-    ratios = [1.0 / min(max(view.aspect, _MIN_VIEW_ASPECT), _MAX_VIEW_ASPECT) for view in views]
+    low, high = LAYOUT["least_aspect"], LAYOUT["most_aspect"]
+    ratios = [1.0 / min(max(view.aspect, low), high) for view in views]
     width = width_px / DPI
-    height = min(max((width - 0.7 * len(views)) / sum(ratios), 2.5), 0.8 * width)
-    figure = Figure(figsize=(width, height + 0.75), dpi=DPI, layout="constrained")
+    height = max((width - LAYOUT["axis"] * len(views)) / sum(ratios), LAYOUT["least_height"])
+    height = min(height, LAYOUT["most_height"] * width) + LAYOUT["heading"]
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     drawn = figure.subplots(1, len(views), width_ratios=ratios, squeeze=False)[0]
     panels = []
     total = sum(ratios)
@@ -91,11 +106,11 @@ def view_grid(views: list[View], unit: str, width_px: int, title: str = "") -> t
         names = {"front": "xz", "side": "yz", "top": "xy"}.get(view.name, "  ")
         axes_.set_xlabel(f"{names[0]} [{unit_name(unit)}]")
         axes_.set_ylabel(f"{names[1]} [{unit_name(unit)}]")
-        axes_.set_title(view.name, fontsize=10)
-        axes_.tick_params(labelsize=8)
-        panels.append((axes_, view, max(int(width_px * ratio / total), 200)))
+        axes_.set_title(view.name, fontsize=FONT["panel"])
+        axes_.tick_params(labelsize=FONT["note"])
+        panels.append((axes_, view, max(int(width_px * ratio / total), LAYOUT["least_panel_px"])))
     if title:
-        figure.suptitle(title, fontsize=12)
+        figure.suptitle(title, fontsize=FONT["title"])
     return figure, panels
 
 
@@ -117,6 +132,15 @@ def show_points(
     axes_.imshow(np.clip(image, 0, 1), extent=extent, interpolation="nearest", zorder=0)
 
 
+def mark_points(
+    panel: tuple[Axes, View, int], points: np.ndarray, size: float, color: str, **style: Any
+) -> None:
+    """Draw points (n, 3) into a panel of `view_grid` as marks of an area in pt²."""
+    flat, _ = panel[1].flatten(points)
+    style = {"linewidths": 0, "zorder": 2} | style
+    panel[0].scatter(flat[:, 0], flat[:, 1], s=size, color=color, **style)
+
+
 def cloud_colors(cloud: PointCloud) -> np.ndarray:
     """The cloud's colours, or colours by height where it has none."""
     return heights_as_colors(cloud.points) if cloud.colors is None else cloud.colors
@@ -130,19 +154,23 @@ def class_colors(labels: np.ndarray) -> np.ndarray:
     return table[labels]
 
 
-def tree_box(cloud: PointCloud, skeleton: Skeleton) -> np.ndarray:
+def tree_box(skeleton: Skeleton) -> np.ndarray:
     """Points that span the tree: its skeleton, widened by its radii."""
-    spread = np.maximum(skeleton.radius, 0.02)[:, None]
+    spread = np.maximum(skeleton.radius, _LEAST_SPREAD_M)[:, None]
     return np.vstack([skeleton.points - spread, skeleton.points + spread])
 
 
 def cloud_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The segmented cloud in its own colours: the tree from two sides, the scene from above."""
-    box = tree_box(cloud, skeleton)
-    views = side_views(box, margin=0.08, kinds=("front", "side"))
+    return _scene_figure(cloud, skeleton, cloud_colors(cloud), width_px, "Point cloud")
+
+
+def _scene_figure(
+    cloud: PointCloud, skeleton: Skeleton, colors: np.ndarray, width_px: int, title: str
+) -> Figure:
+    views = side_views(tree_box(skeleton), margin=MARGIN["scene"], kinds=("front", "side"))
     views += side_views(cloud.points, kinds=("top",))
-    figure, panels = view_grid(views, cloud.unit, width_px, "Point cloud")
-    colors = cloud_colors(cloud)
+    figure, panels = view_grid(views, cloud.unit, width_px, title)
     for panel in panels:
         show_points(panel, cloud.points, colors)
     return figure
@@ -150,14 +178,8 @@ def cloud_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure
 
 def label_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The segmented cloud by class."""
-    box = tree_box(cloud, skeleton)
-    views = side_views(box, margin=0.08, kinds=("front", "side"))
-    views += side_views(cloud.points, kinds=("top",))
-    figure, panels = view_grid(views, cloud.unit, width_px, "Classes")
     labels = cloud["label"]
-    colors = class_colors(labels)
-    for panel in panels:
-        show_points(panel, cloud.points, colors)
+    figure = _scene_figure(cloud, skeleton, class_colors(labels), width_px, "Classes")
     present = [label for label in CLASS_COLORS if (labels == label).any()]
     handles = [
         Patch(
@@ -166,8 +188,19 @@ def label_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure
         )
         for label in present
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
+    _legend(figure, handles, n_columns=5)
     return figure
+
+
+def _legend(figure: Figure, handles: list, n_columns: int) -> None:
+    """What stands below the panels."""
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=n_columns,
+        fontsize=FONT["note"],
+        frameon=False,
+    )
 
 
 def _edge_lines(skeleton: Skeleton, view: View) -> list[np.ndarray]:
@@ -178,15 +211,15 @@ def _edge_lines(skeleton: Skeleton, view: View) -> list[np.ndarray]:
 def skeleton_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The skeleton over the wood it was made from, its lines as thick as its radii say."""
     wood = cloud.points[wood_mask(cloud["label"])]
-    views = side_views(tree_box(cloud, skeleton), kinds=("front", "side"))
+    views = side_views(tree_box(skeleton), kinds=("front", "side"))
     figure, panels = view_grid(views, cloud.unit, width_px, "Skeleton over the wood")
     radius = skeleton.radius[1:]
     for panel in panels:
-        show_points(panel, wood, (_GREY,) * 3)
+        show_points(panel, wood, (GREY["wood"],) * 3)
         lines = LineCollection(
             _edge_lines(skeleton, panel[1]),
-            linewidths=0.6 + 2.4 * radius / max(radius.max(), 1e-9),
-            colors="#b3261e",
+            linewidths=LINE["least_wood"] + LINE["most_wood"] * radius / max(radius.max(), 1e-9),
+            colors=COLOR["fit"],
             capstyle="round",
         )
         panel[0].add_collection(lines)
@@ -198,70 +231,64 @@ def topology_figure(
 ) -> Figure:
     """Branch orders by colour, with root, junctions and tips."""
     orders = node_order(skeleton, axes(skeleton))
-    views = side_views(tree_box(cloud, skeleton), kinds=("front", "side"))
+    views = side_views(tree_box(skeleton), kinds=("front", "side"))
     figure, panels = view_grid(views, cloud.unit, width_px, "Topology by branch order")
     colors = [order_color(order) for order in orders[1:]]
     kinds = np.array(topology.kind)
-    marks = (("junction", "o", "#202020", 9), ("tip", "o", "#f2a33a", 6), ("root", "s", "k", 40))
-    for axes_, view, _ in panels:
+    for panel in panels:
+        axes_, view, _ = panel
         axes_.add_collection(
-            LineCollection(_edge_lines(skeleton, view), colors=colors, linewidths=1.6)
+            LineCollection(_edge_lines(skeleton, view), colors=colors, linewidths=LINE["order"])
         )
-        flat, _ = view.flatten(topology.points)
-        for kind, marker, color, size in marks:
-            chosen = flat[kinds == kind]
-            axes_.scatter(
-                *chosen.T, marker=marker, s=size, color=color, zorder=3, linewidths=0, label=kind
-            )
+        for kind, marker in (("junction", "o"), ("tip", "o"), ("root", "s")):
+            style: dict = {"marker": marker, "label": kind, "zorder": 3}
+            mark_points(panel, topology.points[kinds == kind], MARK[kind], COLOR[kind], **style)
     handles = [Patch(color=order_color(k), label=f"order {k}") for k in np.unique(orders)]
     handles += panels[0][0].get_legend_handles_labels()[0]
-    figure.legend(handles=handles, loc="outside lower center", ncols=9, fontsize=8, frameon=False)
+    _legend(figure, handles, n_columns=9)
     return figure
 
 
-def trunk_figure(
-    cloud: PointCloud, traits: dict, width_px: int, *, half_height: float = 0.05
-) -> Figure:
+def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
     """The stem's points across its axis at every measured height, with the fitted circle."""
     sections = traits["trunk_sections"]
-    n_columns = min(len(sections), 4)
-    n_rows = -(-len(sections) // n_columns)
-    side = width_px / DPI / 4
-    size = (4 * side, (side + 0.5) * n_rows + 0.4)
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
-    panels = figure.subplots(n_rows, 4, squeeze=False).ravel()
+    n_rows = -(-len(sections) // min(len(sections), _SECTIONS_A_ROW))
+    side = width_px / DPI / _SECTIONS_A_ROW
+    height = (side + LAYOUT["section_heading"]) * n_rows + LAYOUT["sections_heading"]
+    figure = Figure(figsize=(width_px / DPI, height), dpi=DPI, layout="constrained")
+    panels = figure.subplots(n_rows, _SECTIONS_A_ROW, squeeze=False).ravel()
     for panel in panels[len(sections) :]:
         panel.set_axis_off()
     labels = cloud["label"]
     unit = unit_name(cloud.unit)
     for panel, section in zip(panels, sections, strict=False):
         center, radius = np.array(section["center"]), section["diameter_m"] / 2
-        reach = 1.8 * radius + 0.01
-        flat, near = _section_points(
-            cloud.points, center, np.array(section["axis"]), reach, half_height
-        )
+        reach = _SECTION_RADII * radius + _SECTION_MARGIN_M
+        flat, near = _section_points(cloud.points, center, np.array(section["axis"]), reach)
         colors = class_colors(labels[near])
-        if len(flat) > 6000:
-            step = len(flat) // 6000 + 1
+        if len(flat) > _MAX_IN_SECTION:
+            step = len(flat) // _MAX_IN_SECTION + 1
             flat, colors = flat[::step], colors[::step]
-        panel.scatter(*flat.T, s=2, c=colors, linewidths=0)
+        panel.scatter(*flat.T, s=MARK["section"], c=colors, linewidths=0)
         style = "-" if section["source"] == "points" else "--"
-        panel.add_patch(Circle((0, 0), radius, fill=False, color="#b3261e", lw=1.4, ls=style))
+        circle: dict = {"fill": False, "color": COLOR["fit"], "lw": LINE["circle"]}
+        panel.add_patch(Circle((0, 0), radius, ls=style, **circle))
         panel.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
-        panel.tick_params(labelsize=7)
+        panel.tick_params(labelsize=FONT["fine"])
         panel.set_title(
             f"at {section['height_m']:.2f} {unit}: diameter {section['diameter_m']:.4f} {unit}\n"
             f"arc {section['arc_deg']:.0f}°, scatter {section['residual_m']:.4f} {unit}, "
             f"{section['n_points']} points",
-            fontsize=8,
+            fontsize=FONT["note"],
         )
-    figure.suptitle("Trunk sections", fontsize=12)
+    figure.suptitle("Trunk sections", fontsize=FONT["title"])
     return figure
 
 
 def _section_points(
-    points: np.ndarray, center: np.ndarray, axis: np.ndarray, reach: float, half_height: float
+    points: np.ndarray, center: np.ndarray, axis: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
+    half_height = _SECTION_HALF_HEIGHT_M
     near = np.flatnonzero((np.abs(points - center) <= 1.5 * reach + half_height).all(axis=1))
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     u = np.cross(axis, helper)
@@ -271,17 +298,19 @@ def _section_points(
     return local[inside, :2], near[inside]
 
 
-def thumbnail(cloud: PointCloud, skeleton: Skeleton, width_px: int = 240) -> Figure:
+def thumbnail(cloud: PointCloud, skeleton: Skeleton) -> Figure:
     """A small front view: wood in its colours, the skeleton's orders on it."""
-    (view,) = side_views(tree_box(cloud, skeleton), kinds=("front",))
-    aspect = min(view.aspect, 3.0)
+    (view,) = side_views(tree_box(skeleton), kinds=("front",))
+    width_px = int(LAYOUT["thumbnail_px"])
+    aspect = min(view.aspect, LAYOUT["thumbnail_aspect"])
     figure = Figure(figsize=(width_px / DPI, width_px * aspect / DPI), dpi=DPI)
     axes_ = figure.add_axes((0, 0, 1, 1))
     axes_.set_axis_off()
     wood = cloud.points[wood_mask(cloud["label"])]
     axes_.set(xlim=(view.low[0], view.high[0]), ylim=(view.low[1], view.high[1]), aspect="equal")
-    show_points((axes_, view, width_px), wood, (_GREY,) * 3, size=1)
+    show_points((axes_, view, width_px), wood, (GREY["wood"],) * 3, size=1)
     orders = node_order(skeleton, axes(skeleton))
     colors = [order_color(order) for order in orders[1:]]
-    axes_.add_collection(LineCollection(_edge_lines(skeleton, view), colors=colors, linewidths=1.0))
+    lines = _edge_lines(skeleton, view)
+    axes_.add_collection(LineCollection(lines, colors=colors, linewidths=LINE["thin"]))
     return figure

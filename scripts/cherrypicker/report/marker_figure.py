@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from PIL import Image, UnidentifiedImageError
 
 from cherrypicker.poses import Poses
-from cherrypicker.report.figures import DPI
+from cherrypicker.report.style import COLOR, DPI, FONT, LAYOUT, LINE
 
 __all__ = ["marker_crops", "marker_figure"]
 
-_TILE_PX = 300
+_REACH, _LEAST_REACH_PX = 0.9, 8.0  # of a marker's width in the photo, around its middle
 
 
 def marker_crops(
@@ -83,29 +83,30 @@ def marker_figure(scale: dict, poses: Poses, lenses: Any, photos: list[Path]) ->
     if not rows:
         return None
     n_columns = max(map(len, rows))
-    figure = Figure(figsize=(3.2 * n_columns, 3.4 * len(rows)), dpi=DPI, layout="constrained")
+    size = (LAYOUT["marker_width"] * n_columns, LAYOUT["marker_height"] * len(rows))
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
     for panels, tiles in zip(figure.subplots(len(rows), n_columns, squeeze=False), rows):
         for panel in panels:
             panel.set_axis_off()
         for panel, (marker, name, image, corners) in zip(panels, tiles):
             panel.imshow(image, interpolation="nearest")
             outline = np.vstack([corners, corners[:1]]) - 0.5
-            panel.plot(*outline.T, color="#ff3030", lw=1.2)
-            panel.set_title(f"marker {marker}: {name}", fontsize=9, parse_math=False)
+            panel.plot(*outline.T, color=COLOR["corner"], lw=LINE["border"])
+            panel.set_title(f"marker {marker}: {name}", fontsize=FONT["tile"], parse_math=False)
     return figure
 
 
 def _tile(path: Path, corners: np.ndarray) -> tuple[Image.Image, np.ndarray] | None:
     """Crop around the corners and the corners in its pixels; None where the photo is unreadable."""
     middle = corners.mean(axis=0)
-    half = max(0.9 * float(np.ptp(corners, axis=0).max()), 8.0)
+    half = max(_REACH * float(np.ptp(corners, axis=0).max()), _LEAST_REACH_PX)
     try:
         with Image.open(path) as image:
             low = np.maximum(np.floor(middle - half), 0).astype(int)
             high = np.minimum(np.ceil(middle + half), image.size).astype(int)
             if (high - low < 2).any():
                 return None
-            zoom = _TILE_PX / float((high - low).max())
+            zoom = LAYOUT["marker_px"] / float((high - low).max())
             wide, tall = (max(int(round(side * zoom)), 1) for side in high - low)
             tile = image.convert("RGB").crop((*low, *high)).resize((wide, tall))
     except (OSError, UnidentifiedImageError, ValueError, SyntaxError):

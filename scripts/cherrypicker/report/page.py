@@ -6,26 +6,26 @@ import base64
 import csv
 import io
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-import jinja2
-import numpy as np
 from matplotlib.figure import Figure
 
 import cherrypicker
 from cherrypicker.errors import StageError
-from cherrypicker.pointcloud import PointCloud
-from cherrypicker.report.figures import DPI, order_color, write_png
-from cherrypicker.report.stages import branch_section, scan_sections, stage_warnings
-from cherrypicker.report.text import STYLE, with_uncertainty
+from cherrypicker.report.figures import order_color, write_png
+from cherrypicker.report.stages import branch_section, scan_sections
+from cherrypicker.report.style import DPI
+from cherrypicker.report.text import STYLE, page_template, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
-from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
 
-__all__ = ["read_branches", "render_report"]
+__all__ = ["ReportOptions", "read_branches", "render_report"]
 
 _FOLDER = Path(__file__).resolve().parent
+_ZOOM = 1.5  # of a figure's own px that are drawn at most
 _FILES = (
     "traits.json",
     "branches.csv",
@@ -61,39 +61,35 @@ def read_branches(path: str | os.PathLike) -> list:
         raise StageError(f"not a readable table of branches ({error})", file=path) from error
 
 
+@dataclass(frozen=True)
+class ReportOptions:
+    """How much a page shows; the fields are the config keys of ``report``."""
+
+    viewer_points: int = 150_000
+    figure_width_px: int = 1400
+    n_examples: int = 3
+
+
 def render_report(
-    about: dict,
-    traits: dict,
-    branches: list,
-    cloud: PointCloud,
-    skeleton: Skeleton,
+    about: Mapping[str, str],
+    data: dict,
     figures: list,
-    scan: dict,
-    foot: np.ndarray,
+    options: ReportOptions,
     *,
-    options: dict,
     seed: int = 0,
 ) -> str:
     """Render the report.
 
     Parameters
     ----------
-    about : dict
+    about : mapping of str to str
         ``tree``, ``date`` and ``series``.
-    traits : dict
-        Content of ``traits.json``.
-    branches : list of dict
-        Rows of ``branches.csv``.
-    cloud : PointCloud
-        The segmented cloud.
-    skeleton : Skeleton
-    figures : list of tuple (bytes or Figure, str)
+    data : dict
+        What the tree has, as `cherrypicker.report.tree` loads it by its `FILES`, None for what it
+        has not; ``photos`` (list of Path) and ``foot`` (ndarray of shape (3,)).
+    figures : list of tuple (bytes, str)
         PNG and caption of the figures that every tree has.
-    scan : dict
-        See `cherrypicker.report.stages.scan_sections`.
-    foot : ndarray of shape (3,)
-    options : dict
-        ``viewer_points``, ``figure_width_px``, ``n_examples``.
+    options : ReportOptions
     seed : int, default 0
 
     Returns
@@ -101,29 +97,24 @@ def render_report(
     str
         The page. All text from data is escaped.
     """
+    traits, cloud = data["traits"], data["segmented"]
     unit = traits.get("unit", cloud.unit)
-    tree = {"cloud": cloud, "skeleton": skeleton, "foot": foot}
-    width_px = options["figure_width_px"]
-    sections = scan_sections(scan, tree, width_px=width_px, n_examples=options["n_examples"])
-    sections.append(branch_section(branches, unit))
+    width_px = options.figure_width_px
+    sections = scan_sections(data, width_px=width_px, n_examples=options.n_examples)
+    sections.append(branch_section(data["branches"], unit))
     for item in sections:
         item["figures"] = [_embedded(figure, text, width_px) for figure, text in item["figures"]]
-    loader = jinja2.FileSystemLoader(_FOLDER)
-    viewer = viewer_data(cloud, skeleton, n_points=options["viewer_points"], seed=seed)
-    environment = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=False
-    )
-    reports = [scan.get(name) for name in ("sparse", "align", "crop", "scale", "contract")]
-    return environment.get_template("report.html.j2").render(
+    viewer = viewer_data(cloud, data["skeleton"], n_points=options.viewer_points, seed=seed)
+    return page_template("report.html.j2").render(
         tree=about["tree"],
-        lead=_lead(about, unit, scan),
-        warnings=_warnings(traits, reports),
+        lead=_lead(about, unit, data),
+        warnings=_warnings(data),
         traits=_trait_rows(traits, unit),
         orders=_order_rows(traits),
         diameters=_diameter_rows(traits, unit),
         trunk_end=_trunk_end(traits, unit),
         foot_source=_foot_source(traits),
-        scale_note=_scale_note(unit, scan),
+        scale_note=_scale_note(unit, data),
         unit=unit_name(unit),
         has_color=cloud.colors is not None,
         viewer=viewer,
@@ -141,20 +132,24 @@ def render_report(
 def _embedded(figure: Figure | bytes, caption: str, width_px: int) -> dict:
     if not isinstance(figure, bytes):
         stream = io.BytesIO()
-        width = min(width_px, 1.5 * DPI * figure.get_size_inches()[0])
+        width = min(width_px, _ZOOM * DPI * figure.get_size_inches()[0])
         write_png(figure, stream, width)
         figure = stream.getvalue()
     return {"data": base64.b64encode(figure).decode("ascii"), "caption": caption}
 
 
-def _warnings(traits: dict, reports: list) -> list[str]:
-    """The traits' flags, among them what the choice of the target doubts, then the stages'."""
-    return [str(flag) for flag in traits.get("flags", [])] + stage_warnings(*reports)
+def _warnings(data: dict) -> list[str]:
+    """The traits' flags, among them what the choice of the target doubts, then the stages' own."""
+    found: list[str] = []
+    for name in ("sparse", "align_report", "crop_report", "scale", "contract_report"):
+        lines = (data[name] or {}).get("warnings") or []
+        found += [str(line) for line in lines if str(line) not in found]
+    return [str(flag) for flag in data["traits"].get("flags", [])] + found
 
 
-def _lead(about: dict, unit: str, scan: dict) -> list[str]:
+def _lead(about: Mapping[str, str], unit: str, data: dict) -> list[str]:
     lead = [about[name] for name in ("date", "series") if about.get(name)]
-    lead.append("from photos" if scan.get("sparse") else "from a ready point cloud")
+    lead.append("from photos" if data["sparse"] else "from a ready point cloud")
     lead.append("in metres" if unit == "m" else "without a scale: lengths in arbitrary units")
     return lead
 
@@ -206,8 +201,8 @@ def _foot_source(traits: dict) -> str:
     return "the skeleton's root" if "foot_unseen" in flags else "the ground around it"
 
 
-def _scale_note(unit: str, scan: dict) -> str:
-    scale = scan.get("scale") or {}
+def _scale_note(unit: str, data: dict) -> str:
+    scale = data["scale"] or {}
     if unit == "m" and scale.get("scale_std"):
         return ", with the scale's error"
     return ""

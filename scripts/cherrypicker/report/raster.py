@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cherrypicker.report.style import HIGH_COLOR, LOW_COLOR, MARGIN
+
 __all__ = ["View", "heights_as_colors", "side_views", "splat"]
 
 BACKGROUND = 1.0
+_HEIGHT_SHARES = (0.01, 0.99)  # of the points' heights, from the darkest to the lightest
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class View:
 
 
 def side_views(
-    points: np.ndarray, *, margin: float = 0.05, kinds: tuple = ("front", "side", "top")
+    points: np.ndarray, *, margin: float = MARGIN["tree"], kinds: tuple = ("front", "side", "top")
 ) -> list[View]:
     """Views of the box of some points.
 
@@ -128,8 +131,7 @@ def splat(
 def heights_as_colors(points: np.ndarray) -> np.ndarray:
     """Colours for a cloud without any: dark below, light above, (n, 3) float32."""
     z = points[:, 2]
-    low, high = np.quantile(z, [0.01, 0.99])
+    low, high = np.quantile(z, _HEIGHT_SHARES)
     share = np.clip((z - low) / max(high - low, 1e-9), 0, 1)[:, None]
-    return (
-        (1 - share) * np.array([0.15, 0.25, 0.35]) + share * np.array([0.85, 0.70, 0.35])
-    ).astype(np.float32)
+    colors = (1 - share) * np.array(LOW_COLOR) + share * np.array(HIGH_COLOR)
+    return colors.astype(np.float32)

@@ -17,8 +17,20 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
-from cherrypicker.report.figures import DPI, cloud_colors, show_points, tree_box, view_grid
+from cherrypicker.report.figures import cloud_colors, mark_points, show_points, tree_box, view_grid
 from cherrypicker.report.raster import side_views
+from cherrypicker.report.style import (
+    COLOR,
+    DPI,
+    FONT,
+    GREY,
+    LAYOUT,
+    LINE,
+    MARGIN,
+    MARK,
+    SKY_SHARE,
+    SKY_TINT,
+)
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = [
@@ -31,8 +43,11 @@ __all__ = [
     "removed_points",
 ]
 
-_RED = "#d02020"
-_TILE_PX = 420
+_ARROW = 0.12  # of the cameras' distance from the stem: how far a photo's direction is drawn
+_SCENE_REACH = 0.9  # of the extent of the cameras, on either side of their middle
+_GROUND_SHARES = (0.001, 0.999)  # of the heights there that the view shows
+_MAX_REMOVED, _MAX_CONTRACTED = 50_000, 60_000  # points drawn one by one
+_DEPTH_SHARES = (0.02, 0.95)  # of a map's depths, from the brightest to the darkest
 
 
 def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px: int) -> Figure:
@@ -48,9 +63,9 @@ def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px:
     width_px : int
     """
     centers = poses.centers
-    reach = 0.12 * np.median(np.linalg.norm(centers - target, axis=1))
+    reach = _ARROW * np.median(np.linalg.norm(centers - target, axis=1))
     box = np.vstack([centers, centers + reach * poses.forward, target[None]])
-    views = side_views(box, margin=0.08, kinds=("top", "front"))
+    views = side_views(box, margin=MARGIN["scene"], kinds=("top", "front"))
     title = f"{len(poses)} registered photos"
     figure, panels = view_grid(views, cloud.unit, width_px, title)
     colors = cloud_colors(cloud)
@@ -59,11 +74,11 @@ def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px:
         show_points(panel, cloud.points, colors, size=1)
         start, _ = view.flatten(centers)
         end, _ = view.flatten(centers + reach * poses.forward)
-        axes_.add_collection(
-            LineCollection(list(np.stack([start, end], axis=1)), colors=_RED, lw=1)
-        )
-        axes_.scatter(*start.T, s=14, color=_RED, zorder=3)
-        axes_.scatter(*view.flatten(target[None])[0].T, marker="+", s=60, color="k", zorder=4)
+        ways = list(np.stack([start, end], axis=1))
+        axes_.add_collection(LineCollection(ways, colors=COLOR["camera"], lw=LINE["thin"]))
+        mark_points(panel, centers, MARK["camera"], COLOR["camera"], zorder=3, linewidths=None)
+        cross: dict = {"marker": "+", "zorder": 4, "linewidths": None}
+        mark_points(panel, target[None], MARK["stem"], COLOR["root"], **cross)
     return figure
 
 
@@ -82,33 +97,34 @@ def alignment_figure(
     width_px : int
     """
     low, high = poses.centers.min(axis=0), poses.centers.max(axis=0)
-    middle, reach = (low + high) / 2, 0.9 * (high - low)
+    middle, reach = (low + high) / 2, _SCENE_REACH * (high - low)
     inside = (np.abs(aligned.points - middle)[:, :2] < reach[:2]).all(axis=1)
-    z = np.quantile(aligned.points[inside, 2], [0.001, 0.999]) if inside.any() else low[2:]
+    z = np.quantile(aligned.points[inside, 2], _GROUND_SHARES) if inside.any() else low[2:]
     box = np.vstack([middle - reach, middle + reach, [*middle[:2], z[0]], [*middle[:2], z[-1]]])
     box[:2, 2] = middle[2]
-    views = side_views(box, margin=0.03, kinds=("front", "side", "top"))
+    views = side_views(box, margin=MARGIN["aligned"], kinds=("front", "side", "top"))
     figure, panels = view_grid(views, "arbitrary", width_px, "Aligned cloud and region of interest")
     colors = cloud_colors(aligned)
     for panel in panels:
         axes_, view, _ = panel
         show_points(panel, aligned.points, colors, size=1)
-        axes_.scatter(*view.flatten(poses.centers)[0].T, s=5, color=_RED, zorder=3)
+        style: dict = {"zorder": 3, "linewidths": None}
+        mark_points(panel, poses.centers, MARK["camera_aligned"], COLOR["camera"], **style)
         if view.name != "top":
-            axes_.axhline(0, color="#2368a8", lw=1)
+            axes_.axhline(0, color=COLOR["level"], lw=LINE["thin"])
         if roi is None:
             continue
         if view.name == "top":
             axes_.add_patch(_outline(roi))
         else:
             for limit in roi.limits()[:, 0 if view.name == "front" else 1]:
-                axes_.axvline(limit, color="#2368a8", lw=1, ls=":")
+                axes_.axvline(limit, color=COLOR["level"], lw=LINE["thin"], ls=":")
     return figure
 
 
 def _outline(roi: Footprint) -> Patch:
     """The border of a footprint, as a patch."""
-    style: dict = {"fill": False, "color": "#2368a8", "lw": 1.2}
+    style: dict = {"fill": False, "color": COLOR["level"], "lw": LINE["border"]}
     if roi.box is None:
         return Circle(tuple(roi.center_xy), roi.radius, **style)
     return Rectangle(roi.box[0], *np.ptp(roi.box, axis=0), **style)
@@ -138,16 +154,17 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
     size = coverage["voxel_size"]
     low = centers.min(axis=0)
     column, row = (np.round((centers[:, k] - low[k]) / size).astype(int) for k in (0, 2))
-    figure = Figure(figsize=(width_px / DPI, 0.5 * width_px / DPI), dpi=DPI, layout="constrained")
+    size = (width_px / DPI, LAYOUT["coverage_height"] * width_px / DPI)
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
     titles = {"n_framing": "photos that frame it", "n_holding": "depth maps that hold something"}
     extent = (low[0], low[0] + size * (column.max() + 1), low[2], low[2] + size * (row.max() + 1))
     for panel, (name, title) in zip(figure.subplots(1, 2), titles.items()):
         picture = np.full((row.max() + 1, column.max() + 1), np.nan)
         np.fmax.at(picture, (row, column), np.array(coverage[name], dtype=float))
         drawn = panel.imshow(picture, origin="lower", extent=extent, cmap="viridis")
-        panel.axhline(0, color="#2368a8", lw=1)
+        panel.axhline(0, color=COLOR["level"], lw=LINE["thin"])
         panel.set_title(f"{title}, most along the view")
-        figure.colorbar(drawn, ax=panel, shrink=0.8)
+        figure.colorbar(drawn, ax=panel, shrink=LAYOUT["bar"])
     return figure
 
 
@@ -172,18 +189,19 @@ def removed_points(before: PointCloud, after: PointCloud) -> np.ndarray:
 def denoise_figure(cropped: PointCloud, denoised: PointCloud, width_px: int) -> Figure:
     """What the filters removed, over what they kept."""
     removed = removed_points(cropped, denoised)
-    views = side_views(denoised.points, margin=0.04, kinds=("front", "top"))
+    views = side_views(denoised.points, margin=MARGIN["denoised"], kinds=("front", "top"))
     title = (
         f"Denoising removed {removed.sum():,} of {len(cropped):,} points "
         f"({removed.mean():.1%}), drawn in red"
     )
     figure, panels = view_grid(views, "arbitrary", width_px, title)
-    colors = 0.35 + 0.65 * cloud_colors(denoised)  # pale, so that red stands out
+    # Pale, so that red stands out
+    colors = GREY["paled"] + (1 - GREY["paled"]) * cloud_colors(denoised)
+    drawn = cropped.points[removed][:: 1 + removed.sum() // _MAX_REMOVED]
     for panel in panels:
         show_points(panel, denoised.points, colors, size=1)
-        if removed.any():
-            flat, _ = panel[1].flatten(cropped.points[removed][:: 1 + removed.sum() // 50_000])
-            panel[0].scatter(*flat.T, s=0.6, color=_RED, linewidths=0, zorder=2)
+        if len(drawn):
+            mark_points(panel, drawn, MARK["removed"], COLOR["camera"])
     return figure
 
 
@@ -192,16 +210,15 @@ def contraction_figure(
 ) -> Figure:
     """The contracted points over the wood they came from."""
     wood = cloud.points[wood_mask(cloud["label"])]
-    views = side_views(tree_box(cloud, skeleton), kinds=("front", "side"))
+    views = side_views(tree_box(skeleton), kinds=("front", "side"))
     figure, panels = view_grid(views, cloud.unit, width_px, "Contracted points over the wood")
     labels = contracted["label"] if "label" in contracted else np.full(len(contracted), 2)
     for panel in panels:
-        show_points(panel, wood, (0.82,) * 3)
-        for label, color in ((Label.BRANCH, "#1c6b34"), (Label.TRUNK, "#8a2f10")):
+        show_points(panel, wood, (GREY["contracted"],) * 3)
+        for label, color in ((Label.BRANCH, COLOR["branch"]), (Label.TRUNK, COLOR["trunk"])):
             chosen = contracted.points[labels == label]
-            chosen = chosen[:: 1 + len(chosen) // 60_000]
-            flat, _ = panel[1].flatten(chosen)
-            panel[0].scatter(*flat.T, s=1.2, color=color, linewidths=0, zorder=2)
+            chosen = chosen[:: 1 + len(chosen) // _MAX_CONTRACTED]
+            mark_points(panel, chosen, MARK["contracted"], color)
     return figure
 
 
@@ -243,8 +260,9 @@ def example_figure(
         return None
     n_columns = max(len(row) for row in rows)
     tile = rows[0][0][1]
-    side = 4.4 * min(1.0, tile.size[0] / tile.size[1])  # a portrait's height, not its width
-    height = side * tile.size[1] / tile.size[0] + 0.3
+    # A portrait's height, not its width
+    side = LAYOUT["tile"] * min(1.0, tile.size[0] / tile.size[1])
+    height = side * tile.size[1] / tile.size[0] + LAYOUT["tile_heading"]
     size = (side * n_columns, height * len(rows))
     figure = Figure(figsize=size, dpi=DPI, layout="constrained")
     grid = figure.subplots(len(rows), n_columns, squeeze=False)
@@ -254,7 +272,7 @@ def example_figure(
         for panel, (title, image, style) in zip(panels, row, strict=False):
             panel.imshow(image, interpolation="nearest", **style)
             # Names come from the user's files: no mathtext in them
-            panel.set_title(title, fontsize=9, parse_math=False)
+            panel.set_title(title, fontsize=FONT["tile"], parse_math=False)
     return figure
 
 
@@ -262,10 +280,11 @@ def _thumbnail(path: Path, size: tuple[int, int] | None = None) -> Image.Image |
     """The image at tile size, as stored (EXIF orientation not applied); None if unreadable."""
     try:
         with Image.open(path) as image:
-            image.draft("RGB", (2 * _TILE_PX, 2 * _TILE_PX))
+            tile_px = int(LAYOUT["tile_px"])
+            image.draft("RGB", (2 * tile_px, 2 * tile_px))
             mode = "RGB" if size is None else "L"
             if size is None:
-                scale = _TILE_PX / max(image.size)
+                scale = tile_px / max(image.size)
                 size = max(int(image.size[0] * scale), 1), max(int(image.size[1] * scale), 1)
             return image.convert(mode).resize(size)
     except (OSError, UnidentifiedImageError, ValueError, SyntaxError):
@@ -275,14 +294,15 @@ def _thumbnail(path: Path, size: tuple[int, int] | None = None) -> Image.Image |
 def _tinted(photo: Image.Image, mask: Image.Image) -> np.ndarray:
     image = np.asarray(photo, dtype=np.float32) / 255.0
     sky = (np.asarray(mask, dtype=np.float32) / 255.0)[..., None]
-    return np.clip(image * (1 - 0.6 * sky) + 0.6 * sky * np.array([0.1, 0.35, 0.95]), 0, 1)
+    share = SKY_SHARE * sky
+    return np.clip(image * (1 - share) + share * np.array(SKY_TINT), 0, 1)
 
 
 def _depth_tile(depth: np.ndarray) -> tuple[np.ndarray, dict]:
-    step = max(max(depth.shape) // (2 * _TILE_PX), 1)
+    step = max(max(depth.shape) // int(2 * LAYOUT["tile_px"]), 1)
     depth = depth[::step, ::step]
     known = depth[depth > 0]
     if not len(known):
         return np.zeros((*depth.shape, 3)), {}
-    low, high = np.quantile(known, [0.02, 0.95])
+    low, high = np.quantile(known, _DEPTH_SHARES)
     return np.where(depth > 0, depth, np.nan), {"cmap": "viridis_r", "vmin": low, "vmax": high}

@@ -8,11 +8,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.lens import PhotoLenses
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.report.marker_figure import marker_figure
 from cherrypicker.report.stage_figures import (
@@ -26,7 +26,7 @@ from cherrypicker.report.stage_figures import (
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
 from cherrypicker.units import unit_name
 
-__all__ = ["branch_section", "scan_sections", "stage_warnings"]
+__all__ = ["branch_section", "scan_sections"]
 
 logger = logging.getLogger(__name__)
 
@@ -51,28 +51,13 @@ def table(caption: str, head: list[str], rows: list, *, is_open: bool = False) -
     return {"caption": caption, "head": head, "rows": rows, "open": is_open}
 
 
-def stage_warnings(*reports: Any) -> list[str]:
-    """Warnings that stages wrote into their reports, each once."""
-    found = []
-    for report in reports:
-        lines = (report or {}).get("warnings") or []
-        found += [str(line) for line in lines if str(line) not in found]
-    return found
-
-
-def scan_sections(scan: dict, tree: dict, *, width_px: int, n_examples: int) -> list:
+def scan_sections(data: dict, *, width_px: int, n_examples: int) -> list:
     """Sections on everything between the photos and the traits.
 
     Parameters
     ----------
-    scan : dict
-        Loaded inputs by name; absent ones are missing or None: ``sparse``, ``align``, ``crop``,
-        ``denoise``, ``scale``, ``target``, ``contract`` (dicts), ``poses``, ``aligned_poses``
-        (Poses), ``aligned``, ``cropped``, ``denoised``, ``contracted`` (PointCloud),
-        ``colmap_poses`` (Poses), ``lenses`` (PhotoLenses of the same photos), ``photos`` (list
-        of Path), ``sky_folder``, ``dense_folder`` (Path).
-    tree : dict
-        ``cloud``, ``skeleton`` and ``foot`` (ndarray of shape (3,)).
+    data : dict
+        See `cherrypicker.report.page.render_report`.
     width_px, n_examples : int
 
     Returns
@@ -80,22 +65,21 @@ def scan_sections(scan: dict, tree: dict, *, width_px: int, n_examples: int) -> 
     list of dict
     """
     sections = []
-    if scan.get("sparse"):
-        sections.append(_sparse(scan, tree, width_px))
-    if scan.get("photos") and n_examples:
-        sections.append(_examples(scan, n_examples))
-    if scan.get("align"):
-        sections.append(_aligned(scan, width_px))
-    if scan.get("align") and scan.get("coverage"):
-        sections.append(_covered(scan, width_px))
-    if scan.get("denoise"):
-        sections.append(_denoised(scan, width_px))
-    if scan.get("scale"):
-        sections.append(_scaled(scan))
-    if scan.get("target"):
-        sections.append(_target(scan["target"]))
-    if scan.get("contracted") is not None:
-        sections.append(_contracted(scan, tree, width_px))
+    if data["sparse"]:
+        sections.append(_sparse(data, width_px))
+    if data["photos"] and n_examples:
+        sections.append(_examples(data, n_examples))
+    if data["align_report"]:
+        sections.append(_aligned(data, width_px))
+    if data["align_report"] and data["coverage"]:
+        sections.append(_covered(data, width_px))
+    if data["denoise_report"]:
+        sections.append(_denoised(data, width_px))
+    if data["scale"]:
+        sections.append(_scaled(data))
+    if data["target"]:
+        sections.append(_target(data["target"]))
+    sections.append(_contracted(data, width_px))
     return sections
 
 
@@ -123,8 +107,8 @@ def _branch_cell(column: BranchColumn, row: dict) -> int | str:
     return f"{value:.{column.decimals}f}"
 
 
-def _sparse(scan: dict, tree: dict, width_px: int) -> dict:
-    report = scan["sparse"]
+def _sparse(data: dict, width_px: int) -> dict:
+    report = data["sparse"]
     facts = [
         ("Photos registered", f"{report.get('n_registered')} of {report.get('n_photos')}"),
         ("Sparse points", _count(report.get("n_points"))),
@@ -141,18 +125,18 @@ def _sparse(scan: dict, tree: dict, width_px: int) -> dict:
     head = ["photo", "reason", "features", "matches"]
     tables = [table(f"{len(missing)} photos are not registered", head, missing, is_open=True)]
     figures = []
-    if scan.get("poses") is not None:
-        figure = camera_figure(scan["poses"], tree["cloud"], tree["foot"], width_px)
+    if data["metric_poses"] is not None:
+        figure = camera_figure(data["metric_poses"], data["segmented"], data["foot"], width_px)
         figures.append((figure, "Registered photos and the way they look; the cross is the stem."))
     return section("Photos and sparse model", facts, tables, figures)
 
 
-def _examples(scan: dict, n_examples: int) -> dict:
-    registered = set(scan["poses"].names) if scan.get("poses") is not None else set()
-    photos = [path for path in scan["photos"] if path.name in registered] or scan["photos"]
-    dense = scan.get("dense_folder")
+def _examples(data: dict, n_examples: int) -> dict:
+    registered = set(data["metric_poses"].names) if data["metric_poses"] is not None else set()
+    photos = [path for path in data["photos"] if path.name in registered] or data["photos"]
+    dense = data["depth"]
     figure = example_figure(
-        photos, scan.get("sky_folder"), _depth_reader(dense) if dense else None, n_examples
+        photos, data["sky_colors"], _depth_reader(dense) if dense else None, n_examples
     )
     caption = "Example photos with their sky masks (blue) and depth maps (near is bright)."
     return section("Sky and depth", figures=[(figure, caption)])
@@ -174,8 +158,8 @@ def _depth_reader(folder: Path) -> Callable:
     return depth_of
 
 
-def _aligned(scan: dict, width_px: int) -> dict:
-    report, crop = scan["align"], scan.get("crop") or {}
+def _aligned(data: dict, width_px: int) -> dict:
+    report, crop = data["align_report"], data["crop_report"] or {}
     facts = [
         ("Up decided by", report.get("up_from")),
         ("Up to the ground's normal", _number(report.get("up_to_ground_deg"), 2, "°")),
@@ -184,18 +168,18 @@ def _aligned(scan: dict, width_px: int) -> dict:
         ("Points kept by the crop", _kept(crop.get("n_kept"), crop.get("n_points"))),
     ]
     figures = []
-    if scan.get("aligned") is not None and scan.get("aligned_poses") is not None:
+    if data["aligned"] is not None and data["aligned_poses"] is not None:
         roi = Footprint.of_crop(crop) if crop else None
-        figure = alignment_figure(scan["aligned"], scan["aligned_poses"], roi, width_px)
+        figure = alignment_figure(data["aligned"], data["aligned_poses"], roi, width_px)
         figures.append(
             (figure, "Aligned cloud: ground at z = 0, the region that was kept, cameras.")
         )
     return section("Alignment and crop", facts, figures=figures)
 
 
-def _covered(scan: dict, width_px: int) -> dict:
+def _covered(data: dict, width_px: int) -> dict:
     """The region of interest in voxels; nothing where the cameras look at no common place."""
-    coverage = scan["coverage"]
+    coverage = data["coverage"]
     if coverage.get("region") is None:
         return section("Coverage", [("Region", "the cameras look at no common place")])
     framing, holding = (np.array(coverage[f"n_{name}"]) for name in ("framing", "holding"))
@@ -205,13 +189,13 @@ def _covered(scan: dict, width_px: int) -> dict:
         ("Voxels that three photos or more frame", f"{100 * np.mean(framing >= 3):.0f} %"),
         ("Voxels with something in a depth map", f"{100 * np.mean(holding > 0):.0f} %"),
     ]
-    figure = coverage_figure(coverage, scan["align"], width_px)
+    figure = coverage_figure(coverage, data["align_report"], width_px)
     caption = "The place that the cameras look at: the more photos frame a part, the surer it is."
     return section("Coverage", facts, figures=[(figure, caption)])
 
 
-def _denoised(scan: dict, width_px: int) -> dict:
-    report = scan["denoise"]
+def _denoised(data: dict, width_px: int) -> dict:
+    report = data["denoise_report"]
     facts = [
         ("Removed as outliers", _kept(report.get("n_removed_statistical"), report.get("n_input"))),
         ("Points of a sky colour", _count(report.get("n_sky_colored"))),
@@ -220,14 +204,14 @@ def _denoised(scan: dict, width_px: int) -> dict:
         ("Left", _kept(report.get("n_output"), report.get("n_input"))),
     ]
     figures = []
-    if scan.get("cropped") is not None and scan.get("denoised") is not None:
-        figure = denoise_figure(scan["cropped"], scan["denoised"], width_px)
+    if data["cropped"] is not None and data["denoised"] is not None:
+        figure = denoise_figure(data["cropped"], data["denoised"], width_px)
         figures.append((figure, "Points that the filters removed (red)."))
     return section("Denoising", facts, figures=figures)
 
 
-def _scaled(scan: dict) -> dict:
-    scale = scan["scale"]
+def _scaled(data: dict) -> dict:
+    scale = data["scale"]
     is_metric = scale.get("unit", "m") == "m"
     value, spread = scale.get("scale"), scale.get("scale_std")
     shown = _number(value, 6) if is_metric else "none: lengths are in arbitrary units"
@@ -244,8 +228,9 @@ def _scaled(scan: dict) -> dict:
     head += ["sightings that agree", "remarks"]
     tables = [table(f"{len(rows)} marker(s)", head, rows, is_open=True)]
     figures = []
-    if scan.get("colmap_poses") is not None and scan.get("lenses") is not None:
-        figure = marker_figure(scale, scan["colmap_poses"], scan["lenses"], scan["photos"])
+    if data["poses"] is not None and data["cameras"] is not None:
+        lenses = PhotoLenses(data["cameras"], data["poses"].names)
+        figure = marker_figure(scale, data["poses"], lenses, data["photos"])
         figures.append((figure, "Markers with the corners in 3D drawn back into the photos (red)."))
     return section("Scale", facts, tables, figures)
 
@@ -294,16 +279,16 @@ def _place(base: list[float], length: str) -> str:
     return f"x {base[0]:.2f}, y {base[1]:.2f} {length}"
 
 
-def _contracted(scan: dict, tree: dict, width_px: int) -> dict:
-    report = scan.get("contract") or {}
+def _contracted(data: dict, width_px: int) -> dict:
+    report = data["contract_report"] or {}
     facts = [
         ("Method", report.get("method")),
         ("Preset", report.get("preset")),
         ("Iterations", report.get("n_iterations") or report.get("iterations")),
-        ("Contracted points", _count(len(scan["contracted"]))),
+        ("Contracted points", _count(len(data["contracted"]))),
     ]
     facts = [(name, value) for name, value in facts if not isinstance(value, dict | list)]
-    figure = contraction_figure(tree["cloud"], scan["contracted"], tree["skeleton"], width_px)
+    figure = contraction_figure(data["segmented"], data["contracted"], data["skeleton"], width_px)
     return section("Contraction", facts, figures=[(figure, "Contracted points over the wood.")])
 
 

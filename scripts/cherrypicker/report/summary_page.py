@@ -7,18 +7,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from datetime import date
-from html import escape
-from urllib.parse import quote
 
-from cherrypicker.report.text import STYLE, with_uncertainty
+from cherrypicker.report.text import STYLE, page_template, with_uncertainty
 from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_name
 
 __all__ = ["TreeResult", "summary_html"]
 
 _SHOWN = [t for t in TRAITS.values() if t.is_shown and t.name != "trunk_height_m"]
-_MANY_FLAGS = 6
-_LEFT, _TOP, _PLOT_WIDTH, _PLOT_HEIGHT = 58, 26, 286, 118  # of a chart, px
+_MANY_FLAGS = 6  # of a tree: more make the table hard to read
+# Of a chart, px: the plot, the line of dates below it, half a letter's height
+_LEFT, _TOP, _PLOT_WIDTH, _PLOT_HEIGHT, _DATES, _HALF_LETTER = 58, 26, 286, 118, 18, 4
+_PAD = 0.1  # of its range of values, left free above and below
 
 
 @dataclass
@@ -82,107 +82,39 @@ def summary_html(results: list[TreeResult]) -> str:
     counts = [f"{len(done)} of {len(results)} trees done"]
     counts += [f"{len(failed)} failed"] if failed else []
     counts += [f"{len(waiting)} not run"] if waiting else []
-    body = [
-        "<h1>CherryPicker: batch summary</h1>",
-        f'<p class="lead">{", ".join(counts)}. The same as a table: '
-        '<a href="traits.csv">traits.csv</a></p>',
-    ]
-    if failed:
-        body.append(_failures(failed))
-    if waiting:
-        names = ", ".join(escape(r.tree) for r in waiting)
-        body.append(f"<h2>Not run</h2><p>{names}</p>")
-    if done:
-        body.append(_table(done))
-    body += _series(results)
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>CherryPicker: batch summary</title><style>{STYLE}{_EXTRA}</style></head>\n<body>"
-        + "\n".join(body)
-        + "\n</body></html>\n"
+    page = page_template("summary.html.j2").render(
+        style=STYLE,
+        counts=", ".join(counts),
+        failed=failed,
+        waiting=waiting,
+        titles=[trait.title for trait in _SHOWN],
+        done=[(result, [_cell(result, trait) for trait in _SHOWN]) for result in done],
+        most_flags=_MANY_FLAGS,
+        series=_series(results),
     )
+    return page + "\n"
 
 
-_EXTRA = """
-.thumb img { width: 96px; height: auto; display: block; }
-td.name { font-weight: 600; white-space: nowrap; }
-td.flagcell { color: var(--warn); font-size: 13px; min-width: 220px; overflow-wrap: anywhere; }
-svg text { font: 11px system-ui, sans-serif; fill: #68707c; }
-"""
+def _cell(result: TreeResult, trait: Trait) -> str:
+    value, error = result.traits.get(trait.name), result.traits.get(f"{trait.name}_se")
+    return with_uncertainty(value, error, trait, result.unit)
 
 
-def _failures(failed: list[TreeResult]) -> str:
-    rows = []
-    for result in failed:
-        fix = f"<code>{escape(result.key)}</code>" if result.key else ""
-        where = f"<br><code>{escape(result.file)}</code>" if result.file else ""
-        log = f"<code>{escape(result.log)}</code>" if result.log else ""
-        rows.append(
-            f'<tr class="bad"><td class="name">{_link(result)}</td>'
-            f'<td class="{escape(result.status)}">{escape(result.status)}</td>'
-            f"<td>{escape(result.stage)}</td><td>{escape(result.cause)}{where}</td>"
-            f"<td>{fix}</td><td>{log}</td></tr>"
-        )
-    head = "".join(f"<th>{h}</th>" for h in ("Tree", "Status", "Stage", "Cause", "Change", "Log"))
-    return (
-        f'<h2>Failed</h2><div class="scroll"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
-
-
-def _table(done: list[TreeResult]) -> str:
-    names = ["", "Tree", "Date", *(trait.title for trait in _SHOWN), "Warnings"]
-    head = "".join(f"<th>{name}</th>" for name in names)
-    rows = []
-    for result in done:
-        cells = [f'<td class="thumb">{_thumbnail(result)}</td>']
-        cells.append(f'<td class="name">{_link(result)}</td><td>{escape(result.date)}</td>')
-        for trait in _SHOWN:
-            value, error = result.traits.get(trait.name), result.traits.get(f"{trait.name}_se")
-            text = with_uncertainty(value, error, trait, result.unit)
-            cells.append(f'<td class="n">{escape(text)}</td>')
-        cells.append(f'<td class="flagcell">{_flags(result)}</td>')
-        rows.append(f"<tr>{''.join(cells)}</tr>")
-    return (
-        f'<h2>Trees</h2><div class="scroll"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
-
-
-def _flags(result: TreeResult) -> str:
-    lines = [escape(flag) for flag in result.flags[:_MANY_FLAGS]]
-    if len(result.flags) > _MANY_FLAGS:
-        lines.append(f"and {len(result.flags) - _MANY_FLAGS} more")
-    return "<br>".join(lines)
-
-
-def _link(result: TreeResult) -> str:
-    name = escape(result.tree)
-    return f'<a href="{escape(quote(result.report))}">{name}</a>' if result.report else name
-
-
-def _thumbnail(result: TreeResult) -> str:
-    if not result.thumbnail:
-        return ""
-    return f'<img src="{escape(quote(result.thumbnail))}" alt="" loading="lazy">'
-
-
-def _series(results: list[TreeResult]) -> list[str]:
+def _series(results: list[TreeResult]) -> list[tuple[str, list[dict]]]:
     """Charts of the series with two dates or more; scans without a scale have no place on them."""
     by_name: dict[str, list] = {}
     for result in results:
         when = _day(result.date)
         if result.series and when is not None and result.unit == "m":
             by_name.setdefault(result.series, []).append((when, result))
-    body = []
+    found = []
     for name, scans in sorted(by_name.items()):
         scans.sort(key=lambda scan: (scan[0], scan[1].tree))
         if len({when for when, _ in scans}) < 2:
             continue
         charts = [_chart(scans, trait) for trait in TRAITS.values() if trait.is_charted]
-        body.append(f'<h3>{escape(name)}</h3><div class="figures">{"".join(charts)}</div>')
-    return ["<h2>Series</h2>", *body] if body else []
+        found.append((name, [chart for chart in charts if chart]))
+    return found
 
 
 def _day(text: str) -> int | None:
@@ -192,8 +124,8 @@ def _day(text: str) -> int | None:
         return None
 
 
-def _chart(scans: list, trait: Trait) -> str:
-    """One trait over the dates of a series as inline SVG, error bars where there are errors."""
+def _chart(scans: list, trait: Trait) -> dict:
+    """One trait over the dates of a series, as numbers of an SVG; empty with fewer than two."""
     name, decimals = trait.name, trait.decimals
     unit, data = unit_name("m", trait.power or 1), []
     for when, result in scans:
@@ -202,11 +134,11 @@ def _chart(scans: list, trait: Trait) -> str:
             label = f"{result.tree}, {result.date}: {value:.{decimals}f} {unit}"
             data.append((when, float(value), float(error or 0.0), label))
     if len({item[0] for item in data}) < 2:
-        return ""
+        return {}
     first, last = data[0][0], data[-1][0]
     low = min(value - error for _, value, error, _ in data)
     high = max(value + error for _, value, error, _ in data)
-    pad = 0.1 * (high - low) or 0.1 * abs(high) or 1.0
+    pad = _PAD * (high - low) or _PAD * abs(high) or 1.0
 
     def x_of(when: int) -> float:
         return _LEFT + (when - first) / (last - first) * _PLOT_WIDTH
@@ -214,32 +146,25 @@ def _chart(scans: list, trait: Trait) -> str:
     def y_of(value: float) -> float:
         return _TOP + (high + pad - value) / (high - low + 2 * pad) * _PLOT_HEIGHT
 
-    marks = "".join(
-        _mark(x_of(when), y_of(value), y_of(value - error) - y_of(value), label)
-        for when, value, error, label in data
-    )
-    line = " ".join(f"{x_of(when):.1f},{y_of(value):.1f}" for when, value, _, _ in data)
-    ticks = "".join(
-        f'<text x="{_LEFT - 6}" y="{y_of(value) + 4:.1f}" text-anchor="end">'
-        f"{value:.{decimals}f}</text>"
-        for value in dict.fromkeys((low, high))
-    )
-    under, right = _TOP + _PLOT_HEIGHT + 18, _LEFT + _PLOT_WIDTH
-    return (
-        f'<figure><svg viewBox="0 0 {right + 16} {under + 8}" role="img">'
-        f'<text x="{_LEFT}" y="14">{escape(trait.title)} [{unit}]</text>'
-        f'<rect x="{_LEFT}" y="{_TOP}" width="{_PLOT_WIDTH}" height="{_PLOT_HEIGHT}" '
-        f'fill="#fff" stroke="#d9dde3"/><polyline points="{line}" fill="none" stroke="#22662e"/>'
-        f'{marks}{ticks}<text x="{_LEFT}" y="{under}">{date.fromordinal(first).isoformat()}</text>'
-        f'<text x="{right}" y="{under}" text-anchor="end">'
-        f"{date.fromordinal(last).isoformat()}</text></svg></figure>"
-    )
-
-
-def _mark(x: float, y: float, bar: float, label: str) -> str:
-    """A dot with its error bar (half length in px) and its numbers as a tooltip."""
-    line = f'<path d="M{x:.1f},{y - bar:.1f}V{y + bar:.1f}" stroke="#22662e"/>' if bar else ""
-    return (
-        f'{line}<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#22662e">'
-        f"<title>{escape(label)}</title></circle>"
-    )
+    marks = []
+    for when, value, error, label in data:
+        x, y, bar = x_of(when), y_of(value), y_of(value - error) - y_of(value)
+        path = f"M{x:.1f},{y - bar:.1f}V{y + bar:.1f}" if bar else ""
+        marks.append({"x": f"{x:.1f}", "y": f"{y:.1f}", "bar": path, "label": label})
+    return {
+        "title": f"{trait.title} [{unit}]",
+        "left": _LEFT,
+        "top": _TOP,
+        "width": _PLOT_WIDTH,
+        "height": _PLOT_HEIGHT,
+        "right": _LEFT + _PLOT_WIDTH,
+        "under": _TOP + _PLOT_HEIGHT + _DATES,
+        "line": " ".join(f"{mark['x']},{mark['y']}" for mark in marks),
+        "marks": marks,
+        "ticks": [
+            (f"{y_of(value) + _HALF_LETTER:.1f}", f"{value:.{decimals}f}")
+            for value in dict.fromkeys((low, high))
+        ],
+        "first": date.fromordinal(first).isoformat(),
+        "last": date.fromordinal(last).isoformat(),
+    }

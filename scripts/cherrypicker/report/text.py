@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cherrypicker.traits.table import Trait
 from cherrypicker.units import unit_name
 
-__all__ = ["STYLE", "with_uncertainty"]
+if TYPE_CHECKING:
+    import jinja2
+
+__all__ = ["STYLE", "page_template", "with_uncertainty"]
 
 STYLE = """
 :root { --ink: #20242a; --soft: #68707c; --line: #d9dde3; --back: #fbfbf9; --warn: #8a4b00;
@@ -37,6 +42,15 @@ figure img { max-width: 100%; max-height: 1100px; border: 1px solid var(--line);
 .figures figure.wide { grid-column: 1 / -1; }
 code { background: #f0f1ee; padding: 0 4px; overflow-wrap: anywhere; }
 """
+
+
+def page_template(name: str) -> jinja2.Template:
+    """Return a page's template; all text that goes into it is escaped."""
+    import jinja2  # every run of Snakemake imports this module, and few write a page
+
+    loader = jinja2.FileSystemLoader(Path(__file__).resolve().parent)
+    pages = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+    return pages.get_template(name)
 
 
 def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> str:

@@ -4,25 +4,67 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cherrypicker.files import read_json, write_text
-from cherrypicker.lens import PhotoLenses
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.report import figures as draw
-from cherrypicker.report.page import read_branches, render_report
+from cherrypicker.report.page import ReportOptions, read_branches, render_report
+from cherrypicker.report.style import LAYOUT
 from cherrypicker.skeleton import read_skeleton, read_topology
 
-__all__ = ["report_tree"]
+__all__ = ["CAPTIONS", "FILES", "report_tree"]
 
 logger = logging.getLogger(__name__)
 
-_CAPTIONS = {
+
+class _File(NamedTuple):
+    """A file that the report reads: how, what it is, and whether every tree has it."""
+
+    read: Callable[[str], Any]
+    text: str
+    is_needed: bool = False
+
+
+def _labelled(path: str) -> Any:
+    return read_cloud(path, required=("label",))
+
+
+#: What the report is made of, by the name of the rule's input.
+FILES = {
+    "traits": _File(read_json, "traits.json", True),
+    "branches": _File(read_branches, "branches.csv", True),
+    "skeleton": _File(read_skeleton, "skeleton.graphml", True),
+    "topology": _File(read_topology, "topology.graphml", True),
+    "segmented": _File(_labelled, "labelled cloud", True),
+    "contracted": _File(read_cloud, "contracted points", True),
+    "contract_report": _File(read_json, "contract.json"),
+    "target": _File(read_json, "target.json"),
+    "sparse": _File(read_json, "sfm/report.json of a scan from photos"),
+    "align_report": _File(read_json, "align.json"),
+    "crop_report": _File(read_json, "crop.json"),
+    "denoise_report": _File(read_json, "denoise.json"),
+    "scale": _File(read_json, "scale.json"),
+    "poses": _File(read_poses, "poses in COLMAP's frame"),
+    "cameras": _File(lambda path: Path(path).parent, "cameras.bin in the sparse model's folder"),
+    "metric_poses": _File(read_poses, "poses in the segmented cloud's frame"),
+    "aligned": _File(read_cloud, "aligned cloud"),
+    "aligned_poses": _File(read_poses, "poses in the aligned cloud's frame"),
+    "cropped": _File(read_cloud, "cropped cloud"),
+    "denoised": _File(read_cloud, "denoised cloud"),
+    "sky_colors": _File(
+        lambda path: Path(path).parent / "sky", "sky_colors.npz, beside the folder sky/ of masks"
+    ),
+    "depth": _File(lambda path: Path(path).parent, "dense/depth.json, beside the depth maps"),
+    "coverage": _File(read_json, "dense/coverage.json"),
+}
+#: The figures that every tree has, and what stands below them on the page.
+CAPTIONS = {
     "cloud": "The labelled cloud in its own colours (by height where it has none).",
     "label": "Classes of the points.",
     "skeleton": "Skeleton over the wood points; lines as thick as the radii say.",
@@ -30,126 +72,59 @@ _CAPTIONS = {
     "trunk": "Sections of the trunk with the fitted circle (red); dashed where the skeleton's "
     "radius stands in for a fit.",
 }
-_THUMBNAIL_PX = 240
 
 
 def report_tree(
-    tree: str,
-    traits: str | os.PathLike,
-    branches: str | os.PathLike,
-    skeleton: str | os.PathLike,
-    topology: str | os.PathLike,
-    segmented: str | os.PathLike,
-    contracted: str | os.PathLike,
-    *,
+    about: Mapping[str, str],
     report: str | os.PathLike,
-    cloud_figure: str | os.PathLike,
-    label_figure: str | os.PathLike,
-    skeleton_figure: str | os.PathLike,
-    topology_figure: str | os.PathLike,
-    trunk_figure: str | os.PathLike,
-    thumbnail_figure: str | os.PathLike,
+    files: Mapping[str, Any],
+    options: ReportOptions,
+    *,
     photos: Sequence = (),
-    date: str = "",
-    series: str = "",
-    viewer_points: int,
-    figure_width_px: int,
-    n_examples: int,
     seed: int = 0,
-    **scan_files: Any,
 ) -> None:
     """Write a tree's report and its figures.
 
     Parameters
     ----------
-    tree : str
-        The tree's id.
-    traits, branches, skeleton, topology, segmented, contracted : path-like
-        The tree's results.
+    about : mapping of str to str
+        ``tree``, ``date`` and ``series``, as in the table of trees.
     report : path-like
         HTML to write.
-    cloud_figure, ..., thumbnail_figure : path-like
-        PNG files to write.
+    files : mapping of str to path-like
+        By `FILES`, None or empty for what the tree does not have; and ``cloud_figure``, ...,
+        ``thumbnail_figure``, the PNG files to write.
+    options : ReportOptions
     photos : sequence of path-like
-    date, series : str
-        As in the table of trees.
-    viewer_points, figure_width_px, n_examples, seed : int
-        Config keys of ``report``, and the seed.
-    **scan_files
-        Paths of ``sparse``, ``align_report``, ``crop_report``, ``denoise_report``, ``scale``,
-        ``contract_report``, ``target``, ``poses``, ``cameras``, ``metric_poses``, ``aligned``,
-        ``aligned_poses``, ``cropped``, ``denoised``, ``sky_colors``, ``depth``,
-        ``coverage``; None or
-        empty for what the tree does not have.
+    seed : int, default 0
 
     Raises
     ------
     StageError
         If an input is missing or broken.
     """
-    numbers = read_json(traits)
-    cloud = read_cloud(segmented, required=("label",))
-    graph, folded = read_skeleton(skeleton), read_topology(topology)
-    scan = _load_scan(photos, {**scan_files, "contracted": contracted})
-    width = figure_width_px
+
+    def load(name: str) -> Any:
+        return FILES[name].read(files[name]) if files.get(name) else None
+
+    data = {name: load(name) for name in FILES}
+    data["photos"] = [Path(path) for path in photos]
+    cloud, skeleton, traits = data["segmented"], data["skeleton"], data["traits"]
+    data["foot"] = np.asarray(traits.get("foot", skeleton.points[0]), dtype=np.float64)
+    width = options.figure_width_px
     logger.info("drawing figures of %s points", f"{len(cloud):,}")
     drawn = {
-        "cloud": (draw.cloud_figure(cloud, graph, width), cloud_figure),
-        "label": (draw.label_figure(cloud, graph, width), label_figure),
-        "skeleton": (draw.skeleton_figure(cloud, graph, width), skeleton_figure),
-        "topology": (draw.topology_figure(cloud, graph, folded, width), topology_figure),
-        "trunk": (draw.trunk_figure(cloud, numbers, width), trunk_figure),
+        "cloud": draw.cloud_figure(cloud, skeleton, width),
+        "label": draw.label_figure(cloud, skeleton, width),
+        "skeleton": draw.skeleton_figure(cloud, skeleton, width),
+        "topology": draw.topology_figure(cloud, skeleton, data["topology"], width),
+        "trunk": draw.trunk_figure(cloud, traits, width),
     }
-    for figure, path in drawn.values():
-        draw.save_figure(figure, path, width)
-    draw.save_figure(draw.thumbnail(cloud, graph, _THUMBNAIL_PX), thumbnail_figure, _THUMBNAIL_PX)
-    page = render_report(
-        {"tree": tree, "date": date, "series": series},
-        numbers,
-        read_branches(branches),
-        cloud,
-        graph,
-        [(Path(path).read_bytes(), _CAPTIONS[name]) for name, (_, path) in drawn.items()],
-        scan,
-        np.asarray(numbers.get("foot", graph.points[0]), dtype=np.float64),
-        options={
-            "viewer_points": viewer_points,
-            "figure_width_px": figure_width_px,
-            "n_examples": n_examples,
-        },
-        seed=seed,
-    )
+    for name, figure in drawn.items():
+        draw.save_figure(figure, files[f"{name}_figure"], width)
+    small = draw.thumbnail(cloud, skeleton)
+    draw.save_figure(small, files["thumbnail_figure"], int(LAYOUT["thumbnail_px"]))
+    figures = [(Path(files[f"{name}_figure"]).read_bytes(), CAPTIONS[name]) for name in drawn]
+    page = render_report(about, data, figures, options, seed=seed)
     write_text(report, page)
     logger.info("report of %.1f MB", len(page) / 1e6)
-
-
-def _load_scan(photos: Sequence, files: dict) -> dict:
-    """Load what the tree has; inputs that a ready cloud lacks stay None."""
-
-    def load(name: str, read: Callable) -> Any:
-        path = files.get(name)
-        return read(path) if path else None
-
-    sky, depth = files.get("sky_colors"), files.get("depth")
-    poses, cameras = load("poses", read_poses), files.get("cameras")
-    return {
-        "photos": [Path(path) for path in photos],
-        "sparse": load("sparse", read_json),
-        "align": load("align_report", read_json),
-        "crop": load("crop_report", read_json),
-        "denoise": load("denoise_report", read_json),
-        "scale": load("scale", read_json),
-        "contract": load("contract_report", read_json),
-        "target": load("target", read_json),
-        "poses": load("metric_poses", read_poses),
-        "aligned_poses": load("aligned_poses", read_poses),
-        "aligned": load("aligned", read_cloud),
-        "cropped": load("cropped", read_cloud),
-        "denoised": load("denoised", read_cloud),
-        "contracted": load("contracted", read_cloud),
-        "colmap_poses": poses,
-        "lenses": PhotoLenses(Path(cameras).parent, poses.names) if poses and cameras else None,
-        "sky_folder": Path(sky).parent / "sky" if sky else None,
-        "coverage": load("coverage", read_json),
-        "dense_folder": Path(depth).parent if depth else None,
-    }

@@ -10,18 +10,20 @@ import base64
 import json
 
 import numpy as np
+from matplotlib.colors import to_hex, to_rgb
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
+from cherrypicker.report.style import ORDER_COLORS
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["pick_points", "viewer_data"]
 
-_WOOD_SHARE = 0.7
-_STEPS = 65535
+_WOOD_SHARE = 0.7  # of the points shown, where there are enough (taste)
+_STEPS = np.iinfo(np.uint16).max
 
 
 def pick_points(labels: np.ndarray, n_most: int, rng: np.random.Generator) -> np.ndarray:
@@ -71,12 +73,9 @@ def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: i
     span = np.maximum(high - low, 1e-6)
     positions = np.rint((shown.points - low) / span * _STEPS).astype("<u2")
     colors = np.clip(np.rint(cloud_colors(shown) * 255), 0, 255).astype(np.uint8)
-    labels = shown["label"].astype(np.uint8)
-    present = [int(label) for label in np.unique(labels)]
-    unknown = [label for label in present if label not in CLASS_COLORS]
-    if unknown:
-        labels = np.where(np.isin(labels, unknown), Label.UNLABELLED, labels).astype(np.uint8)
-        present = [int(label) for label in np.unique(labels)]
+    is_known = np.isin(shown["label"], list(CLASS_COLORS))
+    labels = np.where(is_known, shown["label"], Label.UNLABELLED).astype(np.uint8)
+    present = np.unique(labels).tolist()
     orders = node_order(skeleton, axes(skeleton))
     box = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
     meta = {
@@ -87,7 +86,7 @@ def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: i
         "has_color": cloud.colors is not None,
         "labels": present,
         "label_colors": [list(map(float, CLASS_COLORS[label])) for label in present],
-        "order_colors": [_rgb(order_color(order)) for order in range(7)],
+        "order_colors": [to_rgb(order_color(order)) for order in range(len(ORDER_COLORS))],
     }
     return {
         "meta": json.dumps(meta).replace("<", "\\u003c"),
@@ -99,7 +98,7 @@ def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: i
             {
                 "id": label,
                 "name": Label(label).title,
-                "color": _css(CLASS_COLORS[label]),
+                "color": to_hex(CLASS_COLORS[label]),
             }
             for label in present
         ],
@@ -128,11 +127,3 @@ def _edges(skeleton: Skeleton, orders: np.ndarray) -> np.ndarray:
 
 def _base64(array: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
-
-
-def _rgb(color: str) -> list[float]:
-    return [int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-
-
-def _css(color: tuple[float, float, float]) -> str:
-    return "#" + "".join(f"{round(255 * float(value)):02x}" for value in color)

@@ -6,10 +6,6 @@ in two calls.
 
 from __future__ import annotations
 
-import importlib
-import warnings
-from typing import Any
-
 from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, axis_polyline, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.skeleton.exports import (
@@ -41,13 +37,3 @@ __all__ = [
     "write_skeleton_swc",
     "write_topology_graphml",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """Names that moved to `cherrypicker.api`, for code written before; by name, so that nobody who
-    reads skeletons watches, or loads, what makes them."""
-    if name in ("contract", "skeletonize"):
-        text = f"cherrypicker.skeleton.{name} is cherrypicker.api.{name} now"
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
-        return getattr(importlib.import_module("cherrypicker.api"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

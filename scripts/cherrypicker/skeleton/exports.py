@@ -10,6 +10,7 @@ import numpy as np
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
+from cherrypicker.ply import write_ply_vertices
 from cherrypicker.skeleton.graphml import GraphColumns, read_graphml, write_graphml
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.topology import Topology, TopologyEdge
@@ -116,40 +117,23 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
         radius, label = columns.pop("radius"), columns.pop("label")
     except (KeyError, ValueError) as error:
         raise StageError(f"not a skeleton: {error}", file=path) from error
+    upper = np.full(len(names), -1, dtype=np.int64)  # parents by the file's order of nodes
+    upper[order[1:]] = order[parent[1:]]
     if "gap" in graph.edge_data:
-        child = order[1:]
-        upper = np.full(len(names), -1, dtype=np.int64)
-        upper[child] = order[parent[1:]]
         is_child = upper[edges[:, 1]] == edges[:, 0]
         columns["gap"] = np.zeros(len(names), dtype=np.int64)
         columns["gap"][np.where(is_child, edges[:, 1], edges[:, 0])] = graph.edge_data["gap"]
-    unit = graph.attributes.get("unit", "m")
-    frame = graph.attributes.get("frame", "metric")
-    if root == 0 and _is_rooted(names, edges):
-        order, parent = np.arange(len(names)), _parents(len(names), edges)
+    if names == list(map(str, range(len(names)))) and (upper < np.arange(len(names))).all():
+        order, parent = np.arange(len(names)), upper
     return Skeleton(
         points[order],
         parent,
         radius[order],
         label[order],
         {name: values[order] for name, values in columns.items()},
-        unit,
-        frame,
+        graph.attributes.get("unit", "m"),
+        graph.attributes.get("frame", "metric"),
     )
-
-
-def _is_rooted(names: list[str], edges: np.ndarray) -> bool:
-    """Whether ids are already 0, 1, ... with one smaller neighbour a node but the root."""
-    if names != [str(index) for index in range(len(names))]:
-        return False
-    return len(np.unique(edges.max(axis=1))) == len(edges) if len(edges) else True
-
-
-def _parents(n_nodes: int, edges: np.ndarray) -> np.ndarray:
-    parent = np.full(n_nodes, -1, dtype=np.int64)
-    if len(edges):
-        parent[edges.max(axis=1)] = edges.min(axis=1)
-    return parent
 
 
 def read_topology(path: str | os.PathLike) -> Topology:
@@ -228,30 +212,13 @@ def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.nd
         Order of each node's axis.
     """
     small = np.abs(skeleton.points - skeleton.points.astype(np.float32)).max() <= LARGEST_ROUNDING
-    real, name = ("<f4", "float") if small else ("<f8", "double")
-    vertices = np.empty(
-        len(skeleton),
-        dtype=[("x", real), ("y", real), ("z", real), ("radius", "<f4"), ("label", "u1")]
-        + [("order", "u1")],
-    )
-    vertices["x"], vertices["y"], vertices["z"] = skeleton.points.T
-    vertices["radius"], vertices["label"] = skeleton.radius, skeleton.label
-    vertices["order"] = np.minimum(order, 255)
-    edges = np.stack([skeleton.parent[1:], np.arange(1, len(skeleton))], axis=1).astype("<i4")
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"comment frame={skeleton.frame} unit={skeleton.unit}",
-        f"element vertex {len(skeleton)}",
-        *(f"property {name} {axis}" for axis in "xyz"),
-        "property float radius",
-        "property uchar label",
-        "property uchar order",
-        f"element edge {len(edges)}",
-        "property int vertex1",
-        "property int vertex2",
-        "end_header",
-    ]
+    columns = dict(zip("xyz", skeleton.points.astype(np.float32 if small else np.float64).T))
+    columns |= {
+        "radius": skeleton.radius.astype(np.float32),
+        "label": skeleton.label.astype(np.uint8),
+        "order": np.minimum(order, np.iinfo(np.uint8).max).astype(np.uint8),
+    }
+    edges = np.stack([skeleton.parent[1:], np.arange(1, len(skeleton))], axis=1)
+    header = f"frame={skeleton.frame} unit={skeleton.unit}"
     with atomic_path(path) as temporary:
-        payload = ("\n".join(header) + "\n").encode("ascii")
-        Path(temporary).write_bytes(payload + vertices.tobytes() + edges.tobytes())
+        write_ply_vertices(temporary, columns, [header], edges)

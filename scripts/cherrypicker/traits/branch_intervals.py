@@ -2,8 +2,7 @@
 
 Points along a branch share errors (photogrammetry moves whole surfaces, the contraction bends whole
 stretches), so drawing points again tells too little. The intervals follow the scatter of the points
-around the fitted radius instead; the factors were set on generated trees with known branches, see
-docs/traits.md.
+around the fitted radius instead.
 """
 
 from __future__ import annotations
@@ -11,15 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.interval_factors import FACTORS
 
 __all__ = ["angle_interval", "diameter_interval", "typical_scatter"]
 
 _Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
-_SHARED = 0.8  # error of a diameter over the scatter of the points that it rests on
-_THIN = 2.5  # its growth where the scatter is no longer small beside the radius
-_LEAST_ANGLE_DEG = 1.6
-_BEND = 10.0  # error of a direction over that of a line through as many independent points
-_LEAST_POINTS = 3
+_LEAST_POINTS = 3  # behind a direction
 
 
 def typical_scatter(skeleton: Skeleton) -> float | None:
@@ -56,7 +52,9 @@ def diameter_interval(
     low, high : float or ndarray of shape (n,), float64
     """
     thickness = np.maximum(diameter, 1e-9)
-    error = scatter * np.hypot(_SHARED, _THIN * 2.0 * scatter / thickness)
+    error = scatter * np.hypot(
+        FACTORS["diameter_shared"], FACTORS["diameter_thin"] * 2.0 * scatter / thickness
+    )
     half = _Z90 * np.hypot(error, scale_error * diameter)
     return np.maximum(diameter - half, 0.0), diameter + half
 
@@ -85,5 +83,5 @@ def angle_interval(
     """
     length, n_points = np.maximum(stretch, 1e-9), np.maximum(n_points, _LEAST_POINTS)
     slope = scatter / (length * np.sqrt(n_points))
-    half = _Z90 * np.hypot(_LEAST_ANGLE_DEG, _BEND * np.degrees(slope))
+    half = _Z90 * np.hypot(FACTORS["angle_least_deg"], FACTORS["angle_bend"] * np.degrees(slope))
     return np.maximum(angle_deg - half, 0.0), np.minimum(angle_deg + half, 180.0)

@@ -20,6 +20,7 @@ from cherrypicker.traits.table import BRANCH_COLUMNS
 __all__ = ["branch_rows", "branches_csv", "totals_by_order"]
 
 _INTERVALS = tuple(name for name in BRANCH_COLUMNS if "_low_" in name or "_high_" in name)
+# What makes an axis's numbers weak (guesses)
 _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 
 

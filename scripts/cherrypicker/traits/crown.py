@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
-from cherrypicker.geometry.cells import rows_in_box
+from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.sampling import voxel_keys
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.interval_factors import FACTORS
 from cherrypicker.traits.shoot_ends import Hull, ShootEnds, draw_losses, grow_hull
 from cherrypicker.traits.support import Support
 
@@ -32,11 +32,8 @@ __all__ = [
 ]
 
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
+_FLAT = 1e-12  # of a tetrahedron's largest edge cubed: one of less volume has no circumsphere
 _WAYS = np.vstack([np.cos(np.radians(np.arange(360.0))), np.sin(np.radians(np.arange(360.0)))])
-# Of the points' scatter: how far the outermost lie beyond the wood, and how much that varies.
-_OVERSHOOT, _OVERSHOOT_SPREAD = 0.6, 1.5
-# Errors that nothing shows, over the distance within which wood points have company.
-_TOP_ERROR, _WIDTH_ERROR, _HULL_ERROR = 0.1, 0.27, 0.13
 
 
 @dataclass
@@ -170,37 +167,25 @@ def measure_crown(
     if n_samples == 0:
         return plain, np.zeros((0, 3))
     losses = draw_losses(ends, n_samples, rng)
-    over = scatter * (_OVERSHOOT + _OVERSHOOT_SPREAD * rng.standard_normal(n_samples))
+    spread = FACTORS["overshoot_spread"] * rng.standard_normal(n_samples)
+    over = scatter * (FACTORS["overshoot"] + spread)
     errors = reach * rng.standard_normal((n_samples, 3))
     tops = np.full((n_samples, 1), plain.top)
     grown = ends.points[:, 2] + losses * ends.directions[:, 2]
     samples = np.zeros((n_samples, 3))
-    samples[:, 0] = np.hstack([tops, grown]).max(axis=1) + _TOP_ERROR * errors[:, 0]
+    samples[:, 0] = np.hstack([tops, grown]).max(axis=1) + FACTORS["top_error"] * errors[:, 0]
     if hull is not None:
         samples[:, 1:] = grow_hull(hull, ends, losses, over)
-        samples[:, 1] += _WIDTH_ERROR * errors[:, 1]
-        samples[:, 2] += _HULL_ERROR * errors[:, 2] * hull.areas.sum()
+        samples[:, 1] += FACTORS["width_error"] * errors[:, 1]
+        samples[:, 2] += FACTORS["hull_error"] * errors[:, 2] * hull.areas.sum()
     return Crown(*(float(value) for value in np.median(samples, axis=0))), samples
 
 
 def horizontal_width(flat: np.ndarray) -> float:
     """Mean of the widest extent of flat points (n, 2), to whole degrees, and that across it."""
-    extent = _extents(np.ascontiguousarray(flat, dtype=np.float64), *_WAYS[:, :180])
+    extent = np.ptp(flat @ _WAYS[:, :180], axis=0)
     widest = np.argmax(extent)
     return float(extent[widest] + extent[(widest + 90) % 180]) / 2
-
-
-@numba.njit(cache=True)
-def _extents(flat: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Extent of flat points in each of several directions."""
-    extent = np.empty(len(x))
-    for way in range(len(x)):
-        low, high = np.inf, -np.inf
-        for row in range(len(flat)):
-            along = flat[row, 0] * x[way] + flat[row, 1] * y[way]
-            low, high = min(low, along), max(high, along)
-        extent[way] = high - low
-    return extent
 
 
 def projected_area(points: np.ndarray) -> float:
@@ -240,7 +225,7 @@ def alpha_volume(points: np.ndarray, alpha: float, cell: float) -> float:
         return 0.0
     edges = corners[:, 1:] - corners[:, :1]
     determinant = np.linalg.det(edges)
-    solid = np.abs(determinant) > 1e-12 * np.abs(edges).max() ** 3
+    solid = np.abs(determinant) > _FLAT * np.abs(edges).max() ** 3
     edges, determinant = edges[solid], determinant[solid]
     centre = np.linalg.solve(2 * edges, (edges**2).sum(axis=2)[..., None])[..., 0]
     small = np.linalg.norm(centre, axis=1) <= alpha

@@ -8,13 +8,22 @@ import numpy as np
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.interval_factors import FACTORS
 
 __all__ = ["Foot", "find_foot"]
 
-_GROUND_REACH_M = 0.6
+# Guesses, for stems of 2 to 30 cm
+_GROUND_REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
+_GROUND_REACH_RADII = 5.0
+_BARE_RADII = 1.3  # nearer than this it is hidden, or bark
 _MIN_GROUND_POINTS = 50
-_MAX_FOOT_STEP_M = 0.5
-_FOOT_ERROR = 1.4  # of the foot over the scatter of the ground around it; docs/traits.md
+_MAX_FOOT_STEP_M = 0.5  # between the ground and the lowest wood, or the root
+_BESIDE_RADII, _BESIDE_M = 3.0, 0.05  # of the root: wood of the stem
+_LOWEST_SHARE = 0.01  # of that wood lies below its lowest point: noise
+_N_SECTORS, _FEWEST_SECTORS = 8, 4  # around the stem, and those with ground that make a plane
+# A robust plane: Tukey's biweight at 95 % efficiency, the median's scale of a normal distribution
+_TUKEY, _MAD_TO_SIGMA = 4.685, 1.4826
+_N_ROUNDS, _LEAST_SIGMA_M = 15, 1e-4
 
 
 @dataclass
@@ -60,12 +69,13 @@ def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foo
     near_root = np.linalg.norm(skeleton.points - root, axis=1) < _GROUND_REACH_M
     radius = float(np.median(skeleton.radius[near_root]))
     wood = points[wood_mask(labels)]
-    beside = np.hypot(*(wood[:, :2] - root[:2]).T) < max(3.0 * radius, 0.05)
+    beside = np.hypot(*(wood[:, :2] - root[:2]).T) < max(_BESIDE_RADII * radius, _BESIDE_M)
     beside &= np.abs(wood[:, 2] - root[2]) < _MAX_FOOT_STEP_M
-    low = float(np.quantile(wood[beside, 2], 0.01)) if beside.any() else float(root[2])
+    low = float(np.quantile(wood[beside, 2], _LOWEST_SHARE)) if beside.any() else float(root[2])
     ground = points[labels == Label.GROUND]
     away = np.hypot(*(ground[:, :2] - root[:2]).T)
-    ground = ground[(away > 1.3 * radius) & (away < max(_GROUND_REACH_M, 5.0 * radius))]
+    reach = max(_GROUND_REACH_M, _GROUND_REACH_RADII * radius)
+    ground = ground[(away > _BARE_RADII * radius) & (away < reach)]
     level, scatter = _ground_level(ground, root[:2])
     if level is None or (beside.any() and abs(level - low) > _MAX_FOOT_STEP_M):
         foot = np.array([root[0], root[1], low])
@@ -73,7 +83,7 @@ def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foo
             return Foot(foot, "wood", 0.0, abs(low - float(root[2])))
         return Foot(foot, "root", 0.0, radius)
     foot = np.array([root[0], root[1], level])
-    return Foot(foot, "ground", max(low - level, 0.0), _FOOT_ERROR * scatter)
+    return Foot(foot, "ground", max(low - level, 0.0), FACTORS["foot_over_ground"] * scatter)
 
 
 def _ground_level(ground: np.ndarray, at: np.ndarray) -> tuple:
@@ -84,20 +94,21 @@ def _ground_level(ground: np.ndarray, at: np.ndarray) -> tuple:
     if len(ground) < _MIN_GROUND_POINTS:
         return None, 0.0
     offset = ground[:, :2] - at
-    sector = ((np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5) * 8).astype(int) % 8
-    count = np.bincount(sector, minlength=8)
-    if (count > 0).sum() < 4:
+    turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
+    sector = (turn * _N_SECTORS).astype(int) % _N_SECTORS
+    count = np.bincount(sector, minlength=_N_SECTORS)
+    if (count > 0).sum() < _FEWEST_SECTORS:
         middle = np.median(ground[:, 2])
-        return float(middle), float(1.4826 * np.median(np.abs(ground[:, 2] - middle)))
+        return float(middle), float(_MAD_TO_SIGMA * np.median(np.abs(ground[:, 2] - middle)))
     design = np.column_stack([np.ones(len(ground)), offset])
     balance = 1.0 / np.sqrt(count[sector])
     weights, plane = balance, np.zeros(3)
-    for _ in range(15):
+    for _ in range(_N_ROUNDS):
         root_weights = np.sqrt(weights)[:, None]
         plane = np.linalg.lstsq(
             design * root_weights, ground[:, 2] * root_weights[:, 0], rcond=None
         )[0]
         residual = ground[:, 2] - design @ plane
-        sigma = max(1.4826 * np.median(np.abs(residual)), 1e-4)
-        weights = balance * (1.0 - np.clip(np.abs(residual) / (4.685 * sigma), 0, 1) ** 2) ** 2
+        sigma = max(_MAD_TO_SIGMA * np.median(np.abs(residual)), _LEAST_SIGMA_M)
+        weights = balance * (1.0 - np.clip(np.abs(residual) / (_TUKEY * sigma), 0, 1) ** 2) ** 2
     return float(plane[0]), float(sigma)

@@ -11,8 +11,10 @@ from cherrypicker.poses import Poses
 
 __all__ = ["FrameEdge", "frame_edges"]
 
-BEYOND = 0.05  # of the tree's extent: what lies so far beyond its outermost wood
-FEWEST = 0.25  # of the photos that frame the tree
+BEYOND = 0.05  # of the tree's extent: what lies so far beyond its outermost wood (guess)
+# Of the photos that frame the tree: a tenth do where they cut it off, three quarters and more on
+# all sides of the demo's trees (docs/traits.md)
+FEWEST = 0.25
 RANK = 3  # the outermost points but two: no stray point stands for a side
 N_AZIMUTHS = 8
 MOST_POINTS = 2000  # enough to tell how many photos frame the tree

@@ -10,7 +10,6 @@ import numpy as np
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.cells import sort_into_cells
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
@@ -25,7 +24,7 @@ from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.shoot_ends import find_shoot_ends
-from cherrypicker.traits.support import MIN_REACH_M, find_support, support_reach
+from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.traits.trunk import Stem, TrunkDiameter, measure_near, stem_of
 
@@ -33,8 +32,13 @@ __all__ = ["TraitOptions", "measure_traits"]
 
 logger = logging.getLogger(__name__)
 
-_MIN_WOOD_POINTS = 10
-_ALPHA_SHARE = 0.15  # of the crown's width: hollows wider than this are outside
+_MIN_WOOD_POINTS = 10  # fewer are noise (guess)
+_ALPHA_SHARE = 0.15  # of the crown's width: hollows wider than this are outside (guess)
+_ALPHA_CELLS = 5.0  # cells of the thinned points across such a hollow
+_END_M = 0.02  # so far below its end a trunk is no longer measured (guess)
+_FEWEST_SAMPLES = 20  # that a spread is told from
+_CI90 = (0.05, 0.95)
+_CM2 = 1e4  # of a square metre
 
 
 @dataclass(frozen=True)
@@ -62,8 +66,8 @@ def measure_traits(
     edits: dict | None = None,
     poses: Poses | None = None,
     sky_masks: SkyMasks | None = None,
+    options: TraitOptions | None = None,
     seed: int = 0,
-    **options: Any,
 ) -> tuple[dict, list[dict]]:
     """Measure a tree's traits on its skeleton and its original points.
 
@@ -83,9 +87,8 @@ def measure_traits(
         Of the photos, in the cloud's frame and unit: tells where they, not the tree, end.
     sky_masks : SkyMasks, optional
         Of the same photos: tells where they show a top that the cloud does not hold.
+    options : TraitOptions, optional
     seed : int, default 0
-    **options
-        Fields of `TraitOptions`.
 
     Returns
     -------
@@ -99,22 +102,21 @@ def measure_traits(
     StageError
         If the skeleton has no edge or the cloud no wood.
     """
-    settings = TraitOptions(**options)
+    settings = options or TraitOptions()
     n_bootstrap = settings.n_bootstrap
     is_wood = _checked_wood(skeleton, cloud)
     wood = cloud.points[is_wood]
     rng = np.random.default_rng(seed)
     axis_list = axes(skeleton)
     foot = find_foot(skeleton, cloud.points, cloud["label"])
-    cells = sort_into_cells(wood, MIN_REACH_M)
-    reach = support_reach(wood, cells=cells)
+    tree = quick_tree(wood)
+    reach = support_reach(tree)
     support = find_support(
         skeleton,
-        wood,
+        tree,
+        reach,
         max_gap=settings.max_gap_m,
         min_stray=settings.min_stray_m,
-        reach=reach,
-        cells=cells,
     )
     if not support.point.any():
         raise StageError("no wood point lies near the skeleton", key="graph")
@@ -143,7 +145,7 @@ def measure_traits(
     crown, samples = measure_crown(
         wood[support.point],
         hull,
-        find_shoot_ends(skeleton, support.node, cells, reach),
+        find_shoot_ends(skeleton, support.node, tree, reach),
         typical_scatter(skeleton) or 0.0,
         reach,
         n_samples=n_bootstrap,
@@ -159,7 +161,7 @@ def measure_traits(
     _add(traits, "height_m", crown.top - foot.point[2], heights, error)
     _add(traits, "trunk_diameter_m", trunk.diameter, trunk.samples, error)
     traits["trunk_height_m"] = _rounded(trunk.height)
-    area = np.pi / 4 * 1e4
+    area = np.pi / 4 * _CM2
     _add(traits, "tcsa_cm2", area * trunk.diameter**2, area * trunk.samples**2, error)
     _add(traits, "crown_width_m", crown.width, samples[:, 1], error)
     _add(traits, "crown_volume_m3", crown.volume, samples[:, 2], error)
@@ -168,14 +170,16 @@ def measure_traits(
     )
     alpha = _ALPHA_SHARE * max(crown.width, 1e-9)
     traits["crown_alpha_m"] = _rounded(alpha)
-    traits["crown_alpha_volume_m3"] = _rounded(alpha_volume(crown_points, alpha, alpha / 5))
+    traits["crown_alpha_volume_m3"] = _rounded(
+        alpha_volume(crown_points, alpha, alpha / _ALPHA_CELLS)
+    )
     traits |= _counts(skeleton, topology, rows)
     traits |= _shoots(rows)
     traits |= _sections(trunk, further, error)
     traits["foot"] = [_rounded(value) for value in foot.point]
     traits["crown_volume_method"] = "convex hull"
     traits["trunk_end_height_m"] = _rounded(stem.height[-1])
-    missing = [h for h, item in further.items() if item is None and h <= stem.height[-1] - 0.02]
+    missing = [h for h, item in further.items() if item is None and h <= stem.height[-1] - _END_M]
     traits["flags"] = scan_flags(
         cloud.unit,
         height=traits["height_m"],
@@ -211,7 +215,7 @@ def _checked_wood(skeleton: Skeleton, cloud: PointCloud) -> np.ndarray:
 
 def _measured(stem: Stem, wood: np.ndarray, height: float, options: dict) -> TrunkDiameter | None:
     """The diameter at a further height; None where the trunk does not reach it or no fit holds."""
-    if height > stem.height[-1] - 0.02:
+    if height > stem.height[-1] - _END_M:
         return None
     found = measure_near(stem, wood, height, max_shift=0.0, **options)
     return found if found.source == "points" else None
@@ -257,16 +261,16 @@ def _scale_error(scale: dict | None, unit: str) -> float:
 def _add(traits: dict, name: str, value: float, samples: np.ndarray, error: np.ndarray) -> None:
     """Enter a trait with its standard error and 90 % interval, where there are samples."""
     traits[name] = _rounded(float(value))
-    if len(samples) < 20:
+    if len(samples) < _FEWEST_SAMPLES:
         return
     spread = samples * error[: len(samples)] ** TRAITS[name].power
     traits[f"{name}_se"] = _rounded(float(spread.std(ddof=1)))
-    low, high = np.quantile(spread, [0.05, 0.95])
+    low, high = np.quantile(spread, _CI90)
     traits[f"{name}_ci90"] = [_rounded(float(min(low, value))), _rounded(float(max(high, value)))]
 
 
 def _spread(item: TrunkDiameter, error: np.ndarray) -> float:
-    if len(item.samples) < 20:
+    if len(item.samples) < _FEWEST_SAMPLES:
         return 0.0
     return float((item.samples * error[: len(item.samples)]).std(ddof=1))
 

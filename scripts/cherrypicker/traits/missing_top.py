@@ -14,10 +14,11 @@ from cherrypicker.poses import Poses
 
 __all__ = ["MissingTop", "find_missing_top"]
 
-# Side of a voxel, and how far above and beside the highest wood is looked, as shares of the tree's
-# height (guesses; a trial cut 0.2 and 0.4 m off a tree of 2.8 m and found it 1 cm too tall)
+# Side of a voxel, and how far above, below and beside the highest wood is looked, as shares of the
+# tree's height (guesses; a trial cut 0.2 and 0.4 m off a tree of 2.8 m and found it 1 cm too tall)
 VOXEL = 0.02
 ABOVE = 0.25
+BESIDE = 0.125
 # Wood of the cloud within so many voxels explains what a photo shows there; so much of the top may
 # be missing without a word
 NEAR_VOXELS = 2.0
@@ -69,7 +70,7 @@ def find_missing_top(
     height = float(top - foot[2])
     size = VOXEL * height
     upper = wood[wood[:, 2] > top - ABOVE * height]
-    low, high = upper.min(axis=0) - 0.5 * ABOVE * height, upper.max(axis=0) + 0.5 * ABOVE * height
+    low, high = upper.min(axis=0) - BESIDE * height, upper.max(axis=0) + BESIDE * height
     low[2], high[2] = top - 2 * NEAR_VOXELS * size, top + ABOVE * height
     shape = np.ceil((high - low) / size).astype(int)
     cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1)

@@ -4,28 +4,24 @@ A scan loses the end of a shoot, and no point that it has tells by how much; but
 far apart along a shoot's last stretch, more is missing than where they are dense. The loss of one
 shoot is a few of these spacings: a short exponential loss for most, a long one for some. Height,
 crown width and volume follow from all shoots at once, since another may reach nearly as far.
-The factors were measured on generated trees, see docs/traits.md.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+from scipy.spatial import cKDTree
 
-from cherrypicker.geometry.cells import Cells
-from cherrypicker.geometry.ordering import first_not_below
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.interval_factors import FACTORS
 
 __all__ = ["Hull", "ShootEnds", "draw_losses", "find_shoot_ends", "grow_hull"]
 
-# Lengths over the distance within which wood points have company (0.03 m in most scans).
+# The end of a shoot, in the distance within which wood points have company (guesses): stretch of
+# its direction; stretch whose points are counted, how far ahead of the tip and aside of the axis
 _DIRECTION, _STRETCH, _AHEAD, _ASIDE = 2.0, 1.33, 0.13, 0.4
 _ASIDE_RADII = 1.5  # as far aside where the shoot is thick
-_LARGEST_MEAN, _POINTS_BEYOND = 1.67, 0.1
-_SPACINGS = 2.0  # a loss's scale over the spacing of the points
-_SHORT, _LONG, _LONG_SHARE = 0.3, 3.0, 0.2  # means of short and long losses over that scale
 
 
 @dataclass
@@ -48,7 +44,7 @@ class ShootEnds:
     beyond: float
 
 
-def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, cells: Cells, reach: float) -> ShootEnds:
+def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, wood: cKDTree, reach: float) -> ShootEnds:
     """Find the tips of a skeleton and how far apart the wood points lie there.
 
     Parameters
@@ -56,8 +52,8 @@ def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, cells: Cells, reach: f
     skeleton : Skeleton
     kept : ndarray of shape (n_nodes,), bool
         Nodes that belong to the tree.
-    cells : Cells
-        Wood points.
+    wood : cKDTree
+        Of the wood points.
     reach : float
         Distance within which they have company.
 
@@ -67,19 +63,16 @@ def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, cells: Cells, reach: f
     """
     tips = np.flatnonzero((skeleton.n_children == 0) & kept)
     tips = tips[tips > 0]
-    start = _behind(
-        tips, skeleton.parent, skeleton.edge_length, skeleton.n_children, _DIRECTION * reach
-    )
-    points = np.ascontiguousarray(skeleton.points[tips])
+    start = _behind(skeleton, tips, _DIRECTION * reach)
+    points = skeleton.points[tips]
     directions = points - skeleton.points[start]
     directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-12)[:, None]
     stretch = _STRETCH * reach
     aside = np.maximum(_ASIDE * reach, _ASIDE_RADII * skeleton.radius[tips])
-    tube = points, directions, stretch, _AHEAD * reach, aside
-    n_points = _count_along(cells.points, cells.key, cells.low, cells.shape, cells.size, *tube)
+    n_points = _count_along(wood, points, directions, stretch, _AHEAD * reach, aside)
     spacing = stretch / np.maximum(n_points, 1)
-    scale = np.minimum(_SPACINGS * spacing, _LARGEST_MEAN * reach)
-    return ShootEnds(points, directions, scale, _POINTS_BEYOND * reach)
+    scale = np.minimum(FACTORS["loss_spacings"] * spacing, FACTORS["largest_loss"] * reach)
+    return ShootEnds(points, directions, scale, FACTORS["tip_beyond"] * reach)
 
 
 def draw_losses(ends: ShootEnds, n_samples: int, rng: np.random.Generator) -> np.ndarray:
@@ -92,7 +85,9 @@ def draw_losses(ends: ShootEnds, n_samples: int, rng: np.random.Generator) -> np
     rng : numpy.random.Generator
     """
     shape = (n_samples, len(ends.scale))
-    mean = np.where(rng.random(shape) < _LONG_SHARE, _LONG, _SHORT)
+    mean = np.where(
+        rng.random(shape) < FACTORS["long_share"], FACTORS["long_loss"], FACTORS["short_loss"]
+    )
     return ends.scale * mean * rng.exponential(size=shape) - ends.beyond
 
 
@@ -138,45 +133,38 @@ def grow_hull(hull: Hull, ends: ShootEnds, losses: np.ndarray, overshoot: np.nda
         Width (mean of the widest horizontal extent and that across it) and volume, to which each
         end that sticks out adds the pyramids over the faces that it sees.
     """
-    height = np.ascontiguousarray(hull.normals @ ends.points.T + hull.offsets[:, None])
-    rise = np.ascontiguousarray(hull.normals @ ends.directions.T)
-    return _grown(
-        hull.reach,
-        height,  # of each end over each face
-        rise,
-        hull.areas,
-        hull.volume,
-        np.ascontiguousarray(ends.points),
-        np.ascontiguousarray(ends.directions),
-        losses,
-        overshoot,
-    )
+    ways = np.radians(np.arange(len(hull.reach)) * 360.0 / len(hull.reach))
+    ways = np.vstack([np.cos(ways), np.sin(ways)])
+    height = hull.normals @ ends.points.T + hull.offsets[:, None]  # of each end over each face
+    rise = hull.normals @ ends.directions.T
+    half = len(hull.reach) // 2
+    grown = np.empty((len(losses), 2))
+    for sample, (loss, over) in enumerate(zip(losses, overshoot, strict=True)):
+        tips = ends.points[:, :2] + loss[:, None] * ends.directions[:, :2]
+        reach = np.maximum(hull.reach - over, (tips @ ways).max(axis=0, initial=-np.inf))
+        extent = reach[:half] + reach[half:]
+        widest = int(np.argmax(extent))
+        above = np.maximum(height + loss * rise + over, 0.0)
+        volume = hull.volume - hull.areas.sum() * over + hull.areas @ above.sum(axis=1) / 3
+        grown[sample] = (extent[widest] + extent[(widest + half // 2) % half]) / 2, max(volume, 0.0)
+    return grown
 
 
-@numba.njit(cache=True)
-def _behind(
-    tips: np.ndarray, parent: np.ndarray, length: np.ndarray, n_children: np.ndarray, reach: float
-) -> np.ndarray:
+def _behind(skeleton: Skeleton, tips: np.ndarray, reach: float) -> np.ndarray:
     """Node `reach` behind each tip, no farther than the next fork."""
+    parent, length, n_children = skeleton.parent, skeleton.edge_length, skeleton.n_children
     start = tips.copy()
-    for row in range(len(tips)):
-        node, travelled = tips[row], 0.0
-        while parent[node] >= 0 and travelled < reach:
-            if node != tips[row] and n_children[node] > 1:
-                break
+    for row, tip in enumerate(tips):
+        node, travelled = tip, 0.0
+        while parent[node] >= 0 and travelled < reach and (node == tip or n_children[node] == 1):
             travelled += length[node]
             node = parent[node]
         start[row] = node
     return start
 
 
-@numba.njit(cache=True)
 def _count_along(
-    points: np.ndarray,
-    key: np.ndarray,
-    low: np.ndarray,
-    shape: np.ndarray,
-    size: float,
+    wood: cKDTree,
     ends: np.ndarray,
     directions: np.ndarray,
     behind: float,
@@ -184,71 +172,12 @@ def _count_along(
     aside: np.ndarray,
 ) -> np.ndarray:
     """Points in a tube along each end, some way behind and ahead of it and as far aside."""
-    count, n = np.zeros(len(ends), dtype=np.int64), len(key)
-    first, last = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
-    for row in range(len(ends)):
-        for axis in range(3):
-            at = ends[row, axis] + 0.5 * (ahead - behind) * directions[row, axis]
-            away = 0.5 * (ahead + behind) + aside[row]
-            first[axis] = max(int((at - away - low[axis]) // size), 0)
-            last[axis] = min(int((at + away - low[axis]) // size), shape[axis] - 1)
-        for a in range(first[0], last[0] + 1):
-            for b in range(first[1], last[1] + 1):
-                column = (a * shape[1] + b) * shape[2]
-                at = first_not_below(key, column + first[2])
-                while at < n and key[at] <= column + last[2]:
-                    along = off = 0.0
-                    for axis in range(3):
-                        offset = points[at, axis] - ends[row, axis]
-                        along += offset * directions[row, axis]
-                        off += offset * offset
-                    off -= along * along
-                    count[row] += -behind <= along <= ahead and off < aside[row] * aside[row]
-                    at += 1
+    middle = ends + 0.5 * (ahead - behind) * directions
+    around = wood.query_ball_point(middle, np.hypot(0.5 * (ahead + behind), aside))
+    count = np.zeros(len(ends), dtype=np.int64)
+    for row, near in enumerate(around):
+        offset = wood.data[near] - ends[row]
+        along = offset @ directions[row]
+        off = (offset**2).sum(axis=1) - along**2
+        count[row] = ((-behind <= along) & (along <= ahead) & (off < aside[row] ** 2)).sum()
     return count
-
-
-@numba.njit(cache=True)
-def _grown(
-    reach: np.ndarray,
-    height: np.ndarray,
-    rise: np.ndarray,
-    areas: np.ndarray,
-    volume: float,
-    ends: np.ndarray,
-    directions: np.ndarray,
-    losses: np.ndarray,
-    overshoot: np.ndarray,
-) -> np.ndarray:
-    n_ways, n_samples = len(reach), len(losses)
-    half, quarter = n_ways // 2, n_ways // 4
-    x, y = np.empty(n_ways), np.empty(n_ways)
-    for way in range(n_ways):
-        x[way], y[way] = np.cos(2 * np.pi * way / n_ways), np.sin(2 * np.pi * way / n_ways)
-    out, far, surface = np.empty((n_samples, 2)), np.empty(n_ways), 0.0
-    for face in range(len(areas)):
-        surface += areas[face]
-    for sample in range(n_samples):
-        over = overshoot[sample]
-        for way in range(n_ways):
-            far[way] = reach[way] - over
-        grown = volume - surface * over
-        for end in range(len(ends)):
-            loss = losses[sample, end]
-            u = ends[end, 0] + loss * directions[end, 0]
-            v = ends[end, 1] + loss * directions[end, 1]
-            for way in range(n_ways):
-                far[way] = max(far[way], x[way] * u + y[way] * v)
-            for face in range(len(areas)):
-                above = height[face, end] + loss * rise[face, end] + over
-                if above > 0:
-                    grown += areas[face] * above / 3
-        widest = 0
-        for way in range(half):
-            if far[way] + far[half + way] > far[widest] + far[half + widest]:
-                widest = way
-        across = (widest + quarter) % half
-        extents = far[widest] + far[half + widest] + (far[across] + far[half + across])
-        out[sample, 0] = extents / 2
-        out[sample, 1] = max(grown, 0.0)
-    return out

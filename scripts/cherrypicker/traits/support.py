@@ -8,16 +8,18 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.geometry.cells import Cells, have_company, sort_into_cells
 from cherrypicker.geometry.neighbors import components
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["MIN_REACH_M", "Support", "densify", "find_support", "missed_wood", "support_reach"]
+__all__ = ["Support", "densify", "find_support", "missed_wood", "quick_tree", "support_reach"]
 
-_SAMPLE_M = 0.01
-MIN_REACH_M = 0.03
+# All guesses, looked at on the demo's and on generated trees
+_SAMPLE_M = 0.01  # step along the skeleton
+MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
+_COMPANY = 4  # points within it
 _ON_SKELETON = 0.2  # of the reach: points this near belong to the skeleton for sure
+_NEAR_RADII, _OWN_RADII = 1.5, 2.0  # wood that supports the skeleton, and that belongs to it
 _SPARSE = 1.5  # reach over the distance to a neighbour
 _REACH_POINTS = 5_000  # enough for a median
 _MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
@@ -57,6 +59,11 @@ class Support:
     missed_length: float = 0.0
 
 
+def quick_tree(points: np.ndarray) -> cKDTree:
+    """A k-d tree that is built quickly and asked seldom."""
+    return cKDTree(points, balanced_tree=False, compact_nodes=False)
+
+
 def densify(
     skeleton: Skeleton, step: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -91,82 +98,69 @@ def densify(
     )
 
 
-def support_reach(wood: np.ndarray, min_neighbours: int = 4, cells: Cells | None = None) -> float:
+def support_reach(wood: cKDTree) -> float:
     """Distance within which a wood point has company: 0.03, or more in a sparse scan.
 
     Parameters
     ----------
-    wood : ndarray of shape (n_wood, 3), float64
-    min_neighbours : int, default 4
-    cells : Cells, optional
-        Of `wood`, where it is sorted already.
+    wood : cKDTree
+        Of the wood points.
 
     Returns
     -------
     float
-        1.5 times the median distance to the ``min_neighbours``-th neighbour, 0.03 at least.
+        1.5 times the median distance to the fourth neighbour, 0.03 at least.
     """
-    k = min(min_neighbours + 1, len(wood))
-    some = wood[:: 1 + len(wood) // _REACH_POINTS]
-    if cells is not None:  # spares a tree of all points
-        is_near = have_company(cells, some, np.full(len(some), MIN_REACH_M / _SPARSE), k)
-        if 2 * is_near.sum() > len(some):
-            return MIN_REACH_M
-    distance = cKDTree(wood).query(some, k=[k])[0]
+    some = wood.data[:: 1 + wood.n // _REACH_POINTS]
+    distance = wood.query(some, k=[min(_COMPANY + 1, wood.n)])[0]
     return max(MIN_REACH_M, _SPARSE * float(np.median(distance)))
 
 
 def find_support(
     skeleton: Skeleton,
-    wood: np.ndarray,
+    wood: cKDTree,
+    reach: float,
     *,
     max_gap: float,
     min_stray: float,
-    reach: float = MIN_REACH_M,
-    min_neighbours: int = 4,
-    cells: Cells | None = None,
 ) -> Support:
     """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
 
     Parameters
     ----------
     skeleton : Skeleton
-    wood : ndarray of shape (n_wood, 3), float64
-        Points labelled trunk or branch.
+    wood : cKDTree
+        Of the points labelled trunk or branch.
+    reach : float
+        A wood point supports the skeleton within 1.5 radii or this distance.
     max_gap : float
         Stretches without wood points longer than this are gaps; in the skeleton's unit.
     min_stray : float
         Pieces of skeleton beyond a gap shorter than this in all do not count as the tree's.
-    reach : float, default 0.03
-        A wood point supports the skeleton within 1.5 radii or this distance.
-    min_neighbours : int, default 4
-        Wood points needed within `reach` of a point for it not to float alone.
-    cells : Cells, optional
-        Of `wood`, where it is sorted already; cells about as large as `reach` are quick.
 
     Returns
     -------
     Support
     """
     samples, owner, radius, spacing = densify(skeleton, _SAMPLE_M)
-    cells = sort_into_cells(wood, reach) if cells is None else cells
-    near = have_company(cells, samples, np.maximum(1.5 * radius, reach), 1)
+    near = wood.query(samples)[0] <= np.maximum(_NEAR_RADII * radius, reach)
     bare = np.bincount(owner[~near], spacing[~near], len(skeleton))  # length of each node's edge
     run, is_gap, beyond, kept = _gaps(
         skeleton.parent, skeleton.edge_length, bare, float(max_gap), float(min_stray)
     )
     n_stray = np.count_nonzero(is_gap & (beyond < min_stray))
     stray_length = float(beyond[is_gap & (beyond < min_stray)].sum())
-    close, sample = cKDTree(samples).query(wood)
-    allowed = np.maximum(2.0 * radius, reach)
+    close, sample = cKDTree(samples).query(wood.data)
+    allowed = np.maximum(_OWN_RADII * radius, reach)
     point = kept[owner[sample]] & (close <= allowed[sample])
     rows = np.flatnonzero(point)
     # The sparse end of a shoot has few points; those on the skeleton need no company.
     point[rows] = close[rows] <= np.maximum(radius[sample[rows]], _ON_SKELETON * reach)
     rows = rows[~point[rows]]
-    point[rows] = have_company(cells, wood[rows], np.full(len(rows), reach), min_neighbours + 1)
-    is_far = close > np.maximum(2.0 * radius[sample], _MISSED_M)
-    missed = missed_wood(wood, point, is_far, reach, cells=cells)
+    company, _ = wood.query(wood.data[rows], k=[_COMPANY + 1], distance_upper_bound=reach)
+    point[rows] = np.isfinite(company[:, 0])
+    is_far = close > np.maximum(_OWN_RADII * radius[sample], _MISSED_M)
+    missed = missed_wood(wood.data, point, is_far, reach)
     return Support(kept, point, allowed.max(), run[is_gap], int(n_stray), stray_length, *missed)
 
 
@@ -198,11 +192,7 @@ def _gaps(
 
 
 def missed_wood(
-    wood: np.ndarray,
-    supported: np.ndarray,
-    is_far: np.ndarray,
-    reach: float,
-    cells: Cells | None = None,
+    wood: np.ndarray, supported: np.ndarray, is_far: np.ndarray, reach: float
 ) -> tuple[float, float]:
     """Wood that a skeleton leaves out: clusters of points far from it that lie beside its own.
 
@@ -213,8 +203,6 @@ def missed_wood(
         Points that belong to the skeleton, and points far from it.
     reach : float
         Points this near touch each other.
-    cells : Cells, optional
-        Of `wood`, where it is sorted already.
 
     Returns
     -------
@@ -233,9 +221,7 @@ def missed_wood(
     if not large.any():
         return 0.0, 0.0
     beside = max(2 * reach, _BESIDE_M)
-    cells = sort_into_cells(wood, beside) if cells is None else cells
-    own = cells.select(supported)
-    is_beside = have_company(own, sites[large], np.full(large.sum(), beside), 1)
+    is_beside = quick_tree(wood[supported]).query(sites[large])[0] <= beside
     touches = np.bincount(cluster[large], is_beside, n_clusters) > 0
     if not touches.any():
         return 0.0, 0.0

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.cells import rows_in_box
+from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.foot import Foot
 from cherrypicker.traits.stem_fit import (

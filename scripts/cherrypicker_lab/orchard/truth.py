@@ -8,10 +8,11 @@ import numpy as np
 from cherrypicker.files import atomic_path, write_json
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.poses import write_poses
+from cherrypicker.traits.crown import horizontal_width
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 
-__all__ = ["GENERATOR_VERSION", "tree_traits", "write_skeleton", "write_truth"]
+__all__ = ["GENERATOR_VERSION", "tree_traits", "width_of_wood", "write_skeleton", "write_truth"]
 
 GENERATOR_VERSION = 2  # raised whenever a seed gives another scene: caches are named by it
 TRUNK_HEIGHT_M = 0.30
@@ -32,7 +33,6 @@ def tree_traits(tree):
     children = np.bincount(skeleton.parents[1:], minlength=len(lengths))
     stem = tree.axes[0]
     up = np.maximum.accumulate(stem.points[:, 2])
-    width = np.ptp(skeleton.points[:, :2], axis=0)
     return {
         "height_m": float((skeleton.points[:, 2] + skeleton.radii).max()),
         "trunk_diameter_m": float(2 * np.interp(TRUNK_HEIGHT_M, up, stem.radii)),
@@ -41,11 +41,19 @@ def tree_traits(tree):
         "total_length_5mm_m": float(lengths[skeleton.radii >= 0.005].sum()),
         "n_tips": int((children == 0).sum()),
         "n_junctions": int((children > 1).sum()),
-        "crown_width_m": float(width.mean()),
+        "crown_width_m": width_of_wood(skeleton.points, skeleton.radii),
         "length_by_order_m": {
             str(k): float(lengths[skeleton.orders == k].sum()) for k in np.unique(skeleton.orders)
         },
     }
+
+
+def width_of_wood(points, radii):
+    """Crown width as the trait defines it, of wood's surface: nodes (n, 3) with radii (n,)."""
+    angle = np.radians(np.arange(0.0, 360.0, 10.0))
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    outline = points[:, None, :2] + radii[:, None, None] * around
+    return horizontal_width(outline.reshape(-1, 2))
 
 
 def write_skeleton(path, skeleton):

@@ -6,9 +6,9 @@ import time
 import numpy as np
 
 from cherrypicker.contraction.contract_points import ContractionOptions
-from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
 from cherrypicker.errors import StageError
-from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker_lab.skeletons.graph_scores import graph_of, score_graph
 from cherrypicker_lab.skeletons.point_scores import score_points
 
@@ -54,9 +54,8 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
         start = time.process_time()
         contracted, details = contract_wood(
             cloud,
-            method=method,
+            WoodOptions(method=method, weights={"trunk": TRUNK_WEIGHT}),
             options=ContractionOptions(preset),
-            weights={"trunk": TRUNK_WEIGHT},
         )
         found = {
             "cpu_s": time.process_time() - start,
@@ -81,7 +80,7 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
 
 def _measure_graph(contracted, cloud, truth, method, base):
     start = time.process_time()
-    skeleton = extract_skeleton(contracted, cloud, method=method, base=base)
+    skeleton = extract_skeleton(contracted, cloud, GraphOptions(method=method), base=base)
     cpu_s = time.process_time() - start
     graph = graph_of(skeleton)
     if not len(graph.edges):

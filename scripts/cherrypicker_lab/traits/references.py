@@ -7,7 +7,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_json, read_table
 from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
-from cherrypicker.traits.crown import horizontal_width
+from cherrypicker_lab.orchard.truth import width_of_wood
 from cherrypicker_lab.traits.pairs import NEAR_BASE_M, NEAR_M, as_pair, axis_pairs
 from cherrypicker_lab.traits.table import JUDGED, SCALARS
 
@@ -78,12 +78,9 @@ def skeleton_measures(skeleton, trunk_heights):
     points, radius = skeleton.points, skeleton.radius
     stem = axes(skeleton)[0].nodes
     stem_z = np.maximum.accumulate(points[stem, 2]) - points[0, 2]
-    angle = np.radians(np.arange(0.0, 360.0, 10.0))
-    around = np.column_stack([np.cos(angle), np.sin(angle)])
-    outline = points[:, None, :2] + radius[:, None, None] * around
     measures = {
         "height_m": float(points[:, 2].max() - points[0, 2]),
-        "crown_width_m": float(horizontal_width(outline.reshape(-1, 2))),
+        "crown_width_m": width_of_wood(points, radius),
         "total_length_m": float(skeleton.edge_length.sum()),
     }
     for height in trunk_heights:

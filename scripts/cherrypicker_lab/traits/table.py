@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.skeleton import axes, axis_of_node
-from cherrypicker.traits.crown import clear_stem, horizontal_width, hull_of
+from cherrypicker.traits.crown import clear_stem, hull_of
 from cherrypicker.traits.table import TRAITS
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.skeletons.set_tree import true_skeleton
@@ -42,15 +42,6 @@ class Judged:
     truth: Callable | None = None
 
 
-def _true_width(tree):
-    """Width of the wood's surface; the generator's own runs along x and y, not the widest way."""
-    skeleton = tree.skeleton()
-    angle = np.radians(np.arange(0.0, 360.0, 10.0))
-    around = np.column_stack([np.cos(angle), np.sin(angle)])
-    outline = skeleton.points[:, None, :2] + skeleton.radii[:, None, None] * around
-    return horizontal_width(outline.reshape(-1, 2))
-
-
 def _true_volume(tree):
     """Volume of the convex hull of the wood's surface beyond the stem's first fork."""
     skeleton = true_skeleton(tree.skeleton())
@@ -78,7 +69,7 @@ JUDGED = dict(
         ("base_diameter_m", Judged("branch diameter, 10 mm and more", "mm", 1e3, 4.0)),
         _whole("height_m", "cm", 1e2, 2.0),
         ("insertion_angle_deg", Judged("insertion angle", "deg", 1.0, 6.0)),
-        _whole("crown_width_m", "cm", 1e2, truth=_true_width),
+        _whole("crown_width_m", "cm", 1e2),
         _whole("crown_volume_m3", "dm3", 1e3, truth=_true_volume),
         _whole("total_length_m", "m", 1.0, words="total length"),
     ]
