@@ -178,8 +178,9 @@ def test_two_options_of_one_name_are_refused():
 
 def test_the_help_tells_text_key_and_default():
     stage = importlib.import_module("segment_cloud")
-    add_options(stage.parser, stage.main)
-    text = " ".join(stage.parser.format_help().split())
+    parser = stage_parser(stage.__doc__, stage.main)
+    add_options(parser, stage.main)
+    text = " ".join(parser.format_help().split())
     assert "Points of a sphere at most; as the weights were trained without it." in text
     assert "[config key segment.smooth_k, default 12]" in text
     assert "Points inside the cylinder at most" in text, (
