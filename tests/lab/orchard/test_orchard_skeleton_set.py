@@ -47,9 +47,10 @@ def test_template_is_one_rooted_tree_of_falling_radii(trees, name):
         for axis in tree.axes[1:]:
             parent = tree.axes[axis.parent]
             np.testing.assert_array_equal(axis.points[0], parent.points[axis.parent_node])
-            assert axis.radii[0] < parent.radii[axis.parent_node]
+            assert axis.radii[0] <= parent.radii[axis.parent_node]
             assert axis.order == parent.order + 1
-            assert (np.diff(axis.radii) <= 1e-12).all()
+            # a stub has a collar, and burls swell
+            assert axis.is_cut or axis.section is not None or (np.diff(axis.radii) <= 1e-12).all()
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
@@ -58,7 +59,9 @@ def test_template_has_the_asked_size_and_tips(trees, name):
     for tree in trees[name]:
         skeleton = tree.skeleton()
         n_children = np.bincount(skeleton.parents[1:], minlength=len(skeleton.parents))
-        tips = skeleton.radii[n_children == 0]
+        cuts = [axis.points[-1] for axis in tree.axes if axis.is_cut]
+        is_tip = (n_children == 0) & ~np.isin(skeleton.points[:, 0], [p[0] for p in cuts])
+        tips = skeleton.radii[is_tip]
         assert low <= tips.min()
         assert tips.max() <= high
         assert 0.9 < skeleton.points[:, 2].max() < 6.0

@@ -50,7 +50,7 @@ def _cut(rng, tree, n):
         base = tree.axes[axis.parent].radii[axis.parent_node]
         reach = base + rng.uniform(*STUB_M)  # the stub is what stands out of its parent
         keep = max(int(np.searchsorted(axis.arclength, reach)) + 1, 3)
-        axis.points, axis.radii = axis.points[:keep], axis.radii[:keep]
+        tree.axes[i] = axis.part(slice(keep))
     new_id = np.cumsum([i not in gone for i in range(len(tree.axes))]) - 1
     tree.axes[:] = [axis for i, axis in enumerate(tree.axes) if i not in gone]
     for axis in tree.axes[1:]:

@@ -5,7 +5,7 @@ orders are trunk (0), scaffold (1), lateral (2) and twig (3). Three trained form
 the central leader, the spindle (many short flat scaffolds) and the open vase.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -252,8 +252,8 @@ def end_trunk_by_rule(tree):
     end = trunk_end_node(stem, nodes, [tree.axes[i] for i in children])
     if end >= len(stem.points) - 1:
         return
-    upper = Axis(stem.points[end:], stem.radii[end:], 1, 0, end)
-    tree.axes[0] = Axis(stem.points[: end + 1], stem.radii[: end + 1], 0)
+    upper = replace(stem.part(slice(end, None)), order=1, parent=0, parent_node=end)
+    tree.axes[0] = stem.part(slice(end + 1))
     shift = {0: 0, **{i: i + 1 for i in range(1, len(tree.axes))}}
     moved = set()
     for i, axis in enumerate(tree.axes[1:], start=1):

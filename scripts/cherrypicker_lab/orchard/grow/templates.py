@@ -1,19 +1,21 @@
-"""Templates of Weber and Penn trees: three conifers and four trained forms of the sweet cherry.
+"""Templates of Weber and Penn trees: three conifers and six trained forms of the sweet cherry.
 
 The conifers start from the published parameter sets of C. Hewitt, "Procedural generation of tree
 models for use in computer graphics" (2017; Douglas fir, European larch, small pine: angles, curves,
 rotations, power of the ratio, shape) at the size of an orchard tree: 2 to 4 m instead of 6 to 40,
 fewer branches and a thick trunk for the height, as the 50 trees of Meyer et al. (2023) were made
 ("relatively thick trunks and thin branches"). The cherries are ours: spindle and leader after the
-angles of trained trees, the vase by base splits, the whip a one-year-old tree.
+angles of trained trees, the vase by base splits, the whip a one-year-old tree, leader and vase of
+the `BEARING` age after decades: stems of 8 to 20 cm, scaffolds of 3 to 10 cm, see `ageing`.
 """
 
 from dataclasses import replace
 
+from cherrypicker_lab.orchard.grow.ageing import Ageing
 from cherrypicker_lab.orchard.grow.growth import grow_tree
 from cherrypicker_lab.orchard.grow.weber_penn import Level, Parameters, grow_weber_penn
 
-__all__ = ["CONIFERS", "TEMPLATES", "grow_any"]
+__all__ = ["BEARING", "CONIFERS", "TEMPLATES", "grow_any"]
 
 TEMPLATES = {
     "fir": Parameters(
@@ -125,8 +127,41 @@ TEMPLATES = {
         height=(1.0, 1.8), ratio=(0.011, 0.017), ratio_power=1.3, shape=4,
         base_size=(0.35, 0.6), flare=0.25, attraction_up=0.3,
     ),
+    "bearing_leader": Parameters(
+        "bearing_leader",
+        (
+            Level(curve_res=8, curve_v=30.0, bend_v=30.0),
+            Level(branches=18, length=0.46, length_v=0.05, down_angle=62.0, down_angle_v=-10.0,
+                  rotate=137.5, rotate_v=14.0, curve=-35.0, curve_v=80.0, bend_v=80.0,
+                  curve_res=7),
+            Level(branches=10, length=0.40, length_v=0.10, down_angle=52.0, down_angle_v=14.0,
+                  rotate=-170.0, rotate_v=40.0, curve=-25.0, curve_v=70.0, bend_v=70.0,
+                  curve_res=5),
+            Level(branches=8, length=0.40, length_v=0.2, down_angle=50.0, down_angle_v=14.0,
+                  rotate=-170.0, rotate_v=40.0, curve=-15.0, curve_v=50.0, bend_v=50.0,
+                  curve_res=3),
+        ),
+        height=(2.8, 4.0), ratio=(0.018, 0.025), ratio_power=1.2, shape=0,
+        base_size=(0.18, 0.28), flare=0.6, attraction_up=0.35, ageing=Ageing(),
+    ),
+    "bearing_vase": Parameters(
+        "bearing_vase",
+        (
+            Level(curve_res=4, curve_v=18.0, bend_v=18.0, split_angle=36.0, split_angle_v=9.0),
+            Level(curve=-18.0, curve_v=60.0, bend_v=60.0, curve_res=7),
+            Level(branches=14, length=0.40, length_v=0.08, down_angle=54.0, down_angle_v=14.0,
+                  rotate=137.5, rotate_v=30.0, curve=-30.0, curve_v=70.0, bend_v=70.0,
+                  curve_res=5),
+            Level(branches=12, length=0.40, length_v=0.2, down_angle=50.0, down_angle_v=14.0,
+                  rotate=-170.0, rotate_v=40.0, curve=-15.0, curve_v=50.0, bend_v=50.0,
+                  curve_res=3),
+        ),
+        height=(2.5, 3.5), ratio=(0.019, 0.029), ratio_power=1.1, shape=3,
+        base_size=(0.22, 0.32), flare=0.6, base_splits=(3, 5), attraction_up=0.4, ageing=Ageing(),
+    ),
 }  # fmt: skip
 CONIFERS = ("fir", "larch", "pine")
+BEARING = ("bearing_leader", "bearing_vase")
 
 
 def grow_any(seed, habit, *, height=None, trunk_radius=None, density=1.0, tip_radius=None):
@@ -136,8 +171,7 @@ def grow_any(seed, habit, *, height=None, trunk_radius=None, density=1.0, tip_ra
     ----------
     seed : int
     habit : str, Habit or Parameters
-        "fir", "larch", "pine", "cherry_leader", "cherry_spindle", "cherry_vase", "cherry_whip", or
-        what `growth.grow_tree` takes.
+        A key of `TEMPLATES`, or what `growth.grow_tree` takes.
     height, trunk_radius, density : float
         As in `grow_weber_penn`.
     tip_radius : tuple of float, optional

@@ -1,12 +1,12 @@
 """A tree as data: axes that start on their parents, and the exact skeleton that they join to."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cherrypicker.classes import Label
 
-__all__ = ["Axis", "Skeleton", "Tree"]
+__all__ = ["Axis", "Skeleton", "Tree", "relative_radius"]
 
 
 @dataclass
@@ -25,6 +25,11 @@ class Axis:
         Index of the parent axis, -1 for the trunk.
     parent_node : int
         Node of the parent that the axis starts on.
+    section : ndarray of shape (n, k), float64, optional
+        Wood that is no circle: its surface's distance from the axis at k angles, of `radii`. The
+        mean square of a row is 1, so that `radii` are those of circles of equal area.
+    is_cut : bool
+        A stub, whose end is flat.
     """
 
     points: np.ndarray
@@ -32,6 +37,8 @@ class Axis:
     order: int
     parent: int = -1
     parent_node: int = -1
+    section: np.ndarray | None = None
+    is_cut: bool = False
 
     @property
     def arclength(self):
@@ -51,9 +58,48 @@ class Axis:
         return d / np.sqrt((d * d).sum(axis=1))[:, None]
 
     @property
+    def reach(self):
+        """Farthest distance of the surface from the axis at each node, shape (n,), m."""
+        return self.radii if self.section is None else self.radii * self.section.max(axis=1)
+
+    def part(self, rows):
+        """The axis without the nodes outside a slice."""
+        section = None if self.section is None else self.section[rows]
+        return replace(self, points=self.points[rows], radii=self.radii[rows], section=section)
+
+    @property
     def label(self):
         """`Label.TRUNK` for order 0, else `Label.BRANCH`."""
         return Label.TRUNK if self.order == 0 else Label.BRANCH
+
+
+def relative_radius(section, row, share, angle):
+    """Read a section between its nodes and angles.
+
+    Parameters
+    ----------
+    section : ndarray of shape (n, k), float64
+        See `Axis.section`; the angles are even from 0 on.
+    row : ndarray of shape (m,), int
+        Nodes.
+    share : ndarray of shape (m,), float64
+        How far on the way to the next node.
+    angle : ndarray of shape (m,), float64
+        Radians.
+
+    Returns
+    -------
+    value, slope : ndarray of shape (m,), float64
+        Distance from the axis of the radius, and its change a radian.
+    """
+    k = section.shape[1]
+    at = angle * (k / (2 * np.pi))
+    left = np.floor(at).astype(np.int64)
+    one, other = (
+        (1 - share) * section[row, column % k] + share * section[row + 1, column % k]
+        for column in (left, left + 1)
+    )
+    return one + (at - left) * (other - one), (other - one) * (k / (2 * np.pi))
 
 
 @dataclass

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from cherrypicker_lab.orchard.grow.ageing import Ageing, age_tree
 from cherrypicker_lab.orchard.grow.growth import NODE_STEP_M, Axis, Tree, end_trunk_by_rule
 
 __all__ = ["Level", "Parameters", "grow_weber_penn", "shape_ratio"]
@@ -103,6 +104,8 @@ class Parameters:
         Turn towards the sky over a stem's length, in units of its declination; negative: down.
     tip_radius : tuple of float
         Radius of the tips, m.
+    ageing : Ageing, optional
+        Of an old tree, see `ageing`.
     """
 
     name: str
@@ -116,6 +119,7 @@ class Parameters:
     base_splits: tuple = (0, 0)
     attraction_up: float = 0.0
     tip_radius: tuple = (0.002, 0.003)
+    ageing: Ageing | None = None
 
 
 def shape_ratio(shape, ratio):
@@ -394,5 +398,7 @@ def grow_weber_penn(seed, parameters, *, height=None, trunk_radius=None, density
         grower.stem(0, np.zeros(3), frame, length, radius, bare=bare)
     while grower.waiting:
         grower.bear(grower.waiting.pop(0))
+    if parameters.ageing is not None:
+        age_tree(grower.tree, rng, parameters.ageing, radius)
     end_trunk_by_rule(grower.tree)
     return grower.tree

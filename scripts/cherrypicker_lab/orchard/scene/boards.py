@@ -168,6 +168,6 @@ def stem_ring(rng, seed, stem):
     middle = min(rng.uniform(0.38, 0.55), 0.8 * s[-1])
     at = middle + rng.uniform(0.03, 0.06) * np.linspace(-0.5, 0.5, 7)
     points = np.stack([np.interp(at, s, stem.points[:, i]) for i in range(3)], axis=1)
-    radii = np.interp(at, s, stem.radii) + 0.004
+    radii = np.interp(at, s, stem.reach) + 0.004
     material = {"kind": "plain", "seed": seed + 6, "color": (WHITE, WHITE, 0.95 * WHITE)}
     return SceneObject("ring", int(Label.CALIBRATION_UNIT), ring(points, radii), material)

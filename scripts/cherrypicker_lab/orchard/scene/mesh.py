@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
+from cherrypicker_lab.orchard.grow.tree import relative_radius
+
 __all__ = [
     "NO_TREE",
     "Mesh",
@@ -119,19 +121,28 @@ def _frames(tangents):
     return normals, np.cross(tangents, normals)
 
 
-def _tube(points, radii, tangents, sides, arclength, rest_offset):
-    """One tube with a rounded end. `rest` is the point on the straightened axis."""
+def _tube(points, radii, tangents, sides, arclength, rest_offset, *, section=None, is_cut=False):
+    """One tube with a rounded end, or a flat one. `rest` is the point on the straightened axis.
+
+    `section` has the surface's distance from the axis at its angles, a row a point.
+    """
     u, v = _frames(tangents)
     # two shrinking rows past the last node round the tip off
     tip, r, t = points[-1], radii[-1], tangents[-1]
-    points = np.vstack([points, tip + 0.6 * r * t, tip + r * t])
+    beyond = np.zeros(2) if is_cut else r * np.array([0.6, 1.0])
+    points = np.vstack([points, tip + beyond[:, None] * t])
     radii = np.append(radii, [0.8 * r, 0.02 * r])
-    arclength = np.append(arclength, arclength[-1] + np.array([0.6 * r, r]))
+    arclength = np.append(arclength, arclength[-1] + beyond)
     u, v = np.vstack([u, u[-1:], u[-1:]]), np.vstack([v, v[-1:], v[-1:]])
     angle = np.arange(sides) * 2 * np.pi / sides
     c, s = np.cos(angle), np.sin(angle)
     across = c[None, :, None] * u[:, None] + s[None, :, None] * v[:, None]  # (n, sides, 3)
-    vertices = points[:, None] + radii[:, None, None] * across
+    outline = radii[:, None] * np.ones(sides)
+    if section is not None:
+        row = np.minimum(np.arange(len(points)), len(section) - 2)
+        share = np.minimum(np.arange(len(points)) - row, 1)
+        outline *= relative_radius(section, row[:, None], share[:, None], angle)[0]
+    vertices = points[:, None] + outline[..., None] * across
     rest = np.empty_like(vertices)
     rest[..., 0], rest[..., 1] = radii[:, None] * c, radii[:, None] * s
     rest[..., 2] = arclength[:, None]
@@ -180,8 +191,9 @@ def tree_mesh(tree, *, row_step=0.01, side_step=0.006, max_sides=48, min_sides=8
         circumference = 2 * np.pi * float(np.mean(axis.radii))
         sides = int(np.clip(round(circumference / side_step), min_sides, max_sides))
         vertices, faces, rest = _tube(
-            at(axis.points), radii, along, sides, rows, rng.uniform(-50, 50, 3)
-        )
+            at(axis.points), radii, along, sides, rows, rng.uniform(-50, 50, 3),
+            section=None if axis.section is None else at(axis.section), is_cut=axis.is_cut,
+        )  # fmt: skip
         n = len(vertices)
         attributes = {
             "rest": rest,

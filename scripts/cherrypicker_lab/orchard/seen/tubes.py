@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from cherrypicker_lab.orchard.grow.tree import relative_radius
 from cherrypicker_lab.orchard.scene.mesh import transported
 
 __all__ = ["TubeSample", "inside_wood", "sample_tubes"]
@@ -47,8 +48,10 @@ class TubeSample:
 
 
 def _segments(tree):
-    """All segments of the axes, end to end, and the axis that each belongs to."""
-    table = {k: [] for k in ("a", "b", "ra", "rb", "ua", "ub", "ta", "tb", "s", "axis")}
+    """All segments of the axes, end to end, and the axis and the node that each starts from."""
+    names = ("a", "b", "ra", "rb", "ua", "ub", "ta", "tb", "s", "axis", "row")
+    table = {k: [] for k in names}
+    n_nodes = 0
     for i, axis in enumerate(tree.axes):
         t = axis.tangents
         reference = np.array([1.0, 0.0, 0.0] if abs(t[0, 2]) > 0.7 else [0.0, 0.0, 1.0])
@@ -58,21 +61,37 @@ def _segments(tree):
             table[f"{key}b" if key else "b"].append(values[1:])
         table["s"].append(axis.arclength[:-1])
         table["axis"].append(np.full(len(t) - 1, i))
+        table["row"].append(n_nodes + np.arange(len(t) - 1))
+        n_nodes += len(t)
     return {k: np.concatenate(v) for k, v in table.items()}
 
 
+def _sections(tree):
+    """Sections of all axes' nodes, end to end (n, k); one column of ones where all are circles."""
+    k = max((a.section.shape[1] for a in tree.axes if a.section is not None), default=1)
+    round_wood = [np.ones((len(a.points), k)) if a.section is None else a.section
+                  for a in tree.axes]  # fmt: skip
+    return np.concatenate(round_wood)
+
+
 def _domes(rng, tree, density):
-    """Hemispheres on the axes' ends, as (centres, axis, radius, direction) of single samples."""
+    """Hemispheres on the axes' ends, discs where they were cut."""
     ends = np.array([a.points[-1] for a in tree.axes])
     radii = np.array([a.radii[-1] for a in tree.axes])
     along = np.array([a.tangents[-1] for a in tree.axes])
-    n = rng.poisson(2 * np.pi * radii**2 * density)
+    is_cut = np.array([a.is_cut for a in tree.axes])
+    n = rng.poisson(np.where(is_cut, 1.0, 2.0) * np.pi * radii**2 * density)
     axis = np.repeat(np.arange(len(tree.axes)), n)
     normals = rng.normal(size=(len(axis), 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     facing = np.einsum("ij,ij->i", normals, along[axis])
     normals -= (facing - np.abs(facing))[:, None] * along[axis]  # mirrored to the outer half
-    points = ends[axis] + radii[axis, None] * normals
+    off, flat = normals.copy(), np.flatnonzero(is_cut[axis])
+    height, normals[flat] = np.abs(facing[flat]), along[axis[flat]]
+    off[flat] -= height[:, None] * normals[flat]
+    # heights over the rim of an even hemisphere are even, as are squared distances on an even disc
+    off[flat] *= (np.sqrt(height) / np.linalg.norm(off[flat], axis=1))[:, None]
+    points = ends[axis] + radii[axis, None] * off
     s = np.array([a.arclength[-1] for a in tree.axes])[axis]
     return TubeSample(points, normals, axis, radii[axis], s, np.zeros(len(axis)), along[axis])
 
@@ -120,12 +139,14 @@ def sample_tubes(rng, tree, density, *, widen=0.0):
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     across = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(tangent, u)
     radius = ra + t * difference
+    outline, slant_around = relative_radius(_sections(tree), g["row"][at], t, angle)
+    around = np.cross(tangent, across)
     centre = (1 - t)[:, None] * g["a"][at] + t[:, None] * g["b"][at]
     slope = (difference / np.maximum(length[at], 1e-9))[:, None]
-    normals = across - slope * tangent
+    normals = across - (slant_around / outline)[:, None] * around - slope * tangent
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     tubes = TubeSample(
-        centre + radius[:, None] * across, normals, g["axis"][at], radius,
+        centre + (radius * outline)[:, None] * across, normals, g["axis"][at], radius,
         g["s"][at] + t * length[at], angle, tangent,
     )  # fmt: skip
     domes = _domes(rng, tree, density)
@@ -144,7 +165,7 @@ def inside_wood(tree, points, axis, *, share=INSIDE):
     axis : ndarray of shape (n,), int
         The axis of each point, -1 for none.
     share : float, default 0.98
-        A point is inside where it is nearer to the axis than this share of the radius there.
+        A point is inside where it is nearer to the axis than this share of its surface there.
 
     Returns
     -------
@@ -161,15 +182,21 @@ def inside_wood(tree, points, axis, *, share=INSIDE):
     cells, first = np.unique(key[order], return_index=True)
     _mark_inside(
         points, np.asarray(axis, np.int64), order, cells, np.append(first, len(points)), low,
-        cell, size, g["a"], g["b"], share * g["ra"], share * g["rb"], g["axis"], inside,
+        cell, size, g["a"], g["b"], share * g["ra"], share * g["rb"], g["axis"], g["row"],
+        g["ua"], g["ta"], _sections(tree), inside,
     )  # fmt: skip
     return inside
 
 
 @njit(cache=True)
-def _mark_inside(points, owner, order, cells, first, low, cell, size, a, b, ra, rb, axis, inside):
+def _mark_inside(
+    points, owner, order, cells, first, low, cell, size, a, b, ra, rb, axis, row, across, along,
+    section, inside,
+):  # fmt: skip
+    n_angles = section.shape[1]
     for k in range(len(a)):
-        reach = max(ra[k], rb[k])
+        outline = section[row[k]]
+        reach = max(ra[k], rb[k]) * outline.max()
         lo, hi = np.empty(3, np.int64), np.empty(3, np.int64)
         for c in range(3):
             lo[c] = max(int(np.floor((min(a[k, c], b[k, c]) - reach - low[c]) / cell)), 0)
@@ -191,5 +218,13 @@ def _mark_inside(points, owner, order, cells, first, low, cell, size, a, b, ra, 
                     t = min(max((x * d[0] + y * d[1] + z * d[2]) / length2, 0.0), 1.0)
                     x, y, z = x - t * d[0], y - t * d[1], z - t * d[2]
                     r = ra[k] + t * (rb[k] - ra[k])
+                    if n_angles > 1:
+                        u, w = across[k], along[k]
+                        beside = (
+                            x * (w[1] * u[2] - w[2] * u[1]) + y * (w[2] * u[0] - w[0] * u[2])
+                            + z * (w[0] * u[1] - w[1] * u[0])
+                        )  # fmt: skip
+                        angle = np.arctan2(beside, x * u[0] + y * u[1] + z * u[2])
+                        r *= outline[int(round(angle / (2 * np.pi) * n_angles)) % n_angles]
                     if x * x + y * y + z * z < r * r:
                         inside[n] = True

@@ -95,7 +95,7 @@ def _pair(rng, scene, taken):
 def _post(rng, scene, taken):
     """A post of 1.5 to 8 cm radius: at the stem, or free of it."""
     radius = _log_uniform(rng, 0.015, 0.08)
-    near = float(scene.target.axes[0].radii.max()) + radius + MIN_GAP_M
+    near = float(scene.target.axes[0].reach.max()) + radius + MIN_GAP_M
     reach = near + (0.15 if rng.random() < 0.6 else 1.0)
     xy, _ = _beside(rng, taken, near, reach, gap=radius + 0.1)
     z = scene.ground_height(xy[None])[0]
@@ -116,7 +116,7 @@ def _ring(rng, scene, number):
     middle = rng.uniform(0.10, max(min(0.9, 0.6 * s[-1]), 0.12))
     at = middle + width * np.linspace(-0.5, 0.5, 7)
     points = np.stack([np.interp(at, s, stem.points[:, i]) for i in range(3)], axis=1) + offset
-    radii = np.interp(at, s, stem.radii) + rng.uniform(0.001, 0.008)
+    radii = np.interp(at, s, stem.reach) + rng.uniform(0.001, 0.008)
     tone = rng.uniform(0.45, 0.72) * np.array([1.0, 1.0, rng.uniform(0.85, 1.0)])
     look = {"kind": "plain", "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
     scene.objects.append(
