@@ -15,6 +15,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton_csv
+from cherrypicker_lab.orchard.grow.templates import BEARING
 from cherrypicker_lab.orchard.render.blender import unpack_truth
 from cherrypicker_lab.orchard.render.photo import (
     FAR_ID,
@@ -116,6 +117,11 @@ def test_depth_between_pixels_is_that_of_the_plane():
 def test_options_cover_forms_and_sizes():
     drawn = [scene_options(seed) for seed in range(300)]
     assert {o["habit"] for o in drawn} == set(FORMS)
+    bearing = [o for o in drawn if o["habit"] in BEARING]
+    assert 0.12 < len(bearing) / len(drawn) < 0.28
+    assert all(0.08 < 2 * o["trunk_radius"] < 0.21 for o in bearing)
+    assert not any(scene_options(seed, ["vase", "fir"])["habit"] in BEARING for seed in range(60))
+    assert scene_options(7, ["bearing_vase"])["habit"] == "bearing_vase"
     heights = np.array([o["height"] for o in drawn])
     assert heights.min() < 1.6
     assert heights.max() > 5.0

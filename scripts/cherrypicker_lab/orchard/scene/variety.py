@@ -6,7 +6,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker_lab.orchard.grow.growth import HABITS
-from cherrypicker_lab.orchard.grow.templates import CONIFERS, TEMPLATES
+from cherrypicker_lab.orchard.grow.templates import BEARING, CONIFERS, TEMPLATES
 from cherrypicker_lab.orchard.scene.cameras import CameraModel
 from cherrypicker_lab.orchard.scene.ground import GROUNDS
 from cherrypicker_lab.orchard.scene.layout import DICTIONARIES
@@ -14,13 +14,16 @@ from cherrypicker_lab.orchard.scene.structures import NETS
 from cherrypicker_lab.orchard.scene.surroundings import BACKGROUNDS
 from cherrypicker_lab.orchard.scene.walks import WALKS
 
-__all__ = ["FORMS", "scene_camera", "scene_options", "scene_walk"]
+__all__ = ["FORMS", "bearing_form", "scene_camera", "scene_options", "scene_walk"]
 
 FORMS = (*HABITS, *TEMPLATES)
 # heights m, and trunk radius per height: from a whip to the tallest trees of an old orchard
 HEIGHTS = {"cherry_whip": (1.0, 2.0), None: (1.3, 6.0)}
+HEIGHTS |= {form: TEMPLATES[form].height for form in BEARING}
 RATIOS = {"cherry_whip": (0.011, 0.016), None: (0.014, 0.026)}
+RATIOS |= {form: TEMPLATES[form].ratio for form in BEARING}
 RADIUS_M = (0.02, 0.15)
+BEARING_SHARE = 0.2  # of the scenes; a guess
 WHIP_RADIUS_M = 0.008
 LEAST_SIZE_PX = 64
 # keys of the config and the options of `generate_scene` that they set
@@ -37,6 +40,16 @@ CAMERAS = (
     CameraModel(1280, 960, 960.0, model="Orchard Five", sensor_diagonal_mm=12.1),
     CameraModel(1200, 900, 1180.0, model="Orchard Six", sensor_diagonal_mm=43.3),
 )
+
+
+def bearing_form(seed):
+    """A form of `BEARING` for a fifth of the seeds, None for the others.
+
+    It is drawn apart from all else, so that those keep the scenes of older versions.
+    """
+    apart = np.random.default_rng([int(seed), 479])
+    is_bearing, form = apart.random() < BEARING_SHARE, str(apart.choice(BEARING))
+    return form if is_bearing else None
 
 
 def scene_options(seed, forms=FORMS, chosen=None):
@@ -77,7 +90,10 @@ def scene_options(seed, forms=FORMS, chosen=None):
             key="orchard.forms",
         )
     rng = np.random.default_rng([int(seed), 401])
-    form = str(rng.choice(list(forms)))
+    other = [form for form in forms if form not in BEARING]
+    form = str(rng.choice(other or list(forms)))
+    if other and bearing_form(seed) in forms:
+        form = bearing_form(seed)
     heights, ratios = (table.get(form, table[None]) for table in (HEIGHTS, RATIOS))
     # most orchard trees are low: the logarithm of the height is even
     height = float(np.exp(rng.uniform(*np.log(heights))))
@@ -92,7 +108,7 @@ def scene_options(seed, forms=FORMS, chosen=None):
         "sky": str(rng.choice(["clear", "broken", "overcast", "low"])),
         "paint": round(float(rng.uniform(0.3, 0.8)), 2) if rng.random() < 0.2 else 0.0,
         "stubs": int(rng.integers(1, 6)) if rng.random() < 0.5 else 0,
-        "spurs": round(float(rng.uniform(2, 12)), 1) if "cherry" in form or form in HABITS else 0.0,
+        "spurs": round(float(rng.uniform(2, 12)), 1) if form not in CONIFERS else 0.0,
         "wires": int(rng.integers(1, 4)) if rng.random() < 0.3 else 0,
         "markers": [],
     }

@@ -10,6 +10,7 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
 from cherrypicker.progress import Progress
 from cherrypicker_lab.orchard.scene.layout import generate_scene
+from cherrypicker_lab.orchard.scene.variety import bearing_form
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 from cherrypicker_lab.orchard.truth import GENERATOR_VERSION
 from cherrypicker_lab.training.segmentation.augment import Sample
@@ -30,7 +31,8 @@ QUANTUM_M = 0.00025  # resolution of the coordinates in the cache; they reach 8 
 def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
     """One labelled cloud "as seen" by a dense reconstruction.
 
-    Half of the trees have the generator's own size, the others are 1.2 to 4.5 m tall.
+    A fifth are bearing trees. Of the others half have the generator's own size, the rest are 1.2 to
+    4.5 m tall.
 
     Parameters
     ----------
@@ -39,7 +41,7 @@ def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
     n_points : int
         Points at most; between a quarter and all of them are drawn.
     habit : str, optional
-        As `generate_scene`; drawn from its trained forms by default.
+        As `generate_scene`; drawn from its trained forms and `variety.bearing_form` by default.
     things : {"common", "confusable"}
         What stands about the tree: as in most orchards, or what passes for one another
         (`cherrypicker_lab.training.segmentation.props`).
@@ -50,6 +52,7 @@ def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
         Points float32, colours uint8 (0 to 255), to keep many scenes in memory.
     """
     rng = np.random.default_rng([seed, 77])
+    habit = habit or bearing_form(seed)
     size = {}
     if rng.random() < 0.5 and habit is None:
         height = float(rng.uniform(1.2, 4.5))
