@@ -16,6 +16,7 @@ from cherrypicker.skeleton import axes, axis_polyline
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker_lab.orchard.grow.growth import HABITS
+from cherrypicker_lab.orchard.grow.templates import BEARING
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
@@ -37,10 +38,11 @@ LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
 LEAST_DIAMETER_M = 0.010  # thinner bases do not count for the diameter
 NEAR_M, NEAR_SHARE = 0.02, 0.7  # an axis is found where this share of it has a match this near
 NEAR_BASE_M = 0.05
+STEM_M, RELIEF = (0.10, 0.20), (0.5, 1.0)  # diameter, and depth of the bark, of bearing trees
 _STEP_M = 0.005
 
 
-def make_tree(seed, n_points):
+def make_tree(seed, n_points, *, bearing=False):
     """Grow a tree of one of the orchard's forms and see it.
 
     Parameters
@@ -49,6 +51,8 @@ def make_tree(seed, n_points):
         Decides all; the forms take turns.
     n_points : int
         Of the cloud, 45 % of them ground.
+    bearing : bool, default False
+        A bearing tree, of a stem of 10 to 20 cm and bark with relief.
 
     Returns
     -------
@@ -56,8 +60,11 @@ def make_tree(seed, n_points):
     cloud : PointCloud
         With true labels, metres; the target's wood and whatever is no tree.
     """
-    habits = sorted(HABITS)
-    scene = generate_scene(seed, habit=habits[seed % len(habits)])
+    habits, options = sorted(HABITS), {}
+    if bearing:
+        habits, rng = BEARING, np.random.default_rng([int(seed), 87])
+        options = {"trunk_radius": rng.uniform(*STEM_M) / 2, "relief": rng.uniform(*RELIEF)}
+    scene = generate_scene(seed, habit=habits[seed % len(habits)], **options)
     cloud = sample_scene(scene, n_points)
     cloud = cloud.select(np.isin(cloud["tree"], (0, NO_TREE)))
     del cloud.fields["tree"]
@@ -70,16 +77,16 @@ def skeleton_of(cloud):
     return extract_skeleton(contracted, cloud, base=report["base"])
 
 
-def measure_tree(seed, n_points):
-    """Make a tree, measure it, and put the truth beside it.
+def measure_tree(seed, n_points, *, bearing=False):
+    """Make a tree, measure it, and put the truth beside it; parameters as of `make_tree`.
 
     Returns
     -------
     dict
-        `seed`, `habit`, `n_points`, `traits` (name to a list of pairs, see `tree_pairs`),
+        `seed`, `habit`, `bearing`, `n_points`, `traits` (name to a list of pairs, see `tree_pairs`),
         `n_axes` and `n_matched` (true axes of 10 cm and more, and those found).
     """
-    tree, cloud = make_tree(seed, n_points)
+    tree, cloud = make_tree(seed, n_points, bearing=bearing)
     skeleton = skeleton_of(cloud)
     traits, rows = measure_traits(skeleton, cloud)
     pairs = tree_pairs(tree, traits)
@@ -87,6 +94,7 @@ def measure_tree(seed, n_points):
     return {
         "seed": int(seed),
         "habit": tree.habit,
+        "bearing": bearing,
         "n_points": len(cloud),
         "traits": pairs | branches,
         "n_axes": n_axes,

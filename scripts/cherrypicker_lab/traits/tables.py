@@ -68,8 +68,15 @@ def score_pairs(pairs):
 
 
 def write_table(reports):
-    """The benchmark's table as Markdown, a row a trait."""
+    """The benchmark's tables as Markdown, a row a trait: of thin trees, and of bearing ones."""
     reports = list(reports)
+    if not reports:
+        raise StageError("no tree was measured", key="benchmark.traits")
+    sets = [[r for r in reports if r.get("bearing", False) is kind] for kind in (False, True)]
+    return "\n".join(_table_of(each) for each in sets if each)
+
+
+def _table_of(reports):
     joined = gather(reports)
     n_axes = sum(report["n_axes"] for report in reports)
     n_matched = sum(report["n_matched"] for report in reports)
@@ -128,7 +135,8 @@ def _which(reports):
         return f"{len(reports)} trees ({', '.join(report['name'] for report in reports)})"
     seeds = [report["seed"] for report in reports]
     mean = np.mean([report["n_points"] for report in reports])
-    return f"{len(seeds)} trees, seeds {min(seeds)} to {max(seeds)}, {mean:,.0f} points on average"
+    kind = "bearing trees" if reports[0].get("bearing") else "trees"
+    return f"{len(seeds)} {kind}, seeds {min(seeds)} to {max(seeds)}, {mean:,.0f} points on average"
 
 
 def _number(value, factor, sign=""):

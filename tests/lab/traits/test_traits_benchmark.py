@@ -87,6 +87,16 @@ def test_the_cloud_is_the_targets_and_repeats():
     assert np.quantile(np.linalg.norm(wood[:, :2], axis=1), 0.99) < reach + 0.05
 
 
+def test_bearing_trees_have_stems_of_10_to_20_cm():
+    for seed in (6000, 6001):
+        tree, cloud = make_tree(seed, 12_000, bearing=True)
+        assert tree.habit == ("bearing_leader", "bearing_vase")[seed % 2]
+        assert 0.095 < tree_traits(tree)["trunk_diameter_m"] < 0.21
+        assert 0.5 <= tree.relief <= 1.0
+        reach = np.linalg.norm(tree.skeleton().points[:, :2], axis=1).max()
+        assert reach < 2.5  # what lies farther out is not sampled
+
+
 def pair(true, found, low=None, high=None):
     return {"true": true, "found": found, "low": low, "high": high}
 
@@ -123,5 +133,8 @@ def test_table_and_figure():
     assert by_form[2] == "| form | trees | height, cm |"
     assert by_form[4] == "| leader | 1 | 1.50, 1 of 2 (50 %) |"
     assert by_form[5] == "| vase | 1 | 1.50, 1 of 2 (50 %) |"
+    mixed = write_table([report(1), report(9) | {"bearing": True}])
+    assert "1 trees, seeds 1 to 1" in mixed and "1 bearing trees, seeds 9 to 9" in mixed
+    assert mixed.count("| height | cm | 2 | 1.50 |") == 2
     with pytest.raises(StageError, match="no tree"):
         write_table([])

@@ -5,6 +5,10 @@ TRAITS_BENCHMARK_SEEDS = range(
     TRAITS_BENCHMARK["first_seed"],
     TRAITS_BENCHMARK["first_seed"] + TRAITS_BENCHMARK["n_trees"],
 )
+BEARING_TREE_SEEDS = range(
+    TRAITS_BENCHMARK["first_bearing_seed"],
+    TRAITS_BENCHMARK["first_bearing_seed"] + TRAITS_BENCHMARK["n_bearing_trees"],
+)
 
 
 wildcard_constraints:
@@ -34,6 +38,7 @@ rule measure_traits_benchmark:
         gpu=0,
     params:
         tree_seed=lambda wildcards: int(wildcards.tree_seed),
+        bearing=lambda wildcards: int(wildcards.tree_seed) in BEARING_TREE_SEEDS,
         n_points=TRAITS_BENCHMARK["n_points"],
     message:
         "generated tree {wildcards.tree_seed}: traits beside their truth"
@@ -45,7 +50,7 @@ rule report_traits_benchmark:
     input:
         pairs=expand(
             "results/benchmark/traits/{tree_seed}/pairs.json",
-            tree_seed=TRAITS_BENCHMARK_SEEDS,
+            tree_seed=sorted({*TRAITS_BENCHMARK_SEEDS, *BEARING_TREE_SEEDS}),
         ),
         code=code("lab/report_traits_benchmark"),
     output:
