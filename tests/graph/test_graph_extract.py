@@ -4,7 +4,13 @@ import networkx as nx
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from skeleton_shapes import labelled_cloud, sample_axes, sample_skeleton, small_tree
+from skeleton_shapes import (
+    labelled_cloud,
+    old_cherry,
+    sample_axes,
+    sample_skeleton,
+    small_tree,
+)
 
 from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
@@ -120,6 +126,58 @@ def test_tree_solver_finds_the_branches_and_their_radii(tree_case):
     expected = 0.03 - 0.018 * z / 1.2
     assert np.abs(skeleton.radius[trunk] - expected)[stem].max() < 0.003
     assert skeleton.points[:, 2].max() > 1.17
+
+
+def wood_beside_wood(skeleton, near=0.03, apart=0.15):
+    """Share of the edges that other wood runs along: near, but far along the skeleton."""
+    ends = np.stack([skeleton.parent[1:], np.arange(1, len(skeleton))], axis=1)
+    middle = skeleton.points[ends].mean(axis=1)
+    step = np.diff(skeleton.points[ends], axis=1)[:, 0]
+    step /= np.linalg.norm(step, axis=1, keepdims=True)
+    pairs = cKDTree(middle).query_pairs(near, output_type="ndarray")
+    pairs = pairs[np.abs((step[pairs[:, 0]] * step[pairs[:, 1]]).sum(axis=1)) > 0.9]
+    tree = graph_of(skeleton)
+    for parent, node in ends:
+        tree.edges[parent, node]["way"] = skeleton.edge_length[node]
+    beside = {
+        edge
+        for one, other in pairs
+        if nx.dijkstra_path_length(tree, ends[one, 1], ends[other, 1], "way") > apart
+        for edge in (one, other)
+    }
+    return len(beside) / len(ends)
+
+
+@pytest.mark.parametrize(
+    ("voxel_size_m", "labels_known"),
+    [
+        (0.008, True),
+        (0.008, False),
+        pytest.param(
+            0.005,
+            True,
+            marks=pytest.mark.xfail(
+                strict=True, reason="points 5 mm apart on a stem of 18 cm fall into patches"
+            ),
+        ),
+    ],
+)
+def test_a_thick_tree_of_rough_bark_has_one_axis_a_limb(voxel_size_m, labels_known):
+    points, labels, true_axes = old_cherry()
+    cloud = labelled_cloud(points, labels if labels_known else np.full(len(labels), 2))
+    contracted, report = contract_wood(
+        cloud, options=ContractionOptions(), voxel_size_m=voxel_size_m
+    )
+    skeleton = extract_skeleton(contracted, cloud, base=report["base"])
+    topology = fold(skeleton, axes(skeleton))
+    assert topology.n_tips == len(true_axes)  # no strand, no whisker
+    assert wood_beside_wood(skeleton) == 0
+    junctions = topology.points[[kind == "junction" for kind in topology.kind]]
+    around = cKDTree(junctions).query_ball_point(junctions, 0.04, return_length=True)
+    assert around.max() <= 2  # no knot
+    found, true = sample_skeleton(skeleton), sample_axes(true_axes)
+    assert (cKDTree(found).query(true)[0] < 0.03).mean() > 0.95
+    assert np.quantile(cKDTree(true).query(found)[0], 0.99) < 0.025
 
 
 def test_equal_input_gives_equal_skeletons(tree_case):

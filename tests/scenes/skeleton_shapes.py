@@ -4,9 +4,11 @@ import numpy as np
 
 from cherrypicker.pointcloud import PointCloud
 
+PLATE_M = 0.04  # from plate to plate of a bark with relief
 
-def tube(start, end, radius, density=60_000, *, rng, end_radius=None, noise=0.0, caps=False):
-    """Random points on a cone's surface, `density` a square metre."""
+
+def tube(start, end, radius, density=60_000, *, rng, end_radius=None, noise=0.0, relief=0.0):
+    """Random points on a cone's surface, `density` a square metre; `relief` of its bark, m."""
     start, end = np.asarray(start, float), np.asarray(end, float)
     end_radius = radius if end_radius is None else end_radius
     axis = end - start
@@ -19,6 +21,9 @@ def tube(start, end, radius, density=60_000, *, rng, end_radius=None, noise=0.0,
         if noise
         else (radius + share * (end_radius - radius))
     )
+    # plates of about 2 by 2 cm
+    n_plates = np.round(2 * np.pi * radius / PLATE_M)
+    r += relief * np.sin(n_plates * angle) * np.sin(2 * np.pi * share * length / PLATE_M)
     u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     u /= np.linalg.norm(u)
     v = np.cross(axis, u)
@@ -48,14 +53,49 @@ def small_tree(seed=0, offset=(0.0, 0.0, 0.0), *, noise=0.0):
         points.append(piece)
         labels.append(np.full(len(piece), label))
     points, labels = np.vstack(points), np.concatenate(labels)
-    inside = np.zeros(len(points), dtype=bool)  # no surface inside other wood
-    for foot, end, radius, end_radius, _ in axes:
+    inside = inside_wood(points, axes, 0.9, 3 * noise)
+    return points[~inside] + np.asarray(offset), labels[~inside], axes
+
+
+def old_cherry(seed=0, noise=0.003, relief=0.002):
+    """A thick tree: a stem of 9 cm radius, three limbs of 5 cm, twigs on them; rough bark.
+
+    Returns
+    -------
+    points, labels, axes
+    """
+    rng = np.random.default_rng(seed)
+    axes = [
+        ((0, 0, 0), (0, 0, 1.6), 0.09, 0.05),
+        ((0, 0, 0.7), (0.8, 0, 1.5), 0.055, 0.02),
+        ((0, 0, 0.8), (-0.7, 0.2, 1.5), 0.05, 0.02),
+        ((0, 0, 0.95), (0.1, 0.7, 1.6), 0.045, 0.015),
+        *(((0.4, 0, 1.1), end, 0.006, 0.003) for end in ((0.5, 0.35, 1.2), (0.45, -0.3, 1.3))),
+        ((-0.35, 0.1, 1.15), (-0.45, 0.35, 1.45), 0.006, 0.003),
+        ((0.05, 0.35, 1.28), (-0.2, 0.45, 1.5), 0.006, 0.003),
+    ]
+    pieces = [
+        tube(
+            start, end, r, 40_000, end_radius=tip, noise=noise, relief=relief * (r > 0.01), rng=rng
+        )
+        for start, end, r, tip in axes
+    ]
+    points = np.vstack(pieces)
+    labels = np.repeat([1] + [2] * (len(axes) - 1), [len(piece) for piece in pieces])
+    inside = inside_wood(points, axes, 0.93, 0.004)
+    return points[~inside], labels[~inside], axes
+
+
+def inside_wood(points, axes, share, margin):
+    """Which points lie inside a limb: nearer to an axis than a share of its radius, by a margin."""
+    inside = np.zeros(len(points), dtype=bool)
+    for foot, end, radius, end_radius, *_ in axes:
         start = np.asarray(foot, float)
         step = np.asarray(end, float) - start
-        share = np.clip((points - start) @ step / (step @ step), 0, 1)
-        away = np.linalg.norm(points - start - share[:, None] * step, axis=1)
-        inside |= away < 0.9 * (radius + share * (end_radius - radius)) - 3 * noise
-    return points[~inside] + np.asarray(offset), labels[~inside], axes
+        way = np.clip((points - start) @ step / (step @ step), 0, 1)
+        away = np.linalg.norm(points - start - way[:, None] * step, axis=1)
+        inside |= away < share * (radius + way * (end_radius - radius)) - margin
+    return inside
 
 
 def labelled_cloud(points, labels):
