@@ -83,8 +83,8 @@ def measure_tree(seed, n_points, *, bearing=False):
     Returns
     -------
     dict
-        `seed`, `habit`, `bearing`, `n_points`, `traits` (name to a list of pairs, see `tree_pairs`),
-        `n_axes` and `n_matched` (true axes of 10 cm and more, and those found).
+        `seed`, `habit`, `bearing`, `n_points`, `traits` (name to a list of pairs, see
+        `tree_pairs`), `n_axes` and `n_matched` (true axes of 10 cm and more, and those found).
     """
     tree, cloud = make_tree(seed, n_points, bearing=bearing)
     skeleton = skeleton_of(cloud)

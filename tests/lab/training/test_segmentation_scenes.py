@@ -8,6 +8,7 @@ import pytest
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
+from cherrypicker_lab.orchard.grow.templates import BEARING
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.training.segmentation import props as things
 from cherrypicker_lab.training.segmentation import scenes
@@ -63,6 +64,22 @@ def test_posts_keep_clear_of_the_stem_and_rings_sit_on_one(filled):
 
 def test_held_out_forms_are_never_drawn():
     assert not {"cherry_whip", "fir", "larch", "pine"} & set(things.FORMS)
+
+
+def test_a_fifth_of_the_training_trees_and_no_held_out_one_is_bearing(monkeypatch):
+    drawn = []
+
+    def scene(seed, *, habit=None, **_):
+        drawn.append(habit)
+        raise InterruptedError
+
+    monkeypatch.setattr(scenes, "generate_scene", scene)
+    for first in (0, scenes.HELD_OUT_SEED):
+        for seed in range(first, first + 100):
+            with pytest.raises(InterruptedError):
+                scenes.make_sample(seed, 1000)
+    assert 10 < sum(habit in BEARING for habit in drawn[:100]) < 30
+    assert not any(drawn[100:])
 
 
 def test_equal_seeds_give_equal_scenes_and_files_are_kept(tmp_path):

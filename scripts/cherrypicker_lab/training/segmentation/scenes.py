@@ -31,8 +31,8 @@ QUANTUM_M = 0.00025  # resolution of the coordinates in the cache; they reach 8 
 def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
     """One labelled cloud "as seen" by a dense reconstruction.
 
-    A fifth are bearing trees. Of the others half have the generator's own size, the rest are 1.2 to
-    4.5 m tall.
+    Below `HELD_OUT_SEED` a fifth are bearing trees. Of the others half have the generator's own
+    size, the rest are 1.2 to 4.5 m tall.
 
     Parameters
     ----------
@@ -52,7 +52,8 @@ def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
         Points float32, colours uint8 (0 to 255), to keep many scenes in memory.
     """
     rng = np.random.default_rng([seed, 77])
-    habit = habit or bearing_form(seed)
+    if habit is None and seed < HELD_OUT_SEED:
+        habit = bearing_form(seed)
     size = {}
     if rng.random() < 0.5 and habit is None:
         height = float(rng.uniform(1.2, 4.5))
