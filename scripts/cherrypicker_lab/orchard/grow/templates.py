@@ -147,9 +147,9 @@ TEMPLATES = {
     "bearing_vase": Parameters(
         "bearing_vase",
         (
-            Level(curve_res=4, curve_v=18.0, bend_v=18.0, split_angle=36.0, split_angle_v=9.0),
+            Level(curve_res=4, curve_v=18.0, bend_v=18.0, split_angle=33.0, split_angle_v=7.0),
             Level(curve=-18.0, curve_v=60.0, bend_v=60.0, curve_res=7),
-            Level(branches=14, length=0.40, length_v=0.08, down_angle=54.0, down_angle_v=14.0,
+            Level(branches=14, length=0.34, length_v=0.07, down_angle=54.0, down_angle_v=14.0,
                   rotate=137.5, rotate_v=30.0, curve=-30.0, curve_v=70.0, bend_v=70.0,
                   curve_res=5),
             Level(branches=12, length=0.40, length_v=0.2, down_angle=50.0, down_angle_v=14.0,
