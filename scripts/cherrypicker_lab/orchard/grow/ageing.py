@@ -127,7 +127,9 @@ def _thick_nodes(tree, least, highest_order=1):
             continue
         rows = np.flatnonzero(axis.radii >= least)
         way = axis.arclength
-        rows = rows[(way[rows] > 3 * axis.radii[0]) & (way[-1] - way[rows] > axis.radii[0])]
+        # one fork at a time: the trunk's end is judged a diameter below and above each
+        room = 3 * axis.radii[0]
+        rows = rows[(way[rows] > room) & (way[-1] - way[rows] > room)]
         rows = rows[_clear(axis, rows)] if number == 0 else rows
         places += [(number, row) for row in rows]
     return np.array(places, dtype=int).reshape(-1, 2)
