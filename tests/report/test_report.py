@@ -249,7 +249,7 @@ def test_the_choice_of_the_target_is_shown_with_its_runner_up(build):
 def test_coverage_is_drawn_where_it_lies():
     region = {"center": [0.0, 0.0, 1.0], "radius": 1.0}
     coverage = {"region": region, "camera_distance": 3.0, "n_across": 4, "voxel_size": 0.5}
-    coverage |= {"cells": [[0, 0, 0], [3, 3, 3]], "n_framing": [5, 2], "n_holding": [1, 0]}
+    coverage |= {"cells": [0, 63], "n_framing": [5, 2], "n_holding": [1, 0]}
     figure = coverage_figure(coverage, {"transform": np.eye(4).tolist()}, 400)
     framing = figure.axes[0].images[0]
     left, right, bottom, top = framing.get_extent()
