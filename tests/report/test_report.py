@@ -14,7 +14,7 @@ from cherrypicker.poses import Poses, write_poses
 from cherrypicker.report.marker_figure import marker_crops, marker_figure
 from cherrypicker.report.page import ReportOptions, read_branches
 from cherrypicker.report.raster import View, side_views, splat
-from cherrypicker.report.stage_figures import example_figure, removed_points
+from cherrypicker.report.stage_figures import coverage_figure, example_figure, removed_points
 from cherrypicker.report.text import with_uncertainty
 from cherrypicker.report.tree import report_tree
 from cherrypicker.report.viewer import pick_points, viewer_data
@@ -244,6 +244,17 @@ def test_the_choice_of_the_target_is_shown_with_its_runner_up(build):
     alone = {"runner_up": None, "margin": 1.0, "candidates": candidates[:1], "warnings": []}
     path.write_text(json.dumps(choice | alone))
     assert "of the score" not in build(target=path)
+
+
+def test_coverage_is_drawn_where_it_lies():
+    region = {"center": [0.0, 0.0, 1.0], "radius": 1.0}
+    coverage = {"region": region, "camera_distance": 3.0, "n_across": 4, "voxel_size": 0.5}
+    coverage |= {"cells": [0, 63], "n_framing": [5, 2], "n_holding": [1, 0]}
+    figure = coverage_figure(coverage, {"transform": np.eye(4).tolist()}, 400)
+    framing = figure.axes[0].images[0]
+    left, right, bottom, top = framing.get_extent()
+    assert right - left == top - bottom == pytest.approx(2.0)
+    assert framing.get_array().compressed().tolist() == [5, 2]
 
 
 def test_unreadable_photos_make_no_example(tmp_path):

@@ -154,8 +154,10 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
     size = coverage["voxel_size"]
     low = centers.min(axis=0)
     column, row = (np.round((centers[:, k] - low[k]) / size).astype(int) for k in (0, 2))
-    size = (width_px / DPI, LAYOUT["coverage_height"] * width_px / DPI)
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    width = width_px / DPI
+    figure = Figure(
+        figsize=(width, LAYOUT["coverage_height"] * width), dpi=DPI, layout="constrained"
+    )
     titles = {"n_framing": "photos that frame it", "n_holding": "depth maps that hold something"}
     extent = (low[0], low[0] + size * (column.max() + 1), low[2], low[2] + size * (row.max() + 1))
     for panel, (name, title) in zip(figure.subplots(1, 2), titles.items()):

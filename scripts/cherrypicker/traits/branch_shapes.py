@@ -124,7 +124,8 @@ def _wood(along: np.ndarray, radius: np.ndarray) -> dict[str, float]:
     taper = 0.0
     if along[-1] > 0:
         offset = along - along.mean()
-        taper = -2e3 * (offset @ radius) / (offset @ offset)
+        # Of what it is thinner than at its base, so that no rounding tapers an even axis
+        taper = 2e3 * (offset @ (radius[0] - radius)) / (offset @ offset)
     return {
         "mean_diameter": step @ (thick + thin) / max(along[-1], 1e-12),
         "taper": taper,
