@@ -22,6 +22,10 @@ GAP_WIDTH = 1.4  # of the shortest way over a gap: ways up to this long cross it
 FOOT_WIDTH = 2.0  # of the stem's half width at its base: what lies so near is the stem
 FOOT_REACH = 30.0  # in spacings: where points of the stem's base are looked for
 BAND = 2.0  # in spacings: how high a ring is
+# Of a band: how far a band is looked at beyond its ends. Without it a stem of 9 cm whose points are
+# spread by chance falls into patches (12 limbs for 8); 0.12, 0.25 and 0.5 mend that, and find 209,
+# 206 and 199 of foreign_a's 209 tips.
+OVERLAP = 0.25
 
 
 @dataclass
@@ -154,11 +158,10 @@ def ring_forest(points, base, spacing, stem=None):
     RingForest
     """
     way, before, edges = ways_from_foot(points, base, spacing, stem)
-    band = np.floor(way / (BAND * spacing)).astype(np.int64)
-    same = edges[band[edges[:, 0]] == band[edges[:, 1]]]
-    n_rings, ring = connected_components(
-        sparse_graph(len(points), same, np.ones(len(same))), directed=False
-    )
+    height = way / (BAND * spacing)
+    band = np.floor(height).astype(np.int64)
+    ring = _pieces_of_bands(height, band, edges)
+    n_rings = ring.max() + 1
     level = np.zeros(n_rings, dtype=np.int64)
     level[ring] = band
     order = np.argsort(level, kind="stable")
@@ -170,6 +173,31 @@ def ring_forest(points, base, spacing, stem=None):
     parent = _votes(ring, before, n_rings)
     _stack_foot(parent, centre, level[order])
     return RingForest(ring, parent, centre, size)
+
+
+def _pieces_of_bands(height, band, edges):
+    """Connected piece of its band for each point, its numbers from 0 on.
+
+    A band is looked at with a part of the bands below and above it: points spread by chance leave
+    gaps in a band that a way around closes (the overlapping cover of Mapper: Singh, Memoli and
+    Carlsson, 2007).
+    """
+    n = len(band)
+    share = height - band
+    beside = np.where(share < OVERLAP, band - 1, band + 1)
+    nowhere = -2 - np.arange(n)
+    in_the_middle = (share >= OVERLAP) & (share <= 1 - OVERLAP)
+    windows = np.stack([band, np.where(in_the_middle, nowhere, beside)])
+    links = [
+        np.stack([edges[:, 0] + n * one, edges[:, 1] + n * other], axis=1)[
+            windows[one, edges[:, 0]] == windows[other, edges[:, 1]]
+        ]
+        for one in (0, 1)
+        for other in (0, 1)
+    ]
+    links = np.vstack(links)
+    piece = connected_components(sparse_graph(2 * n, links, np.ones(len(links))), directed=False)[1]
+    return np.unique(piece[:n], return_inverse=True)[1]
 
 
 def _stack_foot(parent, centre, level):
