@@ -40,10 +40,10 @@ def main(
     workspace, names = Workspace(Path(depth).parent), read_json(depth)["maps"]
     fused = fuse_workspace(workspace, names, options, method=fusion, threads=threads)
     region = find_region(workspace.poses)
-    content = {"region": None}
+    content: dict = {"region": None}
     if region is not None:
         masks = SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names)
-        content = measure_coverage(workspace, region, names, masks).as_dict(region)
+        content = measure_coverage(workspace, region, names, masks)
         if silhouettes:
             fused = add_silhouettes(workspace, fused, region, masks, threads=threads)
     write_json(coverage, content, indent=None)

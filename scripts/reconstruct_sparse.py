@@ -12,6 +12,7 @@ from typing import Annotated
 
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.sfm.mapping import MappingOptions
+from cherrypicker.sfm.rematch import RefineOptions
 from cherrypicker.sfm.sparse import reconstruct_sparse
 
 
@@ -24,6 +25,7 @@ def main(
     poses: Annotated[str, "NPZ of undistorted poses to write"],
     *,
     options: MappingOptions,
+    refining: RefineOptions,
     seed: int = 0,
     threads: int = 2,
 ) -> None:
@@ -35,6 +37,7 @@ def main(
         report,
         poses,
         options,
+        refining,
         seed=seed,
         threads=threads,
     )

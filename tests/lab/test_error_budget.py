@@ -96,7 +96,7 @@ def view_from_x(x=2.0):
     """A camera at (x, 0, 0.5) that looks along -x."""
     R = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
     K = np.array([[300.0, 0, 150], [0, 300, 150], [0, 0, 1]])
-    return View(1, "a.jpg", K, R, -R @ np.array([x, 0, 0.5]), 300, 300)
+    return View("a.jpg", K, R, -R @ np.array([x, 0, 0.5]), 300, 300)
 
 
 def test_true_depth_of_a_stem_the_wall_behind_it_and_the_ground(truth):

@@ -72,7 +72,7 @@ def test_coverage_counts_photos_and_maps_and_goes_through_json(scan, tmp_path):
     region = find_region(poses)
     half = set(poses.names[:12])
     coverage = measure_coverage(Maps(poses, maps), region, half, masks)
-    write_json(tmp_path / "coverage.json", coverage.as_dict(region), indent=None)
+    write_json(tmp_path / "coverage.json", coverage, indent=None)
     content = json.loads((tmp_path / "coverage.json").read_text())
     centers = voxel_centers(region, np.array(content["cells"]), content["n_across"])
     assert np.allclose(content["region"]["center"], region.center)

@@ -7,6 +7,7 @@ from stereo_scene import Surface, write_scene
 
 from cherrypicker.mvs.estimate import StereoOptions, estimate_photometric, make_level, pyramid
 from cherrypicker.mvs.kernels import initial
+from cherrypicker.mvs.kernels.level import State
 from cherrypicker.mvs.lines.line_starts import PhotoLines, find_lines, start_from_lines
 from cherrypicker.mvs.lines.ridges import BRIGHT, DARK
 from cherrypicker.mvs.views import plan_views
@@ -75,11 +76,13 @@ def started_on_the_wall(scene, radius):
     field[..., 0] = 1.0 / WALL_Z
     active = np.ones(shape, np.uint8)
     chosen = np.zeros(shape, np.uint16)
-    initial.evaluate_field(level, field, chosen, active)
+    state = State(field, chosen, active)
+    initial.evaluate_field(level, 1, state)
     lines = [find_lines(photos[i][0]) for i in (problem.view, *problem.sources)]
     view = views[problem.view]
     center = view.R @ np.array([0.1, 0.0, TWIG_Z]) + view.t
-    started = start_from_lines(level, field, chosen, active, lines[0], lines[1:], center, radius)
+    ball = np.array([*center, radius], np.float32)
+    started = start_from_lines(level, state, active, lines[0], lines[1:], ball)
     return field, started
 
 
@@ -105,11 +108,12 @@ def test_no_depth_outside_the_ball_is_asked(scene):
 def test_lines_bring_a_twig_below_a_pixel_into_the_photometric_map(tmp_path):
     """With and without, all else equal."""
     problem, views, photos, depth = middle_photo(tmp_path, 0.009)
+    all_lines = {i: find_lines(p[0]) for i, p in photos.items()}
     none = {i: PhotoLines(np.zeros_like(p[0][..., 0]), p[0][..., 0]) for i, p in photos.items()}
     twig = depth < 4.0
     shares = []
-    for lines in (None, none):
-        field = estimate_photometric(problem, views, photos, StereoOptions(), lines=lines)
+    for lines in (all_lines, none):
+        field = estimate_photometric(problem, views, photos, lines, StereoOptions())
         near = np.abs(1.0 / np.maximum(field[..., 0], 1e-6) - depth) < 0.03 * depth
         shares.append(near[twig].mean())
         assert near[~twig].mean() > 0.9

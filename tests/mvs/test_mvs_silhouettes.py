@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -71,7 +73,7 @@ class Photos:
         return self.folder / view.name
 
     def of(self, view):
-        return np.full((view.height, view.width), view.image_id in self.before_sky)
+        return np.full((view.height, view.width), int(Path(view.name).stem) in self.before_sky)
 
 
 def added(folder, n_photos, twigs_of, *, before_sky=range(99), points=((9.0, 9.0, 9.0),)):

@@ -5,7 +5,7 @@ import pycolmap
 import pytest
 
 from cherrypicker.sfm.agreement import measure_agreement, read_verified_pairs
-from cherrypicker.sfm.policies import first_policy, further_policies
+from cherrypicker.sfm.policies import further_policies
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_a_bent_model_does_not(ring):
         image.frame.rig_from_world = turn * image.frame.rig_from_world
     agreement = measure_agreement(bent, pairs, 2.0)
     assert agreement.pairs < 0.7
-    assert agreement.worst[2] > 5.0
+    assert agreement.matches < 0.9
 
 
 def test_pairs_of_unregistered_photos_do_not_count(ring):
@@ -53,7 +53,6 @@ def test_pairs_of_unregistered_photos_do_not_count(ring):
 
 
 def test_policies_follow_the_failure():
-    assert first_policy("global").mapper == "global"
     missing = further_policies("incremental", 4.0, too_few=True, has_exif_focal=True)
     assert missing[0].guided and missing[0].mapper == "incremental"
     assert any(policy.mapper == "global" for policy in missing)

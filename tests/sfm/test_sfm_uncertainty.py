@@ -9,6 +9,7 @@ from test_sfm_refine import FOCAL, SIZE, pose_of
 from cherrypicker.errors import StageError
 from cherrypicker.sfm import sparse
 from cherrypicker.sfm.refine import adjust
+from cherrypicker.sfm.rematch import RefineOptions
 from cherrypicker.sfm.uncertainty import camera_uncertainty
 
 N_CAMERAS = 12
@@ -50,7 +51,7 @@ def test_the_error_foretold_is_the_error_found():
     found, foretold = [], []
     for seed in range(3):
         model, centers = ring_model(groups, NOISE_PX, seed)
-        adjust(model)
+        adjust(model, RefineOptions())
         errors = camera_uncertainty(model)
         foretold += errors.values()
         at = np.array([model.images[i + 1].projection_center() for i in range(N_CAMERAS)])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -20,10 +21,10 @@ from cherrypicker.lens import PhotoLenses
 from cherrypicker.mvs.workspace import View
 from cherrypicker.sky.mask_files import read_mask
 
-# Structures narrower than this share of the photo's longer side count as thin
+# Structures narrower than this share of the photo's longer side count as thin (guess)
 THIN_SHARE = 0.0075
 # Least contrast of a thin structure with its surroundings, grey levels of 255: above sensor noise
-# and JPEG once smoothed, below a twig of one pixel
+# and JPEG once smoothed, below a twig of one pixel (guess)
 MIN_CONTRAST = 12
 # Rows that go through the lens model at a time; bounds the memory
 ROWS_AT_A_TIME = 64
@@ -78,7 +79,12 @@ class SkyMasks:
         size.
     """
 
-    def __init__(self, folder: str | os.PathLike, model: str | os.PathLike, names):
+    def __init__(
+        self,
+        folder: str | os.PathLike,
+        model: str | os.PathLike,
+        names: Sequence[str] | np.ndarray,
+    ):
         self._folder = Path(folder)
         self._index = {str(name): i for i, name in enumerate(names)}
         self._lenses = PhotoLenses(model, names)

@@ -8,12 +8,13 @@ what the photos show; nothing else in the pipeline can tell, since a cloud that 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Collection
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
+from cherrypicker.mvs.backends.map_keys import GEOMETRIC
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.workspace import View, Workspace, view_of
 from cherrypicker.placement.region import Region, frames
@@ -21,11 +22,14 @@ from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
-# Voxels across the region: 16 cm where the cameras stand 3.2 m away
+# Voxels across the region: 16 cm where the cameras stand 3.2 m away (guess)
 N_ACROSS = 40
 # Photos are looked at by every so many pixels: a voxel is some forty wide
 STEP_PX = 4
+# A pixel shows something where less of it is sky: all but what rounding leaves
+NOTHING_BUT_SKY = 0.999
 # What is narrower than this share of a photo's longer side is thin: limbs and twigs, not hills
+# (guess)
 THIN_SHARE = 0.03
 # Photos that must show something thin before the sky, and the share of those that frame a voxel
 # that may show clear sky there all the same (masks are wrong at times; guess)
@@ -54,81 +58,50 @@ class Shown(NamedTuple):
         return (self.thin >= LEAST_THIN) & (self.clear <= MOST_CLEAR * self.framing)
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """What photos and depth maps have of each voxel of the region.
-
-    Attributes
-    ----------
-    cells : ndarray of shape (n_voxels,), int
-        The voxels by their place in the cube around the region, ``n_across`` along each axis, z the
-        fastest.
-    size : float
-        Their side.
-    holding : ndarray of shape (n_voxels,), int
-        Depth maps that hold something in the voxel.
-    framing, thin, clear : ndarray of shape (n_voxels,), int
-        As in `Shown`.
-    """
-
-    cells: np.ndarray
-    size: float
-    holding: np.ndarray
-    framing: np.ndarray
-    thin: np.ndarray
-    clear: np.ndarray
-
-    def as_dict(self, region: Region) -> dict:
-        """Content of ``dense/coverage.json``; lengths in units of COLMAP's frame."""
-        return {
-            "region": {"center": region.center, "radius": region.radius},
-            "camera_distance": region.distance,
-            "voxel_size": self.size,
-            "n_across": N_ACROSS,
-            "cells": self.cells,
-            "n_framing": self.framing,
-            "n_holding": self.holding,
-            "n_thin_before_sky": self.thin,
-            "n_clear_sky": self.clear,
-        }
-
-
 def measure_coverage(
-    workspace: Workspace, region: Region, names: list[str], masks: SkyMasks, kind: str = "geometric"
-) -> Coverage:
+    workspace: Workspace, region: Region, names: Collection[str], masks: SkyMasks
+) -> dict[str, Any]:
     """Count, for every voxel of the region, what photos and depth maps have there.
 
     Parameters
     ----------
-    workspace : Workspace
-    region : Region
-    names : list of str
+    names : collection of str
         Photos with a depth map.
-    masks : SkyMasks
-    kind : str
-        Which depth maps.
 
     Returns
     -------
-    Coverage
+    dict
+        Content of ``dense/coverage.json``: the region, the side of its voxels and how many go
+        across it, their places ``cells`` in the cube around it (z the fastest), and of each how
+        many photos frame it, how many depth maps hold something there, and how many photos show
+        something thin before the sky or clear sky; lengths in units of COLMAP's frame.
     """
     grid = Grid(region)
     shown = look_for_wood(workspace.poses, masks, grid.centers, grid.size)
     n_holding = np.zeros(len(grid.centers), dtype=int)
     for view in workspace.views:
         if view.name in names:
-            depth = workspace.read_depth(view, kind)[::STEP_PX, ::STEP_PX]
+            depth = workspace.read_depth(view, GEOMETRIC)[::STEP_PX, ::STEP_PX]
             n_holding[grid.occupied(_points_of(view, depth))] += 1
-    coverage = Coverage(grid.cells, grid.size, n_holding, *shown)
     logger.info(
         "half of the region's %s voxels of %.3g are framed by %d photos or more, %.1f %% are held "
         "by a depth map",
         f"{len(n_holding):,}",
         grid.size,
-        np.median(coverage.framing),
+        np.median(shown.framing),
         100.0 * (n_holding > 0).mean(),
     )
-    return coverage
+    return {
+        "region": {"center": region.center, "radius": region.radius},
+        "camera_distance": region.distance,
+        "voxel_size": grid.size,
+        "n_across": N_ACROSS,
+        "cells": grid.cells,
+        "n_framing": shown.framing,
+        "n_holding": n_holding,
+        "n_thin_before_sky": shown.thin,
+        "n_clear_sky": shown.clear,
+    }
 
 
 def look_for_wood(poses: Poses, masks: SkyMasks, centers: np.ndarray, size: float) -> Shown:
@@ -136,7 +109,6 @@ def look_for_wood(poses: Poses, masks: SkyMasks, centers: np.ndarray, size: floa
 
     Parameters
     ----------
-    poses : Poses
     masks : SkyMasks
         Of the same photos.
     centers : ndarray of shape (n_voxels, 3)
@@ -201,14 +173,16 @@ def _points_of(view: View, depth: np.ndarray) -> np.ndarray:
     return (np.stack([u * z, v * z, z], axis=1) - view.t) @ view.R
 
 
-def _before_sky(poses: Poses, i: int, centers: np.ndarray, size: float, sky: np.ndarray):
+def _before_sky(
+    poses: Poses, i: int, centers: np.ndarray, size: float, sky: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Whether a photo shows something thin before the sky at voxels, and nothing but sky.
 
     ``sky`` (height, width) bool, True = sky. Returns two bool arrays (n_voxels,).
     """
     smaller = (sky.shape[1] // STEP_PX, sky.shape[0] // STEP_PX)
     share = cv2.resize(sky.astype(np.float32), smaller, interpolation=cv2.INTER_AREA)
-    solid = (share < 0.999).astype(np.uint8)
+    solid = (share < NOTHING_BUT_SKY).astype(np.uint8)
     side = 2 * max(round(0.5 * THIN_SHARE * max(solid.shape)), 1) + 1
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     thin = cv2.morphologyEx(solid, cv2.MORPH_TOPHAT, window)

@@ -10,21 +10,39 @@ import cv2
 import numpy as np
 
 from cherrypicker.mvs.kernels import consistency, initial, patchmatch
-from cherrypicker.mvs.kernels.level import Level
+from cherrypicker.mvs.kernels.level import Level, State
 from cherrypicker.mvs.kernels.matching import INVALID_COST, pack_bilinear, pack_color, window
 from cherrypicker.mvs.kernels.patchmatch import HOPELESS_COST, Turn
-from cherrypicker.mvs.lines.line_starts import PhotoLines, find_lines, start_from_lines
+from cherrypicker.mvs.kernels.projection import relative_projection
+from cherrypicker.mvs.lines.line_starts import PhotoLines, start_from_lines
 from cherrypicker.mvs.views import StereoProblem
 from cherrypicker.mvs.workspace import View
 from cherrypicker.placement.region import Region
 
 logger = logging.getLogger(__name__)
 
-# At full size a pixel that costs more is not refined: few of them recover, and they are a third
-REFINE_BELOW = np.float32(0.65)
-# The same where the cost holds the geometric error too
-REFINE_CONSISTENT_BELOW = np.float32(0.9)
+# Most levels of the pyramid: from the coarsest on, eight pixels are one (guess)
+MOST_LEVELS = 4
+# A pixel of a level is left out where more of it shows clear sky: all but what rounding leaves
+NOTHING_BUT_SKY = 0.999
+# What a sweep tries at the coarsest level, at those between, first and further ones, and at full
+# size. Only the coarsest draws depths from the whole range: where that is hundreds of pixels of
+# parallax a draw hits nothing, or something wrong (without them one in fifteen of the misses of
+# wood of 10 mm and more is gone, and a tenth of the time, foreign_a)
 ALWAYS = np.float32(INVALID_COST)
+COARSEST_TURN = Turn(8, 4, 2, ALWAYS)
+FIRST_TURN = Turn(6, 3, 0, ALWAYS)
+FURTHER_TURN = Turn(4, 2, 0, ALWAYS)
+# At full size a pixel that costs more than 0.65 is not refined: few of them recover, and they are a
+# third
+FULL_TURN = Turn(4, 1, 0, np.float32(0.65))
+# The same where the cost holds the geometric error too (guess)
+CONSISTENT_TURN = Turn(4, 2, 0, np.float32(0.9))
+# Sweeps of the coarsest level beyond ``n_iterations`` (guess)
+MORE_SWEEPS = 2
+# Seeds of the sweeps of a photo lie so many bits apart, above all counts of pixels and their draws;
+# a level has fewer sweeps than `MOST_SWEEPS`
+SWEEP_BITS, MOST_SWEEPS = 40, 64
 # Share of the region's radius within which lines are looked for: a crown is narrower than the walk
 # around it (0.5 and 0.8 find as much)
 CROWN_REACH = 0.6
@@ -76,26 +94,9 @@ def pyramid(photo: np.ndarray, n_levels: int) -> list[np.ndarray]:
 def count_levels(width: int, height: int, min_level_px: int) -> int:
     """Return how often the shorter side can be halved before it falls below ``min_level_px``."""
     n = 1
-    while n < 4 and min(width, height) / 2**n >= min_level_px:
+    while n < MOST_LEVELS and min(width, height) / 2**n >= min_level_px:
         n += 1
     return n
-
-
-def _scaled_intrinsics(view: View, width: int, height: int) -> np.ndarray:
-    """Intrinsics at another size, with pixel centres at whole numbers as the kernels index."""
-    K = np.diag([width / view.width, height / view.height, 1.0]) @ view.K
-    K[:2, 2] -= 0.5
-    return K
-
-
-def relative_projection(reference: tuple, source: tuple) -> np.ndarray:
-    """Return A by rows and b, (12,) float64, from (K, R, t) of reference and source."""
-    K_r, R_r, t_r = reference
-    K_s, R_s, t_s = source
-    R = R_s @ R_r.T
-    A = K_s @ R @ np.linalg.inv(K_r)
-    b = K_s @ (t_s - R @ t_r)
-    return np.r_[A.ravel(), b]
 
 
 def make_level(
@@ -121,14 +122,14 @@ def make_level(
     photo = photos[problem.view][index]
     height, width = photo.shape[:2]
     reference = views[problem.view]
-    K = _scaled_intrinsics(reference, width, height)
-    pose = (K, reference.R, reference.t)
+    pose = reference.kernel_camera(width, height)
+    K = pose[0]
     packed, sizes, project, back, maps = [], [], [], [], []
     for j in problem.sources:
         source = photos[j][index]
         view = views[j]
         size = (source.shape[1], source.shape[0])
-        other = (_scaled_intrinsics(view, *size), view.R, view.t)
+        other = view.kernel_camera(*size)
         packed.append(pack_bilinear(cv2.cvtColor(source, cv2.COLOR_RGB2GRAY)))
         sizes.append(size)
         project.append(relative_projection(pose, other))
@@ -178,19 +179,21 @@ def estimate_photometric(
     problem: StereoProblem,
     views: list[View],
     photos: dict[int, list[np.ndarray]],
+    lines: dict[int, PhotoLines],
     options: StereoOptions,
     threads: int = 1,
     skip: np.ndarray | None = None,
-    lines: dict[int, PhotoLines] | None = None,
 ) -> np.ndarray:
     """Match a reference against its sources, coarse to fine.
 
     Parameters
     ----------
+    photos : dict
+        View index to its pyramid, for reference and sources.
+    lines : dict
+        View index to its lines, for reference and sources.
     skip : ndarray of shape (height, width), bool, optional
         Pixels of the reference that are not to be matched (clear sky).
-    lines : dict, optional
-        View index to its lines, for reference and sources; found here where not given.
 
     Returns
     -------
@@ -200,52 +203,43 @@ def estimate_photometric(
     view = views[problem.view]
     seed = view_seed(options.seed, view.name, 0)
     n_levels = len(photos[problem.view])
-    field = np.zeros(0, np.float32)
-    coarse = coarse_color = coarse_chosen = None
+    coarse: State | None = None
+    coarse_color = None
     for index in reversed(range(n_levels)):
         level = make_level(problem, views, photos, index, options)
-        active = _to_match(skip, level)
-        initial.find_texture(level, active, np.float32(options.min_texture**2), threads)
-        matchable = active.copy()
-        field = _unknown_field(level)
-        chosen = np.zeros((level.height, level.width), dtype=np.uint16)
+        matchable = _to_match(skip, level)
+        initial.find_texture(level, threads, matchable, np.float32(options.min_texture**2))
+        state = _unknown(level, matchable.copy())
         if coarse is None:
             prior = _sparse_prior(problem, view, level.width, level.height)
-            initial.start_randomly(level, field, chosen, active, prior, 6, seed, threads)
+            initial.start_randomly(level, threads, state, prior, seed)
         else:
-            beyond = _enlarged(find_beyond(problem.region, view, coarse), level)
+            beyond = _enlarged(find_beyond(problem.region, view, coarse.field), level)
             if index == 0:
-                field[beyond] = _as_coarse(coarse, level)[beyond]
-                active[beyond] = 0
+                state.field[beyond] = _as_coarse(coarse.field, level)[beyond]
+                state.active[beyond] = 0
             # At a size between, what does not match once it is seen better is matched anew
-            initial.start_from_coarse(
-                level, field, chosen, active, coarse, coarse_color, coarse_chosen, 2, threads
-            )
-            active[beyond] = 0
+            initial.start_from_coarse(level, threads, state, coarse, coarse_color)
+            state.active[beyond] = 0
         if index == 0 and problem.region is not None:
-            started = _start_lines(
-                problem, view, photos, lines, level, field, chosen, matchable, threads
-            )
-            active[_around_lines(started) & (matchable > 0)] = 1
+            center = view.R @ problem.region.center + view.t
+            ball = np.array([*center, CROWN_REACH * problem.region.radius], dtype=np.float32)
+            own, *others = (lines[i] for i in problem.photos)
+            started = start_from_lines(level, state, matchable, own, others, ball, threads)
+            state.active[_around_lines(started) & (matchable > 0)] = 1
         for i, turn in enumerate(_turns(index, n_levels, options.n_iterations)):
-            for parity in (0, 1):
-                draw = seed + (((index * 64 + i) * 2 + parity + 1) << 40)
-                patchmatch.sweep(level, field, chosen, active, parity, turn, draw, threads)
-        coarse, coarse_color, coarse_chosen = field, level.color, chosen
-    return field
+            _sweep_twice(level, threads, state, turn, seed, MOST_SWEEPS * index + i)
+        coarse, coarse_color = state, level.color
+    return state.field
 
 
-def _start_lines(problem, view, photos, lines, level, field, chosen, active, threads):
-    """Start what is thin in the region from the lines of reference and sources."""
-    indices = (problem.view, *problem.sources)
-    if lines is None:
-        lines = {i: find_lines(photos[i][0]) for i in indices}
-    reference, *sources = (lines[i] for i in indices)
-    center = view.R @ problem.region.center + view.t
-    radius = CROWN_REACH * problem.region.radius
-    return start_from_lines(
-        level, field, chosen, active, reference, sources, center, radius, threads
-    )
+def _sweep_twice(
+    level: Level, threads: int, state: State, turn: Turn, seed: int, number: int
+) -> None:
+    """Sweep over one colour of the checkerboard, then over the other."""
+    for parity in (0, 1):
+        draw = seed + ((2 * number + parity + 1) << SWEEP_BITS)
+        patchmatch.sweep(level, threads, state, parity, turn, draw)
 
 
 def _around_lines(started: np.ndarray) -> np.ndarray:
@@ -262,10 +256,10 @@ def find_beyond(region: Region | None, view: View, field: np.ndarray) -> np.ndar
     height, width = field.shape[:2]
     if region is None:
         return np.zeros((height, width), dtype=bool)
-    K = _scaled_intrinsics(view, width, height)
+    K, R, t = view.kernel_camera(width, height)
     x = (np.arange(width, dtype=np.float32) - K[0, 2]) / K[0, 0]
     y = (np.arange(height, dtype=np.float32) - K[1, 2]) / K[1, 1]
-    center = view.R @ region.center + view.t
+    center = R @ region.center + t
     w = field[..., 0]
     # |ray / w - center| > radius, times w
     off = (x[None, :] - center[0] * w) ** 2 + (y[:, None] - center[1] * w) ** 2
@@ -297,29 +291,26 @@ def _to_match(skip: np.ndarray | None, level: Level) -> np.ndarray:
     share = cv2.resize(
         skip.astype(np.float32), (level.width, level.height), interpolation=cv2.INTER_AREA
     )
-    return (share < 0.999).astype(np.uint8)
+    return (share < NOTHING_BUT_SKY).astype(np.uint8)
 
 
-def _unknown_field(level: Level) -> np.ndarray:
+def _unknown(level: Level, active: np.ndarray) -> State:
     field = np.zeros((level.height, level.width, 4), dtype=np.float32)
     field[..., 3] = INVALID_COST
-    return field
+    return State(field, np.zeros((level.height, level.width), dtype=np.uint16), active)
 
 
 def _turns(index: int, n_levels: int, n_iterations: int) -> list[Turn]:
     """Return what each sweep of a level tries.
 
-    Only the coarsest level draws depths from the whole range: where that is hundreds of pixels of
-    parallax a draw hits nothing, or something wrong (without them one in fifteen of the misses of
-    wood of 10 mm and more is gone, and a tenth of the time, foreign_a). A sweep at half the size
-    costs a quarter, so coarse levels get more of them. (One less at each took 8 % off the time, and
-    1 to 2 % of what is found above 5 mm.)
+    A sweep at half the size costs a quarter, so coarse levels get more of them. (One less at each
+    took 8 % off the time, and 1 to 2 % of what is found above 5 mm.)
     """
     if index == n_levels - 1:
-        return [Turn(8, 4, 2, ALWAYS)] * (n_iterations + 2)
+        return [COARSEST_TURN] * (n_iterations + MORE_SWEEPS)
     if index > 0:
-        return [Turn(6, 3, 0, ALWAYS)] + [Turn(4, 2, 0, ALWAYS)] * n_iterations
-    return [Turn(4, 1, 0, REFINE_BELOW)] * n_iterations
+        return [FIRST_TURN] + [FURTHER_TURN] * n_iterations
+    return [FULL_TURN] * n_iterations
 
 
 def estimate_geometric(
@@ -351,33 +342,20 @@ def estimate_geometric(
     view = views[problem.view]
     seed = view_seed(options.seed, view.name, 1)
     level = make_level(problem, views, photos, 0, options, depths, options.geometric_weight)
-    field = start.copy()
-    active = (field[..., 0] > 0.0).astype(np.uint8)
-    chosen = np.zeros((level.height, level.width), dtype=np.uint16)
-    initial.evaluate_field(level, field, chosen, active, threads)
+    active = (start[..., 0] > 0.0).astype(np.uint8)
+    state = _unknown(level, active)._replace(field=start.copy())
+    initial.evaluate_field(level, threads, state)
     # A twig that was given the hill's depth disagrees with the sources' maps, and stays active
-    beyond = find_beyond(problem.region, view, field)
-    active[_enlarged(beyond, level)] = 0
-    splat = np.zeros((len(problem.sources), level.height, level.width), dtype=np.float32)
-    consistency.splat_sources(level, splat, threads)
-    consistency.adopt_from_sources(level, field, chosen, active, splat, np.float32(0.5), threads)
-    turn = Turn(4, 2, 0, REFINE_CONSISTENT_BELOW)
-    for parity in (0, 1):
-        draw = seed + ((parity + 1) << 40)
-        patchmatch.sweep(level, field, chosen, active, parity, turn, draw, threads)
+    active[_enlarged(find_beyond(problem.region, view, state.field), level)] = 0
+    splat = consistency.splat_sources(level, threads)
+    consistency.adopt_from_sources(level, threads, state, splat)
+    _sweep_twice(level, threads, state, CONSISTENT_TURN, seed, 0)
     counts = np.zeros((level.height, level.width), dtype=np.uint8)
     enough = min(options.min_consistent, len(problem.sources))
-    consistency.count_consistent(
-        level,
-        field,
-        counts,
-        enough,
-        np.float32(options.max_cost),
-        np.float32(options.max_error_px),
-        threads,
-    )
-    field[counts < enough] = 0.0
-    return field
+    limits = np.float32(options.max_cost), np.float32(options.max_error_px)
+    consistency.count_consistent(level, threads, state.field, counts, enough, *limits)
+    state.field[counts < enough] = 0.0
+    return state.field
 
 
 def field_to_maps(field: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

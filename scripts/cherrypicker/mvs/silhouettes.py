@@ -18,7 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.mvs.kernels.compiled import in_parallel, inlined, kernel
+from cherrypicker.mvs.fusion import joined
+from cherrypicker.mvs.kernels.compiled import Num, in_parallel, inlined, kernel
+from cherrypicker.mvs.kernels.projection import cross_ball
 from cherrypicker.mvs.lines.lines import (
     CLEAR,
     TOLERANCE_PX,
@@ -40,18 +42,20 @@ logger = logging.getLogger(__name__)
 # Step along a ray, in pixels of the photo at the place: the parallax in a like photo is no larger
 STEP_PX = 0.5
 # Lines are the image of one direction within 15 degrees (sine): a line of one pixel in noise
+# (guess)
 DIRECTION_SINE = 0.26
-# Two planes through lines give a direction where they cross at 10 degrees or more (sine)
+# Two planes through lines give a direction where they cross at 10 degrees or more (sine; guess)
 CROSSING_SINE = 0.17
-# Photos that look from directions nearer than 5 degrees see nearly the same (cosine)
+# Photos that look from directions nearer than 5 degrees see nearly the same (cosine; guess)
 APART_COSINE = 0.9962
-# Expected number of places on a ray that photos agree on by chance
+# Expected number of places on a ray that photos agree on by chance (guess)
 CHANCE = 0.05
-# Photos besides its own that a place needs however little chance there is
+# Photos besides its own that a place needs however little chance there is (guess)
 LEAST_WITNESSES = 3
 # Most uncertain depth, in pixels of the photo at the place, for an error of a pixel in each photo
+# (guess)
 MOST_DEPTH_PX = 3.0
-# Rounds of least squares on a ray
+# Rounds of least squares on a ray (guess)
 N_ROUNDS = 2
 # Line points that a thread takes at a time
 LINES_AT_A_TIME = 256
@@ -66,15 +70,18 @@ class Sight(NamedTuple):
         The photo.
     rays : ndarray of shape (n, 3), float64
         Directions from its centre, of depth 1.
-    spans : ndarray of shape (n, 2), float64
-        Depths between which they pass through the region; equal where they miss it.
+    ball : ndarray of shape (4,), float64
+        Centre of the region from the photo's, and its radius.
+    nearest : float
+        Least depth that is asked.
     pixel : float
         Size of a pixel at depth 1.
     """
 
     own: int
     rays: np.ndarray
-    spans: np.ndarray
+    ball: np.ndarray
+    nearest: float
     pixel: float
 
 
@@ -88,7 +95,7 @@ class Scratch(NamedTuple):
 
 
 @inlined
-def _place(lines, sight, row, depth):
+def _place(lines: Lines, sight: Sight, row: Num, depth: Num) -> tuple[Num, Num, Num]:
     """Return the place at a depth on a ray."""
     x = lines.centers[sight.own, 0] + depth * sight.rays[row, 0]
     y = lines.centers[sight.own, 1] + depth * sight.rays[row, 1]
@@ -97,7 +104,7 @@ def _place(lines, sight, row, depth):
 
 
 @inlined
-def _meet(lines, own, x, y, z, met):
+def _meet(lines: Lines, own: Num, x: Num, y: Num, z: Num, met: np.ndarray) -> Num:
     """Enter the lines of other photos that a place lies on; return their number, -1 for sky."""
     n = 0
     for k in range(lines.order.shape[0]):
@@ -114,7 +121,9 @@ def _meet(lines, own, x, y, z, met):
 
 
 @inlined
-def _is_apart(lines, i, own, kept, n, x, y, z):
+def _is_apart(
+    lines: Lines, i: Num, own: Num, kept: np.ndarray, n: Num, x: Num, y: Num, z: Num
+) -> bool:
     """Whether photo ``i`` looks at a place from elsewhere than ``own`` and the photos kept."""
     ax, ay, az = lines.centers[i, 0] - x, lines.centers[i, 1] - y, lines.centers[i, 2] - z
     a = ax * ax + ay * ay + az * az
@@ -128,7 +137,9 @@ def _is_apart(lines, i, own, kept, n, x, y, z):
 
 
 @inlined
-def _consent(lines, line, n, x, y, z, scratch):
+def _consent(
+    lines: Lines, line: np.ndarray, n: Num, x: Num, y: Num, z: Num, scratch: Scratch
+) -> tuple[Num, Num]:
     """Keep as many of the lines met as are, with ``line``, the image of one direction.
 
     That direction goes to ``scratch.axis``. Returns their surprise and their number.
@@ -163,7 +174,7 @@ def _consent(lines, line, n, x, y, z, scratch):
 
 
 @inlined
-def _ask(lines, sight, row, depth, scratch):
+def _ask(lines: Lines, sight: Sight, row: Num, depth: Num, scratch: Scratch) -> tuple[Num, Num]:
     """Ask all photos about a place; return how surprising their consent is, 0 without any."""
     x, y, z = _place(lines, sight, row, depth)
     n = _meet(lines, sight.own, x, y, z, scratch.met)
@@ -177,17 +188,28 @@ def _ask(lines, sight, row, depth, scratch):
 
 
 @inlined
-def _least_surprise(sight, row):
+def _span(sight: Sight, row: Num) -> tuple[Num, Num]:
+    """Return the depths between which a ray passes through the region; equal where it misses."""
+    rays = sight.rays
+    middle, square = cross_ball(rays[row, 0], rays[row, 1], rays[row, 2], sight.ball)
+    half = np.sqrt(max(square, 0.0))
+    return max(middle - half, sight.nearest), max(middle + half, sight.nearest)
+
+
+@inlined
+def _least_surprise(sight: Sight, row: Num) -> Num:
     """Surprise at which a ray has less than `CHANCE` places by chance.
 
     Places two tolerances apart show other pixels, so that many may each be one by chance.
     """
-    span = np.log(sight.spans[row, 1] / sight.spans[row, 0])
-    return np.log(span / (2.0 * TOLERANCE_PX * sight.pixel * CHANCE))
+    low, high = _span(sight, row)
+    return np.log(np.log(high / low) / (2.0 * TOLERANCE_PX * sight.pixel * CHANCE))
 
 
 @inlined
-def _refined(lines, sight, row, depth, n, kept):
+def _refined(
+    lines: Lines, sight: Sight, row: Num, depth: Num, n: Num, kept: np.ndarray
+) -> tuple[Num, Num]:
     """Return the depth that fits the ``n`` lines kept best, and its uncertainty, px."""
     top = 0.0
     bottom = 0.0
@@ -208,17 +230,19 @@ def _refined(lines, sight, row, depth, n, kept):
 
 
 @kernel
-def _search(lines, sight, first, last, scratch, depths):
+def _search(
+    lines: Lines, sight: Sight, first: Num, last: Num, scratch: Scratch, depths: np.ndarray
+) -> None:
     """Enter the depth of most consent on rays ``first`` to ``last``, 0 where it may be chance."""
     for row in range(first, last):
         depths[row] = 0.0
         if lines.explained[lines.first[sight.own] + row] > 0.0:
             continue
-        if sight.spans[row, 1] <= sight.spans[row, 0]:
+        depth, high = _span(sight, row)
+        if high <= depth:
             continue
         most = _least_surprise(sight, row)
-        depth = sight.spans[row, 0]
-        while depth < sight.spans[row, 1]:
+        while depth < high:
             surprise, _ = _ask(lines, sight, row, depth, scratch)
             if surprise > most:
                 most = surprise
@@ -227,7 +251,16 @@ def _search(lines, sight, first, last, scratch, depths):
 
 
 @kernel
-def _settle(lines, sight, first, last, scratch, depths, axes, counts):
+def _settle(
+    lines: Lines,
+    sight: Sight,
+    first: Num,
+    last: Num,
+    scratch: Scratch,
+    depths: np.ndarray,
+    axes: np.ndarray,
+    counts: np.ndarray,
+) -> None:
     """Fit the depths found to the lines that meet there, and ask again.
 
     ``counts`` takes the number of photos, 0 where the place does not hold, ``axes`` (n, 3) the
@@ -259,14 +292,12 @@ def add_silhouettes(
 
     Parameters
     ----------
-    workspace : Workspace
     cloud : PointCloud
         Of the workspace, with normals and colours.
     region : Region
         Where twigs are looked for.
     masks : SkyMasks
         Of the workspace's photos.
-    threads : int
 
     Returns
     -------
@@ -291,7 +322,7 @@ def add_silhouettes(
         f"{n_open:,}",
         f"{sum(map(len, parts)):,}",
     )
-    return _joined([_marked(cloud, 0), *(_marked(part, 1) for part in parts)])
+    return joined([_marked(cloud, 0), *(_marked(part, 1) for part in parts)])
 
 
 def _twigs_of(
@@ -301,8 +332,9 @@ def _twigs_of(
     view = workspace.views[i]
     uv = lines.uv[lines.first[i] : lines.first[i + 1]]
     rays = np.column_stack([uv, np.ones(len(uv))]) @ np.linalg.inv(view.K).T @ view.R
-    spans = _spans(view.center, rays, region)
-    sight = Sight(i, rays, spans, 1.0 / view.K[0, 0])
+    offset = region.center - view.center
+    nearest = NEAREST * float(np.linalg.norm(offset))
+    sight = Sight(i, rays, np.array([*offset, region.radius]), nearest, 1.0 / view.K[0, 0])
     depths, axes, counts = _follow(lines, sight, threads)
     kept = np.flatnonzero(counts)
     points = view.center + depths[kept, None] * rays[kept]
@@ -318,7 +350,7 @@ def _twigs_of(
     )
 
 
-def _follow(lines: Lines, sight: Sight, threads: int):
+def _follow(lines: Lines, sight: Sight, threads: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return depths (n,), axes (n, 3) and numbers of photos (n,) of a photo's line points."""
     n, n_views = len(sight.rays), len(lines.starts)
     depths, axes, counts = np.zeros(n), np.zeros((n, 3)), np.zeros(n, dtype=np.int64)
@@ -335,16 +367,6 @@ def _follow(lines: Lines, sight: Sight, threads: int):
     return depths, axes, counts
 
 
-def _spans(center: np.ndarray, rays: np.ndarray, region: Region) -> np.ndarray:
-    """Depths (n, 2) between which rays (n, 3) pass through the region; equal where they miss it."""
-    squared = np.einsum("ni,ni->n", rays, rays)
-    offset = center - region.center
-    middle = -(rays @ offset) / squared
-    half = np.sqrt(np.maximum(middle**2 - (offset @ offset - region.radius**2) / squared, 0.0))
-    nearest = NEAREST * np.linalg.norm(offset)
-    return np.maximum(np.stack([middle - half, middle + half], axis=1), nearest)
-
-
 def _across(directions: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """Unit vectors (n, 3) of directions (n, 3) without their part along unit axes (n, 3)."""
     along = np.einsum("ni,ni->n", directions, axes)
@@ -354,16 +376,3 @@ def _across(directions: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 def _marked(cloud: PointCloud, is_new: int) -> PointCloud:
     return cloud.with_fields(from_silhouette=np.full(len(cloud), is_new, np.uint8))
-
-
-def _joined(clouds: list[PointCloud]) -> PointCloud:
-    """One cloud with the first one's fields, frame and unit."""
-    whole = clouds[0]
-    return PointCloud(
-        np.concatenate([cloud.points for cloud in clouds]),
-        np.concatenate([cloud.colors for cloud in clouds]),
-        np.concatenate([cloud.normals for cloud in clouds]),
-        {name: np.concatenate([cloud[name] for cloud in clouds]) for name in whole.fields},
-        frame=whole.frame,
-        unit=whole.unit,
-    )

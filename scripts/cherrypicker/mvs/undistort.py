@@ -13,10 +13,11 @@ import pycolmap
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.photos import read_photo
+from cherrypicker.sfm.export import read_model
 
 logger = logging.getLogger(__name__)
 
-# COLMAP's default recompresses at a quality that blurs twigs
+# COLMAP's default recompresses at a quality that blurs twigs (guess)
 JPEG_QUALITY = 96
 
 
@@ -58,7 +59,7 @@ def undistort(
         If a photo of the model is missing, unreadable or of another size than its camera.
     """
     workspace = Path(workspace)
-    reconstruction = _read_model(model)
+    reconstruction = read_model(model)
     folder = _photo_folder(reconstruction, photos)
     for part in ("images", "sparse", "stereo"):
         shutil.rmtree(workspace / part, ignore_errors=True)
@@ -76,25 +77,11 @@ def undistort(
         )
     except (RuntimeError, ValueError) as error:
         raise StageError(f"undistortion failed ({error})", file=folder) from error
-    sizes: list[dict] = []
-    for view in Workspace(workspace).views:
-        shape = read_photo(workspace / "images" / view.name).shape
-        if shape[:2] != (view.height, view.width):
-            raise StageError(
-                f"undistorted to {shape[1]} x {shape[0]} px, expected {view.width} x {view.height}",
-                file=workspace / "images" / view.name,
-            )
-        sizes.append({"name": view.name, "width": view.width, "height": view.height})
-    megapixels = sum(size["width"] * size["height"] for size in sizes) / 1e6
+    views = Workspace(workspace).views
+    sizes = [{"name": view.name, "width": view.width, "height": view.height} for view in views]
+    megapixels = sum(view.width * view.height for view in views) / 1e6
     logger.info("undistorted %d photos, %.1f megapixels", len(sizes), megapixels)
     return {"max_image_size": max_image_size, "photos": sizes}
-
-
-def _read_model(model: str | os.PathLike) -> pycolmap.Reconstruction:
-    try:
-        return pycolmap.Reconstruction(Path(model))
-    except (ValueError, RuntimeError, OSError) as error:
-        raise StageError(f"no readable sparse model ({error})", file=model) from error
 
 
 def _photo_folder(

@@ -20,18 +20,25 @@ from cherrypicker.placement.region import Region, find_region, framing
 logger = logging.getLogger(__name__)
 
 # Best angle between two rays: below it depth is ill conditioned, above it bark and twigs look
-# different (and hide one another); the spread is wide above, since rings of photos may be sparse
+# different (and hide one another); the spread is wide above, since rings of photos may be sparse.
+# After MVSNet (Yao et al., ECCV 2018): 5, 1 and 10 degrees there
 BEST_ANGLE_DEG = 11.0
 SPREAD_BELOW_DEG = 5.0
 SPREAD_ABOVE_DEG = 13.0
-# What a sparse point counts that falls into a photo's frame without being matched there
+# What a sparse point counts that falls into a photo's frame without being matched there (guess)
 UNMATCHED_WEIGHT = 0.15
+# Sparse points without which a photo has no depth range (guess)
 MIN_POINTS = 8
 # A place is covered when its sources' weights (1 for the best angle and an equal scale) add up to
-# this
+# this (guess)
 COVER = 2.0
-# A source that adds less, as a share of all that could be covered, is not worth its time
+# A source that adds less, as a share of all that could be covered, is not worth its time (guess)
 LEAST_GAIN = 0.002
+# Percentiles of the sparse points' depths that bound the depth range, and how far it is widened to
+# the front and to the back: they are corners of bark and grass, twigs may be nearer and background
+# farther (guess)
+DEPTH_PERCENTILES = (0.5, 99.5)
+NEARER, FARTHER = 0.7, 1.6
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,11 @@ class StereoProblem:
     sparse_uv: np.ndarray
     sparse_depth: np.ndarray
     region: Region | None = None
+
+    @property
+    def photos(self) -> tuple[int, ...]:
+        """Reference and sources."""
+        return self.view, *self.sources
 
 
 @dataclass(frozen=True)
@@ -167,8 +179,8 @@ def _observations(workspace: Workspace) -> tuple[np.ndarray, np.ndarray]:
     points = np.array([workspace.model.points3D[int(i)].xyz for i in ids]).reshape(-1, 3)
     seen = np.zeros((len(workspace.views), len(ids)), dtype=bool)
     for row, view in enumerate(workspace.views):
-        image = workspace.model.images[view.image_id]
-        observed = [p.point3D_id for p in image.points2D if p.has_point3D()]
+        points2D = workspace.image(view).points2D
+        observed = [point.point3D_id for point in points2D if point.has_point3D()]
         seen[row, np.searchsorted(ids, np.array(observed, dtype=np.int64))] = True
         seen[row] &= view.project(points)[1] > 0.0
     return points, seen
@@ -240,12 +252,7 @@ def _weights(views: list[View], i: int, points: np.ndarray) -> np.ndarray:
 
 
 def _depth_range(own: np.ndarray, near: np.ndarray) -> tuple[float, float]:
-    """Depth range from the view's own points and those its sources see in its frame.
-
-    The points are corners of bark and grass; twigs may be nearer and background farther, so the
-    range is widened by 30 % to the front and 60 % to the back.
-    """
-    depths = np.concatenate([own, near])
-    low, high = np.percentile(depths, [0.5, 99.5])
-    low = min(low, float(np.percentile(own, 0.5)))
-    return 0.7 * float(low), 1.6 * float(high)
+    """Depth range from the view's own points and those its sources see in its frame."""
+    low, high = np.percentile(np.concatenate([own, near]), DEPTH_PERCENTILES)
+    low = min(low, np.percentile(own, DEPTH_PERCENTILES[0]))
+    return NEARER * float(low), FARTHER * float(high)

@@ -7,6 +7,7 @@ after the other, rows from the top, as ``pycolmap.DepthMap`` and ``pycolmap.Norm
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,9 @@ import pycolmap
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.poses import Poses, project
+from cherrypicker.sfm.export import poses_of, read_model
 
+# More than the header of a map can have
 _HEADER_BYTES = 64
 
 
@@ -26,8 +29,6 @@ class View:
 
     Attributes
     ----------
-    image_id : int
-        COLMAP's id.
     name : str
         File name below ``images/``.
     K : ndarray of shape (3, 3), float64
@@ -38,7 +39,6 @@ class View:
         Size of the undistorted photo, px.
     """
 
-    image_id: int
     name: str
     K: np.ndarray
     R: np.ndarray
@@ -50,6 +50,12 @@ class View:
     def center(self) -> np.ndarray:
         """Camera centre in the world, (3,)."""
         return -self.R.T @ self.t
+
+    def kernel_camera(self, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """K, R and t at another size, with pixel centres at whole numbers as the kernels index."""
+        K = np.diag([width / self.width, height / self.height, 1.0]) @ self.K
+        K[:2, 2] -= 0.5
+        return K, self.R, self.t
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return pixel coordinates (n, 2) and depth (n,) of points (n, 3)."""
@@ -64,6 +70,13 @@ class Workspace:
     folder : path-like
         The workspace, as ``pycolmap.undistort_images`` leaves it.
 
+    Attributes
+    ----------
+    model : pycolmap.Reconstruction
+    poses : Poses
+    views : list of View
+        The poses, one by one.
+
     Raises
     ------
     StageError
@@ -72,29 +85,25 @@ class Workspace:
 
     def __init__(self, folder: str | os.PathLike):
         self.folder = Path(folder)
-        try:
-            self.model = pycolmap.Reconstruction(self.folder / "sparse")
-        except (ValueError, RuntimeError, OSError) as error:
-            raise StageError(f"no sparse model ({error})", file=self.folder / "sparse") from error
-        images = sorted(self.model.images.values(), key=lambda image: image.name)
-        self.views = [_view(image, self.folder) for image in images if image.has_pose]
-        if len(self.views) < 2:
+        self.model = read_model(self.folder / "sparse")
+        if self.model.num_reg_images() < 2:
             raise StageError(
-                f"dense stereo needs two registered photos, got {len(self.views)}",
+                f"dense stereo needs two registered photos, got {self.model.num_reg_images()}",
                 file=self.folder / "sparse",
                 key="sfm.min_registered_fraction",
             )
+        for camera in self.model.cameras.values():
+            if camera.model.name not in ("PINHOLE", "SIMPLE_PINHOLE"):
+                raise StageError(
+                    f"a camera is {camera.model.name}, not an undistorted pinhole",
+                    file=self.folder / "sparse",
+                )
+        self.poses = poses_of(self.model, dict(self.model.cameras.items()))
+        self.views = [view_of(self.poses, i) for i in range(len(self.poses))]
 
-    @property
-    def poses(self) -> Poses:
-        """The views' poses, one a view."""
-        return Poses(
-            names=np.array([view.name for view in self.views]),
-            cam_from_world=np.array([np.column_stack([view.R, view.t]) for view in self.views]),
-            K=np.array([view.K for view in self.views]),
-            width=np.array([view.width for view in self.views]),
-            height=np.array([view.height for view in self.views]),
-        )
+    def image(self, view: View) -> pycolmap.Image:
+        """Return a view's photo in the sparse model, with the points that it observes."""
+        return next(each for each in self.model.images.values() if each.name == view.name)
 
     def photo_path(self, view: View) -> Path:
         """Return the undistorted photo's path."""
@@ -128,11 +137,10 @@ class Workspace:
         write_map(self.normal_path(view, kind), normals)
         write_map(self.depth_path(view, kind), depth)
 
-    def remove_maps(self, view: View) -> None:
-        """Remove a photo's maps of both kinds."""
-        for kind in ("photometric", "geometric"):
-            self.depth_path(view, kind).unlink(missing_ok=True)
-            self.normal_path(view, kind).unlink(missing_ok=True)
+    def remove_maps(self, view: View, kind: str) -> None:
+        """Remove a photo's maps of a kind."""
+        self.depth_path(view, kind).unlink(missing_ok=True)
+        self.normal_path(view, kind).unlink(missing_ok=True)
 
     def write_fusion_config(self) -> None:
         """Write ``stereo/fusion.cfg``, the photos that COLMAP's fusion goes through."""
@@ -152,29 +160,9 @@ class Workspace:
         return array
 
 
-def _view(image: pycolmap.Image, folder: Path) -> View:
-    camera: pycolmap.Camera = image.camera  # type: ignore[assignment]  # a read model has it
-    if camera.model.name not in ("PINHOLE", "SIMPLE_PINHOLE"):
-        raise StageError(
-            f"camera of {image.name} is {camera.model.name}, not an undistorted pinhole",
-            file=folder / "sparse",
-        )
-    pose = image.cam_from_world().matrix()
-    return View(
-        image_id=image.image_id,
-        name=image.name,
-        K=camera.calibration_matrix(),
-        R=pose[:, :3],
-        t=pose[:, 3],
-        width=int(camera.width),
-        height=int(camera.height),
-    )
-
-
 def view_of(poses: Poses, i: int) -> View:
-    """Return photo ``i`` of some poses as a view; its number stands for COLMAP's id."""
+    """Return photo ``i`` of some poses as a view."""
     return View(
-        image_id=i,
         name=str(poses.names[i]),
         K=poses.K[i],
         R=poses.rotations[i],
@@ -184,15 +172,13 @@ def view_of(poses: Poses, i: int) -> View:
     )
 
 
-def _parse_header(head: bytes, path: Path) -> tuple[int, int, int, int]:
-    parts = head.split(b"&", 3)
-    try:
-        width, height, channels = (int(part) for part in parts[:3])
-    except ValueError as error:
-        raise StageError("not a COLMAP map: no width&height&channels& header", file=path) from error
-    if len(parts) < 4 or min(width, height, channels) < 1:
+def _parse_header(content: bytes, path: Path) -> tuple[int, int, int, int]:
+    """Return width, height and channels of a map, and where its numbers begin."""
+    found = re.match(rb"([1-9]\d*)&([1-9]\d*)&([1-9]\d*)&", content)
+    if found is None:
         raise StageError("not a COLMAP map: no width&height&channels& header", file=path)
-    return width, height, channels, sum(len(part) + 1 for part in parts[:3])
+    width, height, channels = map(int, found.groups())
+    return width, height, channels, found.end()
 
 
 def read_map(path: str | os.PathLike) -> np.ndarray:
@@ -212,7 +198,7 @@ def read_map(path: str | os.PathLike) -> np.ndarray:
         content = path.read_bytes()
     except FileNotFoundError as error:
         raise StageError("the depth or normal map is missing", file=path) from error
-    width, height, channels, start = _parse_header(content[:_HEADER_BYTES], path)
+    width, height, channels, start = _parse_header(content, path)
     if len(content) - start != 4 * width * height * channels:
         raise StageError(
             f"the map is cut short: {len(content) - start} bytes of data, "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import shutil
 import sqlite3
@@ -14,19 +13,13 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path, temporary_folder
+from cherrypicker.files import atomic_path
 from cherrypicker.progress import Progress
 
-logger = logging.getLogger(__name__)
-
+# Prefix of the temporary folders beside the databases
+SCRATCH = ".sfm."
+# Between two counts of the rows of a table
 POLL_INTERVAL_S = 1.0
-
-
-@contextmanager
-def scratch_folder(beside: str | os.PathLike) -> Iterator[Path]:
-    """Yield a temporary folder on the disk of ``beside``, removed afterwards."""
-    with temporary_folder(Path(beside).parent, ".sfm.") as folder:
-        yield folder
 
 
 def copy_database(source: str | os.PathLike, copy: Path) -> Path:

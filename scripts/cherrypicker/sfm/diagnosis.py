@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,9 @@ import pycolmap
 
 from cherrypicker.sfm.database import feature_counts
 
+# Features below which a photo counts as blurred or blank, and as a share of the median (guesses)
 FEW_FEATURES = 200
+FEW_SHARE = 0.1
 
 
 def diagnose_photos(
@@ -19,7 +21,7 @@ def diagnose_photos(
     model: pycolmap.Reconstruction | None,
     other_models: Sequence[Sequence[str]] = (),
     *,
-    min_inliers: int = 15,
+    min_inliers: int,
 ) -> dict[str, dict]:
     """Explain each photo of the folder.
 
@@ -65,7 +67,11 @@ def diagnose_photos(
         }
         if name not in registered:
             report[name]["reason"] = info["problem"] or _reason(
-                name, report[name], registered, other_models, np.median(list(counts.values()))
+                name,
+                report[name],
+                registered,
+                other_models,
+                float(np.median(list(counts.values()))),
             )
     return report
 
@@ -85,9 +91,15 @@ def verified_inliers(database: Path, min_inliers: int) -> dict[str, dict[str, in
     return result
 
 
-def _reason(name, facts, registered, other_models, median_features) -> str:
+def _reason(
+    name: str,
+    facts: dict,
+    registered: Collection[str],
+    other_models: Sequence[Sequence[str]],
+    median_features: float,
+) -> str:
     n_features = facts["n_features"]
-    few = n_features < max(FEW_FEATURES, 0.1 * median_features)
+    few = n_features < max(FEW_FEATURES, FEW_SHARE * median_features)
     hint = f" ({n_features} features; median {median_features:.0f}: blurred or blank?)"
     if few and not facts["n_partners"]:
         return f"too few features{hint}"

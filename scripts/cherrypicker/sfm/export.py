@@ -1,13 +1,15 @@
-"""Write a model as later stages read it: COLMAP's binary files and the undistorted poses."""
+"""A model as later stages read it: COLMAP's binary files and the undistorted poses."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
+from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
 from cherrypicker.poses import Poses
 
@@ -20,21 +22,38 @@ def undistorted_poses(model: pycolmap.Reconstruction) -> Poses:
     The pinhole is the one that ``pycolmap.undistort_camera`` makes with its default options, which
     the dense stage's undistortion uses, too.
     """
+    options = pycolmap.UndistortCameraOptions()
+    pinholes = {i: pycolmap.undistort_camera(options, cam) for i, cam in model.cameras.items()}
+    return poses_of(model, pinholes)
+
+
+def poses_of(model: pycolmap.Reconstruction, cameras: Mapping[int, pycolmap.Camera]) -> Poses:
+    """Return the registered photos of a model, sorted by name, with pinhole cameras by id."""
     images = sorted(
         (image for image in model.images.values() if image.has_pose), key=lambda each: each.name
     )
-    pinholes = {
-        camera_id: pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), camera)
-        for camera_id, camera in model.cameras.items()
-    }
-    cameras = [pinholes[image.camera_id] for image in images]
+    chosen = [cameras[image.camera_id] for image in images]
     return Poses(
         names=np.array([image.name for image in images], dtype=str),
         cam_from_world=np.array([image.cam_from_world().matrix() for image in images]),
-        K=np.array([camera.calibration_matrix() for camera in cameras]),
-        width=np.array([camera.width for camera in cameras]),
-        height=np.array([camera.height for camera in cameras]),
+        K=np.array([camera.calibration_matrix() for camera in chosen]),
+        width=np.array([camera.width for camera in chosen]),
+        height=np.array([camera.height for camera in chosen]),
     )
+
+
+def read_model(folder: str | os.PathLike) -> pycolmap.Reconstruction:
+    """Read a sparse model.
+
+    Raises
+    ------
+    StageError
+        If it is missing or broken.
+    """
+    try:
+        return pycolmap.Reconstruction(os.fspath(folder))
+    except (ValueError, RuntimeError, OSError) as error:
+        raise StageError(f"the sparse model cannot be read ({error})", file=folder) from error
 
 
 def write_model(model: pycolmap.Reconstruction, folder: str | os.PathLike) -> None:

@@ -13,12 +13,12 @@ from pathlib import Path
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import write_json
+from cherrypicker.files import temporary_folder, write_json
 from cherrypicker.sfm.database import (
+    SCRATCH,
     feature_counts,
     image_ids,
     publish_database,
-    scratch_folder,
     watched_table,
 )
 from cherrypicker.sfm.photo_check import PhotoInfo, check_photos, group_by_camera
@@ -67,11 +67,8 @@ def extract_features(
         COLMAP database to write.
     listing : path-like
         JSON to write: per photo its size, EXIF camera, camera group, features, or its problem.
-    options : FeatureOptions, optional
     folder : path-like
         Folder named in errors.
-    seed : int
-    threads : int
 
     Returns
     -------
@@ -96,12 +93,12 @@ def extract_features(
         len(infos),
         len(groups),
     )
-    with scratch_folder(database) as scratch:
+    with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = scratch / "features.db"
         pycolmap.Database.open(working).close()
         for group in groups:
             _import_group(working, group, options.camera_model)
-        _extract(working, groups, options.max_features, options.max_image_size_px, threads)
+        _extract(working, groups, options, threads)
         counts = feature_counts(working)
         if not any(counts.values()):
             raise StageError(
@@ -128,17 +125,20 @@ def _import_group(database: Path, group: Sequence[PhotoInfo], camera_model: str)
     )
 
 
-def _extract(database, groups, max_features, max_image_size_px, threads) -> None:
+def _extract(
+    database: Path, groups: Sequence[Sequence[PhotoInfo]], options: FeatureOptions, threads: int
+) -> None:
     """Search all photos; large ones enlarged only where they show too few features without."""
     infos = [info for group in groups for info in group]
-    large = [info for info in infos if _searched_mp(info, max_image_size_px) >= PLAIN_FIRST_MP]
-    limits = max_features, max_image_size_px, threads
-    _search(database, large, _PLAIN, *limits)
+    large = [
+        info for info in infos if _searched_mp(info, options.max_image_size_px) >= PLAIN_FIRST_MP
+    ]
+    _search(database, large, _PLAIN, options, threads)
     counts = feature_counts(database)
-    enough = {info.name for info in large if counts.get(info.name, 0) > max_features}
+    enough = {info.name for info in large if counts.get(info.name, 0) > options.max_features}
     rest = [info for info in infos if info.name not in enough]
     _forget_features(database, [info.name for info in rest])
-    _search(database, rest, _ENLARGED, *limits)
+    _search(database, rest, _ENLARGED, options, threads)
 
 
 def _searched_mp(info: PhotoInfo, max_image_size_px: int) -> float:
@@ -148,24 +148,30 @@ def _searched_mp(info: PhotoInfo, max_image_size_px: int) -> float:
     return info.width * info.height * shrink**2 / 1e6
 
 
-def _search(database, infos, first_octave, max_features, max_image_size_px, threads) -> None:
+def _search(
+    database: Path,
+    infos: Sequence[PhotoInfo],
+    first_octave: int,
+    options: FeatureOptions,
+    threads: int,
+) -> None:
     if not infos:
         return
-    options = pycolmap.FeatureExtractionOptions()
-    options.use_gpu = False
-    options.num_threads = threads
-    options.max_image_size = max_image_size_px if max_image_size_px > 0 else -1
-    options.sift.first_octave = first_octave
-    options.sift.max_num_features = max_features
+    wanted = pycolmap.FeatureExtractionOptions()
+    wanted.use_gpu = False
+    wanted.num_threads = threads
+    wanted.max_image_size = options.max_image_size_px if options.max_image_size_px > 0 else -1
+    wanted.sift.first_octave = first_octave
+    wanted.sift.max_num_features = options.max_features
     # A second orientation of the same spot costs as much as a new spot and matches no better.
-    options.sift.max_num_orientations = 1
+    wanted.sift.max_num_orientations = 1
     with watched_table(database, "descriptors", len(infos), "features of photos"):
         pycolmap.extract_features(
             database,
             infos[0].path.parent,
             image_names=[info.name for info in infos],
             camera_mode=pycolmap.CameraMode.PER_IMAGE,  # not heeded: the photos have cameras
-            extraction_options=options,
+            extraction_options=wanted,
             device=pycolmap.Device.cpu,
         )
 

@@ -8,6 +8,7 @@ all and takes about a second a pair of 7500 features, the kernel below about 0.0
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
@@ -17,6 +18,8 @@ _GEOMETRY = pycolmap.TwoViewGeometryConfiguration
 _PLANAR = (_GEOMETRY.PLANAR, _GEOMETRY.PANORAMIC, _GEOMETRY.PLANAR_OR_PANORAMIC)
 # COLMAP stores unit descriptors as bytes, 512 for 1.
 _UNIT_DOT = 512.0 * 512.0
+# Lengths below count as none
+_TINY = 1e-30
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,6 @@ def guided_matches(
 
     Parameters
     ----------
-    first, second : PhotoFeatures
     geometry : pycolmap.TwoViewGeometry
         Verified geometry of the pair.
     max_error_px : float
@@ -126,7 +128,6 @@ def tight_guided_matches(
 
     Parameters
     ----------
-    first, second : PhotoFeatures
     geometry : pycolmap.TwoViewGeometry
         Verified geometry of the pair.
     verification : pycolmap.TwoViewGeometryOptions
@@ -160,8 +161,16 @@ def tight_guided_matches(
 
 @numba.njit(nogil=True, cache=True)
 def _match(
-    points1, points2, descriptors1, descriptors2, matrix, planar, max_error, ratio, distance
-):
+    points1: np.ndarray,
+    points2: np.ndarray,
+    descriptors1: np.ndarray,
+    descriptors2: np.ndarray,
+    matrix: np.ndarray,
+    planar: bool,
+    max_error: float,
+    ratio: float,
+    distance: float,
+) -> np.ndarray:
     n1, n2 = len(points1), len(points2)
     best1, dots1 = np.full(n1, -1, np.int64), np.zeros((n1, 2), np.int64)
     best2, dots2 = np.full(n2, -1, np.int64), np.zeros((n2, 2), np.int64)
@@ -172,7 +181,7 @@ def _match(
         a = points2[j, 0] * matrix[0, 0] + points2[j, 1] * matrix[1, 0] + matrix[2, 0]
         b = points2[j, 0] * matrix[0, 1] + points2[j, 1] * matrix[1, 1] + matrix[2, 1]
         back[j] = 0.0 if planar else a * a + b * b
-    back_scale = max(float(back.max()), 1e-30)
+    back_scale = max(float(back.max()), _TINY)
     back /= np.float32(back_scale)
     allowed = np.empty(n2, np.bool_)
     for i in range(n1):
@@ -182,13 +191,13 @@ def _match(
         if planar:
             _near_point(a / c, b / c, max_error, x2, y2, allowed)
         else:
-            norm = max(np.sqrt(a * a + b * b), 1e-30)
+            norm = max(np.sqrt(a * a + b * b), _TINY)
             weight = back_scale / (norm * norm)
             _near_line(a / norm, b / norm, c / norm, weight, max_error, x2, y2, back, allowed)
         for j in range(n2):
             if not allowed[j]:
                 continue
-            dot = 0
+            dot: Any = 0
             for k in range(descriptors1.shape[1]):
                 dot += np.int32(descriptors1[i, k]) * np.int32(descriptors2[j, k])
             if _improves(dots1, i, dot):
@@ -199,25 +208,37 @@ def _match(
 
 
 @numba.njit(nogil=True, cache=True)
-def _near_line(a, b, c, weight, max_error, x, y, back, allowed):
+def _near_line(
+    a: float,
+    b: float,
+    c: float,
+    weight: float,
+    max_error: float,
+    x: np.ndarray,
+    y: np.ndarray,
+    back: np.ndarray,
+    allowed: np.ndarray,
+) -> None:
     """Mark the points whose Sampson error is small (no branch: it vectorises); |(a, b)| = 1."""
-    a, b, c, weight = np.float32(a), np.float32(b), np.float32(c), np.float32(weight)
+    ca, cb, cc, scale = np.float32(a), np.float32(b), np.float32(c), np.float32(weight)
     limit, one = np.float32(max_error * max_error), np.float32(1.0)
     for j in range(len(x)):
-        residual = a * x[j] + b * y[j] + c
-        allowed[j] = residual * residual <= limit * (one + weight * back[j])
+        residual = ca * x[j] + cb * y[j] + cc
+        allowed[j] = residual * residual <= limit * (one + scale * back[j])
 
 
 @numba.njit(nogil=True, cache=True)
-def _near_point(u, v, max_error, x, y, allowed):
+def _near_point(
+    u: float, v: float, max_error: float, x: np.ndarray, y: np.ndarray, allowed: np.ndarray
+) -> None:
     """Mark the points near (u, v)."""
-    u, v, limit = np.float32(u), np.float32(v), np.float32(max_error * max_error)
+    cx, cy, limit = np.float32(u), np.float32(v), np.float32(max_error * max_error)
     for j in range(len(x)):
-        allowed[j] = (x[j] - u) * (x[j] - u) + (y[j] - v) * (y[j] - v) <= limit
+        allowed[j] = (x[j] - cx) * (x[j] - cx) + (y[j] - cy) * (y[j] - cy) <= limit
 
 
 @numba.njit(nogil=True, cache=True)
-def _improves(dots, i, dot):
+def _improves(dots: np.ndarray, i: int, dot: int) -> bool:
     """Enter a dot product among the two best of feature i; tell whether it is the best."""
     if dot > dots[i, 0]:
         dots[i, 1] = dots[i, 0]
@@ -228,7 +249,14 @@ def _improves(dots, i, dot):
 
 
 @numba.njit(nogil=True, cache=True)
-def _mutual(best1, dots1, best2, dots2, ratio, distance):
+def _mutual(
+    best1: np.ndarray,
+    dots1: np.ndarray,
+    best2: np.ndarray,
+    dots2: np.ndarray,
+    ratio: float,
+    distance: float,
+) -> np.ndarray:
     """Return the mutually best pairs that are near enough and pass the ratio test both ways."""
     matches = np.empty((min(len(best1), len(best2)), 2), np.uint32)
     n = 0

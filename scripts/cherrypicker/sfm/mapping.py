@@ -4,33 +4,38 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pycolmap
 
 from cherrypicker.progress import Progress
-from cherrypicker.sfm.agreement import Agreement, measure_agreement, read_verified_pairs
+from cherrypicker.sfm.agreement import (
+    Agreement,
+    VerifiedPair,
+    measure_agreement,
+    read_verified_pairs,
+)
 from cherrypicker.sfm.database import image_ids
-from cherrypicker.sfm.matching import MatchingOptions, add_guided_matches, verification_options
+from cherrypicker.sfm.matching import PairOptions, add_guided_matches
 from cherrypicker.sfm.policies import (
     Policy,
-    first_policy,
     further_policies,
     global_options,
     incremental_options,
 )
 from cherrypicker.sfm.refine import adjust, drop_short_tracks, refine_model
+from cherrypicker.sfm.rematch import RefineOptions
 
 logger = logging.getLogger(__name__)
 
-# A later attempt replaces an earlier one only if its score is better by this.
-_SCORE_MARGIN = 0.01
+# Scores that differ by less are as good: the earlier attempt stays, and so does the refined model
+# (guess)
+SCORE_MARGIN = 0.01
 
 
 @dataclass(frozen=True)
-class MappingOptions:
+class MappingOptions(PairOptions):
     """How the model is built; the fields are config keys of ``sfm``."""
 
     mapper: str = "incremental"
@@ -38,9 +43,6 @@ class MappingOptions:
     wanted_registered_fraction: float = 0.95
     wanted_pair_agreement: float = 0.9
     max_attempts: int = 5
-    max_epipolar_error_px: float = 4.0
-    min_inliers: int = 15
-    max_match_ratio: float = 0.8
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ def map_photos(
     photos: Path,
     scratch: Path,
     options: MappingOptions,
+    refining: RefineOptions,
     *,
     seed: int = 0,
     threads: int = 1,
@@ -98,76 +101,151 @@ def map_photos(
         Folder of the photos, for the colours of the points.
     scratch : Path
         Folder for temporary files.
-    options : MappingOptions
-    seed : int
-    threads : int
 
     Returns
     -------
     list of Attempt
         The chosen one first, the others in the order tried.
     """
-    pairs = read_verified_pairs(database)
-    with pycolmap.Database.open(database) as opened:
-        has_exif_focal = any(cam.has_prior_focal_length for cam in opened.read_all_cameras())
-    attempts = [
-        _attempt(
-            first_policy(options.mapper), database, photos, scratch, options, pairs, seed, threads
-        )
-    ]
+    mapper = _Mapper(
+        database, photos, scratch, options, refining, read_verified_pairs(database), seed, threads
+    )
+    attempts = [mapper.attempt(Policy(options.mapper, options.mapper, "as configured"))]
+    further: list[Policy] = []
     if not _good_enough(attempts[0], options):
+        with pycolmap.Database.open(database) as opened:
+            has_exif_focal = any(cam.has_prior_focal_length for cam in opened.read_all_cameras())
         further = further_policies(
             options.mapper,
             options.max_epipolar_error_px,
             too_few=attempts[0].fraction < options.wanted_registered_fraction,
             has_exif_focal=has_exif_focal,
         )
-        for policy in further[: options.max_attempts - 1]:
-            logger.warning("%s; trying again: %s", _complaint(attempts[-1], options), policy.reason)
-            attempts.append(
-                _attempt(policy, database, photos, scratch, options, pairs, seed, threads)
-            )
-            if _good_enough(attempts[-1], options):
-                break
+    for policy in further[: options.max_attempts - 1]:
+        logger.warning("%s; trying again: %s", _complaint(attempts[-1], options), policy.reason)
+        attempts.append(mapper.attempt(policy))
+        if _good_enough(attempts[-1], options):
+            break
     best = attempts[0]
     for attempt in attempts[1:]:
-        if attempt.score > best.score + _SCORE_MARGIN:
+        if attempt.score > best.score + SCORE_MARGIN:
             best = attempt
     if len(attempts) > 1:
         logger.warning("kept the model of attempt '%s': %s", best.policy.name, _verdict(best))
     others = [attempt for attempt in attempts if attempt is not best]
     if best.model is not None:
-        n_rounds = 1 if len(attempts) == 1 else 2  # poses that took several attempts guide worse
-        best = _refine(best, database, scratch, options, pairs, n_rounds, seed, threads)
+        # Poses that took several attempts guide worse
+        best = mapper.refine(best, best.model, n_rounds=1 if len(attempts) == 1 else 2)
         logger.info("after the last adjustment: %s", _verdict(best))
     return [best, *others]
 
 
-def _refine(
-    best: Attempt,
-    database: Path,
-    scratch: Path,
-    options: MappingOptions,
-    pairs: list,
-    n_rounds: int,
-    seed: int,
-    threads: int,
-) -> Attempt:
-    """Refine the chosen model, unless the verified pairs then fit it less well."""
-    adjusted = pycolmap.Reconstruction(best.model)  # type: ignore[arg-type]  # there is one
-    adjust(adjusted, threads=threads)
-    before = measure_agreement(adjusted, pairs, options.max_epipolar_error_px)
-    model = adjusted
-    for _ in range(n_rounds):
-        model = refine_model(
-            model, database, scratch, options.max_epipolar_error_px, seed=seed, threads=threads
-        )
-    agreement = measure_agreement(model, pairs, options.max_epipolar_error_px)
-    if agreement.matches < before.matches - _SCORE_MARGIN:
-        logger.warning("matching by poses took the model off the verified pairs: left out")
-        model, agreement = adjusted, before
-    drop_short_tracks(model)
-    return replace(best, model=model, agreement=agreement)
+@dataclass(frozen=True)
+class _Mapper:
+    """What all attempts on one scan share; ``pairs`` are those of the matching."""
+
+    database: Path
+    photos: Path
+    scratch: Path
+    options: MappingOptions
+    refining: RefineOptions
+    pairs: list[VerifiedPair]
+    seed: int
+    threads: int
+
+    def attempt(self, policy: Policy) -> Attempt:
+        """Run one policy on a database of its own and keep the largest model."""
+        logger.info("mapping attempt '%s': %s", policy.name, policy.reason)
+        folder = self.scratch / policy.name
+        folder.mkdir()
+        working = folder / "database.db"
+        shutil.copyfile(self.database, working)
+        if not policy.trust_exif_focal:
+            forget_focal_lengths(working)
+        if policy.recheck_error_px > 0:
+            self._verify_again(working, policy.recheck_error_px)
+        if policy.guided:
+            add_guided_matches(working, self.options, seed=self.seed, threads=self.threads)
+        pycolmap.set_random_seed(self.seed)
+        run = self._run_incremental if policy.mapper == "incremental" else self._run_global
+        models = run(policy, working, folder)
+        n_photos = len(image_ids(working))
+        working.unlink()
+        models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
+        attempt = Attempt(policy, None, None, (), n_photos)
+        if models:
+            others = tuple(registered_names(each) for each in models[1:])
+            attempt = Attempt(policy, models[0], self.judge(models[0]), others, n_photos)
+        logger.info("attempt '%s': %s", policy.name, _verdict(attempt))
+        return attempt
+
+    def judge(self, model: pycolmap.Reconstruction) -> Agreement:
+        """How well the verified pairs fit a model."""
+        return measure_agreement(model, self.pairs, self.options.max_epipolar_error_px)
+
+    def refine(self, best: Attempt, model: pycolmap.Reconstruction, n_rounds: int) -> Attempt:
+        """Refine the chosen model, unless the verified pairs then fit it less well."""
+        adjusted = pycolmap.Reconstruction(model)
+        adjust(adjusted, self.refining, threads=self.threads)
+        before = self.judge(adjusted)
+        model, limit = adjusted, self.options.max_epipolar_error_px
+        files = self.database, self.scratch
+        for _ in range(n_rounds):
+            model = refine_model(
+                model, *files, limit, self.refining, seed=self.seed, threads=self.threads
+            )
+        agreement = self.judge(model)
+        if agreement.matches < before.matches - SCORE_MARGIN:
+            logger.warning("matching by poses took the model off the verified pairs: left out")
+            model, agreement = adjusted, before
+        drop_short_tracks(model)
+        return replace(best, model=model, agreement=agreement)
+
+    def _verify_again(self, database: Path, max_error_px: float) -> None:
+        with pycolmap.Database.open(database) as opened:
+            pair_ids, geometries = opened.read_two_view_geometries()
+            for pair_id, geometry in zip(pair_ids, geometries):
+                if len(geometry.inlier_matches):  # keeps what guided matching added
+                    first, second = pycolmap.pair_id_to_image_pair(pair_id)
+                    if opened.exists_matches(first, second):
+                        opened.delete_matches(first, second)
+                    opened.write_matches(first, second, geometry.inlier_matches)
+            opened.clear_two_view_geometries()
+        verifier = pycolmap.GeometricVerifierOptions()
+        verifier.num_threads = self.threads
+        limits = replace(self.options, max_epipolar_error_px=max_error_px).verification(self.seed)
+        pycolmap.geometric_verification(database, verifier, two_view_geometry_options=limits)
+
+    def _run_incremental(
+        self, policy: Policy, database: Path, folder: Path
+    ) -> list[pycolmap.Reconstruction]:
+        with Progress(len(image_ids(database)), "photos registered") as bar:
+
+            def step(n_photos: int = 1) -> None:
+                # Photos tried twice, or in two models, count once.
+                bar.step(min(n_photos, bar.total - bar.done))
+
+            models = pycolmap.incremental_mapping(
+                database,
+                self.photos,
+                folder,
+                incremental_options(policy, self.seed, self.threads),
+                initial_image_pair_callback=lambda: step(2),
+                next_image_callback=step,
+            )
+        return list(models.values())
+
+    def _run_global(
+        self, policy: Policy, database: Path, folder: Path
+    ) -> list[pycolmap.Reconstruction]:
+        with pycolmap.Database.open(database) as opened:
+            calibrated = all(camera.has_prior_focal_length for camera in opened.read_all_cameras())
+        if not calibrated:
+            calibration = pycolmap.ViewGraphCalibrationOptions()
+            calibration.random_seed = self.seed
+            pycolmap.calibrate_view_graph(database, calibration)
+        wanted = global_options(self.seed, self.threads, self.photos)
+        return list(pycolmap.global_mapping(database, self.photos, folder, wanted).values())
 
 
 def _good_enough(attempt: Attempt, options: MappingOptions) -> bool:
@@ -201,49 +279,6 @@ def _complaint(attempt: Attempt, options: MappingOptions) -> str:
     )
 
 
-def _attempt(
-    policy: Policy,
-    database: Path,
-    photos: Path,
-    scratch: Path,
-    options: MappingOptions,
-    pairs: list,
-    seed: int,
-    threads: int,
-) -> Attempt:
-    """Run one policy on a database of its own and keep the largest model."""
-    logger.info("mapping attempt '%s': %s", policy.name, policy.reason)
-    folder = scratch / policy.name
-    folder.mkdir()
-    working = folder / "database.db"
-    shutil.copyfile(database, working)
-    if not policy.trust_exif_focal:
-        forget_focal_lengths(working)
-    if policy.recheck_error_px > 0:
-        _verify_again(working, policy.recheck_error_px, options.min_inliers, seed, threads)
-    if policy.guided:
-        matching = MatchingOptions(
-            max_match_ratio=options.max_match_ratio,
-            max_epipolar_error_px=options.max_epipolar_error_px,
-            min_inliers=options.min_inliers,
-        )
-        add_guided_matches(working, matching, seed=seed, threads=threads)
-    pycolmap.set_random_seed(seed)
-    run = _run_incremental if policy.mapper == "incremental" else _run_global
-    models = run(policy, working, photos, folder, seed, threads)
-    n_photos = len(image_ids(working))
-    working.unlink()
-    models = sorted(models, key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
-    if not models:
-        attempt = Attempt(policy, None, None, (), n_photos)
-    else:
-        agreement = measure_agreement(models[0], pairs, options.max_epipolar_error_px)
-        others = tuple(registered_names(each) for each in models[1:])
-        attempt = Attempt(policy, models[0], agreement, others, n_photos)
-    logger.info("attempt '%s': %s", policy.name, _verdict(attempt))
-    return attempt
-
-
 def registered_names(model: pycolmap.Reconstruction) -> tuple[str, ...]:
     """Return the names of the photos that have a pose, sorted."""
     return tuple(sorted(image.name for image in model.images.values() if image.has_pose))
@@ -260,58 +295,3 @@ def forget_focal_lengths(database: Path) -> None:
             camera.params = params
             camera.has_prior_focal_length = False
             opened.update_camera(camera)
-
-
-def _verify_again(
-    database: Path, max_error_px: float, min_inliers: int, seed: int, threads: int
-) -> None:
-    with pycolmap.Database.open(database) as opened:
-        pair_ids, geometries = opened.read_two_view_geometries()
-        for pair_id, geometry in zip(pair_ids, geometries):
-            if len(geometry.inlier_matches):  # keeps what guided matching added
-                first, second = pycolmap.pair_id_to_image_pair(pair_id)
-                if opened.exists_matches(first, second):
-                    opened.delete_matches(first, second)
-                opened.write_matches(first, second, geometry.inlier_matches)
-        opened.clear_two_view_geometries()
-    verifier = pycolmap.GeometricVerifierOptions()
-    verifier.num_threads = threads
-    pycolmap.geometric_verification(
-        database,
-        verifier,
-        two_view_geometry_options=verification_options(max_error_px, min_inliers, seed),
-    )
-
-
-def _run_incremental(policy, database, photos, folder, seed, threads) -> list:
-    with Progress(len(image_ids(database)), "photos registered") as bar:
-        models = pycolmap.incremental_mapping(
-            database,
-            photos,
-            folder,
-            incremental_options(policy, seed, threads),
-            initial_image_pair_callback=_stepper(bar, 2),
-            next_image_callback=_stepper(bar, 1),
-        )
-    return list(models.values())
-
-
-def _stepper(bar: Progress, n_photos: int) -> Callable[[], None]:
-    def step() -> None:
-        # Photos tried twice, or in two models, count once.
-        bar.step(min(n_photos, bar.total - bar.done))
-
-    return step
-
-
-def _run_global(policy, database, photos, folder, seed, threads) -> list:
-    with pycolmap.Database.open(database) as opened:
-        calibrated = all(camera.has_prior_focal_length for camera in opened.read_all_cameras())
-    if not calibrated:
-        calibration = pycolmap.ViewGraphCalibrationOptions()
-        calibration.random_seed = seed
-        pycolmap.calibrate_view_graph(database, calibration)
-    models = pycolmap.global_mapping(
-        database, photos, folder, global_options(seed, threads, photos)
-    )
-    return list(models.values())

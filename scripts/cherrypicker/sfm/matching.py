@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +12,14 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import temporary_folder
 from cherrypicker.progress import Progress
 from cherrypicker.sfm.database import (
+    SCRATCH,
     copy_database,
     image_ids,
     publish_database,
     rename_images,
-    scratch_folder,
     watched_table,
 )
 from cherrypicker.sfm.guided import read_features, tight_guided_matches
@@ -33,11 +33,29 @@ from cherrypicker.sfm.pairs import (
 
 logger = logging.getLogger(__name__)
 
+# Features of a photo that its global descriptor is made of, the largest (guess)
 N_GLOBAL_FEATURES = 2000
 
 
 @dataclass(frozen=True)
-class MatchingOptions:
+class PairOptions:
+    """When the matches of two photos are verified; the fields are config keys of ``sfm``."""
+
+    max_match_ratio: float = 0.8
+    max_epipolar_error_px: float = 4.0
+    min_inliers: int = 15
+
+    def verification(self, seed: int, share: float = 1.0) -> pycolmap.TwoViewGeometryOptions:
+        """COLMAP's options of two-view verification at a share of the largest error."""
+        options = pycolmap.TwoViewGeometryOptions()
+        options.min_num_inliers = self.min_inliers
+        options.ransac.max_error = share * self.max_epipolar_error_px
+        options.ransac.random_seed = seed
+        return options
+
+
+@dataclass(frozen=True)
+class MatchingOptions(PairOptions):
     """How photos are matched; the fields are config keys of ``sfm``."""
 
     pairing: str = "auto"
@@ -45,9 +63,6 @@ class MatchingOptions:
     retrieval_neighbors: int = 30
     sequential_overlap: int = 8
     vocab_tree_path: str = ""
-    max_match_ratio: float = 0.8
-    max_epipolar_error_px: float = 4.0
-    min_inliers: int = 15
     guided_matching: bool = False
 
 
@@ -67,9 +82,6 @@ def match_features(
         Database that :func:`cherrypicker.sfm.features.extract_features` wrote.
     database : path-like
         Database to write.
-    options : MatchingOptions, optional
-    seed : int
-    threads : int
 
     Returns
     -------
@@ -83,7 +95,7 @@ def match_features(
     """
     options = options or MatchingOptions()
     pycolmap.set_random_seed(seed)
-    with scratch_folder(database) as scratch:
+    with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = copy_database(features, scratch / "database.db")
         pairing = _choose_pairing(options, len(image_ids(working)))
         if pairing == "vocab_tree":
@@ -95,10 +107,8 @@ def match_features(
             add_guided_matches(working, options, seed=seed, threads=threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
-        n_pairs, n_verified = (
-            len(n_inliers),
-            int(np.sum(np.array(n_inliers) >= options.min_inliers)),
-        )
+        n_pairs = len(n_inliers)
+        n_verified = sum(n >= options.min_inliers for n in n_inliers)
         if n_verified == 0:
             raise StageError(
                 f"no two of {len(image_ids(working))} photos match (no overlap, or blurred?)",
@@ -110,17 +120,8 @@ def match_features(
     return {"pairing": pairing, "n_pairs": n_pairs, "n_verified": n_verified}
 
 
-def verification_options(max_error_px: float, min_inliers: int, seed: int):
-    """Return COLMAP's options of two-view verification with a fixed seed."""
-    options = pycolmap.TwoViewGeometryOptions()
-    options.min_num_inliers = min_inliers
-    options.ransac.max_error = max_error_px
-    options.ransac.random_seed = seed
-    return options
-
-
 def add_guided_matches(
-    database: Path, options: MatchingOptions, *, seed: int = 0, threads: int = 1
+    database: Path, options: PairOptions, *, seed: int = 0, threads: int = 1
 ) -> int:
     """Replace the matches of each verified pair by guided ones where that gives more.
 
@@ -129,9 +130,7 @@ def add_guided_matches(
     int
         Number of matches added over all pairs.
     """
-    verification = verification_options(
-        options.max_epipolar_error_px / 2, options.min_inliers, seed
-    )
+    verification = options.verification(seed, share=0.5)
     max_distance = pycolmap.SiftMatchingOptions().max_distance
     with pycolmap.Database.open(database) as opened:
         pair_ids, geometries = opened.read_two_view_geometries()
@@ -144,7 +143,7 @@ def add_guided_matches(
         features = {image_id: read_features(opened, image_id) for image_id in wanted}
         before = after = 0
 
-        def search(item):
+        def search(item: tuple) -> pycolmap.TwoViewGeometry | None:
             (first, second), geometry = item
             return tight_guided_matches(
                 features[first],
@@ -155,8 +154,11 @@ def add_guided_matches(
                 max_distance=max_distance,
             )
 
-        with Progress(len(todo), "pairs matched again, guided") as bar:
-            for ((first, second), geometry), found in zip(todo, _in_order(search, todo, threads)):
+        with (
+            ThreadPoolExecutor(threads) as pool,
+            Progress(len(todo), "pairs matched again, guided") as bar,
+        ):
+            for ((first, second), geometry), found in zip(todo, pool.map(search, todo)):
                 before += len(geometry.inlier_matches)
                 after += len((found or geometry).inlier_matches)
                 if found is not None:
@@ -166,11 +168,6 @@ def add_guided_matches(
         "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(todo), f"{after:,}"
     )
     return after - before
-
-
-def _in_order(function, items: list, threads: int) -> Iterator:
-    with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(function, items)
 
 
 def _choose_pairing(options: MatchingOptions, n_photos: int) -> str:
@@ -213,7 +210,7 @@ def _choose_pairs(
     return [(names[i], names[j]) for i, j in pairs]
 
 
-def _matcher_options(options: MatchingOptions, threads: int):
+def _matcher_options(options: MatchingOptions, threads: int) -> pycolmap.FeatureMatchingOptions:
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu = False
     matching.num_threads = threads
@@ -221,7 +218,9 @@ def _matcher_options(options: MatchingOptions, threads: int):
     return matching
 
 
-def _match_pairs(database: Path, pairs, options: MatchingOptions, seed: int, threads: int) -> None:
+def _match_pairs(
+    database: Path, pairs: list[tuple[str, str]], options: MatchingOptions, seed: int, threads: int
+) -> None:
     """Match named pairs. COLMAP's list of pairs is split at blanks: names are numbers meanwhile."""
     names = list(image_ids(database))
     aliases = {name: f"photo{i:06d}" for i, name in enumerate(names)}
@@ -235,7 +234,7 @@ def _match_pairs(database: Path, pairs, options: MatchingOptions, seed: int, thr
             database,
             _matcher_options(options, threads),
             pairing,
-            verification_options(options.max_epipolar_error_px, options.min_inliers, seed),
+            options.verification(seed),
             device=pycolmap.Device.cpu,
         )
     rename_images(database, {alias: name for name, alias in aliases.items()})
@@ -257,6 +256,6 @@ def _match_by_vocabulary_tree(
             database,
             _matcher_options(options, threads),
             pairing,
-            verification_options(options.max_epipolar_error_px, options.min_inliers, seed),
+            options.verification(seed),
             device=pycolmap.Device.cpu,
         )

@@ -9,9 +9,13 @@ import numpy as np
 
 logger = logging.getLogger(__name__)
 
+# Words of a scene, after Arandjelovic and Zisserman's 256 for any scene; descriptors that they are
+# learned from, and rounds of that (guesses)
 N_WORDS = 64
 N_TRAINING_DESCRIPTORS = 60_000
 N_KMEANS_ITERATIONS = 12
+# Lengths below count as none
+TINY = 1e-6
 
 
 def exhaustive_pairs(n_photos: int) -> np.ndarray:
@@ -23,11 +27,6 @@ def sequential_pairs(n_photos: int, overlap: int) -> np.ndarray:
     """Pair each photo with its next ``overlap`` ones, and with those 2, 4, 8 ... places on.
 
     The order is taken as closed, since an orbit ends where it began.
-
-    Parameters
-    ----------
-    n_photos : int
-    overlap : int
 
     Returns
     -------
@@ -48,7 +47,6 @@ def retrieval_pairs(vectors: np.ndarray, n_neighbors: int) -> np.ndarray:
     ----------
     vectors : ndarray of shape (n_photos, n_dimensions)
         Unit global descriptors, as :func:`global_descriptors` makes them.
-    n_neighbors : int
 
     Returns
     -------
@@ -79,7 +77,6 @@ def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.n
     ----------
     descriptors : sequence of ndarray of shape (n_features, 128), uint8
         SIFT descriptors (square-rooted, L1-normalised) of each photo.
-    seed : int
 
     Returns
     -------
@@ -105,7 +102,7 @@ def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.n
 
 def _as_unit(descriptors: np.ndarray) -> np.ndarray:
     values = descriptors.astype(np.float32)
-    return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-6)
+    return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), TINY)
 
 
 def _kmeans(points: np.ndarray, k: int, rng: np.random.Generator) -> np.ndarray:
@@ -132,6 +129,6 @@ def _vlad(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
         return np.zeros(words.size, dtype=np.float32)
     members = _one_hot(descriptors, words)
     residuals = members.T @ descriptors - members.sum(axis=0)[:, None] * words
-    residuals /= np.maximum(np.linalg.norm(residuals, axis=1, keepdims=True), 1e-6)
+    residuals /= np.maximum(np.linalg.norm(residuals, axis=1, keepdims=True), TINY)
     vector = residuals.ravel()
-    return vector / max(np.linalg.norm(vector), 1e-6)
+    return vector / max(np.linalg.norm(vector), TINY)

@@ -18,7 +18,11 @@ from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
 
+# Two photos give no scale to what a third sees
 MIN_PHOTOS = 3
+# EXIF tags of a camera's maker and model; longest focal length that is taken for one, mm
+MAKER, MODEL = 0x010F, 0x0110
+LONGEST_FOCAL_MM = 1e4
 PHOTOS_COLUMN = "photos in trees.tsv"
 
 
@@ -133,7 +137,6 @@ def group_by_camera(infos: Sequence[PhotoInfo], camera_mode: str) -> list[list[P
 
     Parameters
     ----------
-    infos : sequence of PhotoInfo
     camera_mode : {"folder", "auto", "per_image"}
         ``auto`` shares a camera only where EXIF names it.
 
@@ -173,11 +176,13 @@ def _exif_camera(path: Path) -> tuple[str, float]:
         with Image.open(path) as image:
             exif = image.getexif()
             details = exif.get_ifd(ExifTags.IFD.Exif)
-            words = [str(exif.get(tag, "")).strip("\0 ") for tag in (0x010F, 0x0110)]
+            words = [str(exif.get(tag, "")).strip("\0 ") for tag in (MAKER, MODEL)]
             focal = float(details.get(ExifTags.Base.FocalLength) or 0.0)
     except (OSError, UnidentifiedImageError, ValueError, TypeError, SyntaxError, ZeroDivisionError):
         return "", 0.0
-    return " ".join(word for word in words if word), focal if 0.0 < focal < 1e4 else 0.0
+    return " ".join(
+        word for word in words if word
+    ), focal if 0.0 < focal < LONGEST_FOCAL_MM else 0.0
 
 
 def _mark_copies(infos: list[PhotoInfo]) -> list[PhotoInfo]:

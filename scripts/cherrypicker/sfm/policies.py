@@ -7,6 +7,16 @@ from pathlib import Path
 
 import pycolmap
 
+# COLMAP's own limits of the incremental mapper
+COLMAP = pycolmap.IncrementalMapperOptions()
+# Half of those, where too few photos registered (guess)
+FEW_POSE, FEW_START = 15, 50
+# Largest reprojection error of an observation where the model contradicts the matches, px: half of
+# COLMAP's (guess)
+TIGHT_PX = 2.0
+# Photos of the smallest model that is kept: two give no scale to what a third sees
+LEAST_MODEL = 3
+
 
 @dataclass(frozen=True)
 class Policy:
@@ -33,19 +43,14 @@ class Policy:
     """
 
     name: str
-    mapper: str = "incremental"
-    reason: str = ""
+    mapper: str
+    reason: str
     recheck_error_px: float = 0.0
-    filter_error_px: float = 4.0
-    min_inliers_pose: int = 30
-    min_inliers_start: int = 100
+    filter_error_px: float = COLMAP.filter_max_reproj_error
+    min_inliers_pose: int = COLMAP.abs_pose_min_num_inliers
+    min_inliers_start: int = COLMAP.init_min_num_inliers
     guided: bool = False
     trust_exif_focal: bool = True
-
-
-def first_policy(mapper: str) -> Policy:
-    """Return the configured way."""
-    return Policy(name=mapper, mapper=mapper, reason="as configured")
 
 
 def further_policies(
@@ -64,57 +69,37 @@ def further_policies(
     has_exif_focal : bool
         Whether some focal length came from EXIF, which may be wrong.
     """
-    base = Policy(name="", mapper=mapper)
-    other = "global" if mapper == "incremental" else "incremental"
-    tight = replace(
-        base,
-        name="tight",
-        reason=f"pairs verified again at {max_error_px / 2:g} px, observations within 2 px",
-        recheck_error_px=max_error_px / 2,
-        filter_error_px=2.0,
+    half_px = max_error_px / 2
+    guided_global = Policy(
+        "guided_global", "global", "guided matching, the global mapper", guided=True
     )
-    swapped = replace(base, name=other, mapper=other, reason=f"the {other} mapper")
-    # On rings thinned to half, the incremental mapper left cameras 12 mm off at most where the
-    # global one left 57 mm.
-    guided = replace(
-        base,
-        name="guided",
-        mapper="incremental",
-        reason="guided matching, the incremental mapper",
-        guided=True,
-    )
-    guided_global = replace(
-        base,
-        name="guided_global",
-        mapper="global",
-        reason="guided matching, the global mapper",
-        guided=True,
-    )
-    loose = replace(
-        base,
-        name="guided_loose",
-        mapper="incremental",
-        reason="guided matching, 15 inliers register a photo, 50 start a model",
-        guided=True,
-        min_inliers_pose=15,
-        min_inliers_start=50,
-    )
-    no_focal = replace(
-        base,
-        name="no_exif_focal",
-        reason="EXIF focal lengths ignored",
-        trust_exif_focal=False,
-    )
-    policies = [guided, guided_global, loose] if too_few else [tight, swapped, guided_global]
-    return [*policies, no_focal] if has_exif_focal else policies
+    if too_few:
+        # On rings thinned to half, the incremental mapper left cameras 12 mm off at most where the
+        # global one left 57 mm.
+        reason = "guided matching, the incremental mapper"
+        policies = [Policy("guided", "incremental", reason, guided=True), guided_global]
+        reason = f"guided matching, {FEW_POSE} inliers register a photo, {FEW_START} start a model"
+        loose = Policy("guided_loose", "incremental", reason, guided=True)
+        policies += [replace(loose, min_inliers_pose=FEW_POSE, min_inliers_start=FEW_START)]
+    else:
+        reason = f"pairs verified again at {half_px:g} px, observations within {TIGHT_PX:g} px"
+        tight = Policy("tight", mapper, reason, half_px, TIGHT_PX)
+        other = "global" if mapper == "incremental" else "incremental"
+        policies = [tight, Policy(other, other, f"the {other} mapper"), guided_global]
+    if has_exif_focal:
+        no_focal = Policy("no_exif_focal", mapper, "EXIF focal lengths ignored")
+        policies.append(replace(no_focal, trust_exif_focal=False))
+    return policies
 
 
-def incremental_options(policy: Policy, seed: int, threads: int):
+def incremental_options(
+    policy: Policy, seed: int, threads: int
+) -> pycolmap.IncrementalPipelineOptions:
     """Return COLMAP's options of incremental mapping."""
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = seed
     options.num_threads = options.mapper.num_threads = threads
-    options.min_model_size = 3
+    options.min_model_size = LEAST_MODEL
     options.mapper.init_min_num_inliers = policy.min_inliers_start
     options.mapper.abs_pose_min_num_inliers = policy.min_inliers_pose
     options.mapper.filter_max_reproj_error = policy.filter_error_px
@@ -123,7 +108,7 @@ def incremental_options(policy: Policy, seed: int, threads: int):
     return options
 
 
-def global_options(seed: int, threads: int, photos: Path):
+def global_options(seed: int, threads: int, photos: Path) -> pycolmap.GlobalPipelineOptions:
     """Return COLMAP's options of global mapping."""
     options = pycolmap.GlobalPipelineOptions()
     options.num_threads = options.mapper.num_threads = threads

@@ -8,20 +8,12 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from cherrypicker.sfm.rematch import match_by_poses
+from cherrypicker.sfm.rematch import RefineOptions, match_by_poses
 
 logger = logging.getLogger(__name__)
 
-LOSS_SCALE_PX = 1.0
-FILTER_PX = 2.0
-# The last filter, in mean reprojection errors: on the thinned rings 1 px where that was 0.3 px took
-# the largest error of a camera from 10 to 8 mm.
-FILTER_ERRORS = 3.0
-MIN_ANGLE_DEG = 1.5
-# Largest error of a ray that founds or joins a track, px; narrower cost observations.
-ANGLE_ERROR_PX = 3.0
-# The gain is in the first iterations; the loss is flat near the end.
-MAX_ITERATIONS = 30
+# Least mean error that the last filter starts from, px: rendered photos may have none
+LEAST_ERROR_PX = 1e-3
 
 
 def refine_model(
@@ -29,6 +21,7 @@ def refine_model(
     database: Path,
     scratch: Path,
     max_error_px: float,
+    options: RefineOptions,
     *,
     seed: int = 0,
     threads: int = 1,
@@ -48,8 +41,6 @@ def refine_model(
         Folder for a temporary database.
     max_error_px : float
         Largest epipolar error of a match, px.
-    seed : int
-    threads : int
 
     Returns
     -------
@@ -57,16 +48,21 @@ def refine_model(
     """
     refined = pycolmap.Reconstruction(model)
     matched = scratch / "by_poses.db"
-    match_by_poses(refined, database, matched, max_error_px, threads)
-    _triangulate(refined, matched, seed)
+    match_by_poses(refined, database, matched, max_error_px, options, threads)
+    _triangulate(refined, matched, options, seed)
     matched.unlink()
     # A point triangulated from poses not yet adjusted may be off by more.
-    pycolmap.ObservationManager(refined).filter_all_points3D(2 * FILTER_PX, MIN_ANGLE_DEG)
-    adjust(refined, FILTER_ERRORS, threads)
+    _drop_beyond(refined, 2 * options.filter_px, options)
+    adjust(refined, options, options.filter_errors, threads)
     return refined
 
 
-def adjust(model: pycolmap.Reconstruction, filter_errors: float = np.inf, threads: int = 1) -> None:
+def adjust(
+    model: pycolmap.Reconstruction,
+    options: RefineOptions,
+    filter_errors: float = np.inf,
+    threads: int = 1,
+) -> None:
     """Adjust poses, points and cameras with a Cauchy loss, drop what does not fit, adjust again.
 
     Mapping ends with a least-squares adjustment over observations of up to 4 px, which wrong
@@ -77,15 +73,15 @@ def adjust(model: pycolmap.Reconstruction, filter_errors: float = np.inf, thread
     model : pycolmap.Reconstruction
         Changed in place.
     filter_errors : float
-        Largest error of an observation that stays, in mean reprojection errors; ``FILTER_PX`` at
+        Largest error of an observation that stays, in mean reprojection errors; ``filter_px`` at
         most.
-    threads : int
     """
     before = model.compute_num_observations()
-    _bundle(model, threads)
-    limit = min(FILTER_PX, filter_errors * max(model.compute_mean_reprojection_error(), 1e-3))
-    n_dropped = pycolmap.ObservationManager(model).filter_all_points3D(limit, MIN_ANGLE_DEG)
-    _bundle(model, threads)
+    _bundle(model, options, threads)
+    error = max(model.compute_mean_reprojection_error(), LEAST_ERROR_PX)
+    limit = min(options.filter_px, filter_errors * error)
+    n_dropped = _drop_beyond(model, limit, options)
+    _bundle(model, options, threads)
     logger.info(
         "adjusted: dropped %s of %s observations (%.1f %%), beyond %.1f px",
         f"{n_dropped:,}",
@@ -95,29 +91,39 @@ def adjust(model: pycolmap.Reconstruction, filter_errors: float = np.inf, thread
     )
 
 
-def _bundle(model: pycolmap.Reconstruction, threads: int) -> None:
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = LOSS_SCALE_PX
-    options.ceres.use_gpu = False
-    options.ceres.solver_options.max_num_iterations = MAX_ITERATIONS
-    options.ceres.solver_options.num_threads = threads
-    pycolmap.bundle_adjustment(model, options)
+def _drop_beyond(
+    model: pycolmap.Reconstruction, max_error_px: float, options: RefineOptions
+) -> int:
+    """Drop observations with larger errors and points seen from one side; return how many."""
+    manager = pycolmap.ObservationManager(model)
+    return manager.filter_all_points3D(max_error_px, options.min_ray_angle_deg)
+
+
+def _bundle(model: pycolmap.Reconstruction, options: RefineOptions, threads: int) -> None:
+    wanted = pycolmap.BundleAdjustmentOptions()
+    wanted.print_summary = False
+    wanted.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    wanted.ceres.loss_function_scale = options.loss_scale_px
+    wanted.ceres.use_gpu = False
+    wanted.ceres.solver_options.max_num_iterations = options.n_adjustments
+    wanted.ceres.solver_options.num_threads = threads
+    pycolmap.bundle_adjustment(model, wanted)
     model.update_point_3d_errors()
 
 
-def _triangulate(model: pycolmap.Reconstruction, database: Path, seed: int) -> None:
+def _triangulate(
+    model: pycolmap.Reconstruction, database: Path, options: RefineOptions, seed: int
+) -> None:
     """Replace the points by those that the database's matches and the poses give."""
     for point_id in list(model.points3D):
         model.delete_point3D(point_id)
-    options = pycolmap.IncrementalTriangulatorOptions()
-    options.random_seed = seed
-    options.ignore_two_view_tracks = False
+    wanted = pycolmap.IncrementalTriangulatorOptions()
+    wanted.random_seed = seed
+    wanted.ignore_two_view_tracks = False
     focal = np.median([camera.mean_focal_length() for camera in model.cameras.values()])
-    angle = float(np.degrees(ANGLE_ERROR_PX / focal))
-    options.create_max_angle_error = options.continue_max_angle_error = angle
-    options.merge_max_reproj_error = options.complete_max_reproj_error = FILTER_PX
+    angle = float(np.degrees(options.max_ray_error_px / focal))
+    wanted.create_max_angle_error = wanted.continue_max_angle_error = angle
+    wanted.merge_max_reproj_error = wanted.complete_max_reproj_error = options.filter_px
     loading = pycolmap.DatabaseCacheOptions()
     loading.load_all_images = True
     loading.min_num_matches = 1
@@ -126,8 +132,8 @@ def _triangulate(model: pycolmap.Reconstruction, database: Path, seed: int) -> N
     mapper = pycolmap.IncrementalMapper(cache)
     mapper.begin_reconstruction(model)
     for image_id in sorted(model.reg_image_ids()):
-        mapper.triangulate_image(options, image_id)
-    mapper.complete_and_merge_tracks(options)
+        mapper.triangulate_image(wanted, image_id)
+    mapper.complete_and_merge_tracks(wanted)
     mapper.end_reconstruction(False)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import shutil
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,26 +21,62 @@ from cherrypicker.sfm.guided import PhotoFeatures, guided_matches, read_features
 
 logger = logging.getLogger(__name__)
 
-# Half width of the band around an epipolar line, in mean reprojection errors of the model and in px
-# at least: on the thinned rings 1.5 px where that error was 0.3 to 0.4 px.
-BAND_ERRORS = 4.0
-MIN_BAND_PX = 1.5
-# A wrong match passes easily where few features lie in a band; on the thinned rings ratios of 0.6,
-# 0.7, 0.8 and 0.9 left cameras 2.9, 2.3, 3.6 and 4.4 mm off (docs/sparse.md).
-MAX_RATIO = 0.7
-# SIFT hardly matches beyond; 70 degrees cost a third more and gave no better cameras.
-MAX_ANGLE_DEG = 45.0
-# Share of the model's points that two photos must see at such an angle to be tried.
-MIN_SHARED = 0.02
-# Photos that each is tried with, those that share most points: more than nearly all have in a scan
-# of 66 photos, so that the pairs grow with the photos, not with their square.
-N_PARTNERS = 30
-# Points that stand for the model when pairs are chosen.
+# Points that stand for the model when pairs are chosen (guess).
 N_POINTS = 3000
 
 
+@dataclass(frozen=True)
+class RefineOptions:
+    """How the chosen model is matched once more, triangulated and adjusted.
+
+    Attributes
+    ----------
+    band_errors, min_band_px : float
+        Half width of the band around an epipolar line, in mean reprojection errors and at least in
+        px: on the thinned rings 1.5 px where the mean error was 0.3 to 0.4 px.
+    rematch_ratio : float
+        Largest ratio of best to second best descriptor angle in a band, where few others lie: 0.6,
+        0.7, 0.8 and 0.9 left cameras of the thinned rings 2.9, 2.3, 3.6 and 4.4 mm off.
+    max_pair_angle_deg, min_shared : float
+        Angle at which two photos may see a point, degrees (SIFT hardly matches beyond 45; 70 cost a
+        third more and gave no better cameras), and the share of the points that they must see so.
+    n_partners : int
+        Photos that each is tried with, those that share most points: 30 are more than nearly all
+        have in a scan of 66, so that pairs grow with the photos, not with their square.
+    loss_scale_px, filter_px : float
+        Scale of the Cauchy loss; largest error of an observation that stays, px (guesses).
+    filter_errors : float
+        That error in mean reprojection errors, of the last filter: on the thinned rings 1 px where
+        the mean was 0.3 px took the largest error of a camera from 10 to 8 mm.
+    min_ray_angle_deg : float
+        Least angle between the rays of a point, degrees, as COLMAP's mapper has it.
+    max_ray_error_px : float
+        Largest error of a ray that founds or joins a track, px; narrower cost observations.
+    n_adjustments : int
+        Iterations of an adjustment; the gain is in the first, the loss is flat near the end.
+    """
+
+    band_errors: float = 4.0
+    min_band_px: float = 1.5
+    rematch_ratio: float = 0.7
+    max_pair_angle_deg: float = 45.0
+    min_shared: float = 0.02
+    n_partners: int = 30
+    loss_scale_px: float = 1.0
+    filter_px: float = 2.0
+    filter_errors: float = 3.0
+    min_ray_angle_deg: float = 1.5
+    max_ray_error_px: float = 3.0
+    n_adjustments: int = 30
+
+
 def match_by_poses(
-    model: pycolmap.Reconstruction, source: Path, target: Path, max_error_px: float, threads: int
+    model: pycolmap.Reconstruction,
+    source: Path,
+    target: Path,
+    max_error_px: float,
+    options: RefineOptions,
+    threads: int,
 ) -> int:
     """Copy a database with the matches that a model's poses allow in place of its own.
 
@@ -48,12 +85,10 @@ def match_by_poses(
 
     Parameters
     ----------
-    model : pycolmap.Reconstruction
     source, target : Path
         Database with features and verified matches, and the one to write.
     max_error_px : float
         Largest half width of the bands, px.
-    threads : int
 
     Returns
     -------
@@ -61,16 +96,17 @@ def match_by_poses(
         Number of matches in ``target``.
     """
     shutil.copyfile(source, target)
-    band = BAND_ERRORS * model.compute_mean_reprojection_error()
-    band = min(max(band, MIN_BAND_PX), max_error_px)
+    band = options.band_errors * model.compute_mean_reprojection_error()
+    band = min(max(band, options.min_band_px), max_error_px)
     with pycolmap.Database.open(target) as database:
         verified = _verified(database, model)
-        pairs = sorted(overlapping_pairs(model) | set(verified))
-        features = {i: _features(database, model, i) for pair in pairs for i in pair}
+        pairs = sorted(overlapping_pairs(model, options) | set(verified))
+        cameras = {i: model.cameras[model.images[i].camera_id] for pair in pairs for i in pair}
+        features = {i: read_features(database, i, camera) for i, camera in cameras.items()}
         database.clear_two_view_geometries()
 
         def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry:
-            return _match_pair(model, pair, features, band)
+            return _match_pair(model, pair, features, band, options.rematch_ratio)
 
         n_matches = 0
         with (
@@ -102,17 +138,19 @@ def _less_contradicted(
     return verified
 
 
-def overlapping_pairs(model: pycolmap.Reconstruction) -> set[tuple[int, int]]:
+def overlapping_pairs(
+    model: pycolmap.Reconstruction, options: RefineOptions
+) -> set[tuple[int, int]]:
     """Choose pairs of photo ids that see enough of the model's points from similar sides.
 
-    Of those, each photo's ``N_PARTNERS`` that share most points.
+    Of those, each photo's ``n_partners`` that share most points.
     """
     points = np.array([point.xyz for _, point in sorted(model.points3D.items())]).reshape(-1, 3)
     points = points[:: max(len(points) // N_POINTS, 1)]
     ids = sorted(model.reg_image_ids())
     views = [_view(model, image_id, points) for image_id in ids]
-    least = max(MIN_SHARED * len(points), 1)
-    cosine = np.cos(np.radians(MAX_ANGLE_DEG))
+    least = max(options.min_shared * len(points), 1)
+    cosine = np.cos(np.radians(options.max_pair_angle_deg))
     shared = np.zeros((len(views), len(views)), dtype=np.int64)
     for a, (seen_a, rays_a) in enumerate(views):
         for b in range(a + 1, len(views)):
@@ -120,7 +158,7 @@ def overlapping_pairs(model: pycolmap.Reconstruction) -> set[tuple[int, int]]:
             both = np.flatnonzero(seen_a & seen_b)
             shared[a, b] = (np.einsum("ni,ni->n", rays_a[both], rays_b[both]) > cosine).sum()
     shared += shared.T
-    partners = np.argsort(-shared, axis=1, kind="stable")[:, :N_PARTNERS]
+    partners = np.argsort(-shared, axis=1, kind="stable")[:, : options.n_partners]
     return {
         (ids[min(a, b)], ids[max(a, b)])
         for a, row in enumerate(partners)
@@ -142,7 +180,7 @@ def _view(
         pixels = pixels[:, :2] / pixels[:, 2:]
     inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
     rays = local @ pose[:, :3]
-    rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     return inside & (local[:, 2] > 0), rays
 
 
@@ -152,19 +190,11 @@ def _verified(
     """Read the verified pairs among the registered photos, the smaller id first."""
     registered = set(model.reg_image_ids())
     pair_ids, geometries = database.read_two_view_geometries()
-    pairs = [(a, b) for a, b in map(pycolmap.pair_id_to_image_pair, pair_ids)]
     return {
         pair: geometry
-        for pair, geometry in zip(pairs, geometries)
+        for pair, geometry in zip(map(pycolmap.pair_id_to_image_pair, pair_ids), geometries)
         if len(geometry.inlier_matches) and registered.issuperset(pair)
     }
-
-
-def _features(
-    database: pycolmap.Database, model: pycolmap.Reconstruction, image_id: int
-) -> PhotoFeatures:
-    camera = model.cameras[model.images[image_id].camera_id]
-    return read_features(database, image_id, camera)
 
 
 def _match_pair(
@@ -172,6 +202,7 @@ def _match_pair(
     pair: tuple[int, int],
     features: dict[int, PhotoFeatures],
     band_px: float,
+    max_ratio: float,
 ) -> pycolmap.TwoViewGeometry:
     first, second = (model.images[i].cam_from_world() for i in pair)
     geometry = pycolmap.TwoViewGeometry()
@@ -183,7 +214,7 @@ def _match_pair(
         features[pair[1]],
         geometry,
         max_error_px=band_px,
-        max_ratio=MAX_RATIO,
+        max_ratio=max_ratio,
         max_distance=pycolmap.SiftMatchingOptions().max_distance,
     )
     return geometry

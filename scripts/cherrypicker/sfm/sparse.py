@@ -8,14 +8,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json, write_json
+from cherrypicker.files import read_json, temporary_folder, write_json
 from cherrypicker.poses import write_poses
-from cherrypicker.sfm.database import copy_database, scratch_folder
+from cherrypicker.sfm.database import SCRATCH, copy_database
 from cherrypicker.sfm.diagnosis import diagnose_photos
 from cherrypicker.sfm.export import undistorted_poses, write_model
 from cherrypicker.sfm.mapping import Attempt, MappingOptions, map_photos
+from cherrypicker.sfm.rematch import RefineOptions
 from cherrypicker.sfm.uncertainty import camera_uncertainty
 
 logger = logging.getLogger(__name__)
@@ -33,6 +35,7 @@ def reconstruct_sparse(
     report: str | os.PathLike,
     poses: str | os.PathLike,
     options: MappingOptions | None = None,
+    refining: RefineOptions | None = None,
     *,
     seed: int = 0,
     threads: int = 1,
@@ -53,9 +56,6 @@ def reconstruct_sparse(
         JSON report, also written when too few photos register.
     poses : path-like
         NPZ of the registered photos' undistorted poses.
-    options : MappingOptions, optional
-    seed : int
-    threads : int
 
     Returns
     -------
@@ -72,10 +72,16 @@ def reconstruct_sparse(
     if not photos:
         raise StageError("no photo found in the folder", key="photos in trees.tsv")
     found = read_json(listing)
-    with scratch_folder(Path(model_folder)) as scratch:
+    with temporary_folder(Path(model_folder).parent, SCRATCH) as scratch:
         working = copy_database(database, scratch / "database.db")
         attempts = map_photos(
-            working, Path(photos[0]).parent, scratch, options, seed=seed, threads=threads
+            working,
+            Path(photos[0]).parent,
+            scratch,
+            options,
+            refining or RefineOptions(),
+            seed=seed,
+            threads=threads,
         )
         best = attempts[0]
         explained = diagnose_photos(
@@ -129,7 +135,7 @@ def _report(best: Attempt, attempts: Sequence[Attempt], explained: dict) -> dict
     return report
 
 
-def _describe_uncertainty(model) -> dict | None:
+def _describe_uncertainty(model: pycolmap.Reconstruction) -> dict | None:
     """Median and largest standard error of a camera, and whose that is."""
     errors = camera_uncertainty(model)
     if not errors:
@@ -156,7 +162,7 @@ def _describe_attempt(attempt: Attempt) -> dict:
     return described
 
 
-def _describe_cameras(model) -> list[dict]:
+def _describe_cameras(model: pycolmap.Reconstruction) -> list[dict]:
     used = sorted({image.camera_id for image in model.images.values() if image.has_pose})
     return [
         {

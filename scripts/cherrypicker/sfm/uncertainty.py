@@ -19,10 +19,6 @@ DAMPING = 1e-6
 def camera_uncertainty(model: pycolmap.Reconstruction) -> dict[str, float] | None:
     """Estimate the standard error of each camera's place.
 
-    Parameters
-    ----------
-    model : pycolmap.Reconstruction
-
     Returns
     -------
     dict or None

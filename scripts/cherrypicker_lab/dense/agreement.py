@@ -44,7 +44,7 @@ def sparse_agreement(
     hits = known = total = 0
     by_photo = {}
     for view in workspace.views:
-        image = workspace.model.images[view.image_id]
+        image = workspace.image(view)
         ids = [p.point3D_id for p in image.points2D if p.has_point3D()]
         at, expected = _in_frame(view, np.array([points[i].xyz for i in ids]).reshape(-1, 3))
         if len(expected) == 0:

@@ -16,8 +16,9 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import temporary_folder
 from cherrypicker.poses import Poses, read_poses
-from cherrypicker.sfm.database import copy_database, scratch_folder
+from cherrypicker.sfm.database import SCRATCH, copy_database
 from cherrypicker.sfm.export import write_model
 
 logger = logging.getLogger(__name__)
@@ -60,7 +61,7 @@ def triangulate_true_cameras(
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed = threads, seed
     pycolmap.set_random_seed(seed)
-    with scratch_folder(Path(model_folder)) as scratch:
+    with temporary_folder(Path(model_folder).parent, SCRATCH) as scratch:
         working = copy_database(database, scratch / "database.db")
         with_poses = _model_of_poses(working, true, poses)
         with tempfile.TemporaryDirectory(dir=scratch) as output:

@@ -60,7 +60,7 @@ def test_sgbm_maps_can_be_fused(scene):
 def make_view(center, *, turn=0.0):
     K = np.array([[200.0, 0, 80], [0, 200, 60], [0, 0, 1]])
     R = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
-    return View(1, "a", K, R, -R @ np.asarray(center, float), 160, 120)
+    return View("a", K, R, -R @ np.asarray(center, float), 160, 120)
 
 
 @pytest.mark.parametrize("center", [(0.3, 0, 0), (-0.3, 0.1, 0), (0.02, 0.3, 0), (0, -0.3, 0.05)])

@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.map_keys import GEOMETRIC
+from cherrypicker.mvs.backends.map_keys import GEOMETRIC, PHOTOMETRIC
 from cherrypicker.mvs.backends.table import AUTO, BACKENDS, Backend, first_choice, has_cuda
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
@@ -27,11 +27,8 @@ def choose_backend(wanted: str) -> str:
     Raises
     ------
     StageError
-        If the name is unknown, or CUDA is asked for and this pycolmap has none.
+        If CUDA is asked for and this pycolmap has none.
     """
-    if wanted != AUTO and wanted not in BACKENDS:
-        known = ", ".join([AUTO, *BACKENDS])
-        raise StageError(f"unknown backend {wanted!r}, one of {known}", key="mvs.backend")
     name = first_choice(wanted)
     if BACKENDS[name].needs_cuda and not has_cuda():
         raise StageError(
@@ -88,7 +85,8 @@ def estimate_workspace(
             len(shares),
         )
         for view in workspace.views:
-            workspace.remove_maps(view)
+            for kind in (PHOTOMETRIC, GEOMETRIC):
+                workspace.remove_maps(view, kind)
         chosen = first_choice(AUTO, with_cuda=False)
         shares = run_backend(BACKENDS[chosen], workspace, options, threads, sky_masks)
     share = float(np.mean(list(shares.values()))) if shares else 0.0

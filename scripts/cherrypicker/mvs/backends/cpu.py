@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -40,43 +40,6 @@ PHOTOMETRIC_OPTIONS = (
 )
 
 
-class PhotoStore:
-    """The undistorted photos as pyramids, only as many as are in use at a time."""
-
-    def __init__(self, workspace: Workspace, n_levels: int, capacity: int):
-        self._workspace = workspace
-        self._n_levels = n_levels
-        self._capacity = capacity
-        self._held: OrderedDict[int, list[np.ndarray]] = OrderedDict()
-        self._lines: dict[int, PhotoLines] = {}
-
-    def get(self, indices: tuple[int, ...]) -> dict[int, list[np.ndarray]]:
-        """Return view index to pyramid for all of ``indices``."""
-        for i in indices:
-            if i not in self._held:
-                view = self._workspace.views[i]
-                photo = read_photo(self._workspace.photo_path(view))
-                if photo.shape[:2] != (view.height, view.width):
-                    raise StageError(
-                        f"the undistorted photo is {photo.shape[1]} x {photo.shape[0]} px, its "
-                        f"camera {view.width} x {view.height} px",
-                        file=self._workspace.photo_path(view),
-                    )
-                self._held[i] = estimate.pyramid(photo, self._n_levels)
-            self._held.move_to_end(i)
-        while len(self._held) > max(self._capacity, len(indices)):
-            gone, _ = self._held.popitem(last=False)
-            self._lines.pop(gone, None)
-        return {i: self._held[i] for i in indices}
-
-    def lines(self, indices: tuple[int, ...]) -> dict[int, PhotoLines]:
-        """Return view index to the lines of the photo, for ``indices`` that are held."""
-        for i in indices:
-            if i not in self._lines:
-                self._lines[i] = find_lines(self._held[i][0])
-        return {i: self._lines[i] for i in indices}
-
-
 def run_cpu(
     workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
 ) -> set[str]:
@@ -85,20 +48,28 @@ def run_cpu(
     problems = plan_views(workspace, options.n_sources)
     sizes = [min(view.width, view.height) for view in views]
     n_levels = estimate.count_levels(min(sizes), min(sizes), options.min_level_px)
-    photos = PhotoStore(workspace, n_levels, capacity=2 * options.n_sources)
+
+    # Only as many photos as are in use at a time
+    @lru_cache(2 * options.n_sources)
+    def pyramid_of(i: int) -> list[np.ndarray]:
+        return estimate.pyramid(_read_photo(workspace, views[i]), n_levels)
+
+    @lru_cache(2 * options.n_sources)
+    def lines_of(i: int) -> PhotoLines:
+        return find_lines(pyramid_of(i)[0])
+
     keys = MapKeys(workspace)
     digests = _photo_digests(workspace)
     masks = {} if sky_masks is None else {view.name: sky_masks.digest(view) for view in views}
     logger.info("CPU PatchMatch: %d levels, %d threads", n_levels, threads)
 
     def photometric(problem: StereoProblem) -> np.ndarray:
-        indices = (problem.view, *problem.sources)
-        held = photos.get(indices)
+        photos = {i: pyramid_of(i) for i in problem.photos}
+        lines = {i: lines_of(i) for i in problem.photos}
         skip = None
         if sky_masks is not None:
-            skip = clear_sky(held[problem.view][0], sky_masks.of(views[problem.view]))
-        lines = photos.lines(indices)
-        return estimate.estimate_photometric(problem, views, held, options, threads, skip, lines)
+            skip = clear_sky(photos[problem.view][0], sky_masks.of(views[problem.view]))
+        return estimate.estimate_photometric(problem, views, photos, lines, options, threads, skip)
 
     settings = {
         p.view: _settings(p, options, digests, masks.get(views[p.view].name)) for p in problems
@@ -117,10 +88,10 @@ def run_cpu(
     usable = [problem for problem in usable if problem.sources]
 
     def geometric(problem: StereoProblem) -> np.ndarray:
-        held = photos.get((problem.view, *problem.sources))
+        photos = {i: pyramid_of(i) for i in problem.photos}
         start = _read_field(workspace, views[problem.view])
         depths = {j: _read_inverse_depth(workspace, views[j]) for j in problem.sources}
-        return estimate.estimate_geometric(problem, views, held, start, depths, options, threads)
+        return estimate.estimate_geometric(problem, views, photos, start, depths, options, threads)
 
     _each_view(workspace, usable, keys, chained, GEOMETRIC, geometric)
     workspace.write_fusion_config()
@@ -148,6 +119,17 @@ def _each_view(
             keys.announce(view, kind, digest[problem.view])
             workspace.write_maps(view, kind, depth, normals)
             bar.step()
+
+
+def _read_photo(workspace: Workspace, view: View) -> np.ndarray:
+    photo = read_photo(workspace.photo_path(view))
+    if photo.shape[:2] != (view.height, view.width):
+        raise StageError(
+            f"the undistorted photo is {photo.shape[1]} x {photo.shape[0]} px, its camera "
+            f"{view.width} x {view.height} px",
+            file=workspace.photo_path(view),
+        )
+    return photo
 
 
 def _read_field(workspace: Workspace, view: View) -> np.ndarray:
@@ -188,6 +170,6 @@ def _settings(
         "options": {name: getattr(options, name) for name in PHOTOMETRIC_OPTIONS},
         "depth": [problem.depth_min, problem.depth_max],
         "sky_mask": mask,
-        "photos": [digests[j] for j in (problem.view, *problem.sources)],
+        "photos": [digests[j] for j in problem.photos],
     }
     return json.dumps(content, sort_keys=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cherrypicker.files import read_json, write_json
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.workspace import View, Workspace
 
 __all__ = ["GEOMETRIC", "PHOTOMETRIC", "MapKeys"]
 
@@ -23,14 +23,13 @@ class MapKeys:
         self._path = workspace.folder / "stereo" / "keys.json"
         self._keys: dict[str, str] = read_json(self._path) if self._path.exists() else {}
 
-    def is_current(self, view, kind: str, key: str) -> bool:
+    def is_current(self, view: View, kind: str, key: str) -> bool:
         """Whether the view's maps of this kind are whole and were made with ``key``."""
         known = self._keys.get(f"{view.name}.{kind}", key)
         return known == key and self._workspace.has_maps(view, kind)
 
-    def announce(self, view, kind: str, key: str) -> None:
+    def announce(self, view: View, kind: str, key: str) -> None:
         """Remove the view's old maps and note the key of those that come."""
-        self._workspace.depth_path(view, kind).unlink(missing_ok=True)
-        self._workspace.normal_path(view, kind).unlink(missing_ok=True)
+        self._workspace.remove_maps(view, kind)
         self._keys[f"{view.name}.{kind}"] = key
         write_json(self._path, dict(sorted(self._keys.items())))

@@ -65,7 +65,6 @@ def first_choice(wanted: str, with_cuda: bool | None = None) -> str:
 
     Parameters
     ----------
-    wanted : str
     with_cuda : bool, optional
         Whether there is CUDA; left out, `has_cuda` tells.
     """

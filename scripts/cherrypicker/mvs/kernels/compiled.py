@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numba
 
@@ -49,7 +50,10 @@ def cache_folder() -> str:
 numba.config.CACHE_DIR = cache_folder()  # type: ignore[attr-defined]
 
 
-OPTIONS = {
+# A number in a kernel: numba knows which
+Num: TypeAlias = Any
+
+OPTIONS: dict[str, Any] = {
     "fastmath": True,
     "nogil": True,
     "cache": True,
@@ -58,7 +62,7 @@ OPTIONS = {
 }
 
 
-def kernel(function):
+def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function for float32 arrays; it must not allocate memory.
 
     No reference counts, which would cost more than the arithmetic when a tuple of arrays is handed
@@ -67,7 +71,7 @@ def kernel(function):
     return numba.njit(function, **OPTIONS)
 
 
-def inlined(function):
+def inlined(function: Callable[..., Any]) -> Any:
     """Compile a function that kernels call, into the body of each.
 
     Were it a function of its own, each kernel would carry a copy, optimised in its own way, and

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import inlined
+from cherrypicker.mvs.kernels.compiled import Num, inlined
+
+# Pixels take so many numbers each at most
+DRAWS_A_PIXEL = np.uint64(4096)
 
 
 @inlined
-def _mix(state):
+def _mix(state: Num) -> Num:
     z = state * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -16,7 +19,7 @@ def _mix(state):
 
 
 @inlined
-def uniform(seed, draw):
+def uniform(seed: Num, draw: Num) -> Num:
     """Return a float32 in [0, 1) that depends on seed and draw only."""
     bits = _mix(seed + np.uint64(draw)) >> np.uint64(40)
     return np.float32(bits) * np.float32(1.0 / 16777216.0)

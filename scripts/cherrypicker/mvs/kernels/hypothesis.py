@@ -7,36 +7,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import inlined
-from cherrypicker.mvs.kernels.matching import (
-    INVALID_COST,
-    geometric_error,
-    prepare_patch,
-    source_cost,
-)
+from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.mvs.kernels.level import Level, Scratch
+from cherrypicker.mvs.kernels.matching import INVALID_COST, geometric_error, source_cost
 
 _0 = np.float32(0.0)
-# Steepest plane: tangent of the angle between its normal and the optical axis
+# Steepest plane: tangent of the angle between its normal and the optical axis, 76 degrees (guess)
 MAX_SLOPE = np.float32(4.0)
 # When a hypothesis is given up after some of the best sources: their sum exceeds as many times the
 # present mean by SCREEN_MARGIN, or once all are asked by LAST_MARGIN. While the present one is no
-# match itself (above MATCH_COST) its best sources mean little, and only the whole sum counts.
+# match itself (above MATCH_COST) its best sources mean little, and only the whole sum counts
+# (guesses).
 SCREEN_MARGIN = np.float32(0.3)
 LAST_MARGIN = np.float32(0.06)
 MATCH_COST = np.float32(0.75)
 
 
 @inlined
-def prepare(level, x, y, scratch):
-    """Fill ``scratch.patch`` for a pixel; return the patch's variance, grey levels squared."""
-    return prepare_patch(
-        level.color, level.width, level.height, x, y, level.inv_color,
-        level.offsets, level.radius, scratch.patch, scratch.pixels,
-    )  # fmt: skip
-
-
-@inlined
-def is_plausible(level, w, gx, gy):
+def is_plausible(level: Level, w: Num, gx: Num, gy: Num) -> bool:
     """Whether a hypothesis lies in the depth range and is not too steep."""
     steep = MAX_SLOPE * w
     return (
@@ -48,20 +36,33 @@ def is_plausible(level, w, gx, gy):
 
 
 @inlined
-def evaluate(level, x, y, w, gx, gy, patch, variance, costs, top):
-    """Return a hypothesis' cost, the mean of its best sources', named in ``top``."""
-    return improve(level, x, y, w, gx, gy, patch, variance, costs, top, np.float32(-1.0))
+def evaluate(
+    level: Level, x: Num, y: Num, w: Num, gx: Num, gy: Num, variance: Num, scratch: Scratch
+) -> Num:
+    """Return a hypothesis' cost, the mean of its best sources', named in ``scratch.top``."""
+    return improve(level, x, y, w, gx, gy, variance, scratch, np.float32(-1.0))
 
 
 @inlined
-def improve(level, x, y, w, gx, gy, patch, variance, costs, top, best):
+def improve(
+    level: Level,
+    x: Num,
+    y: Num,
+    w: Num,
+    gx: Num,
+    gy: Num,
+    variance: Num,
+    scratch: Scratch,
+    best: Num,
+) -> Num:
     """Return a hypothesis' cost, or a bound of it where it cannot beat ``best``.
 
-    The sources that suit the pixel's present hypothesis (``top``) are asked first. Their mean is an
-    upper bound of the cost: below ``best`` it will do; far above, the others are not asked. In
-    between all are, and ``top`` changes with them if the hypothesis is better. With a negative
-    ``best`` all sources are asked and ``top`` is set.
+    The sources that suit the pixel's present hypothesis (``scratch.top``) are asked first. Their
+    mean is an upper bound of the cost: below ``best`` it will do; far above, the others are not
+    asked. In between all are, and ``top`` changes with them if the hypothesis is better. With a
+    negative ``best`` all sources are asked and ``top`` is set.
     """
+    costs, top = scratch.costs, scratch.top
     n = level.layout.shape[0]
     n_best = top.shape[0]
     fx = np.float32(x)
@@ -82,26 +83,11 @@ def improve(level, x, y, w, gx, gy, patch, variance, costs, top, best):
                 limit = best * np.float32(i + 1) + SCREEN_MARGIN
         cost = _0
         if level.geometric_weight > _0:
-            cost = level.geometric_weight * geometric_error(
-                level.depth, level.layout, level.project, level.back, s, fx, fy, w
-            )
+            cost = level.geometric_weight * geometric_error(level, s, fx, fy, w)
             # The cheap part first: it often decides already
             if screened and i < n_best and total + cost > limit:
                 return INVALID_COST + INVALID_COST
-        cost += source_cost(
-            level.packed,
-            level.layout,
-            level.project,
-            s,
-            fx,
-            fy,
-            w,
-            gx,
-            gy,
-            level.radius,
-            patch,
-            variance,
-        )
+        cost += source_cost(level, s, fx, fy, w, gx, gy, variance, scratch.patch)
         costs[s] = cost
         if screened and i < n_best:
             total += cost
@@ -128,7 +114,7 @@ def improve(level, x, y, w, gx, gy, patch, variance, costs, top, best):
 
 
 @inlined
-def load_top(chosen, x, y, top):
+def load_top(chosen: np.ndarray, x: Num, y: Num, top: Num) -> None:
     """Unpack the pixel's best sources, four bits each."""
     word = np.int64(chosen[y, x])
     for i in range(top.shape[0]):
@@ -136,7 +122,7 @@ def load_top(chosen, x, y, top):
 
 
 @inlined
-def store_top(chosen, x, y, top):
+def store_top(chosen: np.ndarray, x: Num, y: Num, top: Num) -> None:
     """Pack the pixel's best sources, four bits each."""
     word = np.int64(0)
     for i in range(top.shape[0]):
@@ -145,7 +131,7 @@ def store_top(chosen, x, y, top):
 
 
 @inlined
-def store(field, y, x, w, gx, gy, cost):
+def store(field: np.ndarray, y: Num, x: Num, w: Num, gx: Num, gy: Num, cost: Num) -> None:
     """Write a hypothesis and its cost to a pixel of a field."""
     field[y, x, 0] = w
     field[y, x, 1] = gx

@@ -1,18 +1,21 @@
 """What the kernels of PatchMatch work on: a reference and its sources at one pyramid level.
 
 A field is an array (height, width, 4) float32 of inverse depth, its slopes along x and y per pixel,
-and the cost. Kernels take a block of the level's rows and a thread's working memory.
+and the cost.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
 from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import in_parallel
-from cherrypicker.mvs.kernels.matching import N_SAMPLES
+from cherrypicker.mvs.kernels.compiled import in_parallel, kernel
 
+# Samples of a patch; a multiple of the vector width, unused ones get weight zero
+N_SAMPLES = 32
 # Rows that a thread takes at a time
 ROWS_AT_A_TIME = 16
 
@@ -74,13 +77,32 @@ class Level(NamedTuple):
     cy: np.float32
 
 
+class State(NamedTuple):
+    """What the pixels of a level hold.
+
+    Attributes
+    ----------
+    field : ndarray of shape (height, width, 4), float32
+        Their hypotheses and costs.
+    chosen : ndarray of shape (height, width), uint16
+        Their best sources, four bits each.
+    active : ndarray of shape (height, width), uint8
+        Whether they are worked on.
+    """
+
+    field: np.ndarray
+    chosen: np.ndarray
+    active: np.ndarray
+
+
 class Scratch(NamedTuple):
     """A thread's working memory.
 
     Attributes
     ----------
     patch : ndarray of shape (5, 32), float32
-        See :func:`cherrypicker.mvs.kernels.matching.prepare_patch`.
+        Offsets and spatial weights of `Level.samples`, then the bilateral weights and centred,
+        weighted grey values of the pixel at hand.
     costs : ndarray of shape (n_sources,), float32
     top : ndarray of shape (n_best,), int64
         The pixel's best sources.
@@ -89,7 +111,7 @@ class Scratch(NamedTuple):
     order : ndarray of shape (4,), float32
         Colour distances of coarse pixels.
     pixels : ndarray of shape (32,), int32
-        See :func:`cherrypicker.mvs.kernels.matching.prepare_patch`.
+        Packed colours of the patch.
     """
 
     patch: np.ndarray
@@ -100,20 +122,29 @@ class Scratch(NamedTuple):
     pixels: np.ndarray
 
 
-def over_rows(function, level: Level, threads: int, *arguments) -> None:
-    """Call a kernel for blocks of the level's rows, on some threads."""
+def by_rows(function: Callable[..., None]) -> Callable[..., None]:
+    """Compile a kernel of some rows of a level, to be called for all of them.
 
-    def work(first: int) -> None:
-        patch = np.zeros((5, N_SAMPLES), dtype=np.float32)
-        patch[:3] = level.samples
-        scratch = Scratch(
-            patch=patch,
-            costs=np.empty(len(level.layout), dtype=np.float32),
-            top=np.zeros(level.n_best, dtype=np.int64),
-            found=np.empty((8, 2), dtype=np.int64),
-            order=np.empty(4, dtype=np.float32),
-            pixels=np.zeros(N_SAMPLES, dtype=np.int32),
-        )
-        function(level, first, min(first + ROWS_AT_A_TIME, level.height), *arguments, scratch)
+    The kernel takes the level, its first row and the one after its last, arguments of its own and a
+    `Scratch`. A caller gives the level, the number of threads and the arguments.
+    """
+    rows = kernel(function)
 
-    in_parallel(work, range(0, level.height, ROWS_AT_A_TIME), threads)
+    @wraps(function)
+    def over_rows(level: Level, threads: int, *arguments: object) -> None:
+        def work(first: int) -> None:
+            patch = np.zeros((5, N_SAMPLES), dtype=np.float32)
+            patch[:3] = level.samples
+            scratch = Scratch(
+                patch=patch,
+                costs=np.empty(len(level.layout), dtype=np.float32),
+                top=np.zeros(level.n_best, dtype=np.int64),
+                found=np.empty((8, 2), dtype=np.int64),
+                order=np.empty(4, dtype=np.float32),
+                pixels=np.zeros(N_SAMPLES, dtype=np.int32),
+            )
+            rows(level, first, min(first + ROWS_AT_A_TIME, level.height), *arguments, scratch)
+
+        in_parallel(work, range(0, level.height, ROWS_AT_A_TIME), threads)
+
+    return over_rows

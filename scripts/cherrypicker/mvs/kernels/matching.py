@@ -17,18 +17,24 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import inlined
+from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.mvs.kernels.level import N_SAMPLES, Level, Scratch
+from cherrypicker.mvs.kernels.projection import BEHIND, depth_in, pixel_in
 
-# Samples of a patch; a multiple of the vector width, unused ones get weight zero
-N_SAMPLES = 32
+# Samples that are all taken where a window has more: the disc of radius 2
+N_INNER = 13
+# Deviation of the spatial weight, in radii of the window (guess)
+WINDOW_SIGMA = 0.75
 # Cost of a source that cannot see the patch, and of one whose patch does not correlate at all
 INVALID_COST = np.float32(2.0)
 # Variance (grey levels squared) of camera noise and JPEG: damps the correlation of flat patches
+# (guess: two grey levels)
 NOISE_VARIANCE = np.float32(4.0)
-# A patch may grow or shrink at most so much between two photos
+# A patch may grow or shrink at most so much between two photos (guess)
 MAX_STRETCH = np.float32(3.0)
 MIN_STRETCH = np.float32(0.2)
-# Pixels of reprojection error at which geometric inconsistency no longer grows
+# Pixels of reprojection error at which geometric inconsistency no longer grows: COLMAP's
+# `geom_consistency_max_cost`
 MAX_GEOMETRIC_PX = np.float32(3.0)
 
 _0 = np.float32(0.0)
@@ -83,21 +89,22 @@ def window(radius: int) -> np.ndarray:
     order = inside[np.lexsort((np.arctan2(dy, dx)[inside], squared[inside]))]
     weight = np.ones(len(order))
     if len(order) > N_SAMPLES:
-        inner = 13  # the disc of radius 2
-        n_outer = N_SAMPLES - inner
-        outer = order[inner:]
+        n_outer = N_SAMPLES - N_INNER
+        outer = order[N_INNER:]
         taken = outer[np.round(np.linspace(0, len(outer) - 1, n_outer)).astype(int)]
-        weight = np.r_[np.ones(inner), np.full(n_outer, len(outer) / n_outer)]
-        order = np.r_[order[:inner], taken]
+        weight = np.r_[np.ones(N_INNER), np.full(n_outer, len(outer) / n_outer)]
+        order = np.r_[order[:N_INNER], taken]
     samples = np.zeros((3, N_SAMPLES), dtype=np.float32)
     samples[0, : len(order)] = dx[order]
     samples[1, : len(order)] = dy[order]
-    samples[2, : len(order)] = weight * np.exp(-squared[order] / (2.0 * (0.75 * radius) ** 2))
+    samples[2, : len(order)] = weight * np.exp(
+        -squared[order] / (2.0 * (WINDOW_SIGMA * radius) ** 2)
+    )
     return samples
 
 
 @inlined
-def _clamp_offsets(width, height, x, y, patch):
+def _clamp_offsets(width: Num, height: Num, x: Num, y: Num, patch: np.ndarray) -> None:
     """Put into a patch's last row where its samples lie when the photo's edge is repeated."""
     for k in range(N_SAMPLES):
         px = min(max(x + np.int64(patch[0, k]), 0), width - 1)
@@ -106,26 +113,17 @@ def _clamp_offsets(width, height, x, y, patch):
 
 
 @inlined
-def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch, pixels):
+def prepare(level: Level, x: Num, y: Num, scratch: Scratch) -> Num:
     """Fill the bilateral weights of the patch at (x, y) and its centred, weighted grey values.
 
     Weights fall with the squared colour distance to the centre pixel as ``1 / (1 + d^2 / s^2)``,
     so the window shrinks to the structure that the pixel belongs to, yet an edge still counts.
-
-    Parameters
-    ----------
-    offsets : ndarray of shape (32,), int64
-        Where the samples lie in ``color``, from the centre.
-    patch : ndarray of shape (5, 32), float32
-        Offsets dx and dy and spatial weights (see :func:`window`); weights and centred values are
-        written to the last two rows.
-
-    Returns
-    -------
-    float32
-        Weighted variance of the patch, grey levels squared.
+    Both go to the last two rows of ``scratch.patch``. Returns the patch's weighted variance, grey
+    levels squared.
     """
-    reach = np.int64(radius)
+    color, width, height = level.color, level.width, level.height
+    patch, pixels = scratch.patch, scratch.pixels
+    reach = np.int64(level.radius)
     pixel = y * width + x
     own = color[np.uint64(pixel)]
     r0 = np.float32(np.int32(own & _BYTE))
@@ -140,14 +138,14 @@ def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch,
             pixels[k] = color[np.uint64(pixel + np.int64(patch[4, k]))]
     else:
         for k in range(N_SAMPLES):
-            pixels[k] = color[np.uint64(pixel + offsets[k])]
+            pixels[k] = color[np.uint64(pixel + level.offsets[k])]
     for k in range(N_SAMPLES):
         q = pixels[k]
         dr = np.float32(np.int32(q & _BYTE)) - r0
         dg = np.float32(np.int32((q >> 8) & _BYTE)) - g0
         db = np.float32(np.int32((q >> 16) & _BYTE)) - b0
         grey = np.float32(np.int32((q >> 24) & _BYTE))
-        weight = patch[2, k] / (_1 + (dr * dr + dg * dg + db * db) * inv_color)
+        weight = patch[2, k] / (_1 + (dr * dr + dg * dg + db * db) * level.inv_color)
         patch[3, k] = weight
         patch[4, k] = grey
         total += weight
@@ -163,26 +161,28 @@ def prepare_patch(color, width, height, x, y, inv_color, offsets, radius, patch,
 
 
 @inlined
-def source_cost(packed, layout, project, s, x, y, w, gx, gy, radius, patch, variance):
+def source_cost(
+    level: Level, s: Num, x: Num, y: Num, w: Num, gx: Num, gy: Num, variance: Num, patch: np.ndarray
+) -> Num:
     """Return 1 - NCC of the patch in source ``s``, in [0, 2]; 2 where it is not to be seen."""
-    z = project[s, 6] * x + project[s, 7] * y + project[s, 8] + project[s, 11] * w
-    if z <= np.float32(1e-6):
+    P, layout, packed = level.project, level.layout, level.packed
+    z = depth_in(P, s, x, y, w)
+    if z <= BEHIND:
         return INVALID_COST
+    u, v = pixel_in(P, s, x, y, w, z)
     iz = _1 / z
-    u = (project[s, 0] * x + project[s, 1] * y + project[s, 2] + project[s, 9] * w) * iz
-    v = (project[s, 3] * x + project[s, 4] * y + project[s, 5] + project[s, 10] * w) * iz
-    zx = project[s, 6] + project[s, 11] * gx
-    zy = project[s, 7] + project[s, 11] * gy
-    ux = (project[s, 0] + project[s, 9] * gx - u * zx) * iz
-    uy = (project[s, 1] + project[s, 9] * gy - u * zy) * iz
-    vx = (project[s, 3] + project[s, 10] * gx - v * zx) * iz
-    vy = (project[s, 4] + project[s, 10] * gy - v * zy) * iz
+    zx = P[s, 6] + P[s, 11] * gx
+    zy = P[s, 7] + P[s, 11] * gy
+    ux = (P[s, 0] + P[s, 9] * gx - u * zx) * iz
+    uy = (P[s, 1] + P[s, 9] * gy - u * zy) * iz
+    vx = (P[s, 3] + P[s, 10] * gx - v * zx) * iz
+    vy = (P[s, 4] + P[s, 10] * gy - v * zy) * iz
     reach_u = abs(ux) + abs(uy)
     reach_v = abs(vx) + abs(vy)
     if max(reach_u, reach_v) > MAX_STRETCH or abs(ux * vy - uy * vx) < MIN_STRETCH:
         return INVALID_COST
-    reach_u *= radius
-    reach_v *= radius
+    reach_u *= level.radius
+    reach_v *= level.radius
     base = np.int32(layout[s, 0])
     width = np.int32(layout[s, 1])
     last_u = np.float32(layout[s, 1] - 1)
@@ -215,28 +215,28 @@ def source_cost(packed, layout, project, s, x, y, w, gx, gy, radius, patch, vari
 
 
 @inlined
-def geometric_error(depth, layout, project, back, s, x, y, w):
+def geometric_error(level: Level, s: Num, x: Num, y: Num, w: Num) -> Num:
     """Return the reprojection error (px, at most 3) through the inverse depth map of source ``s``.
 
     The pixel goes into the source at inverse depth ``w``, and back at the inverse depth that the
     source itself found there; 3 px where the source does not know.
     """
-    z = project[s, 6] * x + project[s, 7] * y + project[s, 8] + project[s, 11] * w
-    if z <= np.float32(1e-6):
+    layout = level.layout
+    z = depth_in(level.project, s, x, y, w)
+    if z <= BEHIND:
         return MAX_GEOMETRIC_PX
-    iz = _1 / z
-    u = (project[s, 0] * x + project[s, 1] * y + project[s, 2] + project[s, 9] * w) * iz
-    v = (project[s, 3] * x + project[s, 4] * y + project[s, 5] + project[s, 10] * w) * iz
+    u, v = pixel_in(level.project, s, x, y, w, z)
     iu = np.int64(np.floor(u + np.float32(0.5)))
     iv = np.int64(np.floor(v + np.float32(0.5)))
     if iu < 0 or iv < 0 or iu >= layout[s, 1] or iv >= layout[s, 2]:
         return MAX_GEOMETRIC_PX
-    found = depth[np.uint64(layout[s, 0] + iv * layout[s, 1] + iu)]
+    found = level.depth[np.uint64(layout[s, 0] + iv * layout[s, 1] + iu)]
     if found <= _0:
         return MAX_GEOMETRIC_PX
-    zb = back[s, 6] * u + back[s, 7] * v + back[s, 8] + back[s, 11] * found
-    if zb <= np.float32(1e-6):
+    z = depth_in(level.back, s, u, v, found)
+    if z <= BEHIND:
         return MAX_GEOMETRIC_PX
-    dx = (back[s, 0] * u + back[s, 1] * v + back[s, 2] + back[s, 9] * found) / zb - x
-    dy = (back[s, 3] * u + back[s, 4] * v + back[s, 5] + back[s, 10] * found) / zb - y
+    back_x, back_y = pixel_in(level.back, s, u, v, found, z)
+    dx = back_x - x
+    dy = back_y - y
     return min(np.sqrt(dx * dx + dy * dy), MAX_GEOMETRIC_PX)

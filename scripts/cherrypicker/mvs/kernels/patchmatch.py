@@ -10,39 +10,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import inlined, kernel
-from cherrypicker.mvs.kernels.hash_random import uniform
-from cherrypicker.mvs.kernels.hypothesis import (
-    improve,
-    is_plausible,
-    load_top,
-    prepare,
-    store,
-    store_top,
-)
-from cherrypicker.mvs.kernels.level import over_rows
+from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.mvs.kernels.hash_random import DRAWS_A_PIXEL, uniform
+from cherrypicker.mvs.kernels.hypothesis import improve, is_plausible, load_top, store, store_top
+from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
+from cherrypicker.mvs.kernels.matching import prepare
 
 _0 = np.float32(0.0)
 _1 = np.float32(1.0)
 _2 = np.float32(2.0)
 # Hypotheses nearer than this (px of parallax over the window) to the present one are not tried
+# (guess: half the finest step)
 SAME_PX = np.float32(0.06)
-# A hypothesis that costs more is wrong for its own pixel and no help to others
+# A hypothesis that costs more is wrong for its own pixel and no help to others (guess)
 HOPELESS_COST = np.float32(0.9)
-# Distances of far propagation; odd, so that they reach the other colour of the checkerboard
-FAR_STEPS = np.array([5, 9, 17], dtype=np.int64)
-# Steps of refinement, px of parallax; each stands for the octave above it
+# Steps of refinement, px of parallax; each stands for the octave above it (guess)
 STEPS_PX = np.array([0.125, 0.25, 0.5, 1.0, 2.0, 4.0], dtype=np.float32)
-# Near propagation: three pixels of the other colour in each of four directions
-NEAR = np.array(
+# Propagation: three pixels of the other colour in each of four directions, near by and far
+# (ACMH, Xu and Tao, CVPR 2019, takes eight regions of the like)
+NEIGHBORS = np.array(
     [
         [[0, -1], [-1, -2], [1, -2]],
         [[0, 1], [-1, 2], [1, 2]],
         [[-1, 0], [-2, -1], [-2, 1]],
         [[1, 0], [2, -1], [2, 1]],
+        [[0, -5], [0, -9], [0, -17]],
+        [[0, 5], [0, 9], [0, 17]],
+        [[-5, 0], [-9, 0], [-17, 0]],
+        [[5, 0], [9, 0], [17, 0]],
     ],
     dtype=np.int64,
 )
+N_NEAR = 4
 
 
 class Turn(NamedTuple):
@@ -63,33 +62,18 @@ class Turn(NamedTuple):
 
 
 @inlined
-def _collect(level, field, x, y, most, found):
+def _collect(level: Level, field: np.ndarray, x: Num, y: Num, most: Num, found: np.ndarray) -> Num:
     """List the neighbours whose hypotheses are worth a try: four near ones, then far ones."""
-    height, width = level.height, level.width
     n = 0
-    for direction in range(4):
-        best = HOPELESS_COST
-        for i in range(3):
-            nx = x + NEAR[direction, i, 0]
-            ny = y + NEAR[direction, i, 1]
-            if (
-                nx >= 0 and ny >= 0 and nx < width and ny < height
-                and field[ny, nx, 0] > _0 and field[ny, nx, 3] < best
-            ):  # fmt: skip
-                best = field[ny, nx, 3]
-                found[n, 0] = nx
-                found[n, 1] = ny
-        if best < HOPELESS_COST:
-            n += 1
-    for direction in range(4):
-        if n >= most:
+    for direction in range(NEIGHBORS.shape[0]):
+        if direction >= N_NEAR and n >= most:
             break
         best = HOPELESS_COST
-        for i in range(FAR_STEPS.shape[0]):
-            nx = x + NEAR[direction, 0, 0] * FAR_STEPS[i]
-            ny = y + NEAR[direction, 0, 1] * FAR_STEPS[i]
+        for i in range(NEIGHBORS.shape[1]):
+            nx = x + NEIGHBORS[direction, i, 0]
+            ny = y + NEIGHBORS[direction, i, 1]
             if (
-                nx >= 0 and ny >= 0 and nx < width and ny < height
+                nx >= 0 and ny >= 0 and nx < level.width and ny < level.height
                 and field[ny, nx, 0] > _0 and field[ny, nx, 3] < best
             ):  # fmt: skip
                 best = field[ny, nx, 3]
@@ -101,7 +85,9 @@ def _collect(level, field, x, y, most, found):
 
 
 @inlined
-def _change(level, w, gx, gy, pixel, i, n_refine):
+def _change(
+    level: Level, w: Num, gx: Num, gy: Num, pixel: Num, i: Num, n_refine: Num
+) -> tuple[Num, Num, Num]:
     """Return the ``i``-th random change of a hypothesis, a new depth from ``n_refine`` on."""
     draw = 8 * i
     if i >= n_refine:
@@ -120,12 +106,25 @@ def _change(level, w, gx, gy, pixel, i, n_refine):
     return w, gx, gy
 
 
-@kernel
-def _sweep_rows(level, first, last, field, chosen, active, parity, turn, seed, scratch):
-    patch = scratch.patch
-    costs = scratch.costs
-    top = scratch.top
-    found = scratch.found
+@by_rows
+def sweep(
+    level: Level,
+    first: Num,
+    last: Num,
+    state: State,
+    parity: Num,
+    turn: Turn,
+    seed: Num,
+    scratch: Scratch,
+) -> None:
+    """Update the pixels of one colour of the checkerboard.
+
+    Each tries the hypotheses of up to ``turn.n_near`` neighbours, moved along their planes, then
+    ``n_refine`` changes of its own (a step of 1/8 to 8 pixels of parallax, of the slopes, or both)
+    and ``n_random`` new depths from the whole range.
+    """
+    field, chosen, active = state.field, state.chosen, state.active
+    top, found = scratch.top, scratch.found
     near = SAME_PX * level.w_px
     for y in range(first, last):
         for x in range((y + parity) & 1, level.width, 2):
@@ -138,7 +137,7 @@ def _sweep_rows(level, first, last, field, chosen, active, parity, turn, seed, s
             best = field[y, x, 3]
             load_top(chosen, x, y, top)
             n = _collect(level, field, x, y, turn.n_near, found)
-            pixel = np.uint64(seed) + np.uint64(y * level.width + x) * np.uint64(4096)
+            pixel = np.uint64(seed) + np.uint64(y * level.width + x) * DRAWS_A_PIXEL
             n_tries = n + turn.n_refine + turn.n_random
             for i in range(n_tries):
                 if i < n:
@@ -156,7 +155,7 @@ def _sweep_rows(level, first, last, field, chosen, active, parity, turn, seed, s
                     tw, tx, ty = _change(level, w, gx, gy, pixel, i - n, turn.n_refine)
                 if not is_plausible(level, tw, tx, ty):
                     continue
-                cost = improve(level, x, y, tw, tx, ty, patch, variance, costs, top, best)
+                cost = improve(level, x, y, tw, tx, ty, variance, scratch, best)
                 if cost < best:
                     best = cost
                     w = tw
@@ -164,13 +163,3 @@ def _sweep_rows(level, first, last, field, chosen, active, parity, turn, seed, s
                     gy = ty
             store(field, y, x, w, gx, gy, best)
             store_top(chosen, x, y, top)
-
-
-def sweep(level, field, chosen, active, parity, turn, seed, threads=1):
-    """Update the pixels of one colour of the checkerboard.
-
-    Each tries the hypotheses of up to ``turn.n_near`` neighbours, moved along their planes, then
-    ``n_refine`` changes of its own (a step of 1/8 to 8 pixels of parallax, of the slopes, or both)
-    and ``n_random`` new depths from the whole range.
-    """
-    over_rows(_sweep_rows, level, threads, field, chosen, active, parity, turn, seed)

@@ -15,9 +15,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import inlined, kernel
-from cherrypicker.mvs.kernels.hypothesis import evaluate, prepare, store, store_top
-from cherrypicker.mvs.kernels.level import Level, over_rows
+from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.mvs.kernels.hypothesis import evaluate, store, store_top
+from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
+from cherrypicker.mvs.kernels.matching import prepare
+from cherrypicker.mvs.kernels.projection import BEHIND, cross_ball, depth_in, pixel_in
 from cherrypicker.mvs.lines.ridges import BRIGHT, DARK, line_points, slopes_of
 
 _0 = np.float32(0.0)
@@ -30,7 +32,7 @@ GREY_DIFFERENCE = 40
 # four tried depths find 4 % more for a quarter more of the photometric time; the cloud of the scene
 # of docs/dense.md then has a recall below 5 mm of radius of 0.993 instead of 0.991)
 STEP_PX = np.float32(2.0)
-# A line is met at so many depths beside one another, which are one (its width, and half a step)
+# A line is met at so many depths beside one another, which are one: its width, and half a step
 RUN_STEPS = np.float32(2.5)
 # A pixel that costs less has found what it shows (guess)
 UNMATCHED_COST = 0.5
@@ -75,13 +77,11 @@ def _widened(photo: PhotoLines) -> np.ndarray:
 
 
 @inlined
-def _span(level, x, y, ball):
+def _span(level: Level, x: Num, y: Num, ball: np.ndarray) -> tuple[Num, Num]:
     """Return the inverse depths at which a pixel's ray is in the ball; 0, 0 where it misses."""
     rx = (np.float32(x) - level.cx) / level.fx
     ry = (np.float32(y) - level.cy) / level.fy
-    square = rx * rx + ry * ry + _1
-    along = (rx * ball[0] + ry * ball[1] + ball[2]) / square
-    off = along * along - (ball[0] ** 2 + ball[1] ** 2 + ball[2] ** 2 - ball[3] ** 2) / square
+    along, off = cross_ball(rx, ry, _1, ball)
     if off <= _0 or along <= _0:
         return _0, _0
     reach = np.sqrt(off)
@@ -92,23 +92,31 @@ def _span(level, x, y, ball):
 
 
 @inlined
-def _count_lines(level, x, y, w, sign, grey, lines, greys):
+def _count_lines(
+    level: Level,
+    x: Num,
+    y: Num,
+    w: Num,
+    sign: Num,
+    grey: np.ndarray,
+    lines: np.ndarray,
+    greys: np.ndarray,
+) -> Num:
     """Count the sources that show a line of the same sign and of like grey where (x, y, w) lies.
 
     Gives up once fewer than the ``n_best`` of the matching cost can come together.
     """
-    P = level.project
     n = level.layout.shape[0]
     count = 0
     for s in range(n):
         if count + n - s < level.n_best:
             break
-        z = P[s, 6] * x + P[s, 7] * y + P[s, 8] + P[s, 11] * w
-        if z <= np.float32(1e-6):
+        z = depth_in(level.project, s, x, y, w)
+        if z <= BEHIND:
             continue
-        iz = _1 / z
-        u = np.int64((P[s, 0] * x + P[s, 1] * y + P[s, 2] + P[s, 9] * w) * iz + _HALF)
-        v = np.int64((P[s, 3] * x + P[s, 4] * y + P[s, 5] + P[s, 10] * w) * iz + _HALF)
+        u, v = pixel_in(level.project, s, x, y, w, z)
+        u = np.int64(u + _HALF)
+        v = np.int64(v + _HALF)
         if u < 0 or v < 0 or u >= level.layout[s, 1] or v >= level.layout[s, 2]:
             continue
         at = np.uint64(level.layout[s, 0] + v * level.layout[s, 1] + u)
@@ -118,7 +126,18 @@ def _count_lines(level, x, y, w, sign, grey, lines, greys):
 
 
 @inlined
-def _collect(level, x, y, sign, grey, lines, greys, ball, depths, counts):
+def _collect(
+    level: Level,
+    x: Num,
+    y: Num,
+    sign: Num,
+    grey: np.ndarray,
+    lines: np.ndarray,
+    greys: np.ndarray,
+    ball: np.ndarray,
+    depths: np.ndarray,
+    counts: np.ndarray,
+) -> None:
     """List the inverse depths of a pixel's ray with the most lines, the most first.
 
     ``counts`` is ``n_best - 1`` where there are fewer.
@@ -144,8 +163,20 @@ def _collect(level, x, y, sign, grey, lines, greys, ball, depths, counts):
         w += step
 
 
-@kernel
-def _start_rows(level, first, last, field, chosen, line, grey, lines, greys, ball, best, scratch):
+@by_rows
+def _start_rows(
+    level: Level,
+    first: Num,
+    last: Num,
+    state: State,
+    line: np.ndarray,
+    grey: np.ndarray,
+    lines: np.ndarray,
+    greys: np.ndarray,
+    ball: np.ndarray,
+    best: np.ndarray,
+    scratch: Scratch,
+) -> None:
     """Start rows; ``line`` keeps the pixels that found something better than what they had."""
     for y in range(first, last):
         depths = best[y, 0]
@@ -163,25 +194,20 @@ def _start_rows(level, first, last, field, chosen, line, grey, lines, greys, bal
             for i in range(N_TRIED):
                 if counts[i] < level.n_best:
                     break
-                cost = evaluate(
-                    level, x, y, depths[i], _0, _0,
-                    scratch.patch, variance, scratch.costs, scratch.top,
-                )  # fmt: skip
-                if cost < field[y, x, 3]:
-                    store(field, y, x, depths[i], _0, _0, cost)
-                    store_top(chosen, x, y, scratch.top)
+                cost = evaluate(level, x, y, depths[i], _0, _0, variance, scratch)
+                if cost < state.field[y, x, 3]:
+                    store(state.field, y, x, depths[i], _0, _0, cost)
+                    store_top(state.chosen, x, y, scratch.top)
                     line[y, x] = 1
 
 
 def start_from_lines(
     level: Level,
-    field: np.ndarray,
-    chosen: np.ndarray,
+    state: State,
     active: np.ndarray,
     reference: PhotoLines,
     sources: list[PhotoLines],
-    center: np.ndarray,
-    radius: float,
+    ball: np.ndarray,
     threads: int = 1,
 ) -> np.ndarray:
     """Start the lines of a reference that match nothing yet where lines of its sources meet.
@@ -190,37 +216,24 @@ def start_from_lines(
     ----------
     level : Level
         At full size.
-    field, chosen : ndarray
-        Hypotheses and best sources of the pixels, changed where a line's cost becomes less.
+    state : State
+        Changed where a line's cost becomes less.
     active : ndarray of shape (height, width), uint8
         Pixels that may be started.
     reference, sources : PhotoLines, list of PhotoLines
         Lines of the reference, and of the level's sources in their order.
-    center, radius : ndarray of shape (3,), float
-        A ball in the reference's camera frame: only depths in it are asked.
+    ball : ndarray of shape (4,), float32
+        Centre, in the reference's camera frame, and radius of a ball: only depths in it are asked.
 
     Returns
     -------
     ndarray of shape (height, width), bool
         Pixels that were started.
     """
-    unmatched = (field[..., 3] > UNMATCHED_COST) & (active > 0)
+    unmatched = (state.field[..., 3] > UNMATCHED_COST) & (active > 0)
     line = np.where(unmatched, reference.sign, 0).astype(np.uint8)
     lines = np.concatenate([_widened(source) for source in sources])
     greys = np.concatenate([source.grey.ravel() for source in sources])
-    ball = np.array([*center, radius], dtype=np.float32)
     best = np.zeros((level.height, 2, N_TRIED), dtype=np.float32)
-    over_rows(
-        _start_rows,
-        level,
-        threads,
-        field,
-        chosen,
-        line,
-        reference.grey,
-        lines,
-        greys,
-        ball,
-        best,
-    )
+    _start_rows(level, threads, state, line, reference.grey, lines, greys, ball, best)
     return line > 0

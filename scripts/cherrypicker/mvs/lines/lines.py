@@ -7,22 +7,25 @@ from typing import NamedTuple
 import numpy as np
 
 from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.mvs.kernels.compiled import in_parallel, inlined, kernel
+from cherrypicker.mvs.kernels.compiled import Num, in_parallel, inlined, kernel
 from cherrypicker.mvs.lines.sky_lines import SkyLines, find_sky_lines
 from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
 
 # A place is on a photo's line within so many pixels across: the error of poses and of lines
+# (guess)
 TOLERANCE_PX = 0.75
 # A line that shows a point says nothing of places at other depths than the point's, as a share of
 # the depth: where the fusion takes neighbours for one surface
 SAME_DEPTH = 0.003
 # How far from a line's point a point of the cloud may lie that explains it, px: the cloud has about
-# one a pixel
+# one a pixel (guess)
 EXPLAINS_PX = 1.5
-# Least chance that a place lies on a line: what the window of a photo's density can tell
+# Least chance that a place lies on a line: what the window of a photo's density can tell (guess)
 LEAST_SHARE = 1e-3
+# What lies no deeper is behind a photo, units of the model
+BEHIND = 1e-9
 # What a pixel's place in the maps holds where it holds no line
 NOTHING, CLEAR = -1, -2
 
@@ -71,7 +74,7 @@ class Lines(NamedTuple):
 
 
 @inlined
-def project_place(lines, i, x, y, z):
+def project_place(lines: Lines, i: Num, x: Num, y: Num, z: Num) -> tuple[Num, Num, Num]:
     """Return pixel (u, v) and depth of a place in photo ``i``."""
     P = lines.projections
     depth = P[i, 8] * x + P[i, 9] * y + P[i, 10] * z + P[i, 11]
@@ -81,17 +84,17 @@ def project_place(lines, i, x, y, z):
 
 
 @inlined
-def off_line(lines, line, u, v):
+def off_line(lines: Lines, line: np.ndarray, u: Num, v: Num) -> Num:
     """Distance of a pixel to a line, px, with a sign."""
     du, dv = u - lines.uv[line, 0], v - lines.uv[line, 1]
     return du * lines.across[line, 0] + dv * lines.across[line, 1]
 
 
 @inlined
-def line_shown(lines, i, x, y, z):
+def line_shown(lines: Lines, i: Num, x: Num, y: Num, z: Num) -> Num:
     """Return the line point that photo ``i`` shows at a place, NOTHING or CLEAR."""
     u, v, depth = project_place(lines, i, x, y, z)
-    if depth <= 1e-9 or u < 0.0 or v < 0.0:
+    if depth <= BEHIND or u < 0.0 or v < 0.0:
         return NOTHING
     if u >= lines.sizes[i, 0] or v >= lines.sizes[i, 1]:
         return NOTHING
@@ -107,14 +110,15 @@ def line_shown(lines, i, x, y, z):
 
 
 @kernel
-def _explain(lines, points, i):
+def _explain(lines: Lines, points: np.ndarray, i: Num) -> None:
     """Enter the depth of the nearest point at the lines of photo ``i`` that the points lie on."""
     width, height = lines.sizes[i, 0], lines.sizes[i, 1]
     for row in range(points.shape[0]):
         u, v, depth = project_place(lines, i, points[row, 0], points[row, 1], points[row, 2])
-        if depth <= 1e-9 or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
+        if depth <= BEHIND or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
             continue
-        iu, iv = np.int64(u), np.int64(v)
+        iu: Num = np.int64(u)
+        iv: Num = np.int64(v)
         if lines.maps[lines.starts[i] + iv * width + iu] < 0:
             continue
         for y in range(max(iv - 1, 0), min(iv + 2, height)):

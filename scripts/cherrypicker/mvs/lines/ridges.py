@@ -18,6 +18,7 @@ SIGMA_PX = 1.2
 # the same contrast before the smoothing, spread over a line of one pixel
 MIN_BEND = 5.5
 # A line bends at least so many times more across than along; below, it is a blob or a crossing
+# (guess)
 MIN_ANISOTROPY = 2.0
 DARK, BRIGHT = 1, 2
 

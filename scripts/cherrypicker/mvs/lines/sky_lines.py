@@ -15,10 +15,11 @@ from cherrypicker.mvs.clear_sky import clear_sky
 from cherrypicker.mvs.lines.ridges import DARK, line_points, slopes_of
 
 # How far aside of a line its sky is looked for, px: past the blur and the border of a mask
+# (guess)
 FLANK_PX = (3.0, 7.0)
-# Window in which the density of lines is counted, px: some twigs wide
+# Window in which the density of lines is counted, px: some twigs wide (guess)
 DENSITY_PX = 65
-# Pixels that are at least so far from all but clear sky show nothing but sky, px
+# Pixels that are at least so far from all but clear sky show nothing but sky, px (guess)
 CLEARANCE_PX = 1
 
 
