@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 RUNNER = Path(__file__).parents[2] / "lab/run_pc_skeletor.py"
 
 
-def run_peer(python, cloud, method, *, max_iterations=20):
+def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
     """Run the peer on a cloud.
 
     Parameters
@@ -32,6 +32,8 @@ def run_peer(python, cloud, method, *, max_iterations=20):
         Labelled, metres.
     method : {"lbc", "slbc"}
     max_iterations : int, default 20
+    own_solve : bool, default False
+        S-LBC's solve with its own loop over the entries of a matrix, for small clouds.
 
     Returns
     -------
@@ -55,6 +57,7 @@ def run_peer(python, cloud, method, *, max_iterations=20):
             *("--max_iterations", str(max_iterations), "--cloud", str(paths["cloud.npz"])),
             *("--skeleton", str(paths["skeleton.npz"]), "--report", str(paths["report.json"])),
         ]
+        command += ["--own_solve"] * own_solve
         try:
             done = subprocess.run(
                 command, env=environment, capture_output=True, text=True, check=False
