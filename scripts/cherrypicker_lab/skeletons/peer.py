@@ -22,7 +22,9 @@ RUNNER = Path(__file__).parents[2] / "lab/run_pc_skeletor.py"
 
 
 def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
-    """Run the peer on a cloud.
+    """Run the peer on a cloud whose mean it gets at the origin, as our contraction does.
+
+    robust-laplacian's normals depend on the frame (docs/skeleton.md).
 
     Parameters
     ----------
@@ -47,11 +49,14 @@ def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
     StageError
         If it cannot be started or fails.
     """
+    centre = cloud.points.mean(axis=0)
     environment = {**os.environ, "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1"}
     environment.pop("PYTHONPATH", None)
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: Path(folder, name) for name in ("cloud.npz", "skeleton.npz", "report.json")}
-        np.savez(paths["cloud.npz"], points=cloud.points, labels=np.asarray(cloud["label"]))
+        np.savez(
+            paths["cloud.npz"], points=cloud.points - centre, labels=np.asarray(cloud["label"])
+        )
         command = [
             *(str(python), str(RUNNER), "--method", method, "--weight", str(TRUNK_WEIGHT)),
             *("--max_iterations", str(max_iterations), "--cloud", str(paths["cloud.npz"])),
@@ -72,7 +77,8 @@ def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
             last = (done.stderr.strip().splitlines() or ["no message"])[-1]
             raise StageError(f"pc-skeletor fails ({last})", key="benchmark.skeleton.peer_python")
         with np.load(paths["skeleton.npz"], allow_pickle=False) as stored:
-            skeleton = {name: stored[name] for name in ("contracted", "nodes", "edges")}
+            skeleton = {name: stored[name] + centre for name in ("contracted", "nodes")}
+            skeleton["edges"] = stored["edges"]
         return skeleton, read_json(paths["report.json"])
 
 
