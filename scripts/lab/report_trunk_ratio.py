@@ -1,4 +1,4 @@
-"""Gather S-LBC over LBC by trunk radius into tables, and trunk_ratio.png beside them.
+"""Gather S-LBC over LBC by trunk radius into a table, and trunk_ratio.png beside them.
 
 Example:
 
@@ -11,14 +11,14 @@ import lab_path  # noqa: F401
 from cherrypicker.files import write_text
 from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.dense.figures import save
-from cherrypicker_lab.skeletons.trunk_ratio import gather_trunks, ratio_figure, write_ratio_tables
+from cherrypicker_lab.skeletons.trunk_ratio import gather_trunks, ratio_figure, write_ratio_table
 
 
 def main(scores, table):
-    """Read all, write the tables and the figure."""
+    """Read all, write the table and the figure."""
     found = gather_trunks(scores)
     save(ratio_figure(found), Path(table).with_name("trunk_ratio.png"))
-    write_text(table, write_ratio_tables(found))
+    write_text(table, write_ratio_table(found))
 
 
 parser = stage_parser(__doc__)

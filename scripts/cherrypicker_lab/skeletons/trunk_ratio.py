@@ -13,18 +13,12 @@ from cherrypicker_lab.skeletons.peer import run_peer
 from cherrypicker_lab.skeletons.point_scores import chamfer_samples
 from cherrypicker_lab.skeletons.tables import PAPER_RATIO, SETTING_NAMES, table_rows
 
-__all__ = ["gather_trunks", "measure_trunk", "ratio_figure", "write_ratio_tables"]
+__all__ = ["gather_trunks", "measure_trunk", "ratio_figure", "write_ratio_table"]
 
 METHODS = ("lbc", "slbc")
-PEER = "peer"
-NAMES = {
-    "compound": "preset paper",
-    "pc_skeletor": "preset paper, pc-skeletor's W_H",
-    "cao": "preset paper, Cao's W_H",
-    PEER: "pc-skeletor",
-}
+PEER = "pc-skeletor"
 COLORS = {"compound": "#1b7f5c", "pc_skeletor": "#c2571a", "cao": "#3b5bab", PEER: "#111111"}
-STEPS = (1, 2, 3, 5, 10)
+STEPS = (1, 2, 3, 5)
 
 
 def measure_trunk(cloud, skeleton, rules, *, max_iterations=20, peer_python=""):
@@ -45,8 +39,8 @@ def measure_trunk(cloud, skeleton, rules, *, max_iterations=20, peer_python=""):
     Returns
     -------
     dict
-        ``uncontracted``: Chamfer distance of the cloud itself, cm2. By rule, and as "peer", a
-        dict by method of the distances after each iteration (of the peer the last alone).
+        ``uncontracted``: Chamfer distance of the cloud itself, cm2. By rule, and for "pc-skeletor",
+        a dict by method of the distances after each iteration (of the peer the last alone).
     """
     truth, _ = chamfer_samples(skeleton)
     report = {"n_points": len(cloud), "uncontracted": chamfer_cm2(cloud.points, truth)}
@@ -90,63 +84,60 @@ def gather_trunks(paths):
     return {key: list(by_tree.values()) for key, by_tree in found.items()}
 
 
-def _kinds(found):
-    return [kind for kind in NAMES if any(kind in r for reports in found.values() for r in reports)]
-
-
-def _mean(reports, kind, method, step=-1):
-    """Mean Chamfer over the trees after so many iterations, or at the end where it came before."""
-    runs = [report[kind][method] for report in reports if kind in report]
-    return float(np.mean([run[-1 if step < 0 else min(step, len(run)) - 1] for run in runs]))
+def _with(reports, kind):
+    return [report for report in reports if kind in report]
 
 
 def _ratio(reports, kind, step=-1):
-    return _mean(reports, kind, "slbc", step) / _mean(reports, kind, "lbc", step)
+    """Mean Chamfer of S-LBC over that of LBC after so many iterations, or at the end before it."""
+    lbc, slbc = (_mean(reports, kind, method, step) for method in METHODS)
+    return slbc / lbc
 
 
-def write_ratio_tables(found):
-    """Tables of Markdown from `gather_trunks`: at the end, and after each of a few iterations."""
-    kinds = _kinds(found)
-    ends, steps = [], []
-    for setting, radius in sorted(found, key=lambda key: (SETTINGS.index(key[0]), key[1])):
-        reports = found[setting, radius]
-        head = [SETTING_NAMES[setting], f"{100 * radius:g}", f"{len(reports)}"]
-        ends.append([*head, f"{np.mean([report['uncontracted'] for report in reports]):.2f}"])
-        for kind in kinds:
-            if any(kind in report for report in reports):
-                values = [_mean(reports, kind, method) for method in METHODS]
-                ends[-1] += [f"{values[0]:.2f}", f"{values[1]:.2f}", f"{_ratio(reports, kind):.3f}"]
-            else:
-                ends[-1] += ["–"] * 3
-        for kind in kinds:
-            if kind != PEER and any(kind in report for report in reports):
-                cells = [f"{_ratio(reports, kind, step):.2f}" for step in (*STEPS, -1)]
-                steps.append([*head[:2], NAMES[kind], *cells])
-    header = ["cloud", "trunk radius, cm", "trees", "not contracted"]
-    for kind in kinds:
-        header += [f"LBC, {NAMES[kind]}", "S-LBC", "S-LBC / LBC"]
-    text = "### Chamfer distance by trunk radius, cm2\n\n" + table_rows(header, ends, 1)
-    header = ["cloud", "trunk radius, cm", "S-LBC / LBC", *(f"{n}" for n in STEPS), "end"]
-    return text + "\n### Ratio after so many iterations\n\n" + table_rows(header, steps, 3)
+def _mean(reports, kind, method, step=-1):
+    runs = [report[kind][method] for report in reports]
+    return float(np.mean([run[-1 if step < 0 else min(step, len(run)) - 1] for run in runs]))
+
+
+def write_ratio_table(found):
+    """Table of Markdown from `gather_trunks`; a run that stopped counts on with its end."""
+    lines = []
+    for kind in COLORS:
+        for setting, radius in sorted(found, key=lambda key: (SETTINGS.index(key[0]), key[1])):
+            reports = _with(found[setting, radius], kind)
+            if reports:
+                bare = np.mean([report["uncontracted"] for report in reports])
+                ends = [_mean(reports, kind, method) for method in METHODS]
+                steps = ["–" if kind == PEER else f"{_ratio(reports, kind, n):.2f}" for n in STEPS]
+                lines.append(
+                    [
+                        kind,
+                        SETTING_NAMES[setting],
+                        f"{100 * radius:g}",
+                        f"{len(reports)}",
+                        *(f"{value:.2f}" for value in (bare, *ends)),
+                        f"{_ratio(reports, kind):.2f}",
+                        *steps,
+                    ]
+                )
+    header = ["W_H", "cloud", "trunk radius, cm", "trees", "not contracted, cm2", "LBC", "S-LBC",
+              "S-LBC / LBC", *(f"after {n}" for n in STEPS)]  # fmt: skip
+    return "### Chamfer distance by trunk radius\n\n" + table_rows(header, lines, 2)
 
 
 def ratio_figure(found):
     """S-LBC / LBC over the trunk's radius, a panel a setting, beside the paper's ratio."""
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     for ax, setting in zip(figure.subplots(1, len(SETTINGS), sharey=True), SETTINGS, strict=True):
-        for kind in _kinds(found):
+        for kind, color in COLORS.items():
             radii = sorted(
                 radius
                 for (one, radius), reports in found.items()
-                if one == setting and any(kind in report for report in reports)
+                if one == setting and _with(reports, kind)
             )
-            for step, style in ((-1, "o-"), (3, "o:")):
-                if kind == PEER and step > 0:
-                    continue
-                ratios = [_ratio(found[setting, radius], kind, step) for radius in radii]
-                name = NAMES[kind] + (", end" if step < 0 else f", {step} iterations")
-                ax.plot([100 * radius for radius in radii], ratios, style, color=COLORS[kind],
-                        ms=4, label=name)  # fmt: skip
+            ratios = [_ratio(_with(found[setting, radius], kind), kind) for radius in radii]
+            if radii:
+                ax.plot(100 * np.array(radii), ratios, "o-", color=color, label=kind)
         ax.axhline(PAPER_RATIO[setting], color="#888888", ls="--", label="the paper")
         ax.set_title(SETTING_NAMES[setting])
         ax.set_xlabel("trunk radius, cm")

@@ -13,7 +13,7 @@ from cherrypicker_lab.skeletons.trunk_ratio import (
     gather_trunks,
     measure_trunk,
     ratio_figure,
-    write_ratio_tables,
+    write_ratio_table,
 )
 
 
@@ -37,17 +37,17 @@ def test_tables_hold_means_of_trees_and_a_run_counts_with_its_end(tmp_path):
     runs = {
         "a": {"uncontracted": 5.0, "compound": {"lbc": [8.0, 4.0], "slbc": [4.0, 1.0]}},
         "b": {"uncontracted": 7.0, "compound": {"lbc": [8.0, 8.0, 8.0], "slbc": [4.0, 5.0, 2.0]}},
-        "a_peer": {"uncontracted": 5.0, "peer": {"lbc": [10.0], "slbc": [9.0]}},
+        "a_peer": {"uncontracted": 5.0, "pc-skeletor": {"lbc": [10.0], "slbc": [9.0]}},
     }
     for name, values in runs.items():
         report = {"tree": name[0], "trunk_radius": 0.12, "settings": {"noise": values}}
         (tmp_path / f"{name}.json").write_text(json.dumps(report))
     found = gather_trunks(sorted(tmp_path.glob("*.json")))
-    text = write_ratio_tables(found)
-    end = "| noise | 12 | 2 | 6.00 | 6.00 | 1.50 | 0.250 | 10.00 | 9.00 | 0.900 |"
-    assert end in text
-    # after 1, 2 and 3 iterations; the first tree's run ended after two
-    assert "| noise | 12 | preset paper | 0.50 | 0.50 | 0.25 |" in text
+    text = write_ratio_table(found)
+    # after 1, 2, 3 and 5 iterations; the first tree's run ended after two
+    row = "| noise | 12 | 2 | 6.00 | 6.00 | 1.50 | 0.25 | 0.50 | 0.50 | 0.25 | 0.25 |"
+    assert "| compound " + row in text
+    assert "| pc-skeletor | noise | 12 | 1 | 5.00 | 10.00 | 9.00 | 0.90 | – |" in text
     assert len(ratio_figure(found).axes) == 2
     with pytest.raises(StageError, match="nothing was measured"):
         gather_trunks([])
