@@ -8,6 +8,8 @@ import pytest
 from skeleton_shapes import labelled_cloud, small_tree
 
 from cherrypicker.api import contract, skeletonize
+from cherrypicker.contraction.contract_points import ContractionOptions
+from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
 
 MODULES = (
     "cherrypicker.api",
@@ -51,6 +53,23 @@ def test_any_classes_and_weights(tree):
     plain, _ = contract(points, labels, weights={}, **published)
     assert np.abs(plain - contract(points, labels, **published)[0]).max() > 1e-3
     np.testing.assert_array_equal(plain, contract(points, **published)[0])
+
+
+def test_the_paper_is_the_same_from_the_library_and_in_the_workflow(tree):
+    points, labels, _ = tree
+    options = ContractionOptions("paper", max_iterations=2)
+    cloud = labelled_cloud(points, labels)
+    staged, _ = contract_wood(cloud, WoodOptions(voxel_size_m=0.01), options=options)
+    alone, source = contract(points, labels, preset="paper", voxel_size=0.01, max_iterations=2)
+    np.testing.assert_array_equal(staged.points, alone)
+    np.testing.assert_array_equal(staged["source"], source)
+
+
+def test_a_lone_label_is_outvoted(tree):
+    points, labels, _ = tree
+    lone = labels.copy()
+    lone[np.argmax(points[:, 0])] = 1  # at a tip, far from the stem
+    np.testing.assert_array_equal(contract(points, lone)[0], contract(points, labels)[0])
 
 
 def test_thinned_points_name_their_source(tree):

@@ -14,17 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from cherrypicker.classes import Label
-from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
+from cherrypicker.contraction.contract_points import ContractionOptions
+from cherrypicker.contraction.contract_tree import contract_tree
 from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
-from cherrypicker.contraction.on_axes import move_to_axes
-from cherrypicker.geometry.sampling import majority_label, voxel_thin
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["contract", "skeletonize"]
-
-FOOT_SHARE = 0.03  # of the stem's height
 
 
 def contract(
@@ -51,13 +48,12 @@ def contract(
         Lambda by class; classes that are not named weigh 1. Left out: 10 for the stem, where there
         are labels. ``{}``, or no labels: plain LBC.
     preset : {"default", "paper"}
-        Thickness-aware weights and a stem on the axis of the tube that fits it, or the contraction
-        as published.
+        Every point on the axis of its limb, or the contraction as published.
     stem : int or None, default 1
-        Class whose points are one stem; the default preset moves them onto its axis. None: no
-        class is.
+        Class whose points are one stem, in which the default preset crosses gaps. None: no class
+        is.
     voxel_size : float, optional
-        Thin the cloud to one point a voxel and class beforehand.
+        Thin the cloud to one point a voxel beforehand.
     callback : callable, optional
         Called as ``callback(iteration, mass_ratio, points)`` after each iteration; raise in it to
         stop.
@@ -103,24 +99,22 @@ def contract(
     2 True
     """
     points, labels = _points_and_labels(cloud, labels)
-    source = np.arange(len(points))
-    if voxel_size is not None:
-        points, source, member = voxel_thin(points, voxel_size)
-        labels = None if labels is None else majority_label(labels, member, len(points))
+    options = ContractionOptions(preset, **constants)
+    if callback is not None and preset != "paper":
+        raise ValueError("the default preset does not iterate: a callback needs preset='paper'")
     if weights is None:
         weights = {} if labels is None or stem is None else {int(stem): 10.0}
-    options = ContractionOptions(preset, **constants)
-    lambdas = _weight_of(labels, weights)
-    if options.preset == "paper":
-        return contract_points(points, lambdas, options, callback).points, source
-    if callback is not None:
-        raise ValueError("the default preset does not iterate: a callback needs preset='paper'")
-    is_stem = None if labels is None or stem is None else labels == stem
-    if not weights:
-        is_stem = None
-    foot = _foot(points if is_stem is None or not is_stem.any() else points[is_stem])
-    contracted, _ = move_to_axes(points, foot, stem=is_stem)
-    return contracted, source
+    _check_weights(weights, labels)
+    tree = contract_tree(
+        points,
+        labels,
+        weights=weights or None,
+        options=options,
+        stem=stem,
+        voxel_size=voxel_size,
+        callback=callback,
+    )
+    return tree.points, tree.source
 
 
 def skeletonize(
@@ -202,23 +196,10 @@ def _points_and_labels(cloud: PointCloud | np.ndarray, labels: np.ndarray | None
     return points, labels.astype(np.int64)
 
 
-def _weight_of(labels: np.ndarray | None, weights: dict) -> np.ndarray | None:
-    """Lambda of each point; None for plain LBC."""
+def _check_weights(weights: Mapping[int, float], labels: np.ndarray | None) -> None:
     if not isinstance(weights, Mapping):
         raise ValueError("weights must map classes to lambdas, as {1: 10.0}")
     if any(not weight > 0 for weight in weights.values()):
         raise ValueError(f"weights must be positive, got {dict(weights)}")
-    if not weights:
-        return None
-    if labels is None:
+    if weights and labels is None:
         raise ValueError("weights need labels")
-    lambdas = np.ones(len(labels))
-    for name, weight in weights.items():
-        lambdas[labels == name] = weight
-    return lambdas
-
-
-def _foot(stem: np.ndarray) -> np.ndarray:
-    """Middle of a stem's lowest points."""
-    low = stem[:, 2] <= stem[:, 2].min() + FOOT_SHARE * np.ptp(stem[:, 2])
-    return np.median(stem[low], axis=0)

@@ -50,7 +50,7 @@ def row_scaled(contraction):
     return solve
 
 
-def contract(points, labels, method, weight, max_iterations):
+def contract(points, labels, method, weight, max_iterations, own_solve):
     """Return the contraction that has run, and its CPU seconds."""
     from pc_skeletor import LBC, SLBC  # here, so that --help works without it
 
@@ -61,17 +61,18 @@ def contract(points, labels, method, weight, max_iterations):
         parts = {"trunk": points[labels == TRUNK], "branches": points[labels != TRUNK]}
         clouds = {name: cloud_of(part) for name, part in parts.items()}
         contraction = SLBC(clouds, semantic_weighting=weight, **options)
-        contraction.contraction_type = row_scaled(contraction)
+        if not own_solve:
+            contraction.contraction_type = row_scaled(contraction)
     start = time.process_time()
     contraction.extract_skeleton()
     return contraction, time.process_time() - start
 
 
-def main(cloud, method, weight, skeleton, report, max_iterations):
+def main(cloud, method, weight, skeleton, report, max_iterations, own_solve):
     """Load, contract, take the graph, save."""
     with np.load(cloud, allow_pickle=False) as stored:
         points, labels = stored["points"].astype(np.float64), stored["labels"]
-    contraction, cpu_s = contract(points, labels, method, weight, max_iterations)
+    contraction, cpu_s = contract(points, labels, method, weight, max_iterations, own_solve)
     contracted = np.asarray(contraction.contracted_point_cloud.points).copy()
     start = time.process_time()
     contraction.extract_topology()
@@ -100,6 +101,7 @@ if __name__ == "__main__":
     parser.add_argument("--method", choices=["lbc", "slbc"], required=True)
     parser.add_argument("--weight", type=float, default=10.0, help="lambda of the trunk")
     parser.add_argument("--max_iterations", type=int, default=20)
+    parser.add_argument("--own_solve", action="store_true", help="S-LBC's solve with its loop")
     parser.add_argument("--skeleton", required=True, help="NPZ to write")
     parser.add_argument("--report", required=True, help="JSON to write")
     main(**vars(parser.parse_args()))

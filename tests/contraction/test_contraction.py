@@ -6,7 +6,7 @@ from scipy.sparse import csr_matrix
 from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
 
 from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
-from cherrypicker.contraction.contract_wood import WoodOptions, class_weights, contract_wood
+from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
 from cherrypicker.contraction.laplacian_published import (
     cotangent_laplacian,
     semantic_row_weights,
@@ -110,11 +110,28 @@ def test_a_constant_that_a_preset_does_not_read_is_named(caplog):
 
 
 def test_weights_name_classes():
-    np.testing.assert_array_equal(class_weights([1, 2, 5], {"trunk": 10.0}), [10, 1, 1])
+    points, labels, _ = small_tree()
+    cloud = labelled_cloud(points, labels)
     with pytest.raises(StageError, match="unknown class"):
-        class_weights([1], {"stem": 2.0})
+        contract_wood(cloud, WoodOptions(weights={"stem": 2.0}))
     with pytest.raises(StageError, match="positive"):
-        class_weights([1], {"trunk": 0.0})
+        contract_wood(cloud, WoodOptions(weights={"trunk": 0.0}))
+
+
+def test_the_paper_takes_the_points_and_labels_as_they_are():
+    points, labels, _ = small_tree()
+    labels[3000:3050] = 2  # of the stem
+    options = ContractionOptions("paper", max_iterations=2)
+    contracted, report = contract_wood(
+        labelled_cloud(points, labels), WoodOptions(voxel_size_m=1e-5), options=options
+    )
+    np.testing.assert_array_equal(contracted["source"], np.arange(len(points)))
+    np.testing.assert_array_equal(contracted["label"], labels)
+    weights = np.where(labels == 1, 10.0, 1.0)
+    np.testing.assert_array_equal(
+        contracted.points, contract_points(points, weights, options).points
+    )
+    assert report["n_contracted"] == len(points)
 
 
 def test_wood_contracts_with_a_source_for_every_point():

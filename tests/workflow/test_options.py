@@ -59,6 +59,7 @@ WILDCARDS = {
     "number": "00",
     "kind": "default",
     "n": "10000",
+    "millimetres": "120",
 }
 
 

@@ -1,10 +1,14 @@
 """Laplacian-based contraction of a point cloud, plain (LBC) and semantic (S-LBC)."""
 
+from __future__ import annotations
+
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from cherrypicker.contraction.laplacian_published import (
     cotangent_laplacian,
@@ -13,10 +17,11 @@ from cherrypicker.contraction.laplacian_published import (
 )
 from cherrypicker.errors import StageError
 
-__all__ = ["Contraction", "ContractionOptions", "contract_points"]
+__all__ = ["ATTRACTION_RULES", "Contraction", "ContractionOptions", "contract_points"]
 
 logger = logging.getLogger(__name__)
 
+ATTRACTION_RULES = ("compound", "pc_skeletor", "cao")
 AMPLIFICATION_BY_SIZE = ((1e3, 1.0), (1e4, 2.0), (1e6, 5.0), (np.inf, 8.0))
 FEWEST_POINTS = 10
 
@@ -33,6 +38,7 @@ class ContractionOptions:
     preset: str = "default"
     initial_contraction: float = 1000.0
     initial_attraction: float = 0.5
+    attraction_rule: str = "compound"
     amplification: float | None = None
     max_contraction: float = 2048.0
     max_attraction: float = 1024.0
@@ -43,9 +49,13 @@ class ContractionOptions:
     n_neighbors: int = 30
     mollify_factor: float = 1e-5
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.preset not in ("default", "paper"):
             raise StageError(f"unknown preset {self.preset!r}", key="contract.preset")
+        if self.attraction_rule not in ATTRACTION_RULES:
+            raise StageError(
+                f"unknown rule {self.attraction_rule!r}", key="contract.attraction_rule"
+            )
         unread = [
             each.name
             for each in fields(self)
@@ -68,21 +78,32 @@ class Contraction:
     points : ndarray of shape (n_points, 3), float64
         Contracted points, in the order of the input.
     mass_ratio : list of float
-        mean(M) / mean(M_0) after each iteration.
+        mean(M) / mean(M_0) after each iteration; before it with the rule "pc_skeletor".
     stop : str
         Why it stopped.
     """
 
     points: np.ndarray
-    mass_ratio: list
+    mass_ratio: list[float]
     stop: str
 
 
-def contract_points(points, weights=None, options=None, callback=None):
+def contract_points(
+    points: np.ndarray,
+    weights: np.ndarray | None = None,
+    options: ContractionOptions | None = None,
+    callback: Callable | None = None,
+) -> Contraction:
     """Contract a point cloud to its skeleton (paper, Eqs. lbc and S-LBC).
 
     Each iteration solves [S W_L L; W_H] C' = [0; W_H C], then grows W_L by the amplification,
-    multiplies W_H by sqrt(M_0 / M) point by point and computes L anew from C'.
+    W_H point by point by sqrt(M_0 / M), and computes L anew from C'. The paper does not say how
+    W_H grows; ``options.attraction_rule`` chooses:
+
+    - "compound": W_H is multiplied by sqrt(M_0 / M) each time, M after the solve.
+    - "pc_skeletor": the same with M from before the solve, which also decides when to stop, as in
+      the authors' program.
+    - "cao": W_H starts from its first value each time (Cao et al., Au et al. 2008).
 
     Parameters
     ----------
@@ -113,11 +134,12 @@ def contract_points(points, weights=None, options=None, callback=None):
     centre = points.mean(axis=0)  # far-off frames would cost digits in the normal equations
     current = points - centre
     L, mass = _laplacian_or_error(current, options)
-    first_mass = mass
+    first_mass = before = mass
     w_l = options.initial_contraction * np.sqrt(mass.mean())
     w_h = np.full(len(points), options.initial_attraction)
     amplification = options.amplification or _amplification(len(points))
-    ratios, stop = [], f"{options.max_iterations} iterations"
+    ratios: list[float] = []
+    stop = f"{options.max_iterations} iterations"
     for iteration in range(1, options.max_iterations + 1):
         start = time.perf_counter()
         s = 1.0 if weights is None else semantic_row_weights(L, weights)
@@ -137,7 +159,9 @@ def contract_points(points, weights=None, options=None, callback=None):
             stop = f"the last good iteration, since {error}"
             break
         moved, current = np.linalg.norm(new - current, axis=1), new
-        ratios.append(float(mass.mean() / first_mass.mean()))
+        seen = before if options.attraction_rule == "pc_skeletor" else mass
+        before = mass
+        ratios.append(float(seen.mean() / first_mass.mean()))
         logger.info(
             "iteration %d: mass ratio %.4f, moved %.2f mm (median), solve %.1f s, Laplacian %.1f s",
             iteration,
@@ -155,13 +179,14 @@ def contract_points(points, weights=None, options=None, callback=None):
             stop = f"mean move below {options.termination_move:g} of the spacing"
             break
         w_l = np.clip(w_l * amplification, options.min_weight, options.max_contraction)
-        w_h = w_h * np.sqrt(first_mass / np.maximum(mass, np.finfo(float).tiny))
+        from_here = options.initial_attraction if options.attraction_rule == "cao" else w_h
+        w_h = from_here * np.sqrt(first_mass / np.maximum(seen, np.finfo(float).tiny))
         w_h = np.clip(w_h, options.min_weight, options.max_attraction)
     logger.info("stopped after %d iterations: %s", len(ratios), stop)
     return Contraction(current + centre, ratios, stop)
 
 
-def _checked(points):
+def _checked(points: np.ndarray) -> np.ndarray:
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (N, 3), got {points.shape}")
@@ -172,13 +197,15 @@ def _checked(points):
     return points
 
 
-def _laplacian(points, options):
+def _laplacian(points: np.ndarray, options: ContractionOptions) -> tuple[csr_matrix, np.ndarray]:
     return cotangent_laplacian(
         points, n_neighbors=options.n_neighbors, mollify_factor=options.mollify_factor
     )
 
 
-def _laplacian_or_error(points, options):
+def _laplacian_or_error(
+    points: np.ndarray, options: ContractionOptions
+) -> tuple[csr_matrix, np.ndarray]:
     try:
         return _laplacian(points, options)
     except RuntimeError as error:
@@ -187,5 +214,5 @@ def _laplacian_or_error(points, options):
         ) from error
 
 
-def _amplification(n_points):
+def _amplification(n_points: int) -> float:
     return next(factor for limit, factor in AMPLIFICATION_BY_SIZE if n_points < limit)

@@ -1,57 +1,32 @@
 """From a labelled cloud to the contracted points of the target tree's wood."""
 
+from __future__ import annotations
+
 import logging
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CLASS_IDS, CLASS_NAMES, WOOD, Label
-from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
-from cherrypicker.contraction.on_axes import move_to_axes
+from cherrypicker.contraction.contract_points import ContractionOptions
+from cherrypicker.contraction.contract_tree import agreed_labels, contract_tree
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
+from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
-from cherrypicker.wood.target_wood import select_target_wood
+from cherrypicker.wood.target_wood import TargetWood, select_target_wood
 
-__all__ = ["WoodOptions", "class_weights", "contract_wood"]
+__all__ = ["WoodOptions", "contract_wood"]
 
 logger = logging.getLogger(__name__)
 
 FEWEST_WOOD = 50
-N_AROUND = 13  # a point and twelve neighbours, whose most frequent class is its own (guess)
 SELECTION_FACTOR = 2  # the selection may look at this many times the points of the contraction
-
-
-def class_weights(labels, weights):
-    """Lambda of each point's class.
-
-    Parameters
-    ----------
-    labels : ndarray of shape (n_points,), int
-    weights : dict of str to float
-        Class name to lambda; classes that are not named weigh 1.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), float64
-
-    Raises
-    ------
-    StageError
-        If a name is no class or a weight is not positive.
-    """
-    table = np.ones(256)
-    for name, weight in weights.items():
-        if name not in CLASS_IDS:
-            raise StageError(
-                f"unknown class {name!r} (known: {', '.join(CLASS_IDS)})", key="contract.weights"
-            )
-        if not weight > 0:
-            raise StageError(f"the weight of {name} must be positive", key="contract.weights")
-        table[CLASS_IDS[name]] = weight
-    return table[np.asarray(labels, dtype=np.int64)]
 
 
 @dataclass(frozen=True)
@@ -71,7 +46,14 @@ class WoodOptions:
     min_density: float = 0.05
 
 
-def contract_wood(cloud, chosen=None, *, options=None, target_xy=None, region=None):
+def contract_wood(
+    cloud: PointCloud,
+    chosen: WoodOptions | None = None,
+    *,
+    options: ContractionOptions | None = None,
+    target_xy: npt.ArrayLike | None = None,
+    region: Footprint | None = None,
+) -> tuple[PointCloud, dict]:
     """Choose the target's wood, thin it and contract it.
 
     Parameters
@@ -108,84 +90,63 @@ def contract_wood(cloud, chosen=None, *, options=None, target_xy=None, region=No
             key="contract.classes, segment",
         )
     options = options or ContractionOptions()
-    if options.preset == "paper":
-        chosen = replace(chosen, min_density=0.0)  # the paper knows no such filter
-    weight_of = class_weights(np.arange(256), chosen.weights)
+    weights = _weights_by_id(chosen.weights)
+    min_density = 0.0 if options.preset == "paper" else chosen.min_density
     rows, wood = _target_rows(
         cloud.points,
         labels,
         rows,
         chosen.voxel_size_m,
         chosen.max_points,
-        chosen.min_density,
+        min_density,
         target_xy=target_xy,
         region=region,
         gap_m=chosen.gap_m,
         stem_gap_m=chosen.stem_gap_m,
     )
-    base = wood.base
-    points, source, member, size = thin_to_limit(
-        cloud.points[rows], chosen.voxel_size_m, chosen.max_points
+    tree = contract_tree(
+        cloud.points[rows],
+        labels[rows],
+        wood.base,
+        weights=weights if chosen.method == "slbc" else None,
+        options=options,
+        voxel_size=chosen.voxel_size_m,
+        max_points=chosen.max_points,
     )
-    label = _agreed(points, labels[rows], member)
-    source = rows[source]
-    logger.info(
-        "thinned %s to %s points (voxels of %.1f mm)",
-        f"{len(rows):,}",
-        f"{len(points):,}",
-        1000 * size,
-    )
-    if options.preset == "default":
-        stem = label == Label.TRUNK if chosen.method == "slbc" else None
-        moved, found = move_to_axes(cloud.points[source], base, stem=stem)
-        details = {
-            "n_limbs": len(found.limbs),
-            "spacing": round(found.spacing, 6),
-            "noise": round(found.noise, 6),
-            "claimed": round(found.claimed, 4),
-        }
-    else:
-        result = contract_points(
-            points, weight_of[label] if chosen.method == "slbc" else None, options
-        )
-        moved = result.points
-        details = {
-            "mass_ratio": [round(value, 6) for value in result.mass_ratio],
-            "stop": result.stop,
-        }
+    assert tree.label is not None  # it was given labels
+    source = rows[tree.source]
     contracted = PointCloud(
-        moved,
-        fields={"label": label.astype(np.uint8), "source": source.astype(np.int32)},
+        tree.points,
+        fields={"label": tree.label.astype(np.uint8), "source": source.astype(np.int32)},
         frame=cloud.frame,
         unit=cloud.unit,
     )
     report = {
         "unit": cloud.unit,
-        "base": [round(float(value), 6) for value in base],
+        "base": [round(float(value), 6) for value in wood.base],
         "method": chosen.method,
-        "voxel_size": float(size),
-        "n_contracted": len(points),
-        **details,
+        **tree.details,
         "wood": wood.report,
         "choice": wood.choice,
     }
     return contracted, report
 
 
-def _agreed(thin, labels, member):
-    """Class of each thinned point: that of most points of its voxel, then of most around it.
+def _weights_by_id(weights: Mapping[str, float]) -> dict[int, float]:
+    """Lambda by class id from lambda by class name."""
+    for name, weight in weights.items():
+        if name not in CLASS_IDS:
+            raise StageError(
+                f"unknown class {name!r} (known: {', '.join(CLASS_IDS)})", key="contract.weights"
+            )
+        if not weight > 0:
+            raise StageError(f"the weight of {name} must be positive", key="contract.weights")
+    return {CLASS_IDS[name]: weight for name, weight in weights.items()}
 
-    A class is a class of a place: a lone label of the stem far out would let the wood there be
-    taken for a piece of the stem.
-    """
-    label = majority_label(labels, member, len(thin))
-    around = cKDTree(thin).query(thin, k=min(N_AROUND, len(thin)))[1].reshape(len(thin), -1)
-    return majority_label(
-        label[around].ravel(), np.repeat(np.arange(len(thin)), around.shape[1]), len(thin)
-    )
 
-
-def _dense_enough(points, count, size, min_density):
+def _dense_enough(
+    points: np.ndarray, count: np.ndarray, size: float, min_density: float
+) -> np.ndarray:
     """Which voxels hold enough points, with their neighbours, to be wood.
 
     Stray points of a dense reconstruction float alone; the thinnest twig that it shows still has
@@ -205,14 +166,24 @@ def _dense_enough(points, count, size, min_density):
     return keep
 
 
-def _target_rows(points, labels, rows, size, max_points, min_density, **options):
+def _target_rows(
+    points: np.ndarray,
+    labels: np.ndarray,
+    rows: np.ndarray,
+    size: float,
+    max_points: int,
+    min_density: float,
+    **options: Any,
+) -> tuple[np.ndarray, TargetWood]:
     """Rows of the cloud that are the target's wood, and the `TargetWood` that they come from."""
-    thin, _, member, size = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
-    dense = _dense_enough(thin, np.bincount(member), size, min_density)
-    rows = rows[dense[member]]
-    thin, _, member, _ = thin_to_limit(points[rows], size, SELECTION_FACTOR * max_points)
+    most = SELECTION_FACTOR * max_points
+    thin, _, member, used = thin_to_limit(points[rows], size, most)
+    if min_density > 0:
+        dense = _dense_enough(thin, np.bincount(member), used, min_density)
+        rows = rows[dense[member]]
+        thin, _, member, _ = thin_to_limit(points[rows], used, most)
     ground = points[labels == Label.GROUND]
-    label = _agreed(thin, labels[rows], member)
+    label = agreed_labels(thin, majority_label(labels[rows], member, len(thin)))
     wood = select_target_wood(thin, label, ground=ground, **options)
     rows = rows[wood.keep[member]]
     if len(rows) < FEWEST_WOOD:

@@ -2,13 +2,15 @@
 
 import numpy as np
 import robust_laplacian
-from scipy.sparse import diags
+from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import splu
 
 __all__ = ["cotangent_laplacian", "semantic_row_weights", "solve_contraction"]
 
 
-def cotangent_laplacian(points, *, n_neighbors=30, mollify_factor=1e-5):
+def cotangent_laplacian(
+    points: np.ndarray, *, n_neighbors: int = 30, mollify_factor: float = 1e-5
+) -> tuple[csr_matrix, np.ndarray]:
     """Cotangent Laplacian of a point cloud from its intrinsic Delaunay triangulations.
 
     Parameters
@@ -46,7 +48,7 @@ def cotangent_laplacian(points, *, n_neighbors=30, mollify_factor=1e-5):
     return L, M.diagonal()
 
 
-def semantic_row_weights(L, weights):
+def semantic_row_weights(L: csr_matrix, weights: np.ndarray) -> np.ndarray:
     """Diagonal of the semantic weighting S: one weight a row of L.
 
     A point whose neighbours in L all have its class keeps its class's weight; one with a
@@ -72,7 +74,9 @@ def semantic_row_weights(L, weights):
     return smallest
 
 
-def solve_contraction(L, w_l, w_h, points):
+def solve_contraction(
+    L: csr_matrix, w_l: np.ndarray, w_h: np.ndarray, points: np.ndarray
+) -> np.ndarray:
     """Least-squares solution of [W_L L; W_H] C' = [0; W_H C] (paper, Eq. lbc).
 
     The normal equations (L^T W_L^2 L + W_H^2) C' = W_H^2 C are symmetric positive definite, so

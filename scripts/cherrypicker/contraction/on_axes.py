@@ -2,13 +2,15 @@
 
 import numpy as np
 
-from cherrypicker.limbs.growth import limbs_of_wood
+from cherrypicker.limbs.growth import Limbs, limbs_of_wood
 from cherrypicker.limbs.tubes import place_on_axis
 
 __all__ = ["move_to_axes", "points_on_axes"]
 
 
-def move_to_axes(points, base, *, stem=None):
+def move_to_axes(
+    points: np.ndarray, base: np.ndarray, *, stem: np.ndarray | None = None
+) -> tuple[np.ndarray, Limbs]:
     """Grow the limbs of a tree's wood and move its points onto their axes.
 
     Parameters
@@ -34,7 +36,7 @@ def move_to_axes(points, base, *, stem=None):
     return points_on_axes(points, found), found
 
 
-def points_on_axes(points, found):
+def points_on_axes(points: np.ndarray, found: Limbs) -> np.ndarray:
     """The nearest place of its limb's axis for each point, (n_points, 3) float64."""
     moved = np.empty((len(points), 3))
     for number, limb in enumerate(found.limbs):

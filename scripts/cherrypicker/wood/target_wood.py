@@ -19,7 +19,7 @@ from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target import Choice, choose_target
 
-__all__ = ["TargetWood", "select_target_wood"]
+__all__ = ["TargetWood", "lowest_base", "select_target_wood"]
 
 logger = logging.getLogger(__name__)
 
@@ -104,7 +104,7 @@ def select_target_wood(
     gap_m *= max(1.0, float(np.ptp(points[:, 2])) / GAP_HEIGHT_M)
     gap_m = max(gap_m, LEAST_GAP_IN_SPACINGS * spacing)  # of a coarse scan of a big tree
     links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
-    stems = find_stems(points, ground, labels) or [_lowest_base(points, labels)]
+    stems = find_stems(points, ground, labels) or [lowest_base(points, labels)]
     border = _border_seeds(points, region, spacing)
     owner = _compete(points, edges, links, stems, border)
     piece, _ = components(len(points), np.vstack([edges, links]).astype(np.int64))
@@ -129,7 +129,7 @@ def select_target_wood(
     return TargetWood(keep, bases[choice.target.stem], choice, report)
 
 
-def _lowest_base(points, labels):
+def lowest_base(points, labels):
     """The base of a cloud without a clear stem: its lowest trunk (or else wood) points."""
     rows = np.flatnonzero(labels == Label.TRUNK)
     rows = rows if len(rows) >= 3 else np.arange(len(points))

@@ -137,12 +137,15 @@ def noisy_surface(rng, tree):
     return surface.points + rng.normal(0.0, NOISE_M, surface.points.shape), kinds[surface.axis]
 
 
-def make_set_tree(seed, number):
+def make_set_tree(seed, number, *, trunk_radius=None):
     """Make the tree of a number (its template is fir, larch, pine in turn) of a seed's set.
 
     Parameters
     ----------
     seed, number : int
+    trunk_radius : float, optional
+        Of the stem above the root flare, m; the branches are thicker with it. Drawn by default: 4
+        to 8 cm.
 
     Returns
     -------
@@ -150,7 +153,8 @@ def make_set_tree(seed, number):
     """
     template = CONIFERS[number % len(CONIFERS)]
     rng = np.random.default_rng([int(seed), int(number), 307])
-    tree = grow_any(int(rng.integers(1 << 31)), template, tip_radius=TIP_RADIUS_M)
+    tree = grow_any(int(rng.integers(1 << 31)), template, tip_radius=TIP_RADIUS_M,
+                    trunk_radius=trunk_radius)  # fmt: skip
     points, labels = voxel_mean(*noisy_surface(rng, tree))
     noise = PointCloud(points, fields={"label": labels}, frame="metric", unit="m")
     holes, centres = cut_holes(rng, noise)

@@ -21,8 +21,10 @@ logger = logging.getLogger(__name__)
 RUNNER = Path(__file__).parents[2] / "lab/run_pc_skeletor.py"
 
 
-def run_peer(python, cloud, method, *, max_iterations=20):
-    """Run the peer on a cloud.
+def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
+    """Run the peer on a cloud whose mean it gets at the origin, as our contraction does.
+
+    robust-laplacian's normals depend on the frame (docs/skeleton.md).
 
     Parameters
     ----------
@@ -32,6 +34,8 @@ def run_peer(python, cloud, method, *, max_iterations=20):
         Labelled, metres.
     method : {"lbc", "slbc"}
     max_iterations : int, default 20
+    own_solve : bool, default False
+        S-LBC's solve with its own loop over the entries of a matrix, for small clouds.
 
     Returns
     -------
@@ -45,16 +49,20 @@ def run_peer(python, cloud, method, *, max_iterations=20):
     StageError
         If it cannot be started or fails.
     """
+    centre = cloud.points.mean(axis=0)
     environment = {**os.environ, "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1"}
     environment.pop("PYTHONPATH", None)
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: Path(folder, name) for name in ("cloud.npz", "skeleton.npz", "report.json")}
-        np.savez(paths["cloud.npz"], points=cloud.points, labels=np.asarray(cloud["label"]))
+        np.savez(
+            paths["cloud.npz"], points=cloud.points - centre, labels=np.asarray(cloud["label"])
+        )
         command = [
             *(str(python), str(RUNNER), "--method", method, "--weight", str(TRUNK_WEIGHT)),
             *("--max_iterations", str(max_iterations), "--cloud", str(paths["cloud.npz"])),
             *("--skeleton", str(paths["skeleton.npz"]), "--report", str(paths["report.json"])),
         ]
+        command += ["--own_solve"] * own_solve
         try:
             done = subprocess.run(
                 command, env=environment, capture_output=True, text=True, check=False
@@ -69,7 +77,8 @@ def run_peer(python, cloud, method, *, max_iterations=20):
             last = (done.stderr.strip().splitlines() or ["no message"])[-1]
             raise StageError(f"pc-skeletor fails ({last})", key="benchmark.skeleton.peer_python")
         with np.load(paths["skeleton.npz"], allow_pickle=False) as stored:
-            skeleton = {name: stored[name] for name in ("contracted", "nodes", "edges")}
+            skeleton = {name: stored[name] + centre for name in ("contracted", "nodes")}
+            skeleton["edges"] = stored["edges"]
         return skeleton, read_json(paths["report.json"])
 
 

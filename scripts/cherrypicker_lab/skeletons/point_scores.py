@@ -6,10 +6,19 @@ from scipy.spatial import cKDTree
 from cherrypicker_lab.skeletons.distances import chamfer_cm2, sample_edges, within_rates
 from cherrypicker_lab.skeletons.graph_scores import TOLERANCES_M, graph_of
 
-__all__ = ["score_points"]
+__all__ = ["chamfer_samples", "score_points"]
 
 CHAMFER_STEP_M = 0.005
 SAMPLE_M = 0.001
+
+
+def chamfer_samples(skeleton):
+    """Points every 5 mm of a true skeleton, (n, 3), each once, and the edge that each lies on."""
+    true = graph_of(skeleton)
+    truth, edge, share = sample_edges(true.points, true.edges, CHAMFER_STEP_M)
+    once = share > 0  # an edge's first sample is the last one of the edge below
+    once[0] = True  # the root
+    return truth[once], edge[once]
 
 
 def score_points(points, skeleton):
@@ -31,10 +40,7 @@ def score_points(points, skeleton):
         (points count for the order of the nearest true wood).
     """
     true = graph_of(skeleton)
-    truth, edge, share = sample_edges(true.points, true.edges, CHAMFER_STEP_M)
-    once = share > 0  # an edge's first sample is the last one of the edge below
-    once[0] = True  # the root
-    truth, edge = truth[once], edge[once]
+    truth, edge = chamfer_samples(skeleton)
     dense, _, _ = sample_edges(true.points, true.edges, SAMPLE_M)
     there, nearest = cKDTree(truth).query(points)
     back = cKDTree(points).query(truth)[0]

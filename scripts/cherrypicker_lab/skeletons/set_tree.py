@@ -20,8 +20,8 @@ def true_skeleton(grown):
     )
 
 
-def load_set_tree(seed, number):
-    """Make a tree of the set.
+def load_set_tree(seed, number, *, trunk_radius=None):
+    """Make a tree of the set, with a trunk of this radius in metres where it is given.
 
     Returns
     -------
@@ -30,7 +30,7 @@ def load_set_tree(seed, number):
         ``noise`` and ``holes``.
     truth : TrueTree
     """
-    tree = make_set_tree(seed, number)
+    tree = make_set_tree(seed, number, trunk_radius=trunk_radius)
     truth = TrueTree(true_skeleton(tree.skeleton))
     return tree.name, tree.template, {"noise": tree.noise, "holes": tree.holes}, truth
 

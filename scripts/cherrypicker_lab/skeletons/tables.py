@@ -9,7 +9,7 @@ from cherrypicker.files import read_json
 from cherrypicker_lab.skeletons.methods import GRAPHS, SETTINGS
 from cherrypicker_lab.skeletons.timing import growth_exponent
 
-__all__ = ["METHOD_NAMES", "PAPER_RATIO", "gather", "write_tables"]
+__all__ = ["METHOD_NAMES", "PAPER_RATIO", "gather", "table_rows", "write_tables"]
 
 METHOD_NAMES = {
     "lbc_paper": "LBC, preset paper",
@@ -70,7 +70,7 @@ def write_tables(table, times, *, notes=()):
     return "\n".join(part for part in [head, *parts] if part)
 
 
-def _rows(header, rows, n_left):
+def table_rows(header, rows, n_left):
     rule = ["---"] * n_left + ["---:"] * (len(header) - n_left)
     return "\n".join("| " + " | ".join(line) + " |" for line in [header, rule, *rows]) + "\n"
 
@@ -115,7 +115,7 @@ def _chamfer_table(table):
             )
     header = ["cloud", "contraction", "trees", "Chamfer, cm2", "on the trees of all methods",
               "points to truth", "truth to points", "CPU s a cloud"]  # fmt: skip
-    return "### Chamfer distance\n\n" + _rows(header, lines, 2)
+    return "### Chamfer distance\n\n" + table_rows(header, lines, 2)
 
 
 def _ratio_table(table):
@@ -142,7 +142,7 @@ def _ratio_table(table):
         if n_trees:
             lines.append([label, *cells, f"{n_trees}"])
     header = ["S-LBC / LBC", *(SETTING_NAMES[setting] for setting in SETTINGS), "trees"]
-    return "### Ratio of S-LBC to LBC\n\n" + _rows(header, lines, 1)
+    return "### Ratio of S-LBC to LBC\n\n" + table_rows(header, lines, 1)
 
 
 def _template_table(table):
@@ -157,7 +157,7 @@ def _template_table(table):
                 cells.append(f"{np.mean(values):.3f}" if template in templates else "–")
             lines.append([SETTING_NAMES[setting], METHOD_NAMES[name], *cells])
     header = ["cloud", "contraction", "fir", "larch", "pine"]
-    return "### Chamfer distance by template, cm2\n\n" + _rows(header, lines, 2)
+    return "### Chamfer distance by template, cm2\n\n" + table_rows(header, lines, 2)
 
 
 def _point_table(table):
@@ -175,7 +175,7 @@ def _point_table(table):
             lines.append([SETTING_NAMES[setting], METHOD_NAMES[name], *cells])
     header = ["cloud", "contraction"]
     header += [f"{what} {size} cm" for size in (1, 2, 5) for what in ("P", "R", "F1")]
-    return "### Contracted points against the true skeleton every millimetre\n\n" + _rows(
+    return "### Contracted points against the true skeleton every millimetre\n\n" + table_rows(
         header, lines, 2
     )
 
@@ -222,7 +222,7 @@ def _graph_table(table):
     header = ["cloud", "contraction", "graph", "trees", "junction F1", "tip F1", "components",
               "cycles", "false edges", "false joins", "false length", "length error, absolute",
               "signed", "ways within 10 %", "axes found", "P 2 cm", "R 2 cm", "CPU s"]  # fmt: skip
-    return "### Graphs\n\n" + _rows(header, lines, 3) if lines else ""
+    return "### Graphs\n\n" + table_rows(header, lines, 3) if lines else ""
 
 
 def _order_table(table):
@@ -246,7 +246,7 @@ def _order_table(table):
             )  # fmt: skip
     header = ["cloud", "contraction", "graph", "order", "true length, m", "R 1 cm", "R 2 cm",
               "R 5 cm", "axes found", "tip recall 5 cm"]  # fmt: skip
-    return "### Graphs by order\n\n" + _rows(header, lines, 4) if lines else ""
+    return "### Graphs by order\n\n" + table_rows(header, lines, 4) if lines else ""
 
 
 def _time_table(times):
@@ -279,7 +279,7 @@ def _time_table(times):
     header = ["points", "contracted", "contraction, CPU s", "graph", "traits", "together",
               "MB, contraction", "MB, all", "Chamfer, cm2", "pc-skeletor LBC, CPU s", "its MB",
               "its Chamfer", "ours / its time"]  # fmt: skip
-    text = "### Time and memory\n\n" + _rows(header, lines, 0)
+    text = "### Time and memory\n\n" + table_rows(header, lines, 0)
     large = [t for t in times if t["n_points"] >= 2e4]
     if len(large) > 1:
         exponent = growth_exponent([t["n_points"] for t in large], [t["contract"] for t in large])

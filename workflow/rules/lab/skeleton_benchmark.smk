@@ -1,15 +1,22 @@
-# The benchmark of skeletons, see docs/skeleton.md. Only `snakemake benchmark_skeleton` runs it.
+# The benchmark of skeletons, see docs/skeleton.md. Only `snakemake benchmark_skeleton` and
+# `snakemake benchmark_trunks` run it.
 
 
 wildcard_constraints:
     number=r"\d\d+",
     kind="default|paper|peer",
     n=r"\d+",
+    millimetres=r"\d+",
 
 
 rule benchmark_skeleton:
     input:
         "results/benchmark/skeleton/table.md",
+
+
+rule benchmark_trunks:
+    input:
+        "results/benchmark/skeleton/trunks/table.md",
 
 
 rule measure_skeletons:
@@ -115,3 +122,55 @@ rule report_skeletons:
         "tables and figures of the benchmark of skeletons"
     script:
         "../../../scripts/lab/report_skeletons.py"
+
+
+rule measure_trunk_ratio:
+    input:
+        code=code("lab/measure_trunk_ratio"),
+        peer_code=str(LIBRARY / "lab/run_pc_skeletor.py"),
+    output:
+        scores=ensure(
+            "results/benchmark/skeleton/trunks/{millimetres}/{number}/scores.json",
+            non_empty=True,
+        ),
+    log:
+        "logs/measure_trunk_ratio/{millimetres}_{number}.log",
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(4000),
+        runtime=240,
+        gpu=0,
+    params:
+        number=lambda wildcards: int(wildcards.number),
+        trunk_radius=lambda wildcards: int(wildcards.millimetres) / 1000,
+        rules=SKELETON_BENCHMARK["trunk_rules"],
+        max_iterations=SKELETON_BENCHMARK["trunk_iterations"],
+        peer_python=peer_of_trunk,
+        seed=SKELETON_BENCHMARK["seed"],
+    message:
+        "tree {wildcards.number} of the set, trunk of {wildcards.millimetres} mm radius"
+    script:
+        "../../../scripts/lab/measure_trunk_ratio.py"
+
+
+rule report_trunk_ratio:
+    input:
+        scores=scores_of_trunks(),
+        code=code("lab/report_trunk_ratio"),
+    output:
+        table=ensure("results/benchmark/skeleton/trunks/table.md", non_empty=True),
+    log:
+        "logs/report_trunk_ratio.log",
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=30,
+        gpu=0,
+    message:
+        "S-LBC over LBC by trunk radius"
+    script:
+        "../../../scripts/lab/report_trunk_ratio.py"

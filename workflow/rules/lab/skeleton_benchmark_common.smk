@@ -21,6 +21,21 @@ def scores_of_skeletons():
     ]
 
 
+def scores_of_trunks():
+    """Return the score files of the set with trunks of given radii."""
+    return [
+        f"{SKELETON_ROOT}/trunks/{round(1000 * radius)}/{number:02d}/scores.json"
+        for radius in SKELETON_BENCHMARK["trunk_radii_m"]
+        for number in range(SKELETON_BENCHMARK["n_trunk_trees"])
+    ]
+
+
+def peer_of_trunk(wildcards):
+    """Return the peer's Python for the first trees; empty for the others."""
+    asked = int(wildcards.number) < SKELETON_BENCHMARK["n_peer"]
+    return SKELETON_BENCHMARK["peer_python"] if asked else ""
+
+
 def times_of_skeletons():
     """Return the timing files of all sizes."""
     return [f"{SKELETON_ROOT}/time/{n}/times.json" for n in SKELETON_BENCHMARK["sizes"]]

@@ -1,0 +1,146 @@
+"""From the points of one tree to its skeleton points: thinned, given a class each, contracted."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label
+from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
+from cherrypicker.contraction.on_axes import move_to_axes
+from cherrypicker.geometry.sampling import majority_label, thin_to_limit
+from cherrypicker.wood.target_wood import lowest_base
+
+__all__ = ["ContractedTree", "agreed_labels", "contract_tree"]
+
+logger = logging.getLogger(__name__)
+
+N_AROUND = 13  # a point and twelve neighbours, whose most frequent class is its own (guess)
+
+
+class ContractedTree(NamedTuple):
+    """Skeleton points of a tree.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n, 3), float64
+    source : ndarray of shape (n,), int64
+        Row of the tree's points that each comes from, increasing.
+    label : ndarray of shape (n,), int64, or None
+        Class of each; None where the tree has none.
+    details : dict
+        How it went; plain values.
+    """
+
+    points: np.ndarray
+    source: np.ndarray
+    label: np.ndarray | None
+    details: dict
+
+
+def contract_tree(
+    points: np.ndarray,
+    labels: np.ndarray | None = None,
+    base: np.ndarray | None = None,
+    *,
+    weights: Mapping[int, float] | None = None,
+    options: ContractionOptions,
+    stem: int | None = Label.TRUNK,
+    voxel_size: float | None = None,
+    max_points: int | None = None,
+    callback: Callable | None = None,
+) -> ContractedTree:
+    """Contract all points of one tree.
+
+    The preset "paper" runs the published iteration on the points, or on the means of their voxels,
+    with the class of most points of a voxel. The preset "default" moves points of the cloud itself
+    to the axes of their limbs, and its classes agree with those around them.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Metres, z up.
+    labels : ndarray of shape (n_points,), int, optional
+        Class of each point, any integers.
+    base : ndarray of shape (3,), float64, optional
+        Foot of the stem, where the default preset starts; left out, the lowest points are it.
+    weights : mapping of int to float, optional
+        Lambda by class; classes that are not named weigh 1. Left out: LBC, which does not look at
+        the classes.
+    options : ContractionOptions
+    stem : int or None
+        Class whose points are one stem, for the default preset; None: no class is.
+    voxel_size : float, optional
+        Thin to one point a voxel, of this edge or as large as leaves `max_points`.
+    max_points : int, optional
+    callback : callable, optional
+        As in `contract_points`; only the preset "paper" iterates.
+
+    Returns
+    -------
+    ContractedTree
+
+    Raises
+    ------
+    StageError
+        If the points cannot be contracted.
+    """
+    thin, source, member, size = _thinned(points, voxel_size, max_points)
+    details = {"voxel_size": size, "n_contracted": len(thin)}
+    label = None if labels is None else majority_label(labels, member, len(thin))
+    if label is not None and options.preset == "default":
+        label = agreed_labels(thin, label)
+    lambdas, in_stem = None, np.zeros(len(thin), bool)
+    if label is not None and weights is not None:
+        lambdas = _lambda_of(label, weights)
+        in_stem = in_stem if stem is None else label == stem
+    if options.preset == "paper":
+        result = contract_points(thin, lambdas, options, callback)
+        details["mass_ratio"] = [round(value, 6) for value in result.mass_ratio]
+        return ContractedTree(result.points, source, label, details | {"stop": result.stop})
+    if base is None:
+        base = lowest_base(thin, np.where(in_stem, Label.TRUNK, Label.BRANCH)).base
+    moved, found = move_to_axes(points[source], base, stem=in_stem)
+    details["n_limbs"] = len(found.limbs)
+    details["spacing"], details["noise"] = round(found.spacing, 6), round(found.noise, 6)
+    details["claimed"] = round(found.claimed, 4)
+    return ContractedTree(moved, source, label, details)
+
+
+def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Class of each point: that of most points around it.
+
+    A class is a class of a place: a lone label of the stem far out would let the wood there be
+    taken for a piece of the stem.
+    """
+    n_points = len(points)
+    around = cKDTree(points).query(points, k=min(N_AROUND, n_points))[1].reshape(n_points, -1)
+    member = np.repeat(np.arange(n_points), around.shape[1])
+    return majority_label(labels[around].ravel(), member, n_points)
+
+
+def _thinned(points: np.ndarray, size: float | None, max_points: int | None) -> tuple:
+    """Means, sources, members and edge of the voxels, as `thin_to_limit`."""
+    if size is None:
+        rows = np.arange(len(points))
+        return points, rows, rows, None
+    limit = len(points) if max_points is None else max_points
+    thin, source, member, size = thin_to_limit(points, size, limit)
+    logger.info(
+        "thinned %s to %s points (voxels of %.1f mm)",
+        f"{len(points):,}",
+        f"{len(thin):,}",
+        1000 * size,
+    )
+    return thin, source, member, float(size)
+
+
+def _lambda_of(labels: np.ndarray, weights: Mapping[int, float]) -> np.ndarray:
+    lambdas = np.ones(len(labels))
+    for label, weight in weights.items():
+        lambdas[labels == label] = weight
+    return lambdas

@@ -1,0 +1,147 @@
+"""S-LBC over LBC against the trunk's radius, on the paper's set with trunks of given thickness."""
+
+from collections import defaultdict
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json
+from cherrypicker_lab.skeletons.distances import chamfer_cm2
+from cherrypicker_lab.skeletons.methods import SETTINGS, contract_as_published
+from cherrypicker_lab.skeletons.peer import run_peer
+from cherrypicker_lab.skeletons.point_scores import chamfer_samples
+from cherrypicker_lab.skeletons.tables import PAPER_RATIO, SETTING_NAMES, table_rows
+
+__all__ = ["gather_trunks", "measure_trunk", "ratio_figure", "write_ratio_table"]
+
+METHODS = ("lbc", "slbc")
+PEER = "pc-skeletor"
+COLORS = {"compound": "#1b7f5c", "pc_skeletor": "#c2571a", "cao": "#3b5bab", PEER: "#111111"}
+STEPS = (1, 2, 3, 5)
+
+
+def measure_trunk(cloud, skeleton, rules, *, max_iterations=20, peer_python=""):
+    """Chamfer distances of LBC and S-LBC on a cloud after each iteration.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Labelled, metres; contracted as it is.
+    skeleton : Skeleton
+        The truth.
+    rules : iterable of str
+        `contract.attraction_rule`.
+    max_iterations : int
+    peer_python : str
+        Python that has pc-skeletor; empty leaves it out.
+
+    Returns
+    -------
+    dict
+        ``uncontracted``: Chamfer distance of the cloud itself, cm2. By rule, and for "pc-skeletor",
+        a dict by method of the distances after each iteration (of the peer the last alone).
+    """
+    truth, _ = chamfer_samples(skeleton)
+    report = {"n_points": len(cloud), "uncontracted": chamfer_cm2(cloud.points, truth)}
+    for rule in rules:
+        constants = {"attraction_rule": rule, "max_iterations": max_iterations}
+        report[rule] = {method: _steps(cloud, truth, method, constants) for method in METHODS}
+    if peer_python:
+        report[PEER] = {}
+        for method in METHODS:
+            end, _ = run_peer(peer_python, cloud, method, max_iterations=max_iterations)
+            report[PEER][method] = [chamfer_cm2(end["contracted"], truth)]
+    return report
+
+
+def _steps(cloud, truth, method, constants):
+    steps = []
+
+    def score(iteration, ratio, points):
+        steps.append(chamfer_cm2(points, truth))
+
+    contract_as_published(cloud, method, callback=score, **constants)
+    return steps
+
+
+def gather_trunks(paths):
+    """Read the measurements: (setting, trunk radius in m) to `measure_trunk`'s dicts by tree.
+
+    Raises
+    ------
+    StageError
+        If there is none.
+    """
+    found = defaultdict(dict)
+    for path in paths:
+        report = read_json(path)
+        for setting, values in report["settings"].items():
+            by_tree = found[setting, report["trunk_radius"]]
+            by_tree[report["tree"]] = by_tree.get(report["tree"], {}) | values
+    if not found:
+        raise StageError("nothing was measured", key="benchmark.skeleton.trunk_radii_m")
+    return {key: list(by_tree.values()) for key, by_tree in found.items()}
+
+
+def _with(reports, kind):
+    return [report for report in reports if kind in report]
+
+
+def _ratio(reports, kind, step=-1):
+    """Mean Chamfer of S-LBC over that of LBC after so many iterations, or at the end before it."""
+    lbc, slbc = (_mean(reports, kind, method, step) for method in METHODS)
+    return slbc / lbc
+
+
+def _mean(reports, kind, method, step=-1):
+    runs = [report[kind][method] for report in reports]
+    return float(np.mean([run[-1 if step < 0 else min(step, len(run)) - 1] for run in runs]))
+
+
+def write_ratio_table(found):
+    """Table of Markdown from `gather_trunks`; a run that stopped counts on with its end."""
+    lines = []
+    for kind in COLORS:
+        for setting, radius in sorted(found, key=lambda key: (SETTINGS.index(key[0]), key[1])):
+            reports = _with(found[setting, radius], kind)
+            if reports:
+                bare = np.mean([report["uncontracted"] for report in reports])
+                ends = [_mean(reports, kind, method) for method in METHODS]
+                steps = ["–" if kind == PEER else f"{_ratio(reports, kind, n):.2f}" for n in STEPS]
+                lines.append(
+                    [
+                        kind,
+                        SETTING_NAMES[setting],
+                        f"{100 * radius:g}",
+                        f"{len(reports)}",
+                        *(f"{value:.2f}" for value in (bare, *ends)),
+                        f"{_ratio(reports, kind):.2f}",
+                        *steps,
+                    ]
+                )
+    header = ["W_H", "cloud", "trunk radius, cm", "trees", "not contracted, cm2", "LBC", "S-LBC",
+              "S-LBC / LBC", *(f"after {n}" for n in STEPS)]  # fmt: skip
+    return "### Chamfer distance by trunk radius\n\n" + table_rows(header, lines, 2)
+
+
+def ratio_figure(found):
+    """S-LBC / LBC over the trunk's radius, a panel a setting, beside the paper's ratio."""
+    figure = Figure(figsize=(9, 3.8), layout="constrained")
+    for ax, setting in zip(figure.subplots(1, len(SETTINGS), sharey=True), SETTINGS, strict=True):
+        for kind, color in COLORS.items():
+            radii = sorted(
+                radius
+                for (one, radius), reports in found.items()
+                if one == setting and _with(reports, kind)
+            )
+            ratios = [_ratio(_with(found[setting, radius], kind), kind) for radius in radii]
+            if radii:
+                ax.plot(100 * np.array(radii), ratios, "o-", color=color, label=kind)
+        ax.axhline(PAPER_RATIO[setting], color="#888888", ls="--", label="the paper")
+        ax.set_title(SETTING_NAMES[setting])
+        ax.set_xlabel("trunk radius, cm")
+        ax.grid(alpha=0.3)
+    figure.axes[0].set_ylabel("Chamfer distance, S-LBC / LBC")
+    figure.axes[0].legend(fontsize=7)
+    return figure
