@@ -1,0 +1,196 @@
+"""The photos judge a skeleton: what of it is not there, what is missing, how thick it is."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cherrypicker.classes import Label, wood_mask
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.lines.lines import gather_lines
+from cherrypicker.photo_check.missing import Missing, find_missing
+from cherrypicker.photo_check.pictures import draw_verdict
+from cherrypicker.photo_check.places import MetricWorkspace, Places, places_along
+from cherrypicker.photo_check.votes import Verdict, Votes, ask_photos, judge
+from cherrypicker.photo_check.widths import branch_diameters
+from cherrypicker.placement.region import Region, find_region
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton.model import Skeleton
+
+__all__ = ["CheckOptions", "check_photos"]
+
+logger = logging.getLogger(__name__)
+
+# Places on the skeleton, pixels of the photos apart: a line's point is one pixel
+STEP_PX = 2.0
+# Classes of radius in the report, m: twigs, thin and thick limbs
+RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
+# Layers of the tree's height in which missing wood is counted
+N_LAYERS = 10
+
+
+@dataclass(frozen=True)
+class CheckOptions:
+    """When photos refute; the fields are the config keys of ``photo_check``.
+
+    Attributes
+    ----------
+    least_photos : int
+        Photos that must say something about a place, and that must show clear sky to refute it.
+    most_clear_share : float
+        Share of those photos that may show clear sky at wood that is there.
+    """
+
+    least_photos: int = 4
+    most_clear_share: float = 0.1
+
+
+def check_photos(
+    skeleton: Skeleton,
+    cloud: PointCloud,
+    workspace: MetricWorkspace,
+    masks: SkyMasks,
+    options: CheckOptions,
+    *,
+    other_stems: np.ndarray,
+    threads: int = 1,
+) -> tuple[dict, dict[str, np.ndarray]]:
+    """Let the photos judge a skeleton.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    cloud : PointCloud
+        The labelled cloud in the skeleton's frame.
+    workspace : MetricWorkspace
+        The undistorted photos, in that frame.
+    masks : SkyMasks
+        Of the same photos.
+    options : CheckOptions
+    other_stems : ndarray of shape (n, 2)
+        Feet of other trees; what stands nearer to them than to the skeleton's root is theirs.
+    threads : int
+
+    Returns
+    -------
+    report : dict
+        Content of ``photo_check.json``.
+    pictures : dict of str to ndarray of shape (height, width, 3), uint8
+        ``worst`` and ``best``.
+    """
+    poses = workspace.poses
+    region = find_region(poses) or _around(skeleton)
+    distance = float(np.median(np.linalg.norm(poses.centers - region.center, axis=1)))
+    places = places_along(skeleton, STEP_PX * distance / float(np.median(poses.K[:, 0, 0])))
+    lines = gather_lines(workspace, masks)
+    votes = ask_photos(lines, poses, places)
+    verdict = judge(votes, **vars(options))
+    missing = find_missing(
+        workspace, lines, places, region, _not_this_tree(cloud, skeleton, other_stems), threads
+    )
+    report = _report(skeleton, places, verdict, missing)
+    scores = _scores(places, votes, verdict, missing)
+    report["photos"] = [
+        {"name": name, "share_right": _rounded(score)}
+        for name, score in zip(poses.names.tolist(), scores, strict=True)
+    ]
+    report["branches"] = branch_diameters(workspace, lines, skeleton, places)
+    logger.info(
+        "photos refute %.2f of %.2f %s of skeleton that they can judge (precision %.3f), and show "
+        "%.2f of thin wood that it lacks (recall %.3f)",
+        report["refuted_length"],
+        report["judged_length"],
+        skeleton.unit,
+        report["photo_precision"],
+        report["missing_length"],
+        report["photo_recall"],
+    )
+    ranked = np.argsort(scores, kind="stable")
+    pictures = {
+        name: draw_verdict(workspace, int(ranked[row]), places, *verdict, missing.points)
+        for name, row in (("worst", 0), ("best", -1))
+    }
+    return report, pictures
+
+
+def _around(skeleton: Skeleton) -> Region:
+    """A ball around a skeleton, where the cameras look at no common place."""
+    low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
+    radius = float(np.linalg.norm(high - low))
+    return Region((low + high) / 2, radius, radius, np.empty((0, 3)))
+
+
+def _not_this_tree(cloud: PointCloud, skeleton: Skeleton, other_stems: np.ndarray) -> np.ndarray:
+    """Points of signs, posts, other trees and the like, (n, 3)."""
+    label = cloud["label"]
+    is_wood = wood_mask(label)
+    is_other = ~is_wood & (label != Label.GROUND) & (label != Label.UNLABELLED)
+    if len(other_stems):
+        stems = np.vstack([skeleton.points[:1, :2], other_stems])
+        apart = np.linalg.norm(cloud.points[:, None, :2] - stems[None], axis=2)
+        is_other |= is_wood & (apart.argmin(axis=1) > 0)
+    return cloud.points[is_other]
+
+
+def _report(skeleton: Skeleton, places: Places, verdict: Verdict, missing: Missing) -> dict:
+    """The numbers of ``photo_check.json`` but those of single photos and branches."""
+    length = places.length
+    judged, refuted = (float(length[m].sum()) for m in (verdict.is_judged, verdict.is_refuted))
+    report: dict[str, Any] = {
+        "unit": skeleton.unit,
+        "photo_precision": _rounded(1.0 - refuted / judged) if judged > 0 else None,
+        "photo_recall": _rounded(missing.recall),
+        "n_photos": len(missing.shown),
+        "photo_sky_share": _rounded(judged / length.sum()),
+        "length": _rounded(length.sum()),
+        "judged_length": _rounded(judged),
+        "refuted_length": _rounded(refuted),
+        "missing_length": _rounded(missing.length.sum()),
+    }
+    rank = np.searchsorted(RADII_M, places.radius, side="right") - 1
+    names = [f"{1e3 * low:g}-{1e3 * high:g}" for low, high in zip(RADII_M, RADII_M[1:])]
+    report["by_order"] = _groups(places, verdict, places.order, range(places.order.max() + 1))
+    report["by_radius_mm"] = dict(
+        zip(names, _groups(places, verdict, rank, range(len(names))).values(), strict=True)
+    )
+    low, high = float(skeleton.points[:, 2].min()), float(skeleton.points[:, 2].max())
+    report["missing_by_height"] = _layers(missing, low, high)
+    return report
+
+
+def _groups(places: Places, verdict: Verdict, group: np.ndarray, ids: range) -> dict[str, dict]:
+    """Length, and what of it is judged and refuted, for each group of places."""
+    found = {}
+    for one in ids:
+        length = np.where(group == one, places.length, 0.0)
+        found[str(one)] = {
+            "length": _rounded(length.sum()),
+            "judged": _rounded(length[verdict.is_judged].sum()),
+            "refuted": _rounded(length[verdict.is_refuted].sum()),
+        }
+    return found
+
+
+def _layers(missing: Missing, low: float, high: float) -> list[dict]:
+    """Length of missing wood in layers of the tree's height, the lowest and highest open."""
+    edges = np.linspace(low, high, N_LAYERS + 1)
+    layer = np.searchsorted(edges[1:-1], missing.points[:, 2], side="right")
+    length = np.bincount(layer, missing.length, minlength=N_LAYERS)
+    return [
+        {"from": _rounded(a), "to": _rounded(b), "length": _rounded(each)}
+        for a, b, each in zip(edges[:-1], edges[1:], length, strict=True)
+    ]
+
+
+def _scores(places: Places, votes: Votes, verdict: Verdict, missing: Missing) -> np.ndarray:
+    """Share of what each photo shows before the sky that the skeleton has right, (n_photos,)."""
+    wrong = (votes.clear & verdict.is_refuted) @ places.length + missing.lacking
+    right = (votes.solid & verdict.is_judged) @ places.length + missing.shown
+    return right / np.maximum(right + wrong, 1e-12)
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 6)
