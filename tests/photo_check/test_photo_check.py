@@ -56,6 +56,7 @@ def test_a_strand_through_the_air_is_refuted(judged, whole):
     length = np.linalg.norm(np.subtract(strand.end, strand.start))
     assert report["refuted_length"] == pytest.approx(length, rel=0.25)
     assert report["photo_precision"] < 0.9
+    assert len(report["refuted_pieces"]) == 1
     assert report["photo_recall"] == pytest.approx(whole[0]["photo_recall"], abs=0.02)
 
 
@@ -66,6 +67,9 @@ def test_a_limb_that_was_removed_is_missing(judged, gone):
     length = np.linalg.norm(np.subtract(WHOLE[gone].end, WHOLE[gone].start))
     assert report["missing_length"] == pytest.approx(length, rel=0.35)
     assert report["photo_recall"] < 0.92
+    (piece,) = report["missing_pieces"]
+    middle = np.add(WHOLE[gone].end, WHOLE[gone].start) / 2
+    assert np.linalg.norm(piece["at"] - middle) < 0.3 * length
     assert report["photo_precision"] > 0.99
 
 

@@ -13,6 +13,7 @@ from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.photo_check.missing import Missing, find_missing
 from cherrypicker.photo_check.pictures import draw_verdict
+from cherrypicker.photo_check.pieces import pieces_of
 from cherrypicker.photo_check.places import MetricWorkspace, Places, places_along
 from cherrypicker.photo_check.votes import Verdict, Votes, ask_photos, judge
 from cherrypicker.photo_check.widths import branch_diameters
@@ -84,7 +85,8 @@ def check_photos(
     poses = workspace.poses
     region = find_region(poses) or _around(skeleton)
     distance = float(np.median(np.linalg.norm(poses.centers - region.center, axis=1)))
-    places = places_along(skeleton, STEP_PX * distance / float(np.median(poses.K[:, 0, 0])))
+    step = STEP_PX * distance / float(np.median(poses.K[:, 0, 0]))
+    places = places_along(skeleton, step)
     lines = gather_lines(workspace, masks)
     votes = ask_photos(lines, poses, places)
     verdict = judge(votes, **vars(options))
@@ -92,6 +94,9 @@ def check_photos(
         workspace, lines, places, region, _not_this_tree(cloud, skeleton, other_stems), threads
     )
     report = _report(skeleton, places, verdict, missing)
+    refuted = verdict.is_refuted
+    report["refuted_pieces"] = pieces_of(places.points[refuted], places.length[refuted], step)
+    report["missing_pieces"] = pieces_of(missing.points, missing.length, step)
     scores = _scores(places, votes, verdict, missing)
     report["photos"] = [
         {"name": name, "share_right": _rounded(score)}

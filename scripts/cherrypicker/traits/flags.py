@@ -200,19 +200,28 @@ def scan_flags(
 def _photo_flags(check: dict, length: str) -> list:
     """What the photos refute of the skeleton, and what they show that it lacks."""
     flags = []
+    longest = {
+        name: max((piece["length"] for piece in check.get(f"{name}_pieces", ())), default=0.0)
+        for name in ("refuted", "missing")
+    }
     precision, recall = check.get("photo_precision"), check.get("photo_recall")
-    if precision is not None and precision < _PHOTOS_AGREE:
+    if _is_doubtful(precision, longest["refuted"]):
         flags.append(
             f"not_in_photos: {check['refuted_length']:.2f} of {check['judged_length']:.2f} "
-            f"{length} of skeleton lie before clear sky, where the photos show no wood"
+            f"{length} of skeleton lie before clear sky, where the photos show no wood, the "
+            f"longest piece {longest['refuted']:.2f} {length}"
         )
-    if recall is not None and recall < _PHOTOS_AGREE:
+    if _is_doubtful(recall, longest["missing"]):
         flags.append(
             f"wood_missing: the photos show {check['missing_length']:.2f} {length} of thin wood "
-            f"that the skeleton lacks, {100 * (1 - recall):.0f} % of what they show; height, crown "
-            "and lengths may be too small"
+            f"that the skeleton lacks, the longest piece {longest['missing']:.2f} {length}; "
+            "height, crown and lengths may be too small"
         )
     return flags
+
+
+def _is_doubtful(share: float | None, longest: float) -> bool:
+    return share is not None and (share < _PHOTOS_AGREE or longest > _MISSED_LENGTH_M)
 
 
 def _target_flags(target: dict) -> list:

@@ -156,7 +156,9 @@ def measure_traits(
     )
     scale_error = _scale_error(scale, cloud.unit)
     error = 1.0 + scale_error * rng.standard_normal(n_bootstrap)
-    rows = branch_rows(skeleton, axis_list, foot.point[2], scale_error=scale_error)
+    rows = branch_rows(
+        skeleton, axis_list, foot.point[2], scale_error=scale_error, photo_check=photo_check
+    )
     confidence = float(np.median(cloud["confidence"][is_wood])) if "confidence" in cloud else None
 
     traits: dict[str, Any] = {"unit": cloud.unit}

@@ -138,6 +138,8 @@ _COLUMNS = (
     BranchColumn("base_diameter_high_m", "maybe"),
     BranchColumn("insertion_angle_low_deg", "maybe"),
     BranchColumn("insertion_angle_high_deg", "maybe"),
+    BranchColumn("photo_diameter_m", "maybe"),
+    BranchColumn("photo_diameter_se_m", "maybe"),
 )
 #: Name to column, in the file's order.
 BRANCH_COLUMNS = {column.name: column for column in _COLUMNS}
