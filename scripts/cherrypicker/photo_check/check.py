@@ -9,16 +9,19 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.denoising.evidence import CLEAR, EvidenceOptions, photo_evidence
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.photo_check.missing import Missing, find_missing
 from cherrypicker.photo_check.pictures import draw_verdict
 from cherrypicker.photo_check.pieces import pieces_of
 from cherrypicker.photo_check.places import MetricWorkspace, Places, places_along
-from cherrypicker.photo_check.votes import Verdict, Votes, ask_photos, judge
-from cherrypicker.photo_check.widths import branch_diameters
-from cherrypicker.placement.region import Region, find_region
+from cherrypicker.photo_check.votes import Verdict, Votes, judge, vote
+from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
+from cherrypicker.photos import read_photo
+from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
+from cherrypicker.progress import Progress
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["CheckOptions", "check_photos"]
@@ -29,6 +32,11 @@ logger = logging.getLogger(__name__)
 STEP_PX = 2.0
 # Classes of radius in the report, m: twigs, thin and thick limbs
 RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
+# Radius of the ball in which missing wood is looked for, in that of the ball around the skeleton's
+# box (guess: a third of the height may be cut off)
+AROUND = 1.3
+# The undistorted photos are asked at their own size
+AS_THEY_ARE = EvidenceOptions(max_image_size_px=0)
 # Layers of the tree's height in which missing wood is counted
 N_LAYERS = 10
 
@@ -41,12 +49,9 @@ class CheckOptions:
     ----------
     least_photos : int
         Photos that must say something about a place, and that must show clear sky to refute it.
-    most_clear_share : float
-        Share of those photos that may show clear sky at wood that is there.
     """
 
-    least_photos: int = 4
-    most_clear_share: float = 0.1
+    least_photos: int = 2
 
 
 def check_photos(
@@ -82,17 +87,15 @@ def check_photos(
     pictures : dict of str to ndarray of shape (height, width, 3), uint8
         ``worst`` and ``best``.
     """
-    poses = workspace.poses
-    region = find_region(poses) or _around(skeleton)
+    poses, region = workspace.poses, _around(skeleton)
     distance = float(np.median(np.linalg.norm(poses.centers - region.center, axis=1)))
     step = STEP_PX * distance / float(np.median(poses.K[:, 0, 0]))
     places = places_along(skeleton, step)
-    lines = gather_lines(workspace, masks)
-    votes = ask_photos(lines, poses, places)
+    votes, width, pixel = _look(workspace, masks, places)
     verdict = judge(votes, **vars(options))
-    missing = find_missing(
-        workspace, lines, places, region, _not_this_tree(cloud, skeleton, other_stems), threads
-    )
+    others = _not_this_tree(cloud, skeleton, other_stems)
+    lines = gather_lines(workspace, masks)
+    missing = find_missing(workspace, lines, places, region, others, threads)
     report = _report(skeleton, places, verdict, missing)
     refuted = verdict.is_refuted
     report["refuted_pieces"] = pieces_of(places.points[refuted], places.length[refuted], step)
@@ -102,16 +105,16 @@ def check_photos(
         {"name": name, "share_right": _rounded(score)}
         for name, score in zip(poses.names.tolist(), scores, strict=True)
     ]
-    report["branches"] = branch_diameters(workspace, lines, skeleton, places)
+    report["branches"] = branch_diameters(skeleton, places, width, pixel)
     logger.info(
         "photos refute %.2f of %.2f %s of skeleton that they can judge (precision %.3f), and show "
         "%.2f of thin wood that it lacks (recall %.3f)",
         report["refuted_length"],
         report["judged_length"],
         skeleton.unit,
-        report["photo_precision"],
+        np.nan if report["photo_precision"] is None else report["photo_precision"],
         report["missing_length"],
-        report["photo_recall"],
+        np.nan if report["photo_recall"] is None else report["photo_recall"],
     )
     ranked = np.argsort(scores, kind="stable")
     pictures = {
@@ -121,10 +124,28 @@ def check_photos(
     return report, pictures
 
 
+def _look(
+    workspace: MetricWorkspace, masks: SkyMasks, places: Places
+) -> tuple[Votes, np.ndarray, np.ndarray]:
+    """Votes and widths, see `silhouette_widths`, of all photos."""
+    poses, n_places = workspace.poses, len(places.points)
+    votes = Votes(*np.zeros((2, len(poses), n_places), dtype=bool))
+    width, pixel = np.empty((2, len(poses), n_places), dtype=np.float32)
+    with Progress(len(poses), "photos asked about the skeleton") as bar:
+        for i, view in enumerate(workspace.views):
+            photo = read_photo(workspace.photo_path(view))
+            kind, _ = photo_evidence(photo, masks.of(view), AS_THEY_ARE)
+            is_clear = kind == CLEAR
+            votes.clear[i], votes.solid[i] = vote(is_clear, poses, i, places)
+            width[i], pixel[i] = silhouette_widths(photo, is_clear, poses, i, places)
+            bar.step()
+    return votes, width, pixel
+
+
 def _around(skeleton: Skeleton) -> Region:
-    """A ball around a skeleton, where the cameras look at no common place."""
+    """A ball around a skeleton in which its missing wood is looked for."""
     low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
-    radius = float(np.linalg.norm(high - low))
+    radius = AROUND * float(np.linalg.norm(high - low)) / 2
     return Region((low + high) / 2, radius, radius, np.empty((0, 3)))
 
 
@@ -147,7 +168,7 @@ def _report(skeleton: Skeleton, places: Places, verdict: Verdict, missing: Missi
     report: dict[str, Any] = {
         "unit": skeleton.unit,
         "photo_precision": _rounded(1.0 - refuted / judged) if judged > 0 else None,
-        "photo_recall": _rounded(missing.recall),
+        "photo_recall": None if missing.recall is None else _rounded(missing.recall),
         "n_photos": len(missing.shown),
         "photo_sky_share": _rounded(judged / length.sum()),
         "length": _rounded(length.sum()),

@@ -45,10 +45,10 @@ class Missing(NamedTuple):
     lacking: np.ndarray
 
     @property
-    def recall(self) -> float:
-        """Share of the length of the lines that tubes explain; 1 where there is no line."""
+    def recall(self) -> float | None:
+        """Share of the length of the lines that tubes explain; None where there is no line."""
         shown, lacking = self.shown.sum(), self.lacking.sum()
-        return float(shown / (shown + lacking)) if shown + lacking > 0 else 1.0
+        return float(shown / (shown + lacking)) if shown + lacking > 0 else None
 
 
 def find_missing(

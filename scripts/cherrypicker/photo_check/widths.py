@@ -12,11 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from cherrypicker.mvs.lines.lines import Lines
-from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.photo_check.places import Places
-from cherrypicker.photo_check.votes import clear_pixels
-from cherrypicker.photos import read_photo
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
@@ -60,36 +56,48 @@ class Profiles(NamedTuple):
 
 
 def silhouette_widths(
-    workspace: Workspace, lines: Lines, places: Places
+    photo: np.ndarray, is_clear: np.ndarray, poses: Poses, i: int, places: Places
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Measure the silhouettes of places in all photos.
+    """Measure the silhouettes of places in photo ``i``.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (height, width, 3), uint8
+    is_clear : ndarray of shape (height, width), bool
+        Its clear sky.
+    poses : Poses
+    i : int
+    places : Places
 
     Returns
     -------
-    width : ndarray of shape (n_photos, n_places), float64
-        In the skeleton's unit; NaN where a photo does not show a place between clear sky.
-    pixel : ndarray of the same shape
-        Size of a pixel there.
+    width, pixel : ndarray of shape (n_places,), float64
+        Width, and size of a pixel there, in the skeleton's unit; NaN where the photo does not show
+        a place between clear sky.
     """
-    poses = workspace.poses
-    width, pixel = np.full((2, len(poses), len(places.points)), np.nan)
-    for i, view in enumerate(workspace.views):
-        blue = read_photo(workspace.photo_path(view))[..., 2].astype(np.float32) / 255
-        found = _profiles(blue**GAMMA, clear_pixels(lines, i), poses, i, places)
-        is_full = found.area >= FULL_PX * found.most
-        if np.count_nonzero(is_full) >= LEAST_FULL:
-            wood = np.maximum(
-                float(np.median(found.most[is_full])), np.where(is_full, found.most, 0)
-            )
-            width[i, found.place] = found.area / wood * found.pixel
-            pixel[i, found.place] = found.pixel
+    width, pixel = np.full((2, len(places.points)), np.nan)
+    light = (photo[..., 2].astype(np.float32) / 255) ** GAMMA
+    found = _profiles(light, is_clear, poses, i, places)
+    is_full = found.area >= FULL_PX * found.most
+    if np.count_nonzero(is_full) >= LEAST_FULL:
+        wood = np.full(len(found.most), float(np.median(found.most[is_full])))
+        wood[is_full] = found.most[is_full]
+        width[found.place] = found.area / wood * found.pixel
+        pixel[found.place] = found.pixel
     return width, pixel
 
 
 def branch_diameters(
-    workspace: Workspace, lines: Lines, skeleton: Skeleton, places: Places
+    skeleton: Skeleton, places: Places, width: np.ndarray, pixel: np.ndarray
 ) -> list[dict]:
-    """Measure the mean diameter of every axis that the photos show between clear sky.
+    """Mean diameter of every axis that the photos show between clear sky.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    places : Places
+    width, pixel : ndarray of shape (n_photos, n_places), float64
+        From `silhouette_widths`.
 
     Returns
     -------
@@ -98,25 +106,24 @@ def branch_diameters(
         ``width_px``, ``n_photos`` and ``length``, that of the places measured. The error is what
         the photos differ by, and `STEADY` of the diameter, which they share.
     """
-    width, pixel = silhouette_widths(workspace, lines, places)
     enough = np.isfinite(width).sum(axis=0) >= LEAST_PHOTOS
     axis = axis_of_node(skeleton, axes(skeleton))[places.node]
     found = []
     for one in np.unique(axis[enough]):
         rows = np.flatnonzero(enough & (axis == one))
         own, length = width[:, rows], places.length[rows]
+        own = own[np.isfinite(own).any(axis=1)]
         middle = np.nanmedian(own, axis=0)
         diameter = float(np.average(middle, weights=length))
-        seen = np.isfinite(own).any(axis=1)
-        share = np.nanmedian(own[seen] / middle, axis=1)  # of the whole, by photo
+        share = np.nanmedian(own / middle, axis=1)  # of the whole, by photo
         spread = 1.4826 * np.median(np.abs(share - np.median(share))) / np.sqrt(len(share))
         found.append(
             {
                 "branch_id": int(one),
                 "diameter": round(diameter, 6),
                 "diameter_se": round(diameter * float(np.hypot(spread, STEADY)), 6),
-                "width_px": round(float(np.nanmedian(own / pixel[:, rows])), 2),
-                "n_photos": int(seen.sum()),
+                "width_px": round(diameter / float(np.nanmedian(pixel[:, rows])), 2),
+                "n_photos": len(own),
                 "length": round(float(length.sum()), 6),
             }
         )
