@@ -35,6 +35,8 @@ RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
 # Radius of the ball in which missing wood is looked for, in that of the ball around the skeleton's
 # box (guess: a third of the height may be cut off)
 AROUND = 1.3
+# A photo that shows less before the sky than this share of what half of them show is no example
+TELLING = 0.5
 # The undistorted photos are asked at their own size
 AS_THEY_ARE = EvidenceOptions(max_image_size_px=0)
 # Layers of the tree's height in which missing wood is counted
@@ -102,7 +104,7 @@ def check_photos(
     report["missing_pieces"] = pieces_of(missing.points, missing.length, step)
     scores = _scores(places, votes, verdict, missing)
     report["photos"] = [
-        {"name": name, "share_right": _rounded(score)}
+        {"name": name, "share_right": None if np.isnan(score) else _rounded(score)}
         for name, score in zip(poses.names.tolist(), scores, strict=True)
     ]
     report["branches"] = branch_diameters(skeleton, places, width, pixel)
@@ -116,10 +118,12 @@ def check_photos(
         report["missing_length"],
         np.nan if report["photo_recall"] is None else report["photo_recall"],
     )
-    ranked = np.argsort(scores, kind="stable")
     pictures = {
-        name: draw_verdict(workspace, int(ranked[row]), places, *verdict, missing.points)
-        for name, row in (("worst", 0), ("best", -1))
+        name: draw_verdict(workspace, int(row), places, *verdict, missing.points)
+        for name, row in (
+            ("worst", np.argmin(np.nan_to_num(scores, nan=np.inf))),
+            ("best", np.argmax(np.nan_to_num(scores, nan=-np.inf))),
+        )
     }
     return report, pictures
 
@@ -212,10 +216,15 @@ def _layers(missing: Missing, low: float, high: float) -> list[dict]:
 
 
 def _scores(places: Places, votes: Votes, verdict: Verdict, missing: Missing) -> np.ndarray:
-    """Share of what each photo shows before the sky that the skeleton has right, (n_photos,)."""
+    """Share of what each photo shows before the sky that the skeleton has right, (n_photos,).
+
+    NaN where a photo shows little.
+    """
     wrong = (votes.clear & verdict.is_refuted) @ places.length + missing.lacking
     right = (votes.solid & verdict.is_judged) @ places.length + missing.shown
-    return right / np.maximum(right + wrong, 1e-12)
+    told = right + wrong
+    tells = (told > 0) & (told >= TELLING * np.median(told))
+    return np.where(tells, right / np.maximum(told, 1e-12), np.nan)
 
 
 def _rounded(value: float) -> float:

@@ -113,7 +113,7 @@ def branch_diameters(
         rows = np.flatnonzero(enough & (axis == one))
         own, length = width[:, rows], places.length[rows]
         own = own[np.isfinite(own).any(axis=1)]
-        middle = np.nanmedian(own, axis=0)
+        middle = np.maximum(np.nanmedian(own, axis=0), 1e-9)
         diameter = float(np.average(middle, weights=length))
         share = np.nanmedian(own / middle, axis=1)  # of the whole, by photo
         spread = 1.4826 * np.median(np.abs(share - np.median(share))) / np.sqrt(len(share))
@@ -156,7 +156,7 @@ def _profiles(
     is_sky = cv2.remap(clear.astype(np.uint8), at, None, cv2.INTER_NEAREST) > 0
     is_used = np.abs(offset) <= reach[rows, None]
     is_end = is_used & (np.abs(offset) > reach[rows, None] - SKY_PX)
-    free = (is_sky | ~is_end).all(axis=1)
+    free = (is_sky | ~is_end).all(axis=1) & ~is_sky[:, n_samples]  # and wood in the middle
     sky = (seen * is_end).sum(axis=1) / is_end.sum(axis=1)
     lost = np.where(is_used, 1 - seen / np.maximum(sky, 1e-6)[:, None], 0)[free]
     return Profiles(
