@@ -13,7 +13,7 @@ from cherrypicker.photo_check.check import CheckOptions, check_photos
 from cherrypicker.photo_check.pictures import write_picture
 from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.report.stages import scan_sections
+from cherrypicker.report.stages import _checked
 from cherrypicker.skeleton import axes
 
 WHOLE = (STEM, *TWIGS)
@@ -117,12 +117,12 @@ def _radius_of(skeleton, branch):
 
 def test_the_report_shows_what_the_photos_say(whole, tmp_path):
     report, pictures = whole
-    paths = [tmp_path / f"{name}.jpg" for name in ("worst", "best")]
-    for path, picture in zip(paths, pictures.values(), strict=True):
-        write_picture(path, picture)
-    scan = {"photo_check": report, "check_pictures": paths}
-    (section,) = scan_sections(scan, {}, width_px=600, n_examples=1)
+    data = {"photo_check": report}
+    for name, picture in pictures.items():
+        write_picture(tmp_path / name, picture)
+        data[f"{name}_photo"] = (tmp_path / name).read_bytes()
+    section = _checked(data)
     facts = dict(section["facts"])
     assert facts["Precision by the photos"] == f"{report['photo_precision']:.3f}"
-    assert [figure for figure, _ in section["figures"]] == [path.read_bytes() for path in paths]
+    assert [figure[:2] for figure, _ in section["figures"]] == [b"\xff\xd8"] * 2
     assert [len(table["rows"]) for table in section["tables"]] == [2, 4, 10]
