@@ -169,16 +169,17 @@ def _report(skeleton: Skeleton, places: Places, verdict: Verdict, missing: Missi
     """The numbers of ``photo_check.json`` but those of single photos and branches."""
     length = places.length
     judged, refuted = (float(length[m].sum()) for m in (verdict.is_judged, verdict.is_refuted))
+    right, lacking = judged - refuted, float(missing.length.sum())
     report: dict[str, Any] = {
         "unit": skeleton.unit,
-        "photo_precision": _rounded(1.0 - refuted / judged) if judged > 0 else None,
-        "photo_recall": None if missing.recall is None else _rounded(missing.recall),
+        "photo_precision": _share(right, judged),
+        "photo_recall": _share(right, right + lacking),
         "n_photos": len(missing.shown),
         "photo_sky_share": _rounded(judged / length.sum()),
         "length": _rounded(length.sum()),
         "judged_length": _rounded(judged),
         "refuted_length": _rounded(refuted),
-        "missing_length": _rounded(missing.length.sum()),
+        "missing_length": _rounded(lacking),
     }
     rank = np.searchsorted(RADII_M, places.radius, side="right") - 1
     names = [f"{1e3 * low:g}-{1e3 * high:g}" for low, high in zip(RADII_M, RADII_M[1:])]
@@ -225,6 +226,10 @@ def _scores(places: Places, votes: Votes, verdict: Verdict, missing: Missing) ->
     told = right + wrong
     tells = (told > 0) & (told >= TELLING * np.median(told))
     return np.where(tells, right / np.maximum(told, 1e-12), np.nan)
+
+
+def _share(part: float, whole: float) -> float | None:
+    return _rounded(part / whole) if whole > 0 else None
 
 
 def _rounded(value: float) -> float:

@@ -44,12 +44,6 @@ class Missing(NamedTuple):
     shown: np.ndarray
     lacking: np.ndarray
 
-    @property
-    def recall(self) -> float | None:
-        """Share of the length of the lines that tubes explain; None where there is no line."""
-        shown, lacking = self.shown.sum(), self.lacking.sum()
-        return float(shown / (shown + lacking)) if shown + lacking > 0 else None
-
 
 def find_missing(
     workspace: MetricWorkspace,
