@@ -1,8 +1,8 @@
 """Measure a tree's traits on its skeleton and its labelled cloud.
 
 Reads skeleton.graphml, topology.graphml, segmented.ply and target.json, and for a scan from photos
-scale.json, metric_poses.npz, sfm/report.json, the sky masks and the sparse model's cameras (with
-hand corrections edits.json); writes traits.json and branches.csv. Example:
+scale.json, metric_poses.npz, sfm/report.json, photo_check.json, the sky masks and the sparse
+model's cameras (with hand corrections edits.json); writes traits.json and branches.csv. Example:
 
     python scripts/measure_traits.py --skeleton skeleton.graphml --topology topology.graphml \\
         --segmented segmented.ply --traits traits.json --branches branches.csv
@@ -31,6 +31,7 @@ def main(
     sparse: Annotated[str | None, "sfm/report.json of a scan from photos"] = None,
     target: Annotated[str | None, "target.json: which tree it is, and the others"] = None,
     edits: Annotated[str | None, "edits.json of a tree with hand corrections"] = None,
+    photo_check: Annotated[str | None, "photo_check.json of a scan from photos"] = None,
     metric_poses: Annotated[str | None, "poses in the segmented cloud's frame"] = None,
     sky_masks: Annotated[str | None, "folder of sky masks of a scan from photos"] = None,
     cameras: Annotated[str | None, "cameras.bin of the photos as stored, for the sky masks"] = None,
@@ -51,6 +52,7 @@ def main(
         sparse=read_json(sparse) if sparse else None,
         target=read_json(target) if target else None,
         edits=read_json(edits) if edits else None,
+        photo_check=read_json(photo_check) if photo_check else None,
         poses=poses,
         sky_masks=masks,
         options=options,

@@ -17,7 +17,7 @@ LAYERS = [
     *VOCABULARY,
     *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "skeleton", "wood"),
     "limbs",
-    *("segmentation", "contraction", "graph", "traits", "report", "batch", "api"),
+    *("segmentation", "contraction", "graph", "traits", "photo_check", "report", "batch", "api"),
 ]
 LAB_LAYERS = [
     *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "training"),
@@ -27,7 +27,8 @@ STAGES = [
     *("extract_features", "match_features", "reconstruct_sparse", "undistort_photos"),
     *("estimate_depth", "fuse_depth", "align_cloud", "crop_roi", "segment_sky", "denoise_cloud"),
     *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
-    *("edit_graph", "measure_traits", "report_tree", "summarise_batch", "import_cloud"),
+    *("edit_graph", "check_photos", "measure_traits", "report_tree", "summarise_batch"),
+    "import_cloud",
 ]
 
 

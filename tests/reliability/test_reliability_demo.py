@@ -19,7 +19,7 @@ TREE = "cherry_leader"
 STAGES = ["segment_sky", "extract_features", "match_features", "reconstruct_sparse"]
 STAGES += ["undistort_photos", "estimate_depth", "fuse_depth", "align_cloud", "crop_roi"]
 STAGES += ["denoise_cloud", "estimate_scale", "scale_cloud", "segment_cloud"]
-STAGES += ["contract_cloud", "extract_graph", "measure_traits", "report_tree"]
+STAGES += ["contract_cloud", "extract_graph", "check_photos", "measure_traits", "report_tree"]
 COLMAPS = ["poses.npz", "sfm/report.json", "sfm/model"]
 LIMIT_S = 3600
 # Two half rings of 12 photos, and small depth maps: what is at stake is the same at any size.

@@ -26,6 +26,9 @@ rule report_tree:
         sky_colors=photo_only("results/{tree}/sky_colors.npz"),
         depth=photo_only("results/{tree}/dense/depth.json"),
         coverage=photo_only("results/{tree}/dense/coverage.json"),
+        photo_check=photo_only("results/{tree}/photo_check.json"),
+        worst_photo=photo_only("results/{tree}/photo_check/worst.jpg"),
+        best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
         photos=lambda wildcards: (
             photos_of(wildcards) if TREES[wildcards.tree].is_photo_scan else []
         ),

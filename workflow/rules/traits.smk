@@ -12,6 +12,7 @@ rule measure_traits:
         sparse=photo_only("results/{tree}/sfm/report.json"),
         sky_masks=photo_only("results/{tree}/sky"),
         cameras=photo_only("results/{tree}/sfm/model/cameras.bin"),
+        photo_check=photo_only("results/{tree}/photo_check.json"),
         edits=lambda wildcards: (
             "results/{tree}/edits.json" if wildcards.tree in EDITED_TREES else []
         ),

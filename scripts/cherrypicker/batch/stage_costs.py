@@ -197,5 +197,15 @@ _TREE_STAGES = {
     ),
 }
 
-PHOTO_STAGES |= _TREE_STAGES
+# Photos judge the skeleton before it is measured
+_BEFORE = {name: _TREE_STAGES[name] for name in ("contract_cloud", "extract_graph")}
+_CHECK = StageCost(
+    cpu_s={"base": 10.0, "dense_mp": 0.6},
+    memory_mb={"base": 450.0, "dense_mp": 5.0, "cropped_m": 125.0},
+    disk_mb={"base": 1.0},
+    max_threads=4,
+    after=("extract_graph", "undistort_photos", "segment_sky"),
+)
+_MEASURED = replace(_TREE_STAGES["measure_traits"], after=("check_photos",))
+PHOTO_STAGES |= _BEFORE | {"check_photos": _CHECK} | _TREE_STAGES | {"measure_traits": _MEASURED}
 CLOUD_STAGES |= _TREE_STAGES

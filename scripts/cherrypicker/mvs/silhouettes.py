@@ -310,12 +310,7 @@ def add_silhouettes(
     lines = gather_lines(workspace, masks)
     explain(lines, cloud.points, threads)
     n_open = int((lines.explained == 0.0).sum())
-    parts = []
-    with Progress(len(workspace.views), "photos' twigs followed") as bar:
-        for i in range(len(workspace.views)):
-            parts.append(_twigs_of(workspace, lines, i, region, threads))
-            explain(lines, parts[-1].points, threads)
-            bar.step()
+    parts = follow_lines(workspace, lines, region, threads)
     logger.info(
         "of %s pixels on thin lines before the sky the cloud lacks %s: %s points added",
         f"{len(lines.owner):,}",
@@ -323,6 +318,22 @@ def add_silhouettes(
         f"{sum(map(len, parts)):,}",
     )
     return joined([_marked(cloud, 0), *(_marked(part, 1) for part in parts)])
+
+
+def follow_lines(
+    workspace: Workspace, lines: Lines, region: Region, threads: int
+) -> list[PointCloud]:
+    """Return the twigs that the photos' lines show and nothing explains yet, one cloud a photo.
+
+    They are entered in ``lines.explained``, so that each place is found once.
+    """
+    parts = []
+    with Progress(len(workspace.views), "photos' twigs followed") as bar:
+        for i in range(len(workspace.views)):
+            parts.append(_twigs_of(workspace, lines, i, region, threads))
+            explain(lines, parts[-1].points, threads)
+            bar.step()
+    return parts
 
 
 def _twigs_of(

@@ -26,6 +26,7 @@ __all__ = ["ReportOptions", "read_branches", "render_report"]
 
 _FOLDER = Path(__file__).resolve().parent
 _ZOOM = 1.5  # of a figure's own px that are drawn at most
+_JPEG = b"\xff\xd8"  # how such a file begins
 _FILES = (
     "traits.json",
     "branches.csv",
@@ -135,7 +136,9 @@ def _embedded(figure: Figure | bytes, caption: str, width_px: int) -> dict:
         width = min(width_px, _ZOOM * DPI * figure.get_size_inches()[0])
         write_png(figure, stream, width)
         figure = stream.getvalue()
-    return {"data": base64.b64encode(figure).decode("ascii"), "caption": caption}
+    kind = "jpeg" if figure.startswith(_JPEG) else "png"
+    data = base64.b64encode(figure).decode("ascii")
+    return {"data": data, "kind": kind, "caption": caption}
 
 
 def _warnings(data: dict) -> list[str]:

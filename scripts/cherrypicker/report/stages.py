@@ -80,6 +80,8 @@ def scan_sections(data: dict, *, width_px: int, n_examples: int) -> list:
     if data["target"]:
         sections.append(_target(data["target"]))
     sections.append(_contracted(data, width_px))
+    if data["photo_check"]:
+        sections.append(_checked(data))
     return sections
 
 
@@ -290,6 +292,42 @@ def _contracted(data: dict, width_px: int) -> dict:
     facts = [(name, value) for name, value in facts if not isinstance(value, dict | list)]
     figure = contraction_figure(data["segmented"], data["contracted"], data["skeleton"], width_px)
     return section("Contraction", facts, figures=[(figure, "Contracted points over the wood.")])
+
+
+def _checked(data: dict) -> dict:
+    check = data["photo_check"]
+    length = unit_name(check["unit"])
+
+    def of(part: str, whole: str) -> str:
+        return f"{check[part]:.2f} of {check[whole]:.2f} {length}"
+
+    facts = [
+        ("Skeleton that the photos can judge", of("judged_length", "length")),
+        ("of this refuted by clear sky", of("refuted_length", "judged_length")),
+        ("Precision by the photos", _number(check["photo_precision"], 3)),
+        ("Thin wood that the skeleton lacks", f"{check['missing_length']:.2f} {length}"),
+        ("Recall by the photos", _number(check["photo_recall"], 3)),
+    ]
+    head = ["", *(f"{what} [{length}]" for what in ("length", "judged", "refuted"))]
+    tables = []
+    for caption, key in (("By order", "by_order"), ("By radius, mm", "by_radius_mm")):
+        rows = [[name, *(f"{v:.2f}" for v in each.values())] for name, each in check[key].items()]
+        tables.append(table(caption, head, rows))
+    layers = [
+        [f"{layer['from']:.2f} to {layer['to']:.2f}", f"{layer['length']:.2f}"]
+        for layer in reversed(check["missing_by_height"])
+    ]
+    tables.append(table("Missing wood by height", [f"z [{length}]", f"length [{length}]"], layers))
+    pictures = [
+        (
+            data[f"{which}_photo"],
+            f"The {which} photo, and the skeleton over it: green where the photos show wood before "
+            "the sky, blue where they cannot tell, red where they show clear sky; orange is thin "
+            "wood that the skeleton lacks.",
+        )
+        for which in ("worst", "best")
+    ]
+    return section("What the photos say", facts, tables, pictures)
 
 
 def _number(value: float | None, decimals: int, unit: str = "") -> str | None:

@@ -67,7 +67,7 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return "–"
     if trait.power is None:
-        return f"{value:,.0f}"
+        return f"{value:,.{trait.decimals}f}"
     spread = error if isinstance(error, int | float) and math.isfinite(error) else 0.0
     name, decimals = unit_name(unit, trait.power), trait.decimals
     if trait.is_cm2 and unit == "m":

@@ -35,6 +35,10 @@ def _labelled(path: str) -> Any:
     return read_cloud(path, required=("label",))
 
 
+def _bytes(path: str) -> bytes:
+    return Path(path).read_bytes()
+
+
 #: What the report is made of, by the name of the rule's input.
 FILES = {
     "traits": _File(read_json, "traits.json", True),
@@ -62,6 +66,9 @@ FILES = {
     ),
     "depth": _File(lambda path: Path(path).parent, "dense/depth.json, beside the depth maps"),
     "coverage": _File(read_json, "dense/coverage.json"),
+    "photo_check": _File(read_json, "photo_check.json"),
+    "worst_photo": _File(_bytes, "photo_check/worst.jpg"),
+    "best_photo": _File(_bytes, "photo_check/best.jpg"),
 }
 #: The figures that every tree has, and what stands below them on the page.
 CAPTIONS = {

@@ -12,9 +12,9 @@ import numpy as np
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.interval_factors import FACTORS
 
-__all__ = ["angle_interval", "diameter_interval", "typical_scatter"]
+__all__ = ["Z90", "angle_interval", "diameter_interval", "typical_scatter"]
 
-_Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
+Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
 _LEAST_POINTS = 3  # behind a direction
 
 
@@ -55,7 +55,7 @@ def diameter_interval(
     error = scatter * np.hypot(
         FACTORS["diameter_shared"], FACTORS["diameter_thin"] * 2.0 * scatter / thickness
     )
-    half = _Z90 * np.hypot(error, scale_error * diameter)
+    half = Z90 * np.hypot(error, scale_error * diameter)
     return np.maximum(diameter - half, 0.0), diameter + half
 
 
@@ -83,5 +83,5 @@ def angle_interval(
     """
     length, n_points = np.maximum(stretch, 1e-9), np.maximum(n_points, _LEAST_POINTS)
     slope = scatter / (length * np.sqrt(n_points))
-    half = _Z90 * np.hypot(FACTORS["angle_least_deg"], FACTORS["angle_bend"] * np.degrees(slope))
+    half = Z90 * np.hypot(FACTORS["angle_least_deg"], FACTORS["angle_bend"] * np.degrees(slope))
     return np.maximum(angle_deg - half, 0.0), np.minimum(angle_deg + half, 180.0)

@@ -8,24 +8,36 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 
 import numpy as np
 
 from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.branch_intervals import angle_interval, diameter_interval, typical_scatter
+from cherrypicker.traits.branch_intervals import (
+    Z90,
+    angle_interval,
+    diameter_interval,
+    typical_scatter,
+)
 from cherrypicker.traits.branch_shapes import axis_shapes
 from cherrypicker.traits.table import BRANCH_COLUMNS
 
 __all__ = ["branch_rows", "branches_csv", "totals_by_order"]
 
 _INTERVALS = tuple(name for name in BRANCH_COLUMNS if "_low_" in name or "_high_" in name)
+_PHOTO = ("photo_diameter_m", "photo_diameter_se_m")
 # What makes an axis's numbers weak (guesses)
 _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 
 
 def branch_rows(
-    skeleton: Skeleton, axis_list: list[Axis], foot_z: float, *, scale_error: float = 0.0
+    skeleton: Skeleton,
+    axis_list: list[Axis],
+    foot_z: float,
+    *,
+    scale_error: float = 0.0,
+    photo_check: dict | None = None,
 ) -> list:
     """Measure every axis.
 
@@ -38,6 +50,8 @@ def branch_rows(
         Height of the stem's foot in the skeleton's frame.
     scale_error : float, default 0
         Relative standard error of the scan's scale, for the intervals.
+    photo_check : dict, optional
+        ``photo_check.json`` of a scan from photos.
 
     Returns
     -------
@@ -50,7 +64,8 @@ def branch_rows(
         with fewer than two), `shoot_length_m` the way from the last lateral to the tip, a candidate
         for the last year's shoot. `flags` holds words joined by spaces: ``low_arc``,
         ``few_points``, ``gap``. The 90 % intervals (`..._low_...`, `..._high_...`) are None on a
-        skeleton that does not know how its points scatter.
+        skeleton that does not know how its points scatter. `photo_diameter_m` is the mean diameter
+        of the axis's silhouettes in the photos, None where the points tell it more surely.
     """
     shape = axis_shapes(skeleton, axis_list)
     count = np.rint(shape["base_n_points"]).astype(np.int64)
@@ -77,6 +92,7 @@ def branch_rows(
         "flags": _flags(skeleton, shape),
         **_intervals(shape, count, typical_scatter(skeleton), scale_error),
     }
+    columns |= _by_photos(shape, columns["base_diameter_high_m"], photo_check)
     listed = [c.tolist() if isinstance(c, np.ndarray) else c for c in columns.values()]
     return [dict(zip(columns, row, strict=True)) for row in zip(*listed, strict=True)]
 
@@ -107,6 +123,21 @@ def _intervals(shape: dict, count: np.ndarray, typical: float | None, scale_erro
         *angle_interval(shape["insertion_angle"], scatter, count, shape["stretch"]),
     ]
     return dict(zip(_INTERVALS, ends, strict=True))
+
+
+def _by_photos(shape: dict, high: Sequence, photo_check: dict | None) -> dict[str, list]:
+    """Mean diameters by the photos and their errors, None where the points are surer.
+
+    ``high`` are the upper ends of the base diameters' 90 % intervals by the points.
+    """
+    found: dict[str, list] = {name: [None] * len(high) for name in _PHOTO}
+    for each in (photo_check or {}).get("branches", ()):
+        row = each["branch_id"]
+        by_points = np.inf if high[row] is None else (high[row] - shape["base_diameter"][row]) / Z90
+        if each["diameter_se"] < by_points:
+            for name, value in zip(_PHOTO, (each["diameter"], each["diameter_se"]), strict=True):
+                found[name][row] = value
+    return found
 
 
 def branches_csv(rows: list[dict]) -> str:

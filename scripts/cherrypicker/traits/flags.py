@@ -24,6 +24,7 @@ _FEW_PHOTOS = 0.9  # share that is registered
 _MISSED_SHARE, _MISSED_LENGTH_M = 0.01, 0.15
 _LOOSE_SCALE = 0.01
 _LOOSE_CAMERA = 0.005  # of the cameras' distance: 2 cm at 4 m
+_PHOTOS_AGREE = 0.95  # shares below are told; guess
 _PLAUSIBLE_HEIGHT_M = (0.15, 25.0)  # of a fruit tree
 
 
@@ -128,6 +129,7 @@ def scan_flags(
     sparse: dict | None = None,
     target: dict | None = None,
     edits: dict | None = None,
+    photo_check: dict | None = None,
     edges: Sequence = (),
     missing_top: MissingTop | None = None,
 ) -> list[str]:
@@ -143,6 +145,8 @@ def scan_flags(
         ``scale.json``, ``sfm/report.json`` and ``target.json`` where the scan has them.
     edits : dict, optional
         ``edits.json`` of a tree with hand corrections.
+    photo_check : dict, optional
+        ``photo_check.json`` of a scan from photos.
     edges : sequence of FrameEdge
         Sides of the tree beyond which few photos look.
     missing_top : MissingTop, optional
@@ -183,6 +187,7 @@ def scan_flags(
             f"{missing_top.found:.2f}; height, crown and lengths are too small, look at "
             "mvs.max_image_size_px and the depth maps"
         )
+    flags += _photo_flags(photo_check or {}, unit_name(unit))
     flags += _target_flags(target or {})
     if edits and edits["lost"]:
         flags.append(
@@ -190,6 +195,33 @@ def scan_flags(
             f"find their place ({'; '.join(edits['lost'])})"
         )
     return flags
+
+
+def _photo_flags(check: dict, length: str) -> list:
+    """What the photos refute of the skeleton, and what they show that it lacks."""
+    flags = []
+    longest = {
+        name: max((piece["length"] for piece in check.get(f"{name}_pieces", ())), default=0.0)
+        for name in ("refuted", "missing")
+    }
+    precision, recall = check.get("photo_precision"), check.get("photo_recall")
+    if _is_doubtful(precision, longest["refuted"]):
+        flags.append(
+            f"not_in_photos: {check['refuted_length']:.2f} of {check['judged_length']:.2f} "
+            f"{length} of skeleton lie before clear sky, where the photos show no wood, the "
+            f"longest piece {longest['refuted']:.2f} {length}"
+        )
+    if _is_doubtful(recall, longest["missing"]):
+        flags.append(
+            f"wood_missing: the photos show {check['missing_length']:.2f} {length} of thin wood "
+            f"that the skeleton lacks, the longest piece {longest['missing']:.2f} {length}; "
+            "height, crown and lengths may be too small"
+        )
+    return flags
+
+
+def _is_doubtful(share: float | None, longest: float) -> bool:
+    return share is not None and (share < _PHOTOS_AGREE or longest > _MISSED_LENGTH_M)
 
 
 def _target_flags(target: dict) -> list:

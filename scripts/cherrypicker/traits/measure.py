@@ -64,6 +64,7 @@ def measure_traits(
     sparse: dict | None = None,
     target: dict | None = None,
     edits: dict | None = None,
+    photo_check: dict | None = None,
     poses: Poses | None = None,
     sky_masks: SkyMasks | None = None,
     options: TraitOptions | None = None,
@@ -83,6 +84,8 @@ def measure_traits(
         scale's standard error enters every uncertainty.
     edits : dict, optional
         ``edits.json`` of a tree with hand corrections.
+    photo_check : dict, optional
+        ``photo_check.json`` of a scan from photos.
     poses : Poses, optional
         Of the photos, in the cloud's frame and unit: tells where they, not the tree, end.
     sky_masks : SkyMasks, optional
@@ -153,7 +156,9 @@ def measure_traits(
     )
     scale_error = _scale_error(scale, cloud.unit)
     error = 1.0 + scale_error * rng.standard_normal(n_bootstrap)
-    rows = branch_rows(skeleton, axis_list, foot.point[2], scale_error=scale_error)
+    rows = branch_rows(
+        skeleton, axis_list, foot.point[2], scale_error=scale_error, photo_check=photo_check
+    )
     confidence = float(np.median(cloud["confidence"][is_wood])) if "confidence" in cloud else None
 
     traits: dict[str, Any] = {"unit": cloud.unit}
@@ -179,6 +184,7 @@ def measure_traits(
     traits["foot"] = [_rounded(value) for value in foot.point]
     traits["crown_volume_method"] = "convex hull"
     traits["trunk_end_height_m"] = _rounded(stem.height[-1])
+    traits |= _photo_shares(photo_check)
     missing = [h for h, item in further.items() if item is None and h <= stem.height[-1] - _END_M]
     traits["flags"] = scan_flags(
         cloud.unit,
@@ -187,6 +193,7 @@ def measure_traits(
         sparse=sparse,
         target=target,
         edits=edits,
+        photo_check=photo_check,
         edges=() if poses is None else frame_edges(poses, wood[support.point]),
         missing_top=None
         if sky_masks is None or poses is None
@@ -249,6 +256,14 @@ def _shoots(rows: list) -> dict:
         "mean_shoot_length_m": _rounded(np.mean(lengths)) if lengths else 0.0,
         "lateral_spacing_m": _rounded(np.median(spacing)) if spacing else None,
     }
+
+
+def _photo_shares(photo_check: dict | None) -> dict:
+    """What the photos say of the skeleton as a whole; nothing without photos."""
+    if photo_check is None:
+        return {}
+    names = ("photo_precision", "photo_recall", "photo_sky_share", "n_photos")
+    return {name: photo_check[name] for name in names}
 
 
 def _scale_error(scale: dict | None, unit: str) -> float:

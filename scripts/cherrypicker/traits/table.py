@@ -22,7 +22,7 @@ class Trait:
     title : str
         Its name on the pages.
     power : int or None
-        Of the length unit; None for a count.
+        Of the length unit; None for a count or a share.
     decimals : int
         Shown at least, in metric units; a small error adds some.
     is_shown, is_charted : bool
@@ -70,6 +70,10 @@ _ROWS = (
     Trait("mean_shoot_length_m", "Mean length of shoots"),
     Trait("lateral_spacing_m", "Spacing of laterals"),
     Trait("trunk_end_height_m", "Height of the trunk's end", 1, 2),
+    Trait("photo_precision", "Skeleton that the photos do not refute, share", None, 3, **_SHOWN),
+    Trait("photo_recall", "Thin wood of the photos in the skeleton, share", None, 3, **_SHOWN),
+    Trait("photo_sky_share", "Skeleton with sky behind it in the photos, share", None, 2),
+    Trait("n_photos", "Photos that judge the skeleton", None, 0),
 )
 #: Name to trait, in the pages' order.
 TRAITS = {trait.name: trait for trait in _ROWS}
@@ -134,6 +138,8 @@ _COLUMNS = (
     BranchColumn("base_diameter_high_m", "maybe"),
     BranchColumn("insertion_angle_low_deg", "maybe"),
     BranchColumn("insertion_angle_high_deg", "maybe"),
+    BranchColumn("photo_diameter_m", "maybe"),
+    BranchColumn("photo_diameter_se_m", "maybe"),
 )
 #: Name to column, in the file's order.
 BRANCH_COLUMNS = {column.name: column for column in _COLUMNS}

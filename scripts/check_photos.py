@@ -1,0 +1,59 @@
+"""Let the photos judge a skeleton: what is not there, what is missing, how thick it is.
+
+Reads skeleton.graphml, segmented.ply, target.json, the undistorted photos, metric_poses.npz, the
+sky masks and the sparse model's cameras; writes photo_check.json and two pictures. Example:
+
+    python scripts/check_photos.py --skeleton skeleton.graphml --segmented segmented.ply \\
+        --target target.json --undistorted dense/undistorted.json --sky_masks sky \\
+        --metric_poses metric_poses.npz --cameras sfm/model/cameras.bin \\
+        --report photo_check.json --worst photo_check/worst.jpg --best photo_check/best.jpg
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+
+from cherrypicker.files import read_json, write_json
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.photo_check.check import CheckOptions, check_photos
+from cherrypicker.photo_check.pictures import write_picture
+from cherrypicker.photo_check.places import MetricWorkspace
+from cherrypicker.pointcloud import read_cloud
+from cherrypicker.poses import read_poses
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.skeleton import read_skeleton
+
+
+def main(
+    skeleton: Annotated[str, "skeleton.graphml"],
+    segmented: Annotated[str, "labelled cloud"],
+    target: Annotated[str, "target.json: where other trees stand"],
+    undistorted: Annotated[str, "manifest beside the undistorted photos"],
+    metric_poses: Annotated[str, "poses in the skeleton's frame"],
+    sky_masks: Annotated[str, "folder of sky masks"],
+    cameras: Annotated[str, "cameras.bin of the photos as stored"],
+    report: Annotated[str, "JSON to write"],
+    worst: Annotated[str, "picture of the worst photo to write"],
+    best: Annotated[str, "picture of the best photo to write"],
+    *,
+    options: CheckOptions,
+    threads: int = 2,
+) -> None:
+    """Load, judge, save."""
+    workspace = MetricWorkspace(Path(undistorted).parent, read_poses(metric_poses))
+    content, pictures = check_photos(
+        read_skeleton(skeleton),
+        read_cloud(segmented, required=("label",)),
+        workspace,
+        SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names),
+        options,
+        other_stems=np.array(read_json(target)["other_stems_xy"]).reshape(-1, 2),
+        threads=threads,
+    )
+    write_picture(worst, pictures["worst"])
+    write_picture(best, pictures["best"])
+    write_json(report, content)
+
+
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

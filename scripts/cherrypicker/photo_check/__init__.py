@@ -1,0 +1,1 @@
+"""What the photos say of a finished skeleton."""

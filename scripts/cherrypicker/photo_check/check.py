@@ -1,0 +1,236 @@
+"""The photos judge a skeleton: what of it is not there, what is missing, how thick it is."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cherrypicker.classes import Label, wood_mask
+from cherrypicker.denoising.evidence import CLEAR, EvidenceOptions, photo_evidence
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.lines.lines import gather_lines
+from cherrypicker.photo_check.missing import Missing, find_missing
+from cherrypicker.photo_check.pictures import draw_verdict
+from cherrypicker.photo_check.pieces import pieces_of
+from cherrypicker.photo_check.places import MetricWorkspace, Places, places_along
+from cherrypicker.photo_check.votes import Verdict, Votes, judge, vote
+from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
+from cherrypicker.photos import read_photo
+from cherrypicker.placement.region import Region
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.progress import Progress
+from cherrypicker.skeleton.model import Skeleton
+
+__all__ = ["CheckOptions", "check_photos"]
+
+logger = logging.getLogger(__name__)
+
+# Places on the skeleton, pixels of the photos apart: a line's point is one pixel
+STEP_PX = 2.0
+# Classes of radius in the report, m: twigs, thin and thick limbs
+RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
+# Radius of the ball in which missing wood is looked for, in that of the ball around the skeleton's
+# box (guess: a third of the height may be cut off)
+AROUND = 1.3
+# A photo that shows less before the sky than this share of what half of them show is no example
+TELLING = 0.5
+# The undistorted photos are asked at their own size
+AS_THEY_ARE = EvidenceOptions(max_image_size_px=0)
+# Layers of the tree's height in which missing wood is counted
+N_LAYERS = 10
+
+
+@dataclass(frozen=True)
+class CheckOptions:
+    """When photos refute; the fields are the config keys of ``photo_check``.
+
+    Attributes
+    ----------
+    least_photos : int
+        Photos that must say something about a place, and that must show clear sky to refute it.
+    """
+
+    least_photos: int = 2
+
+
+def check_photos(
+    skeleton: Skeleton,
+    cloud: PointCloud,
+    workspace: MetricWorkspace,
+    masks: SkyMasks,
+    options: CheckOptions,
+    *,
+    other_stems: np.ndarray,
+    threads: int = 1,
+) -> tuple[dict, dict[str, np.ndarray]]:
+    """Let the photos judge a skeleton.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    cloud : PointCloud
+        The labelled cloud in the skeleton's frame.
+    workspace : MetricWorkspace
+        The undistorted photos, in that frame.
+    masks : SkyMasks
+        Of the same photos.
+    options : CheckOptions
+    other_stems : ndarray of shape (n, 2)
+        Feet of other trees; what stands nearer to them than to the skeleton's root is theirs.
+    threads : int
+
+    Returns
+    -------
+    report : dict
+        Content of ``photo_check.json``.
+    pictures : dict of str to ndarray of shape (height, width, 3), uint8
+        ``worst`` and ``best``.
+    """
+    poses, region = workspace.poses, _around(skeleton)
+    distance = float(np.median(np.linalg.norm(poses.centers - region.center, axis=1)))
+    step = STEP_PX * distance / float(np.median(poses.K[:, 0, 0]))
+    places = places_along(skeleton, step)
+    votes, width, pixel = _look(workspace, masks, places)
+    verdict = judge(votes, **vars(options))
+    others = _not_this_tree(cloud, skeleton, other_stems)
+    lines = gather_lines(workspace, masks)
+    missing = find_missing(workspace, lines, places, region, others, threads)
+    report = _report(skeleton, places, verdict, missing)
+    refuted = verdict.is_refuted
+    report["refuted_pieces"] = pieces_of(places.points[refuted], places.length[refuted], step)
+    report["missing_pieces"] = pieces_of(missing.points, missing.length, step)
+    scores = _scores(places, votes, verdict, missing)
+    report["photos"] = [
+        {"name": name, "share_right": None if np.isnan(score) else _rounded(score)}
+        for name, score in zip(poses.names.tolist(), scores, strict=True)
+    ]
+    report["branches"] = branch_diameters(skeleton, places, width, pixel)
+    logger.info(
+        "photos refute %.2f of %.2f %s of skeleton that they can judge (precision %.3f), and show "
+        "%.2f of thin wood that it lacks (recall %.3f)",
+        report["refuted_length"],
+        report["judged_length"],
+        skeleton.unit,
+        np.nan if report["photo_precision"] is None else report["photo_precision"],
+        report["missing_length"],
+        np.nan if report["photo_recall"] is None else report["photo_recall"],
+    )
+    pictures = {
+        name: draw_verdict(workspace, int(row), places, *verdict, missing.points)
+        for name, row in (
+            ("worst", np.argmin(np.nan_to_num(scores, nan=np.inf))),
+            ("best", np.argmax(np.nan_to_num(scores, nan=-np.inf))),
+        )
+    }
+    return report, pictures
+
+
+def _look(
+    workspace: MetricWorkspace, masks: SkyMasks, places: Places
+) -> tuple[Votes, np.ndarray, np.ndarray]:
+    """Votes and widths, see `silhouette_widths`, of all photos."""
+    poses, n_places = workspace.poses, len(places.points)
+    votes = Votes(*np.zeros((2, len(poses), n_places), dtype=bool))
+    width, pixel = np.empty((2, len(poses), n_places), dtype=np.float32)
+    with Progress(len(poses), "photos asked about the skeleton") as bar:
+        for i, view in enumerate(workspace.views):
+            photo = read_photo(workspace.photo_path(view))
+            kind, _ = photo_evidence(photo, masks.of(view), AS_THEY_ARE)
+            is_clear = kind == CLEAR
+            votes.clear[i], votes.solid[i] = vote(is_clear, poses, i, places)
+            width[i], pixel[i] = silhouette_widths(photo, is_clear, poses, i, places)
+            bar.step()
+    return votes, width, pixel
+
+
+def _around(skeleton: Skeleton) -> Region:
+    """A ball around a skeleton in which its missing wood is looked for."""
+    low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
+    radius = AROUND * float(np.linalg.norm(high - low)) / 2
+    return Region((low + high) / 2, radius, radius, np.empty((0, 3)))
+
+
+def _not_this_tree(cloud: PointCloud, skeleton: Skeleton, other_stems: np.ndarray) -> np.ndarray:
+    """Points of signs, posts, other trees and the like, (n, 3)."""
+    label = cloud["label"]
+    is_wood = wood_mask(label)
+    is_other = ~is_wood & (label != Label.GROUND) & (label != Label.UNLABELLED)
+    if len(other_stems):
+        stems = np.vstack([skeleton.points[:1, :2], other_stems])
+        apart = np.linalg.norm(cloud.points[:, None, :2] - stems[None], axis=2)
+        is_other |= is_wood & (apart.argmin(axis=1) > 0)
+    return cloud.points[is_other]
+
+
+def _report(skeleton: Skeleton, places: Places, verdict: Verdict, missing: Missing) -> dict:
+    """The numbers of ``photo_check.json`` but those of single photos and branches."""
+    length = places.length
+    judged, refuted = (float(length[m].sum()) for m in (verdict.is_judged, verdict.is_refuted))
+    right, lacking = judged - refuted, float(missing.length.sum())
+    report: dict[str, Any] = {
+        "unit": skeleton.unit,
+        "photo_precision": _share(right, judged),
+        "photo_recall": _share(right, right + lacking),
+        "n_photos": len(missing.shown),
+        "photo_sky_share": _rounded(judged / length.sum()),
+        "length": _rounded(length.sum()),
+        "judged_length": _rounded(judged),
+        "refuted_length": _rounded(refuted),
+        "missing_length": _rounded(lacking),
+    }
+    rank = np.searchsorted(RADII_M, places.radius, side="right") - 1
+    names = [f"{1e3 * low:g}-{1e3 * high:g}" for low, high in zip(RADII_M, RADII_M[1:])]
+    report["by_order"] = _groups(places, verdict, places.order, range(places.order.max() + 1))
+    report["by_radius_mm"] = dict(
+        zip(names, _groups(places, verdict, rank, range(len(names))).values(), strict=True)
+    )
+    low, high = float(skeleton.points[:, 2].min()), float(skeleton.points[:, 2].max())
+    report["missing_by_height"] = _layers(missing, low, high)
+    return report
+
+
+def _groups(places: Places, verdict: Verdict, group: np.ndarray, ids: range) -> dict[str, dict]:
+    """Length, and what of it is judged and refuted, for each group of places."""
+    found = {}
+    for one in ids:
+        length = np.where(group == one, places.length, 0.0)
+        found[str(one)] = {
+            "length": _rounded(length.sum()),
+            "judged": _rounded(length[verdict.is_judged].sum()),
+            "refuted": _rounded(length[verdict.is_refuted].sum()),
+        }
+    return found
+
+
+def _layers(missing: Missing, low: float, high: float) -> list[dict]:
+    """Length of missing wood in layers of the tree's height, the lowest and highest open."""
+    edges = np.linspace(low, high, N_LAYERS + 1)
+    layer = np.searchsorted(edges[1:-1], missing.points[:, 2], side="right")
+    length = np.bincount(layer, missing.length, minlength=N_LAYERS)
+    return [
+        {"from": _rounded(a), "to": _rounded(b), "length": _rounded(each)}
+        for a, b, each in zip(edges[:-1], edges[1:], length, strict=True)
+    ]
+
+
+def _scores(places: Places, votes: Votes, verdict: Verdict, missing: Missing) -> np.ndarray:
+    """Share of what each photo shows before the sky that the skeleton has right, (n_photos,).
+
+    NaN where a photo shows little.
+    """
+    wrong = (votes.clear & verdict.is_refuted) @ places.length + missing.lacking
+    right = (votes.solid & verdict.is_judged) @ places.length + missing.shown
+    told = right + wrong
+    tells = (told > 0) & (told >= TELLING * np.median(told))
+    return np.where(tells, right / np.maximum(told, 1e-12), np.nan)
+
+
+def _share(part: float, whole: float) -> float | None:
+    return _rounded(part / whole) if whole > 0 else None
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 6)

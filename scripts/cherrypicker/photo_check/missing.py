@@ -1,0 +1,130 @@
+"""What is missing: thin wood before the sky that no tube of the skeleton explains.
+
+The photos' thin lines (`cherrypicker.mvs.lines`) that no tube passes are followed into space as the
+fusion follows those that no point of its cloud explains (`cherrypicker.mvs.silhouettes`): a place
+counts where lines of several photos from different sides meet, all of them the image of one
+direction, and no photo shows clear sky. The line of a neighbour's twig, farther off, passes through
+no such place.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.mvs.kernels.compiled import in_parallel, kernel
+from cherrypicker.mvs.lines.lines import EXPLAINS_PX, Lines, explain, project_place
+from cherrypicker.mvs.silhouettes import follow_lines
+from cherrypicker.photo_check.places import MetricWorkspace, Places
+from cherrypicker.placement.region import Region
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.poses import Poses
+
+# Twigs seen more from their ends than this, a sine, count no longer
+LEAST_SINE = 0.3
+
+
+class Missing(NamedTuple):
+    """Thin wood before the sky, and what of it no tube explains.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n, 3), float64
+        Places of missing wood, about a pixel apart.
+    length : ndarray of shape (n,), float64
+        Of wood that each stands for.
+    shown, lacking : ndarray of shape (n_photos,), float64
+        Length of lines in each photo that tubes explain, and that missing wood does.
+    """
+
+    points: np.ndarray
+    length: np.ndarray
+    shown: np.ndarray
+    lacking: np.ndarray
+
+
+def find_missing(
+    workspace: MetricWorkspace,
+    lines: Lines,
+    places: Places,
+    region: Region,
+    others: np.ndarray,
+    threads: int,
+) -> Missing:
+    """Find the thin wood of the region that no tube explains.
+
+    Parameters
+    ----------
+    workspace : MetricWorkspace
+    lines : Lines
+        Of its photos; what explains them is entered.
+    places : Places
+        Of the skeleton, at most two pixels apart.
+    region : Region
+        Where wood is looked for.
+    others : ndarray of shape (n_others, 3)
+        What is there and no wood of this tree: a place nearer to it than to the tree is not
+        missing.
+    threads : int
+    """
+    poses = workspace.poses
+    explain_by_tubes(lines, poses, places, threads)
+    by_tubes = lines.explained.copy()
+    parts = follow_lines(workspace, lines, region, threads)
+    found = np.concatenate([part.points for part in parts])
+    length = np.concatenate([_lengths(part, poses, i) for i, part in enumerate(parts)])
+    if len(others) and len(found):
+        own = cKDTree(places.points).query(found)[0]
+        kept = own <= cKDTree(others).query(found)[0]
+        found, length = found[kept], length[kept]
+    lines.explained[:] = by_tubes
+    explain(lines, found, threads)
+    focal = poses.K[:, 0, 0]
+    size = lines.explained / focal[lines.owner]  # of a pixel at what explains the line
+    n_photos, is_tube = len(poses), by_tubes > 0.0
+    return Missing(
+        points=found,
+        length=length,
+        shown=np.bincount(lines.owner, np.where(is_tube, size, 0.0), minlength=n_photos),
+        lacking=np.bincount(lines.owner, np.where(is_tube, 0.0, size), minlength=n_photos),
+    )
+
+
+def _lengths(twigs: PointCloud, poses: Poses, i: int) -> np.ndarray:
+    """Length of wood that each twig point found in photo ``i`` stands for, a pixel aslant, (n,)."""
+    rays = poses.centers[i] - twigs.points
+    distance = np.linalg.norm(rays, axis=1)
+    # normals lie across the twig, towards the camera
+    sine = np.einsum("ni,ni->n", rays, twigs.normals) / distance
+    return distance / poses.K[i, 0, 0] / np.maximum(sine, LEAST_SINE)
+
+
+@kernel
+def _explain(lines, points, radius, focal, i):
+    """Enter the depth of the nearest tube at the lines of photo ``i`` that tubes pass."""
+    width, height = lines.sizes[i, 0], lines.sizes[i, 1]
+    for row in range(points.shape[0]):
+        u, v, depth = project_place(lines, i, points[row, 0], points[row, 1], points[row, 2])
+        if depth <= 1e-9 or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
+            continue
+        reach = radius[row] * focal / depth + EXPLAINS_PX
+        for y in range(max(np.int64(v - reach), 0), min(np.int64(v + reach) + 1, height)):
+            for x in range(max(np.int64(u - reach), 0), min(np.int64(u + reach) + 1, width)):
+                line = lines.maps[lines.starts[i] + y * width + x]
+                if line < 0:
+                    continue
+                off = (u - lines.uv[line, 0]) ** 2 + (v - lines.uv[line, 1]) ** 2
+                known = lines.explained[line]
+                if off <= reach * reach and (known == 0.0 or depth < known):
+                    lines.explained[line] = depth
+
+
+def explain_by_tubes(lines: Lines, poses: Poses, places: Places, threads: int) -> None:
+    """Enter in ``lines.explained`` the depths of the tubes whose places lie on lines."""
+
+    def work(i: int) -> None:
+        _explain(lines, places.points, places.radius, poses.K[i, 0, 0], i)
+
+    in_parallel(work, range(len(poses)), threads)

@@ -1,0 +1,92 @@
+"""A photo beside itself with the skeleton drawn over it, in the colours of the photos' verdict."""
+
+from __future__ import annotations
+
+import os
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from cherrypicker.files import atomic_path
+from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.photo_check.places import Places
+from cherrypicker.photos import read_photo
+
+# RGB of what is there, what no photo can judge, what is not there, and what is missing
+THERE, UNJUDGED, REFUTED, MISSING = (40, 170, 60), (60, 110, 220), (225, 30, 30), (255, 150, 0)
+# Beyond the tree's box, as a share of its larger side; height of a picture at least, px
+MARGIN = 0.06
+LEAST_HEIGHT_PX = 900
+JPEG_QUALITY = 88
+# Coordinates of OpenCV's drawing in sixteenths of a pixel
+SHIFT = 4
+
+
+def draw_verdict(
+    workspace: Workspace,
+    i: int,
+    places: Places,
+    is_judged: np.ndarray,
+    is_refuted: np.ndarray,
+    missing: np.ndarray,
+) -> np.ndarray:
+    """Draw photo ``i`` and, beside it, the skeleton's tubes and what is missing over it.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    i : int
+    places : Places
+    is_judged, is_refuted : ndarray of shape (n_places,), bool
+    missing : ndarray of shape (n, 3)
+
+    Returns
+    -------
+    ndarray of shape (height, width, 3), uint8
+    """
+    view = workspace.views[i]
+    photo = read_photo(workspace.photo_path(view))
+    uv, depth = view.project(places.points)
+    also, far = view.project(missing)
+    low, high = _box(uv[depth > 0], photo.shape)
+    zoom = max(LEAST_HEIGHT_PX / (high[1] - low[1]), 1.0)
+    part = np.ascontiguousarray(photo[low[1] : high[1], low[0] : high[0]])
+    part = cv2.resize(part, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
+    drawn = (part // 2 + 127).astype(np.uint8)
+    radius = np.maximum(places.radius * view.K[0, 0] / np.maximum(depth, 1e-9) * zoom, 1.0)
+    at = _fixed((uv - low) * zoom)
+    kinds = np.where(is_refuted, 2, np.where(is_judged, 0, 1))
+    for kind, color in ((1, UNJUDGED), (0, THERE), (2, REFUTED)):
+        for row in np.flatnonzero((kinds == kind) & (depth > 0)):
+            _dot(drawn, at[row], radius[row], color)
+    for place in _fixed((also[far > 0] - low) * zoom):
+        _dot(drawn, place, 1.5, MISSING)
+    return np.hstack([part, drawn])
+
+
+def _box(uv: np.ndarray, shape: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (x, y) of the part of a photo that holds the tree, whole pixels."""
+    size = np.array(shape[1::-1])
+    seen = uv[((uv >= 0) & (uv < size)).all(axis=1)]
+    if not len(seen):
+        return np.zeros(2, int), size
+    margin = MARGIN * np.ptp(seen, axis=0).max() + 1
+    low, high = seen.min(axis=0) - margin, seen.max(axis=0) + margin
+    return np.maximum(low, 0).astype(int), np.minimum(high + 1, size).astype(int)
+
+
+def _fixed(places: np.ndarray) -> np.ndarray:
+    """Pixels as OpenCV's drawing takes them: from the first pixel's centre, in fractions."""
+    return np.rint((places - 0.5) * 2**SHIFT).astype(np.int32)
+
+
+def _dot(image: np.ndarray, at: np.ndarray, radius: float, color: tuple) -> None:
+    x, y = map(int, at)
+    cv2.circle(image, (x, y), round(radius * 2**SHIFT), color, cv2.FILLED, cv2.LINE_AA, SHIFT)
+
+
+def write_picture(path: str | os.PathLike, picture: np.ndarray) -> None:
+    """Write a picture (height, width, 3) uint8 as JPEG, atomically."""
+    with atomic_path(path) as temporary:
+        Image.fromarray(picture).save(temporary, format="JPEG", quality=JPEG_QUALITY)

@@ -1,0 +1,77 @@
+"""A skeleton as places along its tubes, and its photos in the skeleton's frame."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.poses import Poses
+from cherrypicker.skeleton import axes, node_order
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.support import densify
+
+
+class MetricWorkspace(Workspace):
+    """A dense workspace whose cameras stand in another frame and unit.
+
+    Parameters
+    ----------
+    folder : path-like
+    poses : Poses
+        Of the same photos, in the frame of the skeleton; photos without one are left out.
+
+    Raises
+    ------
+    StageError
+        As `Workspace`, and when no photo has a pose.
+    """
+
+    def __init__(self, folder: str | os.PathLike, poses: Poses):
+        super().__init__(folder)
+        moved = dict(zip(poses.names.tolist(), poses.cam_from_world, strict=True))
+        self.views = [
+            replace(view, R=moved[view.name][:, :3], t=moved[view.name][:, 3])
+            for view in self.views
+            if view.name in moved
+        ]
+        if not self.views:
+            raise StageError("no undistorted photo has a pose", file=folder)
+
+
+class Places(NamedTuple):
+    """Places evenly along a skeleton's tubes.
+
+    Attributes
+    ----------
+    points, along : ndarray of shape (n, 3), float64
+        On the axes; unit vectors towards the tips.
+    radius, length : ndarray of shape (n,), float64
+        Of the tube; of the skeleton that the place stands for.
+    node, order : ndarray of shape (n,), int64
+        Upper node of the edge that holds it; order of its axis.
+    """
+
+    points: np.ndarray
+    along: np.ndarray
+    radius: np.ndarray
+    length: np.ndarray
+    node: np.ndarray
+    order: np.ndarray
+
+
+def places_along(skeleton: Skeleton, step: float) -> Places:
+    """Return places at most `step` apart along a skeleton that has an edge."""
+    points, node, radius, length = densify(skeleton, step)
+    along = skeleton.points - skeleton.points[skeleton.parent]
+    along /= np.maximum(skeleton.edge_length, 1e-12)[:, None]
+    order = node_order(skeleton, axes(skeleton))
+    # the first is the root itself, which has no edge
+    rows = slice(1, None)
+    return Places(
+        points[rows], along[node[rows]], radius[rows], length[rows], node[rows], order[node[rows]]
+    )

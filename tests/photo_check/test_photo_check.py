@@ -1,0 +1,128 @@
+"""The photos refute what is not there, find what is missing, and measure what is thin."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from checked_scene import STEM, TWIGS, skeleton_of, write_scan
+from sky_scene import BARK, Rod
+
+from cherrypicker.classes import Label
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.photo_check.check import CheckOptions, check_photos
+from cherrypicker.photo_check.pictures import write_picture
+from cherrypicker.photo_check.places import MetricWorkspace
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.report.stages import _checked
+from cherrypicker.skeleton import axes
+
+WHOLE = (STEM, *TWIGS)
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scan")
+    poses = write_scan(folder)
+    workspace = MetricWorkspace(folder / "dense", poses)
+    return workspace, SkyMasks(folder / "sky", folder / "dense/sparse", poses.names)
+
+
+@pytest.fixture(scope="module")
+def judged(scan):
+    def check(skeleton, beside=()):
+        points = np.vstack([skeleton.points, *([beside] if len(beside) else [])])
+        label = np.full(len(points), Label.BRANCH, np.uint8)
+        label[len(skeleton) :] = Label.SIGN
+        cloud = PointCloud(points, fields={"label": label})
+        return check_photos(skeleton, cloud, *scan, CheckOptions(), other_stems=np.empty((0, 2)))
+
+    return check
+
+
+@pytest.fixture(scope="module")
+def whole(judged):
+    return judged(skeleton_of(WHOLE))
+
+
+def test_the_true_skeleton_is_all_there(whole):
+    report, pictures = whole
+    assert report["photo_precision"] > 0.99
+    assert report["photo_recall"] > 0.99
+    assert 0.6 < report["photo_sky_share"] < 1.0  # the stem's foot stands before the ground
+    assert report["n_photos"] == 16
+    assert {name: image.ndim for name, image in pictures.items()} == {"worst": 3, "best": 3}
+
+
+def test_a_strand_through_the_air_is_refuted(judged, whole):
+    strand = Rod((0.0, 0.0, 1.2), (-0.25, -0.2, 1.4), 0.002, BARK)
+    report, _ = judged(skeleton_of((*WHOLE, strand)))
+    length = np.linalg.norm(np.subtract(strand.end, strand.start))
+    assert report["refuted_length"] == pytest.approx(length, rel=0.25)
+    assert report["photo_precision"] < 0.9
+    assert len(report["refuted_pieces"]) == 1
+    assert report["photo_recall"] == pytest.approx(whole[0]["photo_recall"], abs=0.02)
+
+
+@pytest.mark.parametrize("gone", [1, 2, 4])
+def test_a_limb_that_was_removed_is_missing(judged, gone):
+    kept = tuple(rod for rod in WHOLE if rod is not WHOLE[gone])
+    report, _ = judged(skeleton_of(kept))
+    length = np.linalg.norm(np.subtract(WHOLE[gone].end, WHOLE[gone].start))
+    assert report["missing_length"] == pytest.approx(length, rel=0.35)
+    assert report["photo_recall"] < 0.92
+    (piece,) = report["missing_pieces"]
+    middle = np.add(WHOLE[gone].end, WHOLE[gone].start) / 2
+    assert np.linalg.norm(piece["at"] - middle) < 0.3 * length
+    assert report["photo_precision"] > 0.99
+
+
+def test_a_top_that_was_cut_off_is_missing_at_the_top(judged):
+    skeleton = skeleton_of((STEM, *TWIGS[:3]))
+    cut = skeleton.select(skeleton.points[:, 2] < 1.30)
+    report, _ = judged(cut)
+    assert report["photo_recall"] < 0.8
+    layers = [layer["length"] for layer in report["missing_by_height"]]
+    assert sum(layers[-2:]) > 0.9 * sum(layers)
+
+
+def test_a_skeleton_beside_the_tree_is_refuted_and_the_tree_missing(judged):
+    skeleton = skeleton_of(WHOLE)
+    moved = replace(skeleton, points=skeleton.points + [0.0, 0.0, 0.02])
+    report, _ = judged(moved)
+    assert report["photo_precision"] < 0.7
+    assert report["photo_recall"] < 0.8
+
+
+def test_what_stands_nearer_to_a_sign_is_not_missing(judged):
+    kept = (STEM, *TWIGS[1:])
+    sign = skeleton_of((STEM, TWIGS[0])).points[76:]
+    assert judged(skeleton_of(kept), beside=sign)[0]["missing_length"] < 0.05
+
+
+def test_silhouettes_tell_how_thick_twigs_are(judged):
+    skeleton = skeleton_of(WHOLE)
+    thick = replace(skeleton, radius=skeleton.radius + 0.0015)
+    report, _ = judged(thick)
+    found = {each["branch_id"]: each for each in report["branches"]}
+    assert len(found) == 6
+    for each in found.values():
+        assert each["n_photos"] > 8 and each["length"] > 0.05
+        true = 2 * _radius_of(skeleton, each["branch_id"])
+        assert abs(each["diameter"] - true) < max(3 * each["diameter_se"], 0.0005)
+
+
+def _radius_of(skeleton, branch):
+    return float(np.median(skeleton.radius[axes(skeleton)[branch].nodes]))
+
+
+def test_the_report_shows_what_the_photos_say(whole, tmp_path):
+    report, pictures = whole
+    data = {"photo_check": report}
+    for name, picture in pictures.items():
+        write_picture(tmp_path / name, picture)
+        data[f"{name}_photo"] = (tmp_path / name).read_bytes()
+    section = _checked(data)
+    facts = dict(section["facts"])
+    assert facts["Precision by the photos"] == f"{report['photo_precision']:.3f}"
+    assert [figure[:2] for figure, _ in section["figures"]] == [b"\xff\xd8"] * 2
+    assert [len(table["rows"]) for table in section["tables"]] == [2, 4, 10]

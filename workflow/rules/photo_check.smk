@@ -1,0 +1,34 @@
+# The photos judge the skeleton: what is not there, what is missing, how thick it is.
+
+
+rule check_photos:
+    input:
+        skeleton="results/{tree}/skeleton.graphml",
+        segmented="results/{tree}/segmented.ply",
+        target="results/{tree}/target.json",
+        undistorted="results/{tree}/dense/undistorted.json",
+        metric_poses="results/{tree}/metric_poses.npz",
+        sky_masks="results/{tree}/sky",
+        cameras="results/{tree}/sfm/model/cameras.bin",
+        code=code("check_photos"),
+    output:
+        report=ensure("results/{tree}/photo_check.json", non_empty=True),
+        worst="results/{tree}/photo_check/worst.jpg",
+        best="results/{tree}/photo_check/best.jpg",
+    log:
+        "logs/check_photos/{tree}.log",
+    benchmark:
+        "benchmarks/check_photos/{tree}.tsv"
+    conda:
+        "../../envs/photogrammetry.yaml"
+    threads: threads_for("check_photos")
+    resources:
+        mem_mb=mb_for("check_photos"),
+        runtime=minutes_for("check_photos"),
+        gpu=0,
+    params:
+        **options("check_photos"),
+    message:
+        "{wildcards.tree}: let the photos judge the skeleton"
+    script:
+        "../../scripts/check_photos.py"
