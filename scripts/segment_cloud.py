@@ -1,8 +1,8 @@
 """Label every point of a metric cloud with the trained network.
 
-Reads metric.ply and the weights of the network (the shipped ones unless others are given), writes
-segmented.ply: the same points in the same order
-with a label and a confidence. Example:
+Reads metric.ply and the weights of the network (the shipped ones unless others are given), and for
+a tree from photos scale.json and align.json, which say where its markers stand; writes
+segmented.ply: the same points in the same order with a label and a confidence. Example:
 
     python scripts/segment_cloud.py --cloud metric.ply --segmented segmented.ply
 """
@@ -10,6 +10,9 @@ with a label and a confidence. Example:
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+
+from cherrypicker.files import read_json
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
@@ -17,13 +20,26 @@ from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker.segmentation.refine import Smoothing
 from cherrypicker.segmentation.stem_axis import StemModel
 from cherrypicker.segmentation.support_post import PostModel
+from cherrypicker.segmentation.things import Square, solved_squares
 
 SHIPPED = Path(__file__).resolve().parents[1] / "resources/weights/dgcnn.pt"
+
+
+def _squares(scale: str | None, align: str | None) -> list[Square] | None:
+    """The solved markers in the frame of the cloud; None for a cloud without photos."""
+    if not (scale and align):
+        return None
+    found = read_json(scale)
+    to_metric = np.array(read_json(align)["transform"])
+    to_metric[:3] *= found["scale"] or 1.0
+    return solved_squares(found, to_metric)
 
 
 def main(
     cloud: Annotated[str, "metric.ply"],
     segmented: Annotated[str, "segmented.ply to write"],
+    scale: Annotated[str | None, "scale.json, which knows where the markers stand"] = None,
+    align: Annotated[str | None, "align.json, from the markers' frame to the cloud's"] = None,
     *,
     weights: str | None = None,
     sampling: Sampling,
@@ -43,6 +59,7 @@ def main(
         smoothing=smoothing,
         post=post if split_post else None,
         stems=stems if trace_stems else None,
+        squares=_squares(scale, align),
         seed=seed,
         device=choose_device(threads, gpu),
     )

@@ -4,6 +4,8 @@
 rule segment_cloud:
     input:
         cloud="results/{tree}/metric.ply",
+        scale=photo_only("results/{tree}/scale.json"),
+        align=photo_only("results/{tree}/align.json"),
         weights_file=weights_of("segment.weights", "weights/dgcnn.pt"),
         code=code("segment_cloud"),
     output:

@@ -22,6 +22,7 @@ from cherrypicker.segmentation.spheres import (
 from cherrypicker.segmentation.standing_posts import split_standing_posts
 from cherrypicker.segmentation.stem_labels import relabel_wood
 from cherrypicker.segmentation.support_post import split_support_post
+from cherrypicker.segmentation.things import Square, one_class_a_thing
 
 logger = logging.getLogger(__name__)
 
@@ -192,7 +193,9 @@ def propagate(points, sampled, probabilities, k=3):
     return out
 
 
-def segment_cloud(cloud, weights, *, sampling, smoothing, post, stems=None, seed=0, device="cpu"):
+def segment_cloud(
+    cloud, weights, *, sampling, smoothing, post, stems=None, squares=None, seed=0, device="cpu"
+):
     """Label every point of a cloud (paper, section Point Cloud Segmentor).
 
     Parameters
@@ -208,6 +211,8 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, stems=None, seed
     stems : cherrypicker.segmentation.stem_axis.StemModel, optional
         How the stems are traced that decide between trunk and branch; None leaves it to the
         network.
+    squares : list of cherrypicker.segmentation.things.Square, optional
+        All markers of the scene, in the frame of the cloud; None where they are not known.
     seed : int
     device : str
 
@@ -236,7 +241,11 @@ def segment_cloud(cloud, weights, *, sampling, smoothing, post, stems=None, seed
     points, colors, frame = sample_cloud(cloud, sampling, rng)
     probabilities = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     probabilities = smooth_probabilities(points, probabilities, smoothing)
-    probabilities = clean_trunk(points, keep_sheets(points, probabilities), smoothing)
+    probabilities = keep_sheets(points, probabilities)
+    if squares is not None:
+        squares = [Square(frame.apply(square.corners)) for square in squares]
+    probabilities = one_class_a_thing(points, probabilities, sampling.voxel_size_m, squares)
+    probabilities = clean_trunk(points, probabilities, smoothing)
     full = propagate(frame.apply(cloud.points), points, probabilities)
     labels = _likeliest(full)
     confidence = full.max(axis=1).clip(0.0, 1.0).astype(np.float32)

@@ -1,0 +1,156 @@
+"""A thing in the orchard has one class, and a marker that was solved is known.
+
+Signs, markers, calibration units and roofs come in more shapes than a network has seen. What hangs
+together is one thing, so its points decide together; and `estimate_scale` has solved where the
+markers stand, so that what lies in a marker's plane is its board, what hangs below it its stand,
+and nothing else is one.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label
+from cherrypicker.segmentation.refine import link_components
+
+__all__ = ["Square", "one_class_a_thing", "solved_squares"]
+
+logger = logging.getLogger(__name__)
+
+THINGS = (Label.SIGN, Label.MARKER, Label.CALIBRATION_UNIT, Label.ROOF)
+LINK = 2.5  # voxels: parts of a thing lie no farther apart (a guess: neighbours with one missing)
+THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
+QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
+BOARD = 0.5  # sides beyond the print: its board reaches no farther (a guess)
+STAND = 1.0  # sides from its middle, in plan: its stand reaches no farther (a guess)
+
+
+@dataclass(frozen=True)
+class Square:
+    """The black square of a solved marker.
+
+    Attributes
+    ----------
+    corners : ndarray of shape (4, 3), float64
+        One after the other.
+    """
+
+    corners: NDArray[np.float64]
+
+    @property
+    def middle(self) -> NDArray[np.float64]:
+        """Its centre, (3,)."""
+        return self.corners.mean(axis=0)
+
+    @property
+    def side(self) -> float:
+        """Mean length of its sides."""
+        steps = self.corners - np.roll(self.corners, 1, axis=0)
+        return float(np.linalg.norm(steps, axis=1).mean())
+
+    def is_above(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which points (n, 3), z up, lie below its board, where its stand is."""
+        aside = np.linalg.norm(points[:, :2] - self.middle[:2], axis=1)
+        return (aside <= STAND * self.side) & (points[:, 2] <= self.corners[:, 2].max())
+
+    def holds(
+        self, points: NDArray[np.float64], thickness: float, margin: float
+    ) -> NDArray[np.bool_]:
+        """Which points (n, 3) lie in its plane, on the print or up to `margin` sides off it."""
+        across = np.linalg.svd(self.corners - self.middle, full_matrices=False)[2]
+        edge = self.corners[1] - self.corners[0]
+        edge = edge - (edge @ across[2]) * across[2]
+        edge /= np.linalg.norm(edge)
+        offset = points - self.middle
+        in_plane = np.abs(offset @ np.stack([edge, np.cross(across[2], edge)], axis=1))
+        on_it = in_plane.max(axis=1) <= (0.5 + margin) * self.side
+        return on_it & (np.abs(offset @ across[2]) <= thickness)
+
+
+def solved_squares(scale: dict[str, Any], to_metric: ArrayLike) -> list[Square] | None:
+    """The markers of a scan that were solved, in the metric frame.
+
+    Parameters
+    ----------
+    scale : dict
+        scale.json.
+    to_metric : array-like of shape (4, 4)
+        From the frame of the sparse model to the metric one, with its scale.
+
+    Returns
+    -------
+    list of Square or None
+        None where not all markers that the photos show were solved: others may stand there.
+    """
+    if scale["mode"] != "marker" or any(n > 1 for n in scale["other_ids"].values()):
+        return None
+    matrix = np.asarray(to_metric, dtype=np.float64)
+    return [
+        Square(np.asarray(marker["corners"]) @ matrix[:3, :3].T + matrix[:3, 3])
+        for marker in scale["markers"]
+        if marker.get("corners") is not None
+    ]
+
+
+def one_class_a_thing(
+    points: NDArray[np.float64],
+    probabilities: NDArray[np.float32],
+    voxel: float,
+    squares: list[Square] | None = None,
+) -> NDArray[np.float32]:
+    """Let the points of each thing that is no wood and no ground decide together.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3), float64
+        Voxel sample, z up.
+    probabilities : ndarray of shape (n, n_channels), float32
+    voxel : float
+        Distance of neighbouring points.
+    squares : list of Square, optional
+        All markers of the scene, in the frame of the points; left out where they are not known.
+
+    Returns
+    -------
+    ndarray of shape (n, n_channels), float32
+        A copy; what the points of a thing thought likely of other classes goes to its own.
+    """
+    likeliest = probabilities.argmax(axis=1)
+    marker = Label.MARKER.channel
+    is_thing = np.isin(likeliest, [label.channel for label in THINGS])
+    board = np.zeros(len(points), dtype=bool)
+    below = np.zeros(len(points), dtype=bool)
+    for square in squares or ():
+        board |= square.holds(points, THICKNESS * voxel, QUIET_ZONE)
+        board |= square.holds(points, THICKNESS * voxel, BOARD) & is_thing
+        below |= square.is_above(points)
+    result = probabilities.copy()
+    rows = np.flatnonzero(is_thing & ~board)
+    thing = link_components(points[rows], LINK * voxel)
+    is_stand = np.zeros(len(rows), dtype=bool)
+    if board.any() and len(rows):
+        touches = cKDTree(points[board]).query(points[rows])[0] <= LINK * voxel
+        stands_clear = np.bincount(thing, ~below[rows]) == 0
+        is_stand = ((np.bincount(thing, touches) > 0) & stands_clear)[thing]
+    votes = probabilities[rows].astype(np.float64)
+    if squares is not None:
+        votes[:, marker] = 0.0
+    total = np.stack([np.bincount(thing, weights=column) for column in votes.T], axis=1)
+    chosen = np.where(is_stand, marker, total.argmax(axis=1)[thing])
+    result[rows] = np.eye(probabilities.shape[1], dtype=np.float32)[chosen]
+    result[board] = np.eye(probabilities.shape[1], dtype=np.float32)[marker]
+    logger.info(
+        "%d things; %s of their %s points changed class; %s points are of %d solved markers",
+        thing.max(initial=-1) + 1,
+        f"{np.count_nonzero(chosen != likeliest[rows]):,}",
+        f"{len(rows):,}",
+        f"{np.count_nonzero(board) + np.count_nonzero(is_stand):,}",
+        len(squares or ()),
+    )
+    return result

@@ -1,0 +1,110 @@
+"""Things decide together, and solved markers are known."""
+
+import numpy as np
+import pytest
+
+from cherrypicker.classes import Label
+from cherrypicker.segmentation.things import Square, one_class_a_thing, solved_squares
+
+VOXEL = 0.02
+
+
+def _box(low, high):
+    axes = [np.arange(a, b, VOXEL) for a, b in zip(low, high)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _thought(channels, rng, *, share=1.0, other=None):
+    """Probabilities with the channel's the largest for a share of the points."""
+    likely = np.where(rng.random(len(channels)) < share, channels, other or channels)
+    thought = np.full((len(channels), 7), 0.05, np.float32)
+    thought[np.arange(len(channels)), likely] = 0.7
+    return thought
+
+
+def _square(middle, side=0.2):
+    """Upright, facing along x."""
+    half = side / 2
+    return Square(
+        np.array(middle) + [[0, -half, -half], [0, half, -half], [0, half, half], [0, -half, half]]
+    )
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(3)
+
+
+def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
+    plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
+    channels = np.full(len(plate), Label.SIGN.channel)
+    thought = _thought(channels, rng, share=0.7, other=Label.ROOF.channel)
+    assert (one_class_a_thing(plate, thought, VOXEL).argmax(axis=1) == Label.SIGN.channel).all()
+
+
+def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
+    board = _box([0, -0.14, 0.3], [0.02, 0.14, 0.58])
+    legs = _box([0, -0.1, 0.0], [0.02, -0.08, 0.3])
+    cube = _box([1.0, 0, 0], [1.2, 0.2, 0.2])
+    points = np.vstack([board, legs, cube])
+    n_own, n_cube = len(board) + len(legs), len(cube)
+    thought = np.vstack(
+        [
+            _thought(np.full(n_own, Label.CALIBRATION_UNIT.channel), rng),
+            _thought(np.full(n_cube, Label.MARKER.channel), rng),
+        ]
+    )
+    thought[n_own:, Label.CALIBRATION_UNIT.channel] = 0.2
+    squares = [_square([0.01, 0, 0.44])]
+    channel = one_class_a_thing(points, thought, VOXEL, squares).argmax(axis=1)
+    assert (channel[:n_own] == Label.MARKER.channel).all()
+    assert (channel[n_own:] == Label.CALIBRATION_UNIT.channel).all()
+    # without a say of the photos the network is believed
+    channel = one_class_a_thing(points, thought, VOXEL).argmax(axis=1)
+    assert (channel[n_own:] == Label.MARKER.channel).all()
+
+
+def test_a_sign_that_touches_the_board_stays_a_sign(rng):
+    board = _box([0, -0.14, 0.0], [0.02, 0.14, 0.28])
+    sign = _box([0.02, 0, 0.0], [0.04, 0.02, 1.0])
+    points = np.vstack([board, sign])
+    thought = _thought(
+        np.repeat([Label.MARKER.channel, Label.SIGN.channel], [len(board), len(sign)]), rng
+    )
+    squares = [_square([0.01, 0, 0.14])]
+    channel = one_class_a_thing(points, thought, VOXEL, squares).argmax(axis=1)
+    assert (channel[: len(board)] == Label.MARKER.channel).all()
+    above = np.append(np.zeros(len(board), bool), sign[:, 2] > 0.34)
+    assert (channel[above] == Label.SIGN.channel).all()
+
+
+def test_wood_and_ground_keep_their_probabilities(rng):
+    points = rng.random((300, 3))
+    channels = rng.choice([Label.GROUND.channel, Label.TRUNK.channel, Label.BRANCH.channel], 300)
+    thought = _thought(channels, rng)
+    assert np.array_equal(one_class_a_thing(points, thought, VOXEL, []), thought)
+
+
+def test_a_print_that_passed_for_grass_is_marker(rng):
+    lying = _box([-0.2, -0.2, 0], [0.2, 0.2, 0.02])
+    half = 0.1
+    square = Square(
+        np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
+    )
+    thought = _thought(np.full(len(lying), Label.GROUND.channel), rng)
+    channel = one_class_a_thing(lying, thought, VOXEL, [square]).argmax(axis=1)
+    on_board = np.abs(lying[:, :2]).max(axis=1) < 0.13
+    assert (channel[on_board] == Label.MARKER.channel).all()
+    assert (channel[~on_board] == Label.GROUND.channel).all()
+
+
+def test_squares_are_moved_to_the_clouds_frame_and_only_known_where_all_are_solved():
+    corners = _square([0, 0, 0], side=1.0).corners
+    scale = {"mode": "marker", "other_ids": {"12": 1}, "markers": [{"corners": corners.tolist()}]}
+    to_metric = np.diag([0.5, 0.5, 0.5, 1.0])
+    to_metric[:3, 3] = 1, 2, 3
+    (square,) = solved_squares(scale, to_metric)
+    assert np.allclose(square.middle, [1, 2, 3])
+    assert square.side == pytest.approx(0.5)
+    assert solved_squares(scale | {"other_ids": {"12": 9}}, to_metric) is None
+    assert solved_squares(scale | {"mode": "none"}, to_metric) is None
