@@ -97,7 +97,7 @@ def _lengths(twigs: PointCloud, poses: Poses, i: int) -> np.ndarray:
     rays = poses.centers[i] - twigs.points
     distance = np.linalg.norm(rays, axis=1)
     # normals lie across the twig, towards the camera
-    sine = np.einsum("ni,ni->n", rays, twigs.normals) / distance
+    sine = np.einsum("ni,ni->n", rays, np.asarray(twigs.normals)) / distance
     return distance / poses.K[i, 0, 0] / np.maximum(sine, LEAST_SINE)
 
 

@@ -154,9 +154,9 @@ def _profiles(
     n_samples = int(np.ceil(reach[rows].max() / SAMPLE_PX))
     offset = SAMPLE_PX * np.arange(-n_samples, n_samples + 1)
     at = uv[rows, None] + offset[:, None] * across[rows, None] - 0.5
-    at = at.astype(np.float32)
-    seen = cv2.remap(light, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    is_sky = cv2.remap(clear.astype(np.uint8), at, None, cv2.INTER_NEAREST) > 0
+    u, v = np.moveaxis(at.astype(np.float32), -1, 0)
+    seen = cv2.remap(light, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    is_sky = cv2.remap(clear.astype(np.uint8), u, v, cv2.INTER_NEAREST) > 0
     is_used = np.abs(offset) <= reach[rows, None]
     is_end = is_used & (np.abs(offset) > reach[rows, None] - SKY_PX)
     free = (is_sky | ~is_end).all(axis=1) & ~is_sky[:, n_samples]  # and wood in the middle

@@ -123,7 +123,7 @@ def one_class_a_thing(
     """
     likeliest = probabilities.argmax(axis=1)
     marker = Label.MARKER.channel
-    is_thing = np.isin(likeliest, [label.channel for label in THINGS])
+    is_thing = np.isin(likeliest, [label.channel or 0 for label in THINGS])
     board = np.zeros(len(points), dtype=bool)
     below = np.zeros(len(points), dtype=bool)
     for square in squares or ():
