@@ -94,7 +94,7 @@ def check_photos(
     step = STEP_PX * distance / float(np.median(poses.K[:, 0, 0]))
     places = places_along(skeleton, step)
     votes, width, pixel = _look(workspace, masks, places)
-    verdict = judge(votes, **vars(options))
+    verdict = judge(votes, options.least_photos)
     others = _not_this_tree(cloud, skeleton, other_stems)
     lines = gather_lines(workspace, masks)
     missing = find_missing(workspace, lines, places, region, others, threads)

@@ -96,8 +96,8 @@ def _lengths(twigs: PointCloud, poses: Poses, i: int) -> np.ndarray:
     """Length of wood that each twig point found in photo ``i`` stands for, a pixel aslant, (n,)."""
     rays = poses.centers[i] - twigs.points
     distance = np.linalg.norm(rays, axis=1)
-    # normals lie across the twig, towards the camera
-    sine = np.einsum("ni,ni->n", rays, np.asarray(twigs.normals)) / distance
+    across = np.asarray(twigs.normals)  # towards the camera
+    sine = np.einsum("ni,ni->n", rays, across) / distance
     return distance / poses.K[i, 0, 0] / np.maximum(sine, LEAST_SINE)
 
 
