@@ -78,7 +78,7 @@ def traits(unit="m"):
 
 @pytest.fixture
 def build(tmp_path):
-    def run(tree="cherry", unit="m", colors=True, photos=(), **files):
+    def run(tree="cherry", unit="m", colors=True, photos=(), date="", series="", **files):
         skeleton = y_skeleton(unit)
         cloud = scan(skeleton, unit, colors)
         write_skeleton_graphml(tmp_path / "skeleton.graphml", skeleton)
@@ -90,7 +90,7 @@ def build(tmp_path):
         head += "insertion_angle_deg,azimuth_deg,base_height_m"
         (tmp_path / "branches.csv").write_text(f"{head}\n0,-1,0,1,1,0.1,0.1,0,0,0\n")
         report_tree(
-            {"tree": tree},
+            {"tree": tree, "date": date, "series": series},
             tmp_path / "report.html",
             {name: tmp_path / file for name, file in READ.items()}
             | {f"{name}_figure": tmp_path / f"figures/{name}.png" for name in PNGS}
@@ -333,7 +333,7 @@ def test_removed_points():
     [
         (1.23456, 0.0123, 1, "m", "1.235 ± 0.012 m"),
         (1.2, None, 3, "arbitrary", "1.200 units³"),
-        (12, None, None, "m", "12"),
+        (0.5, None, None, "m", "0.500"),
         (None, None, 1, "m", "–"),
         (float("nan"), None, 1, "m", "–"),
     ],
