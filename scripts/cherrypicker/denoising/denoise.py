@@ -141,7 +141,7 @@ def _share(part: int, whole: int) -> str:
 def denoise_cloud(
     cloud: PointCloud,
     sky: SkyColors,
-    evidence_of: Callable[[np.ndarray, PointCloud], SkyEvidence],
+    evidence_of: Callable[[np.ndarray], SkyEvidence],
     options: DenoiseOptions,
     ground_height: float = -np.inf,
 ) -> tuple[PointCloud, dict]:
@@ -154,8 +154,7 @@ def denoise_cloud(
     sky : SkyColors
         Dominant sky colours; without any the sky filter has nothing to do.
     evidence_of : callable
-        ``evidence_of(surface, asked)`` returns what the photos say about the cloud ``asked``, when
-        ``surface``, points of shape (n_points, 3), can hide it; see
+        ``evidence_of(asked)`` returns what the photos say about points of shape (n, 3); see
         `cherrypicker.denoising.evidence.sky_evidence`.
     options : DenoiseOptions
     ground_height : float
@@ -179,7 +178,7 @@ def denoise_cloud(
     asked = np.flatnonzero(is_sky_colored | (is_doubted & (options.keep_seen_fraction <= 1)))
     keep = ~is_doubted
     if len(asked):
-        evidence = evidence_of(cloud.points[keep], cloud.select(asked))
+        evidence = evidence_of(cloud.points[asked])
         is_doubt = is_doubted[asked]
         keep[asked[is_doubt & _is_seen(evidence, options.keep_seen_fraction)]] = True
         keep[asked[~is_doubt & ~_is_spared(evidence, options.min_non_sky_fraction)]] = False
@@ -238,8 +237,7 @@ def _find_sky_colored(cloud, sky, options) -> np.ndarray:
 
 def _is_spared(evidence: SkyEvidence, min_fraction: float) -> np.ndarray:
     """Sky-coloured points that the photos speak for."""
-    n_for = evidence.n_solid + evidence.n_alike
-    n_seen = evidence.n_clear + n_for
+    n_for, n_seen = evidence.n_solid, evidence.n_clear + evidence.n_solid
     # A point that no photo sees has nothing but its colour against it, and stays, unless colour
     # alone shall decide.
     return ((n_seen == 0) & (min_fraction <= 1)) | ((n_seen > 0) & (n_for >= min_fraction * n_seen))

@@ -9,39 +9,24 @@ sky counts against a point only with nothing else within that pixel.
 Nor does the mask decide alone, since masks lose twigs: a thin dark structure that the photo itself
 shows is no clear sky, whatever its mask says.
 
-Where masks take hazy or painted wood for sky, the cloud knows better: stereo finds nothing in the
-sky, and its windows carry colours over the border of a branch by their own width only. So what
-fills a wider part of the photo with points is no clear sky either.
-
 Most photos look past a branch at the ground and say nothing: their pixel is no sky, whether the
 branch is there or not. They would outvote the few that look up. So a photo that shows no sky at a
-point counts only where it could have shown some, with sky a few pixels aside, or where its pixel
-has the point's own colour.
+point counts only where it could have shown some, with sky a few pixels aside.
 
 None of this is in the paper, whose sky filter goes by colour alone.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 
-from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.progress import Progress
 
-#: Longer side of the depth buffers that decide which photos see a point, pixels.
-BUFFER_SIDE = 500
-#: A point is seen when it lies at most this share of its depth behind the nearest surface.
-DEPTH_TOLERANCE = 0.01
-#: Points that close gaps this wide and then fill a disc of this radius are a surface; pixels of the
-#: depth buffer, of which a stereo window has three or four.
-FILL_GAP, FILL_RADIUS = 1, 5
 #: Photos are asked at so many times the size of the depth maps, where they are that large: points
 #: are about that much more exact than a pixel of theirs.
 DETAIL = 1.5
@@ -70,16 +55,13 @@ class SkyEvidence:
     Attributes
     ----------
     n_clear : ndarray of shape (n,), int32
-        Photos that show clear sky where the point should be, nothing of the cloud before it.
+        Photos that show clear sky where the point should be.
     n_solid : ndarray of shape (n,), int32
         Photos that show something there, though sky is near.
-    n_alike : ndarray of shape (n,), int32
-        Photos that show something there of the point's colour, far from any sky.
     """
 
     n_clear: np.ndarray
     n_solid: np.ndarray
-    n_alike: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -93,66 +75,6 @@ class EvidenceOptions:
     max_image_size_px: int = 1600
     sky_clearance_px: int = 1
     twig_contrast: float = 0.05
-    same_color_distance: float = 0.15
-
-
-@njit(cache=True, nogil=True)
-def _depth_buffer(points, pose, K, scale, buffer):
-    """Enter the depth of every point in front of a pinhole camera; the nearest one stays."""
-    height, width = buffer.shape
-    for row in range(len(points)):
-        x, y, z = points[row, 0], points[row, 1], points[row, 2]
-        depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
-        if depth <= 0.0:
-            continue
-        across = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
-        down = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
-        u = math.floor((K[0, 0] * across / depth + K[0, 2]) * scale)
-        v = math.floor((K[1, 1] * down / depth + K[1, 2]) * scale)
-        if 0 <= u < width and 0 <= v < height and depth < buffer[v, u]:
-            buffer[v, u] = depth
-
-
-def _visible(
-    poses: Poses, i: int, surface: np.ndarray, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which of ``points`` photo ``i`` sees: in the frame and not behind ``surface``.
-
-    Returns
-    -------
-    rows : ndarray of shape (m,), int
-    cells : ndarray of shape (m, 2), int
-        Line and column of each in the photo's depth buffer.
-    in_camera : ndarray of shape (m, 3), float64
-    """
-    in_camera = points @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
-    depth, K = in_camera[:, 2], poses.K[i]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        uv = in_camera[:, :2] / depth[:, None] * (K[0, 0], K[1, 1]) + (K[0, 2], K[1, 2])
-        width, height = int(poses.width[i]), int(poses.height[i])
-        inside = (depth > 0) & (uv >= 0).all(axis=1) & (uv[:, 0] < width) & (uv[:, 1] < height)
-    rows = np.flatnonzero(inside)
-    scale = min(1.0, BUFFER_SIDE / max(width, height))
-    cells = (uv[rows, ::-1] * scale).astype(np.int64)
-    if len(rows):
-        buffer = np.full((int(height * scale) + 1, int(width * scale) + 1), np.inf)
-        _depth_buffer(surface, poses.cam_from_world[i], poses.K[i], scale, buffer)
-        seen = depth[rows] <= buffer[tuple(cells.T)] * (1 + DEPTH_TOLERANCE)
-        rows, cells = rows[seen], cells[seen]
-    return rows, cells, in_camera[rows]
-
-
-def _fills_surface(cells: np.ndarray) -> np.ndarray:
-    """Which of some pixels, (m, 2), lie in an area that they fill, wider than a stereo window."""
-    if len(cells) == 0:
-        return np.zeros(0, bool)
-    low = cells.min(axis=0) - 2 * FILL_RADIUS
-    filled = np.zeros(cells.max(axis=0) - low + 2 * FILL_RADIUS, np.uint8)
-    at = tuple((cells - low).T)
-    filled[at] = 1
-    filled = cv2.morphologyEx(filled, cv2.MORPH_CLOSE, _square(FILL_GAP))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * FILL_RADIUS + 1, 2 * FILL_RADIUS + 1))
-    return cv2.morphologyEx(filled, cv2.MORPH_OPEN, disc)[at] > 0
 
 
 def _square(reach: int) -> np.ndarray:
@@ -234,8 +156,7 @@ def photo_evidence(
 
 
 def sky_evidence(
-    surface: np.ndarray,
-    asked: PointCloud,
+    asked: np.ndarray,
     poses: Poses,
     to_photo: Callable[[int, np.ndarray], np.ndarray],
     look: Callable[[int], tuple[np.ndarray, np.ndarray]],
@@ -245,10 +166,7 @@ def sky_evidence(
 
     Parameters
     ----------
-    surface : ndarray of shape (n_points, 3), float64
-        All points that can hide others.
-    asked : PointCloud
-        The n points asked about; without colours ``n_alike`` stays zero.
+    asked : ndarray of shape (n, 3), float64
     poses : Poses
         In the cloud's frame; undistorted pinhole.
     to_photo : callable
@@ -258,27 +176,21 @@ def sky_evidence(
         ``look(i)`` returns the photo, (H, W, 3) uint8, and its sky mask, (H, W) bool.
     options : EvidenceOptions
     """
-    counts = np.zeros((3, len(asked)), np.int32)
+    counts = np.zeros((2, len(asked)), np.int32)
     with Progress(len(poses), "photos asked about sky silhouettes") as bar:
         for i in range(len(poses)):
-            rows, cells, in_camera = _visible(poses, i, surface, asked.points)
+            pixels, depth = poses.project(asked, i)
+            size = np.array([poses.width[i], poses.height[i]])
+            rows = np.flatnonzero((depth > 0) & ((pixels >= 0) & (pixels < size)).all(axis=1))
             if len(rows):
                 photo, sky = look(i)
-                uv = to_photo(i, in_camera)
+                uv = to_photo(i, asked[rows] @ poses.rotations[i].T + poses.cam_from_world[i, :, 3])
                 with np.errstate(invalid="ignore"):
                     inside = (uv >= 0).all(axis=1) & (uv < sky.shape[::-1]).all(axis=1)
-                rows, cells = rows[inside], cells[inside]
-                kind, image = photo_evidence(photo, sky, options)
+                kind, _ = photo_evidence(photo, sky, options)
                 ratio = np.divide(kind.shape[::-1], sky.shape[::-1])
                 column, line = (uv[inside] * ratio).astype(np.int64).T
-                shown = kind[line, column]
-                is_clear = shown == CLEAR
-                shown[is_clear] = np.where(_fills_surface(cells[is_clear]), SOLID, CLEAR)
-                counts[0, rows] += shown == CLEAR
-                counts[1, rows] += shown == SOLID
-                if asked.colors is not None:
-                    offset = image[line, column] / 255.0 - asked.colors[rows]
-                    is_alike = np.linalg.norm(offset, axis=1) <= options.same_color_distance
-                    counts[2, rows] += (shown == AWAY) & is_alike
+                counts[0, rows[inside]] += kind[line, column] == CLEAR
+                counts[1, rows[inside]] += kind[line, column] == SOLID
             bar.step()
     return SkyEvidence(*counts)

@@ -11,14 +11,13 @@ import numpy as np
 from cherrypicker.denoising.evidence import EvidenceOptions, SkyEvidence, sky_evidence
 from cherrypicker.lens import PhotoLenses
 from cherrypicker.photos import read_photo
-from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.sky.mask_files import read_mask
 
 
 def photos_as_witnesses(
     poses: Poses, model: Path, photo_folder: Path, masks: Path, options: EvidenceOptions
-) -> Callable[[np.ndarray, PointCloud], SkyEvidence]:
+) -> Callable[[np.ndarray], SkyEvidence]:
     """Return what `cherrypicker.denoising.denoise.denoise_cloud` asks about points.
 
     Parameters
@@ -34,7 +33,7 @@ def photos_as_witnesses(
     Returns
     -------
     callable
-        ``evidence_of(surface, asked)``, see `cherrypicker.denoising.evidence.sky_evidence`.
+        ``evidence_of(asked)``, see `cherrypicker.denoising.evidence.sky_evidence`.
 
     Raises
     ------

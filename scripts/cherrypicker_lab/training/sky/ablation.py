@@ -141,8 +141,8 @@ def ablate(
     return table
 
 
-def _say_nothing(_surface: np.ndarray, asked: PointCloud) -> SkyEvidence:
-    return SkyEvidence(*np.zeros((3, len(asked)), np.int32))
+def _say_nothing(asked: np.ndarray) -> SkyEvidence:
+    return SkyEvidence(*np.zeros((2, len(asked)), np.int32))
 
 
 def _share(removed: np.ndarray, among: np.ndarray) -> float | None:
