@@ -95,3 +95,15 @@ def test_nodes_lie_as_far_apart_as_the_limb_is_thick():
     even = smooth(tube, 0.03)
     assert np.linalg.norm(np.diff(even.nodes, axis=0), axis=1).max() <= 0.03 + 1e-9
     np.testing.assert_allclose(even.nodes[[0, -1]], tube.nodes[[0, -1]])
+
+
+def test_a_start_that_zigzags_is_fitted_all_the_same():
+    """Ends of segments see points aslant, where the equations once had no solution."""
+    rng = np.random.default_rng(5)
+    angle, z = rng.uniform(0, 2 * np.pi, 3000), rng.uniform(0, 0.5, 3000)
+    points = np.column_stack([0.05 * np.cos(angle), 0.05 * np.sin(angle), z])
+    height = np.repeat(np.linspace(0, 0.5, 30), 2)  # two nodes at each height fall together,
+    aside = np.tile([0, 0, 0.04, 0.04, -0.04, -0.04], 10)  # and the axis swings from side to side
+    start = Tube(np.column_stack([aside, np.roll(aside, 2), height]), np.full(60, 0.03))
+    found, residual = fit_tube(points, start, noise=0.001, spacing=0.005, cutoff=0.05)
+    assert np.isfinite(found.nodes).all() and np.isfinite(residual).all()

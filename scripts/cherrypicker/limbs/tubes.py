@@ -31,6 +31,7 @@ HOLD = 1e4  # points: how firmly a node keeps its place along the axis, which no
 CUTOFF = 4.685  # Tukey's, for 95 % efficiency
 MOST_STEP = 0.5  # of the cutoff: a longer step leaves the points that told it
 N_ROUNDS = 12
+LEAST_STEP = 1e-6  # of the spacing: nodes that fall together are taken to be so far apart
 LEAST_RADIUS_SHARE = 0.5  # of the noise: thinner wood does not tell its radius
 
 
@@ -228,7 +229,7 @@ def _offsets(points, nodes, radius, segment, share):
 def _newton_step(points, nodes, radius, noise, spacing, limit):
     """Step of nodes and radii, (n_nodes, 4), from the points' derivatives and the priors."""
     segment, share = place_on_axis(points, nodes)
-    length = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    length = np.maximum(np.linalg.norm(np.diff(nodes, axis=0), axis=1), LEAST_STEP * spacing)
     inside = np.clip(share, 0.0, 1.0)
     away, out, own = _offsets(points, nodes, radius, segment, inside)
     robust = np.square(np.maximum(0.0, 1.0 - np.square((away - own) / limit)))
@@ -249,7 +250,7 @@ def _add_points(
     band, gradient, segment, share, weight, away, own, out, ratio, slope, along, noise
 ):  # fmt: skip
     """Rice: derivatives by the distance q and the radius r, times noise^2, into the equations."""
-    block, force = np.empty((4, 4)), np.empty(4)
+    block, force, aside = np.empty((4, 4)), np.empty(4), np.empty(3)
     for i in range(len(segment)):
         if weight[i] == 0.0:
             continue
@@ -259,14 +260,13 @@ def _add_points(
         h_side = min(max(1.0 - r * ratio[i] / max(q, 1e-12), 0.0), 1.0)
         h_radius = min(max(1.0 - (q / noise) ** 2 * slope[i], 0.1), 1.0)
         h_cross = -min(ratio[i] + kappa * slope[i], 0.999 * np.sqrt(h_out * h_radius))
+        for a in range(3):  # across the axis and the way out; shorter where these are not across
+            b, c = (a + 1) % 3, (a + 2) % 3
+            aside[a] = along[k, b] * out[i, c] - along[k, c] * out[i, b]
         # distance grows with p - c: derivatives by the axis have the opposite sign
         for a in range(3):
             for b in range(3):
-                both = out[i, a] * out[i, b]
-                side = -both - along[k, a] * along[k, b]
-                if a == b:
-                    side += 1.0
-                block[a, b] = h_out * both + h_side * side
+                block[a, b] = h_out * out[i, a] * out[i, b] + h_side * aside[a] * aside[b]
             block[a, 3] = block[3, a] = -h_cross * out[i, a]
             force[a] = -(q - r * ratio[i]) * out[i, a]
         block[3, 3] = h_radius
