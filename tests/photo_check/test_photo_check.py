@@ -13,6 +13,7 @@ from cherrypicker.photo_check.check import CheckOptions, check_photos
 from cherrypicker.photo_check.pictures import write_picture
 from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.pointcloud import PointCloud
+from cherrypicker.poses import Poses
 from cherrypicker.report.stages import _checked
 from cherrypicker.skeleton import axes
 
@@ -126,3 +127,18 @@ def test_the_report_shows_what_the_photos_say(whole, tmp_path):
     assert facts["Precision by the photos"] == f"{report['photo_precision']:.3f}"
     assert [figure[:2] for figure, _ in section["figures"]] == [b"\xff\xd8"] * 2
     assert [len(table["rows"]) for table in section["tables"]] == [2, 4, 10]
+
+
+def test_the_cameras_stand_where_the_metric_poses_say(tmp_path):
+    """In another frame and unit than the workspace's own, and without a photo that has no pose."""
+    poses = write_scan(tmp_path)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    moved = poses.transformed(2.0, turn, np.array([1.0, -2.0, 0.5]))
+    rows = np.arange(len(moved)) != 3
+    fewer = Poses(*(getattr(moved, name)[rows] for name in vars(moved)))
+    workspace = MetricWorkspace(tmp_path / "dense", fewer)
+    assert workspace.poses.names.tolist() == fewer.names.tolist()
+    assert workspace.poses.cam_from_world == pytest.approx(fewer.cam_from_world)
+    centers = np.array([-view.R.T @ view.t for view in workspace.views])
+    assert centers == pytest.approx(fewer.centers)
+    assert [view.name for view in workspace.views] == fewer.names.tolist()

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.workspace import Workspace, view_of
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
@@ -34,13 +33,18 @@ class MetricWorkspace(Workspace):
     def __init__(self, folder: str | os.PathLike, poses: Poses):
         super().__init__(folder)
         moved = dict(zip(poses.names.tolist(), poses.cam_from_world, strict=True))
-        self.views = [
-            replace(view, R=moved[view.name][:, :3], t=moved[view.name][:, 3])
-            for view in self.views
-            if view.name in moved
-        ]
-        if not self.views:
+        here = self.poses
+        kept = np.flatnonzero([name in moved for name in here.names.tolist()])
+        if not len(kept):
             raise StageError("no undistorted photo has a pose", file=folder)
+        self.poses = Poses(
+            here.names[kept],
+            np.array([moved[name] for name in here.names[kept].tolist()]),
+            here.K[kept],
+            here.width[kept],
+            here.height[kept],
+        )
+        self.views = [view_of(self.poses, i) for i in range(len(kept))]
 
 
 class Places(NamedTuple):
