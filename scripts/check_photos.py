@@ -1,11 +1,12 @@
 """Let the photos judge a skeleton: what is not there, what is missing, how thick it is.
 
-Reads skeleton.graphml, segmented.ply, target.json, the undistorted photos, metric_poses.npz, the
-sky masks and the sparse model's cameras; writes photo_check.json and two pictures. Example:
+Reads skeleton.graphml, graph.json, segmented.ply, target.json, the undistorted photos,
+metric_poses.npz, the sky masks and the sparse model's cameras; writes photo_check.json and two
+pictures. Example:
 
     python scripts/check_photos.py --skeleton skeleton.graphml --segmented segmented.ply \\
-        --target target.json --undistorted dense/undistorted.json --sky_masks sky \\
-        --metric_poses metric_poses.npz --cameras sfm/model/cameras.bin \\
+        --graph_report graph.json --target target.json --undistorted dense/undistorted.json \\
+        --sky_masks sky --metric_poses metric_poses.npz --cameras sfm/model/cameras.bin \\
         --report photo_check.json --worst photo_check/worst.jpg --best photo_check/best.jpg
 """
 
@@ -36,6 +37,7 @@ def main(
     report: Annotated[str, "JSON to write"],
     worst: Annotated[str, "picture of the worst photo to write"],
     best: Annotated[str, "picture of the best photo to write"],
+    graph_report: Annotated[str | None, "graph.json: what the photos refuted before"] = None,
     *,
     options: CheckOptions,
     threads: int = 2,
@@ -49,6 +51,7 @@ def main(
         SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names),
         options,
         other_stems=np.array(read_json(target)["other_stems_xy"]).reshape(-1, 2),
+        refuted=read_json(graph_report)["refuted"] if graph_report else None,
         threads=threads,
     )
     write_picture(worst, pictures["worst"])

@@ -1,18 +1,25 @@
 """Make the skeleton and the topology graph from the contracted points.
 
-Reads contracted.ply, contract.json and segmented.ply, writes skeleton.graphml, skeleton.ply,
-skeleton.swc and topology.graphml (the last three where a path is given). Example:
+Reads contracted.ply, contract.json and segmented.ply, and for a scan from photos the undistorted
+photos, metric_poses.npz, the sky masks and the sparse model's cameras, which refute what is not
+there; writes skeleton.graphml, skeleton.ply, skeleton.swc, topology.graphml and graph.json (the
+last four where a path is given). Example:
 
     python scripts/extract_graph.py --contracted contracted.ply --contract_report contract.json \
         --segmented segmented.ply --skeleton_graph skeleton.graphml --skeleton_ply skeleton.ply \
         --skeleton_swc skeleton.swc --topology topology.graphml
 """
 
+from pathlib import Path
 from typing import Annotated
 
-from cherrypicker.files import read_json
+from cherrypicker.files import read_json, write_json
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.photo_check.drop import DropOptions, drop_refuted
+from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.pointcloud import read_cloud
+from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import (
     axes,
@@ -33,16 +40,27 @@ def main(
     skeleton_swc: Annotated[str | None, "skeleton.swc"] = None,
     topology: Annotated[str | None, "topology.graphml"] = None,
     contract_report: Annotated[str | None, "contract.json, for the stem's base"] = None,
+    undistorted: Annotated[str | None, "manifest beside the undistorted photos"] = None,
+    metric_poses: Annotated[str | None, "poses in the labelled cloud's frame"] = None,
+    sky_masks: Annotated[str | None, "folder of sky masks"] = None,
+    cameras: Annotated[str | None, "cameras.bin of the photos as stored"] = None,
+    report: Annotated[str | None, "graph.json: what the photos refuted"] = None,
     *,
     options: GraphOptions,
+    drop: DropOptions,
 ) -> None:
-    """Load, extract, save."""
+    """Load, extract, drop what the photos refute, save."""
     skeleton = extract_skeleton(
         read_cloud(contracted, required=("label", "source")),
         read_cloud(segmented, required=("label",)),
         options,
         base=read_json(contract_report)["base"] if contract_report else None,
     )
+    refuted = None
+    if drop.drop_refuted and undistorted and metric_poses and sky_masks and cameras:
+        workspace = MetricWorkspace(Path(undistorted).parent, read_poses(metric_poses))
+        masks = SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names)
+        skeleton, refuted = drop_refuted(skeleton, workspace, masks, drop.least_photos)
     axis_list = axes(skeleton)
     if skeleton_ply:
         write_skeleton_ply(skeleton_ply, skeleton, node_order(skeleton, axis_list))
@@ -50,6 +68,8 @@ def main(
         write_skeleton_swc(skeleton_swc, skeleton)
     if topology:
         write_topology_graphml(topology, fold(skeleton, axis_list))
+    if report:
+        write_json(report, {"unit": skeleton.unit, "refuted": refuted})
     write_skeleton_graphml(skeleton_graph, skeleton)
 
 

@@ -4,6 +4,7 @@
 rule check_photos:
     input:
         skeleton="results/{tree}/skeleton.graphml",
+        graph_report="results/{tree}/graph.json",
         segmented="results/{tree}/segmented.ply",
         target="results/{tree}/target.json",
         undistorted="results/{tree}/dense/undistorted.json",

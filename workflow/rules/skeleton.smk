@@ -34,12 +34,17 @@ rule extract_graph:
         contracted="results/{tree}/contracted.ply",
         contract_report="results/{tree}/contract.json",
         segmented="results/{tree}/segmented.ply",
+        undistorted=photo_only("results/{tree}/dense/undistorted.json"),
+        metric_poses=photo_only("results/{tree}/metric_poses.npz"),
+        sky_masks=photo_only("results/{tree}/sky"),
+        cameras=photo_only("results/{tree}/sfm/model/cameras.bin"),
         code=code("extract_graph"),
     output:
         skeleton_graph=ensure("results/{tree}/skeleton.graphml", non_empty=True),
         skeleton_ply=ensure("results/{tree}/skeleton.ply", non_empty=True),
         skeleton_swc=ensure("results/{tree}/skeleton.swc", non_empty=True),
         topology=ensure("results/{tree}/topology.graphml", non_empty=True),
+        report="results/{tree}/graph.json",
     log:
         "logs/extract_graph/{tree}.log",
     benchmark:
@@ -67,9 +72,14 @@ rule solve_graph:
         contracted="results/{tree}/contracted.ply",
         contract_report="results/{tree}/contract.json",
         segmented="results/{tree}/segmented.ply",
+        undistorted=photo_only("results/{tree}/dense/undistorted.json"),
+        metric_poses=photo_only("results/{tree}/metric_poses.npz"),
+        sky_masks=photo_only("results/{tree}/sky"),
+        cameras=photo_only("results/{tree}/sfm/model/cameras.bin"),
         code=code("extract_graph"),
     output:
         skeleton_graph=ensure("results/{tree}/solved.graphml", non_empty=True),
+        report="results/{tree}/graph.json",
     log:
         "logs/solve_graph/{tree}.log",
     benchmark:

@@ -197,8 +197,14 @@ _TREE_STAGES = {
     ),
 }
 
-# Photos judge the skeleton before it is measured
-_BEFORE = {name: _TREE_STAGES[name] for name in ("contract_cloud", "extract_graph")}
+# Photos refute what is not there, and judge the skeleton before it is measured
+_CONTRACT, _GRAPH = (_TREE_STAGES[name] for name in ("contract_cloud", "extract_graph"))
+_REFUTED = replace(
+    _GRAPH,
+    cpu_s=_GRAPH.cpu_s | {"dense_mp": 0.06},
+    memory_mb=_GRAPH.memory_mb | {"largest_photo_mp": 20.0},
+    after=("contract_cloud", "undistort_photos", "segment_sky"),
+)
 _CHECK = StageCost(
     cpu_s={"base": 10.0, "dense_mp": 0.6},
     memory_mb={"base": 450.0, "dense_mp": 5.0, "cropped_m": 125.0},
@@ -207,5 +213,6 @@ _CHECK = StageCost(
     after=("extract_graph", "undistort_photos", "segment_sky"),
 )
 _MEASURED = replace(_TREE_STAGES["measure_traits"], after=("check_photos",))
-PHOTO_STAGES |= _BEFORE | {"check_photos": _CHECK} | _TREE_STAGES | {"measure_traits": _MEASURED}
+PHOTO_STAGES |= {"contract_cloud": _CONTRACT, "extract_graph": _REFUTED, "check_photos": _CHECK}
+PHOTO_STAGES |= {"measure_traits": _MEASURED, "report_tree": _TREE_STAGES["report_tree"]}
 CLOUD_STAGES |= _TREE_STAGES

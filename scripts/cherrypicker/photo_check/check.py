@@ -9,27 +9,22 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.denoising.evidence import CLEAR, EvidenceOptions, photo_evidence
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.photo_check.missing import Missing, find_missing
 from cherrypicker.photo_check.pictures import draw_verdict
 from cherrypicker.photo_check.pieces import pieces_of
-from cherrypicker.photo_check.places import MetricWorkspace, Places, places_along
-from cherrypicker.photo_check.votes import Verdict, Votes, judge, vote
+from cherrypicker.photo_check.places import MetricWorkspace, Places, places_along, step_of
+from cherrypicker.photo_check.votes import Verdict, Votes, clear_skies, judge, vote
 from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
-from cherrypicker.photos import read_photo
 from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.progress import Progress
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["CheckOptions", "check_photos"]
 
 logger = logging.getLogger(__name__)
 
-# Places on the skeleton, pixels of the photos apart: a line's point is one pixel
-STEP_PX = 2.0
 # Classes of radius in the report, m: twigs, thin and thick limbs
 RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
 # Radius of the ball in which missing wood is looked for, in that of the ball around the skeleton's
@@ -37,8 +32,6 @@ RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
 AROUND = 1.3
 # A photo that shows less before the sky than this share of what half of them show is no example
 TELLING = 0.5
-# The undistorted photos are asked at their own size
-AS_THEY_ARE = EvidenceOptions(max_image_size_px=0)
 # Layers of the tree's height in which missing wood is counted
 N_LAYERS = 10
 
@@ -64,6 +57,7 @@ def check_photos(
     options: CheckOptions,
     *,
     other_stems: np.ndarray,
+    refuted: dict | None = None,
     threads: int = 1,
 ) -> tuple[dict, dict[str, np.ndarray]]:
     """Let the photos judge a skeleton.
@@ -80,6 +74,8 @@ def check_photos(
     options : CheckOptions
     other_stems : ndarray of shape (n, 2)
         Feet of other trees; what stands nearer to them than to the skeleton's root is theirs.
+    refuted : dict, optional
+        What `drop_refuted` dropped of it before.
     threads : int
 
     Returns
@@ -90,8 +86,7 @@ def check_photos(
         ``worst`` and ``best``.
     """
     poses, region = workspace.poses, _around(skeleton)
-    distance = float(np.median(np.linalg.norm(poses.centers - region.center, axis=1)))
-    step = STEP_PX * distance / float(np.median(poses.K[:, 0, 0]))
+    step = step_of(skeleton, poses)
     places = places_along(skeleton, step)
     votes, width, pixel = _look(workspace, masks, places)
     verdict = judge(votes, options.least_photos)
@@ -99,8 +94,9 @@ def check_photos(
     lines = gather_lines(workspace, masks)
     missing = find_missing(workspace, lines, places, region, others, threads)
     report = _report(skeleton, places, verdict, missing)
-    refuted = verdict.is_refuted
-    report["refuted_pieces"] = pieces_of(places.points[refuted], places.length[refuted], step)
+    wrong = verdict.is_refuted
+    report["refuted_pieces"] = pieces_of(places.points[wrong], places.length[wrong], step)
+    report["before"], dropped = _before(refuted)
     report["missing_pieces"] = pieces_of(missing.points, missing.length, step)
     scores = _scores(places, votes, verdict, missing)
     report["photos"] = [
@@ -119,7 +115,7 @@ def check_photos(
         np.nan if report["photo_recall"] is None else report["photo_recall"],
     )
     pictures = {
-        name: draw_verdict(workspace, int(row), places, *verdict, missing.points)
+        name: draw_verdict(workspace, int(row), places, *verdict, missing.points, dropped)
         for name, row in (
             ("worst", np.argmin(np.nan_to_num(scores, nan=np.inf))),
             ("best", np.argmax(np.nan_to_num(scores, nan=-np.inf))),
@@ -135,14 +131,9 @@ def _look(
     poses, n_places = workspace.poses, len(places.points)
     votes = Votes(*np.zeros((2, len(poses), n_places), dtype=bool))
     width, pixel = np.empty((2, len(poses), n_places), dtype=np.float32)
-    with Progress(len(poses), "photos asked about the skeleton") as bar:
-        for i, view in enumerate(workspace.views):
-            photo = read_photo(workspace.photo_path(view))
-            kind, _ = photo_evidence(photo, masks.of(view), AS_THEY_ARE)
-            is_clear = kind == CLEAR
-            votes.clear[i], votes.solid[i] = vote(is_clear, poses, i, places)
-            width[i], pixel[i] = silhouette_widths(photo, is_clear, poses, i, places)
-            bar.step()
+    for i, photo, is_clear in clear_skies(workspace, masks):
+        votes.clear[i], votes.solid[i] = vote(is_clear, poses, i, places)
+        width[i], pixel[i] = silhouette_widths(photo, is_clear, poses, i, places)
     return votes, width, pixel
 
 
@@ -190,6 +181,25 @@ def _report(skeleton: Skeleton, places: Places, verdict: Verdict, missing: Missi
     low, high = float(skeleton.points[:, 2].min()), float(skeleton.points[:, 2].max())
     report["missing_by_height"] = _layers(missing, low, high)
     return report
+
+
+def _before(refuted: dict | None) -> tuple[dict | None, np.ndarray]:
+    """What was dropped: numbers, and the edges as drawn, lower end, upper end, radius, (n, 7)."""
+    if refuted is None:
+        return None, np.empty((0, 7))
+    judged = refuted["judged_length"]
+    edges = [np.array(piece["edges"]) for piece in refuted["pieces"]]
+    pieces = [
+        {name: value for name, value in piece.items() if name != "edges"}
+        | {"at": [_rounded(value) for value in np.median(edge[:, 3:6], axis=0)]}
+        for piece, edge in zip(refuted["pieces"], edges, strict=True)
+    ]
+    return {
+        "photo_precision": _share(judged - refuted["refuted_length"], judged),
+        "length": refuted["length"],
+        "dropped_length": refuted["dropped_length"],
+        "dropped_pieces": pieces,
+    }, np.concatenate([np.empty((0, 7)), *edges])
 
 
 def _groups(places: Places, verdict: Verdict, group: np.ndarray, ids: range) -> dict[str, dict]:

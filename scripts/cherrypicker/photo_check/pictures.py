@@ -15,6 +15,8 @@ from cherrypicker.photos import read_photo
 
 # RGB of what is there, what no photo can judge, what is not there, and what is missing
 THERE, UNJUDGED, REFUTED, MISSING = (40, 170, 60), (60, 110, 220), (225, 30, 30), (255, 150, 0)
+# And of what was not there and is dropped; width of its line, px
+DROPPED, DROPPED_PX = (170, 40, 190), 2
 # Beyond the tree's box, as a share of its larger side; height of a picture at least, px
 MARGIN = 0.06
 LEAST_HEIGHT_PX = 900
@@ -30,6 +32,7 @@ def draw_verdict(
     is_judged: np.ndarray,
     is_refuted: np.ndarray,
     missing: np.ndarray,
+    dropped: np.ndarray,
 ) -> np.ndarray:
     """Draw photo ``i`` and, beside it, the skeleton's tubes and what is missing over it.
 
@@ -40,6 +43,8 @@ def draw_verdict(
     places : Places
     is_judged, is_refuted : ndarray of shape (n_places,), bool
     missing : ndarray of shape (n, 3)
+    dropped : ndarray of shape (n_edges, 7)
+        Lower end, upper end and radius of what the skeleton no longer has.
 
     Returns
     -------
@@ -60,6 +65,10 @@ def draw_verdict(
     for kind, color in ((1, UNJUDGED), (0, THERE), (2, REFUTED)):
         for row in np.flatnonzero((kinds == kind) & (depth > 0)):
             _dot(drawn, at[row], radius[row], color)
+    (low_end, front), (high_end, back) = (view.project(dropped[:, at : at + 3]) for at in (0, 3))
+    ends = _fixed((np.hstack([low_end, high_end]) - np.tile(low, 2)) * zoom)
+    for x, y, u, v in ends[(front > 0) & (back > 0)].tolist():
+        cv2.line(drawn, (x, y), (u, v), DROPPED, DROPPED_PX, cv2.LINE_AA, SHIFT)
     for place in _fixed((also[far > 0] - low) * zoom):
         _dot(drawn, place, 1.5, MISSING)
     return np.hstack([part, drawn])

@@ -14,6 +14,9 @@ from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.support import densify
 
+# Places on the skeleton, pixels of the photos apart: a line's point is one pixel
+STEP_PX = 2.0
+
 
 class MetricWorkspace(Workspace):
     """A dense workspace whose cameras stand in another frame and unit.
@@ -66,6 +69,13 @@ class Places(NamedTuple):
     length: np.ndarray
     node: np.ndarray
     order: np.ndarray
+
+
+def step_of(skeleton: Skeleton, poses: Poses) -> float:
+    """Return how far places lie apart, `STEP_PX` of half of the photos at the skeleton's middle."""
+    middle = (skeleton.points.min(axis=0) + skeleton.points.max(axis=0)) / 2
+    distance = float(np.median(np.linalg.norm(poses.centers - middle, axis=1)))
+    return STEP_PX * distance / float(np.median(poses.K[:, 0, 0]))
 
 
 def places_along(skeleton: Skeleton, step: float) -> Places:

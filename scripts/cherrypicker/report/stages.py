@@ -301,7 +301,13 @@ def _checked(data: dict) -> dict:
     def of(part: str, whole: str) -> str:
         return f"{check[part]:.2f} of {check[whole]:.2f} {length}"
 
-    facts = [
+    facts = []
+    if before := check["before"]:
+        facts = [
+            ("Dropped, for it lay before clear sky", f"{before['dropped_length']:.2f} {length}"),
+            ("Precision by the photos before", _number(before["photo_precision"], 3)),
+        ]
+    facts += [
         ("Skeleton that the photos can judge", of("judged_length", "length")),
         ("of this refuted by clear sky", of("refuted_length", "judged_length")),
         ("Precision by the photos", _number(check["photo_precision"], 3)),
@@ -323,7 +329,7 @@ def _checked(data: dict) -> dict:
             data[f"{which}_photo"],
             f"The {which} photo, and the skeleton over it: green where the photos show wood before "
             "the sky, blue where they cannot tell, red where they show clear sky; orange is thin "
-            "wood that the skeleton lacks.",
+            "wood that the skeleton lacks, purple what lay before clear sky and was dropped.",
         )
         for which in ("worst", "best")
     ]

@@ -205,6 +205,14 @@ def _photo_flags(check: dict, length: str) -> list:
         for name in ("refuted", "missing")
     }
     precision, recall = check.get("photo_precision"), check.get("photo_recall")
+    before = check.get("before") or {"photo_precision": None, "dropped_pieces": ()}
+    dropped = max((piece["length"] for piece in before["dropped_pieces"]), default=0.0)
+    if _is_doubtful(before["photo_precision"], dropped):
+        flags.append(
+            f"dropped_by_photos: {before['dropped_length']:.2f} of {before['length']:.2f} {length} "
+            f"of skeleton lay before clear sky and were dropped, the longest piece {dropped:.2f} "
+            f"{length}"
+        )
     if _is_doubtful(precision, longest["refuted"]):
         flags.append(
             f"not_in_photos: {check['refuted_length']:.2f} of {check['judged_length']:.2f} "
