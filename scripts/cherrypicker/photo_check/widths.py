@@ -106,8 +106,9 @@ def branch_diameters(
     -------
     list of dict
         ``branch_id``, ``diameter`` and its standard error ``diameter_se`` in the skeleton's unit,
-        ``width_px``, ``n_photos`` and ``length``, that of the places measured. The error is what
-        the photos differ by, and what they share.
+        ``tube_diameter``, the skeleton's at the same places, ``width_px``, ``n_photos`` and
+        ``length``, that of the places measured. The error is what the photos differ by, and what
+        they share.
     """
     enough = np.isfinite(width).sum(axis=0) >= LEAST_PHOTOS
     axis = axis_of_node(skeleton, axes(skeleton))[places.node]
@@ -127,6 +128,9 @@ def branch_diameters(
                 "branch_id": int(one),
                 "diameter": round(diameter, 6),
                 "diameter_se": round(float(np.hypot(diameter * error, SHARED_PX * size)), 6),
+                "tube_diameter": round(
+                    float(np.average(2 * places.radius[rows], weights=length)), 6
+                ),
                 "width_px": round(diameter / size, 2),
                 "n_photos": len(own),
                 "length": round(float(length.sum()), 6),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,6 +26,8 @@ __all__ = ["branch_rows", "branches_csv", "totals_by_order"]
 
 _INTERVALS = tuple(name for name in BRANCH_COLUMNS if "_low_" in name or "_high_" in name)
 _PHOTO = ("photo_diameter_m", "photo_diameter_se_m")
+# What a diameter scales, and its power there
+_SCALED = {"base_diameter": 1, "tip_diameter": 1, "mean_diameter": 1, "taper": 1, "volume": 2}
 # What makes an axis's numbers weak (guesses)
 _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 
@@ -65,10 +66,13 @@ def branch_rows(
         for the last year's shoot. `flags` holds words joined by spaces: ``low_arc``,
         ``few_points``, ``gap``. The 90 % intervals (`..._low_...`, `..._high_...`) are None on a
         skeleton that does not know how its points scatter. `photo_diameter_m` is the mean diameter
-        of the axis's silhouettes in the photos, None where the points tell it more surely.
+        of the axis's silhouettes in the photos, None where the points tell it more surely; where
+        it stands, it scales the axis's diameters, taper and volume.
     """
     shape = axis_shapes(skeleton, axis_list)
     count = np.rint(shape["base_n_points"]).astype(np.int64)
+    intervals = _intervals(shape, count, typical_scatter(skeleton), scale_error)
+    by_photos = _use_photos(shape, intervals, photo_check, scale_error)
     columns = {
         "branch_id": range(len(axis_list)),
         "parent_id": [int(axis.parent) for axis in axis_list],
@@ -90,9 +94,9 @@ def branch_rows(
         "base_n_points": count,
         "gap_share": shape["gap_share"],
         "flags": _flags(skeleton, shape),
-        **_intervals(shape, count, typical_scatter(skeleton), scale_error),
+        **intervals,
+        **by_photos,
     }
-    columns |= _by_photos(shape, columns["base_diameter_high_m"], photo_check)
     listed = [c.tolist() if isinstance(c, np.ndarray) else c for c in columns.values()]
     return [dict(zip(columns, row, strict=True)) for row in zip(*listed, strict=True)]
 
@@ -125,18 +129,32 @@ def _intervals(shape: dict, count: np.ndarray, typical: float | None, scale_erro
     return dict(zip(_INTERVALS, ends, strict=True))
 
 
-def _by_photos(shape: dict, high: Sequence, photo_check: dict | None) -> dict[str, list]:
+def _use_photos(
+    shape: dict, intervals: dict, photo_check: dict | None, scale_error: float
+) -> dict[str, list]:
     """Mean diameters by the photos and their errors, None where the points are surer.
 
-    ``high`` are the upper ends of the base diameters' 90 % intervals by the points.
+    What the photos say of an axis's tubes at the places that they measured holds for all of it, but
+    the rest of its length has the points' error still. Where that makes a smaller error than the
+    points', the axis's diameters are scaled, and the interval of its base follows.
     """
+    low, high = intervals["base_diameter_low_m"], intervals["base_diameter_high_m"]
     found: dict[str, list] = {name: [None] * len(high) for name in _PHOTO}
     for each in (photo_check or {}).get("branches", ()):
-        row = each["branch_id"]
-        by_points = np.inf if high[row] is None else (high[row] - shape["base_diameter"][row]) / Z90
-        if each["diameter_se"] < by_points:
-            for name, value in zip(_PHOTO, (each["diameter"], each["diameter_se"]), strict=True):
-                found[name][row] = value
+        row, factor = each["branch_id"], each["diameter"] / each["tube_diameter"]
+        base = factor * shape["base_diameter"][row]
+        if high[row] is not None:
+            by_points = (high[row] - shape["base_diameter"][row]) / Z90
+            rest = max(1.0 - each["length"] / shape["length"][row], 0.0)
+            shares = each["diameter_se"] / each["diameter"], scale_error
+            error = np.linalg.norm([rest * by_points, *(share * base for share in shares)])
+            if error >= by_points:
+                continue
+            low[row], high[row] = max(base - Z90 * error, 0.0), base + Z90 * error
+        found["photo_diameter_m"][row] = each["diameter"]
+        found["photo_diameter_se_m"][row] = each["diameter_se"]
+        for name, power in _SCALED.items():
+            shape[name][row] *= factor**power
     return found
 
 
