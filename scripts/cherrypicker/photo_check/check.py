@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.mvs.clear_sky import SkyMasks
@@ -32,6 +33,8 @@ RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
 AROUND = 1.3
 # A photo that shows less before the sky than this share of what half of them show is no example
 TELLING = 0.5
+# A place is not in the cloud where no wood point lies within so many steps of it
+IN_CLOUD_STEPS = 2.0
 # Layers of the tree's height in which missing wood is counted
 N_LAYERS = 10
 
@@ -96,6 +99,9 @@ def check_photos(
     report = _report(skeleton, places, verdict, missing)
     wrong = verdict.is_refuted
     report["refuted_pieces"] = pieces_of(places.points[wrong], places.length[wrong], step)
+    wood = cKDTree(cloud.points[wood_mask(cloud["label"])])
+    is_lost = wood.query(missing.points)[0] > IN_CLOUD_STEPS * step
+    report["missing_from_cloud_length"] = _rounded(missing.length[is_lost].sum())
     report["before"], dropped = _before(refuted)
     report["missing_pieces"] = pieces_of(missing.points, missing.length, step)
     scores = _scores(places, votes, verdict, missing)

@@ -312,6 +312,7 @@ def _checked(data: dict) -> dict:
         ("of this refuted by clear sky", of("refuted_length", "judged_length")),
         ("Precision by the photos", _number(check["photo_precision"], 3)),
         ("Thin wood that the skeleton lacks", f"{check['missing_length']:.2f} {length}"),
+        ("of this not in the cloud either", f"{check['missing_from_cloud_length']:.2f} {length}"),
         ("Recall by the photos", _number(check["photo_recall"], 3)),
     ]
     head = ["", *(f"{what} [{length}]" for what in ("length", "judged", "refuted"))]
