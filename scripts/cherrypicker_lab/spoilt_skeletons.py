@@ -1,0 +1,147 @@
+"""Finished scans spoilt on purpose: the top cut off, a limb removed, a strand through the air.
+
+Each spoils skeleton and cloud alike, as a stage before the graph would have: the wood that is gone
+has no points, a strand has some. The photos stay as they are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import Label, wood_mask
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton import axes, axis_of_node
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.support import densify
+
+__all__ = ["SIZES", "Spoilt", "spoil"]
+
+#: What is done to a scan, and how much of it: a share of the height that stays, or metres.
+SIZES = {
+    "top cut off, to": (0.95, 0.85, 0.70),
+    "limb removed, m": (0.25, 0.5, 1.0),
+    "strand added, m": (0.25, 0.5, 1.0),
+}
+STEP_M = 0.01
+STRAND_RADIUS_M = 0.003
+# A strand leaves wood within so much of its way, and keeps so far from all wood afterwards
+LEAVES_M, APART_M = 0.05, 0.03
+# Ways that are tried for a strand
+N_TRIES = 2000
+
+
+class Spoilt(NamedTuple):
+    """A spoilt scan.
+
+    Attributes
+    ----------
+    skeleton : Skeleton
+    cloud : PointCloud
+    missing : ndarray of shape (n, 3), float64
+        Places a centimetre apart along the wood that was taken.
+    added : ndarray of shape (n, 3), float64
+        The same of what was put where nothing is.
+    length : float
+        Of what was taken or put.
+    """
+
+    skeleton: Skeleton
+    cloud: PointCloud
+    missing: np.ndarray
+    added: np.ndarray
+    length: float
+
+
+def spoil(skeleton: Skeleton, cloud: PointCloud, kind: str, size: float, seed: int = 0) -> Spoilt:
+    """Spoil a finished scan.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    cloud : PointCloud
+        With the field ``label``, in the same frame.
+    kind : str
+        A key of `SIZES`.
+    size : float
+    seed : int
+
+    Raises
+    ------
+    ValueError
+        When the tree has no room for it.
+    """
+    rng = np.random.default_rng(seed)
+    if kind.startswith("strand"):
+        return _with_strand(skeleton, cloud, size, rng)
+    if kind.startswith("top"):
+        low, high = skeleton.points[:, 2].min(), skeleton.points[:, 2].max()
+        is_gone = skeleton.points[:, 2] > low + size * (high - low)
+    else:
+        is_gone = np.zeros(len(skeleton), dtype=bool)
+        is_gone[_limb_of(skeleton, size, rng)] = True
+    return _without(skeleton, cloud, is_gone)
+
+
+def _limb_of(skeleton: Skeleton, size: float, rng: np.random.Generator) -> int:
+    """First node of an axis that bears about `size` of wood; one of the three nearest to it."""
+    above = skeleton.edge_length
+    for node in range(len(skeleton) - 1, 0, -1):
+        above[skeleton.parent[node]] += above[node]
+    starts = np.array([axis.nodes[0] for axis in axes(skeleton)[1:]])
+    nearest = np.argsort(np.abs(above[starts] - size), kind="stable")
+    return int(starts[rng.choice(nearest[:3])])
+
+
+def _without(skeleton: Skeleton, cloud: PointCloud, is_gone: np.ndarray) -> Spoilt:
+    """Take nodes and all beyond them from a scan, and the wood points nearest to them."""
+    for node in range(1, len(skeleton)):
+        is_gone[node] |= is_gone[skeleton.parent[node]]
+    places, owner, _, weight = densify(skeleton, STEP_M)
+    gone = is_gone[owner]
+    is_kept = ~wood_mask(cloud["label"])
+    is_kept |= ~gone[cKDTree(places).query(cloud.points)[1]]
+    return Spoilt(
+        skeleton.select(~is_gone),
+        cloud.select(is_kept),
+        places[gone],
+        np.empty((0, 3)),
+        float(weight[gone].sum()),
+    )
+
+
+def _with_strand(
+    skeleton: Skeleton, cloud: PointCloud, size: float, rng: np.random.Generator
+) -> Spoilt:
+    """Put a straight strand on a scan that leaves the wood, with points on it."""
+    places = densify(skeleton, STEP_M)[0]
+    tree, way = cKDTree(places), np.arange(STEP_M, size + STEP_M / 2, STEP_M)
+    low, high = places.min(axis=0), places.max(axis=0)
+    axis = axis_of_node(skeleton, axes(skeleton))
+    for _ in range(N_TRIES):
+        start = int(rng.integers(1, len(skeleton)))
+        direction = rng.normal(size=3)
+        strand = skeleton.points[start] + way[:, None] * direction / np.linalg.norm(direction)
+        free = tree.query(strand[way > LEAVES_M])[0] > APART_M
+        inside = ((strand >= low) & (strand <= high)).all()
+        if axis[start] > 0 and free.all() and inside:
+            break
+    else:
+        raise ValueError(f"no room for a strand of {size:g} m")
+    n = len(strand)
+    first = len(skeleton)
+    label = np.full(n, Label.BRANCH)
+    longer = Skeleton(
+        np.vstack([skeleton.points, strand]),
+        np.concatenate([skeleton.parent, [start], np.arange(first, first + n - 1)]),
+        np.concatenate([skeleton.radius, np.full(n, STRAND_RADIUS_M)]),
+        np.concatenate([skeleton.label, label]),
+        unit=skeleton.unit,
+        frame=skeleton.frame,
+    )
+    points = np.vstack([cloud.points, strand])
+    labels = np.concatenate([cloud["label"], label.astype(np.uint8)])
+    more = PointCloud(points, fields={"label": labels})
+    return Spoilt(longer, more, np.empty((0, 3)), strand, float(size))
