@@ -14,7 +14,7 @@ from cherrypicker.photo_check.pictures import write_picture
 from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
-from cherrypicker.report.stages import _checked
+from cherrypicker.report.stages import photo_section
 from cherrypicker.skeleton import axes
 
 WHOLE = (STEM, *TWIGS)
@@ -122,7 +122,7 @@ def test_the_report_shows_what_the_photos_say(whole, tmp_path):
     for name, picture in pictures.items():
         write_picture(tmp_path / name, picture)
         data[f"{name}_photo"] = (tmp_path / name).read_bytes()
-    section = _checked(data)
+    section = photo_section(data)
     facts = dict(section["facts"])
     assert facts["Precision by the photos"] == f"{report['photo_precision']:.3f}"
     assert [figure[:2] for figure, _ in section["figures"]] == [b"\xff\xd8"] * 2

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import cherrypicker
 from cherrypicker.errors import StageError
 from cherrypicker.report.figures import order_color, write_png
-from cherrypicker.report.stages import branch_section, scan_sections
+from cherrypicker.report.stages import branch_section, photo_section, scan_sections
 from cherrypicker.report.style import DPI
 from cherrypicker.report.text import STYLE, page_template, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
@@ -103,7 +103,8 @@ def render_report(
     width_px = options.figure_width_px
     sections = scan_sections(data, width_px=width_px, n_examples=options.n_examples)
     sections.append(branch_section(data["branches"], unit))
-    for item in sections:
+    verdict = photo_section(data)
+    for item in [*sections, *([verdict] if verdict else [])]:
         item["figures"] = [_embedded(figure, text, width_px) for figure, text in item["figures"]]
     viewer = viewer_data(cloud, data["skeleton"], n_points=options.viewer_points, seed=seed)
     return page_template("report.html.j2").render(
@@ -122,6 +123,7 @@ def render_report(
         n_shown=f"{viewer['n_shown']:,}",
         n_points=f"{len(cloud):,}",
         figures=[_embedded(figure, text, width_px) for figure, text in figures],
+        verdict=verdict,
         stages=sections,
         files=_FILES,
         version=cherrypicker.__version__,

@@ -26,7 +26,7 @@ from cherrypicker.report.stage_figures import (
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
 from cherrypicker.units import unit_name
 
-__all__ = ["branch_section", "scan_sections"]
+__all__ = ["branch_section", "photo_section", "scan_sections"]
 
 logger = logging.getLogger(__name__)
 
@@ -80,8 +80,6 @@ def scan_sections(data: dict, *, width_px: int, n_examples: int) -> list:
     if data["target"]:
         sections.append(_target(data["target"]))
     sections.append(_contracted(data, width_px))
-    if data["photo_check"]:
-        sections.append(_checked(data))
     return sections
 
 
@@ -294,27 +292,29 @@ def _contracted(data: dict, width_px: int) -> dict:
     return section("Contraction", facts, figures=[(figure, "Contracted points over the wood.")])
 
 
-def _checked(data: dict) -> dict:
+def photo_section(data: dict) -> dict | None:
+    """What the photos say of the skeleton; None without photos."""
     check = data["photo_check"]
+    if not check:
+        return None
     length = unit_name(check["unit"])
 
     def of(part: str, whole: str) -> str:
         return f"{check[part]:.2f} of {check[whole]:.2f} {length}"
 
-    facts = []
+    facts = [
+        ("Precision by the photos", _number(check["photo_precision"], 3)),
+        ("Recall by the photos", _number(check["photo_recall"], 3)),
+        ("Skeleton that the photos can judge", of("judged_length", "length")),
+        ("of this refuted by clear sky", of("refuted_length", "judged_length")),
+        ("Thin wood that the skeleton lacks", f"{check['missing_length']:.2f} {length}"),
+        ("of this not in the cloud either", f"{check['missing_from_cloud_length']:.2f} {length}"),
+    ]
     if before := check["before"]:
-        facts = [
+        facts += [
             ("Dropped, for it lay before clear sky", f"{before['dropped_length']:.2f} {length}"),
             ("Precision by the photos before", _number(before["photo_precision"], 3)),
         ]
-    facts += [
-        ("Skeleton that the photos can judge", of("judged_length", "length")),
-        ("of this refuted by clear sky", of("refuted_length", "judged_length")),
-        ("Precision by the photos", _number(check["photo_precision"], 3)),
-        ("Thin wood that the skeleton lacks", f"{check['missing_length']:.2f} {length}"),
-        ("of this not in the cloud either", f"{check['missing_from_cloud_length']:.2f} {length}"),
-        ("Recall by the photos", _number(check["photo_recall"], 3)),
-    ]
     head = ["", *(f"{what} [{length}]" for what in ("length", "judged", "refuted"))]
     tables = []
     for caption, key in (("By order", "by_order"), ("By radius, mm", "by_radius_mm")):
