@@ -28,7 +28,7 @@ def test_nothing_of_the_true_skeleton_is_dropped(scan):
 
 
 def test_a_strand_is_dropped_and_kept_on_record(scan):
-    strand = Rod((0.0, 0.0, 1.2), (-0.25, -0.2, 1.4), 0.002, BARK)
+    strand = Rod((0.0, 0.0, 1.2), (-0.14, -0.11, 1.31), 0.002, BARK)
     whole = skeleton_of((STEM, *TWIGS))
     left, report = drop_refuted(skeleton_of((STEM, *TWIGS, strand)), *scan, 2)
     assert np.abs(left.points[len(whole) :, :2]).max(initial=0.0) < 0.03

@@ -201,8 +201,8 @@ _TREE_STAGES = {
 _CONTRACT, _GRAPH = (_TREE_STAGES[name] for name in ("contract_cloud", "extract_graph"))
 _REFUTED = replace(
     _GRAPH,
-    cpu_s=_GRAPH.cpu_s | {"dense_mp": 0.06},
-    memory_mb=_GRAPH.memory_mb | {"largest_photo_mp": 20.0},
+    cpu_s={**_GRAPH.cpu_s, "dense_mp": 0.06},
+    memory_mb={**_GRAPH.memory_mb, "largest_photo_mp": 20.0},
     after=("contract_cloud", "undistort_photos", "segment_sky"),
 )
 _CHECK = StageCost(

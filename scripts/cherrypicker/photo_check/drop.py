@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,11 @@ def drop_refuted(
     logger.info(
         "photos refute %.2f of %.2f %s of skeleton that they can judge; %d pieces of %.2f in all "
         "are dropped",
-        *(refuted, judged, skeleton.unit, len(pieces), dropped),
+        refuted,
+        judged,
+        skeleton.unit,
+        len(pieces),
+        dropped,
     )
     return skeleton.select(is_kept), {
         "length": _rounded(skeleton.edge_length.sum()),
@@ -118,7 +123,7 @@ def _pieces(
     for node in np.flatnonzero(~is_kept):
         below = skeleton.parent[node]
         piece[node] = node if is_kept[below] else piece[below]
-    found = []
+    found: list[dict[str, Any]] = []
     for first in np.unique(piece[~is_kept]):
         nodes = np.flatnonzero(piece == first)
         rows = piece[places.node] == first
