@@ -44,7 +44,9 @@ def scan_row(tree: str, results: Path, benchmarks: Path, status: dict[str, str])
     dict
         Values of `COLUMNS`; what the run did not come to is missing.
     """
-    folder, row = results / tree, {"outcome": status["flags"] or "none"}
+    names = [flag.partition(": ")[0] for flag in status["flags"].split("; ")]
+    names = [name for name in names if name.isidentifier()]
+    folder, row = results / tree, {"outcome": ", ".join(names) or "none"}
     if status["failed_stage"]:
         row["outcome"] = f"{status['failed_stage']}: {status['cause']}"
     if sparse := _json(folder / "sfm/report.json"):
