@@ -29,6 +29,7 @@ include: "workflow/rules/lab/skeleton_benchmark.smk"
 include: "workflow/rules/lab/traits_benchmark.smk"
 include: "workflow/rules/lab/error_budget_common.smk"
 include: "workflow/rules/lab/error_budget.smk"
+include: "workflow/rules/lab/real_photos.smk"
 
 
 rule all:

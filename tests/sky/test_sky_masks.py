@@ -171,8 +171,7 @@ def test_shipped_weights_find_drawn_skies_and_spare_twigs():
         texture = cv2.resize(rng.random((60, 80)).astype(np.float32), (480, 360))
         ground = texture[..., None] * np.array([0.35, 0.30, 0.22], np.float32)
         image[220:], sky[220:] = ground[220:], False
-        cover, bark = random_branches(rng, shape)
-        image = image * (1 - cover[..., None]) + bark * cover[..., None]
+        image, cover = random_branches(rng, image)
         sky &= cover < 0.5
         pixels = (np.clip(image, 0, 1) * 255).astype(np.uint8)
         confusion.add(sky_mask(net, pixels, MaskOptions()) / 255.0, sky)

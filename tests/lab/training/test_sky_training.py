@@ -12,9 +12,11 @@ import pytest
 import torch
 
 from cherrypicker.errors import StageError
+from cherrypicker.sky.unet import save_weights
 from cherrypicker_lab.training.sky.augment import AugmentOptions, draw_sample
 from cherrypicker_lab.training.sky.data import doubtful_pixels, load_photos, split_photos
 from cherrypicker_lab.training.sky.metrics import Confusion
+from cherrypicker_lab.training.sky.orchards import random_orchard
 from cherrypicker_lab.training.sky.training import TrainOptions, train_network
 
 SMALL = {"batch_size": 3, "image_size_px": 64, "widths": (6, 8, 8), "max_side_px": 96}
@@ -90,6 +92,42 @@ def test_samples_depend_on_the_generator_only(folder):
     image, sky, weight = drawn[0]
     assert image.shape == (64, 64, 3) and image.dtype == np.uint8
     assert set(np.unique(sky)) <= {0.0, 1.0} and set(np.unique(weight)) <= {0.0, 1.0}
+
+
+def test_an_orchard_hides_the_sky_where_it_covers_it():
+    sky = np.tile(np.array([0.2, 0.5, 0.9], np.float32), (96, 128, 1))
+    covers = []
+    for seed in range(6):
+        image, cover = random_orchard(np.random.default_rng(seed), sky)
+        assert image.shape == sky.shape and image.min() >= 0 and image.max() <= 1
+        assert np.allclose(image[cover == 0], sky[cover == 0])
+        is_blue = image[..., 2] > image[..., 0] + 0.5
+        assert is_blue[cover < 0.1].all() and is_blue[cover > 0.9].mean() < 0.05
+        covers.append(cover)
+    assert not np.array_equal(covers[0], covers[1])
+    # sky is left between the twigs, and trees stand before it
+    gaps, wood = (
+        np.mean([(c[:40] < 0.35).mean() for c in covers]),
+        max(c[:40].max() for c in covers),
+    )
+    assert 0.1 < gaps < 0.98 and wood > 0.9
+
+
+def test_training_goes_on_from_given_weights(folder, tmp_path):
+    training, validation = split_photos(load_photos([str(folder)], 100), 0.2, [], seed=0)
+    first = train_network(
+        training, validation, TrainOptions(epochs=1, samples_per_epoch=3, **SMALL)
+    )[0]
+    save_weights(tmp_path / "w.npz", first)
+    options = TrainOptions(
+        epochs=1,
+        samples_per_epoch=3,
+        learning_rate=1e-9,
+        start_weights=str(tmp_path / "w.npz"),
+        **SMALL,
+    )
+    second = train_network(training, validation, options)[0]
+    assert torch.allclose(first.head.weight, second.head.weight, atol=1e-3)
 
 
 def test_f1_of_a_known_confusion():

@@ -12,11 +12,14 @@ import cv2
 import numpy as np
 
 from cherrypicker_lab.training.sky.data import SkyPhoto
+from cherrypicker_lab.training.sky.orchards import random_orchard
 from cherrypicker_lab.training.sky.synthesis import fractal_noise, random_branches, random_sky
 
 #: Pixels with at least this much wood are labelled not-sky. Below one half on purpose: a twig
 #: thinner than a pixel still spoils the depth and the colour of a point seen there.
 TWIG_COVER = 0.35
+#: Share of the drawn orchards that stand before a drawn sky, the others stand before the photo.
+DRAWN_SKIES = 0.5
 
 
 @dataclass(frozen=True)
@@ -29,8 +32,8 @@ class AugmentOptions:
         Enlargement of the photo.
     elastic_px : float
         Standard deviation of the elastic displacement at the sample's resolution.
-    branch_fraction, exchange_fraction, color_fraction : float
-        Share of samples with drawn branches, an exchanged sky, colour changes.
+    branch_fraction, exchange_fraction, color_fraction, orchard_fraction : float
+        Share of samples with drawn branches, an exchanged sky, colour changes, a drawn orchard.
     """
 
     scale_range: tuple[float, float] = (0.5, 1.6)
@@ -38,6 +41,7 @@ class AugmentOptions:
     branch_fraction: float = 0.45
     exchange_fraction: float = 0.35
     color_fraction: float = 0.9
+    orchard_fraction: float = 0.0
 
 
 def _coordinates(
@@ -123,8 +127,9 @@ def draw_sample(
     image = warp(photo.image, cv2.INTER_LINEAR).astype(np.float32) / 255
     sky = (warp(photo.sky.astype(np.float32), cv2.INTER_LINEAR) > 0.5).astype(np.float32)
     weight = (warp(photo.certain.astype(np.uint8), cv2.INTER_NEAREST) > 0).astype(np.float32)
-    if rng.random() < options.exchange_fraction:
-        if rng.random() < 0.25:  # nothing but sky: a crown seen from below
+    is_orchard = rng.random() < options.orchard_fraction
+    if rng.random() < (DRAWN_SKIES if is_orchard else options.exchange_fraction):
+        if is_orchard or rng.random() < 0.25:  # nothing but sky: a crown seen from below
             sky, weight = np.ones_like(sky), np.ones_like(weight)
             image = random_sky(rng, sky.shape)
         elif sky.any():
@@ -133,10 +138,9 @@ def draw_sample(
     elif rng.random() < 0.15:  # over-exposed walls and ground, which are not sky either
         gain = np.where(sky[..., None] > 0, 1.0, rng.uniform(1.3, 3.0)).astype(np.float32)
         image = np.clip(image * gain, 0, 1)
-    if rng.random() < options.branch_fraction:
-        cover, bark = random_branches(rng, sky.shape)
-        cover = cv2.GaussianBlur(cover, (0, 0), rng.uniform(0.2, 0.8))
-        image = image * (1 - cover[..., None]) + bark * cover[..., None]
+    if is_orchard or rng.random() < options.branch_fraction:
+        draw = random_orchard if is_orchard else random_branches
+        image, cover = draw(rng, image)
         sky = np.where(cover > TWIG_COVER, 0, sky).astype(np.float32)
         weight = np.where(cover > 0.5, 1, weight).astype(np.float32)
     if rng.random() < options.color_fraction:

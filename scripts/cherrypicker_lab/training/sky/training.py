@@ -31,7 +31,7 @@ from torch.nn import functional as F
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.sky.masks import sky_probability
-from cherrypicker.sky.unet import DEFAULT_WIDTHS, SkyUNet, to_tensor
+from cherrypicker.sky.unet import DEFAULT_WIDTHS, SkyUNet, load_weights, to_tensor
 from cherrypicker_lab.training.sky.augment import AugmentOptions, draw_sample
 from cherrypicker_lab.training.sky.data import SkyPhoto
 from cherrypicker_lab.training.sky.metrics import Confusion
@@ -60,6 +60,7 @@ class TrainOptions(AugmentOptions):
     samples_per_epoch: int = 0
     max_side_px: int = 640
     widths: tuple[int, ...] = DEFAULT_WIDTHS
+    start_weights: str = ""
     seed: int = 0
 
 
@@ -215,7 +216,8 @@ def train_network(
     """
     cv2.setNumThreads(1)
     torch.manual_seed(options.seed)
-    net = SkyUNet(options.widths).to(memory_format=torch.channels_last)
+    net = load_weights(start) if (start := options.start_weights) else SkyUNet(options.widths)
+    net = net.to(memory_format=torch.channels_last)
     average = copy.deepcopy(net) if options.weight_average > 0 else net
     rate, decay = options.learning_rate, options.weight_decay
     optimiser = torch.optim.AdamW(net.parameters(), lr=rate, weight_decay=decay)
