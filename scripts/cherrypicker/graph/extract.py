@@ -29,7 +29,7 @@ class GraphOptions:
     n_neighbors: int = 12
 
 
-def extract_skeleton(contracted, cloud, options=None, *, base=None):
+def extract_skeleton(contracted, cloud, options=None, *, base=None, limbs=None):
     """Connect and root the wood, and measure the radii.
 
     Parameters
@@ -44,6 +44,8 @@ def extract_skeleton(contracted, cloud, options=None, *, base=None):
         (paper, section Graph).
     base : array-like of 3 floats, optional
         Base of the stem.
+    limbs : Limbs, optional
+        Of those points, as the contraction grew them; left out, they are grown here.
 
     Returns
     -------
@@ -66,7 +68,7 @@ def extract_skeleton(contracted, cloud, options=None, *, base=None):
         )
         widest = 1.5 * float(np.quantile(np.linalg.norm(contracted.points - entered, axis=1), 0.99))
     else:
-        skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base)
+        skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base, found=limbs)
         widest = 1.5 * float(skeleton.radius.max())
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
     fitted = fit_radii(
@@ -80,7 +82,7 @@ def extract_skeleton(contracted, cloud, options=None, *, base=None):
     return taper_skeleton(replace(fitted, radius=skeleton.radius))
 
 
-def limb_tree(points, labels, *, spacing_m=0.01, base=None):
+def limb_tree(points, labels, *, spacing_m=0.01, base=None, found=None):
     """The limbs of a tree's wood, joined and labelled.
 
     Parameters
@@ -92,6 +94,8 @@ def limb_tree(points, labels, *, spacing_m=0.01, base=None):
         Longest edge along an axis.
     base : array-like of 3 floats, optional
         Base of the stem; the lowest thick wood if left out.
+    found : Limbs, optional
+        The limbs, where they are known.
 
     Returns
     -------
@@ -101,13 +105,15 @@ def limb_tree(points, labels, *, spacing_m=0.01, base=None):
     Raises
     ------
     StageError
-        If the points make no limb.
+        If the points make no limb, or the limbs are not theirs.
     """
     if len(points) < FEWEST_NODES:
         raise StageError(f"{len(points)} points are too few for a graph", key="graph.spacing_m")
-    if base is None:
-        base = points[lowest_wood(points)]
-    found = limbs_of_wood(points, base, stem=labels == Label.TRUNK)
+    if found is None:
+        base = points[lowest_wood(points)] if base is None else base
+        found = limbs_of_wood(points, base, stem=labels == Label.TRUNK)
+    if len(found.member) != len(points):
+        raise StageError(f"limbs of {len(found.member)} points for a tree of {len(points)}")
     nodes, parent, radius, limb = join_limbs(found.limbs, found.spacing, spacing_m)
     label = _labels(nodes, parent, limb, points, labels, found.member)
     gap = _bridging(nodes, parent, radius, points, GAP_IN_SPACINGS * found.spacing)
