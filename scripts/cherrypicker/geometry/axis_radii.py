@@ -3,22 +3,29 @@
 import numba
 import numpy as np
 
-from cherrypicker.geometry.circles import fit_slices
 from cherrypicker.geometry.edge_search import nearest_edges
 from cherrypicker.geometry.ordering import median
+from cherrypicker.geometry.sections import MAD_TO_SIGMA, arc_deg, iterate, judge
 from cherrypicker.geometry.tree_walks import (
     child_rows,
     fill_reach,
     longest_children,
     tangents,
+    window,
 )
 
-__all__ = ["assign_surface", "fit_axis_radii", "less_spread", "local_tangents"]
+__all__ = ["fit_axis_radii"]
 
-MOST_SLICE_POINTS = 600
+MOST_POINTS = 300  # of a section
+SETTLED = 1e-3  # share of its radius that a section moves less than in its last round
+FEWEST_POINTS = 5
+OFF_AXIS = 0.5  # of the points' distance: what the axis is off by, one standard deviation; a guess
+ARC_SECTORS = 24
+CLEAR_ARC, CLEAR_NOISES, FEWEST_CLEAR = 240.0, 4.0, 10  # sections that tell the noise
+CLEAR_QUANTILE = 0.25  # bark, flutes and bends scatter points as well: the calmer sections count
 
 
-def local_tangents(skeleton, reach):
+def _local_tangents(skeleton, reach):
     """Direction of the skeleton at each node, from the nodes within `reach` along its own axis.
 
     Parameters
@@ -40,7 +47,7 @@ def local_tangents(skeleton, reach):
     return found
 
 
-def assign_surface(skeleton, surface):
+def _assign_surface(skeleton, surface):
     """Node of the nearest edge of the skeleton to each surface point.
 
     Parameters
@@ -59,39 +66,13 @@ def assign_surface(skeleton, surface):
     return np.where(share <= 0.5, node, np.maximum(skeleton.parent[node], 0)), distance
 
 
-def less_spread(fits):
-    """Radii less what the scatter of their own points adds to them.
-
-    Parameters
-    ----------
-    fits : ndarray of shape (n_slices, 6), float64
-        Rows of `fit_slices`.
-
-    Returns
-    -------
-    ndarray of shape (n_slices,), float64
-        Half the fitted radius at least.
-    """
-    squared, noise = fits[:, 0] ** 2, np.maximum(fits[:, 4], 1e-12) ** 2
-    return np.sqrt(np.maximum(squared - noise, 0.25 * squared))
-
-
-def fit_axis_radii(
-    skeleton,
-    surface,
-    *,
-    spacing,
-    max_radius,
-    least_radius=0.001,
-    recentre=True,
-    less_noise=less_spread,
-):
+def fit_axis_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001, recentre=True):
     """Radius of each node, and its place on the axis, from the surface points around it.
 
-    The points nearest to the node and its neighbours within a radius along the axis are
-    projected along the axis's direction. Where they cover half the circumference, a robust circle
-    gives radius and centre; else, and on wood too thin for the noise, the radius is the median
-    distance to the axis. Nodes without points take the radius along their path.
+    The points nearest to the node and its neighbours within a radius along the axis are projected
+    along the axis's direction and a circle is fitted. Where they cover little of the circumference,
+    its centre stays near the axis. What wood thinner than the noise hides of it is made up for by
+    the noise of clear sections. Nodes without points take the radius along their path.
 
     Parameters
     ----------
@@ -105,17 +86,15 @@ def fit_axis_radii(
     least_radius : float, default 0.001
     recentre : bool, default True
         Move nodes to the centre of their circles.
-    less_noise : callable, default less_spread
-        Radii less what noise adds to them, from the rows of slices (see `fit_slices`) of nodes that
-        have points.
 
     Returns
     -------
     Skeleton
-        With `radius` and the fields ``n_points``, ``arc_deg``, ``residual``.
+        With `radius` and the fields ``n_points``, ``arc_deg``, ``residual`` (the scatter of the
+        points around the circle) and ``radius_error``, zero where there is no fit.
     """
     n_nodes = len(skeleton)
-    owner, distance = assign_surface(skeleton, surface)
+    owner, distance = _assign_surface(skeleton, surface)
     near = distance <= max_radius
     owner, distance, surface = owner[near], distance[near], surface[near]
     order = np.argsort(owner, kind="stable")
@@ -123,20 +102,94 @@ def fit_axis_radii(
     first_guess = _first_radii(distance[order], start, spacing)
     reach = np.clip(1.5 * first_guess, 1.5 * spacing, None)
     tree = skeleton.parent, skeleton.edge_length, *child_rows(skeleton.parent)
-    along = local_tangents(skeleton, 2 * reach)
-    fits, centres, n_points = fit_slices(
-        surface[order], start, tree, reach, skeleton.points, along, MOST_SLICE_POINTS
-    )
-    arc, residual = np.nan_to_num(fits[:, 3]), np.nan_to_num(fits[:, 4])
-    radius = np.full(n_nodes, np.nan)
-    known = np.isfinite(fits[:, 0])
-    radius[known] = less_noise(fits[known])
-    centre = centres if recentre else skeleton.points
-    radius = np.maximum(_fill_along_paths(skeleton, radius), least_radius)
-    fields = dict(skeleton.fields, n_points=n_points, arc_deg=arc, residual=residual)
+    along = _local_tangents(skeleton, 2 * reach)
+    arrays = surface[order], start, tree, reach, skeleton.points, along
+    fits, centres, n_points = _fit_nodes(*arrays, 0.0, CLEAR_NOISES)
+    clear = (fits[:, 1] >= CLEAR_ARC) & (fits[:, 0] > CLEAR_NOISES * fits[:, 2])
+    is_told = np.count_nonzero(clear) >= FEWEST_CLEAR
+    noise = float(np.quantile(fits[clear, 2], CLEAR_QUANTILE)) if is_told else 0.0
+    fits, centres, n_points = _fit_nodes(*arrays, noise, 0.0)
+    radius = np.maximum(_fill_along_paths(skeleton, fits[:, 0]), least_radius)
+    arc, residual, error = np.nan_to_num(fits[:, 1:]).T
+    fields = {"n_points": n_points, "arc_deg": arc, "residual": residual, "radius_error": error}
     return type(skeleton)(
-        centre, skeleton.parent, radius, skeleton.label, fields, skeleton.unit, skeleton.frame
+        centres if recentre else skeleton.points,
+        skeleton.parent,
+        radius,
+        skeleton.label,
+        skeleton.fields | fields,
+        skeleton.unit,
+        skeleton.frame,
     )
+
+
+@numba.njit(cache=True)
+def _fit_nodes(surface, start, tree, reach, nodes, along, noise, least):
+    """Circles across an axis at every node of a skeleton, from the surface points around it.
+
+    Parameters
+    ----------
+    surface : ndarray of shape (n_points, 3), float64
+        Sorted by the node that each point belongs to.
+    start : ndarray of shape (n_nodes + 1,), int64
+        First row of each node's points.
+    tree : tuple
+        Parents, lengths of the edges below, and `child_rows`.
+    reach : ndarray of shape (n_nodes,), float64
+        How far along the axis a node's points are taken from.
+    nodes, along : ndarray of shape (n_nodes, 3), float64
+        Places and directions.
+    noise : float
+        Least scatter of the points around a circle.
+    least : float
+        In scatters of the points' distances: nodes of thinner wood are left out.
+
+    Returns
+    -------
+    fits : ndarray of shape (n_nodes, 4), float64
+        Radius, covered arc in degrees, scatter, standard error of the radius; NaN where there are
+        too few points.
+    centres : ndarray of shape (n_nodes, 3), float64
+    counts : ndarray of shape (n_nodes,), int64
+    """
+    parent, length, child_start, child = tree
+    n_nodes = len(nodes)
+    fits, centres = np.full((n_nodes, 4), np.nan), nodes.copy()
+    counts, near = np.zeros(n_nodes, dtype=np.int64), np.empty(n_nodes, dtype=np.int64)
+    u, v, local, even = np.empty(3), np.empty(3), np.zeros((1, 3)), np.ones(1)
+    first, expected = np.zeros(3), np.full(3, np.inf)
+    for node in range(n_nodes):
+        n_near = window(node, parent, length, child_start, child, reach[node], near)
+        for at in range(n_near):
+            counts[node] += start[near[at] + 1] - start[near[at]]
+        if counts[node] < FEWEST_POINTS:
+            continue
+        stride = 1 + counts[node] // MOST_POINTS
+        _across(along[node, 0], along[node, 1], along[node, 2], u, v)
+        if counts[node] > len(local):
+            local, even = np.zeros((2 * counts[node], 3)), np.ones(2 * counts[node])
+        n = 0
+        for at in range(n_near):
+            for row in range(start[near[at]], start[near[at] + 1], stride):
+                offset = surface[row] - nodes[node]
+                local[n, 0], local[n, 1] = np.dot(offset, u), np.dot(offset, v)
+                n += 1
+        away = np.sqrt(local[:n, 0] ** 2 + local[:n, 1] ** 2)
+        first[2] = median(away.copy())
+        scatter = MAD_TO_SIGMA * median(np.abs(away - first[2]))
+        if first[2] < 0.5 * least * scatter:  # an axis off its circle scatters as well
+            continue
+        expected[:2] = OFF_AXIS * first[2]
+        own, alike = local[:n], even[:n]
+        found, spread = iterate(own, first, first, expected, alike, scatter, noise, SETTLED)
+        if np.isfinite(found[2]):
+            _, offsets, covariance = judge(own, found, expected, alike, spread)
+            fits[node, 1] = arc_deg(offsets, ARC_SECTORS)
+            fits[node, 3] = np.sqrt(max(covariance[2, 2], 0.0))
+            centres[node] += found[0] * u + found[1] * v
+        fits[node, 0] = found[2] if np.isfinite(found[2]) else first[2]
+        fits[node, 2] = spread
+    return fits, centres, counts
 
 
 @numba.njit(cache=True)
@@ -187,3 +240,17 @@ def _filled(radius, known, parent, length, reach):
         value += upper * above[node] if upper > 0 else 0.0
         filled[node] = value / max(lower + upper, 1e-30)
     return filled
+
+
+@numba.njit(cache=True)
+def _across(x, y, z, u, v):
+    """Two directions across a unit vector and one another, written to `u` and `v`."""
+    if abs(x) <= abs(y) and abs(x) <= abs(z):  # its cross product with the axis it is farthest from
+        u[0], u[1], u[2] = 0.0, z, -y
+    elif abs(y) <= abs(z):
+        u[0], u[1], u[2] = -z, 0.0, x
+    else:
+        u[0], u[1], u[2] = y, -x, 0.0
+    norm = np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    u[0], u[1], u[2] = u[0] / norm, u[1] / norm, u[2] / norm
+    v[0], v[1], v[2] = y * u[2] - z * u[1], z * u[0] - x * u[2], x * u[1] - y * u[0]

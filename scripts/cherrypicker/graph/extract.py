@@ -7,8 +7,9 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.axis_radii import fit_axis_radii
 from cherrypicker.geometry.sampling import median_spacing
-from cherrypicker.graph.radius import fit_radii, taper_skeleton
+from cherrypicker.graph.radius import taper_skeleton
 from cherrypicker.graph.samples import FEWEST_NODES, auto_spacing, lowest_wood
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.growth import limbs_of_wood
@@ -71,11 +72,12 @@ def extract_skeleton(contracted, cloud, options=None, *, base=None, limbs=None):
         skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base, found=limbs)
         widest = 1.5 * float(skeleton.radius.max())
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
-    fitted = fit_radii(
+    fitted = fit_axis_radii(
         skeleton,
         surface,
         spacing=spacing,
         max_radius=max(3 * spacing, widest),
+        recentre=False,
     )
     if settings.method == "mst":
         return fitted
