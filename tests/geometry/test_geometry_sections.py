@@ -105,7 +105,7 @@ def test_derivatives_of_the_likelihood():
         kappa = q * r / noise**2
         return (q**2 + r**2) / 2 - noise**2 * (np.log(i0e(kappa)) + kappa)
 
-    by_away, by_radius, *_ = rice(away, radius, noise)
+    by_away, by_radius, *_ = rice(away, radius, noise, 1.0)
     slope = (cost(away + step, radius) - cost(away - step, radius)) / (2 * step)
     assert by_away == pytest.approx(slope, rel=1e-5)
     slope = (cost(away, radius + step) - cost(away, radius - step)) / (2 * step)

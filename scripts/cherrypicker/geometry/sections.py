@@ -61,7 +61,7 @@ def bessel_ratio(kappa: float) -> float:
 
 
 @numba.njit(cache=True)
-def rice(away: float, radius: float, noise: float) -> tuple:
+def rice(away: float, radius: float, noise: float, swell: float) -> tuple:
     """Derivatives of Rice's -log p, times noise^2, by a point's distance and by the radius.
 
     Rice's points lie all around. Those of a limb seen from one side do not, and the density on a
@@ -73,6 +73,9 @@ def rice(away: float, radius: float, noise: float) -> tuple:
     ----------
     away, radius, noise : float
         Distance from the axis, radius there and standard deviation, in one unit.
+    swell : float
+        1 where the points of thick wood lie as far outwards as the noise moves them, 0 where they
+        lie on its surface: the noise is not this section's own.
 
     Returns
     -------
@@ -87,13 +90,14 @@ def rice(away: float, radius: float, noise: float) -> tuple:
     slope = 0.5 if kappa < 1e-6 else 1.0 - ratio / kappa - ratio * ratio
     low, high = THICK_IN_NOISES
     seen = min(max((radius / noise - low) / (high - low), 0.0), 1.0)
-    pull = (1.0 - seen) * radius * ratio + seen * np.sqrt(radius**2 + noise**2)
+    pull = (1.0 - seen) * radius * ratio + seen * np.sqrt(radius**2 + swell * noise**2)
+    inwards = ratio + (1.0 - swell) * seen * kappa / (2.0 * (1.0 + kappa * kappa))
     out = min(max(1.0 - (radius / noise) ** 2 * slope, 0.1), 1.0)
     own = min(max(1.0 - (away / noise) ** 2 * slope, 0.1), 1.0)
     cross = min(ratio + kappa * slope, 0.999 * np.sqrt(out * own))
     side = (1 - seen) * min(max(1.0 - pull / max(away, 1e-12), 0.0), 1.0)
     out, own, cross = seen + (1 - seen) * out, seen + (1 - seen) * own, seen + (1 - seen) * cross
-    return away - pull, radius - away * ratio, out, side, own, -cross
+    return away - pull, radius - away * inwards, out, side, own, -cross
 
 
 @dataclass(frozen=True)
@@ -348,7 +352,7 @@ def _sums(
             for at, order in enumerate(ORDERS):
                 by_radius[6 + 2 * at] = upright * base * np.cos(order * angle)
                 by_radius[7 + 2 * at] = upright * base * np.sin(order * angle)
-        first, second, out, side, own, cross = rice(away, radius, scatter)
+        first, second, out, side, own, cross = rice(away, radius, scatter, 1.0)
         told = balance[row] * weights[row]
         cell, slope = 0, told
         if is_last:
