@@ -1,19 +1,23 @@
 """From contracted points to the rooted skeleton with radii."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.axis_radii import fit_axis_radii
 from cherrypicker.geometry.sampling import median_spacing
 from cherrypicker.graph.radius import taper_skeleton
 from cherrypicker.graph.samples import FEWEST_NODES, auto_spacing, lowest_wood
 from cherrypicker.graph.spanning_tree import spanning_tree
-from cherrypicker.limbs.growth import limbs_of_wood
+from cherrypicker.limbs.growth import Limbs, limbs_of_wood
 from cherrypicker.limbs.joints import join_limbs
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton.axis_radii import fit_axis_radii
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["extract_skeleton", "limb_tree"]
@@ -30,7 +34,14 @@ class GraphOptions:
     n_neighbors: int = 12
 
 
-def extract_skeleton(contracted, cloud, options=None, *, base=None, limbs=None):
+def extract_skeleton(
+    contracted: PointCloud,
+    cloud: PointCloud,
+    options: GraphOptions | None = None,
+    *,
+    base: npt.ArrayLike | None = None,
+    limbs: Limbs | None = None,
+) -> Skeleton:
     """Connect and root the wood, and measure the radii.
 
     Parameters
@@ -84,7 +95,14 @@ def extract_skeleton(contracted, cloud, options=None, *, base=None, limbs=None):
     return taper_skeleton(replace(fitted, radius=skeleton.radius))
 
 
-def limb_tree(points, labels, *, spacing_m=0.01, base=None, found=None):
+def limb_tree(
+    points: np.ndarray,
+    labels: np.ndarray,
+    *,
+    spacing_m: float = 0.01,
+    base: npt.ArrayLike | None = None,
+    found: Limbs | None = None,
+) -> Skeleton:
     """The limbs of a tree's wood, joined and labelled.
 
     Parameters
@@ -122,7 +140,14 @@ def limb_tree(points, labels, *, spacing_m=0.01, base=None, found=None):
     return Skeleton(nodes, parent, radius, label, {"gap": gap, "limb": limb})
 
 
-def _labels(nodes, parent, limb, points, labels, member):
+def _labels(
+    nodes: np.ndarray,
+    parent: np.ndarray,
+    limb: np.ndarray,
+    points: np.ndarray,
+    labels: np.ndarray,
+    member: np.ndarray,
+) -> np.ndarray:
     """Class of each node by the points of its limb: trunk from the root on, then the other."""
     label = np.full(len(nodes), int(Label.BRANCH))
     others = labels[labels != Label.TRUNK]
@@ -140,7 +165,9 @@ def _labels(nodes, parent, limb, points, labels, member):
     return label
 
 
-def _bridging(nodes, parent, radius, points, reach):
+def _bridging(
+    nodes: np.ndarray, parent: np.ndarray, radius: np.ndarray, points: np.ndarray, reach: float
+) -> np.ndarray:
     """Flag of the edges to the parent around which there are no points."""
     up = np.maximum(parent, 0)
     middle = (nodes + nodes[up]) / 2

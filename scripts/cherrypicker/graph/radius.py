@@ -1,5 +1,7 @@
 """Radii of a graph that never grow from the root to a tip."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numba
@@ -7,11 +9,12 @@ import numpy as np
 
 from cherrypicker.geometry.ordering import median
 from cherrypicker.skeleton.axes import axis_runs
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["taper_skeleton"]
 
 
-def taper_skeleton(skeleton):
+def taper_skeleton(skeleton: Skeleton) -> Skeleton:
     """Radii that never grow from the root to a tip, near the measured ones.
 
     Nodes that the radius fit trusts more (more of the circumference, more points) weigh more. All
@@ -35,7 +38,7 @@ def taper_skeleton(skeleton):
 
 
 @numba.njit(cache=True)
-def _running_medians(nodes, first, radius):
+def _running_medians(nodes: np.ndarray, first: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Running medians of five along each run of nodes, ends repeated."""
     smooth = radius.copy()
     for run in range(len(first) - 1):
@@ -50,7 +53,7 @@ def _running_medians(nodes, first, radius):
 
 
 @numba.njit(cache=True)
-def _never_growing(parent, radius, weights):
+def _never_growing(parent: np.ndarray, radius: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Weighted least-squares radii that are nowhere larger than their parent's.
 
     From the tips to the root every node pools with the child block of the largest mean for as

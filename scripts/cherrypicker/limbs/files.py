@@ -8,8 +8,8 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_npz, write_npz
-from cherrypicker.limbs.growth import Limb, Limbs
-from cherrypicker.limbs.tubes import Tube
+from cherrypicker.limbs.growth import Limbs
+from cherrypicker.limbs.tubes import Limb, Tube
 
 __all__ = ["read_limbs", "write_limbs"]
 

@@ -6,6 +6,8 @@ one another are a limb, a ring that several follow is a fork: together they are 
 the foot.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +51,9 @@ class RingForest:
     size: np.ndarray
 
 
-def ways_from_foot(points, base, spacing, stem=None):
+def ways_from_foot(
+    points: np.ndarray, base: np.ndarray, spacing: float, stem: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shortest ways over the surface from the foot of the tree.
 
     A step longer than the spacing costs more than it is long, so that a way follows the wood and
@@ -97,7 +101,9 @@ def ways_from_foot(points, base, spacing, stem=None):
     return way, np.where((before < 0) | (before == len(points)), -1, before), edges
 
 
-def _bridges(points, edges, links, spacing):
+def _bridges(
+    points: np.ndarray, edges: np.ndarray, links: np.ndarray, spacing: float
+) -> np.ndarray:
     """All edges over the gaps that the links cross: a single one would tilt the rings beyond."""
     piece, _ = components(len(points), edges)
     rows_of = {number: np.flatnonzero(piece == number) for number in np.unique(piece[links])}
@@ -114,7 +120,9 @@ def _bridges(points, edges, links, spacing):
     return np.vstack(found)
 
 
-def _stem_edges(points, edges, stem, spacing):
+def _stem_edges(
+    points: np.ndarray, edges: np.ndarray, stem: np.ndarray, spacing: float
+) -> np.ndarray:
     """Edges over the gaps between pieces of the stem: one thing, whatever hides a part of it."""
     number = np.full(len(points), -1)
     number[stem] = np.arange(len(stem))
@@ -123,7 +131,7 @@ def _stem_edges(points, edges, stem, spacing):
     return stem[_bridges(points[stem], own, component_links(points[stem], own), spacing)]
 
 
-def _cheapest(edges, price):
+def _cheapest(edges: np.ndarray, price: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Each edge once, at its lowest price."""
     edges = np.sort(edges, axis=1)
     order = np.lexsort((price, edges[:, 1], edges[:, 0]))
@@ -132,7 +140,7 @@ def _cheapest(edges, price):
     return edges[first], price[first]
 
 
-def _foot(points, base, spacing):
+def _foot(points: np.ndarray, base: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Points of the stem up to its base, and how far above the lowest each lies."""
     aside = np.linalg.norm(points[:, :2] - base[:2], axis=1)
     rise = points[:, 2] - base[2]
@@ -145,7 +153,9 @@ def _foot(points, base, spacing):
     return foot, points[foot, 2] - points[foot, 2].min()
 
 
-def ring_forest(points, base, spacing, stem=None):
+def ring_forest(
+    points: np.ndarray, base: np.ndarray, spacing: float, stem: np.ndarray | None = None
+) -> RingForest:
     """Cut the wood into rings of equal way from the foot, and join them to a forest.
 
     Parameters
@@ -175,7 +185,7 @@ def ring_forest(points, base, spacing, stem=None):
     return RingForest(ring, parent, centre, size)
 
 
-def _pieces_of_bands(height, band, edges):
+def _pieces_of_bands(height: np.ndarray, band: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Connected piece of its band for each point, its numbers from 0 on.
 
     A band is looked at with a part of the bands below and above it: points spread by chance leave
@@ -188,19 +198,19 @@ def _pieces_of_bands(height, band, edges):
     nowhere = -2 - np.arange(n)
     in_the_middle = (share >= OVERLAP) & (share <= 1 - OVERLAP)
     windows = np.stack([band, np.where(in_the_middle, nowhere, beside)])
-    links = [
+    between = [
         np.stack([edges[:, 0] + n * one, edges[:, 1] + n * other], axis=1)[
             windows[one, edges[:, 0]] == windows[other, edges[:, 1]]
         ]
         for one in (0, 1)
         for other in (0, 1)
     ]
-    links = np.vstack(links)
+    links = np.vstack(between)
     piece = connected_components(sparse_graph(2 * n, links, np.ones(len(links))), directed=False)[1]
     return np.unique(piece[:n], return_inverse=True)[1]
 
 
-def _stack_foot(parent, centre, level):
+def _stack_foot(parent: np.ndarray, centre: np.ndarray, level: np.ndarray) -> None:
     """Rings that ways start in stand on the nearest such ring of the level below."""
     starts = np.flatnonzero(parent < 0)
     for ring in starts:
@@ -211,7 +221,7 @@ def _stack_foot(parent, centre, level):
             parent[ring] = below[np.argmin(away)]
 
 
-def _votes(ring, before, n_rings):
+def _votes(ring: np.ndarray, before: np.ndarray, n_rings: int) -> np.ndarray:
     """The ring from which most ways enter each ring; of equals the one nearest to the foot."""
     entering = np.flatnonzero((before >= 0) & (ring[before] != ring))
     pair = ring[entering] * n_rings + ring[before[entering]]

@@ -5,6 +5,8 @@ is minimised over all nodes of an axis and their radii at once by Newton's steps
 a limb bends in proportion to its thickness and its radius changes slowly.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numba
@@ -14,7 +16,7 @@ from scipy.linalg import solveh_banded
 
 from cherrypicker.geometry.sections import TUKEY, rice
 
-__all__ = ["Seen", "Tube", "fit_tube", "place_on_axis", "resample", "seen_from", "smooth"]
+__all__ = ["Limb", "Seen", "Tube", "fit_tube", "place_on_axis", "resample", "seen_from", "smooth"]
 
 BANDWIDTH = 11  # nodes of four unknowns, coupled with the next two
 BEND = 5.0  # a limb bends no more than in an arc of this many (radii + spacings); a guess
@@ -43,17 +45,33 @@ class Tube:
     radius: np.ndarray
 
     @property
-    def length(self):
+    def length(self) -> float:
         """Length of the axis."""
         return float(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1).sum())
 
     @property
-    def way(self):
+    def way(self) -> np.ndarray:
         """Way along the axis from its start to each node, (n_nodes,) float64."""
         return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1)))
 
 
-def resample(tube, least, in_radii):
+@dataclass
+class Limb:
+    """An axis with radii and the limb that it grows from.
+
+    Attributes
+    ----------
+    tube : Tube
+        From where it leaves its parent to its tip.
+    parent : int
+        Number of the parent, smaller than its own; -1 for the stem.
+    """
+
+    tube: Tube
+    parent: int
+
+
+def resample(tube: Tube, least: float, in_radii: float) -> Tube | None:
     """The same tube with nodes evenly apart: `least`, or `in_radii` local radii where that is more.
 
     Returns
@@ -73,7 +91,7 @@ def resample(tube, least, in_radii):
     return Tube(new, np.interp(at, way, radius))
 
 
-def smooth(tube, step):
+def smooth(tube: Tube, step: float) -> Tube:
     """The same tube with nodes at most `step` apart, on a smooth curve through the old ones."""
     way = tube.way
     at = np.linspace(0.0, way[-1], max(2, int(np.ceil(way[-1] / step)) + 1))
@@ -86,7 +104,7 @@ def smooth(tube, step):
     return Tube(nodes, np.interp(at, way, tube.radius))
 
 
-def place_on_axis(points, nodes):
+def place_on_axis(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The nearest place of an axis for each point.
 
     Returns
@@ -102,7 +120,7 @@ def place_on_axis(points, nodes):
 
 
 @numba.njit(cache=True)
-def _place(points, nodes, segment, share):
+def _place(points: np.ndarray, nodes: np.ndarray, segment: np.ndarray, share: np.ndarray) -> None:
     last = len(nodes) - 2
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -151,12 +169,12 @@ class Seen:
     way: np.ndarray
     beyond: np.ndarray
 
-    def select(self, keep):
+    def select(self, keep: np.ndarray) -> Seen:
         """Those of the points that `keep` (bool) names."""
         return Seen(self.away[keep], self.radius[keep], self.way[keep], self.beyond[keep])
 
 
-def seen_from(tube, points):
+def seen_from(tube: Tube, points: np.ndarray) -> Seen:
     """`Seen` of points from a tube."""
     segment, share = place_on_axis(points, tube.nodes)
     inside = np.clip(share, 0.0, 1.0)
@@ -171,7 +189,15 @@ def seen_from(tube, points):
     )
 
 
-def fit_tube(points, tube, *, noise, spacing, cutoff, n_rounds=N_ROUNDS):
+def fit_tube(
+    points: np.ndarray,
+    tube: Tube,
+    *,
+    noise: float,
+    spacing: float,
+    cutoff: float,
+    n_rounds: int = N_ROUNDS,
+) -> tuple[Tube, np.ndarray]:
     """Fit axis and radii to points.
 
     Parameters
@@ -210,7 +236,13 @@ def fit_tube(points, tube, *, noise, spacing, cutoff, n_rounds=N_ROUNDS):
     return Tube(nodes, radius), away - own
 
 
-def _offsets(points, nodes, radius, segment, share):
+def _offsets(
+    points: np.ndarray,
+    nodes: np.ndarray,
+    radius: np.ndarray,
+    segment: np.ndarray,
+    share: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distance from the axis, its direction, and the radius there."""
     place = nodes[segment] + share[:, None] * (nodes[segment + 1] - nodes[segment])
     offset = points - place
@@ -219,7 +251,14 @@ def _offsets(points, nodes, radius, segment, share):
     return away, offset / np.maximum(away, 1e-12)[:, None], own
 
 
-def _newton_step(points, nodes, radius, noise, spacing, limit):
+def _newton_step(
+    points: np.ndarray,
+    nodes: np.ndarray,
+    radius: np.ndarray,
+    noise: float,
+    spacing: float,
+    limit: float,
+) -> np.ndarray:
     """Step of nodes and radii, (n_nodes, 4), from the points' derivatives and the priors."""
     segment, share = place_on_axis(points, nodes)
     length = np.maximum(np.linalg.norm(np.diff(nodes, axis=0), axis=1), LEAST_STEP * spacing)
@@ -238,7 +277,18 @@ def _newton_step(points, nodes, radius, noise, spacing, limit):
 
 
 @numba.njit(cache=True)
-def _add_points(band, gradient, segment, share, weight, away, own, out, along, noise):
+def _add_points(
+    band: np.ndarray,
+    gradient: np.ndarray,
+    segment: np.ndarray,
+    share: np.ndarray,
+    weight: np.ndarray,
+    away: np.ndarray,
+    own: np.ndarray,
+    out: np.ndarray,
+    along: np.ndarray,
+    noise: float,
+) -> None:
     """The derivatives of `rice` by nodes and radii, times noise^2, into the equations."""
     block, force, aside = np.empty((4, 4)), np.empty(4), np.empty(3)
     for i in range(len(segment)):
@@ -271,7 +321,16 @@ def _add_points(band, gradient, segment, share, weight, away, own, out, along, n
 
 
 @numba.njit(cache=True)
-def _add_priors(band, gradient, nodes, radius, length, along, noise, spacing):
+def _add_priors(
+    band: np.ndarray,
+    gradient: np.ndarray,
+    nodes: np.ndarray,
+    radius: np.ndarray,
+    length: np.ndarray,
+    along: np.ndarray,
+    noise: float,
+    spacing: float,
+) -> None:
     """Bends, tapers, and nodes that do not slide along the axis: nothing else would hold them."""
     n = len(nodes)
     turn = (1.0, -2.0, 1.0)

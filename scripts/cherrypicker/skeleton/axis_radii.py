@@ -1,5 +1,9 @@
 """Radii along the axes of a skeleton, from the surface points around them."""
 
+from __future__ import annotations
+
+from dataclasses import replace
+
 import numba
 import numpy as np
 
@@ -13,6 +17,7 @@ from cherrypicker.geometry.tree_walks import (
     tangents,
     window,
 )
+from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["fit_axis_radii"]
 
@@ -25,7 +30,7 @@ CLEAR_ARC, CLEAR_NOISES, FEWEST_CLEAR = 240.0, 4.0, 10  # sections that tell the
 CLEAR_QUANTILE = 0.25  # bark, flutes and bends scatter points as well: the calmer sections count
 
 
-def _local_tangents(skeleton, reach):
+def _local_tangents(skeleton: Skeleton, reach: np.ndarray | float) -> np.ndarray:
     """Direction of the skeleton at each node, from the nodes within `reach` along its own axis.
 
     Parameters
@@ -47,7 +52,7 @@ def _local_tangents(skeleton, reach):
     return found
 
 
-def _assign_surface(skeleton, surface):
+def _assign_surface(skeleton: Skeleton, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Node of the nearest edge of the skeleton to each surface point.
 
     Parameters
@@ -66,7 +71,15 @@ def _assign_surface(skeleton, surface):
     return np.where(share <= 0.5, node, np.maximum(skeleton.parent[node], 0)), distance
 
 
-def fit_axis_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001, recentre=True):
+def fit_axis_radii(
+    skeleton: Skeleton,
+    surface: np.ndarray,
+    *,
+    spacing: float,
+    max_radius: float,
+    least_radius: float = 0.001,
+    recentre: bool = True,
+) -> Skeleton:
     """Radius of each node, and its place on the axis, from the surface points around it.
 
     The points nearest to the node and its neighbours within a radius along the axis are projected
@@ -112,19 +125,21 @@ def fit_axis_radii(skeleton, surface, *, spacing, max_radius, least_radius=0.001
     radius = np.maximum(_fill_along_paths(skeleton, fits[:, 0]), least_radius)
     arc, residual, error = np.nan_to_num(fits[:, 1:]).T
     fields = {"n_points": n_points, "arc_deg": arc, "residual": residual, "radius_error": error}
-    return type(skeleton)(
-        centres if recentre else skeleton.points,
-        skeleton.parent,
-        radius,
-        skeleton.label,
-        skeleton.fields | fields,
-        skeleton.unit,
-        skeleton.frame,
-    )
+    points = centres if recentre else skeleton.points
+    return replace(skeleton, points=points, radius=radius, fields=skeleton.fields | fields)
 
 
 @numba.njit(cache=True)
-def _fit_nodes(surface, start, tree, reach, nodes, along, noise, least):
+def _fit_nodes(
+    surface: np.ndarray,
+    start: np.ndarray,
+    tree: tuple,
+    reach: np.ndarray,
+    nodes: np.ndarray,
+    along: np.ndarray,
+    noise: float,
+    least: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Circles across an axis at every node of a skeleton, from the surface points around it.
 
     Parameters
@@ -193,7 +208,7 @@ def _fit_nodes(surface, start, tree, reach, nodes, along, noise, least):
 
 
 @numba.njit(cache=True)
-def _first_radii(distance, start, spacing):
+def _first_radii(distance: np.ndarray, start: np.ndarray, spacing: float) -> np.ndarray:
     """Median distance of the points that each node owns; the spacing where there are none.
 
     Reorders the distances of each node.
@@ -206,7 +221,7 @@ def _first_radii(distance, start, spacing):
     return guess
 
 
-def _fill_along_paths(skeleton, radius):
+def _fill_along_paths(skeleton: Skeleton, radius: np.ndarray) -> np.ndarray:
     """Radii of nodes without points, between the nearest ones known below and above."""
     known = np.isfinite(radius)
     if known.all() or not known.any():
@@ -215,7 +230,9 @@ def _fill_along_paths(skeleton, radius):
 
 
 @numba.njit(cache=True)
-def _filled(radius, known, parent, length, reach):
+def _filled(
+    radius: np.ndarray, known: np.ndarray, parent: np.ndarray, length: np.ndarray, reach: np.ndarray
+) -> np.ndarray:
     n = len(radius)
     below, to_below = radius.copy(), np.full(n, np.inf)
     for node in range(n):
@@ -243,7 +260,7 @@ def _filled(radius, known, parent, length, reach):
 
 
 @numba.njit(cache=True)
-def _across(x, y, z, u, v):
+def _across(x: float, y: float, z: float, u: np.ndarray, v: np.ndarray) -> None:
     """Two directions across a unit vector and one another, written to `u` and `v`."""
     if abs(x) <= abs(y) and abs(x) <= abs(z):  # its cross product with the axis it is farthest from
         u[0], u[1], u[2] = 0.0, z, -y

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skeleton_shapes import tube
 
-from cherrypicker.geometry.axis_radii import fit_axis_radii
+from cherrypicker.skeleton.axis_radii import fit_axis_radii
 from cherrypicker.skeleton.model import Skeleton
 
 
