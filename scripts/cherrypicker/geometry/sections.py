@@ -250,7 +250,7 @@ def iterate(
     Returns
     -------
     parameters : ndarray of shape (n_parameters,)
-        NaN where the points leave them open.
+        The radius is NaN where the points leave them open.
     scatter : float
     """
     found, n = start.copy(), len(start)
@@ -258,21 +258,20 @@ def iterate(
     scatter, near = max(scatter, least), np.empty(len(local))
     for _ in range(N_ROUNDS):
         _, _, normals, scores = _sums(local, found, balance, scatter, False)
-        normal, gradient = normals.sum(axis=0), scores.sum(axis=0)
+        normal, gradient = normals[0], scores[0]
         for i in range(n):
             if expected[i] > 0.0:
                 gradient[i] += (scatter / expected[i]) ** 2 * (found[i] - mean[i])
             else:
                 gradient[i] = 0.0
         _hold(normal, expected, scatter)
-        if not np.isfinite(normal).all():
-            found[:] = np.nan
-            break
-        step = np.linalg.solve(normal, gradient)
-        moved = np.abs(step[:3]).max()
-        found -= step * min(1.0, 0.5 * found[2] / max(moved, 1e-300))
-        if not found[2] > 0:
-            found[:] = np.nan
+        step = _solved(normal, gradient)
+        moved = max(abs(step[0]), abs(step[1]), abs(step[2]))
+        share = min(1.0, 0.5 * found[2] / max(moved, 1e-300))
+        for i in range(n):
+            found[i] -= share * step[i]
+        if not (found[2] > 0 and np.isfinite(step[0])):
+            found[2] = np.nan
             break
         n_near = 0
         for row in range(len(local)):
@@ -329,7 +328,9 @@ def _sums(
     weights, offset = np.empty(len(local)), np.empty((len(local), 2))
     n_cells = N_SECTORS * N_LEVELS if is_last else 1
     normals, scores = np.zeros((n_cells, n, n)), np.zeros((n_cells, n))
-    low, high = local[:, 2].min(), local[:, 2].max()
+    low, high = np.inf, -np.inf
+    for row in range(len(local)):
+        low, high = min(low, local[row, 2]), max(high, local[row, 2])
     by_axis, by_side, by_radius = np.zeros(n), np.zeros(n), np.zeros(n)
     for row in range(len(local)):
         off, x, y, lean, upright, base, wave, radius = _seen(local, row, section, scatter)
@@ -377,9 +378,36 @@ def _hold(normal: np.ndarray, expected: np.ndarray, scatter: float) -> None:
         if expected[i] > 0.0:
             normal[i, i] += (scatter / expected[i]) ** 2 + 1e-9 * abs(normal[i, i]) + 1e-30
         else:
-            normal[i, :] = 0.0
-            normal[:, i] = 0.0
+            for j in range(len(normal)):
+                normal[i, j] = normal[j, i] = 0.0
             normal[i, i] = 1.0
+
+
+@numba.njit(cache=True)
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of linear equations by elimination with pivots, NaN where they have none."""
+    n, rest, found = len(right), matrix.copy(), right.copy()
+    for at in range(n):
+        pivot = at
+        for row in range(at + 1, n):
+            if abs(rest[row, at]) > abs(rest[pivot, at]):
+                pivot = row
+        if not abs(rest[pivot, at]) > 0.0:
+            found.fill(np.nan)
+            return found
+        for column in range(at, n):
+            rest[at, column], rest[pivot, column] = rest[pivot, column], rest[at, column]
+        found[at], found[pivot] = found[pivot], found[at]
+        for row in range(at + 1, n):
+            share = rest[row, at] / rest[at, at]
+            for column in range(at, n):
+                rest[row, column] -= share * rest[at, column]
+            found[row] -= share * found[at]
+    for row in range(n - 1, -1, -1):
+        for column in range(row + 1, n):
+            found[row] -= rest[row, column] * found[column]
+        found[row] /= rest[row, row]
+    return found
 
 
 @numba.njit(cache=True)
@@ -397,39 +425,51 @@ def judge(
     as much as it was expected to.
     """
     weights, offset, normals, scores = _sums(local, section, balance, scatter, True)
-    n, n_cells, total = len(section), 0, normals.sum(axis=0)
-    covariance, held = np.zeros((n, n)), np.zeros((n, n))
-    for i in range(n):
-        held[i, i] = scatter**2 / expected[i] if expected[i] > 0.0 else 0.0
+    n, n_told = len(section), 0
+    total, covariance = np.zeros((n, n)), np.zeros((n, n))
     for cell in range(len(scores)):
-        if np.any(scores[cell] != 0.0):
-            rest = total - normals[cell]
+        for i in range(n):
+            for j in range(n):
+                total[i, j] += normals[cell, i, j]
+    for cell in range(len(scores)):
+        gradient, rest, is_told = scores[cell], total.copy(), False
+        for i in range(n):
+            is_told = is_told or gradient[i] != 0.0
+            gradient[i] *= expected[i] > 0.0
+            for j in range(n):
+                rest[i, j] -= normals[cell, i, j]
+        if is_told:
             _hold(rest, expected, scatter)
-            moved = np.linalg.solve(rest, np.where(expected > 0.0, scores[cell], 0.0))
-            covariance += np.outer(moved, moved)
-            n_cells += 1
+            _add_square(covariance, _solved(rest, gradient))
+            n_told += 1
+    covariance *= max(n_told - 1, 1) / max(n_told, 1)
     _hold(total, expected, scatter)
-    known = np.linalg.solve(total, held)
-    covariance *= max(n_cells - 1, 1) / max(n_cells, 1)
-    return weights, offset, covariance + known @ known.T
+    for i in range(n):
+        if 0.0 < expected[i] < np.inf:
+            held = np.zeros(n)
+            held[i] = scatter**2 / expected[i]
+            _add_square(covariance, _solved(total, held))
+    return weights, offset, covariance
 
 
 @numba.njit(cache=True)
-def _sectors(offset: np.ndarray, n_sectors: int) -> np.ndarray:
-    """Which of equal parts of the circumference points (n, 2) lie in, around the origin."""
-    sector = np.empty(len(offset), dtype=np.int64)
-    for row in range(len(offset)):
-        turn = np.arctan2(offset[row, 1], offset[row, 0]) / (2 * np.pi) + 0.5
-        sector[row] = min(int(turn * n_sectors), n_sectors - 1)
-    return sector
+def _add_square(matrix: np.ndarray, vector: np.ndarray) -> None:
+    """Add a vector's product with itself."""
+    for i in range(len(vector)):
+        for j in range(len(vector)):
+            matrix[i, j] += vector[i] * vector[j]
 
 
 @numba.njit(cache=True)
 def arc_deg(offset: np.ndarray, n_sectors: int) -> float:
     """Degrees of a circle whose sectors hold a point; `offset` (n, 2) is relative to the centre."""
-    is_seen = np.zeros(n_sectors)
-    is_seen[_sectors(offset, n_sectors)] = 1.0
-    return 360.0 * is_seen.sum() / n_sectors
+    is_seen, n_seen = np.zeros(n_sectors), 0.0
+    for row in range(len(offset)):
+        turn = np.arctan2(offset[row, 1], offset[row, 0]) / (2 * np.pi) + 0.5
+        is_seen[min(int(turn * n_sectors), n_sectors - 1)] = 1.0
+    for sector in range(n_sectors):
+        n_seen += is_seen[sector]
+    return 360.0 * n_seen / n_sectors
 
 
 def circles_through(triples: np.ndarray) -> np.ndarray:

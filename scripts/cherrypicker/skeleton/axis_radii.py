@@ -171,7 +171,7 @@ def _fit_nodes(
     n_nodes = len(nodes)
     fits, centres = np.full((n_nodes, 4), np.nan), nodes.copy()
     counts, near = np.zeros(n_nodes, dtype=np.int64), np.empty(n_nodes, dtype=np.int64)
-    u, v, local, even = np.empty(3), np.empty(3), np.zeros((1, 3)), np.ones(1)
+    u, v, local, away, even = np.empty(3), np.empty(3), np.zeros((1, 3)), np.zeros(1), np.ones(1)
     first, expected = np.zeros(3), np.full(3, np.inf)
     for node in range(n_nodes):
         n_near = window(node, parent, length, child_start, child, reach[node], near)
@@ -182,26 +182,33 @@ def _fit_nodes(
         stride = 1 + counts[node] // MOST_POINTS
         _across(along[node, 0], along[node, 1], along[node, 2], u, v)
         if counts[node] > len(local):
-            local, even = np.zeros((2 * counts[node], 3)), np.ones(2 * counts[node])
+            n = 2 * counts[node]
+            local, away, even = np.zeros((n, 3)), np.zeros(n), np.ones(n)
         n = 0
         for at in range(n_near):
             for row in range(start[near[at]], start[near[at] + 1], stride):
-                offset = surface[row] - nodes[node]
-                local[n, 0], local[n, 1] = np.dot(offset, u), np.dot(offset, v)
+                local[n, 0] = local[n, 1] = 0.0
+                for axis in range(3):
+                    offset = surface[row, axis] - nodes[node, axis]
+                    local[n, 0] += offset * u[axis]
+                    local[n, 1] += offset * v[axis]
+                away[n] = np.sqrt(local[n, 0] ** 2 + local[n, 1] ** 2)
                 n += 1
-        away = np.sqrt(local[:n, 0] ** 2 + local[:n, 1] ** 2)
-        first[2] = median(away.copy())
-        scatter = MAD_TO_SIGMA * median(np.abs(away - first[2]))
+        first[2] = median(away[:n])
+        for row in range(n):
+            away[row] = abs(away[row] - first[2])
+        scatter = MAD_TO_SIGMA * median(away[:n])
         if first[2] < 0.5 * least * scatter:  # an axis off its circle scatters as well
             continue
-        expected[:2] = OFF_AXIS * first[2]
+        expected[0] = expected[1] = OFF_AXIS * first[2]
         own, alike = local[:n], even[:n]
         found, spread = iterate(own, first, first, expected, alike, scatter, noise, SETTLED)
         if np.isfinite(found[2]):
             _, offsets, covariance = judge(own, found, expected, alike, spread)
             fits[node, 1] = arc_deg(offsets, ARC_SECTORS)
             fits[node, 3] = np.sqrt(max(covariance[2, 2], 0.0))
-            centres[node] += found[0] * u + found[1] * v
+            for axis in range(3):
+                centres[node, axis] += found[0] * u[axis] + found[1] * v[axis]
         fits[node, 0] = found[2] if np.isfinite(found[2]) else first[2]
         fits[node, 2] = spread
     return fits, centres, counts

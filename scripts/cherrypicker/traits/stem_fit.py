@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import binned_statistic_2d, theilslopes
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.sections import MAD_TO_SIGMA, Section, circles_through
 
 __all__ = ["search_circle", "sector_weights", "steady_levels"]
@@ -155,8 +156,17 @@ def steady_levels(
 @numba.njit(cache=True)
 def sector_weights(offset: np.ndarray) -> np.ndarray:
     """Weights that even out the number of points per sector, at most by `_MAX_BALANCE`."""
-    turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
-    sector = np.minimum((N_SECTORS * turn).astype(np.int64), N_SECTORS - 1)
-    count = np.bincount(sector, minlength=N_SECTORS)
-    balance = np.median(count[count > 0]) / count[sector]
-    return np.minimum(np.maximum(balance, 1.0 / _MAX_BALANCE), _MAX_BALANCE)
+    sector, count = np.empty(len(offset), dtype=np.int64), np.zeros(N_SECTORS)
+    for row in range(len(offset)):
+        turn = np.arctan2(offset[row, 1], offset[row, 0]) / (2 * np.pi) + 0.5
+        sector[row] = min(int(turn * N_SECTORS), N_SECTORS - 1)
+        count[sector[row]] += 1
+    filled, n_filled = np.empty(N_SECTORS), 0
+    for part in range(N_SECTORS):
+        filled[n_filled] = count[part]
+        n_filled += count[part] > 0
+    typical, weights = median(filled[:n_filled]), np.empty(len(offset))
+    for row in range(len(offset)):
+        balance = typical / count[sector[row]]
+        weights[row] = min(max(balance, 1.0 / _MAX_BALANCE), _MAX_BALANCE)
+    return weights
