@@ -29,6 +29,12 @@ BAND = 2.0  # in spacings: how high a ring is
 # 206 and 199 of foreign_a's 209 tips.
 OVERLAP = 0.25
 
+TURN = 5  # rings before and after a place that tell how far the way turns there
+# Cosine of a turn from which wood is taken to touch only: of the chains of six clouds 0 or 1 turns
+# so far where wood is whole, 1 to 4 where holes have taken the bases of limbs.
+TURNED = -0.3
+MOST_GAPS = 50  # of a piece beyond a turn that are compared, a ring each
+
 
 @dataclass
 class RingForest:
@@ -52,7 +58,11 @@ class RingForest:
 
 
 def ways_from_foot(
-    points: np.ndarray, base: np.ndarray, spacing: float, stem: np.ndarray | None = None
+    points: np.ndarray,
+    base: np.ndarray,
+    spacing: float,
+    stem: np.ndarray | None = None,
+    over: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shortest ways over the surface from the foot of the tree.
 
@@ -69,6 +79,8 @@ def ways_from_foot(
         Between neighbouring points.
     stem : ndarray of shape (n_points,), bool, optional
         What is known to be the stem: gaps within it cost no more than they are long.
+    over : ndarray of shape (n_gaps, 2), int64, optional
+        Gaps that may be crossed as well.
 
     Returns
     -------
@@ -81,6 +93,8 @@ def ways_from_foot(
     """
     edges = knn_edges(points, N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([edges, _bridges(points, edges, component_links(points, edges), spacing)])
+    if over is not None:
+        edges = np.vstack([edges, over])
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
     price = length * np.maximum(1.0, length / spacing)
     if stem is not None and stem.any():
@@ -167,7 +181,18 @@ def ring_forest(
     -------
     RingForest
     """
-    way, before, edges = ways_from_foot(points, base, spacing, stem)
+    ways = ways_from_foot(points, base, spacing, stem)
+    forest = _cut_to_rings(points, spacing, *ways)
+    over = _gaps_beyond_turns(points, spacing, ways[0], ways[2], forest)
+    if not len(over):
+        return forest
+    return _cut_to_rings(points, spacing, *ways_from_foot(points, base, spacing, stem, over))
+
+
+def _cut_to_rings(
+    points: np.ndarray, spacing: float, way: np.ndarray, before: np.ndarray, edges: np.ndarray
+) -> RingForest:
+    """Rings of equal way and their forest, from `ways_from_foot`."""
     height = way / (BAND * spacing)
     band = np.floor(height).astype(np.int64)
     ring = _pieces_of_bands(height, band, edges)
@@ -183,6 +208,59 @@ def ring_forest(
     parent = _votes(ring, before, n_rings)
     _stack_foot(parent, centre, level[order])
     return RingForest(ring, parent, centre, size)
+
+
+def _gaps_beyond_turns(
+    points: np.ndarray, spacing: float, way: np.ndarray, edges: np.ndarray, forest: RingForest
+) -> np.ndarray:
+    """The gap that shortens ways the most, of each piece of wood beyond a turn, (n, 2) int64.
+
+    Wood does not turn back on itself: where a limb's base is hidden, the only way to it over wood
+    that touches may lead up another limb and down a twig of its own. What lies beyond such a turn
+    may cross a gap as well, at the price that pieces pay that touch nothing.
+    """
+    turn = _turns(forest.parent, forest.centre)[forest.ring]
+    rest = np.flatnonzero(turn < 0)
+    around = cKDTree(points[rest])
+    found = [np.empty((0, 2), dtype=np.int64)]
+    for number in np.unique(turn[turn >= 0]):
+        rows = np.flatnonzero(turn == number)
+        gap, nearest = around.query(points[rows])
+        beyond = way[rest[nearest]] + gap * np.maximum(1.0, gap / spacing)
+        gain = way[rows] - beyond
+        order = np.lexsort((-gain, forest.ring[rows]))
+        starts = order[np.unique(forest.ring[rows][order], return_index=True)[1]]
+        starts = starts[np.argsort(-gain[starts], kind="stable")[:MOST_GAPS]]
+        starts = starts[gain[starts] > 0]
+        if not len(starts):
+            continue
+        within = np.full(len(points), -1)
+        within[rows] = np.arange(len(rows))
+        own = within[edges]
+        own = own[(own >= 0).all(axis=1)]
+        steps = np.linalg.norm(points[rows[own[:, 0]]] - points[rows[own[:, 1]]], axis=1)
+        graph = sparse_graph(len(rows), own, steps * np.maximum(1.0, steps / spacing))
+        ways = beyond[starts, None] + dijkstra(graph, directed=False, indices=starts)
+        best = starts[np.argmax(np.maximum(way[rows] - ways, 0.0).sum(axis=1))]
+        near = np.linalg.norm(points[rows] - points[rows[best]], axis=1) <= gap[best]
+        found.append(np.stack([rows[near], rest[nearest[near]]], axis=1))
+    return np.vstack(found)
+
+
+def _turns(parent: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Ring at which the way to each ring first turns back on itself, -1 where it does not."""
+    up = parent
+    for _ in range(TURN - 1):
+        up = np.where(up >= 0, parent[up], -1)
+    far = np.where(up >= 0, up[up], -1)
+    one, two = centre[up] - centre[far], centre - centre[up]
+    length = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
+    turned = (far >= 0) & ((one * two).sum(axis=1) < TURNED * length)
+    first = np.where(turned, np.arange(len(parent)), -1)
+    for ring in np.flatnonzero(parent >= 0):
+        if first[parent[ring]] >= 0:
+            first[ring] = first[parent[ring]]
+    return first
 
 
 def _pieces_of_bands(height: np.ndarray, band: np.ndarray, edges: np.ndarray) -> np.ndarray:
