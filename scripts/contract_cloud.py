@@ -1,10 +1,10 @@
 """Choose the target tree by its wood, and contract that to its skeleton points (LBC or S-LBC).
 
-Reads segmented.ply (and, for a tree from photos, metric.json), writes target.json, contracted.ply
-and contract.json. Example:
+Reads segmented.ply (and, for a tree from photos, metric.json), writes target.json, contracted.ply,
+limbs.npz (which extract_graph joins) and contract.json. Example:
 
     python scripts/contract_cloud.py --segmented segmented.ply --contracted contracted.ply \
-        --report contract.json --target target.json --method slbc
+        --report contract.json --target target.json --limbs limbs.npz --method slbc
 """
 
 from typing import Annotated, Any
@@ -14,6 +14,7 @@ import numpy as np
 from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
 from cherrypicker.files import read_json, write_json
+from cherrypicker.limbs.files import write_limbs
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
@@ -26,6 +27,7 @@ def main(
     report: Annotated[str, "what was cut, and how it went, JSON"],
     target: Annotated[str, "which tree it is, and the others, JSON"],
     metric: Annotated[str | None, "metric.json of a tree from photos"] = None,
+    limbs: Annotated[str | None, "limbs that the points were moved to, NPZ"] = None,
     *,
     target_xy: tuple[float, float] | None = None,
     wood: WoodOptions,
@@ -45,6 +47,9 @@ def main(
         region=scan["region"],
     )
     write_cloud(contracted, points)
+    grown = details.pop("limbs")
+    if limbs:
+        write_limbs(limbs, grown)
     write_json(target, target_report(details.pop("choice"), **scan))
     write_json(report, {"preset": options.preset, **details})
 

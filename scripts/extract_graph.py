@@ -1,13 +1,14 @@
 """Make the skeleton and the topology graph from the contracted points.
 
-Reads contracted.ply, contract.json and segmented.ply, and for a scan from photos the undistorted
-photos, metric_poses.npz, the sky masks and the sparse model's cameras, which refute what is not
-there; writes skeleton.graphml, skeleton.ply, skeleton.swc, topology.graphml and graph.json (the
-last four where a path is given). Example:
+Reads contracted.ply, contract.json, limbs.npz and segmented.ply, and for a scan from photos the
+undistorted photos, metric_poses.npz, the sky masks and the sparse model's cameras, which refute
+what is not there; writes skeleton.graphml, skeleton.ply, skeleton.swc, topology.graphml and
+graph.json (the last four where a path is given). The points are taken where they were before the
+contraction. Example:
 
     python scripts/extract_graph.py --contracted contracted.ply --contract_report contract.json \
-        --segmented segmented.ply --skeleton_graph skeleton.graphml --skeleton_ply skeleton.ply \
-        --skeleton_swc skeleton.swc --topology topology.graphml
+        --limbs limbs.npz --segmented segmented.ply --skeleton_graph skeleton.graphml \
+        --skeleton_ply skeleton.ply --skeleton_swc skeleton.swc --topology topology.graphml
 """
 
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Annotated
 
 from cherrypicker.files import read_json, write_json
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
+from cherrypicker.limbs.files import read_limbs
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.photo_check.drop import DropOptions, drop_refuted
 from cherrypicker.photo_check.places import MetricWorkspace
@@ -40,6 +42,7 @@ def main(
     skeleton_swc: Annotated[str | None, "skeleton.swc"] = None,
     topology: Annotated[str | None, "topology.graphml"] = None,
     contract_report: Annotated[str | None, "contract.json, for the stem's base"] = None,
+    limbs: Annotated[str | None, "limbs.npz of the contraction; else they are grown"] = None,
     undistorted: Annotated[str | None, "manifest beside the undistorted photos"] = None,
     metric_poses: Annotated[str | None, "poses in the labelled cloud's frame"] = None,
     sky_masks: Annotated[str | None, "folder of sky masks"] = None,
@@ -55,6 +58,7 @@ def main(
         read_cloud(segmented, required=("label",)),
         options,
         base=read_json(contract_report)["base"] if contract_report else None,
+        limbs=read_limbs(limbs) if limbs else None,
     )
     refuted = None
     if drop.drop_refuted and undistorted and metric_poses and sky_masks and cameras:

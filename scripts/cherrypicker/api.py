@@ -178,7 +178,9 @@ def skeletonize(
         options=ContractionOptions(preset),
         target_xy=target_xy,
     )
-    return extract_skeleton(contracted, whole, GraphOptions(method=graph), base=report["base"])
+    return extract_skeleton(
+        contracted, whole, GraphOptions(method=graph), base=report["base"], limbs=report["limbs"]
+    )
 
 
 def _points_and_labels(cloud: PointCloud | np.ndarray, labels: np.ndarray | None) -> tuple:

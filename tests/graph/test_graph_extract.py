@@ -19,6 +19,7 @@ from cherrypicker.geometry.neighbors import component_links, components, knn_edg
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton, limb_tree
 from cherrypicker.graph.samples import find_root
 from cherrypicker.graph.spanning_tree import spanning_tree
+from cherrypicker.limbs.files import read_limbs, write_limbs
 from cherrypicker.skeleton import axes, fold
 
 
@@ -172,6 +173,34 @@ def test_equal_input_gives_equal_skeletons(tree_case):
     first, second = (extract_skeleton(contracted, cloud, base=(0, 0, 0)) for _ in range(2))
     np.testing.assert_array_equal(first.points, second.points)
     np.testing.assert_array_equal(first.radius, second.radius)
+
+
+def test_limbs_are_grown_once_and_joined_from_their_file(tree_case, tmp_path):
+    _, cloud, _ = tree_case
+    contracted, report = contract_wood(cloud)
+    write_limbs(tmp_path / "limbs.npz", report["limbs"])
+    stored = read_limbs(tmp_path / "limbs.npz")
+    alone, joined = (
+        extract_skeleton(contracted, cloud, base=report["base"], limbs=limbs)
+        for limbs in (None, stored)
+    )
+    np.testing.assert_array_equal(alone.points, joined.points)
+    np.testing.assert_array_equal(alone.parent, joined.parent)
+    np.testing.assert_array_equal(alone.radius, joined.radius)
+    fewer = contracted.select(np.arange(100))
+    with pytest.raises(StageError, match="for a tree of 100"):
+        extract_skeleton(fewer, cloud, base=report["base"], limbs=stored)
+
+
+@pytest.mark.parametrize(("method", "preset"), [("lbc", "default"), ("slbc", "paper")])
+def test_a_contraction_without_limbs_of_labels_leaves_them_to_the_graph(
+    tree_case, tmp_path, method, preset
+):
+    _, cloud, _ = tree_case
+    options = ContractionOptions(preset, max_iterations=1) if preset == "paper" else None
+    _, report = contract_wood(cloud, WoodOptions(method=method, voxel_size_m=0.01), options=options)
+    write_limbs(tmp_path / "limbs.npz", report["limbs"])
+    assert read_limbs(tmp_path / "limbs.npz") is None
 
 
 def test_trunk_ends_once_and_begins_at_the_root():

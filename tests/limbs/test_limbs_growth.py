@@ -79,6 +79,22 @@ def test_a_ring_around_the_stem_hides_it_and_the_limb_goes_on():
     assert np.hypot(nodes[:, 0] - 0.05 * nodes[:, 2], nodes[:, 1]).max() < 0.004
 
 
+def test_a_limb_whose_base_is_hidden_does_not_grow_from_a_twig_that_touches_it():
+    rng = np.random.default_rng(3)
+    stem = tube((0, 0, 0), (0, 0, 1.5), 0.04, rng=rng)
+    low = tube((0, 0, 0.8), (0.45, 0, 0.8), 0.015, rng=rng)
+    limb = tube((0, 0, 1.0), (0.5, 0.3, 1.1), 0.015, rng=rng)
+    twig = tube((0.12, 0.07, 1.02), (0.44, 0, 0.82), 0.006, rng=rng)
+    limb = limb[np.linalg.norm(limb[:, :2], axis=1) > 0.08]
+    found, _ = grown(np.vstack([stem, low, limb, twig]))
+    nodes, parent, *_ = join_limbs(found.limbs, found.spacing, 0.01)
+    way = np.zeros(len(nodes))
+    for node in range(1, len(nodes)):
+        way[node] = way[parent[node]] + np.linalg.norm(nodes[node] - nodes[parent[node]])
+    tip = np.argmin(np.linalg.norm(nodes - (0.5, 0.3, 1.1), axis=1))
+    assert way[tip] == pytest.approx(1.0 + np.linalg.norm([0.5, 0.3, 0.1]), rel=0.05)
+
+
 def test_half_a_limb_has_its_axis_where_the_whole_one_has():
     rng = np.random.default_rng(2)
     whole = tube((0, 0, 0), (0, 0, 0.8), 0.05, 30_000, rng=rng, noise=0.002)

@@ -9,12 +9,13 @@ import pytest
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.sections import fit_section
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Skeleton, axes, fold
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.measure import TraitOptions, measure_traits
-from cherrypicker.traits.stem_fit import fit_cone, search_circle
+from cherrypicker.traits.stem_fit import search_circle
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 
@@ -316,14 +317,9 @@ def test_circle_beside_a_bigger_one():
     post = surface([0.075, 0, -0.1], [0.075, 0, 0.1], 0.02, 0.02, 500, rng, 0.002)
     both = np.vstack([stem, post])
     circle = search_circle(both[:, :2], 0.006, (0.015, 0.13), rng)
-    fit = fit_cone(both, circle)
+    fit = fit_section(both, circle)
     assert fit.radius == pytest.approx(0.05, abs=0.001)
     assert fit.arc_deg >= 300
-
-
-def test_points_that_leave_a_cone_open_are_an_error():
-    with pytest.raises(StageError, match="no cone fits"):
-        fit_cone(np.full((20, 3), np.nan), np.array([0.0, 0.0, 0.05]))
 
 
 def test_a_vase_whose_trunk_ends_below_a_height_is_no_warning():

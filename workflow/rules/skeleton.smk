@@ -10,6 +10,7 @@ rule contract_cloud:
         contracted=ensure("results/{tree}/contracted.ply", non_empty=True),
         report="results/{tree}/contract.json",
         target="results/{tree}/target.json",
+        limbs="results/{tree}/limbs.npz",
     log:
         "logs/contract_cloud/{tree}.log",
     benchmark:
@@ -33,6 +34,7 @@ rule extract_graph:
     input:
         contracted="results/{tree}/contracted.ply",
         contract_report="results/{tree}/contract.json",
+        limbs="results/{tree}/limbs.npz",
         segmented="results/{tree}/segmented.ply",
         undistorted=photo_only("results/{tree}/dense/undistorted.json"),
         metric_poses=photo_only("results/{tree}/metric_poses.npz"),
@@ -71,6 +73,7 @@ rule solve_graph:
     input:
         contracted="results/{tree}/contracted.ply",
         contract_report="results/{tree}/contract.json",
+        limbs="results/{tree}/limbs.npz",
         segmented="results/{tree}/segmented.ply",
         undistorted=photo_only("results/{tree}/dense/undistorted.json"),
         metric_poses=photo_only("results/{tree}/metric_poses.npz"),

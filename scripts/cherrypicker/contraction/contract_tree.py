@@ -13,6 +13,7 @@ from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
 from cherrypicker.contraction.on_axes import move_to_axes
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
+from cherrypicker.limbs.growth import Limbs
 from cherrypicker.wood.target_wood import lowest_base
 
 __all__ = ["ContractedTree", "agreed_labels", "contract_tree"]
@@ -34,12 +35,15 @@ class ContractedTree(NamedTuple):
         Class of each; None where the tree has none.
     details : dict
         How it went; plain values.
+    limbs : Limbs or None
+        To whose axes the default preset moved the points.
     """
 
     points: np.ndarray
     source: np.ndarray
     label: np.ndarray | None
     details: dict
+    limbs: Limbs | None = None
 
 
 def contract_tree(
@@ -108,7 +112,7 @@ def contract_tree(
     details["n_limbs"] = len(found.limbs)
     details["spacing"], details["noise"] = round(found.spacing, 6), round(found.noise, 6)
     details["claimed"] = round(found.claimed, 4)
-    return ContractedTree(moved, source, label, details)
+    return ContractedTree(moved, source, label, details, found)
 
 
 def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:

@@ -73,7 +73,8 @@ def contract_wood(
     contracted : PointCloud
         With the fields ``label`` and ``source`` (row in `cloud`).
     report : dict
-        ``choice`` is the `Choice` of the target; all else is plain.
+        ``choice`` is the `Choice` of the target and ``limbs`` the `Limbs` that a graph needs not
+        grow again, None where there are none; all else is plain.
 
     Raises
     ------
@@ -104,10 +105,11 @@ def contract_wood(
         gap_m=chosen.gap_m,
         stem_gap_m=chosen.stem_gap_m,
     )
+    base = np.round(wood.base, 6)  # as it is written down: the graph starts from the same
     tree = contract_tree(
         cloud.points[rows],
         labels[rows],
-        wood.base,
+        base,
         weights=weights if chosen.method == "slbc" else None,
         options=options,
         voxel_size=chosen.voxel_size_m,
@@ -123,11 +125,13 @@ def contract_wood(
     )
     report = {
         "unit": cloud.unit,
-        "base": [round(float(value), 6) for value in wood.base],
+        "base": base.tolist(),
         "method": chosen.method,
         **tree.details,
         "wood": wood.report,
         "choice": wood.choice,
+        # LBC looks at no labels, a graph does
+        "limbs": tree.limbs if chosen.method == "slbc" else None,
     }
     return contracted, report
 

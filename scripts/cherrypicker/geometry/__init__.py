@@ -1,1 +1,1 @@
-"""Shapes and points with no orchard in mind: neighbours, cells, circles, polylines, walks."""
+"""Shapes and points with no orchard in mind: neighbours, cells, sections, polylines, walks."""

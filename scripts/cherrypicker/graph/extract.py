@@ -1,18 +1,23 @@
 """From contracted points to the rooted skeleton with radii."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing
-from cherrypicker.graph.radius import fit_radii, taper_skeleton
+from cherrypicker.graph.radius import taper_skeleton
 from cherrypicker.graph.samples import FEWEST_NODES, auto_spacing, lowest_wood
 from cherrypicker.graph.spanning_tree import spanning_tree
-from cherrypicker.limbs.growth import limbs_of_wood
+from cherrypicker.limbs.growth import Limbs, limbs_of_wood
 from cherrypicker.limbs.joints import join_limbs
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton.axis_radii import fit_axis_radii
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["extract_skeleton", "limb_tree"]
@@ -29,7 +34,14 @@ class GraphOptions:
     n_neighbors: int = 12
 
 
-def extract_skeleton(contracted, cloud, options=None, *, base=None):
+def extract_skeleton(
+    contracted: PointCloud,
+    cloud: PointCloud,
+    options: GraphOptions | None = None,
+    *,
+    base: npt.ArrayLike | None = None,
+    limbs: Limbs | None = None,
+) -> Skeleton:
     """Connect and root the wood, and measure the radii.
 
     Parameters
@@ -44,6 +56,8 @@ def extract_skeleton(contracted, cloud, options=None, *, base=None):
         (paper, section Graph).
     base : array-like of 3 floats, optional
         Base of the stem.
+    limbs : Limbs, optional
+        Of those points, as the contraction grew them; left out, they are grown here.
 
     Returns
     -------
@@ -66,21 +80,29 @@ def extract_skeleton(contracted, cloud, options=None, *, base=None):
         )
         widest = 1.5 * float(np.quantile(np.linalg.norm(contracted.points - entered, axis=1), 0.99))
     else:
-        skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base)
+        skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base, found=limbs)
         widest = 1.5 * float(skeleton.radius.max())
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
-    fitted = fit_radii(
+    fitted = fit_axis_radii(
         skeleton,
         surface,
         spacing=spacing,
         max_radius=max(3 * spacing, widest),
+        recentre=False,
     )
     if settings.method == "mst":
         return fitted
     return taper_skeleton(replace(fitted, radius=skeleton.radius))
 
 
-def limb_tree(points, labels, *, spacing_m=0.01, base=None):
+def limb_tree(
+    points: np.ndarray,
+    labels: np.ndarray,
+    *,
+    spacing_m: float = 0.01,
+    base: npt.ArrayLike | None = None,
+    found: Limbs | None = None,
+) -> Skeleton:
     """The limbs of a tree's wood, joined and labelled.
 
     Parameters
@@ -92,6 +114,8 @@ def limb_tree(points, labels, *, spacing_m=0.01, base=None):
         Longest edge along an axis.
     base : array-like of 3 floats, optional
         Base of the stem; the lowest thick wood if left out.
+    found : Limbs, optional
+        The limbs, where they are known.
 
     Returns
     -------
@@ -101,20 +125,29 @@ def limb_tree(points, labels, *, spacing_m=0.01, base=None):
     Raises
     ------
     StageError
-        If the points make no limb.
+        If the points make no limb, or the limbs are not theirs.
     """
     if len(points) < FEWEST_NODES:
         raise StageError(f"{len(points)} points are too few for a graph", key="graph.spacing_m")
-    if base is None:
-        base = points[lowest_wood(points)]
-    found = limbs_of_wood(points, base, stem=labels == Label.TRUNK)
+    if found is None:
+        base = points[lowest_wood(points)] if base is None else base
+        found = limbs_of_wood(points, base, stem=labels == Label.TRUNK)
+    if len(found.member) != len(points):
+        raise StageError(f"limbs of {len(found.member)} points for a tree of {len(points)}")
     nodes, parent, radius, limb = join_limbs(found.limbs, found.spacing, spacing_m)
     label = _labels(nodes, parent, limb, points, labels, found.member)
     gap = _bridging(nodes, parent, radius, points, GAP_IN_SPACINGS * found.spacing)
     return Skeleton(nodes, parent, radius, label, {"gap": gap, "limb": limb})
 
 
-def _labels(nodes, parent, limb, points, labels, member):
+def _labels(
+    nodes: np.ndarray,
+    parent: np.ndarray,
+    limb: np.ndarray,
+    points: np.ndarray,
+    labels: np.ndarray,
+    member: np.ndarray,
+) -> np.ndarray:
     """Class of each node by the points of its limb: trunk from the root on, then the other."""
     label = np.full(len(nodes), int(Label.BRANCH))
     others = labels[labels != Label.TRUNK]
@@ -132,7 +165,9 @@ def _labels(nodes, parent, limb, points, labels, member):
     return label
 
 
-def _bridging(nodes, parent, radius, points, reach):
+def _bridging(
+    nodes: np.ndarray, parent: np.ndarray, radius: np.ndarray, points: np.ndarray, reach: float
+) -> np.ndarray:
     """Flag of the edges to the parent around which there are no points."""
     up = np.maximum(parent, 0)
     middle = (nodes + nodes[up]) / 2

@@ -1,68 +1,20 @@
-"""Radii of a graph's nodes: what the circles say, less the noise of thin wood."""
+"""Radii of a graph that never grow from the root to a tip."""
+
+from __future__ import annotations
 
 from dataclasses import replace
 
 import numba
 import numpy as np
 
-from cherrypicker.geometry.axis_radii import fit_axis_radii
 from cherrypicker.geometry.ordering import median
 from cherrypicker.skeleton.axes import axis_runs
+from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["fit_radii", "taper_skeleton"]
-
-CLEAR_ARC, CLEAR_SPREAD, FEWEST_CLEAR = 240.0, 0.25, 10  # circles that tell the noise
-CLEAR_QUANTILE = 0.25  # bark, flutes and bends scatter points as well: the calmer circles count
-RAYLEIGH_SPREAD = 0.6  # robust spread of the distances from an axis without radius, over the noise
-LEAST_SHARE = 0.3  # of the distance of its points that a radius has
+__all__ = ["taper_skeleton"]
 
 
-def fit_radii(skeleton, surface, *, spacing, max_radius):
-    """Radius of each node from the surface points around it, less what noise adds to it.
-
-    Parameters
-    ----------
-    skeleton, surface, spacing, max_radius
-        See `cherrypicker.geometry.axis_radii.fit_axis_radii`.
-
-    Returns
-    -------
-    Skeleton
-        With `radius` and the fields ``n_points``, ``arc_deg``, ``residual``; nodes stay in place.
-    """
-    return fit_axis_radii(
-        skeleton,
-        surface,
-        spacing=spacing,
-        max_radius=max_radius,
-        recentre=False,
-        less_noise=_less_common_noise,
-    )
-
-
-def _less_common_noise(fits):
-    """Radii less what noise adds to them.
-
-    Points at r from an axis, with noise s across it, lie at distances of a Rice distribution, whose
-    squared median is r^2 + s^2 where r is large and 1.386 s^2 where it is none. Wood thinner than
-    the noise hides it: the distances then scatter by less than s. So s is the scatter around the
-    clear circles of thicker wood, but no more than thin wood's own scatter allows for.
-    """
-    radius, spread, is_circle = fits[:, 0], fits[:, 4], fits[:, 5] > 0
-    clear = is_circle & (fits[:, 3] >= CLEAR_ARC) & (spread < CLEAR_SPREAD * radius)
-    noise = spread
-    if np.count_nonzero(clear) >= FEWEST_CLEAR:
-        noise = np.maximum(spread, np.quantile(spread[clear], CLEAR_QUANTILE))
-        noise = np.where(is_circle, spread, np.minimum(noise, spread / RAYLEIGH_SPREAD))
-    squared, noise = radius**2, np.maximum(noise, 1e-12) ** 2
-    found = squared - noise
-    for _ in range(3):
-        share = 0.386 * np.exp(-np.maximum(found, 0.0) / (2 * noise))
-        found = squared - noise * (1 + np.where(is_circle, 0.0, share))
-    return np.sqrt(np.maximum(found, LEAST_SHARE**2 * squared))
-
-
-def taper_skeleton(skeleton):
+def taper_skeleton(skeleton: Skeleton) -> Skeleton:
     """Radii that never grow from the root to a tip, near the measured ones.
 
     Nodes that the radius fit trusts more (more of the circumference, more points) weigh more. All
@@ -86,7 +38,7 @@ def taper_skeleton(skeleton):
 
 
 @numba.njit(cache=True)
-def _running_medians(nodes, first, radius):
+def _running_medians(nodes: np.ndarray, first: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Running medians of five along each run of nodes, ends repeated."""
     smooth = radius.copy()
     for run in range(len(first) - 1):
@@ -101,7 +53,7 @@ def _running_medians(nodes, first, radius):
 
 
 @numba.njit(cache=True)
-def _never_growing(parent, radius, weights):
+def _never_growing(parent: np.ndarray, radius: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Weighted least-squares radii that are nowhere larger than their parent's.
 
     From the tips to the root every node pools with the child block of the largest mean for as

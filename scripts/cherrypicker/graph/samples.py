@@ -1,6 +1,9 @@
 """Nodes of a graph: skeleton points sampled evenly, the root at the foot of the stem first."""
 
+from __future__ import annotations
+
 import numpy as np
+import numpy.typing as npt
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
@@ -21,7 +24,7 @@ THICK_SHARE, MOSTLY_TRUNK = 0.02, 0.5  # around the foot, that its label may be 
 FOOT_SHARE = 0.05  # of the height: how far above its lowest point the stem's foot is looked for
 
 
-def auto_spacing(points, spacing_m):
+def auto_spacing(points: np.ndarray, spacing_m: float) -> float:
     """Sampling distance: what is asked for, or more where that gives too many samples."""
     extent = float(np.ptp(points, axis=0).max())
     if extent <= 0:
@@ -29,7 +32,7 @@ def auto_spacing(points, spacing_m):
     return max(spacing_m, extent / MOST_SAMPLES)
 
 
-def find_root(points, labels, base=None):
+def find_root(points: np.ndarray, labels: np.ndarray, base: npt.ArrayLike | None = None) -> int:
     """Row of the point that the tree is rooted in: the foot of the stem.
 
     Parameters
@@ -58,13 +61,15 @@ def find_root(points, labels, base=None):
     return lowest_wood(points, base)
 
 
-def lowest_wood(points, base=None):
+def lowest_wood(points: np.ndarray, base: npt.ArrayLike | None = None) -> int:
     """Row of the lowest point of thick wood, near `base` where that is given."""
     height = float(np.ptp(points[:, 2])) or 1.0
     return lowest_thick(points, THICK_SHARE * height, 2 * FOOT_SHARE * height, base)
 
 
-def sample_nodes(points, labels, spacing_m, base=None):
+def sample_nodes(
+    points: np.ndarray, labels: np.ndarray, spacing_m: float, base: npt.ArrayLike | None = None
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Sample skeleton points evenly, the root first.
 
     Parameters

@@ -1,8 +1,11 @@
 """The plain graph: a minimum spanning tree over sampled skeleton points (paper, Sec. Graph)."""
 
+from __future__ import annotations
+
 import logging
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from cherrypicker.geometry.neighbors import component_links, knn_edges, sparse_graph
@@ -14,7 +17,14 @@ __all__ = ["spanning_tree"]
 logger = logging.getLogger(__name__)
 
 
-def spanning_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
+def spanning_tree(
+    points: np.ndarray,
+    labels: np.ndarray,
+    *,
+    spacing_m: float = 0.01,
+    k: int = 12,
+    base: npt.ArrayLike | None = None,
+) -> Skeleton:
     """Farthest point sampling and the minimum spanning tree, rooted at the stem base.
 
     Parameters
@@ -56,7 +66,7 @@ def spanning_tree(points, labels, *, spacing_m=0.01, k=12, base=None):
     return skeleton
 
 
-def _long_edges(points, parent, spacing):
+def _long_edges(points: np.ndarray, parent: np.ndarray, spacing: float) -> np.ndarray:
     """Flag of the edges that bridge missing data: no sample lies within 3 spacings."""
     length = np.zeros(len(points))
     length[1:] = np.linalg.norm(points[1:] - points[parent[1:]], axis=1)

@@ -5,18 +5,21 @@ limb by what no tube has claimed before it: what lies inside a limb's tube or on
 limb, so that strands beside one another and whiskers on the bark never start.
 """
 
+from __future__ import annotations
+
 import logging
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import BAND, ring_forest
-from cherrypicker.limbs.tubes import Tube, fit_tube, resample, seen_from
+from cherrypicker.limbs.tubes import Limb, Seen, Tube, fit_tube, resample, seen_from
 
-__all__ = ["Limb", "Limbs", "chains_of", "grow_limbs", "limbs_of_wood", "spacing_of"]
+__all__ = ["Limbs", "chains_of", "grow_limbs", "limbs_of_wood", "spacing_of"]
 
 logger = logging.getLogger(__name__)
 
@@ -39,22 +42,6 @@ MAD = 1.4826  # standard deviations in the median absolute deviation of a normal
 
 
 @dataclass
-class Limb:
-    """An axis with radii and the limb that it grows from.
-
-    Attributes
-    ----------
-    tube : Tube
-        From where it leaves its parent to its tip.
-    parent : int
-        Number of the parent, smaller than its own; -1 for the stem.
-    """
-
-    tube: Tube
-    parent: int
-
-
-@dataclass
 class Limbs:
     """The limbs of a tree, and which point belongs to which.
 
@@ -72,20 +59,20 @@ class Limbs:
         Share of the points that lie inside a limb or near its surface.
     """
 
-    limbs: list
+    limbs: list[Limb]
     member: np.ndarray
     spacing: float
     noise: float
     claimed: float
 
 
-def spacing_of(points):
+def spacing_of(points: np.ndarray) -> float:
     """Median distance of a point to its second nearest neighbour."""
     k = min(NEIGHBOR, len(points) - 1)
     return float(np.median(cKDTree(points).query(points, k=k + 1)[0][:, k]))
 
 
-def chains_of(parent, weight):
+def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
     """Ways through a forest, heaviest first, parents before children.
 
     Parameters
@@ -119,7 +106,7 @@ def chains_of(parent, weight):
     return chains
 
 
-def grow_limbs(points, base, *, stem=None):
+def grow_limbs(points: np.ndarray, base: npt.ArrayLike, *, stem: np.ndarray | None = None) -> Limbs:
     """The limbs of one tree.
 
     Parameters
@@ -157,7 +144,9 @@ def grow_limbs(points, base, *, stem=None):
     return growth.finish(base)
 
 
-def limbs_of_wood(points, base, *, stem=None):
+def limbs_of_wood(
+    points: np.ndarray, base: npt.ArrayLike, *, stem: np.ndarray | None = None
+) -> Limbs:
     """`grow_limbs` for the stages: points that make no limb are told in the user's terms.
 
     Raises
@@ -174,17 +163,18 @@ def limbs_of_wood(points, base, *, stem=None):
 class _Growth:
     """Limbs as they grow: which points are taken, and the noise so far."""
 
-    def __init__(self, points, spacing, stem):
+    def __init__(self, points: np.ndarray, spacing: float, stem: np.ndarray | None) -> None:
         self.points, self.spacing = points, spacing
         self.forest = ring_forest(points, np.zeros(3), self.spacing, stem)
         by_ring = np.argsort(self.forest.ring, kind="stable")
         self.rows_of = np.split(by_ring, np.cumsum(self.forest.size)[:-1])
         self.tree = cKDTree(points)
         self.owner = np.full(len(points), -1, dtype=np.int64)
-        self.limbs, self.noises = [], []
+        self.limbs: list[Limb] = []
+        self.noises: list[tuple[float, int]] = []
 
     @property
-    def noise(self):
+    def noise(self) -> float:
         """Median noise of the thick limbs so far, each counted by its points."""
         if not self.noises:
             return NOISE_SHARE * self.spacing
@@ -192,18 +182,18 @@ class _Growth:
         middle = float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
         return max(middle, LEAST_NOISE * self.spacing)
 
-    def free_runs(self, chain):
+    def free_runs(self, chain: np.ndarray) -> list[np.ndarray]:
         """Runs of a chain's rings that no tube has claimed, the longest first."""
         free = [np.mean(self.owner[self.rows_of[ring]] < 0) > FREE_SHARE for ring in chain]
         change = np.flatnonzero(np.diff(np.array(free, dtype=int), prepend=0, append=0))
         runs = [chain[start:end] for start, end in zip(change[::2], change[1::2])]
         return sorted(runs, key=lambda run: -len(run))
 
-    def free(self, rows):
+    def free(self, rows: np.ndarray) -> np.ndarray:
         """Those of the points that no tube has claimed."""
         return rows[self.owner[rows] < 0]
 
-    def add(self, run):
+    def add(self, run: np.ndarray) -> None:
         """Make a limb of a run of rings, if it is one, and let it claim its points."""
         spacing = self.spacing
         tube = self._through_middles(run)
@@ -225,7 +215,7 @@ class _Growth:
         tube = _to_its_tip(tube, self.points[inside])
         self.limbs.append(Limb(tube, max(parent, 0) if self.limbs else -1))
 
-    def finish(self, base):
+    def finish(self, base: np.ndarray) -> Limbs:
         """All limbs once more, each by the points to whose surface it is the nearest."""
         noise, claimed = self.noise, float(np.mean(self.owner >= 0))
         self._refit(noise)
@@ -245,7 +235,7 @@ class _Growth:
         )
         return Limbs(self.limbs, member, self.spacing, noise, claimed)
 
-    def _refit(self, noise):
+    def _refit(self, noise: float) -> np.ndarray:
         """Fit each limb to its points and return whose each point is."""
         member = self._nearest_limbs()
         for number, limb in enumerate(self.limbs):
@@ -254,9 +244,9 @@ class _Growth:
                 limb.tube = self._fit(limb.tube, rows, noise, CAPTURE * self.spacing)[0]
         return member
 
-    def _drop_hidden(self):
+    def _drop_hidden(self) -> None:
         """Drop limbs that hardly leave their parent's tube, now that it fits; children move up."""
-        number, kept = {-1: -1}, []
+        number, kept = {-1: -1}, list[Limb]()
         for old, limb in enumerate(self.limbs):
             limb.parent = number[limb.parent]
             if limb.parent >= 0:
@@ -268,11 +258,11 @@ class _Growth:
             kept.append(limb)
         self.limbs = kept
 
-    def _least_length(self, tube):
+    def _least_length(self, tube: Tube) -> float:
         """Length from which a limb outside its parent is one: it is longer than thick."""
         return max(LEAST_LENGTH * self.spacing, float(np.median(tube.radius)))
 
-    def _through_middles(self, run):
+    def _through_middles(self, run: np.ndarray) -> Tube | None:
         """A tube through the middles of the free points of a run's rings."""
         free = [self.points[self.free(self.rows_of[ring])] for ring in run]
         nodes = np.array([own.mean(axis=0) for own in free])
@@ -282,17 +272,20 @@ class _Growth:
         radius = np.array([np.median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
         return self._with_even_nodes(Tube(nodes, radius))
 
-    def _with_even_nodes(self, tube):
+    def _with_even_nodes(self, tube: Tube) -> Tube | None:
         return resample(tube, STEP * self.spacing, STEP_IN_RADII)
 
-    def _fit(self, tube, rows, noise, cutoff):
+    def _fit(
+        self, tube: Tube, rows: np.ndarray, noise: float, cutoff: float
+    ) -> tuple[Tube, np.ndarray]:
         return fit_tube(self.points[rows], tube, noise=noise, spacing=self.spacing, cutoff=cutoff)
 
-    def _fitted(self, tube, own):
+    def _fitted(self, tube: Tube, own: np.ndarray) -> Tube:
         """The tube of a run: first by its own points, then by all free points around it."""
         capture = CAPTURE * self.spacing
         cutoff = max(capture, float(np.median(tube.radius)))
-        tube = self._with_even_nodes(self._fit(tube, own, self.noise, cutoff)[0])
+        tube = self._fit(tube, own, self.noise, cutoff)[0]
+        tube = self._with_even_nodes(tube) or tube
         around = self.free(self._near(tube, capture)[0])
         if len(around) < LEAST_POINTS:
             return tube
@@ -301,21 +294,21 @@ class _Growth:
             near = np.abs(residual) < capture
             spread = MAD * float(np.median(np.abs(residual[near]))) if near.any() else 0.0
             if spread > 0:
-                self.noises.append((spread, np.count_nonzero(near)))
+                self.noises.append((spread, int(np.count_nonzero(near))))
         return tube
 
-    def _near(self, tube, margin, in_radii=0.0):
+    def _near(self, tube: Tube, margin: float, in_radii: float = 0.0) -> tuple[np.ndarray, Seen]:
         """Rows of the points in a tube or within a margin of its surface, and as seen from it."""
         step = np.linalg.norm(np.diff(tube.nodes, axis=0), axis=1).max()
         reach = np.hypot((1 + in_radii) * tube.radius + margin, step / 2)
         found = self.tree.query_ball_point(tube.nodes, reach, return_sorted=False)
         rows = np.unique(np.concatenate([np.asarray(some, dtype=np.int64) for some in found]))
         seen = seen_from(tube, self.points[rows])
-        margin = margin + in_radii * seen.radius
-        near = (seen.away <= seen.radius + margin) & (seen.beyond <= margin)
+        beside = margin + in_radii * seen.radius
+        near = (seen.away <= seen.radius + beside) & (seen.beyond <= beside)
         return rows[near], seen.select(near)
 
-    def _owner_before(self, ring):
+    def _owner_before(self, ring: int) -> int:
         """The limb that claimed most of the points on the way from a ring to the foot."""
         ring = self.forest.parent[ring]
         while ring >= 0:
@@ -326,7 +319,7 @@ class _Growth:
             ring = self.forest.parent[ring]
         return -1
 
-    def _nearest_limbs(self):
+    def _nearest_limbs(self) -> np.ndarray:
         """Limb whose surface is the nearest to each point."""
         best = np.full(len(self.points), np.inf)
         member = np.full(len(self.points), -1, dtype=np.int64)
@@ -345,7 +338,7 @@ class _Growth:
         return member
 
 
-def _to_its_tip(tube, own):
+def _to_its_tip(tube: Tube, own: np.ndarray) -> Tube:
     """The axis up to its last point: the middle of the last ring lies before the tip."""
     beyond = seen_from(tube, own).way.max() - tube.length
     if beyond <= 0:
@@ -355,7 +348,7 @@ def _to_its_tip(tube, own):
     return Tube(np.vstack([tube.nodes, tip]), np.append(tube.radius, tube.radius[-1]))
 
 
-def _outside(tube, parent):
+def _outside(tube: Tube, parent: Tube) -> Tube | None:
     """A limb from where its axis leaves its parent for good: inside it has no surface of its own.
 
     None where it does not leave it.

@@ -1,8 +1,10 @@
 """The limbs of a tree joined to one rooted tree of nodes."""
 
+from __future__ import annotations
+
 import numpy as np
 
-from cherrypicker.limbs.tubes import Tube, smooth
+from cherrypicker.limbs.tubes import Limb, Tube, smooth
 from cherrypicker.skeleton.model import rooted_order
 
 __all__ = ["back_to", "join_limbs"]
@@ -16,7 +18,9 @@ SAME_IN_RADII = 1.0  # or in radii of the parent, where that is more
 PLACES = 8  # between two nodes of a fitted axis, where a meeting place is looked for
 
 
-def join_limbs(limbs, spacing, step):
+def join_limbs(
+    limbs: list[Limb], spacing: float, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Join limbs where the straight continuation of each comes nearest to its parent.
 
     Parameters
@@ -39,13 +43,13 @@ def join_limbs(limbs, spacing, step):
     """
     tubes = [smooth(limb.tube, step) for limb in limbs]
     places = [np.arange(len(tube.nodes), dtype=float) for tube in tubes]
-    children = {}
+    children: dict[int, list[int]] = {}
     for number, limb in enumerate(limbs[1:], start=1):
         children.setdefault(limb.parent, []).append(number)
-    joint = {}
+    joint: dict[int, float] = {}
     for up, numbers in children.items():
-        at = {n: _meeting_place(limbs[n].tube, tubes[up], spacing) for n in numbers}
-        joint |= _brought_together(at, tubes[up], spacing)
+        met = {n: _meeting_place(limbs[n].tube, tubes[up], spacing) for n in numbers}
+        joint |= _brought_together(met, tubes[up], spacing)
         places[up] = np.union1d(places[up], [joint[n] for n in numbers])
     start = np.concatenate([[0], np.cumsum([len(at) for at in places])])
     points = np.vstack([_at(tube.nodes, at) for tube, at in zip(tubes, places)])
@@ -57,28 +61,29 @@ def join_limbs(limbs, spacing, step):
     edges = [np.stack([inner, inner + 1], axis=1)]
     for number, at in joint.items():
         up = limbs[number].parent
-        edges.append([[start[up] + np.searchsorted(places[up], at), start[number]]])
+        edges.append(np.array([[start[up] + np.searchsorted(places[up], at), start[number]]]))
     order, parent = rooted_order(len(points), np.vstack(edges), 0)
     return points[order], parent, radius[order], owner[order]
 
 
-def _at(values, places):
+def _at(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Values at places between nodes."""
     k = np.minimum(places.astype(int), len(values) - 2)
     share = (places - k)[:, None]
     return values[k] * (1 - share) + values[k + 1] * share
 
 
-def _brought_together(at, parent, spacing):
+def _brought_together(at: dict[int, float], parent: Tube, spacing: float) -> dict[int, float]:
     """Meeting places along a parent by limb, those that are one place brought together."""
-    numbers = sorted(at, key=at.get)
+    numbers = sorted(at, key=at.__getitem__)
     places = np.array([at[number] for number in numbers])
     nodes = np.arange(len(parent.nodes))
     along = np.interp(places, nodes, parent.way)
     reach = np.maximum(
         SAME_PLACE * spacing, SAME_IN_RADII * np.interp(places, nodes, parent.radius)
     )
-    together, group = {}, []
+    together: dict[int, float] = {}
+    group: list[int] = []
     for k in range(len(numbers)):
         if group and along[k] - along[group[0]] > reach[group[0]]:
             group = []
@@ -88,7 +93,7 @@ def _brought_together(at, parent, spacing):
     return together
 
 
-def _meeting_place(tube, parent, spacing):
+def _meeting_place(tube: Tube, parent: Tube, spacing: float) -> float:
     """Place along the parent, in nodes, where a limb's straight continuation comes nearest."""
     heading = _heading(tube, spacing)
     at = np.linspace(0, len(parent.nodes) - 1, PLACES * (len(parent.nodes) - 1) + 1)
@@ -101,7 +106,7 @@ def _meeting_place(tube, parent, spacing):
     return float(at[np.argmin(cost)])
 
 
-def _heading(tube, spacing):
+def _heading(tube: Tube, spacing: float) -> np.ndarray:
     """Unit vector along which a limb starts."""
     reach = max(HEADING * spacing, HEADING_IN_RADII * float(np.median(tube.radius[:5])))
     first = tube.nodes[np.linalg.norm(tube.nodes - tube.nodes[0], axis=1) <= reach]
@@ -110,7 +115,7 @@ def _heading(tube, spacing):
     return heading if heading @ (tube.nodes[1] - tube.nodes[0]) > 0 else -heading
 
 
-def back_to(parent, tube, spacing):
+def back_to(parent: Tube, tube: Tube, spacing: float) -> Tube:
     """A limb with its straight continuation back to where that comes nearest to its parent.
 
     Parameters

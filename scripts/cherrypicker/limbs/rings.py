@@ -6,6 +6,8 @@ one another are a limb, a ring that several follow is a fork: together they are 
 the foot.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +28,12 @@ BAND = 2.0  # in spacings: how high a ring is
 # spread by chance falls into patches (12 limbs for 8); 0.12, 0.25 and 0.5 mend that, and find 209,
 # 206 and 199 of foreign_a's 209 tips.
 OVERLAP = 0.25
+
+TURN = 5  # rings before and after a place that tell how far the way turns there
+# Cosine of a turn from which wood is taken to touch only: of the chains of six clouds 0 or 1 turns
+# so far where wood is whole, 1 to 4 where holes have taken the bases of limbs.
+TURNED = -0.3
+MOST_GAPS = 50  # of a piece beyond a turn that are compared, a ring each
 
 
 @dataclass
@@ -49,7 +57,13 @@ class RingForest:
     size: np.ndarray
 
 
-def ways_from_foot(points, base, spacing, stem=None):
+def ways_from_foot(
+    points: np.ndarray,
+    base: np.ndarray,
+    spacing: float,
+    stem: np.ndarray | None = None,
+    over: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shortest ways over the surface from the foot of the tree.
 
     A step longer than the spacing costs more than it is long, so that a way follows the wood and
@@ -65,6 +79,8 @@ def ways_from_foot(points, base, spacing, stem=None):
         Between neighbouring points.
     stem : ndarray of shape (n_points,), bool, optional
         What is known to be the stem: gaps within it cost no more than they are long.
+    over : ndarray of shape (n_gaps, 2), int64, optional
+        Gaps that may be crossed as well.
 
     Returns
     -------
@@ -77,6 +93,8 @@ def ways_from_foot(points, base, spacing, stem=None):
     """
     edges = knn_edges(points, N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([edges, _bridges(points, edges, component_links(points, edges), spacing)])
+    if over is not None:
+        edges = np.vstack([edges, over])
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
     price = length * np.maximum(1.0, length / spacing)
     if stem is not None and stem.any():
@@ -97,7 +115,9 @@ def ways_from_foot(points, base, spacing, stem=None):
     return way, np.where((before < 0) | (before == len(points)), -1, before), edges
 
 
-def _bridges(points, edges, links, spacing):
+def _bridges(
+    points: np.ndarray, edges: np.ndarray, links: np.ndarray, spacing: float
+) -> np.ndarray:
     """All edges over the gaps that the links cross: a single one would tilt the rings beyond."""
     piece, _ = components(len(points), edges)
     rows_of = {number: np.flatnonzero(piece == number) for number in np.unique(piece[links])}
@@ -114,7 +134,9 @@ def _bridges(points, edges, links, spacing):
     return np.vstack(found)
 
 
-def _stem_edges(points, edges, stem, spacing):
+def _stem_edges(
+    points: np.ndarray, edges: np.ndarray, stem: np.ndarray, spacing: float
+) -> np.ndarray:
     """Edges over the gaps between pieces of the stem: one thing, whatever hides a part of it."""
     number = np.full(len(points), -1)
     number[stem] = np.arange(len(stem))
@@ -123,7 +145,7 @@ def _stem_edges(points, edges, stem, spacing):
     return stem[_bridges(points[stem], own, component_links(points[stem], own), spacing)]
 
 
-def _cheapest(edges, price):
+def _cheapest(edges: np.ndarray, price: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Each edge once, at its lowest price."""
     edges = np.sort(edges, axis=1)
     order = np.lexsort((price, edges[:, 1], edges[:, 0]))
@@ -132,7 +154,7 @@ def _cheapest(edges, price):
     return edges[first], price[first]
 
 
-def _foot(points, base, spacing):
+def _foot(points: np.ndarray, base: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Points of the stem up to its base, and how far above the lowest each lies."""
     aside = np.linalg.norm(points[:, :2] - base[:2], axis=1)
     rise = points[:, 2] - base[2]
@@ -145,7 +167,9 @@ def _foot(points, base, spacing):
     return foot, points[foot, 2] - points[foot, 2].min()
 
 
-def ring_forest(points, base, spacing, stem=None):
+def ring_forest(
+    points: np.ndarray, base: np.ndarray, spacing: float, stem: np.ndarray | None = None
+) -> RingForest:
     """Cut the wood into rings of equal way from the foot, and join them to a forest.
 
     Parameters
@@ -157,7 +181,18 @@ def ring_forest(points, base, spacing, stem=None):
     -------
     RingForest
     """
-    way, before, edges = ways_from_foot(points, base, spacing, stem)
+    ways = ways_from_foot(points, base, spacing, stem)
+    forest = _cut_to_rings(points, spacing, *ways)
+    over = _gaps_beyond_turns(points, spacing, ways[0], ways[2], forest)
+    if not len(over):
+        return forest
+    return _cut_to_rings(points, spacing, *ways_from_foot(points, base, spacing, stem, over))
+
+
+def _cut_to_rings(
+    points: np.ndarray, spacing: float, way: np.ndarray, before: np.ndarray, edges: np.ndarray
+) -> RingForest:
+    """Rings of equal way and their forest, from `ways_from_foot`."""
     height = way / (BAND * spacing)
     band = np.floor(height).astype(np.int64)
     ring = _pieces_of_bands(height, band, edges)
@@ -175,7 +210,60 @@ def ring_forest(points, base, spacing, stem=None):
     return RingForest(ring, parent, centre, size)
 
 
-def _pieces_of_bands(height, band, edges):
+def _gaps_beyond_turns(
+    points: np.ndarray, spacing: float, way: np.ndarray, edges: np.ndarray, forest: RingForest
+) -> np.ndarray:
+    """The gap that shortens ways the most, of each piece of wood beyond a turn, (n, 2) int64.
+
+    Wood does not turn back on itself: where a limb's base is hidden, the only way to it over wood
+    that touches may lead up another limb and down a twig of its own. What lies beyond such a turn
+    may cross a gap as well, at the price that pieces pay that touch nothing.
+    """
+    turn = _turns(forest.parent, forest.centre)[forest.ring]
+    rest = np.flatnonzero(turn < 0)
+    around = cKDTree(points[rest])
+    found = [np.empty((0, 2), dtype=np.int64)]
+    for number in np.unique(turn[turn >= 0]):
+        rows = np.flatnonzero(turn == number)
+        gap, nearest = around.query(points[rows])
+        beyond = way[rest[nearest]] + gap * np.maximum(1.0, gap / spacing)
+        gain = way[rows] - beyond
+        order = np.lexsort((-gain, forest.ring[rows]))
+        starts = order[np.unique(forest.ring[rows][order], return_index=True)[1]]
+        starts = starts[np.argsort(-gain[starts], kind="stable")[:MOST_GAPS]]
+        starts = starts[gain[starts] > 0]
+        if not len(starts):
+            continue
+        within = np.full(len(points), -1)
+        within[rows] = np.arange(len(rows))
+        own = within[edges]
+        own = own[(own >= 0).all(axis=1)]
+        steps = np.linalg.norm(points[rows[own[:, 0]]] - points[rows[own[:, 1]]], axis=1)
+        graph = sparse_graph(len(rows), own, steps * np.maximum(1.0, steps / spacing))
+        ways = beyond[starts, None] + dijkstra(graph, directed=False, indices=starts)
+        best = starts[np.argmax(np.maximum(way[rows] - ways, 0.0).sum(axis=1))]
+        near = np.linalg.norm(points[rows] - points[rows[best]], axis=1) <= gap[best]
+        found.append(np.stack([rows[near], rest[nearest[near]]], axis=1))
+    return np.vstack(found)
+
+
+def _turns(parent: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Ring at which the way to each ring first turns back on itself, -1 where it does not."""
+    up = parent
+    for _ in range(TURN - 1):
+        up = np.where(up >= 0, parent[up], -1)
+    far = np.where(up >= 0, up[up], -1)
+    one, two = centre[up] - centre[far], centre - centre[up]
+    length = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
+    turned = (far >= 0) & ((one * two).sum(axis=1) < TURNED * length)
+    first = np.where(turned, np.arange(len(parent)), -1)
+    for ring in np.flatnonzero(parent >= 0):
+        if first[parent[ring]] >= 0:
+            first[ring] = first[parent[ring]]
+    return first
+
+
+def _pieces_of_bands(height: np.ndarray, band: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Connected piece of its band for each point, its numbers from 0 on.
 
     A band is looked at with a part of the bands below and above it: points spread by chance leave
@@ -188,19 +276,19 @@ def _pieces_of_bands(height, band, edges):
     nowhere = -2 - np.arange(n)
     in_the_middle = (share >= OVERLAP) & (share <= 1 - OVERLAP)
     windows = np.stack([band, np.where(in_the_middle, nowhere, beside)])
-    links = [
+    between = [
         np.stack([edges[:, 0] + n * one, edges[:, 1] + n * other], axis=1)[
             windows[one, edges[:, 0]] == windows[other, edges[:, 1]]
         ]
         for one in (0, 1)
         for other in (0, 1)
     ]
-    links = np.vstack(links)
+    links = np.vstack(between)
     piece = connected_components(sparse_graph(2 * n, links, np.ones(len(links))), directed=False)[1]
     return np.unique(piece[:n], return_inverse=True)[1]
 
 
-def _stack_foot(parent, centre, level):
+def _stack_foot(parent: np.ndarray, centre: np.ndarray, level: np.ndarray) -> None:
     """Rings that ways start in stand on the nearest such ring of the level below."""
     starts = np.flatnonzero(parent < 0)
     for ring in starts:
@@ -211,7 +299,7 @@ def _stack_foot(parent, centre, level):
             parent[ring] = below[np.argmin(away)]
 
 
-def _votes(ring, before, n_rings):
+def _votes(ring: np.ndarray, before: np.ndarray, n_rings: int) -> np.ndarray:
     """The ring from which most ways enter each ring; of equals the one nearest to the foot."""
     entering = np.flatnonzero((before >= 0) & (ring[before] != ring))
     pair = ring[entering] * n_rings + ring[before[entering]]

@@ -1,15 +1,11 @@
 """A tube through points: axis and radius by robust least squares, for wood of any thickness.
 
-A point on a limb's surface, measured with noise of standard deviation s, lies at a distance q from
-the axis that has Rice's distribution: for a thick limb the distance to the surface counts, for a
-twig thinner than the noise the distance to the axis, and in between the likelihood
-
-    -log p = (q^2 + r^2) / (2 s^2) - log I0(q r / s^2)
-
-says how much of either (Rice, "Mathematical analysis of random noise", 1945). It is minimised over
-all nodes of an axis and their radii at once by Newton's steps on a banded system; a limb bends in
-proportion to its thickness and its radius changes slowly.
+Points lie around a limb as around its sections (`cherrypicker.geometry.sections`). Their likelihood
+is minimised over all nodes of an axis and their radii at once by Newton's steps on a banded system;
+a limb bends in proportion to its thickness and its radius changes slowly.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
@@ -17,18 +13,17 @@ import numba
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
-from scipy.special import i0e, i1e
 
-__all__ = ["Seen", "Tube", "fit_tube", "place_on_axis", "resample", "seen_from", "smooth"]
+from cherrypicker.geometry.sections import TUKEY, rice
+
+__all__ = ["Limb", "Seen", "Tube", "fit_tube", "place_on_axis", "resample", "seen_from", "smooth"]
 
 BANDWIDTH = 11  # nodes of four unknowns, coupled with the next two
 BEND = 5.0  # a limb bends no more than in an arc of this many (radii + spacings); a guess
 TAPER = 0.03  # change of radius by length, one standard deviation; a guess
 GROWTH = 0.01  # the same where it would grow outwards; a guess
 INDEPENDENT = 10.0  # points between two nodes that tell as much as more would: bark is no noise
-THICK_IN_NOISES = 2.0, 4.0  # from here to there a limb's points are taken to lie on what was seen
 HOLD = 1e4  # points: how firmly a node keeps its place along the axis, which nothing else tells
-CUTOFF = 4.685  # Tukey's, for 95 % efficiency
 MOST_STEP = 0.5  # of the cutoff: a longer step leaves the points that told it
 N_ROUNDS = 12
 LEAST_STEP = 1e-6  # of the spacing: nodes that fall together are taken to be so far apart
@@ -50,17 +45,33 @@ class Tube:
     radius: np.ndarray
 
     @property
-    def length(self):
+    def length(self) -> float:
         """Length of the axis."""
         return float(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1).sum())
 
     @property
-    def way(self):
+    def way(self) -> np.ndarray:
         """Way along the axis from its start to each node, (n_nodes,) float64."""
         return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1)))
 
 
-def resample(tube, least, in_radii):
+@dataclass
+class Limb:
+    """An axis with radii and the limb that it grows from.
+
+    Attributes
+    ----------
+    tube : Tube
+        From where it leaves its parent to its tip.
+    parent : int
+        Number of the parent, smaller than its own; -1 for the stem.
+    """
+
+    tube: Tube
+    parent: int
+
+
+def resample(tube: Tube, least: float, in_radii: float) -> Tube | None:
     """The same tube with nodes evenly apart: `least`, or `in_radii` local radii where that is more.
 
     Returns
@@ -80,7 +91,7 @@ def resample(tube, least, in_radii):
     return Tube(new, np.interp(at, way, radius))
 
 
-def smooth(tube, step):
+def smooth(tube: Tube, step: float) -> Tube:
     """The same tube with nodes at most `step` apart, on a smooth curve through the old ones."""
     way = tube.way
     at = np.linspace(0.0, way[-1], max(2, int(np.ceil(way[-1] / step)) + 1))
@@ -93,7 +104,7 @@ def smooth(tube, step):
     return Tube(nodes, np.interp(at, way, tube.radius))
 
 
-def place_on_axis(points, nodes):
+def place_on_axis(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The nearest place of an axis for each point.
 
     Returns
@@ -109,7 +120,7 @@ def place_on_axis(points, nodes):
 
 
 @numba.njit(cache=True)
-def _place(points, nodes, segment, share):
+def _place(points: np.ndarray, nodes: np.ndarray, segment: np.ndarray, share: np.ndarray) -> None:
     last = len(nodes) - 2
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -158,12 +169,12 @@ class Seen:
     way: np.ndarray
     beyond: np.ndarray
 
-    def select(self, keep):
+    def select(self, keep: np.ndarray) -> Seen:
         """Those of the points that `keep` (bool) names."""
         return Seen(self.away[keep], self.radius[keep], self.way[keep], self.beyond[keep])
 
 
-def seen_from(tube, points):
+def seen_from(tube: Tube, points: np.ndarray) -> Seen:
     """`Seen` of points from a tube."""
     segment, share = place_on_axis(points, tube.nodes)
     inside = np.clip(share, 0.0, 1.0)
@@ -178,7 +189,15 @@ def seen_from(tube, points):
     )
 
 
-def fit_tube(points, tube, *, noise, spacing, cutoff, n_rounds=N_ROUNDS):
+def fit_tube(
+    points: np.ndarray,
+    tube: Tube,
+    *,
+    noise: float,
+    spacing: float,
+    cutoff: float,
+    n_rounds: int = N_ROUNDS,
+) -> tuple[Tube, np.ndarray]:
     """Fit axis and radii to points.
 
     Parameters
@@ -192,7 +211,7 @@ def fit_tube(points, tube, *, noise, spacing, cutoff, n_rounds=N_ROUNDS):
         Between neighbouring points: how far an axis may bend within it.
     cutoff : float
         Distance from the surface from which a point counts no more, at the first round; it falls
-        to `CUTOFF` times the noise.
+        to Tukey's cutoff of the noise.
     n_rounds : int
 
     Returns
@@ -202,7 +221,7 @@ def fit_tube(points, tube, *, noise, spacing, cutoff, n_rounds=N_ROUNDS):
         Distance of each point from the surface, negative inside.
     """
     nodes, radius = tube.nodes.copy(), tube.radius.copy()
-    last = CUTOFF * noise
+    last = TUKEY * noise
     for number in range(n_rounds):
         limit = max(last, cutoff * (last / cutoff) ** (number / max(1, n_rounds - 2)))
         step = _newton_step(points, nodes, radius, noise, spacing, limit)
@@ -217,7 +236,13 @@ def fit_tube(points, tube, *, noise, spacing, cutoff, n_rounds=N_ROUNDS):
     return Tube(nodes, radius), away - own
 
 
-def _offsets(points, nodes, radius, segment, share):
+def _offsets(
+    points: np.ndarray,
+    nodes: np.ndarray,
+    radius: np.ndarray,
+    segment: np.ndarray,
+    share: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distance from the axis, its direction, and the radius there."""
     place = nodes[segment] + share[:, None] * (nodes[segment + 1] - nodes[segment])
     offset = points - place
@@ -226,7 +251,14 @@ def _offsets(points, nodes, radius, segment, share):
     return away, offset / np.maximum(away, 1e-12)[:, None], own
 
 
-def _newton_step(points, nodes, radius, noise, spacing, limit):
+def _newton_step(
+    points: np.ndarray,
+    nodes: np.ndarray,
+    radius: np.ndarray,
+    noise: float,
+    spacing: float,
+    limit: float,
+) -> np.ndarray:
     """Step of nodes and radii, (n_nodes, 4), from the points' derivatives and the priors."""
     segment, share = place_on_axis(points, nodes)
     length = np.maximum(np.linalg.norm(np.diff(nodes, axis=0), axis=1), LEAST_STEP * spacing)
@@ -236,10 +268,9 @@ def _newton_step(points, nodes, radius, noise, spacing, limit):
     robust[np.abs(share - inside) * length[segment] > spacing] = 0.0
     told = np.bincount(segment, robust, len(nodes) - 1)
     robust *= np.minimum(1.0, INDEPENDENT / np.maximum(told, 1e-9))[segment] / noise**2
-    ratio, slope = _pull(away * own / noise**2, own / noise)
     along = np.diff(nodes, axis=0) / np.maximum(length, 1e-12)[:, None]
     band, gradient = np.zeros((BANDWIDTH + 1, 4 * len(nodes))), np.zeros((len(nodes), 4))
-    _add_points(band, gradient, segment, inside, robust, away, own, out, ratio, slope, along, noise)
+    _add_points(band, gradient, segment, inside, robust, away, own, out, along, noise)
     _add_priors(band, gradient, nodes, radius, length, along, noise, spacing)
     step = solveh_banded(band, -gradient.ravel(), check_finite=False, overwrite_ab=True)
     return step.reshape(gradient.shape)
@@ -247,19 +278,24 @@ def _newton_step(points, nodes, radius, noise, spacing, limit):
 
 @numba.njit(cache=True)
 def _add_points(
-    band, gradient, segment, share, weight, away, own, out, ratio, slope, along, noise
-):  # fmt: skip
-    """Rice: derivatives by the distance q and the radius r, times noise^2, into the equations."""
+    band: np.ndarray,
+    gradient: np.ndarray,
+    segment: np.ndarray,
+    share: np.ndarray,
+    weight: np.ndarray,
+    away: np.ndarray,
+    own: np.ndarray,
+    out: np.ndarray,
+    along: np.ndarray,
+    noise: float,
+) -> None:
+    """The derivatives of `rice` by nodes and radii, times noise^2, into the equations."""
     block, force, aside = np.empty((4, 4)), np.empty(4), np.empty(3)
     for i in range(len(segment)):
         if weight[i] == 0.0:
             continue
-        k, q, r = segment[i], away[i], own[i]
-        kappa = q * r / noise**2
-        h_out = min(max(1.0 - (r / noise) ** 2 * slope[i], 0.1), 1.0)
-        h_side = min(max(1.0 - r * ratio[i] / max(q, 1e-12), 0.0), 1.0)
-        h_radius = min(max(1.0 - (q / noise) ** 2 * slope[i], 0.1), 1.0)
-        h_cross = -min(ratio[i] + kappa * slope[i], 0.999 * np.sqrt(h_out * h_radius))
+        k = segment[i]
+        by_away, by_radius, h_out, h_side, h_radius, h_cross = rice(away[i], own[i], noise, 0.0)
         for a in range(3):  # across the axis and the way out; shorter where these are not across
             b, c = (a + 1) % 3, (a + 2) % 3
             aside[a] = along[k, b] * out[i, c] - along[k, c] * out[i, b]
@@ -268,9 +304,9 @@ def _add_points(
             for b in range(3):
                 block[a, b] = h_out * out[i, a] * out[i, b] + h_side * aside[a] * aside[b]
             block[a, 3] = block[3, a] = -h_cross * out[i, a]
-            force[a] = -(q - r * ratio[i]) * out[i, a]
+            force[a] = -by_away * out[i, a]
         block[3, 3] = h_radius
-        force[3] = r - q * ratio[i]
+        force[3] = by_radius
         two = share[i]
         one = 1.0 - two
         for a in range(4):
@@ -285,7 +321,16 @@ def _add_points(
 
 
 @numba.njit(cache=True)
-def _add_priors(band, gradient, nodes, radius, length, along, noise, spacing):
+def _add_priors(
+    band: np.ndarray,
+    gradient: np.ndarray,
+    nodes: np.ndarray,
+    radius: np.ndarray,
+    length: np.ndarray,
+    along: np.ndarray,
+    noise: float,
+    spacing: float,
+) -> None:
     """Bends, tapers, and nodes that do not slide along the axis: nothing else would hold them."""
     n = len(nodes)
     turn = (1.0, -2.0, 1.0)
@@ -316,20 +361,3 @@ def _add_priors(band, gradient, nodes, radius, length, along, noise, spacing):
         for b in range(3):
             for a in range(b + 1):
                 band[BANDWIDTH + a - b, 4 * k + b] += HOLD / noise**2 * tangent[a] * tangent[b]
-
-
-def _pull(kappa, thickness):
-    """I1 / I0 of Rice's distribution and its slope, without what pulls an arc into a circle.
-
-    Rice's points lie all around. Those of a limb seen from one side do not, and the density on a
-    smaller circle would make up for a worse fit: the term of the density, half the logarithm of
-    `kappa` where that is large, is left out for limbs thicker than the noise. For thinner ones it
-    stays, else any line of points would do as the flank of a thick limb.
-    """
-    ratio = i1e(kappa) / i0e(kappa)
-    slope = np.where(kappa > 1e-6, 1.0 - ratio / np.maximum(kappa, 1e-6) - ratio**2, 0.5)
-    low, high = THICK_IN_NOISES
-    seen = np.clip((thickness - low) / (high - low), 0.0, 1.0)
-    square = np.square(kappa)
-    ratio = ratio + seen * kappa / (2 * (1 + square))
-    return ratio, slope + seen * (1 - square) / (2 * np.square(1 + square))

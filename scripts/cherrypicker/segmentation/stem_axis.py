@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.geometry.axis_radii import fit_axis_radii
 from cherrypicker.geometry.sampling import thin_to_limit
 from cherrypicker.segmentation.quick_skeleton import FEWEST_NODES, quick_skeletons
 from cherrypicker.skeleton.axes import SIMILAR_RADIUS, TRUNK_KEEPS
+from cherrypicker.skeleton.axis_radii import fit_axis_radii
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 

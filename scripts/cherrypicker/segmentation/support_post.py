@@ -10,10 +10,10 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.stats import theilslopes
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.geometry.sections import circles_through, fit_section
 from cherrypicker.segmentation.refine import link_components
 
 logger = logging.getLogger(__name__)
@@ -77,19 +77,6 @@ class Cylinder:
         return np.linalg.norm(self.offsets(points), axis=1)
 
 
-def _circle_of_three(a, b, c):
-    """Centre (n, 2) and radius (n,) of circles through three points each (n, 2)."""
-    ab, ac = b - a, c - a
-    cross = 2 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
-    cross = np.where(np.abs(cross) < 1e-12, np.nan, cross)
-    ab2, ac2 = (ab**2).sum(axis=1), (ac**2).sum(axis=1)
-    offset = np.stack(
-        [(ac[:, 1] * ab2 - ab[:, 1] * ac2) / cross, (ab[:, 0] * ac2 - ac[:, 0] * ab2) / cross],
-        axis=1,
-    )
-    return a + offset, np.linalg.norm(offset, axis=1)
-
-
 def _slice_circles(points, rng, n_trials, model, height=0.10):
     """Circles through three random points that share a thin slice and lie near one another."""
     order = np.argsort(points[:, 2], kind="stable")
@@ -111,7 +98,8 @@ def _slice_circles(points, rng, n_trials, model, height=0.10):
     found = (partners[0] >= 0) & (partners[1] >= 0)
     a, z0 = a[found], z[first[found]]
     b, c = (points[order[p[found]]] for p in partners)
-    center, radius = _circle_of_three(a[:, :2], b[:, :2], c[:, :2])
+    *center, radius = circles_through(np.stack([a, b, c], axis=1)[:, :, :2]).T
+    center = np.stack(center, axis=1)
     fits = (radius >= model.radius_range_m[0]) & (radius <= model.radius_range_m[1])
     return center[fits], radius[fits], z0[fits]
 
@@ -169,12 +157,12 @@ def _refit(points, cylinder, model):
             return None
         part = points[near[:: 1 + len(near) // _MAX_REFIT_POINTS]]
 
-        def residual(p, part=part):
-            return Cylinder(*p).distance(part) - p[4]
-
-        start = [cylinder.x, cylinder.y, cylinder.slope_x, cylinder.slope_y, cylinder.radius]
-        fit = least_squares(residual, start, loss="soft_l1", f_scale=0.002)
-        cylinder = Cylinder(*(float(v) for v in fit.x))
+        start = [cylinder.x, cylinder.y, cylinder.radius, cylinder.slope_x, cylinder.slope_y]
+        fit = fit_section(part, np.array(start), tapers=False, waves=False)
+        if fit is None:
+            return None
+        x, y, radius, slope_x, slope_y = fit.parameters[:5].tolist()
+        cylinder = Cylinder(x, y, slope_x, slope_y, radius)
         reach = _tolerance(points, cylinder, model)
     return cylinder
 

@@ -30,8 +30,9 @@ class Skeleton:
     fields : dict of str to ndarray of shape (n_nodes,)
         Further quantities of a node. The graph stage writes ``n_points`` (int, original points
         that its radius rests on), ``arc_deg`` (float, how much of the circumference they cover),
-        ``residual`` (float, robust spread of their distance to the fitted surface, in `unit`)
-        and ``gap`` (int, 1 where the edge to the parent bridges missing data).
+        ``residual`` (float, robust spread of their distance to the fitted surface, in `unit`),
+        ``radius_error`` (float, standard error of the radius that they tell, in `unit`) and ``gap``
+        (int, 1 where the edge to the parent bridges missing data).
     unit, frame : str
         As in the cloud that the skeleton was made from.
     """

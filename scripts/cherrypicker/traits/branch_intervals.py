@@ -1,8 +1,8 @@
-"""90 % intervals of a branch's base diameter and insertion angle, from how its points scatter.
+"""90 % intervals of a branch's base diameter and insertion angle.
 
-Points along a branch share errors (photogrammetry moves whole surfaces, the contraction bends whole
-stretches), so drawing points again tells too little. The intervals follow the scatter of the points
-around the fitted radius instead.
+The fit of a radius tells its standard error. Points along a branch also share errors that no fit
+sees (photogrammetry moves whole surfaces, the contraction bends whole stretches): these follow the
+scatter of the points.
 """
 
 from __future__ import annotations
@@ -36,14 +36,18 @@ def typical_scatter(skeleton: Skeleton) -> float | None:
 
 
 def diameter_interval(
-    diameter: float | np.ndarray, scatter: float | np.ndarray, scale_error: float = 0.0
+    diameter: float | np.ndarray,
+    error: float | np.ndarray,
+    scatter: float | np.ndarray,
+    scale_error: float = 0.0,
 ) -> tuple:
     """90 % interval of a diameter.
 
     Parameters
     ----------
-    diameter, scatter : float or ndarray of shape (n,), float64
-        The diameter and the standard deviation of the points around it, in one unit.
+    diameter, error, scatter : float or ndarray of shape (n,), float64
+        The diameter, the standard error of the radius by its fit and the standard deviation of the
+        points around it, in one unit.
     scale_error : float, default 0
         Relative standard error of the scan's scale.
 
@@ -51,10 +55,7 @@ def diameter_interval(
     -------
     low, high : float or ndarray of shape (n,), float64
     """
-    thickness = np.maximum(diameter, 1e-9)
-    error = scatter * np.hypot(
-        FACTORS["diameter_shared"], FACTORS["diameter_thin"] * 2.0 * scatter / thickness
-    )
+    error = np.hypot(2.0 * error, FACTORS["diameter_shared"] * scatter)
     half = Z90 * np.hypot(error, scale_error * diameter)
     return np.maximum(diameter - half, 0.0), diameter + half
 

@@ -29,11 +29,13 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
     dict of str to ndarray of shape (n_axes,), float64
         Lengths in the skeleton's unit, angles in degrees. `lateral_spacing` is NaN with fewer than
         two places of laterals, `base_residual` the scatter of the points behind the base diameter,
-        `stretch` the length that the direction is taken over.
+        `base_error` the standard error of a radius there, `stretch` the length that the direction
+        is taken over.
     """
     none = np.zeros(len(skeleton))
-    arc, n_points, residual, gap = (
-        skeleton.fields.get(name, none) for name in ("arc_deg", "n_points", "residual", "gap")
+    arc, n_points, residual, error, gap = (
+        skeleton.fields.get(name, none)
+        for name in ("arc_deg", "n_points", "residual", "radius_error", "gap")
     )
     radius, length = skeleton.radius, skeleton.edge_length
     lines = [_Line(skeleton.points[axis_polyline(axis)]) for axis in axis_list]
@@ -73,6 +75,7 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
                 "base_n_points": np.median(n_points[nodes][base]),
                 "gap_share": length[nodes] @ (gap[nodes] > 0) / max(length[nodes].sum(), 1e-12),
                 "base_residual": np.median(residual[nodes][base]),
+                "base_error": np.median(error[nodes][base]),
                 "stretch": min(window, total - skip),
             }
         )

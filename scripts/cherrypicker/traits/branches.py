@@ -123,7 +123,7 @@ def _intervals(shape: dict, count: np.ndarray, typical: float | None, scale_erro
         return {name: [None] * n_axes for name in _INTERVALS}
     scatter = np.where(shape["base_residual"] > 0, shape["base_residual"], typical)
     ends = [
-        *diameter_interval(shape["base_diameter"], scatter, scale_error),
+        *diameter_interval(shape["base_diameter"], shape["base_error"], scatter, scale_error),
         *angle_interval(shape["insertion_angle"], scatter, count, shape["stretch"]),
     ]
     return dict(zip(_INTERVALS, ends, strict=True))

@@ -67,7 +67,7 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
         if name in GRAPHS_OF:
             found["graphs"] = {}
             for graph in GRAPHS:
-                scores = _measure_graph(contracted, cloud, truth, graph, details["base"])
+                scores = _measure_graph(contracted, cloud, truth, graph, details)
                 if keep is not None:
                     keep[f"{name}_{graph}"] = scores.pop("segments")
                 else:
@@ -89,9 +89,15 @@ def contract_as_published(cloud, method, *, callback=None, **constants):
     )
 
 
-def _measure_graph(contracted, cloud, truth, method, base):
+def _measure_graph(contracted, cloud, truth, method, details):
     start = time.process_time()
-    skeleton = extract_skeleton(contracted, cloud, GraphOptions(method=method), base=base)
+    skeleton = extract_skeleton(
+        contracted,
+        cloud,
+        GraphOptions(method=method),
+        base=details["base"],
+        limbs=details["limbs"],
+    )
     cpu_s = time.process_time() - start
     graph = graph_of(skeleton)
     if not len(graph.edges):

@@ -112,7 +112,7 @@ def _cloud_to_traits(cloud):
     contracted, details = contract_wood(cloud, options=ContractionOptions())
     lap("contract")
     contract_peak_mb = _peak_mb()
-    found = extract_skeleton(contracted, cloud, base=details["base"])
+    found = extract_skeleton(contracted, cloud, base=details["base"], limbs=details["limbs"])
     topology = fold(found, axes(found))
     lap("graph")
     measure_traits(found, cloud, topology)

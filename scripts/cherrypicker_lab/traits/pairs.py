@@ -74,7 +74,7 @@ def make_tree(seed, n_points, *, bearing=False):
 def skeleton_of(cloud):
     """Contract a labelled cloud and make its graph, with the default options."""
     contracted, report = contract_wood(cloud, options=ContractionOptions(), target_xy=np.zeros(2))
-    return extract_skeleton(contracted, cloud, base=report["base"])
+    return extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
 
 
 def measure_tree(seed, n_points, *, bearing=False):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skeleton_shapes import tube
 
-from cherrypicker.geometry.axis_radii import fit_axis_radii
+from cherrypicker.skeleton.axis_radii import fit_axis_radii
 from cherrypicker.skeleton.model import Skeleton
 
 
@@ -32,3 +32,20 @@ def test_stretch_without_points_takes_radii_from_both_sides():
     skeleton = Skeleton(points, np.arange(-1, 66), np.zeros(67), np.ones(67))
     fitted = fit_axis_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
     np.testing.assert_allclose(fitted.radius[30:37], (0.03 - 0.015 * z)[30:37], atol=0.002)
+
+
+@pytest.mark.parametrize("radius", [0.004, 0.008])
+def test_thin_wood_takes_the_noise_that_a_thick_stem_shows(radius):
+    rng = np.random.default_rng(9)
+    stem = tube((0, 0, 0), (0, 0, 1), 0.04, rng=rng)
+    surface = np.vstack([stem, tube((1, 0, 0), (1, 0, 1), radius, rng=rng)])
+    surface += rng.normal(0, 0.0047, surface.shape)
+    axis = np.column_stack([np.zeros(67), np.zeros(67), np.linspace(0, 1, 67)])
+    parent = np.arange(-1, 133)
+    parent[67] = 0
+    nodes = np.vstack([axis, axis + [1, 0.001, 0]])
+    skeleton = Skeleton(nodes, parent, np.zeros(134), np.ones(134))
+    options = {"spacing": 0.015, "max_radius": 0.08, "recentre": False}
+    fitted = fit_axis_radii(skeleton, surface, **options)
+    assert np.median(fitted.radius[70:131]) == pytest.approx(radius, abs=0.001)
+    assert np.median(fitted.radius[3:64]) == pytest.approx(0.04, abs=0.0005)

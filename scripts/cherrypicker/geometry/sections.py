@@ -1,0 +1,484 @@
+"""Sections of wood: the circle, cone or freer outline that points across an axis lie on (compiled).
+
+A point on a surface of radius r, seen with noise of standard deviation s, lies at a distance q from
+the axis that has Rice's distribution ("Mathematical analysis of random noise", 1945):
+
+    -log p = (q^2 + r^2) / (2 s^2) - log I0(q r / s^2)
+
+For thick wood the distance to the surface counts, less the s^2 / 2r by which noise moves points
+outwards (the essential bias of a geometric fit, Al-Sharadqah and Chernov, Electronic Journal of
+Statistics 2009); for wood thinner than the noise the distance to the axis; in between some of both.
+`rice` says how strongly a point pulls, here and in the tubes of limbs.
+
+Outliers lose their say (Tukey's weights). The covariance is that of an M-estimator whose points err
+together within a cell of the surface: it holds for sections seen from one side, for bark, and for
+what a circle does not follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from cherrypicker.geometry.ordering import median
+
+__all__ = [
+    "Section",
+    "arc_deg",
+    "circles_through",
+    "fit_section",
+    "iterate",
+    "judge",
+    "rice",
+]
+
+MAD_TO_SIGMA = 1.4826
+TUKEY = 4.685  # 95 % efficiency on Gaussian residuals
+THICK_IN_NOISES = 2.0, 4.0  # from here to there points are taken to lie on what was seen; a guess
+LEAST_NOISE = 1e-4  # of the radius: what a perfect cloud is taken to have
+ORDERS = (2, 3, 4, 5, 6)  # of an outline's waves: from an oval to six flutes
+WAVE = 0.05  # of the radius, over the order: a wave's expected standard deviation; a guess
+TILT, TAPER = 0.2, 0.1  # the same of the axis to the given one, and of the radius along it; guesses
+N_SECTORS, N_LEVELS = 24, 4  # cells whose points err together
+FEWEST_POINTS = 6
+N_ROUNDS, SETTLED = 30, 1e-5
+FIRST_SCATTER = 0.15  # of the radius: of points around the first guess
+
+
+@numba.njit(cache=True)
+def bessel_ratio(kappa: float) -> float:
+    """I1 / I0, by its asymptotic series or its continued fraction from Amos's bound; to 3e-8."""
+    if kappa > 16.0:
+        x = 1.0 / kappa
+        rest = 25 / 128 + x * (13 / 32 + x * 1073 / 1024)
+        return 1.0 - x * (0.5 + x * (0.125 + x * (0.125 + x * rest)))
+    ratio = kappa / (15.0 + np.sqrt(225.0 + kappa * kappa))
+    for order in range(14, 0, -1):
+        ratio = kappa / (2.0 * order + kappa * ratio)
+    return ratio
+
+
+@numba.njit(cache=True)
+def rice(away: float, radius: float, noise: float, swell: float) -> tuple:
+    """Derivatives of Rice's -log p, times noise^2, by a point's distance and by the radius.
+
+    Rice's points lie all around. Those of a limb seen from one side do not, and the density on a
+    smaller circle would make up for a worse fit: for limbs thicker than the noise the centre
+    follows the distances to the surface alone. For thinner ones it does not, else any line of
+    points would do as the flank of a thick limb.
+
+    Parameters
+    ----------
+    away, radius, noise : float
+        Distance from the axis, radius there and standard deviation, in one unit.
+    swell : float
+        1 where the points of thick wood lie as far outwards as the noise moves them, 0 where they
+        lie on its surface: the noise is not this section's own.
+
+    Returns
+    -------
+    by_away, by_radius : float
+        First derivatives.
+    out, side, own, cross : float
+        Second ones: by a move of the axis along the point's direction and across it, by the radius,
+        and by both; kept positive definite, and for thick wood those of Gauss and Newton.
+    """
+    kappa = away * radius / noise**2
+    ratio = bessel_ratio(kappa)
+    slope = 0.5 if kappa < 1e-6 else 1.0 - ratio / kappa - ratio * ratio
+    low, high = THICK_IN_NOISES
+    seen = min(max((radius / noise - low) / (high - low), 0.0), 1.0)
+    pull = (1.0 - seen) * radius * ratio + seen * np.sqrt(radius**2 + swell * noise**2)
+    inwards = ratio + (1.0 - swell) * seen * kappa / (2.0 * (1.0 + kappa * kappa))
+    out = min(max(1.0 - (radius / noise) ** 2 * slope, 0.1), 1.0)
+    own = min(max(1.0 - (away / noise) ** 2 * slope, 0.1), 1.0)
+    cross = min(ratio + kappa * slope, 0.999 * np.sqrt(out * own))
+    side = (1 - seen) * min(max(1.0 - pull / max(away, 1e-12), 0.0), 1.0)
+    out, own, cross = seen + (1 - seen) * out, seen + (1 - seen) * own, seen + (1 - seen) * cross
+    return away - pull, radius - away * inwards, out, side, own, -cross
+
+
+@dataclass(frozen=True)
+class Section:
+    """A piece of wood in its slab's frame: axis along w, origin inside.
+
+    Attributes
+    ----------
+    parameters : ndarray of shape (6 + 2 * n_orders,)
+        Centre u, v and radius at w = 0, their slopes along w, then cosine and sine of the outline's
+        waves of `ORDERS` as shares of the radius.
+    covariance : ndarray of shape (6 + 2 * n_orders, 6 + 2 * n_orders)
+    noise : float
+        Robust standard deviation of the points around the surface, in the cloud's unit.
+    weights : ndarray of shape (n_points,)
+        Tukey's, in [0, 1]; 0 is an outlier.
+    offset : ndarray of shape (n_points, 2)
+        Of the points from the axis.
+    """
+
+    parameters: np.ndarray
+    covariance: np.ndarray
+    noise: float
+    weights: np.ndarray
+    offset: np.ndarray
+
+    @property
+    def radius(self) -> float:
+        """Radius at w = 0 of the circle of the section's area, in the cloud's unit."""
+        return float(self.parameters[2] * self._swell)
+
+    @property
+    def _swell(self) -> float:
+        return float(np.sqrt(1.0 + np.square(self.parameters[6:]).sum() / 2))
+
+    @property
+    def error(self) -> float:
+        """Standard error of `radius`."""
+        slope = np.zeros(len(self.parameters))
+        slope[2] = self._swell
+        slope[6:] = self.parameters[2] * self.parameters[6:] / (2 * self._swell)
+        return float(np.sqrt(max(slope @ self.covariance @ slope, 0.0)))
+
+    @property
+    def arc_deg(self) -> float:
+        """Part of the circumference that inliers cover, degrees, in steps of 10."""
+        return float(arc_deg(self.offset[self.weights > 0], 36))
+
+    @property
+    def n_inliers(self) -> int:
+        """Number of points with a weight above zero."""
+        return int((self.weights > 0).sum())
+
+
+def fit_section(
+    local: np.ndarray,
+    circle: np.ndarray,
+    *,
+    balance: np.ndarray | None = None,
+    tapers: bool = True,
+    waves: bool = True,
+    noise: float = 0.0,
+) -> Section | None:
+    """Fit a section to the points of a slab: first a circular one, then its waves as well.
+
+    Parameters
+    ----------
+    local : ndarray of shape (n_points, 3), float64
+        Points in the slab's frame (u, v across the axis, w along it), in the cloud's unit.
+    circle : ndarray of shape (3,) or (6,)
+        First guess at w = 0, and of its slopes.
+    balance : ndarray of shape (n_points,), optional
+        Weights of the points.
+    tapers, waves : bool, default True
+        Whether the radius changes along the axis, and with the direction.
+    noise : float, default 0
+        Least standard deviation of the points around the surface, for wood too thin to tell.
+
+    Returns
+    -------
+    Section or None
+        None where the points do not determine one.
+    """
+    local = np.ascontiguousarray(local, dtype=np.float64)
+    balance = np.ones(len(local)) if balance is None else balance
+    start = np.append(circle, np.zeros(6 - len(circle)))
+    expected = np.array([np.inf, np.inf, np.inf, TILT, TILT, TAPER if tapers else 0.0])
+    if waves:
+        wave = np.repeat(WAVE / np.array(ORDERS), 2)
+        start, expected = np.append(start, 0 * wave), np.append(expected, wave)
+    fit = _fit(local, start, expected, balance, noise)
+    return Section(*fit) if np.isfinite(fit[0]).all() else None
+
+
+@numba.njit(cache=True)
+def _fit(
+    local: np.ndarray,
+    start: np.ndarray,
+    expected: np.ndarray,
+    balance: np.ndarray,
+    noise: float,
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
+    """The fields of a `Section`; its parameters are NaN where the points leave them open.
+
+    Python calls this, compiled code `iterate` and `judge`: an array of a function that both call
+    may not come back from Numba's cache.
+    """
+    scatter, found = FIRST_SCATTER * start[2], start.copy()
+    found[:6], scatter = iterate(
+        local, start[:6], start[:6], expected[:6], balance, scatter, noise, SETTLED
+    )
+    if len(start) > 6 and np.isfinite(found[2]):
+        found, scatter = iterate(local, found, start, expected, balance, scatter, noise, SETTLED)
+    if not np.isfinite(found[2]):
+        nothing = np.zeros((0, 2))
+        return found, np.zeros((0, 0)), scatter, nothing[:, 0].copy(), nothing
+    weights, offset, covariance = judge(local, found, expected, balance, scatter)
+    return found, covariance, scatter, weights, offset
+
+
+@numba.njit(cache=True)
+def iterate(
+    local: np.ndarray,
+    start: np.ndarray,
+    mean: np.ndarray,
+    expected: np.ndarray,
+    balance: np.ndarray,
+    scatter: float,
+    noise: float,
+    settled: float,
+) -> tuple[np.ndarray, float]:
+    """Parameters of a section by Newton's steps, and the scatter of the points around it.
+
+    Parameters
+    ----------
+    local : ndarray of shape (n_points, 3), float64
+    start : ndarray of shape (n_parameters,)
+        As in `Section`, or the first 3 or 6 of them.
+    mean, expected : ndarray of shape (n_parameters,)
+        What is known beforehand: values and their standard deviations, 0 for what is held,
+        infinite for what is open.
+    balance : ndarray of shape (n_points,)
+    scatter : float
+        Of the points around `start`.
+    noise : float
+        Least scatter.
+    settled : float
+        Share of its radius that a section moves less than in its last round.
+
+    Returns
+    -------
+    parameters : ndarray of shape (n_parameters,)
+        The radius is NaN where the points leave them open.
+    scatter : float
+    """
+    found, n = start.copy(), len(start)
+    least = max(noise, LEAST_NOISE * start[2], 1e-12)
+    scatter, near = max(scatter, least), np.empty(len(local))
+    for _ in range(N_ROUNDS):
+        _, _, normals, scores = _sums(local, found, balance, scatter, False)
+        normal, gradient = normals[0], scores[0]
+        for i in range(n):
+            if expected[i] > 0.0:
+                gradient[i] += (scatter / expected[i]) ** 2 * (found[i] - mean[i])
+            else:
+                gradient[i] = 0.0
+        _hold(normal, expected, scatter)
+        step = _solved(normal, gradient)
+        moved = max(abs(step[0]), abs(step[1]), abs(step[2]))
+        share = min(1.0, 0.5 * found[2] / max(moved, 1e-300))
+        for i in range(n):
+            found[i] -= share * step[i]
+        if not (found[2] > 0 and np.isfinite(step[0])):
+            found[2] = np.nan
+            break
+        n_near = 0
+        for row in range(len(local)):
+            away = abs(_seen(local, row, found, scatter)[0])
+            if away < 3.0 * scatter:
+                near[n_near] = away
+                n_near += 1
+        if n_near < FEWEST_POINTS:
+            break
+        spread = max(MAD_TO_SIGMA * median(near[:n_near]), least)
+        # Shrinks by at most a third a step: a fast drop would lock the fit onto the first guess.
+        scatter = max(spread, 0.67 * scatter)
+        if moved < settled * found[2] and scatter <= 1.01 * spread:
+            break
+    return found, scatter
+
+
+@numba.njit(cache=True)
+def _seen(local: np.ndarray, row: int, section: np.ndarray, scatter: float) -> tuple:
+    """How a point stands to a section.
+
+    Its distance from where noise lets the surface appear; its offset from the axis; the outline's
+    lean there and the cosine of it; the radius without waves, what they make of it, and with them.
+    """
+    x, y, base = local[row, 0] - section[0], local[row, 1] - section[1], section[2]
+    if len(section) > 3:
+        w = local[row, 2]
+        x, y, base = x - w * section[3], y - w * section[4], base + w * section[5]
+    away, wave, turn = np.sqrt(x * x + y * y), 1.0, 0.0
+    if len(section) > 6:
+        angle = np.arctan2(y, x)
+        for at, order in enumerate(ORDERS):
+            even, odd = section[6 + 2 * at], section[7 + 2 * at]
+            cosine, sine = np.cos(order * angle), np.sin(order * angle)
+            wave += even * cosine + odd * sine
+            turn += order * (odd * cosine - even * sine)
+    radius = max(base * wave, 1e-3 * section[2])
+    lean = base * turn / max(away, 1e-12)
+    upright = 1.0 / np.sqrt(1.0 + lean * lean)
+    off = upright * (away - np.sqrt(radius**2 + scatter**2))
+    return off, x, y, lean, upright, base, wave, radius
+
+
+@numba.njit(cache=True)
+def _sums(
+    local: np.ndarray, section: np.ndarray, balance: np.ndarray, scatter: float, is_last: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Weights and offsets of the points, normal matrices and gradients of the cells.
+
+    All points make one cell but in the `is_last` call, for the covariance, whose matrix is weighed
+    by the slope of Tukey's function.
+    """
+    n = len(section)
+    weights, offset = np.empty(len(local)), np.empty((len(local), 2))
+    n_cells = N_SECTORS * N_LEVELS if is_last else 1
+    normals, scores = np.zeros((n_cells, n, n)), np.zeros((n_cells, n))
+    low, high = np.inf, -np.inf
+    for row in range(len(local)):
+        low, high = min(low, local[row, 2]), max(high, local[row, 2])
+    by_axis, by_side, by_radius = np.zeros(n), np.zeros(n), np.zeros(n)
+    for row in range(len(local)):
+        off, x, y, lean, upright, base, wave, radius = _seen(local, row, section, scatter)
+        offset[row, 0], offset[row, 1] = x, y
+        share = min((off / (TUKEY * scatter)) ** 2, 1.0)
+        weights[row] = (1.0 - share) ** 2
+        if share == 1.0:
+            continue
+        w, away = local[row, 2], max(np.sqrt(x * x + y * y), 1e-12)
+        x, y = x / away, y / away
+        by_axis[0], by_axis[1] = upright * (lean * -y - x), upright * (lean * x - y)
+        by_side[0], by_side[1] = -y, x
+        by_radius[2] = upright * wave
+        if n > 3:
+            for i in range(3):
+                by_axis[3 + i], by_side[3 + i] = w * by_axis[i], w * by_side[i]
+            by_radius[5] = w * by_radius[2]
+        if n > 6:
+            angle = np.arctan2(y, x)
+            for at, order in enumerate(ORDERS):
+                by_radius[6 + 2 * at] = upright * base * np.cos(order * angle)
+                by_radius[7 + 2 * at] = upright * base * np.sin(order * angle)
+        first, second, out, side, own, cross = rice(away, radius, scatter, 1.0)
+        told = balance[row] * weights[row]
+        cell, slope = 0, told
+        if is_last:
+            sector = min(int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * N_SECTORS), N_SECTORS - 1)
+            level = min(int((w - low) / max(high - low, 1e-12) * N_LEVELS), N_LEVELS - 1)
+            cell = sector * N_LEVELS + level
+            slope = balance[row] * (1.0 - share) * (1.0 - 5.0 * share)
+        for i in range(n):
+            scores[cell, i] += told * upright * (first * by_axis[i] + second * by_radius[i])
+            ahead = out * by_axis[i] + cross * by_radius[i]
+            own_i = own * by_radius[i] + cross * by_axis[i]
+            for j in range(n):
+                both = ahead * by_axis[j] + own_i * by_radius[j]
+                normals[cell, i, j] += slope * (both + side * by_side[i] * by_side[j])
+    return weights, offset, normals, scores
+
+
+@numba.njit(cache=True)
+def _hold(normal: np.ndarray, expected: np.ndarray, scatter: float) -> None:
+    """Enter what is known beforehand into a normal matrix."""
+    for i in range(len(normal)):
+        if expected[i] > 0.0:
+            normal[i, i] += (scatter / expected[i]) ** 2 + 1e-9 * abs(normal[i, i]) + 1e-30
+        else:
+            for j in range(len(normal)):
+                normal[i, j] = normal[j, i] = 0.0
+            normal[i, i] = 1.0
+
+
+@numba.njit(cache=True)
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of linear equations by elimination with pivots, NaN where they have none."""
+    n, rest, found = len(right), matrix.copy(), right.copy()
+    for at in range(n):
+        pivot = at
+        for row in range(at + 1, n):
+            if abs(rest[row, at]) > abs(rest[pivot, at]):
+                pivot = row
+        if not abs(rest[pivot, at]) > 0.0:
+            found.fill(np.nan)
+            return found
+        for column in range(at, n):
+            rest[at, column], rest[pivot, column] = rest[pivot, column], rest[at, column]
+        found[at], found[pivot] = found[pivot], found[at]
+        for row in range(at + 1, n):
+            share = rest[row, at] / rest[at, at]
+            for column in range(at, n):
+                rest[row, column] -= share * rest[at, column]
+            found[row] -= share * found[at]
+    for row in range(n - 1, -1, -1):
+        for column in range(row + 1, n):
+            found[row] -= rest[row, column] * found[column]
+        found[row] /= rest[row, row]
+    return found
+
+
+@numba.njit(cache=True)
+def judge(
+    local: np.ndarray,
+    section: np.ndarray,
+    expected: np.ndarray,
+    balance: np.ndarray,
+    scatter: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights and offsets of the points and the covariance of the parameters, see `iterate`.
+
+    The covariance is the jackknife's over cells, each of which errs by itself: leaving a cell out
+    moves the parameters by its gradient over what the others tell. What is known beforehand errs by
+    as much as it was expected to.
+    """
+    weights, offset, normals, scores = _sums(local, section, balance, scatter, True)
+    n, n_told = len(section), 0
+    total, covariance = np.zeros((n, n)), np.zeros((n, n))
+    for cell in range(len(scores)):
+        for i in range(n):
+            for j in range(n):
+                total[i, j] += normals[cell, i, j]
+    for cell in range(len(scores)):
+        gradient, rest, is_told = scores[cell], total.copy(), False
+        for i in range(n):
+            is_told = is_told or gradient[i] != 0.0
+            gradient[i] *= expected[i] > 0.0
+            for j in range(n):
+                rest[i, j] -= normals[cell, i, j]
+        if is_told:
+            _hold(rest, expected, scatter)
+            _add_square(covariance, _solved(rest, gradient))
+            n_told += 1
+    covariance *= max(n_told - 1, 1) / max(n_told, 1)
+    _hold(total, expected, scatter)
+    for i in range(n):
+        if 0.0 < expected[i] < np.inf:
+            held = np.zeros(n)
+            held[i] = scatter**2 / expected[i]
+            _add_square(covariance, _solved(total, held))
+    return weights, offset, covariance
+
+
+@numba.njit(cache=True)
+def _add_square(matrix: np.ndarray, vector: np.ndarray) -> None:
+    """Add a vector's product with itself."""
+    for i in range(len(vector)):
+        for j in range(len(vector)):
+            matrix[i, j] += vector[i] * vector[j]
+
+
+@numba.njit(cache=True)
+def arc_deg(offset: np.ndarray, n_sectors: int) -> float:
+    """Degrees of a circle whose sectors hold a point; `offset` (n, 2) is relative to the centre."""
+    is_seen, n_seen = np.zeros(n_sectors), 0.0
+    for row in range(len(offset)):
+        turn = np.arctan2(offset[row, 1], offset[row, 0]) / (2 * np.pi) + 0.5
+        is_seen[min(int(turn * n_sectors), n_sectors - 1)] = 1.0
+    for sector in range(n_sectors):
+        n_seen += is_seen[sector]
+    return 360.0 * n_seen / n_sectors
+
+
+def circles_through(triples: np.ndarray) -> np.ndarray:
+    """Circles through three points each, (n, 3) of u, v, r; not finite where they are in line."""
+    a, b, c = triples[:, 0], triples[:, 1], triples[:, 2]
+    ab, ac = b - a, c - a
+    cross = 2.0 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
+    ab2, ac2 = (ab**2).sum(axis=1), (ac**2).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = (ac[:, 1] * ab2 - ab[:, 1] * ac2) / cross
+        v = (ab[:, 0] * ac2 - ac[:, 0] * ab2) / cross
+    return np.column_stack([a[:, 0] + u, a[:, 1] + v, np.hypot(u, v)])
