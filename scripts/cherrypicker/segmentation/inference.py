@@ -36,7 +36,7 @@ from cherrypicker.segmentation.things import Square, one_class_a_thing
 
 logger = logging.getLogger(__name__)
 
-_WOOD_CHANNELS = [label.channel for label in WOOD]
+_WOOD_CHANNELS = [label.channel or 0 for label in WOOD]
 
 _BLOCK = 500_000  # points of a block; bounds the memory, changes no result
 N_NEAREST = 3  # sampled points that a point takes its probabilities from

@@ -1,9 +1,12 @@
 """Stem bases: where the trees of a cloud stand."""
 
+from __future__ import annotations
+
 import logging
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import label as label_cells
 from scipy.spatial import cKDTree
 
@@ -44,7 +47,7 @@ class Stem:
     rows: np.ndarray
 
 
-def ground_height(xy, ground, fallback):
+def ground_height(xy: np.ndarray, ground: np.ndarray, fallback: float) -> np.ndarray:
     """Height of the ground below positions.
 
     Parameters
@@ -65,7 +68,9 @@ def ground_height(xy, ground, fallback):
     return GroundSurface(ground[:: max(1, len(ground) // 50_000)], n_nearest=15)(xy)
 
 
-def find_stems(points, ground=None, labels=None):
+def find_stems(
+    points: np.ndarray, ground: np.ndarray | None = None, labels: np.ndarray | None = None
+) -> list[Stem]:
     """Find the stems that stand in a cloud of wood (z up).
 
     A stem is a compact cluster, seen from above, of the wood in a slice low above the ground,
@@ -107,7 +112,7 @@ def find_stems(points, ground=None, labels=None):
     return _merge_close(points, height, found, SAME_STEM * full)
 
 
-def _height(points, ground):
+def _height(points: np.ndarray, ground: np.ndarray) -> np.ndarray:
     """Heights above the ground, or above the lowest point where much wood lies under the ground.
 
     Of a scan without ground some low branches may be called so, high above the foot.
@@ -123,7 +128,7 @@ def _height(points, ground):
     return points[:, 2] - lowest
 
 
-def _without_branches(stems, labels):
+def _without_branches(stems: list[Stem], labels: np.ndarray) -> list[Stem]:
     """The stems that are trunk, if there is one; else all."""
     share = [np.mean(labels[stem.rows] == Label.TRUNK) for stem in stems]
     if not stems or max(share) < MOSTLY_TRUNK:
@@ -131,7 +136,7 @@ def _without_branches(stems, labels):
     return [stem for stem, part in zip(stems, share) if part >= HARDLY_TRUNK]
 
 
-def _cluster_from_above(xy, cell):
+def _cluster_from_above(xy: np.ndarray, cell: float) -> np.ndarray:
     """Connected cells (8 neighbours) of an x/y grid: the cluster of each point."""
     cells = np.floor((xy - xy.min(axis=0)) / cell).astype(np.int64)
     grid = np.zeros(cells.max(axis=0) + 1, dtype=bool)
@@ -140,7 +145,9 @@ def _cluster_from_above(xy, cell):
     return member[cells[:, 0], cells[:, 1]] - 1
 
 
-def _merge_close(points, height, stems, distance):
+def _merge_close(
+    points: np.ndarray, height: np.ndarray, stems: list[Stem], distance: float
+) -> list[Stem]:
     """Join stems that stand closer than `distance`: they rise from one root."""
     merged = []
     for stem in stems:
@@ -153,7 +160,7 @@ def _merge_close(points, height, stems, distance):
     return merged
 
 
-def stems_off_the_ground(points, piece, owner):
+def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarray) -> list[Stem]:
     """Bases of large pieces that no way reaches: trees whose foot is hidden or cut off.
 
     Parameters
@@ -182,7 +189,9 @@ def stems_off_the_ground(points, piece, owner):
     return found
 
 
-def lowest_thick(points, radius, reach, base=None):
+def lowest_thick(
+    points: np.ndarray, radius: float, reach: float, base: ArrayLike | None = None
+) -> int:
     """Row of the lowest point of the thickest low wood: the foot of a stem that no label tells.
 
     Twigs may hang lower than the foot, but have fewer points around.
