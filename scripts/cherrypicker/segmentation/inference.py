@@ -32,7 +32,7 @@ from cherrypicker.segmentation.spheres import (
 from cherrypicker.segmentation.standing_posts import split_standing_posts
 from cherrypicker.segmentation.stems import StemModel, relabel_wood
 from cherrypicker.segmentation.support_post import PostModel, split_support_post
-from cherrypicker.segmentation.things import Square, one_class_a_thing
+from cherrypicker.segmentation.things import Square, one_class_a_thing, wood_under_things
 
 logger = logging.getLogger(__name__)
 
@@ -281,6 +281,7 @@ def segment_cloud(
     if squares is not None:
         squares = [Square(frame.apply(square.corners)) for square in squares]
     probabilities = one_class_a_thing(points, probabilities, voxel, squares)
+    probabilities = wood_under_things(points, probabilities, voxel)
     probabilities = clean_trunk(points, probabilities, smoothing)
     full = propagate(frame.apply(cloud.points), points, probabilities)
     labels = _likeliest(full)

@@ -96,7 +96,7 @@ def link_components(points: np.ndarray, gap: float) -> np.ndarray:
     return rank[group]
 
 
-def _ground_below(foot: np.ndarray, ground: np.ndarray) -> float:
+def ground_below(foot: np.ndarray, ground: np.ndarray) -> float:
     """Ground level under a point, from the ground points near it in x and y; 0 without any."""
     if len(ground) < N_GROUND:
         return 0.0
@@ -135,7 +135,7 @@ def clean_trunk(points: np.ndarray, probabilities: np.ndarray, smoothing: Smooth
         part = points[trunk[group == g]]
         lowest = part[part[:, 2] <= np.quantile(part[:, 2], LOWEST)]
         foot = lowest.mean(axis=0)
-        if foot[2] - _ground_below(foot, ground) <= smoothing.trunk_base_height_m:
+        if foot[2] - ground_below(foot, ground) <= smoothing.trunk_base_height_m:
             rooted.append(g)
     if not rooted:
         logger.warning("no trunk reaches the ground; the largest stem is kept")
