@@ -19,7 +19,7 @@ from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.segmentation.spheres import TreeFrame
-from cherrypicker.segmentation.white_rings import ring_points
+from cherrypicker.segmentation.white_rings import MAX_OFF, STEP_M, ring_points
 from cherrypicker.skeleton.axes import axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.gaps import STEM_GAP_M
@@ -32,7 +32,7 @@ logger = logging.getLogger(__name__)
 VOXEL_M = 0.006  # wood is thinned to: about what our stereo's points lie apart (guess)
 MAX_POINTS = 120_000  # or to so many points; bounds the time
 MIN_POINTS = 60  # thinned points of a tree; of fewer the network's labels stay (guess)
-STEP_M = 0.01  # longest edge of an axis, as `graph.spacing_m`
+EDGE_M = 0.01  # longest edge of an axis, as `graph.spacing_m`
 
 
 @dataclass(frozen=True)
@@ -111,21 +111,31 @@ def relabel_wood(
     touched[np.concatenate([stem.rows for stem in found] or [np.empty(0, np.int64)])] = True
     result[rows] = np.where(touched[member], chosen[member], labels[rows])
     if colors is not None:
-        for stem in found:
-            own = np.zeros(len(thin), bool)
-            own[stem.rows[stem.is_trunk]] = True
-            on = rows[own[member]]
-            # in true metres: a tall tree's ring is shrunk with it
-            is_ring = ring_points(
-                frame.apply(points[on]) / frame.scale,
-                colors[on],
-                stem.points / frame.scale,
-                stem.radius / frame.scale,
-            )
-            result[on[is_ring]] = Label.CALIBRATION_UNIT
+        _relabel_rings(points, result, colors, frame, found)
     changed = np.count_nonzero(result[rows] != labels[rows])
     logger.info("the stems' course changed %.1f %% of the wood", 100 * changed / len(rows))
     return result
+
+
+def _relabel_rings(
+    points: np.ndarray,
+    labels: np.ndarray,
+    colors: np.ndarray,
+    frame: TreeFrame,
+    stems: list[StemTrace],
+) -> None:
+    """Label the white rings on the trunks, in place; the network's are wider by its voxels."""
+    rows = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.CALIBRATION_UNIT))
+    local = frame.apply(points[rows]) / frame.scale  # true metres: a tall tree's ring shrinks too
+    for stem in stems:
+        places, radius = stem.points / frame.scale, stem.radius / frame.scale
+        distance, nearest = cKDTree(places).query(local, workers=1)
+        near = np.flatnonzero(distance <= radius[nearest] + MAX_OFF)
+        is_ring = ring_points(local[near], colors[rows[near]], places, radius)
+        if is_ring.any():
+            off_ring = cKDTree(local[near[is_ring]]).query(local[near], workers=1)[0] > STEP_M
+            labels[rows[near[is_ring]]] = Label.CALIBRATION_UNIT
+            labels[rows[near[off_ring]]] = Label.TRUNK
 
 
 def trace_stems(
@@ -164,7 +174,7 @@ def _trace(thin: np.ndarray, rows: np.ndarray, base: np.ndarray, known: np.ndarr
     """The trunk of the tree whose wood the rows are."""
     points = thin[rows]
     limbs = grow_limbs(points, base, stem=known)
-    nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, STEP_M)
+    nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, EDGE_M)
     skeleton = Skeleton(nodes, parent, radius, np.full(len(nodes), int(Label.BRANCH)))
     trunk = axes(skeleton)[0].nodes
     on_trunk = np.zeros(len(nodes), bool)

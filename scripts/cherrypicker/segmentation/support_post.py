@@ -198,7 +198,7 @@ def _candidates(points: np.ndarray, model: PostModel, rng: np.random.Generator) 
         if len(taken) and np.linalg.norm(taken - middle, axis=1).min() < APART_M:
             continue
         taken = np.vstack([taken, middle])
-        found.append(Cylinder(*base[best], *slope[best], float(mean_radius[best])))
+        found.append(Cylinder(*(float(v) for v in (*base[best], *slope[best], mean_radius[best]))))
         if len(found) == N_CANDIDATES:
             break
     return found

@@ -86,7 +86,7 @@ def ring_points(
     colors : ndarray of shape (n, 3), float
         In [0, 1].
     places : ndarray of shape (m, 3), float64
-        The stem's axis, at least one place each `STEP_M`.
+        The stem's axis from its foot up.
     radius : ndarray of shape (m,), float64
 
     Returns
@@ -97,6 +97,9 @@ def ring_points(
     if len(points) < 100 or len(places) < 2:
         return result
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+    fine = np.arange(0.0, way[-1], STEP_M / 4)  # or a step would end where a node happens to lie
+    places = np.stack([np.interp(fine, way, column) for column in places.T], axis=1)
+    radius, way = np.interp(fine, way, radius), fine
     nearest = cKDTree(places).query(points, workers=1)[1]
     offset = points - places[nearest]
     off = np.linalg.norm(offset, axis=1) - radius[nearest]

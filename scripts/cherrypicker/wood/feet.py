@@ -149,7 +149,7 @@ def _merge_close(
     points: np.ndarray, height: np.ndarray, stems: list[Stem], distance: float
 ) -> list[Stem]:
     """Join stems that stand closer than `distance`: they rise from one root."""
-    merged = []
+    merged: list[Stem] = []
     for stem in stems:
         for other in merged:
             if np.linalg.norm(stem.base[:2] - other.base[:2]) < distance:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -119,7 +120,7 @@ def choose_target(
     *,
     spacing: float = 0.0,
     region: Footprint | None = None,
-    target_xy: np.ndarray | None = None,
+    target_xy: ArrayLike | None = None,
 ) -> Choice:
     """Choose the target among the trees of a cloud.
 
@@ -160,8 +161,8 @@ def choose_target(
     if target_xy is None:
         choice = Choice(found[0], "wood", found)
     else:
-        target_xy = _checked(target_xy, points, region)
-        apart = [float(np.hypot(*(np.array(one.base[:2]) - target_xy))) for one in found]
+        place = _checked(target_xy, points, region)
+        apart = [float(np.hypot(*(np.array(one.base[:2]) - place))) for one in found]
         nearest = int(np.argmin(apart))
         choice = Choice(found[nearest], "config", found, apart[nearest])
     _log(choice)
@@ -218,7 +219,7 @@ def _log(choice: Choice) -> None:
 
 
 def target_report(
-    choice: Choice, *, region: Footprint | None = None, factor: float = 1.0, **scan
+    choice: Choice, *, region: Footprint | None = None, factor: float = 1.0, **scan: Any
 ) -> dict:
     """Content of target.json.
 

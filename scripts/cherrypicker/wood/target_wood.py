@@ -261,7 +261,8 @@ def _links_along(
         ahead = offset @ heading >= DIRECTION_COSINE * distance
         if ahead.any():
             best = others[ahead][np.argmin(distance[ahead])]
-            yield tuple(sorted((int(rows[end]), int(best))))
+            first, second = sorted((int(rows[end]), int(best)))
+            yield first, second
 
 
 def _stem_links(
@@ -327,10 +328,10 @@ def _border_handicap(
     handicap = np.zeros(len(border))
     for cluster in range(member.max() + 1 if len(border) else 0):
         own = np.flatnonzero(member == cluster)
-        path = [border[own[np.argmin(way[border[own]])]]]
-        while before[path[-1]] >= 0 and before[path[-1]] < len(points):
-            path.append(before[path[-1]])
-        path = np.array(path)
+        steps = [border[own[np.argmin(way[border[own]])]]]
+        while before[steps[-1]] >= 0 and before[steps[-1]] < len(points):
+            steps.append(before[steps[-1]])
+        path = np.array(steps)
         length = way[path[0]]
         thickness = np.array([len(rows) for rows in tree.query_ball_point(points[path], THIN_M)])
         open_ways = way[path] >= 0.2 * length  # the stem's foot is no meeting place
