@@ -20,7 +20,7 @@ from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.segmentation.spheres import TreeFrame
 from cherrypicker.segmentation.white_rings import MAX_OFF, STEP_M, ring_points
-from cherrypicker.skeleton.axes import axes
+from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.gaps import STEM_GAP_M
 from cherrypicker.wood.target_wood import share_wood
@@ -32,6 +32,7 @@ logger = logging.getLogger(__name__)
 VOXEL_M = 0.006  # wood is thinned to: about what our stereo's points lie apart (guess)
 MAX_POINTS = 120_000  # or to so many points; bounds the time
 MIN_POINTS = 60  # thinned points of a tree; of fewer the network's labels stay (guess)
+HALF_LOST = (1 + TRUNK_KEEPS) / 2  # tubes are smooth: half of a step lies on either side of it
 EDGE_M = 0.01  # longest edge of an axis, as `graph.spacing_m`
 
 
@@ -176,7 +177,7 @@ def _trace(thin: np.ndarray, rows: np.ndarray, base: np.ndarray, known: np.ndarr
     limbs = grow_limbs(points, base, stem=known)
     nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, EDGE_M)
     skeleton = Skeleton(nodes, parent, radius, np.full(len(nodes), int(Label.BRANCH)))
-    trunk = axes(skeleton)[0].nodes
+    trunk = _to_its_end(skeleton, axes(skeleton), limb)
     on_trunk = np.zeros(len(nodes), bool)
     on_trunk[trunk] = True
     is_trunk = np.zeros(len(points), bool)
@@ -193,3 +194,23 @@ def _trace(thin: np.ndarray, rows: np.ndarray, base: np.ndarray, known: np.ndarr
         f"{len(points):,}",
     )
     return StemTrace(nodes[trunk], radius[trunk], rows, is_trunk)
+
+
+def _to_its_end(skeleton: Skeleton, split: list[Axis], limb: np.ndarray) -> np.ndarray:
+    """Nodes of the trunk up to where the stem's limb has lost its thickness.
+
+    Order 0 ends at the last fork below that place, which may be a diameter lower: of the arms of
+    a head the lowest leaves there, and the stem goes on to the highest.
+    """
+    trunk = split[0].nodes
+    way = np.concatenate([[0.0], np.cumsum(skeleton.edge_length[trunk[1:]])])
+    diameter = 2 * skeleton.radius[trunk[-1]]
+    below = skeleton.radius[trunk[(way <= way[-1] - TRUNK_SKIP * diameter)]]
+    for axis in split[1:]:
+        if axis.attach == trunk[-1] and limb[axis.nodes[0]] == limb[trunk[-1]] and len(below):
+            least = HALF_LOST * below[-1]
+            thin = (skeleton.radius[axis.nodes] < least) | (limb[axis.nodes] != limb[trunk[-1]])
+            return np.concatenate(
+                [trunk, axis.nodes[: np.argmax(thin)] if thin.any() else axis.nodes]
+            )
+    return trunk
