@@ -176,6 +176,9 @@ def _trace(thin: np.ndarray, rows: np.ndarray, base: np.ndarray, known: np.ndarr
     points = thin[rows]
     limbs = grow_limbs(points, base, stem=known)
     nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, EDGE_M)
+    for number in np.unique(limb)[1:]:  # a stub's tube may be wider than what it grows from
+        own = np.flatnonzero(limb == number)
+        radius[own] = np.minimum(radius[own], radius[parent[own[0]]])
     skeleton = Skeleton(nodes, parent, radius, np.full(len(nodes), int(Label.BRANCH)))
     trunk = _to_its_end(skeleton, axes(skeleton), limb)
     on_trunk = np.zeros(len(nodes), bool)
