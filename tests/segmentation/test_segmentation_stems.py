@@ -130,3 +130,32 @@ def test_without_a_stem_the_labels_stay():
     assert (relabel_wood(points, labels, FRAME) == labels).all()
     empty = relabel_wood(np.empty((0, 3)), np.empty(0, np.uint8), FRAME)
     assert len(empty) == 0
+
+
+def test_a_ring_is_as_wide_as_it_is_white():
+    rng = np.random.default_rng(8)
+    stem = _tube(rng, (0, 0, 0), (0, 0, 1.2), 0.05, 0.045)
+    off = np.abs(stem[:, 2] - 0.6)
+    colors = np.where(off < 0.02, 0.9, 0.35)[:, None] + rng.normal(0, 0.02, (len(stem), 3))
+    seen = np.where(off < 0.05, Label.CALIBRATION_UNIT, Label.TRUNK)  # the network's voxels
+    ground = _ground(rng)
+    points = np.vstack([stem, ground])
+    labels = np.concatenate([seen, np.full(len(ground), Label.GROUND)]).astype(np.uint8)
+    colors = np.vstack([colors, np.full((len(ground), 3), 0.3)])
+    after = relabel_wood(points, labels, FRAME, colors=colors)[: len(stem)]
+    assert (after[off < 0.015] == Label.CALIBRATION_UNIT).mean() > 0.95
+    assert (after[off > 0.035] == Label.TRUNK).all()
+
+
+def test_the_trunk_goes_on_over_the_lowest_arm_of_a_head():
+    rng = np.random.default_rng(9)
+    stem = _tube(rng, (0, 0, 0), (0, 0, 0.85), 0.05, 0.05)
+    arms = [
+        _tube(rng, (0, 0, 0.70), (0.5, 0, 1.2), 0.028, 0.015),
+        _tube(rng, (0, 0, 0.85), (0, 0.2, 1.7), 0.028, 0.015),
+        _tube(rng, (0, 0, 0.85), (-0.4, -0.2, 1.5), 0.026, 0.015),
+    ]
+    points = np.vstack([stem, *arms])
+    after = relabel_wood(points, np.full(len(points), Label.BRANCH, np.uint8), FRAME)
+    assert (after[: len(stem)] == Label.TRUNK).mean() > 0.95
+    assert (after[len(stem) :] == Label.TRUNK).mean() < 0.05
