@@ -19,7 +19,7 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker.segmentation.refine import Smoothing
-from cherrypicker.segmentation.stem_axis import StemModel
+from cherrypicker.segmentation.stems import StemModel
 from cherrypicker.segmentation.support_post import PostModel
 from cherrypicker_lab.training.segmentation.held_out import labels_figure
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores

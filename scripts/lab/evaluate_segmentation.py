@@ -20,7 +20,7 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import N_CLASSES, choose_device
 from cherrypicker.segmentation.inference import Sampling
 from cherrypicker.segmentation.refine import Smoothing
-from cherrypicker.segmentation.stem_axis import StemModel
+from cherrypicker.segmentation.stems import StemModel
 from cherrypicker.segmentation.support_post import PostModel
 from cherrypicker_lab.training.segmentation.held_out import (
     confusion_figure,

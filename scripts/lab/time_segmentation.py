@@ -22,7 +22,7 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker.segmentation.refine import Smoothing
-from cherrypicker.segmentation.stem_axis import StemModel
+from cherrypicker.segmentation.stems import StemModel
 from cherrypicker.segmentation.support_post import PostModel
 
 COPY_OFF_M = 0.0015

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from cherrypicker.classes import Label
-from cherrypicker.segmentation.things import Square, one_class_a_thing, solved_squares
+from cherrypicker.segmentation.things import (
+    Square,
+    one_class_a_thing,
+    solved_squares,
+    wood_under_things,
+)
 
 VOXEL = 0.02
 
@@ -108,3 +113,38 @@ def test_squares_are_moved_to_the_clouds_frame_and_only_known_where_all_are_solv
     assert square.side == pytest.approx(0.5)
     assert solved_squares(scale | {"other_ids": {"12": 9}}, to_metric) is None
     assert solved_squares(scale | {"mode": "none"}, to_metric) is None
+
+
+def _classes(*parts):
+    """Points and certain probabilities of (box, label) pairs."""
+    points = np.vstack([box for box, _ in parts])
+    channels = np.concatenate([np.full(len(box), label.channel) for box, label in parts])
+    return points, np.eye(7, dtype=np.float32)[channels]
+
+
+BOARD = _box([0, -0.2, 0.8], [0.02, 0.2, 1.0])
+POST = _box([0, -0.02, 0.0], [0.04, 0.02, 0.8])
+
+
+def test_a_post_that_passes_for_wood_belongs_to_its_sign():
+    points, thought = _classes((BOARD, Label.SIGN), (POST, Label.TRUNK))
+    channel = wood_under_things(points, thought, VOXEL).argmax(axis=1)
+    assert (channel == Label.SIGN.channel).all()
+
+
+@pytest.mark.parametrize(
+    "wood",
+    [
+        _box([0, -0.02, 0.0], [0.04, 0.02, 2.0]),  # a stem that a board is tied to
+        np.vstack([POST, _box([0.04, 0, 0.5], [0.8, 0.02, 0.52])]),  # a branch reaches out
+        _box([0.06, -0.02, 0.0], [0.3, 0.2, 0.8]),  # as thick as no post
+    ],
+)
+def test_wood_that_only_touches_a_sign_stays_wood(wood):
+    points, thought = _classes((BOARD, Label.SIGN), (wood, Label.TRUNK))
+    assert (wood_under_things(points, thought, VOXEL) == thought).all()
+
+
+def test_a_false_sign_high_in_a_crown_takes_no_wood():
+    points, thought = _classes((BOARD + [0, 0, 2], Label.SIGN), (POST + [0, 0, 2], Label.TRUNK))
+    assert (wood_under_things(points, thought, VOXEL) == thought).all()

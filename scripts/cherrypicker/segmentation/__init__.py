@@ -9,11 +9,11 @@ spheres
 inference
     Labels and confidences for every point of a cloud.
 refine
-    Clean-up of the network's probabilities and of the trunk class.
+    Clean-up of the network's probabilities: a vote, and roofs that are no sheets.
 support_post, standing_posts
     Support posts split from the trunk, and found in wood that is not called trunk.
-quick_skeleton, stem_axis, stem_labels
-    The stems' course and thickness by geometry, which decide between trunk and branch.
+stems
+    The limbs of every tree, which decide between trunk and branch.
 white_rings
     White rings around traced stems.
 

@@ -6,8 +6,12 @@ the coordinates and stay fixed. Where DGCNN reaches far through neighbours in fe
 graphs here are taken at several scales (neighbours among all points, among a quarter, a sixteenth).
 """
 
+from __future__ import annotations
+
 import logging
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -24,9 +28,10 @@ logger = logging.getLogger(__name__)
 N_CLASSES = len(CHANNELS)
 N_FEATURES = 10  # RGB, colour flag, global xyz, normalised xyz
 CHECKPOINT_FORMAT = "cherrypicker-dgcnn-1"
+N_BLOCKS = 8  # of channels, one a thread
 
 
-def choose_device(threads, gpu):
+def choose_device(threads: int, gpu: int) -> str:
     """Set the number of threads and name the device to compute on.
 
     Parameters
@@ -41,14 +46,17 @@ def choose_device(threads, gpu):
     {"cpu", "cuda"}
     """
     torch.set_num_threads(threads)
-    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    numba.set_num_threads(min(threads, most))
     if gpu and not torch.cuda.is_available():
         logger.warning("a GPU was granted but torch finds none; computing on the CPU")
     return "cuda" if gpu and torch.cuda.is_available() else "cpu"
 
 
 @numba.njit(parallel=True, cache=True)
-def _gather_max(values, neighbors, out, arg):
+def _gather_max(
+    values: np.ndarray, neighbors: np.ndarray, out: np.ndarray, arg: np.ndarray
+) -> None:
     n_points, k = neighbors.shape
     n_channels = values.shape[1]
     for i in numba.prange(n_points):
@@ -65,7 +73,7 @@ def _gather_max(values, neighbors, out, arg):
 
 
 @numba.njit(parallel=True, cache=True)
-def _scatter_max(grad, arg, out, n_blocks):
+def _scatter_max(grad: np.ndarray, arg: np.ndarray, out: np.ndarray, n_blocks: int) -> None:
     # Each thread owns a block of channels, so the sums have one fixed order.
     n_points, n_channels = grad.shape
     for block in numba.prange(n_blocks):
@@ -83,7 +91,7 @@ class _NeighborMax(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx, values, neighbors):
+    def forward(ctx: Any, values: torch.Tensor, neighbors: torch.Tensor) -> torch.Tensor:
         if values.is_cuda:
             gathered = values[neighbors]  # (N, k, C)
             out, which = gathered.max(dim=1)
@@ -100,14 +108,14 @@ class _NeighborMax(torch.autograd.Function):
         return out
 
     @staticmethod
-    def backward(ctx, grad):
+    def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor, None]:
         (arg,) = ctx.saved_tensors
         if grad.is_cuda:
             out = grad.new_zeros(ctx.n_values, grad.shape[1])
             return out.scatter_add_(0, arg.long(), grad), None
-        out = np.zeros((ctx.n_values, grad.shape[1]), np.float32)
-        _scatter_max(np.ascontiguousarray(grad.numpy()), arg.numpy(), out, 8)
-        return torch.from_numpy(out), None
+        total = np.zeros((ctx.n_values, grad.shape[1]), np.float32)
+        _scatter_max(np.ascontiguousarray(grad.numpy()), arg.numpy(), total, N_BLOCKS)
+        return torch.from_numpy(total), None
 
 
 class LinearEdgeConv(EdgeConv):
@@ -119,11 +127,11 @@ class LinearEdgeConv(EdgeConv):
     non-linearity, monotone, follows the aggregation.
     """
 
-    def __init__(self, in_channels, out_channels):
+    def __init__(self, in_channels: int, out_channels: int) -> None:
         super().__init__(nn.Linear(2 * in_channels, out_channels), aggr="max")
         self.in_channels = in_channels
 
-    def forward(self, x, neighbors):
+    def forward(self, x: torch.Tensor, neighbors: torch.Tensor) -> torch.Tensor:
         """Features (N, C_in) and neighbour indices (N, k) int to features (N, C_out)."""
         of_self, of_offset = self.nn.weight.split(self.in_channels, dim=1)
         center = torch.nn.functional.linear(x, of_self - of_offset, self.nn.bias)
@@ -134,14 +142,16 @@ class LinearEdgeConv(EdgeConv):
 class _Block(nn.Module):
     """EdgeConv, a layer per point, and a skip connection."""
 
-    def __init__(self, width):
+    def __init__(self, width: int) -> None:
         super().__init__()
         self.conv = LinearEdgeConv(width + 3, width)
         self.conv_norm = nn.BatchNorm1d(width)
         self.point = nn.Linear(width, width)
         self.point_norm = nn.BatchNorm1d(width)
 
-    def forward(self, h, positions, neighbors):
+    def forward(
+        self, h: torch.Tensor, positions: torch.Tensor, neighbors: torch.Tensor
+    ) -> torch.Tensor:
         # The coordinates enter every layer, so that each scale sees true offsets.
         edge = self.conv(torch.cat([h, positions], dim=1), neighbors)
         edge = nn.functional.leaky_relu(self.conv_norm(edge), 0.1)
@@ -163,9 +173,15 @@ class Dgcnn(nn.Module):
         Neighbours a point in each graph.
     """
 
-    def __init__(self, width=64, embedding=192, scales=(0, 0, 1, 2), k=12):
+    def __init__(
+        self,
+        width: int = 64,
+        embedding: int = 192,
+        scales: Sequence[int] = (0, 0, 1, 2),
+        k: int = 12,
+    ) -> None:
         super().__init__()
-        self.settings = {
+        self.settings: dict[str, Any] = {
             "width": int(width),
             "embedding": int(embedding),
             "scales": [int(s) for s in scales],
@@ -195,7 +211,9 @@ class Dgcnn(nn.Module):
             nn.Linear(width, N_CLASSES),
         )
 
-    def forward(self, features, graphs, sizes):
+    def forward(
+        self, features: torch.Tensor, graphs: list[torch.Tensor], sizes: list[int]
+    ) -> torch.Tensor:
         """Log-probabilities of a batch of spheres.
 
         Parameters
@@ -228,7 +246,7 @@ class Dgcnn(nn.Module):
         return nn.functional.log_softmax(logits, dim=1)
 
 
-def collate(spheres):
+def collate(spheres: list) -> tuple[torch.Tensor, list[torch.Tensor], list[int]]:
     """Join spheres into one batch for `Dgcnn.forward`.
 
     Parameters
@@ -255,7 +273,9 @@ def collate(spheres):
     return features, graphs, sizes
 
 
-def save_weights(path, network, sampling, meta=None):
+def save_weights(
+    path: str | Path, network: Dgcnn, sampling: dict, meta: dict | None = None
+) -> None:
     """Write a network's weights with all that inference needs.
 
     Parameters
@@ -279,7 +299,7 @@ def save_weights(path, network, sampling, meta=None):
         torch.save(content, temporary)
 
 
-def load_weights(path, key="segment.weights"):
+def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Dgcnn, dict, dict]:
     """Read a file written by `save_weights`.
 
     Parameters

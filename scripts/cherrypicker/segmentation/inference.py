@@ -1,7 +1,10 @@
 """Labels for every point of a metric cloud."""
 
+from __future__ import annotations
+
 import logging
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -10,25 +13,35 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
+from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
-from cherrypicker.segmentation.dgcnn import N_CLASSES, collate, load_weights
-from cherrypicker.segmentation.refine import clean_trunk, keep_sheets, smooth_probabilities
+from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
+from cherrypicker.segmentation.refine import (
+    Smoothing,
+    clean_trunk,
+    keep_sheets,
+    smooth_probabilities,
+)
 from cherrypicker.segmentation.spheres import (
+    TreeFrame,
     cover,
     features_of,
     neighbor_graphs,
     tree_frame,
 )
 from cherrypicker.segmentation.standing_posts import split_standing_posts
-from cherrypicker.segmentation.stem_labels import relabel_wood
-from cherrypicker.segmentation.support_post import split_support_post
-from cherrypicker.segmentation.things import Square, one_class_a_thing
+from cherrypicker.segmentation.stems import StemModel, relabel_wood
+from cherrypicker.segmentation.support_post import PostModel, split_support_post
+from cherrypicker.segmentation.things import Square, one_class_a_thing, wood_under_things
 
 logger = logging.getLogger(__name__)
 
-_WOOD_CHANNELS = [label.channel for label in WOOD]
+_WOOD_CHANNELS = [label.channel or 0 for label in WOOD]
 
-_BLOCK = 500_000
+_BLOCK = 500_000  # points of a block; bounds the memory, changes no result
+N_NEAREST = 3  # sampled points that a point takes its probabilities from
+NEAREST_M = 1e-6  # a sampled point nearer than this has all the weight
+VOXEL_RATIO = 0.5  # weights hold to about half more or less than the voxel they were trained at
 TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_points")
 
 
@@ -47,12 +60,20 @@ class Sampling:
     min_visits: int = 2
     batch_spheres: int = 16
 
-    def filled(self, trained_at):
+    def filled(self, trained_at: dict) -> Sampling:
         """With the values of the training where ours are None."""
         return replace(self, **{k: trained_at[k] for k in TRAINED if getattr(self, k) is None})
 
 
-def predict_spheres(network, points, colors, sampling, *, seed, device="cpu"):
+def predict_spheres(
+    network: Dgcnn,
+    points: np.ndarray,
+    colors: np.ndarray | None,
+    sampling: Sampling,
+    *,
+    seed: int,
+    device: str = "cpu",
+) -> np.ndarray:
     """Mean class probabilities over overlapping spheres.
 
     Parameters
@@ -76,10 +97,13 @@ def predict_spheres(network, points, colors, sampling, *, seed, device="cpu"):
     visits = np.zeros(len(points), np.int32)
     k = network.settings["k"]
     n_scales = max(network.settings["scales"]) + 1
+    radius, most = sampling.sphere_radius_m, sampling.sphere_points
+    assert radius is not None and most is not None  # `Sampling.filled`
     network = network.to(device)
-    batch, rows = [], []
+    batch: list[tuple] = []
+    rows: list[np.ndarray] = []
 
-    def flush():
+    def flush() -> None:
         features, graphs, sizes = collate(batch)
         graphs = [graph if device == "cpu" else graph.long().to(device) for graph in graphs]
         with torch.inference_mode():
@@ -93,12 +117,10 @@ def predict_spheres(network, points, colors, sampling, *, seed, device="cpu"):
     goal = sampling.min_visits * len(points)
     with Progress(goal, "sampled points segmented") as bar:
         done = 0
-        for center, indices in cover(
-            points, sampling.sphere_radius_m, sampling.sphere_points, sampling.min_visits, rng
-        ):
+        for center, indices in cover(points, radius, most, sampling.min_visits, rng):
             part = points[indices]
             part_colors = None if colors is None else colors[indices]
-            features = features_of(part, part_colors, center, sampling.sphere_radius_m)
+            features = features_of(part, part_colors, center, radius)
             batch.append((features, neighbor_graphs(part, k, n_scales)))
             rows.append(indices)
             if len(batch) == sampling.batch_spheres:
@@ -117,7 +139,9 @@ def predict_spheres(network, points, colors, sampling, *, seed, device="cpu"):
     return total / visits[:, None]
 
 
-def sample_cloud(cloud, sampling, rng):
+def sample_cloud(
+    cloud: PointCloud, sampling: Sampling, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray | None, TreeFrame]:
     """Voxel sample of a cloud in the tree's frame.
 
     Parameters
@@ -133,6 +157,8 @@ def sample_cloud(cloud, sampling, rng):
     colors : ndarray of shape (n, 3) or None
     frame : TreeFrame
     """
+    voxel, height = sampling.voxel_size_m, sampling.reference_height_m
+    assert voxel is not None and height is not None  # `Sampling.filled`
     chosen = np.arange(len(cloud))
     if len(cloud) > sampling.max_points:
         chosen = np.sort(rng.choice(len(cloud), sampling.max_points, replace=False))
@@ -141,27 +167,27 @@ def sample_cloud(cloud, sampling, rng):
             f"{len(chosen):,}",
             f"{len(cloud):,}",
         )
-    frame = tree_frame(cloud.points[chosen], sampling.reference_height_m)
+    frame = tree_frame(cloud.points[chosen], height)
     if frame.scale < 1:
         logger.info(
             "the cloud is taller than %.1f m; the network sees it at %.0f %% of its size",
-            sampling.reference_height_m,
+            height,
             100 * frame.scale,
         )
-    points, inverse, counts = voxel_sample(frame.apply(cloud.points[chosen]), sampling.voxel_size_m)
+    points, inverse, counts = voxel_sample(frame.apply(cloud.points[chosen]), voxel)
     colors = None
     if cloud.colors is not None:
         colors = voxel_mean(np.asarray(cloud.colors[chosen], np.float64), inverse, counts)
     logger.info(
         "sampled %s points on %.3f m voxels of %s",
         f"{len(points):,}",
-        sampling.voxel_size_m / frame.scale,
+        voxel / frame.scale,
         f"{len(cloud):,}",
     )
     return points, colors, frame
 
 
-def propagate(points, sampled, probabilities, k=3):
+def propagate(points: np.ndarray, sampled: np.ndarray, probabilities: np.ndarray) -> np.ndarray:
     """Probabilities of any points from the nearest sampled ones, weighted by inverse distance.
 
     Parameters
@@ -170,13 +196,12 @@ def propagate(points, sampled, probabilities, k=3):
     sampled : ndarray of shape (m, 3)
         In the same frame.
     probabilities : ndarray of shape (m, n_classes)
-    k : int
 
     Returns
     -------
     ndarray of shape (n, n_classes), float32
     """
-    k = min(k, len(sampled))
+    k = min(N_NEAREST, len(sampled))
     tree = cKDTree(sampled)
     out = np.zeros((len(points), probabilities.shape[1]), np.float32)
     # In blocks: neighbours and weights of all points would take more memory than the cloud itself
@@ -184,7 +209,7 @@ def propagate(points, sampled, probabilities, k=3):
         block = points[start : start + _BLOCK]
         distance, nearest = tree.query(block, k=k, workers=torch.get_num_threads())
         distance, nearest = distance.reshape(len(block), k), nearest.reshape(len(block), k)
-        weight = 1.0 / (distance + 1e-6)
+        weight = 1.0 / (distance + NEAREST_M)
         weight /= weight.sum(axis=1, keepdims=True)
         for j in range(k):
             out[start : start + _BLOCK] += (
@@ -194,8 +219,17 @@ def propagate(points, sampled, probabilities, k=3):
 
 
 def segment_cloud(
-    cloud, weights, *, sampling, smoothing, post, stems=None, squares=None, seed=0, device="cpu"
-):
+    cloud: PointCloud,
+    weights: str | Path,
+    *,
+    sampling: Sampling,
+    smoothing: Smoothing,
+    post: PostModel | None,
+    stems: StemModel | None = None,
+    squares: list[Square] | None = None,
+    seed: int = 0,
+    device: str = "cpu",
+) -> PointCloud:
     """Label every point of a cloud (paper, section Point Cloud Segmentor).
 
     Parameters
@@ -207,8 +241,8 @@ def segment_cloud(
     sampling : Sampling
     smoothing : cherrypicker.segmentation.refine.Smoothing
     post : cherrypicker.segmentation.support_post.PostModel or None
-        None leaves the support post in the trunk class.
-    stems : cherrypicker.segmentation.stem_axis.StemModel, optional
+        None leaves support posts in the wood.
+    stems : cherrypicker.segmentation.stems.StemModel, optional
         How the stems are traced that decide between trunk and branch; None leaves it to the
         network.
     squares : list of cherrypicker.segmentation.things.Square, optional
@@ -231,10 +265,12 @@ def segment_cloud(
     if len(cloud) < network.settings["k"]:
         raise StageError(f"the cloud has {len(cloud)} points, too few to segment")
     sampling = sampling.filled(trained_at)
-    if abs(trained_at["voxel_size_m"] / sampling.voxel_size_m - 1) > 0.5:
+    voxel = sampling.voxel_size_m
+    assert voxel is not None  # `Sampling.filled`
+    if abs(trained_at["voxel_size_m"] / voxel - 1) > VOXEL_RATIO:
         logger.warning(
             "segment.voxel_size_m is %.3f, the weights were trained at %.3f",
-            sampling.voxel_size_m,
+            voxel,
             trained_at["voxel_size_m"],
         )
     rng = np.random.default_rng(seed)
@@ -244,7 +280,8 @@ def segment_cloud(
     probabilities = keep_sheets(points, probabilities)
     if squares is not None:
         squares = [Square(frame.apply(square.corners)) for square in squares]
-    probabilities = one_class_a_thing(points, probabilities, sampling.voxel_size_m, squares)
+    probabilities = one_class_a_thing(points, probabilities, voxel, squares)
+    probabilities = wood_under_things(points, probabilities, voxel)
     probabilities = clean_trunk(points, probabilities, smoothing)
     full = propagate(frame.apply(cloud.points), points, probabilities)
     labels = _likeliest(full)
@@ -267,7 +304,7 @@ def segment_cloud(
     return cloud.with_fields(label=labels, confidence=confidence)
 
 
-def _likeliest(probabilities):
+def _likeliest(probabilities: np.ndarray) -> np.ndarray:
     """Label of each row; the classes of wood together stand against the rest."""
     joined, wood = probabilities.copy(), _WOOD_CHANNELS
     joined[:, wood] = probabilities[:, wood].sum(axis=1, keepdims=True)
@@ -277,7 +314,7 @@ def _likeliest(probabilities):
     return np.array(CHANNELS, np.uint8)[channel]
 
 
-def _log_counts(labels, confidence):
+def _log_counts(labels: np.ndarray, confidence: np.ndarray) -> None:
     for label in np.unique(labels):
         chosen = labels == label
         logger.info(

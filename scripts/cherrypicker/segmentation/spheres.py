@@ -6,6 +6,9 @@ potential follows KPConv, Thomas et al. 2019). A point's features are its RGB, i
 tree's frame and its xyz normalised to the sphere.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,12 +32,12 @@ class TreeFrame:
     origin: np.ndarray
     scale: float
 
-    def apply(self, points):
+    def apply(self, points: np.ndarray) -> np.ndarray:
         """Points (n_points, 3) of the cloud's frame in the tree's frame."""
         return (points - self.origin) * self.scale
 
 
-def tree_frame(points, reference_height):
+def tree_frame(points: np.ndarray, reference_height: float) -> TreeFrame:
     """Frame in which clouds of any origin and size look alike to the network.
 
     Parameters
@@ -62,7 +65,9 @@ def tree_frame(points, reference_height):
     return TreeFrame(np.array([center[0], center[1], low]), scale)
 
 
-def features_of(points, colors, center, radius):
+def features_of(
+    points: np.ndarray, colors: np.ndarray | None, center: np.ndarray, radius: float
+) -> np.ndarray:
     """Features of one sphere's points.
 
     Parameters
@@ -88,7 +93,7 @@ def features_of(points, colors, center, radius):
     return features
 
 
-def neighbor_graphs(points, k, n_scales):
+def neighbor_graphs(points: np.ndarray, k: int, n_scales: int) -> list[np.ndarray]:
     """k nearest neighbours of every point at several scales.
 
     Parameters
@@ -116,7 +121,14 @@ def neighbor_graphs(points, k, n_scales):
     return graphs
 
 
-def sphere_indices(tree, center, radius, n_points, rng, visits=None):
+def sphere_indices(
+    tree: cKDTree,
+    center: np.ndarray,
+    radius: float,
+    n_points: int,
+    rng: np.random.Generator,
+    visits: np.ndarray | None = None,
+) -> np.ndarray:
     """Points of one sphere in random order, at most `n_points`.
 
     Parameters
@@ -140,7 +152,9 @@ def sphere_indices(tree, center, radius, n_points, rng, visits=None):
     return inside[:n_points]
 
 
-def cover(points, radius, n_points, min_visits, rng):
+def cover(
+    points: np.ndarray, radius: float, n_points: int, min_visits: int, rng: np.random.Generator
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Spheres that together sample every point at least `min_visits` times.
 
     The centre of the next sphere is the point with the least potential; each sphere raises the

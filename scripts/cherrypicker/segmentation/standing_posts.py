@@ -5,6 +5,8 @@ every column of wood that rises from the ground is tried, whatever its class: wh
 same measures, and has another column beside it that is none, is split off.
 """
 
+from __future__ import annotations
+
 import logging
 
 import numpy as np
@@ -13,12 +15,14 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.segmentation.refine import link_components
-from cherrypicker.segmentation.support_post import graded_posts, label_post
+from cherrypicker.segmentation.spheres import TreeFrame
+from cherrypicker.segmentation.support_post import PostModel, graded_posts, label_post
 
 __all__ = ["split_standing_posts", "standing_columns"]
 
 logger = logging.getLogger(__name__)
 
+# Guesses, looked at on a dozen generated scenes with posts
 BAND_M = (0.08, 0.58)  # heights above the ground in which a column must stand
 STEP_M = 0.05
 GAP_M = 0.03
@@ -26,10 +30,11 @@ MIN_STEPS = 0.8  # of the band's steps, occupied
 BESIDE_M = 0.6  # a post stands this near to the stem that it supports
 CORE_M = 0.10  # half width of a column's wood at its foot
 SPREAD = 0.04  # and what it widens by a metre of height
-_MAX_COLUMNS = 24
+GROUND_VOXEL_M = 0.1  # the ground below a column is looked up on
+_MAX_COLUMNS = 24  # the largest; bounds the time
 
 
-def standing_columns(wood, ground):
+def standing_columns(wood: np.ndarray, ground: np.ndarray) -> list[np.ndarray]:
     """Columns of wood that rise from the ground.
 
     Parameters
@@ -58,7 +63,7 @@ def standing_columns(wood, ground):
     return columns[:_MAX_COLUMNS]
 
 
-def _around(wood, column):
+def _around(wood: np.ndarray, column: np.ndarray) -> np.ndarray:
     """Wood (rows) about the line that a column's foot sets out on."""
     x, y, z = column.T
     slope = np.polynomial.polynomial.polyfit(z, np.stack([x, y], axis=1), 1)  # (2, 2)
@@ -67,7 +72,9 @@ def _around(wood, column):
     return np.linalg.norm(wood[:, :2] - middle, axis=1) < reach
 
 
-def split_standing_posts(points, labels, frame, model, seed=0):
+def split_standing_posts(
+    points: np.ndarray, labels: np.ndarray, frame: TreeFrame, model: PostModel, seed: int = 0
+) -> np.ndarray:
     """Give posts that pass for branches their own label.
 
     Parameters
@@ -93,7 +100,7 @@ def split_standing_posts(points, labels, frame, model, seed=0):
     if not len(ground) or not is_wood.any():
         return labels
     wood = local[is_wood]
-    columns = standing_columns(wood, voxel_sample(ground, 0.1)[0])
+    columns = standing_columns(wood, voxel_sample(ground, GROUND_VOXEL_M)[0])
     feet = np.array([column[:, :2].mean(axis=0) for column in columns]).reshape(-1, 2)
     apart = np.linalg.norm(feet[:, None] - feet[None], axis=2)
     graded = []

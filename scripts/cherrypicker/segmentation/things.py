@@ -3,7 +3,8 @@
 Signs, markers, calibration units and roofs come in more shapes than a network has seen. What hangs
 together is one thing, so its points decide together; and `estimate_scale` has solved where the
 markers stand, so that what lies in a marker's plane is its board, what hangs below it its stand,
-and nothing else is one.
+and nothing else is one. A post or a rim that passes for wood stands under the thing that it
+carries.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label
-from cherrypicker.segmentation.refine import link_components
+from cherrypicker.classes import CHANNELS, WOOD, Label
+from cherrypicker.segmentation.refine import ground_below, link_components
 
-__all__ = ["Square", "one_class_a_thing", "solved_squares"]
+__all__ = ["Square", "one_class_a_thing", "solved_squares", "wood_under_things"]
 
 logger = logging.getLogger(__name__)
 
@@ -28,6 +29,9 @@ LINK = 2.5  # voxels: parts of a thing lie no farther apart (a guess: neighbours
 THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
 QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
 BOARD = 0.5  # sides beyond the print: its board reaches no farther (a guess)
+STANDS_M = 0.5  # a thing that stands comes this near to the ground (as `trunk_base_height_m`)
+UNDER = 0.9  # share of a piece of wood that must lie under a thing (a guess)
+THICKEST_M = 0.14  # a post or a board, seen from above (as the widest of `PostModel`)
 STAND = 1.0  # sides from its middle, in plan: its stand reaches no farther (a guess)
 
 
@@ -154,3 +158,62 @@ def one_class_a_thing(
         len(squares or ()),
     )
     return result
+
+
+def wood_under_things(
+    points: NDArray[np.float64], probabilities: NDArray[np.float32], voxel: float
+) -> NDArray[np.float32]:
+    """Give wood that stands under a thing to it: the post of a sign, the rim of its board.
+
+    A piece of wood that touches a standing thing, does not rise above it or reach out of its plan,
+    and is as thin as a post or a board, carries it. Trees that touch a thing do reach out.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3), float64
+        Voxel sample, z up.
+    probabilities : ndarray of shape (n, n_channels), float32
+        After `one_class_a_thing`.
+    voxel : float
+        Distance of neighbouring points.
+
+    Returns
+    -------
+    ndarray of shape (n, n_channels), float32
+        A copy.
+    """
+    result, reach = probabilities.copy(), LINK * voxel
+    likeliest = probabilities.argmax(axis=1)
+    things = np.flatnonzero(np.isin(likeliest, [label.channel or 0 for label in THINGS]))
+    wood = np.flatnonzero(np.isin(likeliest, [label.channel or 0 for label in WOOD]))
+    if not len(things) or not len(wood):
+        return result
+    ground = points[likeliest == Label.GROUND.channel]
+    thing = link_components(points[things], reach)
+    piece = link_components(points[wood], reach)
+    apart, nearest = cKDTree(points[things]).query(points[wood])
+    for number in np.unique(piece[apart <= reach]):
+        own = wood[piece == number]
+        touched = np.unique(thing[nearest[(piece == number) & (apart <= reach)]])
+        above = things[np.isin(thing, touched)]
+        both = points[np.concatenate([own, above])]
+        foot = both[both[:, 2].argmin()]
+        if foot[2] - ground_below(foot, ground) <= STANDS_M and _is_under(
+            points[own], points[above], reach
+        ):
+            channel = np.bincount(likeliest[above]).argmax()
+            result[own] = np.eye(probabilities.shape[1], dtype=np.float32)[channel]
+            logger.info(
+                "%d voxels of wood stand under a %s", len(own), Label(CHANNELS[channel]).title
+            )
+    return result
+
+
+def _is_under(wood: NDArray[np.float64], thing: NDArray[np.float64], reach: float) -> np.bool_:
+    """Whether a piece of wood lies under a thing, and is as thin as what carries one."""
+    aside = cKDTree(thing[:, :2]).query(wood[:, :2])[0]
+    under = (aside <= reach) & (wood[:, 2] <= thing[:, 2].max() + reach)
+    plan = wood[:, :2] - wood[:, :2].mean(axis=0)
+    across = plan @ np.linalg.svd(plan, full_matrices=False)[2][-1]
+    thickness = np.ptp(np.quantile(across, [1 - UNDER, UNDER]))
+    return (under.mean() >= UNDER) & (thickness <= THICKEST_M)

@@ -5,6 +5,8 @@ for wood. Seen along the stem it is plain: over a few centimetres all sides of t
 and bark below and above. Paint reaches the ground and lichen is on one side.
 """
 
+from __future__ import annotations
+
 import logging
 
 import numpy as np
@@ -28,7 +30,7 @@ MIN_POINTS = 4  # of a step's side
 MAX_OFF = 0.012  # of a ring's points from the stem's surface, m
 
 
-def _grid(along, sector, values, n_steps):
+def _grid(along: np.ndarray, sector: np.ndarray, values: np.ndarray, n_steps: int) -> np.ndarray:
     """Median of values by step and side (n_steps, N_SECTORS), nan where few points lie."""
     cell = along * N_SECTORS + sector
     order = np.lexsort((values, cell))
@@ -40,7 +42,7 @@ def _grid(along, sector, values, n_steps):
     return grid.reshape(n_steps, N_SECTORS)
 
 
-def _bright_steps(grid):
+def _bright_steps(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which steps are brighter than the bark around them on all sides, and which are seen."""
     n_steps = len(grid)
     seen = np.isfinite(grid).sum(axis=1) >= SEEN_SIDES
@@ -57,7 +59,7 @@ def _bright_steps(grid):
     return bright, seen
 
 
-def _runs(bright, seen):
+def _runs(bright: np.ndarray, seen: np.ndarray) -> list[tuple[int, int]]:
     """(first, past) of runs of bright steps of a ring's width with bark below and above."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], bright, [False]])))
     found = []
@@ -72,7 +74,9 @@ def _runs(bright, seen):
     return found
 
 
-def ring_points(points, colors, places, radius):
+def ring_points(
+    points: np.ndarray, colors: np.ndarray, places: np.ndarray, radius: np.ndarray
+) -> np.ndarray:
     """Points of white rings on a stem.
 
     Parameters
@@ -82,7 +86,7 @@ def ring_points(points, colors, places, radius):
     colors : ndarray of shape (n, 3), float
         In [0, 1].
     places : ndarray of shape (m, 3), float64
-        The stem's axis, at least one place each `STEP_M`.
+        The stem's axis from its foot up.
     radius : ndarray of shape (m,), float64
 
     Returns
@@ -93,6 +97,9 @@ def ring_points(points, colors, places, radius):
     if len(points) < 100 or len(places) < 2:
         return result
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+    fine = np.arange(0.0, way[-1], STEP_M / 4)  # or a step would end where a node happens to lie
+    places = np.stack([np.interp(fine, way, column) for column in places.T], axis=1)
+    radius, way = np.interp(fine, way, radius), fine
     nearest = cKDTree(places).query(points, workers=1)[1]
     offset = points - places[nearest]
     off = np.linalg.norm(offset, axis=1) - radius[nearest]

@@ -134,7 +134,7 @@ class _Tree:
     def trunk_goes_on(self, nodes: list[int], heir: int, trunk_keeps: float) -> bool:
         """Whether the trunk, whose nodes so far are `nodes`, goes on into `heir`."""
         node = nodes[-1]
-        if len(self.children[node]) == 1 or len(nodes) == 1:  # at the root is no stem below
+        if len(self.children[node]) == 1:
             return True
         diameter = 2 * self.radius[node]
         skip = TRUNK_SKIP * diameter
@@ -167,7 +167,7 @@ class _Tree:
             travelled += self.length[node]
 
     def radius_behind(self, nodes: list[int], skip: float, stretch: float) -> float:
-        """Median radius over a stretch, `skip` before the last of a run of nodes."""
+        """Median radius over a stretch, `skip` before the last of a run; 0 where a part lacks."""
         travelled, found = 0.0, []
         for node, below in zip(nodes[:0:-1], nodes[-2::-1], strict=True):
             travelled += self.length[node]
@@ -175,9 +175,9 @@ class _Tree:
                 break
             if travelled >= skip:
                 found.append(self.radius[below])
-        if found:
-            return median(found)
-        return self.radius[nodes[-2] if len(nodes) > 1 else nodes[0]]  # one long step
+        if travelled < skip + stretch:
+            return 0.0
+        return median(found) if found else self.radius[nodes[-2]]  # one long step
 
 
 def axis_of_node(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:

@@ -6,7 +6,7 @@ import logging
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import ArrayLike
 from scipy.ndimage import label as label_cells
 from scipy.spatial import cKDTree
 
@@ -190,7 +190,7 @@ def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarra
 
 
 def lowest_thick(
-    points: np.ndarray, radius: float, reach: float, base: npt.ArrayLike | None = None
+    points: np.ndarray, radius: float, reach: float, base: ArrayLike | None = None
 ) -> int:
     """Row of the lowest point of the thickest low wood: the foot of a stem that no label tells.
 

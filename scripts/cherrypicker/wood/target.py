@@ -10,8 +10,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cherrypicker.errors import StageError
 from cherrypicker.placement.footprint import Footprint
@@ -118,7 +120,7 @@ def choose_target(
     *,
     spacing: float = 0.0,
     region: Footprint | None = None,
-    target_xy: np.ndarray | None = None,
+    target_xy: ArrayLike | None = None,
 ) -> Choice:
     """Choose the target among the trees of a cloud.
 
@@ -159,15 +161,17 @@ def choose_target(
     if target_xy is None:
         choice = Choice(found[0], "wood", found)
     else:
-        target_xy = _checked(target_xy, points, region)
-        apart = [float(np.hypot(*(np.array(one.base[:2]) - target_xy))) for one in found]
+        place = _checked(target_xy, points, region)
+        apart = [float(np.hypot(*(np.array(one.base[:2]) - place))) for one in found]
         nearest = int(np.argmin(apart))
         choice = Choice(found[nearest], "config", found, apart[nearest])
     _log(choice)
     return choice
 
 
-def _weigh(own, stem, base, voxel, region):
+def _weigh(
+    own: np.ndarray, stem: int, base: ArrayLike, voxel: float, region: Footprint | None
+) -> Candidate:
     """A stem's wood as a candidate; its score in voxels times height."""
     base = np.asarray(base, dtype=np.float64)
     distance = None if region is None else float(region.from_center(base[None, :2])[0])
@@ -183,7 +187,7 @@ def _weigh(own, stem, base, voxel, region):
     return Candidate(stem, base.tolist(), len(first), height, distance, score)
 
 
-def _checked(target_xy, points, region):
+def _checked(target_xy: ArrayLike, points: np.ndarray, region: Footprint | None) -> np.ndarray:
     """``crop.target_xy`` as an array (2,); refuse what is no place of the cloud."""
     place = np.asarray(target_xy, dtype=np.float64)
     if place.shape != (2,) or not np.isfinite(place).all():
@@ -202,7 +206,7 @@ def _checked(target_xy, points, region):
     return place
 
 
-def _log(choice):
+def _log(choice: Choice) -> None:
     for one in choice.candidates:
         logger.info(
             "%s at (%.2f, %.2f): %s voxels of wood, %.2f high, score %.3f",
@@ -215,7 +219,7 @@ def _log(choice):
 
 
 def target_report(
-    choice: Choice, *, region: Footprint | None = None, factor: float = 1.0, **scan
+    choice: Choice, *, region: Footprint | None = None, factor: float = 1.0, **scan: Any
 ) -> dict:
     """Content of target.json.
 
@@ -240,7 +244,7 @@ def target_report(
         ``crop_target_xy`` that would choose it.
     """
 
-    def shown(one):
+    def shown(one: Candidate) -> dict:
         place = [round(value / factor, 4) for value in one.base[:2]]
         content = asdict(one) | {"crop_target_xy": place, "is_target": one is choice.target}
         del content["stem"]

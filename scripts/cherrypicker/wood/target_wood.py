@@ -1,9 +1,13 @@
 """The target tree's own wood: neighbours are cut off and loose blobs dropped."""
 
+from __future__ import annotations
+
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
@@ -15,6 +19,7 @@ from cherrypicker.geometry.neighbors import (
     sparse_graph,
     touching_edges,
 )
+from cherrypicker.placement.footprint import Footprint
 from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target import Choice, choose_target
@@ -61,8 +66,15 @@ class TargetWood:
 
 
 def select_target_wood(
-    points, labels, *, ground=None, target_xy=None, region=None, gap_m=GAP_M, stem_gap_m=STEM_GAP_M
-):
+    points: np.ndarray,
+    labels: np.ndarray,
+    *,
+    ground: np.ndarray | None = None,
+    target_xy: ArrayLike | None = None,
+    region: Footprint | None = None,
+    gap_m: float = GAP_M,
+    stem_gap_m: float = STEM_GAP_M,
+) -> TargetWood:
     """Keep the target tree's wood.
 
     Every wood point goes to the stem base with the shortest way through the wood. Wood that
@@ -100,6 +112,61 @@ def select_target_wood(
     """
     if not len(points):
         raise StageError("no wood points", key="contract.classes")
+    shared = share_wood(
+        points, labels, ground=ground, region=region, gap_m=gap_m, stem_gap_m=stem_gap_m
+    )
+    owner, bases = shared.owner, [stem.base for stem in shared.stems]
+    choice = choose_target(
+        points, bases, owner, spacing=shared.spacing, region=region, target_xy=target_xy
+    )
+    keep = owner == choice.target.stem
+    report = _report(owner, len(bases), keep)
+    logger.info(
+        "kept %s of %s wood points (%.1f %%): %s on neighbours, %s loose",
+        f"{report['n_kept']:,}",
+        f"{report['n_wood']:,}",
+        100 * report["n_kept"] / report["n_wood"],
+        f"{report['n_neighbors_cut']:,}",
+        f"{report['n_floating']:,}",
+    )
+    return TargetWood(keep, bases[choice.target.stem], choice, report)
+
+
+@dataclass
+class SharedWood:
+    """Which stem each point hangs on.
+
+    Attributes
+    ----------
+    stems : list of Stem
+    owner : ndarray of shape (n_points,), int64
+        Number of the stem, their count for a tree outside the region, -1 for no stem.
+    spacing : float
+        Median distance of neighbouring points.
+    """
+
+    stems: list
+    owner: np.ndarray
+    spacing: float
+
+
+def share_wood(
+    points: np.ndarray,
+    labels: np.ndarray,
+    *,
+    ground: np.ndarray | None = None,
+    region: Footprint | None = None,
+    gap_m: float = GAP_M,
+    stem_gap_m: float = STEM_GAP_M,
+) -> SharedWood:
+    """Give every wood point to the stem with the shortest way through the wood.
+
+    Parameters as of `select_target_wood`.
+
+    Returns
+    -------
+    SharedWood
+    """
     edges, spacing = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS, LOCAL_REACH)
     gap_m *= max(1.0, float(np.ptp(points[:, 2])) / GAP_HEIGHT_M)
     gap_m = max(gap_m, LEAST_GAP_IN_SPACINGS * spacing)  # of a coarse scan of a big tree
@@ -112,24 +179,10 @@ def select_target_wood(
     if lost:
         stems = stems + lost
         owner = _compete(points, edges, links, stems, border)
-    bases = [stem.base for stem in stems]
-    choice = choose_target(
-        points, bases, owner, spacing=spacing, region=region, target_xy=target_xy
-    )
-    keep = owner == choice.target.stem
-    report = _report(owner, len(stems), keep)
-    logger.info(
-        "kept %s of %s wood points (%.1f %%): %s on neighbours, %s loose",
-        f"{report['n_kept']:,}",
-        f"{report['n_wood']:,}",
-        100 * report["n_kept"] / report["n_wood"],
-        f"{report['n_neighbors_cut']:,}",
-        f"{report['n_floating']:,}",
-    )
-    return TargetWood(keep, bases[choice.target.stem], choice, report)
+    return SharedWood(stems, owner, spacing)
 
 
-def lowest_base(points, labels):
+def lowest_base(points: np.ndarray, labels: np.ndarray) -> Stem:
     """The base of a cloud without a clear stem: its lowest trunk (or else wood) points."""
     rows = np.flatnonzero(labels == Label.TRUNK)
     rows = rows if len(rows) >= 3 else np.arange(len(points))
@@ -138,7 +191,9 @@ def lowest_base(points, labels):
     return Stem(np.median(points[low], axis=0), low)
 
 
-def _bridges(points, labels, edges, gap_m, stem_gap_m):
+def _bridges(
+    points: np.ndarray, labels: np.ndarray, edges: np.ndarray, gap_m: float, stem_gap_m: float
+) -> np.ndarray:
     """Links over gaps that missing data leave along branches and in the stem."""
     near = component_links(points, edges, ANY_DIRECTION_SHARE * gap_m)
     stem = _stem_links(points, labels, edges, stem_gap_m)
@@ -158,7 +213,7 @@ def _bridges(points, labels, edges, gap_m, stem_gap_m):
     return np.vstack([links, _links_of_long(points, np.vstack([edges, links]), gap_m)])
 
 
-def _links_of_long(points, edges, gap_m):
+def _links_of_long(points: np.ndarray, edges: np.ndarray, gap_m: float) -> np.ndarray:
     """Shortest links of pieces much longer than their gap: no stray points, whatever they point to.
 
     A limb whose lower end no photo shows has several ends, and none need point to the stem.
@@ -180,7 +235,14 @@ def _links_of_long(points, edges, gap_m):
     return links[extent[piece[links]].min(axis=1) >= LONG_IN_GAPS * gap]
 
 
-def _links_along(points, tree, main_wood, group, rows, gap_m):
+def _links_along(
+    points: np.ndarray,
+    tree: cKDTree,
+    main_wood: cKDTree,
+    group: np.ndarray,
+    rows: np.ndarray,
+    gap_m: float,
+) -> Iterator[tuple[int, int]]:
     """Links from the ends of a piece to the nearest other wood straight ahead of them."""
     piece = points[rows]
     axis = np.linalg.svd(piece - piece.mean(axis=0), full_matrices=False)[2][0]
@@ -199,10 +261,13 @@ def _links_along(points, tree, main_wood, group, rows, gap_m):
         ahead = offset @ heading >= DIRECTION_COSINE * distance
         if ahead.any():
             best = others[ahead][np.argmin(distance[ahead])]
-            yield tuple(sorted((int(rows[end]), int(best))))
+            first, second = sorted((int(rows[end]), int(best)))
+            yield first, second
 
 
-def _stem_links(points, labels, edges, stem_gap_m):
+def _stem_links(
+    points: np.ndarray, labels: np.ndarray, edges: np.ndarray, stem_gap_m: float
+) -> np.ndarray:
     """Links between the pieces of the stem: a ring around it hides all of it."""
     trunk = np.flatnonzero(labels == Label.TRUNK)
     if len(trunk) < 2:
@@ -211,14 +276,16 @@ def _stem_links(points, labels, edges, stem_gap_m):
     return trunk[links]
 
 
-def _border_seeds(points, region, spacing):
+def _border_seeds(points: np.ndarray, region: Footprint | None, spacing: float) -> np.ndarray:
     """Rows of wood points at the border of the region of interest."""
     if region is None:
         return np.empty(0, dtype=np.int64)
     return np.flatnonzero(region.inward(points[:, :2]) < BORDER_IN_SPACINGS * spacing)
 
 
-def _compete(points, edges, links, stems, border):
+def _compete(
+    points: np.ndarray, edges: np.ndarray, links: np.ndarray, stems: list[Stem], border: np.ndarray
+) -> np.ndarray:
     """Stem with the shortest way to each point: its index, len(stems) for a tree outside, or -1."""
     n_points, n_stems = len(points), len(stems)
     all_edges = np.vstack([edges, links]).astype(np.int64)
@@ -228,7 +295,7 @@ def _compete(points, edges, links, stems, border):
     seed_cost = [np.linalg.norm(points[s.rows] - s.base, axis=1) for s in stems]
     sources = np.arange(n_points, n_points + n_stems)
 
-    def ways(sources):
+    def ways(sources: np.ndarray) -> tuple[np.ndarray, ...]:
         graph = sparse_graph(
             n_points + n_stems + 1,
             np.vstack([all_edges, *seeds]),
@@ -248,7 +315,9 @@ def _compete(points, edges, links, stems, border):
     return np.where(np.isfinite(way), owner - n_points, -1)[:n_points]
 
 
-def _border_handicap(points, edges, way, before, border):
+def _border_handicap(
+    points: np.ndarray, edges: np.ndarray, way: np.ndarray, before: np.ndarray, border: np.ndarray
+) -> np.ndarray:
     """Head start that the target's ways get over those of wood from over the border.
 
     Crowns meet with their thin ends: the two ways shall be equally long at the thinnest place
@@ -259,10 +328,10 @@ def _border_handicap(points, edges, way, before, border):
     handicap = np.zeros(len(border))
     for cluster in range(member.max() + 1 if len(border) else 0):
         own = np.flatnonzero(member == cluster)
-        path = [border[own[np.argmin(way[border[own]])]]]
-        while before[path[-1]] >= 0 and before[path[-1]] < len(points):
-            path.append(before[path[-1]])
-        path = np.array(path)
+        steps = [border[own[np.argmin(way[border[own]])]]]
+        while before[steps[-1]] >= 0 and before[steps[-1]] < len(points):
+            steps.append(before[steps[-1]])
+        path = np.array(steps)
         length = way[path[0]]
         thickness = np.array([len(rows) for rows in tree.query_ball_point(points[path], THIN_M)])
         open_ways = way[path] >= 0.2 * length  # the stem's foot is no meeting place
@@ -271,7 +340,7 @@ def _border_handicap(points, edges, way, before, border):
     return handicap
 
 
-def _edges_among(rows, edges, n_points):
+def _edges_among(rows: np.ndarray, edges: np.ndarray, n_points: int) -> np.ndarray:
     """Edges with both ends in `rows`, renumbered."""
     number = np.full(n_points, -1)
     number[rows] = np.arange(len(rows))
@@ -279,7 +348,7 @@ def _edges_among(rows, edges, n_points):
     return own[(own >= 0).all(axis=1)]
 
 
-def _report(owner, n_stems, keep):
+def _report(owner: np.ndarray, n_stems: int, keep: np.ndarray) -> dict:
     return {
         "n_stems": n_stems,
         "n_wood": len(owner),

@@ -114,7 +114,7 @@ def class_weights(samples, power=0.5):
 def wood_loss(output, targets, weights):
     """Negative log-likelihood with trunk and branch as one class, plus a share of it with two.
 
-    Where the trunk ends is decided by the stem's course (`stem_axis`); that something is wood,
+    Where the trunk ends is decided by the limbs (`segmentation.stems`); that something is wood,
     only the network can tell.
 
     Parameters

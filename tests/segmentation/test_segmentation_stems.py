@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cherrypicker.classes import Label
+from cherrypicker.geometry.sampling import thin_to_limit
 from cherrypicker.segmentation.spheres import TreeFrame
-from cherrypicker.segmentation.stem_axis import trace_stems
-from cherrypicker.segmentation.stem_labels import on_stem, relabel_wood
+from cherrypicker.segmentation.stems import StemModel, relabel_wood, trace_stems
 
 FRAME = TreeFrame(np.zeros(3), 1.0)
 
@@ -44,13 +44,15 @@ def _fork(rng, ratio, shift=(0.0, 0.0)):
 def test_trunk_ends_at_a_fork_that_no_arm_keeps_the_thickness_of(ratio, goes_on):
     rng = np.random.default_rng(0)
     points, part = _fork(rng, ratio)
-    (stem,), _ = trace_stems(points, _ground(rng))
-    assert stem.is_sound
-    assert stem.ends_at_fork is not goes_on
+    points, rows, _, _ = thin_to_limit(points, 0.006, len(points))
+    part, labels = part[rows], np.full(len(points), Label.BRANCH, np.uint8)
+    (stem,), loose = trace_stems(points, labels, _ground(rng), StemModel())
+    assert not loose.any()
     top = stem.points[-1]
     assert top[2] == pytest.approx(1.7 if goes_on else 0.8, abs=0.06)
     assert np.median(stem.radius[: len(stem.radius) // 3]) == pytest.approx(0.040, abs=0.002)
-    chosen = on_stem(points, stem)
+    chosen = np.zeros(len(points), bool)
+    chosen[stem.rows] = stem.is_trunk
     assert chosen[part == 0].mean() > 0.97
     assert chosen[part == 1].mean() == pytest.approx(float(goes_on), abs=0.08)
     assert chosen[part == 2].mean() < 0.08
@@ -95,19 +97,18 @@ def test_a_large_hole_in_the_stem_is_crossed_along_its_course(low):
     seen = (points[:, 2] < low) | (points[:, 2] > low + 0.35)
     is_stem = (np.arange(len(points)) < len(stem))[seen]
     points = points[seen]
-    labels = np.full(len(points), Label.BRANCH, np.uint8)
-    after = relabel_wood(points, labels, FRAME)
+    after = relabel_wood(points, np.full(len(points), Label.TRUNK, np.uint8), FRAME)
     assert (after[is_stem] == Label.TRUNK).mean() > 0.95
     assert (after[~is_stem] == Label.BRANCH).mean() > 0.9
 
 
 def test_every_stem_of_the_scene_is_trunk():
     rng = np.random.default_rng(4)
-    one, part_one = _fork(rng, 0.7, (-0.9, 0.0))
-    two, part_two = _fork(rng, 0.7, (0.9, 0.3))
-    stems, _ = trace_stems(np.vstack([one, two]), _ground(rng))
-    assert sorted(round(stem.points[0, 0], 1) for stem in stems) == [-0.9, 0.9]
+    one, part_one = _fork(rng, 0.6, (-0.9, 0.0))
+    two, part_two = _fork(rng, 0.6, (0.9, 0.3))
     labels = np.full(len(one) + len(two), Label.BRANCH, np.uint8)
+    stems, _ = trace_stems(np.vstack([one, two]), labels, _ground(rng), StemModel())
+    assert sorted(round(stem.points[0, 0], 1) for stem in stems) == [-0.9, 0.9]
     after = relabel_wood(np.vstack([one, two]), labels, FRAME) == Label.TRUNK
     part = np.concatenate([part_one, part_two])
     assert after[part == 0].mean() > 0.96 and after[part > 0].mean() < 0.08
@@ -129,15 +130,32 @@ def test_without_a_stem_the_labels_stay():
     assert (relabel_wood(points, labels, FRAME) == labels).all()
     empty = relabel_wood(np.empty((0, 3)), np.empty(0, np.uint8), FRAME)
     assert len(empty) == 0
-    assert trace_stems(np.empty((0, 3)), np.empty((0, 3)))[0] == []
 
 
-def test_a_stem_seen_from_one_side_only_is_not_trusted():
-    rng = np.random.default_rng(7)
-    points, _ = _fork(rng, 0.7)
-    sliver = points[points[:, 1] < -0.025]
-    labels = np.full(len(sliver), Label.BRANCH, np.uint8)
-    labels[sliver[:, 2] < 0.5] = Label.TRUNK
-    stems, _ = trace_stems(sliver, np.empty((0, 3)))
-    assert not any(stem.is_sound for stem in stems)
-    assert (relabel_wood(sliver, labels, FRAME) == labels).all()
+def test_a_ring_is_as_wide_as_it_is_white():
+    rng = np.random.default_rng(8)
+    stem = _tube(rng, (0, 0, 0), (0, 0, 1.2), 0.05, 0.045)
+    off = np.abs(stem[:, 2] - 0.6)
+    colors = np.where(off < 0.02, 0.9, 0.35)[:, None] + rng.normal(0, 0.02, (len(stem), 3))
+    seen = np.where(off < 0.05, Label.CALIBRATION_UNIT, Label.TRUNK)  # the network's voxels
+    ground = _ground(rng)
+    points = np.vstack([stem, ground])
+    labels = np.concatenate([seen, np.full(len(ground), Label.GROUND)]).astype(np.uint8)
+    colors = np.vstack([colors, np.full((len(ground), 3), 0.3)])
+    after = relabel_wood(points, labels, FRAME, colors=colors)[: len(stem)]
+    assert (after[off < 0.015] == Label.CALIBRATION_UNIT).mean() > 0.95
+    assert (after[off > 0.035] == Label.TRUNK).all()
+
+
+def test_the_trunk_goes_on_over_the_lowest_arm_of_a_head():
+    rng = np.random.default_rng(9)
+    stem = _tube(rng, (0, 0, 0), (0, 0, 0.85), 0.05, 0.05)
+    arms = [
+        _tube(rng, (0, 0, 0.70), (0.5, 0, 1.2), 0.028, 0.015),
+        _tube(rng, (0, 0, 0.85), (0, 0.2, 1.7), 0.028, 0.015),
+        _tube(rng, (0, 0, 0.85), (-0.4, -0.2, 1.5), 0.026, 0.015),
+    ]
+    points = np.vstack([stem, *arms])
+    after = relabel_wood(points, np.full(len(points), Label.BRANCH, np.uint8), FRAME)
+    assert (after[: len(stem)] == Label.TRUNK).mean() > 0.95
+    assert (after[len(stem) :] == Label.TRUNK).mean() < 0.05
