@@ -149,8 +149,8 @@ def _slice_circles(
     found = (partners[0] >= 0) & (partners[1] >= 0)
     a, z0 = a[found], z[first[found]]
     b, c = (points[order[p[found]]] for p in partners)
-    *center, radius = circles_through(np.stack([a, b, c], axis=1)[:, :, :2]).T
-    center = np.stack(center, axis=1)
+    circles = circles_through(np.stack([a, b, c], axis=1)[:, :, :2])
+    center, radius = circles[:, :2], circles[:, 2]
     fits = (radius >= model.radius_range_m[0]) & (radius <= model.radius_range_m[1])
     return center[fits], radius[fits], z0[fits]
 
