@@ -205,7 +205,9 @@ def denoise_cloud(
     return cloud.select(keep), report
 
 
-def _find_isolated(cloud, options, ground_height) -> tuple[np.ndarray, np.ndarray]:
+def _find_isolated(
+    cloud: PointCloud, options: DenoiseOptions, ground_height: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Find what is far from its neighbours, and what hardly any photo supports."""
     n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
     is_isolated, is_unsupported = np.zeros((2, len(cloud)), bool)
@@ -221,7 +223,7 @@ def _find_isolated(cloud, options, ground_height) -> tuple[np.ndarray, np.ndarra
     return is_isolated, is_unsupported
 
 
-def _find_sky_colored(cloud, sky, options) -> np.ndarray:
+def _find_sky_colored(cloud: PointCloud, sky: SkyColors, options: DenoiseOptions) -> np.ndarray:
     """Find the points whose colour is near a dominant sky colour; none without the sky filter."""
     none = np.zeros(len(cloud), bool)
     if not options.use_sky:

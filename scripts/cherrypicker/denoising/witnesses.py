@@ -43,7 +43,7 @@ def photos_as_witnesses(
     """
     lenses = PhotoLenses(model, poses.names)
 
-    def look(i):
+    def look(i: int) -> tuple[np.ndarray, np.ndarray]:
         name = str(poses.names[i])
         mask = read_mask(Path(masks) / f"{Path(name).stem}.png", lenses.shape(i))
         return read_photo(Path(photo_folder) / name), mask

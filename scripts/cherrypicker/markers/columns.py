@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from typing import NoReturn
 
 from cherrypicker.errors import StageError
 
@@ -37,7 +38,7 @@ DICTIONARY_SIZES = {
 """OpenCV's marker dictionaries and how many markers each has."""
 
 
-def choose_mode(cell, mode):
+def choose_mode(cell: str, mode: str) -> tuple[str, float | None]:
     """What decides the scale: the tree's cell in the column ``scale``, else the config.
 
     Parameters
@@ -76,7 +77,7 @@ def choose_mode(cell, mode):
     return mode, None
 
 
-def check_scale_columns(cell, mode, dictionary, sides_m):
+def check_scale_columns(cell: str, mode: str, dictionary: str, sides_m: str) -> dict[int, float]:
     """Refuse columns that no photo can make good for.
 
     Parameters
@@ -119,7 +120,7 @@ def check_scale_columns(cell, mode, dictionary, sides_m):
     return sides
 
 
-def parse_marker_sides(text):
+def parse_marker_sides(text: str) -> dict[int, float]:
     """Parse the column ``marker_sides_m``: ``7:0.20,8:0.15``.
 
     Parameters
@@ -137,7 +138,7 @@ def parse_marker_sides(text):
         For an unreadable pair, a duplicate id, or a side that no printed marker has.
     """
 
-    def refuse(reason):
+    def refuse(reason: str) -> NoReturn:
         raise StageError(f"marker_sides_m {text!r}: {reason}", key=SIDES_COLUMN)
 
     sides = {}
@@ -168,7 +169,7 @@ def parse_marker_sides(text):
     return sides
 
 
-def dictionary_name(name):
+def dictionary_name(name: str) -> str:
     """Return OpenCV's spelling of a dictionary's name, upper and lower case aside.
 
     Raises

@@ -1,9 +1,14 @@
 """Printed square markers (ArUco, AprilTag) in photos: detection and precise corners."""
 
+from __future__ import annotations
+
 import logging
 from collections import Counter
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,8 +23,10 @@ logger = logging.getLogger(__name__)
 
 # A marker that explains less of the grey values than this is no such marker, or is covered.
 _MIN_AGREEMENT = 0.85
-_COARSE_STD_PX = 1.0
+_COARSE_STD_PX = 1.0  # of corners that no pattern was fitted to (guess), or this many sides
 _COARSE_STD_SIDES = 0.02
+_LEAST_STD_PX = 0.02  # no fit is better (guess)
+_REACH_PX, _REACH_MODULES = 1.5, 1.5  # a fit stays this near to the coarse corners (guess)
 # Photos up to this size are searched once more at twice the size for small markers.
 _UPSCALE_BELOW_PX = 4_000_000
 _COMMON_DICTIONARIES = (
@@ -65,7 +72,7 @@ class Detection:
     is_precise: bool
 
 
-def marker_dictionary(name):
+def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
     """OpenCV's marker dictionary of a name such as ``DICT_4X4_50`` or ``DICT_APRILTAG_36h11``.
 
     Raises
@@ -76,13 +83,15 @@ def marker_dictionary(name):
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary_name(name)))
 
 
-def marker_pattern(dictionary, marker_id):
+def marker_pattern(dictionary: cv2.aruco.Dictionary, marker_id: int) -> np.ndarray:
     """Cells of a marker with its black border, (n, n), 0 black and 1 white."""
     n_modules = dictionary.markerSize + 2
     return (dictionary.generateImageMarker(marker_id, n_modules, borderBits=1) > 127).astype(float)
 
 
-def find_markers(grey, dictionary):
+def find_markers(
+    grey: np.ndarray, dictionary: cv2.aruco.Dictionary
+) -> list[tuple[int, np.ndarray]]:
     """Coarse marker corners in a photo.
 
     Parameters
@@ -110,7 +119,9 @@ def find_markers(grey, dictionary):
     return sorted(found, key=lambda item: (item[0], *item[1].mean(axis=0)))
 
 
-def _detect(grey, dictionary, factor):
+def _detect(
+    grey: np.ndarray, dictionary: cv2.aruco.Dictionary, factor: float
+) -> list[tuple[int, np.ndarray]]:
     parameters = cv2.aruco.DetectorParameters()
     longest = max(grey.shape)
     # Perimeters are measured against the longer side: keep 12 px a side detectable in any photo.
@@ -127,7 +138,14 @@ def _detect(grey, dictionary, factor):
     ]
 
 
-def detect_markers(photos, cameras, dictionary, marker_ids, *, threads=1):
+def detect_markers(
+    photos: Sequence[str | Path],
+    cameras: Sequence[Any],
+    dictionary: cv2.aruco.Dictionary,
+    marker_ids: Collection[int],
+    *,
+    threads: int = 1,
+) -> tuple[list[Detection], dict[int, int]]:
     """Find the listed markers in all photos, with sub-pixel corners on undistorted coordinates.
 
     Parameters
@@ -155,10 +173,11 @@ def detect_markers(photos, cameras, dictionary, marker_ids, *, threads=1):
     """
     patterns = {marker_id: marker_pattern(dictionary, marker_id) for marker_id in marker_ids}
 
-    def search(index):
+    def search(index: int) -> tuple[list[Detection], set[int]]:
         return _search_photo(index, photos[index], cameras[index], dictionary, patterns)
 
-    detections, others = [], Counter()
+    detections: list[Detection] = []
+    others: Counter[int] = Counter()
     with (
         ThreadPoolExecutor(max(1, threads)) as pool,
         Progress(len(photos), "photos searched for markers") as bar,
@@ -170,7 +189,13 @@ def detect_markers(photos, cameras, dictionary, marker_ids, *, threads=1):
     return detections, dict(sorted(others.items()))
 
 
-def _search_photo(index, path, camera, dictionary, patterns):
+def _search_photo(
+    index: int,
+    path: str | Path,
+    camera: Any,
+    dictionary: cv2.aruco.Dictionary,
+    patterns: dict[int, np.ndarray],
+) -> tuple[list[Detection], set[int]]:
     """Detections of the wanted markers in one photo, and the set of other ids."""
     grey = cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY)
     if grey.shape != (camera.height, camera.width):
@@ -191,11 +216,18 @@ def _search_photo(index, path, camera, dictionary, patterns):
     return detections, others
 
 
-def _refine(index, marker_id, corners, grey, camera, pattern):
+def _refine(
+    index: int,
+    marker_id: int,
+    corners: np.ndarray,
+    grey: np.ndarray,
+    camera: Any,
+    pattern: np.ndarray,
+) -> Detection | None:
     """Precise corners of a coarse detection; the coarse ones where the fit fails."""
     focal = float(np.mean([camera.focal_length_x, camera.focal_length_y]))
 
-    def undistorted_px(pixels):
+    def undistorted_px(pixels: np.ndarray) -> np.ndarray:
         return np.asarray(camera.cam_from_img(np.ascontiguousarray(pixels)), float) * focal
 
     start = undistorted_px(corners)
@@ -203,22 +235,15 @@ def _refine(index, marker_id, corners, grey, camera, pattern):
         return None
     side = float(np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1)))
     fit = fit_marker(grey, corners, pattern, undistorted_px)
-    is_found = (
-        fit is not None
-        and fit.agreement >= _MIN_AGREEMENT
-        and np.abs(fit.corners - start).max() < max(1.5, 1.5 * side / len(pattern))
-    )
-    if not is_found:
-        corners, std = start, max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
-    elif not fit.is_flat:
-        corners, std = fit.corners, max(0.5 * _COARSE_STD_PX, 0.5 * _COARSE_STD_SIDES * side)
-    else:
-        corners, std = fit.corners, max(fit.corner_std, 0.02)
-    is_precise = bool(is_found and fit.is_flat)
-    return Detection(index, marker_id, corners / focal, focal, std, side, is_precise)
+    coarse = max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
+    reach = max(_REACH_PX, _REACH_MODULES * side / len(pattern))
+    if fit is None or fit.agreement < _MIN_AGREEMENT or np.abs(fit.corners - start).max() >= reach:
+        return Detection(index, marker_id, start / focal, focal, coarse, side, False)
+    std = max(fit.corner_std, _LEAST_STD_PX) if fit.is_flat else 0.5 * coarse
+    return Detection(index, marker_id, fit.corners / focal, focal, std, side, fit.is_flat)
 
 
-def suggest_dictionaries(photos, *, n_photos=6):
+def suggest_dictionaries(photos: Sequence[str | Path], *, n_photos: int = 6) -> str:
     """Which other dictionaries find markers in a few of the photos, for an error message.
 
     Returns

@@ -4,14 +4,23 @@ Paper, section Scale Factor Estimator: ``s = d_aruco / d_scene``. Several marker
 are joined by their inverse variance; one that contradicts the others is left out and reported.
 """
 
+from __future__ import annotations
+
 import logging
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.markers.columns import SIDES_COLUMN, check_scale_columns, choose_mode
-from cherrypicker.markers.detection import detect_markers, marker_dictionary, suggest_dictionaries
+from cherrypicker.markers.detection import (
+    Detection,
+    detect_markers,
+    marker_dictionary,
+    suggest_dictionaries,
+)
 from cherrypicker.markers.geometry import Observations, locate_marker
 
 logger = logging.getLogger(__name__)
@@ -25,18 +34,18 @@ _MAX_RELATIVE_STD = 0.05
 
 
 def estimate_scale(
-    photos,
-    reconstruction,
+    photos: Sequence[str | Path],
+    reconstruction: Any,
     *,
-    cell,
-    mode,
-    dictionary,
-    sides_m,
-    min_images,
-    max_reprojection_px,
-    threads=1,
-    seed=0,
-):
+    cell: str,
+    mode: str,
+    dictionary: str,
+    sides_m: str,
+    min_images: int,
+    max_reprojection_px: float,
+    threads: int = 1,
+    seed: int = 0,
+) -> dict:
     """Scale of a sparse model, as the content of scale.json.
 
     Parameters
@@ -78,7 +87,7 @@ def estimate_scale(
     )
     cam_from_world = np.array([view[2] for view in views])
     _check_found(detections, other_ids, [view[0] for view in views], dictionary, sides, min_images)
-    warnings = []
+    warnings: list[str] = []
     markers = [
         _measure_marker(
             marker_id,
@@ -119,7 +128,7 @@ def estimate_scale(
     }
 
 
-def _without_markers(mode, value):
+def _without_markers(mode: str, value: float | None) -> dict:
     return {
         "mode": mode,
         "unit": "m" if mode == "number" else "arbitrary",
@@ -132,7 +141,7 @@ def _without_markers(mode, value):
     }
 
 
-def _views(photos, reconstruction):
+def _views(photos: Sequence[str | Path], reconstruction: Any) -> list[tuple]:
     """Path, camera and pose (3, 4) of each registered photo, by name."""
     paths = {Path(path).name: path for path in photos}
     views = []
@@ -150,7 +159,14 @@ def _views(photos, reconstruction):
     return views
 
 
-def _check_found(detections, other_ids, photos, dictionary, sides, min_images):
+def _check_found(
+    detections: list[Detection],
+    other_ids: dict[int, int],
+    photos: Sequence[str | Path],
+    dictionary: str,
+    sides: dict[int, float],
+    min_images: int,
+) -> None:
     """Refuse when no listed marker is seen often enough, with what may help."""
     counts = {
         marker_id: len({d.photo for d in detections if d.marker_id == marker_id})
@@ -174,9 +190,18 @@ def _check_found(detections, other_ids, photos, dictionary, sides, min_images):
     )
 
 
-def _measure_marker(marker_id, side_m, detections, cam_from_world, *, min_images, max_px, seed):
+def _measure_marker(
+    marker_id: int,
+    side_m: float,
+    detections: list[Detection],
+    cam_from_world: np.ndarray,
+    *,
+    min_images: int,
+    max_px: float,
+    seed: int,
+) -> dict:
     """Geometry and scale of one marker as a plain dictionary; `used` says whether it counts."""
-    report = {
+    report: dict[str, Any] = {
         "id": marker_id,
         "side_m": side_m,
         "n_images": len({detection.photo for detection in detections}),
@@ -206,10 +231,7 @@ def _measure_marker(marker_id, side_m, detections, cam_from_world, *, min_images
         side_px=np.array([detection.side_px for detection in detections]),
     )
     geometry = locate_marker(observations, max_error_px=max_px, seed=seed)
-    n_agreeing = 0
-    if geometry is not None:
-        n_agreeing = len(np.unique(observations.photos[geometry.inliers]))
-    if n_agreeing < min_images:
+    if geometry is None or len(np.unique(observations.photos[geometry.inliers])) < min_images:
         report["flags"].append("its sightings do not agree on a position")
         return report
     outliers = len(observations) - int(geometry.inliers.sum())
@@ -239,7 +261,7 @@ def _measure_marker(marker_id, side_m, detections, cam_from_world, *, min_images
     }
 
 
-def combine_markers(markers, warnings):
+def combine_markers(markers: list[dict], warnings: list[str]) -> tuple[float, float]:
     """Weighted mean of the markers' scales; changes their ``used`` and ``flags``.
 
     Parameters
@@ -289,7 +311,7 @@ def combine_markers(markers, warnings):
     return scale, float(np.sqrt(variance))
 
 
-def _drop_contradicting(measured, warnings):
+def _drop_contradicting(measured: list[dict], warnings: list[str]) -> list[dict]:
     """Leave out markers that differ from the median of three and more."""
     while len(measured) > 1:
         values = np.array([marker["scale"] for marker in measured])
@@ -316,13 +338,19 @@ def _drop_contradicting(measured, warnings):
     return measured
 
 
-def _drop(marker, reason, warnings):
+def _drop(marker: dict, reason: str, warnings: list[str]) -> None:
     marker["used"] = False
     marker["flags"].append(f"left out: {reason}")
     warnings.append(f"marker {marker['id']} is left out: {reason}")
 
 
-def _check_plausible(scale, scale_std, cam_from_world, markers, warnings):
+def _check_plausible(
+    scale: float,
+    scale_std: float,
+    cam_from_world: np.ndarray,
+    markers: list[dict],
+    warnings: list[str],
+) -> None:
     """Refuse scales under which the photographer stood impossibly near or far."""
     rotation, shift = cam_from_world[:, :, :3], cam_from_world[:, :, 3]
     centers = -np.einsum("nji,nj->ni", rotation, shift)

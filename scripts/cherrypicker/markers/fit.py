@@ -8,6 +8,9 @@ cells and its black ones shift against each other under a wrong tone curve, whic
 curve from the marker's size.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numba
@@ -51,7 +54,7 @@ class MarkerFit:
 
 
 @numba.njit(cache=True, nogil=True)
-def _homography(corners, n_modules):
+def _homography(corners: np.ndarray, n_modules: int) -> np.ndarray:
     """Homography from pixels to module coordinates, (0, 0) to (n, n), of four corners."""
     a = np.zeros((8, 8))
     b = np.zeros(8)
@@ -68,7 +71,7 @@ def _homography(corners, n_modules):
 
 
 @numba.njit(cache=True, nogil=True)
-def _soft_cell(grid, u, v, half_u, half_v):
+def _soft_cell(grid: np.ndarray, u: float, v: float, half_u: float, half_v: float) -> float:
     """Pattern value at module coordinates, averaged over a box of the given half widths."""
     n = grid.shape[0]
     gu, gv = np.round(u), np.round(v)
@@ -87,7 +90,7 @@ def _soft_cell(grid, u, v, half_u, half_v):
 
 
 @numba.njit(cache=True, nogil=True)
-def _render(model, grid, pixels):
+def _render(model: np.ndarray, grid: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """White coverage in [0, 1] of the blurred pattern at pixel positions."""
     h = _homography(model[:8].reshape(4, 2), grid.shape[0])
     sigma = model[8]
@@ -121,7 +124,14 @@ def _render(model, grid, pixels):
     return coverage
 
 
-def fit_marker(grey, corners, grid, pixel_map=None, *, max_iterations=25):
+def fit_marker(
+    grey: np.ndarray,
+    corners: np.ndarray,
+    grid: np.ndarray,
+    pixel_map: Callable[[np.ndarray], np.ndarray] | None = None,
+    *,
+    max_iterations: int = 25,
+) -> MarkerFit | None:
     """Refine marker corners by fitting the pattern to the grey values around it.
 
     Parameters
@@ -174,7 +184,9 @@ def fit_marker(grey, corners, grid, pixel_map=None, *, max_iterations=25):
     return MarkerFit(corners, std, float(model[8]), agreement, covered, bool(is_flat))
 
 
-def _pixels_around(shape, corners, n_modules):
+def _pixels_around(
+    shape: tuple[int, ...], corners: np.ndarray, n_modules: int
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Columns and rows of the pixels of the marker and a part of its white margin."""
     center = corners.mean(axis=0)
     grow = 1 + 2 * _MARGIN_MODULES / n_modules
@@ -185,10 +197,8 @@ def _pixels_around(shape, corners, n_modules):
     if (lower < 0).any() or upper[0] >= width or upper[1] >= height:
         lower = np.maximum(lower, 0)
         upper = np.minimum(upper, [width - 1, height - 1])
-    columns, rows = np.meshgrid(
-        np.arange(lower[0], upper[0] + 1), np.arange(lower[1], upper[1] + 1)
-    )
-    columns, rows = columns.ravel(), rows.ravel()
+    grid = np.meshgrid(np.arange(lower[0], upper[0] + 1), np.arange(lower[1], upper[1] + 1))
+    columns, rows = (coordinates.ravel() for coordinates in grid)
     spots = np.column_stack([columns, rows]) + 0.5
     edges = np.roll(outline, -1, axis=0) - outline
     relative = spots[:, None, :] - outline[None]
@@ -204,7 +214,9 @@ def _pixels_around(shape, corners, n_modules):
     return columns, rows
 
 
-def _photometric_residuals(coverage, pixels, values, weights, side):
+def _photometric_residuals(
+    coverage: np.ndarray, pixels: np.ndarray, values: np.ndarray, weights: np.ndarray, side: float
+) -> np.ndarray:
     """What the best tone curve, with smooth shading, leaves unexplained for a coverage.
 
     Grey is ``a(x, y) c + b(x, y) + q c (1 - c)``: shading linear in x and y for white, linear for
@@ -238,11 +250,13 @@ class _Problem:
     values: np.ndarray
     side: float
 
-    def residuals(self, model, weights):
+    def residuals(self, model: np.ndarray, weights: np.ndarray) -> np.ndarray:
         coverage = _render(model, self.grid, self.pixels)
         return _photometric_residuals(coverage, self.pixels, self.values, weights, self.side)
 
-    def jacobian(self, model, residuals, weights, step=0.02):
+    def jacobian(
+        self, model: np.ndarray, residuals: np.ndarray, weights: np.ndarray, step: float = 0.02
+    ) -> np.ndarray:
         columns = []
         for k in range(len(model)):
             trial = model.copy()
@@ -250,13 +264,15 @@ class _Problem:
             columns.append((self.residuals(trial, weights) - residuals) / step)
         return np.stack(columns, axis=1)
 
-    def limited(self, trial):
+    def limited(self, trial: np.ndarray) -> np.ndarray | None:
         """Keep the blur in bounds; None for corners that cross over."""
         trial[8] = np.clip(trial[8], 0.25, 0.5 * self.side / len(self.grid) + 1.5)
         return trial if _is_convex(trial[:8].reshape(4, 2)) else None
 
 
-def _levenberg_marquardt(problem, model, max_iterations):
+def _levenberg_marquardt(
+    problem: _Problem, model: np.ndarray, max_iterations: int
+) -> tuple[np.ndarray, float, float, np.ndarray] | None:
     """Parameters by variable projection: the tone curve is solved for at every step.
 
     Returns
@@ -304,11 +320,11 @@ def _levenberg_marquardt(problem, model, max_iterations):
     return model, std, agreement, weights
 
 
-def _tukey(ratio):
+def _tukey(ratio: np.ndarray) -> np.ndarray:
     return np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
 
 
-def _is_convex(corners):
+def _is_convex(corners: np.ndarray) -> bool:
     edges = np.roll(corners, -1, axis=0) - corners
     following = np.roll(edges, -1, axis=0)
     cross = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]

@@ -7,6 +7,8 @@ shows whether they form a square at all, and once with a square, whose single si
 better than the mean of four free ones, above all from few photos.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -47,27 +49,27 @@ class Observations:
     std: np.ndarray
     side_px: np.ndarray
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.photos)
 
-    def select(self, index):
+    def select(self, index: np.ndarray) -> Observations:
         """The sightings of a mask or an index array."""
         return Observations(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
     @property
-    def centers(self):
+    def centers(self) -> np.ndarray:
         """Camera centres, (n, 3)."""
         rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
         return -np.einsum("nji,nj->ni", rotation, shift)
 
     @property
-    def rays(self):
+    def rays(self) -> np.ndarray:
         """Unit directions through the corners in the world, (n, 4, 3)."""
         homogeneous = np.concatenate([self.corners, np.ones((len(self), 4, 1))], axis=2)
         world = np.einsum("nji,nkj->nki", self.cam_from_world[:, :, :3], homogeneous)
         return world / np.linalg.norm(world, axis=2, keepdims=True)
 
-    def residuals_px(self, corners):
+    def residuals_px(self, corners: np.ndarray) -> np.ndarray:
         """Reprojection error of 3D corners (..., 4, 3) in each photo, px, shape (..., n, 4, 2)."""
         rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
         in_camera = np.einsum("nij,...kj->...nki", rotation, corners) + shift[:, None, :]
@@ -112,7 +114,9 @@ class MarkerGeometry:
     is_square: bool
 
 
-def intersect_rays(origins, directions, weights=None):
+def intersect_rays(
+    origins: np.ndarray, directions: np.ndarray, weights: np.ndarray | None = None
+) -> np.ndarray:
     """Point with the least (weighted) sum of squared distances to lines.
 
     Solves ``sum_j w_j (I - u_j u_j^T) (x - t_j) = 0`` (paper, eq. objective).
@@ -141,7 +145,9 @@ def intersect_rays(origins, directions, weights=None):
     return np.where(singular[..., None], np.nan, point)
 
 
-def locate_marker(observations, *, max_error_px=2.0, seed=0):
+def locate_marker(
+    observations: Observations, *, max_error_px: float = 2.0, seed: int = 0
+) -> MarkerGeometry | None:
     """Find a marker's corners and side from its sightings, whatever outliers are among them.
 
     Parameters
@@ -178,7 +184,14 @@ def locate_marker(observations, *, max_error_px=2.0, seed=0):
     return _describe(corners, side, side_std, inliers, rms_px, noise)
 
 
-def _describe(corners, side, side_std, inliers, rms_px, noise):
+def _describe(
+    corners: np.ndarray,
+    side: float,
+    side_std: float,
+    inliers: np.ndarray,
+    rms_px: float,
+    noise: float,
+) -> MarkerGeometry:
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
     diagonals = np.linalg.norm(corners[:2] - corners[2:], axis=1) / np.sqrt(2)
     centered = corners - corners.mean(axis=0)
@@ -200,13 +213,13 @@ def _describe(corners, side, side_std, inliers, rms_px, noise):
     )
 
 
-def _agree(observations, corners, tolerance):
+def _agree(observations: Observations, corners: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Sightings all of whose four corners lie within the tolerance."""
     errors = np.linalg.norm(observations.residuals_px(corners), axis=-1).max(axis=-1)
     return errors < tolerance
 
 
-def _consensus(observations, tolerance, seed):
+def _consensus(observations: Observations, tolerance: np.ndarray, seed: int) -> np.ndarray | None:
     """Corners by the pair of photos that most others agree with."""
     pairs = np.array(list(combinations(range(len(observations)), 2)))
     if len(pairs) == 0:
@@ -242,17 +255,17 @@ def _consensus(observations, tolerance, seed):
     )
 
 
-def _loss_scale(used):
+def _loss_scale(used: Observations) -> np.ndarray:
     """Pixel noise floor of each sighting: its own corner noise, and the poses' error."""
     return np.hypot(used.std, 0.5 * _LOSS_SCALE_PX)[:, None, None]
 
 
-def _refine_corners(used, corners):
+def _refine_corners(used: Observations, corners: np.ndarray) -> np.ndarray:
     """Four free corners by least reprojection error, robustly."""
     scale = _loss_scale(used)
     unit = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean()
 
-    def residuals(flat):
+    def residuals(flat: np.ndarray) -> np.ndarray:
         moved = corners + unit * flat.reshape(4, 3)
         return (used.residuals_px(moved) / scale).ravel()
 
@@ -260,7 +273,7 @@ def _refine_corners(used, corners):
     return corners + unit * solution.x.reshape(4, 3)
 
 
-def _fit_square(used, corners):
+def _fit_square(used: Observations, corners: np.ndarray) -> tuple[float, float]:
     """Side of the square with the least reprojection error, and its standard error.
 
     The error is a sandwich estimate that takes each photo as one independent draw, since the four
@@ -272,7 +285,7 @@ def _fit_square(used, corners):
     start = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean()
     scale = _loss_scale(used)
 
-    def residuals(parameters):
+    def residuals(parameters: np.ndarray) -> np.ndarray:
         side = start * np.exp(parameters[6])
         turned = (Rotation.from_rotvec(parameters[3:6]) * rotation).apply(unit_square)
         moved = center + start * parameters[:3] + side * turned

@@ -1,5 +1,7 @@
 """Bring the cloud and the poses to metres, or to a normalised size where no scale is known."""
 
+from __future__ import annotations
+
 import logging
 from dataclasses import replace
 
@@ -7,6 +9,8 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.placement.footprint import Footprint
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
@@ -17,7 +21,9 @@ _PLAUSIBLE_HEIGHT_M = (0.15, 40.0)
 _PLAUSIBLE_DISTANCE_M = (0.25, 80.0)
 
 
-def scale_scene(cloud, poses, scale_report, crop_report):
+def scale_scene(
+    cloud: PointCloud, poses: Poses, scale_report: dict, crop_report: dict
+) -> tuple[PointCloud, Poses, dict]:
     """Scale the aligned scene about its origin.
 
     Parameters
@@ -46,10 +52,10 @@ def scale_scene(cloud, poses, scale_report, crop_report):
     StageError
         If the scale is missing, or implies cameras impossibly near or far.
     """
-    unit, factor = scale_report.get("unit"), scale_report.get("scale")
+    unit, factor = scale_report.get("unit", "arbitrary"), scale_report.get("scale")
     distance = crop_report["camera_distance"]
     if scale_report.get("mode") == "none":
-        unit, factor = "arbitrary", _NORMAL_DISTANCE / distance
+        factor = _NORMAL_DISTANCE / distance
         logger.info("no scale: the cameras' median distance is set to %g units", _NORMAL_DISTANCE)
     elif factor is None or not np.isfinite(factor) or factor <= 0:
         raise StageError(f"scale.json holds no usable scale ({factor})", key="scale in trees.tsv")
@@ -66,7 +72,7 @@ def scale_scene(cloud, poses, scale_report, crop_report):
     return scaled, poses.transformed(factor), report
 
 
-def _check_plausible(points, factor, distance):
+def _check_plausible(points: np.ndarray, factor: float, distance: float) -> None:
     """Refuse or question a scale by what it makes of the cameras and of the cloud's height."""
     low, high = _PLAUSIBLE_DISTANCE_M
     if not low <= factor * distance <= high:

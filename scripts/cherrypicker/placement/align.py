@@ -9,14 +9,18 @@ The x/y origin is what the cameras look at. Which tree stands there is not asked
 scale and without classes a stem, a post and a sign look alike.
 """
 
+from __future__ import annotations
+
 import logging
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.placement.camera_geometry import (
+    CameraUp,
     angle_deg,
     camera_up,
     look_at_point,
@@ -26,8 +30,10 @@ from cherrypicker.placement.camera_geometry import (
     unit,
 )
 from cherrypicker.placement.ground import (
+    Plane,
     ground_height_at,
     ground_tilt,
+    ground_tolerance,
     judge_plane,
     plane_candidates,
 )
@@ -39,7 +45,17 @@ UP_FROM = ("auto", "ground", "cameras")
 _MIN_POINTS = 100
 # Below this product of factors a plane is no ground: 0.6 for each of six would be a poor one.
 _MIN_SCORE = 0.02
-_SUBSAMPLE = 400_000
+_SUBSAMPLE = 400_000  # bounds the time
+# Guesses; lengths are shares of the cameras' distance to what they look at
+_PLANES_WITHIN = 4
+_AROUND = 0.12  # radius of the ground below the target
+_MASS_WITHIN = 1.5
+_LOW_WITHIN, _LOW_PERCENTILE = 0.5, 1  # what stands for the ground where no plane does
+_LEAST_SLOPE, _LEAST_COSINE = 0.3, 0.1  # keep divisions finite
+_SLOPES_DEG = 5  # a ground that is off the cameras' up by more is worth a warning,
+_SURE = 2  # where the cameras are this much surer
+_MAX_COST, _MAX_SIGMA_DEG = 0.45, 15  # beyond them the cameras tell no vertical
+_LEAST_MARGIN = 0.05  # of the cameras' cost upside down
 
 
 @dataclass
@@ -58,12 +74,12 @@ class Alignment:
     translation: np.ndarray
     report: dict
 
-    def apply(self, points):
+    def apply(self, points: np.ndarray) -> np.ndarray:
         """Aligned coordinates of points of shape (n_points, 3)."""
         return points @ self.rotation.T + self.translation
 
 
-def rodrigues(source, destination):
+def rodrigues(source: ArrayLike, destination: ArrayLike) -> np.ndarray:
     """Rotation of the unit vector `source` onto `destination` by Rodrigues' formula.
 
     Parameters
@@ -98,13 +114,13 @@ class AlignOptions:
 
 
 def align(
-    points,
-    poses,
-    options=None,
+    points: np.ndarray,
+    poses: Poses,
+    options: AlignOptions | None = None,
     *,
-    stated_turns=None,
-    seed=0,
-):
+    stated_turns: np.ndarray | None = None,
+    seed: int = 0,
+) -> Alignment:
     """Find the transform that turns a reconstruction upright.
 
     Parameters
@@ -135,7 +151,7 @@ def align(
     target, distance = look_at_point(poses, points)
     threshold = options.ground_distance_fraction * distance
     scene = _Scene(points, poses, stated_turns, target, distance, threshold)
-    warnings = []
+    warnings: list[str] = []
     planes = _judged_planes(scene, options.n_planes, seed)
     ground = planes[0] if planes and planes[0].score >= _MIN_SCORE else None
     if ground is None:
@@ -176,7 +192,7 @@ class _Scene:
     threshold: float
 
 
-def _check_input(points, poses, up_from):
+def _check_input(points: np.ndarray, poses: Poses, up_from: str) -> None:
     if up_from not in UP_FROM:
         raise StageError(f"{up_from!r} is none of {', '.join(UP_FROM)}", key="align.up_from")
     if len(points) < _MIN_POINTS:
@@ -187,7 +203,7 @@ def _check_input(points, poses, up_from):
         raise StageError("fewer than two photos are registered", key="sfm.min_registered_fraction")
 
 
-def _thin_randomly(points, seed):
+def _thin_randomly(points: np.ndarray, seed: int) -> np.ndarray:
     """At most `_SUBSAMPLE` points: enough for planes and hills at any density."""
     if len(points) <= _SUBSAMPLE:
         return np.asarray(points, float)
@@ -195,9 +211,10 @@ def _thin_randomly(points, seed):
     return np.asarray(points[np.sort(chosen)], float)
 
 
-def _judged_planes(scene, n_planes, seed):
+def _judged_planes(scene: _Scene, n_planes: int, seed: int) -> list[Plane]:
     """Candidate planes near the target, the best ground first."""
-    near = scene.points[np.linalg.norm(scene.points - scene.target, axis=1) < 4 * scene.distance]
+    away = np.linalg.norm(scene.points - scene.target, axis=1)
+    near = scene.points[away < _PLANES_WITHIN * scene.distance]
     thinned, *_ = voxel_sample(near if len(near) >= _MIN_POINTS else scene.points, scene.threshold)
     planes = plane_candidates(thinned, scene.threshold, n_planes=n_planes, seed=seed)
     for plane in planes:
@@ -223,13 +240,15 @@ def _judged_planes(scene, n_planes, seed):
     return planes
 
 
-def _vertical_from_both(scene, ground, up_from, warnings):
+def _vertical_from_both(
+    scene: _Scene, ground: Plane, up_from: str, warnings: list[str]
+) -> tuple[np.ndarray, dict]:
     """Up direction from the ground's far normal and the cameras, and the angles between them."""
     cameras = camera_up(scene.poses, stated_turns=scene.stated_turns, start=ground.normal)
     rotation = rodrigues(ground.normal, [0.0, 0.0, 1.0])
     flat = (scene.points - scene.target) @ rotation.T
     flat[:, 2] += ground.height(scene.target[None])[0]
-    tilt, sigma_deg, near_far, _ = ground_tilt(flat, scene.distance, scene.threshold)
+    tilt, sigma_deg, near_far = ground_tilt(flat, scene.distance, scene.threshold)
     normal = rotation.T @ tilt
     up = {
         "ground": normal,
@@ -255,7 +274,7 @@ def _vertical_from_both(scene, ground, up_from, warnings):
         angles["up_to_ground_deg"],
         angles["up_to_cameras_deg"],
     )
-    if disagreement > 5 and angles["cameras_sigma_deg"] < disagreement / 2:
+    if disagreement > _SLOPES_DEG and angles["cameras_sigma_deg"] < disagreement / _SURE:
         warnings.append(
             f"the ground slopes by {disagreement:.1f} degrees against the cameras' mean up "
             f"direction (align.up_from is {up_from})"
@@ -263,13 +282,15 @@ def _vertical_from_both(scene, ground, up_from, warnings):
     return up, angles
 
 
-def _vertical_from_cameras(scene, up_from, seed, warnings):
+def _vertical_from_cameras(
+    scene: _Scene, up_from: str, seed: int, warnings: list[str]
+) -> tuple[np.ndarray, dict]:
     """Up direction where no plane can be the ground."""
     cameras = camera_up(scene.poses, stated_turns=scene.stated_turns, seed=seed)
     report = _camera_report(cameras)
     if up_from == "ground":
         raise StageError("no plane of the cloud can be the ground", key="align.up_from")
-    if cameras.cost > 0.45 or report["cameras_sigma_deg"] > 15:
+    if cameras.cost > _MAX_COST or report["cameras_sigma_deg"] > _MAX_SIGMA_DEG:
         raise StageError(
             "no plane of the cloud can be the ground, and the cameras do not tell the vertical",
             key="align.ground_distance_fraction",
@@ -281,7 +302,7 @@ def _vertical_from_cameras(scene, up_from, seed, warnings):
     return cameras.up, report | {"ground_to_cameras_deg": None}
 
 
-def _camera_report(cameras):
+def _camera_report(cameras: CameraUp) -> dict:
     """What the cameras say about the vertical, for align.json."""
     sigma = np.sqrt(np.linalg.eigvalsh(cameras.covariance)[-1])
     return {
@@ -292,7 +313,9 @@ def _camera_report(cameras):
     }
 
 
-def _fuse(normal, sigma_deg, up, covariance):
+def _fuse(
+    normal: np.ndarray, sigma_deg: float, up: np.ndarray, covariance: np.ndarray
+) -> np.ndarray:
     """Join the ground's normal and the cameras' up by inverse variance.
 
     Where the two differ by more than their uncertainties allow, the ground is the one that slopes:
@@ -300,44 +323,46 @@ def _fuse(normal, sigma_deg, up, covariance):
     """
     values, vectors = np.linalg.eigh(covariance)
     axes, variances = vectors[:, 1:].T, values[1:]  # the smallest belongs to `up` itself
-    offset = axes @ (normal / max(normal @ up, 0.1))
+    offset = axes @ (normal / max(normal @ up, _LEAST_COSINE))
     sigma2 = np.radians(sigma_deg) ** 2
     excess = np.maximum(0.0, offset**2 - variances - sigma2)
     share = variances / (variances + sigma2 + excess)
     return unit(up + (share * offset) @ axes)
 
 
-def _ground_level(scene, ground, rotation):
+def _ground_level(scene: _Scene, ground: Plane | None, rotation: np.ndarray) -> float:
     """First height of the ground under the target, which is the origin of the upright frame."""
     if ground is not None:
         # Down the vertical from the target to the plane.
         slope = (rotation @ ground.normal)[2]
-        return float(-ground.height(scene.target[None])[0] / max(slope, 0.3))
+        return float(-ground.height(scene.target[None])[0] / max(slope, _LEAST_SLOPE))
     upright = (scene.points - scene.target) @ rotation.T
-    near = np.hypot(upright[:, 0], upright[:, 1]) < 0.5 * scene.distance
-    return float(np.percentile(upright[near, 2] if near.any() else upright[:, 2], 1))
+    near = np.hypot(upright[:, 0], upright[:, 1]) < _LOW_WITHIN * scene.distance
+    return float(np.percentile(upright[near, 2] if near.any() else upright[:, 2], _LOW_PERCENTILE))
 
 
-def _ground_below(upright, scene, warnings):
+def _ground_below(upright: np.ndarray, scene: _Scene, warnings: list[str]) -> float:
     """Height of the ground under the point that the cameras look at, hills and all."""
-    tolerance = max(6 * scene.threshold, 0.25 * scene.distance)
-    z = ground_height_at(upright, (0.0, 0.0), 0.12 * scene.distance, tolerance)
+    tolerance = ground_tolerance(scene.distance, scene.threshold)
+    z = ground_height_at(upright, (0.0, 0.0), _AROUND * scene.distance, tolerance)
     if z is None:
         warnings.append("no ground seen below what the cameras look at: z = 0 is only approximate")
         return 0.0
     return z
 
 
-def _half_turn_check(aligned, scene, up, warnings):
+def _half_turn_check(
+    aligned: np.ndarray, scene: _Scene, up: np.ndarray, warnings: list[str]
+) -> dict:
     """The paper's check by centre of mass, beside what the cameras say about up and down."""
-    near = np.hypot(aligned[:, 0], aligned[:, 1]) < 1.5 * scene.distance
+    near = np.hypot(aligned[:, 0], aligned[:, 1]) < _MASS_WITHIN * scene.distance
     mass = float(aligned[near, 2].mean()) if near.any() else float(aligned[:, 2].mean())
     costs, turns = roll_costs(scene.poses, np.stack([up, -up]), scene.stated_turns)
     margin = float(costs[1].mean() - costs[0].mean())
     _, up_axes = photographer_axes(scene.poses)
     mean_up = float((up_axes[np.arange(len(turns[0])), turns[0]] @ up).mean())
     stored_up = float((scene.poses.up @ up).mean())
-    if mass <= 0 or margin < 0.05:
+    if mass <= 0 or margin < _LEAST_MARGIN:
         warnings.append(
             f"up and down may be swapped: centre of mass at z = {mass:.3g}, mean up of the photos "
             f"as stored z = {stored_up:.2f}"
@@ -351,7 +376,7 @@ def _half_turn_check(aligned, scene, up, warnings):
     }
 
 
-def _plane_report(plane, up):
+def _plane_report(plane: Plane, up: np.ndarray) -> dict:
     """A candidate for align.json."""
     return {
         "score": plane.score,

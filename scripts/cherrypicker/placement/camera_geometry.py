@@ -5,11 +5,16 @@ image's own "up" is trusted only up to such a turn; the turns are chosen by cons
 with EXIF as a hint.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cherrypicker.placement.region import crossing, find_region
+from cherrypicker.poses import Poses
 
 # Right and up of the photographer in camera axes (x right, y down) for each quarter turn of the
 # stored image. 0: as stored; 1: EXIF 6, up is the image's left; 2: upside down, EXIF 3; 3: EXIF 8.
@@ -26,13 +31,23 @@ _TURN_COST = np.array(
     ]
 )
 _TURN_OF_EXIF = {1: 0, 6: 1, 3: 2, 8: 3}
-_ROLL_SCALE_DEG = 8.0
+_ROLL_SCALE_DEG = 8.0  # of hand-held photos (guess)
 _PITCH_SCALE_DEG = 45.0
 # Photographers share habits: no number of photos makes the vertical better than this.
 _UP_FLOOR_DEG = 0.25
 # Weight of the depth at which the cloud is seen, in axes: that of a spread of 6 degrees, below
 # which the axes tell no depth (region.LEAST_SPREAD).
 _DEPTH_PULL = 0.01
+# What a photo's middle shows: its middle half each way, of so many points, so many in it (guesses)
+_MIDDLE, _SAMPLE, _FEWEST_SEEN = 0.25, 4000, 5
+# Search of the vertical: pairs of photos, and the sine below which their axes are parallel
+_N_PAIRS, _PARALLEL = 400, 0.05
+_N_ROUNDS = 15
+_MAD = 1.4826  # standard deviations in the median absolute deviation of a normal distribution
+_LEAST_SPREAD_DEG = 0.2
+_OUTLIER = 2.5  # spreads at which a photo's weight has fallen to a quarter
+_RIDGE = 1e-3
+_SMALL_SAMPLE = 4.0  # adds this over the number of photos to the variance
 
 
 @dataclass(frozen=True)
@@ -60,19 +75,19 @@ class CameraUp:
     cost: float
 
 
-def unit(vectors):
+def unit(vectors: ArrayLike) -> np.ndarray:
     """Scale vectors of shape (..., 3) to length one."""
     vectors = np.asarray(vectors, float)
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
 
 
-def angle_deg(a, b):
+def angle_deg(a: ArrayLike, b: ArrayLike) -> float:
     """Angle between two vectors in degrees, precise near zero."""
     a, b = unit(a), unit(b)
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
-def tangent_basis(direction):
+def tangent_basis(direction: ArrayLike) -> np.ndarray:
     """Two unit vectors, shape (2, 3), that span the plane orthogonal to `direction`."""
     direction = unit(direction)
     helper = np.eye(3)[np.argmin(np.abs(direction))]
@@ -80,7 +95,7 @@ def tangent_basis(direction):
     return np.stack([first, np.cross(direction, first)])
 
 
-def look_at_point(poses, points):
+def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
     """Point that the cameras look at: the centre of their region of interest.
 
     Where they look at no common place (a walk along a row) their axes leave the depth open; a weak
@@ -105,26 +120,28 @@ def look_at_point(poses, points):
     return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1)))
 
 
-def _mean_seen_point(poses, points, n_sample=4000):
+def _mean_seen_point(poses: Poses, points: np.ndarray) -> np.ndarray:
     """Median over the cameras of the axis point at the depth of what the photo's middle shows."""
-    step = max(1, len(points) // n_sample)
+    step = max(1, len(points) // _SAMPLE)
     sample = np.asarray(points)[::step]
     seen = []
     for index in range(len(poses.names)):
         pixels, depth = poses.project(sample, index)
         size = np.array([poses.width[index], poses.height[index]])
-        central = (depth > 0) & np.all(np.abs(pixels - size / 2) < size / 4, axis=1)
-        if central.sum() >= 5:
+        central = (depth > 0) & np.all(np.abs(pixels - size / 2) < size * _MIDDLE, axis=1)
+        if central.sum() >= _FEWEST_SEEN:
             seen.append(poses.centers[index] + np.median(depth[central]) * poses.forward[index])
     return np.median(seen, axis=0) if seen else np.median(sample, axis=0)
 
 
-def turns_from_exif(orientations):
+def turns_from_exif(orientations: Iterable[int]) -> np.ndarray:
     """Quarter turns, shape (n,), that EXIF orientations (1 to 8) state; mirrored count as 1."""
     return np.array([_TURN_OF_EXIF.get(int(value), 0) for value in orientations], int)
 
 
-def roll_costs(poses, directions, stated_turns=None):
+def roll_costs(
+    poses: Poses, directions: ArrayLike, stated_turns: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """How badly each photo fits each hypothetical up direction, at its best quarter turn.
 
     A level photo has its right axis orthogonal to up (roll) and its up axis not too far from up
@@ -158,7 +175,7 @@ def roll_costs(poses, directions, stated_turns=None):
     return costs.min(axis=2), costs.argmin(axis=2)
 
 
-def photographer_axes(poses):
+def photographer_axes(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
     """Right and up axes of every photo under each quarter turn, in the world frame.
 
     Returns
@@ -171,7 +188,13 @@ def photographer_axes(poses):
     return right, up
 
 
-def camera_up(poses, *, stated_turns=None, start=None, seed=0):
+def camera_up(
+    poses: Poses,
+    *,
+    stated_turns: np.ndarray | None = None,
+    start: np.ndarray | None = None,
+    seed: int = 0,
+) -> CameraUp:
     """Estimate the vertical from the camera rolls.
 
     Every photo contributes its horizontal axis (image x, or y for a portrait photo stored
@@ -198,7 +221,7 @@ def camera_up(poses, *, stated_turns=None, start=None, seed=0):
     direction = unit(start)
     right_axes, _ = photographer_axes(poses)
     rows = np.arange(len(right_axes))
-    for _ in range(15):
+    for _ in range(_N_ROUNDS):
         costs, turns = roll_costs(poses, direction, stated_turns)
         right = right_axes[rows, turns[0]]
         direction, covariance, spread = _solve_vertical(right, direction)
@@ -206,34 +229,36 @@ def camera_up(poses, *, stated_turns=None, start=None, seed=0):
     return CameraUp(direction, turns[0], covariance, spread, float(costs.mean()))
 
 
-def _up_hypotheses(poses, rng, n_pairs=400):
+def _up_hypotheses(poses: Poses, rng: np.random.Generator) -> np.ndarray:
     """Candidate verticals: cross products of two photos' axes, and the axes, both signs."""
     right_axes, up_axes = photographer_axes(poses)
     n = len(right_axes)
-    first, second = rng.integers(n, size=n_pairs), rng.integers(n, size=n_pairs)
-    turns = rng.integers(4, size=(2, n_pairs))
+    first, second = rng.integers(n, size=_N_PAIRS), rng.integers(n, size=_N_PAIRS)
+    turns = rng.integers(4, size=(2, _N_PAIRS))
     cross = np.cross(right_axes[first, turns[0]], right_axes[second, turns[1]])
-    cross = cross[np.linalg.norm(cross, axis=1) > 0.05]
+    cross = cross[np.linalg.norm(cross, axis=1) > _PARALLEL]
     mean_up = up_axes[:, 0].mean(axis=0, keepdims=True)
     candidates = unit(np.concatenate([mean_up, up_axes.reshape(-1, 3), cross]))
     return np.concatenate([candidates, -candidates])
 
 
-def _solve_vertical(right, direction):
+def _solve_vertical(
+    right: np.ndarray, direction: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, float]:
     """One robust Gauss-Newton step for the direction orthogonal to the `right` axes."""
     basis = tangent_basis(direction)
     residuals = np.arcsin(np.clip(right @ direction, -1, 1))
     # The median of |roll| also feels a shared bias, which is then part of the uncertainty.
-    spread = max(1.4826 * np.median(np.abs(residuals)), np.radians(0.2))
-    weights = 1.0 / (1.0 + (residuals / (2.5 * spread)) ** 2) ** 2
+    spread = max(_MAD * np.median(np.abs(residuals)), np.radians(_LEAST_SPREAD_DEG))
+    weights = 1.0 / (1.0 + (residuals / (_OUTLIER * spread)) ** 2) ** 2
     rows = right @ basis.T  # (N, 2)
     information = (rows * weights[:, None]).T @ rows
     # A photo series from one side leaves the tilt towards it open: the ridge keeps the start there.
-    ridge = 1e-3 * len(right) * np.eye(2)
+    ridge = _RIDGE * len(right) * np.eye(2)
     step = np.linalg.solve(information + ridge, -(rows * weights[:, None]).T @ residuals)
     values, vectors = np.linalg.eigh(information)
     effective = max(weights.sum(), 1.0)
-    inflate = spread**2 * (1.0 + 4.0 / effective)
+    inflate = spread**2 * (1.0 + _SMALL_SAMPLE / effective)
     variances = inflate / np.maximum(values, 1e-6) + np.radians(_UP_FLOOR_DEG) ** 2
     axes = vectors.T @ basis
     covariance = np.einsum("k,ki,kj->ij", variances, axes, axes)

@@ -6,6 +6,8 @@ assumption that the cameras stand around the tree. We keep the vertical shadow o
 it is the target is decided once, after the labels (:mod:`cherrypicker.wood.target`).
 """
 
+from __future__ import annotations
+
 import logging
 from dataclasses import dataclass
 
@@ -15,12 +17,18 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.ground_surface import GroundSurface
 from cherrypicker.placement.camera_geometry import look_at_point
 from cherrypicker.placement.footprint import Footprint
-from cherrypicker.placement.ground import ground_cells
+from cherrypicker.placement.ground import CELL, REACH, ground_cells
 from cherrypicker.placement.region import find_region
+from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
-_SEARCH_POINTS = 400_000
+_SEARCH_POINTS = 400_000  # bounds the time
+# Height that may still be ground, a share of the cameras' distance (guess)
+_TOLERANCE = 0.3
+# Percentiles of the ground's heights and of all heights that are its lowest, and the places asked
+_LOWEST_GROUND, _LOWEST_POINT = 1, 0.1
+_FLOOR_POINTS = 20_000
 # The ground is kept for the segmentation; what lies deeper under it is noise.
 _DEPTH_BELOW_GROUND = 0.05
 
@@ -43,7 +51,9 @@ class Crop:
     report: dict
 
 
-def crop_roi(points, poses, *, margin_fraction=0.0, seed=0):
+def crop_roi(
+    points: np.ndarray, poses: Poses, *, margin_fraction: float = 0.0, seed: int = 0
+) -> Crop:
     """Choose the points above the ground that the cameras look at.
 
     Parameters
@@ -68,7 +78,7 @@ def crop_roi(points, poses, *, margin_fraction=0.0, seed=0):
     search = _thin_randomly(points, seed)
     center, distance, footprint, warnings = _footprint(poses, search)
     footprint = footprint.widened(margin_fraction)
-    cells = ground_cells(search, 0.1 * distance, 2.5 * distance, 0.3 * distance)
+    cells = ground_cells(search, CELL * distance, REACH * distance, _TOLERANCE * distance)
     inside = _inside(points, footprint)
     floor = _floor(GroundSurface(cells), cells, points[inside], distance)
     keep = _above_floor(points, inside, floor)
@@ -98,7 +108,7 @@ def crop_roi(points, poses, *, margin_fraction=0.0, seed=0):
     return Crop(keep, report)
 
 
-def _footprint(poses, points):
+def _footprint(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, Footprint, list[str]]:
     """What the cameras look at, their distance to it, its footprint, and warnings."""
     region = find_region(poses)
     if region is not None:
@@ -114,7 +124,7 @@ def _footprint(poses, points):
     return center, distance, footprint, [warning]
 
 
-def _thin_randomly(points, seed):
+def _thin_randomly(points: np.ndarray, seed: int) -> np.ndarray:
     """At most `_SEARCH_POINTS` points: enough to find the ground."""
     if len(points) <= _SEARCH_POINTS:
         return points
@@ -122,7 +132,7 @@ def _thin_randomly(points, seed):
     return points[np.sort(chosen)]
 
 
-def _inside(points, footprint):
+def _inside(points: np.ndarray, footprint: Footprint) -> np.ndarray:
     """Mask of the points above the footprint; refuse when there are none."""
     inside = footprint.inward(points[:, :2]) >= 0
     if not inside.any():
@@ -135,7 +145,7 @@ def _inside(points, footprint):
     return inside
 
 
-def _above_floor(points, inside, floor):
+def _above_floor(points: np.ndarray, inside: np.ndarray, floor: float) -> np.ndarray:
     """Mask of the points inside that are not below the ground; refuse when there are none."""
     keep = inside & (points[:, 2] >= floor)
     if not keep.any():
@@ -147,10 +157,10 @@ def _above_floor(points, inside, floor):
     return keep
 
 
-def _floor(surface, cells, points, distance):
+def _floor(surface: GroundSurface, cells: np.ndarray, points: np.ndarray, distance: float) -> float:
     """Lowest height kept: a little below the lowest ground inside the region."""
     margin = _DEPTH_BELOW_GROUND * distance
     if len(cells) == 0:
-        return float(np.percentile(points[:, 2], 0.1) - margin)
-    spots = points[:: max(1, len(points) // 20_000), :2]
-    return float(min(np.percentile(surface(spots), 1), 0.0) - margin)
+        return float(np.percentile(points[:, 2], _LOWEST_POINT) - margin)
+    spots = points[:: max(1, len(points) // _FLOOR_POINTS), :2]
+    return float(min(np.percentile(surface(spots), _LOWEST_GROUND), 0.0) - margin)

@@ -104,7 +104,7 @@ def _metres_per_unit(text: str) -> float:
     return UNITS_M[text] if text in UNITS_M else float(text)
 
 
-def _warn_about_size(extent: float, unit: str, path) -> None:
+def _warn_about_size(extent: float, unit: str, path: str | os.PathLike) -> None:
     if unit == "m" and not 0.1 <= extent <= 500.0:
         logger.warning(
             "the cloud measures %.3g m across: is cloud_unit in trees.tsv right? (%s)", extent, path
@@ -185,7 +185,7 @@ def _checked(points: np.ndarray, colors: np.ndarray | None, path: Path) -> Point
     return PointCloud(points, colors)
 
 
-def _check_labels(cloud: PointCloud, path) -> None:
+def _check_labels(cloud: PointCloud, path: str | os.PathLike) -> None:
     if "label" not in cloud:
         return
     valid = [int(label) for label in Label]

@@ -8,6 +8,7 @@ the set of its core colours rather than as a mean.
 from __future__ import annotations
 
 import logging
+import os
 from dataclasses import dataclass
 
 import cv2
@@ -149,7 +150,7 @@ def _no_colors(n_sampled: int = 0) -> SkyColors:
     return SkyColors(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0), n_sampled)
 
 
-def write_sky_colors(path, sky: SkyColors) -> None:
+def write_sky_colors(path: str | os.PathLike, sky: SkyColors) -> None:
     """Write sky colours as NPZ: ``colors``, ``cluster``, ``fraction``, ``n_sampled``."""
     write_npz(
         path,
@@ -160,7 +161,7 @@ def write_sky_colors(path, sky: SkyColors) -> None:
     )
 
 
-def read_sky_colors(path) -> SkyColors:
+def read_sky_colors(path: str | os.PathLike) -> SkyColors:
     """Read what `write_sky_colors` wrote.
 
     Raises

@@ -54,6 +54,15 @@ EVEN_REACH, EDGE_CONTRAST = 0.15, 0.3
 
 #: Weight of red above blue against blue in the contrast of twigs.
 WARMTH = 2.0
+#: Twigs are sought as wide as this many pixels of the working size, and at least so many of the
+#: photo; photos in which that is more than so many are smoothed (guesses).
+TWIG_WIDTH, LEAST_TWIG_PX, FINE_TWIG_PX = 2.5, 5, 7
+#: The sky around a twig is what lies in a square of this width, pixels of the working size; a twig
+#: is bluer than that by so many grey values at most (guesses).
+AROUND_PX, BLUER = 31, 8
+#: Blur of a photo before its edges are measured: noise would be edges, summed over the way; and the
+#: iterations of the domain transform (both guesses, the second as in [3]_).
+CALM_PX, N_ITERATIONS = 0.6, 3
 
 # EXIF orientation -> what brings the stored pixels upright: (mirror left-right first, quarter turns
 # counter-clockwise as np.rot90 counts).
@@ -171,12 +180,11 @@ def even_out(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
     image : ndarray of shape (h, w, 3), uint8
     probability : ndarray of shape (h, w), float32
     """
-    # noise would be edges, summed over the way
-    calm = cv2.GaussianBlur(image, (3, 3), 0.6).astype(np.float32) / 255
+    calm = cv2.GaussianBlur(image, (3, 3), CALM_PX).astype(np.float32) / 255
     reach = EVEN_REACH * max(probability.shape)
     odds = _log_odds(probability).astype(np.float32)
     smooth = cv2.ximgproc.dtFilter(
-        calm, odds, reach, EDGE_CONTRAST, mode=cv2.ximgproc.DTF_RF, numIters=3
+        calm, odds, reach, EDGE_CONTRAST, mode=cv2.ximgproc.DTF_RF, numIters=N_ITERATIONS
     )
     return _from_odds(smooth)
 
@@ -201,7 +209,7 @@ def guided_coefficients(
     """
     size = (2 * radius + 1, 2 * radius + 1)
 
-    def mean(array):
+    def mean(array: np.ndarray) -> np.ndarray:
         return cv2.blur(array, size, borderType=cv2.BORDER_REFLECT_101)
 
     guide_mean, target_mean = mean(guide), mean(target)
@@ -237,7 +245,7 @@ def _twigs(image: np.ndarray, chroma_limit: np.ndarray, reach: int, contrast: fl
     """
     blue, red = (np.ascontiguousarray(image[..., k]) for k in (2, 0))
     cold = cv2.addWeighted(blue, 1.0, cv2.subtract(red, blue), -WARMTH, 0.0)
-    if reach > 7:  # fine photos: noise would pass for contrast
+    if reach > FINE_TWIG_PX:  # fine photos: noise would pass for contrast
         cold = cv2.blur(cold, (3, 3))
     kernel = np.ones((reach, reach), np.uint8)
     depth = cv2.subtract(cv2.morphologyEx(cold, cv2.MORPH_CLOSE, kernel), cold)
@@ -353,10 +361,12 @@ def mask_from_probability(
     models = guided_coefficients(guide, probability, options.guide_radius_px, options.guide_epsilon)
     models[..., :3] /= 255
     # Mean blueness of the sky around, for the twig test.
-    weight = cv2.blur(probability, (31, 31))
-    chroma = cv2.blur(probability * np.clip(guide[..., 2] - guide[..., 0], 0, 1), (31, 31))
+    weight = cv2.blur(probability, (AROUND_PX, AROUND_PX))
+    chroma = cv2.blur(
+        probability * np.clip(guide[..., 2] - guide[..., 0], 0, 1), (AROUND_PX, AROUND_PX)
+    )
     chroma = chroma / np.maximum(weight, 1e-3)
-    reach = max(5, round(2.5 * max(height, width) / max(small.shape[:2])) | 1)
+    reach = max(LEAST_TWIG_PX, round(TWIG_WIDTH * max(height, width) / max(small.shape[:2])) | 1)
     for top in range(0, height, STRIP_ROWS):
         bottom = min(top + STRIP_ROWS, height)
         above, below = max(0, top - reach), min(height, bottom + reach)
@@ -366,7 +376,7 @@ def mask_from_probability(
         value = np.einsum("ijk,ijk->ij", model[..., :3], strip, dtype=np.float32)
         sky = value + model[..., 3] > options.threshold
         if options.twig_contrast > 0 and sky.any():
-            limit = _enlarge(chroma, size, above, rows) * 255 + 8
+            limit = _enlarge(chroma, size, above, rows) * 255 + BLUER
             sky &= ~_twigs(strip, limit, reach, options.twig_contrast)
         mask[top:bottom][sky[top - above : bottom - above]] = 255
     return mask

@@ -12,6 +12,8 @@ References
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import torch
 from torch import nn
@@ -80,7 +82,7 @@ def to_tensor(images: np.ndarray) -> torch.Tensor:
     return (x - mean) / std
 
 
-def save_weights(path, net: SkyUNet) -> None:
+def save_weights(path: str | os.PathLike, net: SkyUNet) -> None:
     """Write a network as half-precision NPZ (no pickle; equal weights give equal bytes)."""
     arrays = {f"p:{k}": v.detach().cpu().numpy() for k, v in net.state_dict().items()}
     arrays = {k: v.astype(np.float16) if v.dtype == np.float32 else v for k, v in arrays.items()}
@@ -88,7 +90,7 @@ def save_weights(path, net: SkyUNet) -> None:
         np.savez(handle, widths=np.array(net.widths, dtype=np.int32), **arrays)
 
 
-def load_weights(path) -> SkyUNet:
+def load_weights(path: str | os.PathLike) -> SkyUNet:
     """Read a network written by `save_weights`, in evaluation mode.
 
     Raises
