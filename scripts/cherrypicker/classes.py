@@ -10,8 +10,6 @@ from enum import IntEnum
 
 import numpy as np
 
-__all__ = ["CHANNELS", "CLASS_IDS", "CLASS_NAMES", "WOOD", "Label", "wood_mask"]
-
 _DENDRITE, _AXON = 3, 2
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["UNITS_M", "unit_name"]
-
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 """Metres per unit of a cloud's coordinates, by the unit's name in ``trees.tsv``."""
 

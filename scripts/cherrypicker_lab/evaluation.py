@@ -22,17 +22,6 @@ from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
 from cherrypicker.traits.support import densify
 
-__all__ = [
-    "BARS",
-    "Bar",
-    "compare_cameras",
-    "compare_labels",
-    "compare_skeletons",
-    "evaluate",
-    "fit_similarity",
-    "missed_bars",
-]
-
 logger = logging.getLogger(__name__)
 
 _SAMPLE_M = 0.002

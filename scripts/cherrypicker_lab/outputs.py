@@ -11,8 +11,6 @@ from pathlib import Path
 
 from cherrypicker.errors import StageError
 
-__all__ = ["Comparison", "compare_folders"]
-
 
 @dataclass(frozen=True)
 class Comparison:

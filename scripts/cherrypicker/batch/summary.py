@@ -17,8 +17,6 @@ from cherrypicker.files import write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.traits.table import TRAITS
 
-__all__ = ["collect_results", "summarise"]
-
 _TRAIT_COLUMNS = (
     *(trait.name for trait in TRAITS.values() if trait.is_shown),
     *(f"{trait.name}_se" for trait in TRAITS.values() if trait.has_error_column),

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from cherrypicker.errors import StageError
 
-__all__ = ["check_writable"]
-
 
 def check_writable(folders: Iterable[str | os.PathLike]) -> None:
     """Refuse folders that cannot be written; one that is not there yet is judged by its parent.

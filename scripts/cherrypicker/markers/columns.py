@@ -12,16 +12,6 @@ from typing import NoReturn
 
 from cherrypicker.errors import StageError
 
-__all__ = [
-    "DICTIONARY_SIZES",
-    "MODES",
-    "SIDES_COLUMN",
-    "check_scale_columns",
-    "choose_mode",
-    "dictionary_name",
-    "parse_marker_sides",
-]
-
 MODES = ("marker", "none")
 SIDES_COLUMN = "marker_sides_m in trees.tsv"
 _SIDE_BOUNDS_M = (0.005, 2.0)

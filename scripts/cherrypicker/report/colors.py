@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from cherrypicker.classes import Label
 
-__all__ = ["CLASS_COLORS"]
-
 CLASS_COLORS: dict[int, tuple[float, float, float]] = {
     Label.GROUND: (0.62, 0.55, 0.42),
     Label.TRUNK: (0.45, 0.24, 0.10),

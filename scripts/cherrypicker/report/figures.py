@@ -42,19 +42,6 @@ from cherrypicker.report.style import (
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.units import unit_name
 
-__all__ = [
-    "cloud_figure",
-    "label_figure",
-    "order_color",
-    "save_figure",
-    "skeleton_figure",
-    "thumbnail",
-    "topology_figure",
-    "trunk_figure",
-    "view_grid",
-    "write_png",
-]
-
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
 _MAX_IN_SECTION = 6000
 _SECTIONS_A_ROW = 4

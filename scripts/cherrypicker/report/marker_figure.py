@@ -12,8 +12,6 @@ from PIL import Image, UnidentifiedImageError
 from cherrypicker.poses import Poses
 from cherrypicker.report.style import COLOR, DPI, FONT, LAYOUT, LINE
 
-__all__ = ["marker_crops", "marker_figure"]
-
 _REACH, _LEAST_REACH_PX = 0.9, 8.0  # of a marker's width in the photo, around its middle
 
 

@@ -22,8 +22,6 @@ from cherrypicker.report.viewer import viewer_data
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
 
-__all__ = ["ReportOptions", "read_branches", "render_report"]
-
 _FOLDER = Path(__file__).resolve().parent
 _ZOOM = 1.5  # of a figure's own px that are drawn at most
 _JPEG = b"\xff\xd8"  # how such a file begins

@@ -8,8 +8,6 @@ import numpy as np
 
 from cherrypicker.report.style import HIGH_COLOR, LOW_COLOR, MARGIN
 
-__all__ = ["View", "heights_as_colors", "side_views", "splat"]
-
 BACKGROUND = 1.0
 _HEIGHT_SHARES = (0.01, 0.99)  # of the points' heights, from the darkest to the lightest
 

@@ -33,16 +33,6 @@ from cherrypicker.report.style import (
 )
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = [
-    "alignment_figure",
-    "camera_figure",
-    "contraction_figure",
-    "coverage_figure",
-    "denoise_figure",
-    "example_figure",
-    "removed_points",
-]
-
 _ARROW = 0.12  # of the cameras' distance from the stem: how far a photo's direction is drawn
 _SCENE_REACH = 0.9  # of the extent of the cameras, on either side of their middle
 _GROUND_SHARES = (0.001, 0.999)  # of the heights there that the view shows

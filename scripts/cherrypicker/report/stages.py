@@ -26,8 +26,6 @@ from cherrypicker.report.stage_figures import (
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
 from cherrypicker.units import unit_name
 
-__all__ = ["branch_section", "photo_section", "scan_sections"]
-
 logger = logging.getLogger(__name__)
 
 _SOURCES = {

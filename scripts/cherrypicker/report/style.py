@@ -5,8 +5,6 @@ Colours of the classes stand in `cherrypicker.report.colors`.
 
 from __future__ import annotations
 
-__all__ = ["COLOR", "DPI", "FONT", "GREY", "LAYOUT", "LINE", "MARK", "MARGIN", "ORDER_COLORS"]
-
 DPI = 100
 
 COLOR = {

@@ -12,8 +12,6 @@ from cherrypicker.report.text import STYLE, page_template, with_uncertainty
 from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_name
 
-__all__ = ["TreeResult", "summary_html"]
-
 _SHOWN = [t for t in TRAITS.values() if t.is_shown and t.name != "trunk_height_m"]
 _MANY_FLAGS = 6  # of a tree: more make the table hard to read
 # Of a chart, px: the plot, the line of dates below it, half a letter's height

@@ -12,7 +12,6 @@ from cherrypicker.units import unit_name
 if TYPE_CHECKING:
     import jinja2
 
-__all__ = ["STYLE", "page_template", "with_uncertainty"]
 
 STYLE = """
 :root { --ink: #20242a; --soft: #68707c; --line: #d9dde3; --back: #fbfbf9; --warn: #8a4b00;

@@ -18,8 +18,6 @@ from cherrypicker.report.page import ReportOptions, read_branches, render_report
 from cherrypicker.report.style import LAYOUT
 from cherrypicker.skeleton import read_skeleton, read_topology
 
-__all__ = ["CAPTIONS", "FILES", "report_tree"]
-
 logger = logging.getLogger(__name__)
 
 

@@ -20,8 +20,6 @@ from cherrypicker.report.style import ORDER_COLORS
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["pick_points", "viewer_data"]
-
 _WOOD_SHARE = 0.7  # of the points shown, where there are enough (taste)
 _STEPS = np.iinfo(np.uint16).max
 

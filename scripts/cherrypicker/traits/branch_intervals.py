@@ -12,8 +12,6 @@ import numpy as np
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.interval_factors import FACTORS
 
-__all__ = ["Z90", "angle_interval", "diameter_interval", "typical_scatter"]
-
 Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
 _LEAST_POINTS = 3  # behind a direction
 

@@ -7,8 +7,6 @@ import numpy as np
 from cherrypicker.skeleton.axes import Axis, axis_polyline
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["axis_shapes"]
-
 LEAST_WINDOW_M = 0.08  # of the stretch at an axis's base that its direction is taken over (guess)
 WINDOW_RADII = 4.0  # of its first node: the same, where it is thick (guess)
 TIP_WINDOW_M = 0.03  # of the stretch that the tip's diameter is taken over (guess)

@@ -22,8 +22,6 @@ from cherrypicker.traits.branch_intervals import (
 from cherrypicker.traits.branch_shapes import axis_shapes
 from cherrypicker.traits.table import BRANCH_COLUMNS
 
-__all__ = ["branch_rows", "branches_csv", "totals_by_order"]
-
 _INTERVALS = tuple(name for name in BRANCH_COLUMNS if "_low_" in name or "_high_" in name)
 _PHOTO = ("photo_diameter_m", "photo_diameter_se_m")
 # What a diameter scales, and its power there

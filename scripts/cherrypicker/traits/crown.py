@@ -19,18 +19,6 @@ from cherrypicker.traits.interval_factors import FACTORS
 from cherrypicker.traits.shoot_ends import Hull, ShootEnds, draw_losses, grow_hull
 from cherrypicker.traits.support import Support
 
-__all__ = [
-    "Crown",
-    "alpha_volume",
-    "clear_stem",
-    "crown_of",
-    "hull_of",
-    "horizontal_width",
-    "measure_crown",
-    "projected_area",
-    "robust_top",
-]
-
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
 _FLAT = 1e-12  # of a tetrahedron's largest edge cubed: one of less volume has no circumsphere
 _WAYS = np.vstack([np.cos(np.radians(np.arange(360.0))), np.sin(np.radians(np.arange(360.0)))])

@@ -12,8 +12,6 @@ from cherrypicker.traits.support import Support
 from cherrypicker.traits.trunk import TrunkDiameter
 from cherrypicker.units import unit_name
 
-__all__ = ["quality_flags", "scan_flags"]
-
 # From where on a user should look. Guesses but for the share of missed wood: with it the faulty
 # tree of docs/traits.md is told and six sound ones are not
 _LOW_ARC_DEG = 240.0

@@ -10,8 +10,6 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.interval_factors import FACTORS
 
-__all__ = ["Foot", "find_foot"]
-
 # Guesses, for stems of 2 to 30 cm
 _GROUND_REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
 _GROUND_REACH_RADII = 5.0

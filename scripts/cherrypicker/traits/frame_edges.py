@@ -9,8 +9,6 @@ import numpy as np
 from cherrypicker.placement.region import frames
 from cherrypicker.poses import Poses
 
-__all__ = ["FrameEdge", "frame_edges"]
-
 BEYOND = 0.05  # of the tree's extent: what lies so far beyond its outermost wood (guess)
 # Of the photos that frame the tree: a tenth do where they cut it off, three quarters and more on
 # all sides of the demo's trees (docs/traits.md)

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import yaml
 
-__all__ = ["FACTORS", "FACTORS_FILE"]
-
 FACTORS_FILE = Path(__file__).with_suffix(".yaml")
 #: Name to value; what each multiplies and was fitted on stands in the file.
 FACTORS: dict[str, float] = {

@@ -28,8 +28,6 @@ from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.traits.trunk import Stem, TrunkDiameter, measure_near, stem_of
 
-__all__ = ["TraitOptions", "measure_traits"]
-
 logger = logging.getLogger(__name__)
 
 _MIN_WOOD_POINTS = 10  # fewer are noise (guess)

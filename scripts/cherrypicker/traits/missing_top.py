@@ -12,8 +12,6 @@ from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.coverage import look_for_wood
 from cherrypicker.poses import Poses
 
-__all__ = ["MissingTop", "find_missing_top"]
-
 # Side of a voxel, and how far above, below and beside the highest wood is looked, as shares of the
 # tree's height (guesses; a trial cut 0.2 and 0.4 m off a tree of 2.8 m and found it 1 cm too tall)
 VOXEL = 0.02

@@ -16,8 +16,6 @@ from scipy.spatial import cKDTree
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.interval_factors import FACTORS
 
-__all__ = ["Hull", "ShootEnds", "draw_losses", "find_shoot_ends", "grow_hull"]
-
 # The end of a shoot, in the distance within which wood points have company (guesses): stretch of
 # its direction; stretch whose points are counted, how far ahead of the tip and aside of the axis
 _DIRECTION, _STRETCH, _AHEAD, _ASIDE = 2.0, 1.33, 0.13, 0.4

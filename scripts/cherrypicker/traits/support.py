@@ -12,8 +12,6 @@ from cherrypicker.geometry.neighbors import components
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["Support", "densify", "find_support", "missed_wood", "quick_tree", "support_reach"]
-
 # All guesses, looked at on the demo's and on generated trees
 _SAMPLE_M = 0.01  # step along the skeleton
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BRANCH_COLUMNS", "TRAITS", "BranchColumn", "Trait"]
-
 
 @dataclass(frozen=True)
 class Trait:

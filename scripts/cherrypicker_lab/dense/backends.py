@@ -7,8 +7,6 @@ from typing import Any
 
 from cherrypicker.mvs.backends.table import BACKENDS, Backend, has_cuda
 
-__all__ = ["ALL_BACKENDS", "WITH_SKY_MASKS", "backends_here"]
-
 
 def _sgbm(*work: Any) -> set[str]:
     from cherrypicker_lab.dense.sgbm import run_sgbm

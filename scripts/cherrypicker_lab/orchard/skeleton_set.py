@@ -24,9 +24,6 @@ from cherrypicker_lab.orchard.grow.growth import Skeleton, Tree
 from cherrypicker_lab.orchard.grow.templates import CONIFERS, grow_any
 from cherrypicker_lab.orchard.seen.tubes import sample_tubes
 
-__all__ = ["DENSITY", "HOLE_RADIUS_M", "SIGMA_D_M", "SetTree", "cut_holes", "skeleton_set",
-           "voxel_mean"]  # fmt: skip
-
 DENSITY = 100_000.0
 SIGMA_D_M = 0.5 / np.sqrt(DENSITY)
 NOISE_M = 3.0 * SIGMA_D_M

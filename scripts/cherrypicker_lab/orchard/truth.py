@@ -12,8 +12,6 @@ from cherrypicker.traits.crown import horizontal_width
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 
-__all__ = ["GENERATOR_VERSION", "tree_traits", "width_of_wood", "write_skeleton", "write_truth"]
-
 GENERATOR_VERSION = 3  # raised whenever a seed gives another scene: caches are named by it
 TRUNK_HEIGHT_M = 0.30
 

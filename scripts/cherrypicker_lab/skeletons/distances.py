@@ -5,8 +5,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import maximum_bipartite_matching
 from scipy.spatial import cKDTree
 
-__all__ = ["chamfer_cm2", "match_rates", "matched_pairs", "sample_edges", "within_rates"]
-
 CM2_PER_M2 = 1e4
 
 

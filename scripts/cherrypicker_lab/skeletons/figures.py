@@ -7,8 +7,6 @@ from matplotlib.figure import Figure
 from cherrypicker_lab.skeletons.methods import SETTINGS
 from cherrypicker_lab.skeletons.tables import METHOD_NAMES, SETTING_NAMES
 
-__all__ = ["chamfer_figure", "skeleton_figure", "time_figure"]
-
 COLORS = {
     "lbc_paper": "#8fb8a8",
     "slbc_paper": "#1b7f5c",

@@ -9,8 +9,6 @@ from scipy.spatial import cKDTree
 from cherrypicker.geometry.neighbors import components, sparse_graph
 from cherrypicker_lab.skeletons.distances import match_rates, sample_edges, within_rates
 
-__all__ = ["Graph", "axes_found", "false_edges", "graph_of", "score_graph", "ways_to_root"]
-
 SAMPLE_M = 0.001
 TOLERANCES_M = (0.01, 0.02, 0.05)
 NODE_TOLERANCE_M = 0.05

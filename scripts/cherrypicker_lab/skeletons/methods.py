@@ -14,8 +14,6 @@ from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker_lab.skeletons.graph_scores import graph_of, score_graph
 from cherrypicker_lab.skeletons.point_scores import score_points
 
-__all__ = ["GRAPHS", "OURS", "SETTINGS", "contract_as_published", "measure_cloud"]
-
 logger = logging.getLogger(__name__)
 
 SETTINGS = ("noise", "holes")

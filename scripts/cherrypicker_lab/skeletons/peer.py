@@ -14,8 +14,6 @@ from cherrypicker_lab.skeletons.graph_scores import Graph, score_graph
 from cherrypicker_lab.skeletons.methods import TRUNK_WEIGHT
 from cherrypicker_lab.skeletons.point_scores import score_points
 
-__all__ = ["measure_peer", "run_peer"]
-
 logger = logging.getLogger(__name__)
 
 RUNNER = Path(__file__).parents[2] / "lab/run_pc_skeletor.py"

@@ -6,8 +6,6 @@ from scipy.spatial import cKDTree
 from cherrypicker_lab.skeletons.distances import chamfer_cm2, sample_edges, within_rates
 from cherrypicker_lab.skeletons.graph_scores import TOLERANCES_M, graph_of
 
-__all__ = ["chamfer_samples", "score_points"]
-
 CHAMFER_STEP_M = 0.005
 SAMPLE_M = 0.001
 

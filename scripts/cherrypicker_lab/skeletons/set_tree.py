@@ -8,8 +8,6 @@ from cherrypicker_lab.orchard.seen.tubes import sample_tubes
 from cherrypicker_lab.orchard.skeleton_set import NOISE_M, make_set_tree, voxel_mean
 from cherrypicker_lab.skeletons.true_tree import TrueTree
 
-__all__ = ["cloud_of_size", "load_set_tree", "true_skeleton"]
-
 SIZE_TOLERANCE = 0.02
 
 

@@ -9,8 +9,6 @@ from cherrypicker.files import read_json
 from cherrypicker_lab.skeletons.methods import GRAPHS, SETTINGS
 from cherrypicker_lab.skeletons.timing import growth_exponent
 
-__all__ = ["METHOD_NAMES", "PAPER_RATIO", "gather", "table_rows", "write_tables"]
-
 METHOD_NAMES = {
     "lbc_paper": "LBC, preset paper",
     "slbc_paper": "S-LBC, preset paper",

@@ -17,8 +17,6 @@ from cherrypicker.traits.measure import measure_traits
 from cherrypicker_lab.skeletons.peer import run_peer
 from cherrypicker_lab.skeletons.point_scores import score_points
 
-__all__ = ["growth_exponent", "read_timing_cloud", "time_stages", "write_timing_cloud"]
-
 logger = logging.getLogger(__name__)
 
 START_UP_POINTS = 3000  # enough that every compiled function is called

@@ -5,8 +5,6 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["TrueTree", "axis_of_each_node"]
-
 STEP_M = 0.005
 
 

@@ -13,8 +13,6 @@ from cherrypicker_lab.skeletons.peer import run_peer
 from cherrypicker_lab.skeletons.point_scores import chamfer_samples
 from cherrypicker_lab.skeletons.tables import PAPER_RATIO, SETTING_NAMES, table_rows
 
-__all__ = ["gather_trunks", "measure_trunk", "ratio_figure", "write_ratio_table"]
-
 METHODS = ("lbc", "slbc")
 PEER = "pc-skeletor"
 COLORS = {"compound": "#1b7f5c", "pc_skeletor": "#c2571a", "cao": "#3b5bab", PEER: "#111111"}

@@ -23,17 +23,6 @@ from cherrypicker_lab.orchard.seen.sampling import sample_scene
 from cherrypicker_lab.skeletons.set_tree import true_skeleton
 from cherrypicker_lab.traits.table import JUDGED, SCALARS
 
-__all__ = [
-    "as_pair",
-    "axis_pairs",
-    "branch_pairs",
-    "make_tree",
-    "match_axes",
-    "measure_tree",
-    "skeleton_of",
-    "tree_pairs",
-]
-
 LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
 LEAST_DIAMETER_M = 0.010  # thinner bases do not count for the diameter
 NEAR_M, NEAR_SHARE = 0.02, 0.7  # an axis is found where this share of it has a match this near

@@ -11,12 +11,6 @@ from cherrypicker_lab.orchard.truth import width_of_wood
 from cherrypicker_lab.traits.pairs import NEAR_BASE_M, NEAR_M, as_pair, axis_pairs
 from cherrypicker_lab.traits.table import JUDGED, SCALARS
 
-__all__ = [
-    "compare_results",
-    "read_reference_table",
-    "skeleton_measures",
-]
-
 NORMAL_90 = 1.645  # standard deviations from the middle of a normal 90 % interval to its ends
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 TABLE_COLUMNS = ("name", "trait", "value", "unit")

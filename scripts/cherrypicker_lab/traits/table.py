@@ -15,8 +15,6 @@ from cherrypicker.traits.table import TRAITS
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.skeletons.set_tree import true_skeleton
 
-__all__ = ["JUDGED", "SCALARS", "Judged"]
-
 
 @dataclass(frozen=True)
 class Judged:

@@ -6,8 +6,6 @@ from matplotlib.figure import Figure
 from cherrypicker.errors import StageError
 from cherrypicker_lab.traits.table import JUDGED
 
-__all__ = ["gather", "score_pairs", "traits_figure", "write_table"]
-
 
 def gather(reports):
     """Join the pairs of all trees by trait.

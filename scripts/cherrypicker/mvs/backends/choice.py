@@ -16,8 +16,6 @@ from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.workspace import Workspace
 
-__all__ = ["choose_backend", "estimate_workspace", "run_backend"]
-
 logger = logging.getLogger(__name__)
 
 

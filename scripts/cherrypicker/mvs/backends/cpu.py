@@ -22,8 +22,6 @@ from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
 
-__all__ = ["run_cpu"]
-
 logger = logging.getLogger(__name__)
 
 # Bump when the CPU backend's results change, so that older maps are computed again

@@ -11,8 +11,6 @@ from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.workspace import Workspace
 
-__all__ = ["run_cuda"]
-
 
 def run_cuda(
     workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None

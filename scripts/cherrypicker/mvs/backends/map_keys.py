@@ -5,8 +5,6 @@ from __future__ import annotations
 from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.workspace import View, Workspace
 
-__all__ = ["GEOMETRIC", "PHOTOMETRIC", "MapKeys"]
-
 PHOTOMETRIC, GEOMETRIC = "photometric", "geometric"
 
 

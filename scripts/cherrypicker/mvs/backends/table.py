@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from cherrypicker.mvs.estimate import StereoOptions
     from cherrypicker.mvs.workspace import Workspace
 
-__all__ = ["AUTO", "BACKENDS", "Backend", "first_choice", "has_cuda"]
 
 AUTO = "auto"
 

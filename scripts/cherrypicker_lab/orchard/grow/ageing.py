@@ -11,8 +11,6 @@ import numpy as np
 
 from cherrypicker_lab.orchard.grow.tree import Axis
 
-__all__ = ["Ageing", "age_tree"]
-
 MEASURED_M, CLEAR_M = 0.30, 0.18  # no cut and no burl so near to where a stem is measured
 CUT_SHARE = 0.55  # a cut is at most so wide, of the wood that it is on: the trunk goes on past it
 CHILD_SHARE = 0.95  # a child is at most so thick, of its parent where it starts

@@ -4,8 +4,6 @@ import numpy as np
 
 from cherrypicker_lab.orchard.grow.growth import Axis
 
-__all__ = ["dress_tree"]
-
 STUB_M = (0.015, 0.06)
 SPUR_M = (0.010, 0.035)
 SPUR_RADIUS_M = (0.0021, 0.0035)

@@ -9,18 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cherrypicker_lab.orchard.grow.tree import Axis, Skeleton, Tree
-
-__all__ = [
-    "HABITS",
-    "Axis",
-    "Habit",
-    "Skeleton",
-    "Tree",
-    "end_trunk_by_rule",
-    "grow_tree",
-    "trunk_end_node",
-]
+from cherrypicker_lab.orchard.grow.tree import Axis, Tree
 
 NODE_STEP_M = 0.01
 TRUNK_RATIO = 0.8

@@ -15,8 +15,6 @@ from cherrypicker_lab.orchard.grow.ageing import Ageing
 from cherrypicker_lab.orchard.grow.growth import grow_tree
 from cherrypicker_lab.orchard.grow.weber_penn import Level, Parameters, grow_weber_penn
 
-__all__ = ["BEARING", "CONIFERS", "TEMPLATES", "grow_any"]
-
 TEMPLATES = {
     "fir": Parameters(
         "fir",

@@ -6,8 +6,6 @@ import numpy as np
 
 from cherrypicker.classes import Label
 
-__all__ = ["Axis", "Skeleton", "Tree", "relative_radius"]
-
 
 @dataclass
 class Axis:

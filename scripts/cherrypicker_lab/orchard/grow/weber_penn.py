@@ -20,8 +20,6 @@ from numba import njit
 from cherrypicker_lab.orchard.grow.ageing import Ageing, age_tree
 from cherrypicker_lab.orchard.grow.growth import NODE_STEP_M, Axis, Tree, end_trunk_by_rule
 
-__all__ = ["Level", "Parameters", "grow_weber_penn", "shape_ratio"]
-
 CHILD_KEEPS = 0.78
 SPLIT_KEEPS = 0.82
 FORK_KEEPS = 0.70

@@ -28,8 +28,6 @@ from cherrypicker_lab.orchard.scene.appearance import bark_relief, encode_srgb, 
 from cherrypicker_lab.orchard.scene.ground import bake_ground
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE, ground_disc
 
-__all__ = ["INSTALL", "BlenderScene"]
-
 INSTALL = (
     "python3.11 -m venv .venv-render && .venv-render/bin/pip install -r "
     "envs/requirements-render.txt && .venv-render/bin/pip install --no-deps "

@@ -1,8 +1,5 @@
 """Blender's materials: what light surfaces send, and the truth in its place."""
 
-__all__ = ["LIGHT", "PACK", "SWITCH", "TRUTH", "ground_colors", "image_colors", "new_material",
-           "truth_light", "vertex_colors"]  # fmt: skip
-
 SWITCH, LIGHT, TRUTH = "switch", -1e6, 1e6  # a material's value node and what it is set to
 PACK = 4.0  # a label is packed above a normal's component, which lies in [-1, 1]
 

@@ -14,26 +14,6 @@ from cherrypicker.files import atomic_path, read_npz
 from cherrypicker_lab.orchard.scene.appearance import encode_srgb
 from cherrypicker_lab.orchard.scene.backdrop import backdrop
 
-__all__ = [
-    "BACKGROUND_ID",
-    "FAR_ID",
-    "SKY_ID",
-    "PhotoEffects",
-    "behind_all",
-    "compose",
-    "decode_srgb",
-    "develop",
-    "distorted",
-    "exif_of",
-    "lens_map",
-    "lens_margin",
-    "maps_through",
-    "pixel_rays",
-    "read_maps",
-    "write_jpeg",
-    "write_maps",
-]
-
 # in semantic masks: what stands in the background, sky, and the hills and houses at infinity
 BACKGROUND_ID, SKY_ID, FAR_ID = 253, 254, 255
 _LENS_ITERATIONS = 12

@@ -8,8 +8,6 @@ own; all axes lean with it and swing about it with a phase of their own.
 
 import numpy as np
 
-__all__ = ["moved_points", "sway"]
-
 STIFFNESS = (0.04, 0.25, 0.7, 1.0)  # share of the amplitude by the order of the axis
 WHOLE_M = 0.5  # an axis this long moves by the amplitude at its tip
 POWER = 1.5

@@ -6,17 +6,6 @@ import numpy as np
 
 from cherrypicker_lab.orchard.scene.noise import fbm, spots
 
-__all__ = [
-    "Light",
-    "bark_color",
-    "bark_relief",
-    "encode_srgb",
-    "image_color",
-    "make_light",
-    "surface_color",
-    "wood_color",
-]
-
 
 @dataclass(frozen=True)
 class Light:

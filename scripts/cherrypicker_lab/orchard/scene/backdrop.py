@@ -4,8 +4,6 @@ import numpy as np
 
 from cherrypicker_lab.orchard.scene.noise import fbm
 
-__all__ = ["backdrop"]
-
 # zenith, horizon, cloud light, cloud dark, cloud threshold
 SKY_COLORS = {
     "clear": (

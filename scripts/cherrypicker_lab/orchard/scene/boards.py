@@ -7,8 +7,6 @@ from PIL import Image, ImageDraw, ImageFont
 from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.scene.mesh import SceneObject, box, cylinder, quad_board, ring
 
-__all__ = ["board_on_post", "checker_cube", "marker_image", "marker_object", "stem_ring"]
-
 WHITE, BLACK = 0.58, 0.025
 MARGIN_MODULES = 1.5
 GROUND_CLEARANCE_M = 0.03

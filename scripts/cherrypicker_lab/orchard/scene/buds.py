@@ -6,8 +6,6 @@ import numpy as np
 
 from cherrypicker_lab.orchard.scene.mesh import Mesh
 
-__all__ = ["Buds", "bud_mesh", "set_buds"]
-
 LENGTH_M, WIDTH = (0.005, 0.009), (0.20, 0.28)  # radius of a bud per length
 YOUNG_M = 0.0055  # radius of the wood that bears buds
 LEAN = (0.5, 1.0)  # direction across the twig per direction along it

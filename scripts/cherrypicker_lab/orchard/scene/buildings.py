@@ -6,8 +6,6 @@ from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.scene.mesh import Mesh, SceneObject, join
 from cherrypicker_lab.orchard.scene.noise import fbm
 
-__all__ = ["barn", "garden_wall", "shed"]
-
 TEXEL_M = 0.006  # 0.8 px of a photo at 6 m with 800 px of focal length
 BRICK_M = (0.24, 0.071)
 JOINT_M = 0.011

@@ -6,8 +6,6 @@ from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.scene.mesh import Mesh, SceneObject, join
 from cherrypicker_lab.orchard.scene.noise import fbm
 
-__all__ = ["bush", "hedge"]
-
 # leaves from dark to light, linear RGB: evergreen, privet, a hornbeam's dead leaves kept in winter
 FOLIAGE = (
     ((0.012, 0.030, 0.010), (0.075, 0.130, 0.040)),

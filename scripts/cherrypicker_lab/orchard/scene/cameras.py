@@ -7,8 +7,6 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.poses import Poses
 
-__all__ = ["CameraModel", "Ring", "default_rings", "look_at", "numbered_poses", "ring_poses"]
-
 FULL_FRAME_DIAGONAL_MM = 43.27
 CLEARANCE_M = 0.4
 

@@ -12,8 +12,6 @@ from numba import njit
 from cherrypicker_lab.orchard.scene.appearance import encode_srgb
 from cherrypicker_lab.orchard.scene.noise import hash_cell, value_noise
 
-__all__ = ["GROUNDS", "bake_ground", "ground_color"]
-
 
 @dataclass(frozen=True)
 class GroundKind:

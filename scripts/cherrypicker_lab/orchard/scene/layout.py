@@ -32,8 +32,6 @@ from cherrypicker_lab.orchard.scene.structures import (
 from cherrypicker_lab.orchard.scene.structures import net as hang_net
 from cherrypicker_lab.orchard.scene.surroundings import BACKGROUNDS, hill_height, surroundings
 
-__all__ = ["Scene", "generate_scene"]
-
 DRESSING = ("wires", "paint", "stubs", "spurs", "buds", "relief", "wind", "net")
 NEAR_M = 5.0  # cameras stand nearer to the stem
 DICTIONARIES = ("DICT_4X4_50", "DICT_5X5_100", "DICT_6X6_250", "DICT_APRILTAG_36h11")

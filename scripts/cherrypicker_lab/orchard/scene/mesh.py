@@ -7,20 +7,6 @@ from numba import njit
 
 from cherrypicker_lab.orchard.grow.tree import relative_radius
 
-__all__ = [
-    "NO_TREE",
-    "Mesh",
-    "SceneObject",
-    "box",
-    "cylinder",
-    "ground_disc",
-    "join",
-    "quad_board",
-    "ring",
-    "transported",
-    "tree_mesh",
-]
-
 NO_TREE = 255
 
 

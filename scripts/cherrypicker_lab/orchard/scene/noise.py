@@ -7,8 +7,6 @@ on the clouds sees the bark and the ground that the photos show.
 import numpy as np
 from numba import njit
 
-__all__ = ["fbm", "hash_cell", "spots", "value_noise"]
-
 
 @njit(cache=True, inline="always")
 def hash_cell(i, j, k, seed):

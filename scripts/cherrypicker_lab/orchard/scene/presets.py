@@ -2,8 +2,6 @@
 
 from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring
 
-__all__ = ["PRESETS", "WALK_PRESETS"]
-
 PRESETS = {
     "cherry_leader": {
         "scene": {

@@ -5,8 +5,6 @@ import numpy as np
 from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.scene.mesh import Mesh, SceneObject, cylinder, join, quad_board
 
-__all__ = ["NETS", "WIRE_RADIUS_M", "foil_roof", "net", "support_post", "trellis"]
-
 NETS = ("over", "along")
 WIRE_RADIUS_M = 0.0015
 _THREAD_STEP_M = 0.12

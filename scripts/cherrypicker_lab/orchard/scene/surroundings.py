@@ -13,8 +13,6 @@ from cherrypicker_lab.orchard.scene.bushes import bush, hedge
 from cherrypicker_lab.orchard.scene.mesh import SceneObject, join, tree_mesh
 from cherrypicker_lab.orchard.scene.noise import fbm
 
-__all__ = ["BACKGROUNDS", "hill_height", "surroundings"]
-
 BACKGROUNDS = ("hills", "hedges", "buildings", "rows")
 
 # hills as high as on captures in hilly orchards: the horizon 9 to 22 degrees above the camera

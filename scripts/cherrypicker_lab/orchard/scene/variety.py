@@ -14,8 +14,6 @@ from cherrypicker_lab.orchard.scene.structures import NETS
 from cherrypicker_lab.orchard.scene.surroundings import BACKGROUNDS
 from cherrypicker_lab.orchard.scene.walks import WALKS
 
-__all__ = ["FORMS", "bearing_form", "scene_camera", "scene_options", "scene_walk"]
-
 FORMS = (*HABITS, *TEMPLATES)
 # heights m, and trunk radius per height: from a whip to the tallest trees of an old orchard
 HEIGHTS = {"cherry_whip": (1.0, 2.0), None: (1.3, 6.0)}

@@ -19,8 +19,6 @@ from cherrypicker_lab.orchard.scene.cameras import (
     ring_poses,
 )
 
-__all__ = ["WALKS", "TreeSize", "preset_poses", "tree_size", "walk_poses"]
-
 WALKS = ("rings", "low_rings", "alleys", "spiral", "half_ring")
 
 REACH_M = (0.7, 2.3)  # heights of a lens from a kneeling photographer to stretched arms (guess)

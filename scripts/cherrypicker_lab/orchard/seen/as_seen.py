@@ -31,8 +31,6 @@ from cherrypicker_lab.orchard.seen.seen_surface import paint, painted_surface, s
 from cherrypicker_lab.orchard.seen.surfaces import lit
 from cherrypicker_lab.orchard.seen.visibility import choose_views
 
-__all__ = ["AsSeen", "see_scene"]
-
 SPILL_REACH_PX = 2.0  # radius of wood at which a silhouette grows by 1/e of that of a twig
 SKY_ELEVATION = 0.06  # sine over which the sky begins
 NEIGHBOURS = 4  # photos whose distance is the baseline

@@ -6,8 +6,6 @@ from scipy.spatial import cKDTree
 from cherrypicker.errors import StageError
 from cherrypicker_lab.dense.surface import judge_points
 
-__all__ = ["RADIUS_EDGES_M", "describe_cloud", "plot_fit"]
-
 RADIUS_EDGES_M = np.array([0.0, 0.0025, 0.0035, 0.005, 0.008, 0.012, 0.020, 0.10])
 NEAR_M = 0.015
 QUANTILES = (0.05, 0.16, 0.5, 0.84, 0.95)

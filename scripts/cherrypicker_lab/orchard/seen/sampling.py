@@ -7,8 +7,6 @@ from cherrypicker_lab.orchard.scene.appearance import encode_srgb
 from cherrypicker_lab.orchard.seen.as_seen import AsSeen, see_scene
 from cherrypicker_lab.orchard.seen.surfaces import lit, surface
 
-__all__ = ["AsSeen", "sample_scene"]
-
 
 def sample_scene(
     scene,

@@ -9,8 +9,6 @@ from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.surfaces import ground, on_mesh, things
 from cherrypicker_lab.orchard.seen.tubes import sample_tubes
 
-__all__ = ["paint", "painted_surface", "select"]
-
 MOST_THING_M2 = 0.8  # a roof would take most of the points by its area alone
 
 

@@ -8,8 +8,6 @@ from cherrypicker_lab.orchard.scene.appearance import bark_relief, surface_color
 from cherrypicker_lab.orchard.scene.ground import ground_color
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 
-__all__ = ["area_within", "ground", "lit", "on_mesh", "surface", "things"]
-
 
 def on_mesh(rng, mesh, n):
     """Spread n points over a mesh by area: positions, normals, a dict of what is interpolated."""

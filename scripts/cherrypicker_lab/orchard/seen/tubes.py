@@ -8,8 +8,6 @@ from numba import njit
 from cherrypicker_lab.orchard.grow.tree import relative_radius
 from cherrypicker_lab.orchard.scene.mesh import transported
 
-__all__ = ["TubeSample", "inside_wood", "sample_tubes"]
-
 INSIDE = 0.98  # nearer to another axis than this share of its radius is inside its wood
 
 

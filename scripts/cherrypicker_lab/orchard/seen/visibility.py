@@ -3,8 +3,6 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["choose_views"]
-
 CELL_PX = 4
 OCCLUDER_RADIUS_M = 0.006
 MARGIN_M = 0.005

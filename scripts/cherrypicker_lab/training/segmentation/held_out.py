@@ -22,8 +22,6 @@ from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, sco
 from cherrypicker_lab.training.segmentation.scenes import hidden_bark
 from cherrypicker_lab.training.segmentation.training import IGNORED, network_labels
 
-__all__ = ["LabelledCloud", "confusion_figure", "judge", "labels_figure", "of_sample", "of_scan"]
-
 REACH_M = 0.03  # a point further than this from the true surface has no true class
 
 

@@ -11,8 +11,6 @@ from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.scene.boards import board_on_post, checker_cube, marker_object
 from cherrypicker_lab.orchard.scene.mesh import SceneObject, cylinder, ring
 
-__all__ = ["FORMS", "MARKER_DICTIONARIES", "add_confusable", "common_things", "confusable_things"]
-
 MARKER_DICTIONARIES = ("DICT_4X4_50", "DICT_5X5_100", "DICT_6X6_250", "DICT_APRILTAG_36h11")
 # forms to train on; those of the held-out measures (whip, fir, larch, pine) are none of them
 FORMS = ("leader", "spindle", "vase", "cherry_leader", "cherry_spindle", "cherry_vase")

@@ -16,8 +16,6 @@ from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.skeleton.axes import axes, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 
-__all__ = ["SCANS", "Scan", "read_scan", "wood_share", "wood_by_order"]
-
 STEP = 0.25  # of a node's radius at least: how finely an edge is sampled
 MOST_STEPS = 200
 
