@@ -157,7 +157,6 @@ def write_ply_vertices(
     path : path-like
     columns : dict of str to ndarray of shape (n_vertices,)
         Numeric columns; booleans become uchar, 64-bit integers int.
-    comments : list of str, optional
     edges : ndarray of shape (n_edges, 2), optional
         Vertex rows, written as the PLY element ``edge``.
     """

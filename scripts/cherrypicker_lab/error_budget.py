@@ -121,14 +121,12 @@ def climb(
         ``{scene}/truth``.
     folder : Path
         A working folder per rung goes below it.
-    tree : str
     row : mapping
         The tree's row of ``trees.tsv``.
     settings : mapping
         The tree's config, all keys.
     snakefile : Path
         The workflow whose stages run.
-    threads : int
 
     Returns
     -------

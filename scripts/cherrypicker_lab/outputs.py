@@ -55,10 +55,6 @@ def compare_folders(
     ignore : sequence of str
         Patterns of paths below the folders that are passed over, ``*/sfm/*`` for instance.
 
-    Returns
-    -------
-    Comparison
-
     Raises
     ------
     StageError

@@ -70,7 +70,6 @@ def place_true_poses(
         Results of the tree as found, and those to fill.
     photos, truth : Path
         Folders of the scene.
-    seed, threads : int
 
     Raises
     ------
@@ -96,8 +95,6 @@ def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) 
     ----------
     before, results : Path
         Results with true poses, and those to fill.
-    truth : Path
-    threads : int
 
     Raises
     ------
@@ -128,7 +125,6 @@ def place_true_labels(before: Path, results: Path, truth: Path) -> list[Path]:
     ----------
     before, results : Path
         Results up to ``metric.ply``, and those to fill.
-    truth : Path
 
     Raises
     ------
@@ -158,7 +154,6 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> list[Path]:
     ----------
     before, results : Path
         Complete results, and those to fill.
-    truth : Path
 
     Raises
     ------

@@ -61,7 +61,6 @@ def neighbor_means(
     ----------
     points : ndarray of shape (n_points, 3), float64
     values : ndarray of shape (n_points,)
-    n_neighbors : int
 
     Returns
     -------
@@ -91,7 +90,6 @@ def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarr
     ----------
     mean_distance : ndarray of shape (n_points,), float64
         From `neighbor_means`.
-    std_ratio : float
 
     Returns
     -------
@@ -156,7 +154,6 @@ def denoise_cloud(
     evidence_of : callable
         ``evidence_of(asked)`` returns what the photos say about points of shape (n, 3); see
         `cherrypicker.denoising.evidence.sky_evidence`.
-    options : DenoiseOptions
     ground_height : float
         What lies below does not count for how many photos see a point of the cloud.
 

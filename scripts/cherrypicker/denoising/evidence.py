@@ -131,7 +131,6 @@ def photo_evidence(
     ----------
     image : ndarray of shape (H, W, 3), uint8
     sky : ndarray of shape (H, W), bool
-    options : EvidenceOptions
 
     Returns
     -------
@@ -174,7 +173,6 @@ def sky_evidence(
         photo as stored, lens distortion included.
     look : callable
         ``look(i)`` returns the photo, (H, W, 3) uint8, and its sky mask, (H, W) bool.
-    options : EvidenceOptions
     """
     counts = np.zeros((2, len(asked)), np.int32)
     with Progress(len(poses), "photos asked about sky silhouettes") as bar:

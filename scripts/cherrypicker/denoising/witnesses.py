@@ -28,7 +28,6 @@ def photos_as_witnesses(
         Folder of the sparse model, for the lenses.
     photo_folder, masks : Path
         The photos as stored, and ``{stem}.png`` of each.
-    options : EvidenceOptions
 
     Returns
     -------

@@ -118,10 +118,6 @@ def parse_marker_sides(text: str) -> dict[int, float]:
     text : str
         Comma-separated pairs of marker id and side length in metres.
 
-    Returns
-    -------
-    dict of int to float
-
     Raises
     ------
     StageError

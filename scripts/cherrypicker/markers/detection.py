@@ -97,7 +97,6 @@ def find_markers(
     Parameters
     ----------
     grey : ndarray of shape (height, width), uint8
-    dictionary : cv2.aruco.Dictionary
 
     Returns
     -------
@@ -154,10 +153,8 @@ def detect_markers(
         Photo files as COLMAP read them.
     cameras : list of pycolmap.Camera
         The camera of each photo.
-    dictionary : cv2.aruco.Dictionary
     marker_ids : collection of int
         Ids wanted; other ids are only counted.
-    threads : int, default 1
 
     Returns
     -------

@@ -52,20 +52,12 @@ def estimate_scale(
     ----------
     photos : list of path-like
         The tree's photos; those that are not registered are left out.
-    reconstruction : pycolmap.Reconstruction
     cell, mode : str
         As for :func:`cherrypicker.markers.columns.choose_mode`.
     dictionary, sides_m : str
         The columns ``marker_dictionary`` and ``marker_sides_m``.
     min_images : int
         Photos that must agree on a marker.
-    max_reprojection_px : float
-    threads : int, default 1
-    seed : int, default 0
-
-    Returns
-    -------
-    dict
 
     Raises
     ------

@@ -146,7 +146,6 @@ def fit_marker(
     pixel_map : callable, optional
         Takes pixel positions of shape (n, 2) to undistorted ones, of about the same scale; the fit
         and the result are then in those coordinates.
-    max_iterations : int, default 25
 
     Returns
     -------
@@ -273,12 +272,7 @@ class _Problem:
 def _levenberg_marquardt(
     problem: _Problem, model: np.ndarray, max_iterations: int
 ) -> tuple[np.ndarray, float, float, np.ndarray] | None:
-    """Parameters by variable projection: the tone curve is solved for at every step.
-
-    Returns
-    -------
-    tuple of (model, corner_std, agreement, weights) or None
-    """
+    """Parameters by variable projection: the tone curve is solved for at every step."""
     values = problem.values
     weights = np.ones(len(values))
     damping, moved = 1e-3, np.inf

@@ -152,11 +152,9 @@ def locate_marker(
 
     Parameters
     ----------
-    observations : Observations
     max_error_px : float, default 2
         Largest reprojection error of a corner for its sighting to agree; at least 2 % of the side
         in that photo.
-    seed : int, default 0
 
     Returns
     -------

@@ -115,10 +115,6 @@ def look_for_wood(poses: Poses, masks: SkyMasks, centers: np.ndarray, size: floa
         Frame of the poses.
     size : float
         The voxels' side.
-
-    Returns
-    -------
-    Shown
     """
     n_framing, n_thin, n_clear = (np.zeros(len(centers), dtype=int) for _ in range(3))
     for i in range(len(poses)):

@@ -129,15 +129,9 @@ def align(
         Dense cloud in COLMAP's frame, arbitrary scale.
     poses : Poses
         Same frame.
-    options : AlignOptions, optional
     stated_turns : ndarray of shape (n_cameras,), int, optional
         Quarter turns of the stored photos according to EXIF
         (:func:`cherrypicker.placement.camera_geometry.turns_from_exif`).
-    seed : int, default 0
-
-    Returns
-    -------
-    Alignment
 
     Raises
     ------

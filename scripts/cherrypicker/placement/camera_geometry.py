@@ -103,7 +103,6 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
 
     Parameters
     ----------
-    poses : Poses
     points : ndarray of shape (n_points, 3)
         The cloud, in the frame of the poses.
 
@@ -150,7 +149,6 @@ def roll_costs(
 
     Parameters
     ----------
-    poses : Poses
     directions : ndarray of shape (n_directions, 3)
     stated_turns : ndarray of shape (n_cameras,), int, optional
         As :func:`turns_from_exif` gives them; all 0 without.
@@ -203,16 +201,10 @@ def camera_up(
 
     Parameters
     ----------
-    poses : Poses
     stated_turns : ndarray of shape (n_cameras,), int, optional
         Quarter turns according to EXIF.
     start : ndarray of shape (3,), optional
         Take the solution near this direction (a ground normal, sign included); else search all.
-    seed : int, default 0
-
-    Returns
-    -------
-    CameraUp
     """
     if start is None:
         hypotheses = _up_hypotheses(poses, np.random.default_rng(seed))

@@ -64,11 +64,6 @@ def crop_roi(
         Aligned poses.
     margin_fraction : float, default 0
         Widens (or, negative, narrows) the region on each side by this fraction of its extent.
-    seed : int, default 0
-
-    Returns
-    -------
-    Crop
 
     Raises
     ------

@@ -98,8 +98,6 @@ def plane_candidates(
         Thinned cloud.
     distance : float
         Largest distance of an inlier from its plane.
-    n_planes : int
-    seed : int, default 0
 
     Returns
     -------
@@ -175,18 +173,12 @@ def judge_plane(
         Gets its normal turned to the cameras' side, its factors and its score.
     points : ndarray of shape (n_points, 3)
         Thinned cloud.
-    poses : Poses
     target : ndarray of shape (3,)
         Point that the cameras look at.
     distance : float
         Median distance of the cameras to the target.
-    inlier_distance : float
     stated_turns : ndarray of shape (n_cameras,), int, optional
         Quarter turns of the stored photos according to EXIF.
-
-    Returns
-    -------
-    Plane
     """
     centers = poses.centers
     heights = plane.height(centers)
@@ -312,7 +304,6 @@ def ground_tilt(
         Cloud with z roughly up, the ground plane near z = 0 and the target on the z axis.
     distance : float
         Cameras' median distance to the target.
-    inlier_distance : float
 
     Returns
     -------

@@ -100,8 +100,6 @@ def crossing(
 
     Parameters
     ----------
-    poses : Poses
-    n_rounds : int, default 20
     prior : ndarray of shape (3,), optional
         What closes a depth that parallel axes leave open; the middle of the cameras by default.
     pull : float

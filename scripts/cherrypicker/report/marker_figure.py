@@ -62,7 +62,6 @@ def marker_figure(scale: dict, poses: Poses, lenses: Any, photos: list[Path]) ->
     ----------
     scale, poses, lenses
         See `marker_crops`.
-    photos : list of Path
 
     Returns
     -------

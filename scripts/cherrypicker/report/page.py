@@ -88,8 +88,6 @@ def render_report(
         has not; ``photos`` (list of Path) and ``foot`` (ndarray of shape (3,)).
     figures : list of tuple (bytes, str)
         PNG and caption of the figures that every tree has.
-    options : ReportOptions
-    seed : int, default 0
 
     Returns
     -------

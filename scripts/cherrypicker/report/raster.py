@@ -56,10 +56,6 @@ def side_views(
         Part of the box's largest side to leave free on every side.
     kinds : tuple of str
         Of "front" (along +y), "side" (along -x) and "top".
-
-    Returns
-    -------
-    list of View
     """
     x, y, z = np.eye(3)
     axes = {"front": (x, z), "side": (y, z), "top": (x, y)}
@@ -89,7 +85,6 @@ def splat(
     points : ndarray of shape (n, 3), float64
     colors : ndarray of shape (n, 3) or (3,), float
         RGB in [0, 1].
-    view : View
     width : int
         Of the image, px; its height follows from the view.
     size : int, default 2

@@ -47,10 +47,8 @@ def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px:
     ----------
     poses : Poses
         In the cloud's frame.
-    cloud : PointCloud
     target : ndarray of shape (3,)
         The stem's foot.
-    width_px : int
     """
     centers = poses.centers
     reach = _ARROW * np.median(np.linalg.norm(centers - target, axis=1))
@@ -79,12 +77,10 @@ def alignment_figure(
 
     Parameters
     ----------
-    aligned : PointCloud
     poses : Poses
         In the aligned frame.
     roi : Footprint or None
         What the crop kept.
-    width_px : int
     """
     low, high = poses.centers.min(axis=0), poses.centers.max(axis=0)
     middle, reach = (low + high) / 2, _SCENE_REACH * (high - low)
@@ -129,7 +125,6 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
         ``dense/coverage.json``.
     align : dict
         ``align.json``: the way from COLMAP's frame to the aligned one.
-    width_px : int
     """
     region = Region(
         center=np.array(coverage["region"]["center"]),
@@ -162,10 +157,6 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
 
 def removed_points(before: PointCloud, after: PointCloud) -> np.ndarray:
     """Rows of `before` that are not in `after`, by exact single-precision coordinates.
-
-    Parameters
-    ----------
-    before, after : PointCloud
 
     Returns
     -------
@@ -227,7 +218,6 @@ def example_figure(
         Folder of masks ``{stem}.png``.
     depth_of : callable or None
         Returns a depth map (height, width), 0 where unknown, or None, for a photo's name.
-    n_examples : int
 
     Returns
     -------

@@ -56,11 +56,6 @@ def scan_sections(data: dict, *, width_px: int, n_examples: int) -> list:
     ----------
     data : dict
         See `cherrypicker.report.page.render_report`.
-    width_px, n_examples : int
-
-    Returns
-    -------
-    list of dict
     """
     sections = []
     if data["sparse"]:

@@ -65,10 +65,6 @@ class TreeResult:
 def summary_html(results: list[TreeResult]) -> str:
     """Return the page over all trees.
 
-    Parameters
-    ----------
-    results : list of TreeResult
-
     Returns
     -------
     str

@@ -57,7 +57,6 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
 
     Parameters
     ----------
-    value, error : float or None
     trait : Trait
         Whose unit and decimals count; a cross-section without a scale is not in cm².
     unit : str

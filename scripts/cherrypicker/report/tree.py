@@ -99,9 +99,7 @@ def report_tree(
     files : mapping of str to path-like
         By `FILES`, None or empty for what the tree does not have; and ``cloud_figure``, ...,
         ``thumbnail_figure``, the PNG files to write.
-    options : ReportOptions
     photos : sequence of path-like
-    seed : int, default 0
 
     Raises
     ------

@@ -30,8 +30,6 @@ def pick_points(labels: np.ndarray, n_most: int, rng: np.random.Generator) -> np
     Parameters
     ----------
     labels : ndarray of shape (n_points,), uint8
-    n_most : int
-    rng : numpy.random.Generator
 
     Returns
     -------
@@ -54,10 +52,8 @@ def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: i
     ----------
     cloud : PointCloud
         With labels.
-    skeleton : Skeleton
     n_points : int
         Most points shown.
-    seed : int, default 0
 
     Returns
     -------

@@ -41,10 +41,6 @@ def refine_model(
         Folder for a temporary database.
     max_error_px : float
         Largest epipolar error of a match, px.
-
-    Returns
-    -------
-    pycolmap.Reconstruction
     """
     refined = pycolmap.Reconstruction(model)
     matched = scratch / "by_poses.db"

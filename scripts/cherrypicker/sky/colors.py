@@ -80,7 +80,6 @@ def sample_sky_pixels(
         255 = sky.
     n_samples : int
         At most this many are drawn, without replacement.
-    rng : numpy.random.Generator
 
     Returns
     -------
@@ -102,8 +101,6 @@ def cluster_sky_colors(samples: np.ndarray, options: SkyColorOptions, *, seed: i
     Parameters
     ----------
     samples : ndarray of shape (n, 3), uint8
-    options : SkyColorOptions
-    seed : int
 
     Returns
     -------

@@ -200,7 +200,6 @@ def guided_coefficients(
     target : ndarray of shape (h, w), float32
     radius : int
         Half the window, pixels.
-    epsilon : float
 
     Returns
     -------
@@ -318,7 +317,6 @@ def sky_mask(
         In evaluation mode.
     image : ndarray of shape (H, W, 3), uint8, RGB
         The stored pixels, EXIF orientation not applied.
-    options : MaskOptions
     orientation : int, default 1
         The photo's EXIF orientation; the network sees it upright, the mask comes as stored.
 
@@ -343,7 +341,6 @@ def mask_from_probability(
     image : ndarray of shape (H, W, 3), uint8
     probability : ndarray of shape (h, w), float32
         Of sky, at the working size, in the photo's orientation.
-    options : MaskOptions
 
     Returns
     -------

@@ -57,10 +57,8 @@ def mask_photos(
         In evaluation mode.
     folder, mask_folder : Path
         Photos; ``{stem}.png`` per photo is written to ``mask_folder``.
-    options : MaskOptions
     n_samples : int
         Sky pixels sampled over all photos, at most; each photo gives at most its share.
-    seed : int
 
     Returns
     -------

@@ -23,10 +23,6 @@ def typical_scatter(skeleton: Skeleton) -> float | None:
     ----------
     skeleton : Skeleton
         With the field ``residual``, 0 where no radius was fitted.
-
-    Returns
-    -------
-    float or None
     """
     scatter = skeleton.fields.get("residual", np.zeros(0))
     scatter = scatter[scatter > 0]

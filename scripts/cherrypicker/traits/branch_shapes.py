@@ -17,11 +17,6 @@ NEAR = 1e-9  # lengths below this are none
 def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarray]:
     """Measure every axis; `cherrypicker.traits.branches.branch_rows` tells what the numbers mean.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-    axis_list : list of Axis
-
     Returns
     -------
     dict of str to ndarray of shape (n_axes,), float64

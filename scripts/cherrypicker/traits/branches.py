@@ -42,7 +42,6 @@ def branch_rows(
 
     Parameters
     ----------
-    skeleton : Skeleton
     axis_list : list of Axis
         From `cherrypicker.skeleton.axes`; the trunk first.
     foot_z : float

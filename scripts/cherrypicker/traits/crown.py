@@ -91,7 +91,6 @@ def crown_of(
 
     Parameters
     ----------
-    skeleton : Skeleton
     axis_owner : ndarray of shape (n_nodes,), int64
         Axis of each node, 0 is the trunk.
     wood : ndarray of shape (n_wood, 3), float64
@@ -134,14 +133,12 @@ def measure_crown(
         Supported wood points of the whole tree.
     hull : Hull or None
         Of the crown's points; None without a crown.
-    ends : ShootEnds
     scatter : float
         Of the points around the skeleton's radii; 0 where it is not known.
     reach : float
         Distance within which wood points have company.
     n_samples : int
         With 0 the points' own extent is taken.
-    rng : numpy.random.Generator
 
     Returns
     -------

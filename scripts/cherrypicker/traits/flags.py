@@ -40,22 +40,14 @@ def quality_flags(
 
     Parameters
     ----------
-    trunk : TrunkDiameter
     wanted_height : float
         Height at which the diameter was asked for.
     missing : list of float
         Further heights that the trunk reaches but where no diameter could be measured.
-    foot : Foot
-    support : Support
-    crown_width : float
     confidence : float or None
         Median confidence of the wood labels.
     unit : str
         ``m`` or ``arbitrary``.
-
-    Returns
-    -------
-    list of str
     """
     length = unit_name(unit)
     flags = []
@@ -149,10 +141,6 @@ def scan_flags(
         Sides of the tree beyond which few photos look.
     missing_top : MissingTop, optional
         How much taller the photos show the tree than its cloud is.
-
-    Returns
-    -------
-    list of str
     """
     flags = []
     if unit != "m":

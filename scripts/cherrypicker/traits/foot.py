@@ -54,14 +54,9 @@ def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foo
 
     Parameters
     ----------
-    skeleton : Skeleton
     points : ndarray of shape (n_points, 3), float64
         Whole labelled cloud, z up.
     labels : ndarray of shape (n_points,), uint8
-
-    Returns
-    -------
-    Foot
     """
     root = skeleton.points[0]
     near_root = np.linalg.norm(skeleton.points - root, axis=1) < _GROUND_REACH_M

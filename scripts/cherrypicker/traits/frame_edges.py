@@ -80,7 +80,6 @@ def framing_photos(poses: Poses, points: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    poses : Poses
     points : ndarray of shape (n_points, 3)
 
     Returns

@@ -72,7 +72,6 @@ def measure_traits(
 
     Parameters
     ----------
-    skeleton : Skeleton
     cloud : PointCloud
         The segmented cloud, z up, in the skeleton's frame and unit, with a ``label`` field.
     topology : Topology, optional
@@ -88,8 +87,6 @@ def measure_traits(
         Of the photos, in the cloud's frame and unit: tells where they, not the tree, end.
     sky_masks : SkyMasks, optional
         Of the same photos: tells where they show a top that the cloud does not hold.
-    options : TraitOptions, optional
-    seed : int, default 0
 
     Returns
     -------

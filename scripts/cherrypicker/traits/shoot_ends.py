@@ -47,17 +47,12 @@ def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, wood: cKDTree, reach: 
 
     Parameters
     ----------
-    skeleton : Skeleton
     kept : ndarray of shape (n_nodes,), bool
         Nodes that belong to the tree.
     wood : cKDTree
         Of the wood points.
     reach : float
         Distance within which they have company.
-
-    Returns
-    -------
-    ShootEnds
     """
     tips = np.flatnonzero((skeleton.n_children == 0) & kept)
     tips = tips[tips > 0]
@@ -74,14 +69,7 @@ def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, wood: cKDTree, reach: 
 
 
 def draw_losses(ends: ShootEnds, n_samples: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw what every shoot has lost, (n_samples, n_ends) float64, below 0 where points overshoot.
-
-    Parameters
-    ----------
-    ends : ShootEnds
-    n_samples : int
-    rng : numpy.random.Generator
-    """
+    """Draw what shoots have lost, (n_samples, n_ends) float64; below 0 where points overshoot."""
     shape = (n_samples, len(ends.scale))
     mean = np.where(
         rng.random(shape) < FACTORS["long_share"], FACTORS["long_loss"], FACTORS["short_loss"]
@@ -119,7 +107,6 @@ def grow_hull(hull: Hull, ends: ShootEnds, losses: np.ndarray, overshoot: np.nda
     ----------
     hull : Hull
         Of the crown's points.
-    ends : ShootEnds
     losses : ndarray of shape (n_samples, n_ends), float64
         By which the shoots go on along their directions.
     overshoot : ndarray of shape (n_samples,), float64

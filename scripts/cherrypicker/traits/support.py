@@ -126,7 +126,6 @@ def find_support(
 
     Parameters
     ----------
-    skeleton : Skeleton
     wood : cKDTree
         Of the points labelled trunk or branch.
     reach : float
@@ -135,10 +134,6 @@ def find_support(
         Stretches without wood points longer than this are gaps; in the skeleton's unit.
     min_stray : float
         Pieces of skeleton beyond a gap shorter than this in all do not count as the tree's.
-
-    Returns
-    -------
-    Support
     """
     samples, owner, radius, spacing = densify(skeleton, _SAMPLE_M)
     near = wood.query(samples)[0] <= np.maximum(_NEAR_RADII * radius, reach)

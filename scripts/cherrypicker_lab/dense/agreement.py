@@ -27,7 +27,6 @@ def sparse_agreement(
         Dense workspace with maps.
     kind : str
         "geometric" or "photometric".
-    tolerance : float
 
     Returns
     -------

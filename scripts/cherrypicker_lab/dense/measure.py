@@ -72,7 +72,6 @@ def measure_stereo(
     sky : tuple of path-like, optional
         Folder of sky masks, and of the sparse model of the photos as stored, for the backends that
         leave the sky out (cpu, sgbm_sky).
-    threads : int
 
     Returns
     -------

@@ -95,7 +95,6 @@ def write_table(results: list[Result], left_out: Iterable[str] = ()) -> str:
 
     Parameters
     ----------
-    results : list of Result
     left_out : iterable of str
         Backends that could not run here, to be named.
     """

@@ -107,7 +107,6 @@ def rectify(left: View, right: View, depth_min: float, depth_max: float) -> Rect
 
     Parameters
     ----------
-    left, right : View
     depth_min, depth_max : float
         Depths in the left view, units of the model.
 

@@ -64,7 +64,6 @@ def score_cloud(points: np.ndarray, surface: TrueSurface, *, min_views: int = MI
     ----------
     points : ndarray of shape (n, 3)
         Metres, the scene's metric frame.
-    surface : TrueSurface
     min_views : int
         Photos that must see a piece of surface for it to count.
 
@@ -203,7 +202,6 @@ def refine_similarity(points: np.ndarray, surface: TrueSurface):
     ----------
     points : ndarray of shape (n, 3)
         Metres, within a few centimetres of their place.
-    surface : TrueSurface
 
     Returns
     -------

@@ -45,7 +45,6 @@ def triangulate_true_cameras(
         ``{scene}/truth/poses.npz``.
     model_folder : path-like
         Folder for COLMAP's binary files, in the scene's metric frame.
-    seed, threads : int
 
     Returns
     -------

@@ -40,7 +40,6 @@ def tube_mesh(skeleton, n_sides: int = N_SIDES) -> tuple[np.ndarray, np.ndarray]
     ----------
     skeleton : Skeleton
         The radius of an edge that starts a new axis is its outer node's all along.
-    n_sides : int
 
     Returns
     -------

@@ -56,10 +56,6 @@ def find_sky_lines(photo: np.ndarray, sky: np.ndarray, tolerance_px: float) -> S
         Its mask, True = sky.
     tolerance_px : float
         How far from a line a place counts as on it.
-
-    Returns
-    -------
-    SkyLines
     """
     centers, across = line_points(slopes_of(photo[..., 2]), DARK)
     flanked = _has_sky_aside(sky, centers, across)

@@ -62,7 +62,6 @@ def judged_kinds(
         Distance of each point's colour to the nearest dominant sky colour.
     limit : float
         Points nearer than this are of a sky colour.
-    surface : TrueSurface
 
     Returns
     -------
@@ -98,8 +97,6 @@ def ablate(
         Cropped cloud with colours.
     placed : ndarray of shape (n, 3)
         Its points in the scene's frame.
-    surface : TrueSurface
-    sky : SkyColors
     evidence_of : callable
         See `cherrypicker.denoising.denoise.denoise_cloud`.
     options : DenoiseOptions

@@ -198,7 +198,6 @@ def train_network(
     ----------
     training, validation : lists of SkyPhoto
         See `cherrypicker_lab.training.sky.data.split_photos`.
-    options : TrainOptions
     checkpoint : Path, optional
         Written after every epoch; a run with equal data and settings goes on from there.
 
