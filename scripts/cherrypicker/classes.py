@@ -14,22 +14,13 @@ _DENDRITE, _AXON = 3, 2
 
 
 class Label(IntEnum):
-    """Label ids in ``segmented.ply`` and everything after it.
+    """Label ids in ``segmented.ply`` and everything after it."""
 
-    Attributes
-    ----------
-    channel : int or None
-        Of the network (paper, Sec. 3.4), which knows the support post as trunk; it is split off
-        afterwards. None: the network never sees the class.
-    is_wood : bool
-        Wood of the tree: contracted, and measured.
-    swc : int
-        Type in ``skeleton.swc``, which viewers colour by.
-    """
-
+    # Of the network (paper, Sec. 3.4), which knows the support post as trunk; it is split off
+    # afterwards. None: the network never sees the class.
     channel: int | None
-    is_wood: bool
-    swc: int
+    is_wood: bool  # wood of the tree: contracted, and measured
+    swc: int  # type in ``skeleton.swc``, which viewers colour by
 
     def __new__(
         cls,

@@ -19,29 +19,17 @@ _FLOAT32_TOLERANCE = 1e-5
 
 @dataclass
 class PointCloud:
-    """Points with optional colours, normals and named per-point fields.
+    """Points with optional colours, normals and named per-point fields."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Coordinates in ``frame`` and ``unit``.
-    colors : ndarray of shape (n_points, 3), float32, or None
-        RGB in [0, 1].
-    normals : ndarray of shape (n_points, 3), float32, or None
-    fields : dict of str to ndarray of shape (n_points,)
-        ``label`` (uint8), ``confidence`` (float32), ``source`` (int32), ``n_views`` (uint8), ...
-    frame : str
-        ``colmap``, ``aligned``, ``metric`` or ``own`` (a late cloud's).
-    unit : str
-        ``m`` or ``arbitrary``.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # (n_points, 3) float64: coordinates in ``frame`` and ``unit``
+    # ndarray of shape (n_points, 3), float32, or None: RGB in [0, 1]
     colors: np.ndarray | None = None
-    normals: np.ndarray | None = None
+    normals: np.ndarray | None = None  # ndarray of shape (n_points, 3), float32, or None
+    # dict of str to ndarray of shape (n_points,): ``label`` (uint8), ``confidence`` (float32),
+    # ``source`` (int32), ``n_views`` (uint8), ...
     fields: dict[str, np.ndarray] = field(default_factory=dict)
-    frame: str = "own"
-    unit: str = "m"
+    frame: str = "own"  # ``colmap``, ``aligned``, ``metric`` or ``own`` (a late cloud's)
+    unit: str = "m"  # ``m`` or ``arbitrary``
 
     def __post_init__(self) -> None:
         self.points = _rows_of_three("points", self.points, np.float64)

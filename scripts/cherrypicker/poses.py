@@ -16,23 +16,15 @@ _SHAPES = {"cam_from_world": (3, 4), "K": (3, 3), "width": (), "height": ()}
 
 @dataclass
 class Poses:
-    """Poses and intrinsics of the registered photos.
+    """Poses and intrinsics of the registered photos."""
 
-    Attributes
-    ----------
-    names : ndarray of shape (n_photos,), str
-        Photo file names.
-    cam_from_world : ndarray of shape (n_photos, 3, 4), float64
-        COLMAP's convention: x right, y down, z forward.
-    K : ndarray of shape (n_photos, 3, 3), float64
-        Intrinsics of the undistorted pinhole, px; pixel centres lie at (0.5, 0.5).
-    width, height : ndarray of shape (n_photos,), int
-        Size of the undistorted photo, px.
-    """
-
-    names: np.ndarray
+    names: np.ndarray  # (n_photos,) str: photo file names
+    # (n_photos, 3, 4) float64: COLMAP's convention: x right, y down, z forward
     cam_from_world: np.ndarray
+    # (n_photos, 3, 3) float64: intrinsics of the undistorted pinhole, px; pixel centres lie at
+    # (0.5, 0.5)
     K: np.ndarray
+    # width, height: (n_photos,) int: size of the undistorted photo, px
     width: np.ndarray
     height: np.ndarray
 

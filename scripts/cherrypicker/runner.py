@@ -51,19 +51,11 @@ _DISK_ERRORS = {
 
 
 class Option(NamedTuple):
-    """An option of a stage: a typed keyword of its ``main``, or a field of such a keyword's class.
-
-    Attributes
-    ----------
-    kind : type
-    default : object
-    holder : str
-        The keyword whose class has the field; empty for a keyword of its own.
-    """
+    """An option of a stage: a typed keyword of its ``main``, or a field of its class."""
 
     kind: type
     default: object
-    holder: str = ""
+    holder: str = ""  # the keyword whose class has the field; empty for a keyword of its own
 
 
 def options_of(main: Callable) -> dict[str, Option]:

@@ -30,21 +30,11 @@ _CLASS_REACH_M = 0.03
 
 @dataclass(frozen=True)
 class Bar:
-    """A number that a result must reach.
+    """A number that a result must reach."""
 
-    Attributes
-    ----------
-    name : str
-        Key of the evaluation.
-    limit : float
-    is_least : bool
-        The value must be at least the limit, else at most.
-    what : str
-    """
-
-    name: str
+    name: str  # key of the evaluation
     limit: float
-    is_least: bool
+    is_least: bool  # the value must be at least the limit, else at most
     what: str
 
     def is_met(self, value):

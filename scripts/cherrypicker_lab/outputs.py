@@ -14,19 +14,11 @@ from cherrypicker.errors import StageError
 
 @dataclass(frozen=True)
 class Comparison:
-    """What two folders have in common; paths below them, in order.
+    """What two folders have in common; paths below them, in order."""
 
-    Attributes
-    ----------
-    equal : list of str
-        Files of the same bytes.
-    different : list of str
-    missing, added : list of str
-        Files of the first folder alone, and of the second alone.
-    """
-
-    equal: list[str]
+    equal: list[str]  # files of the same bytes
     different: list[str]
+    # missing, added: files of the first folder alone, and of the second alone
     missing: list[str]
     added: list[str]
 

@@ -13,20 +13,11 @@ CONFIG_FILE = "config/config.yaml"
 
 @dataclass(frozen=True)
 class Batch:
-    """What is to be run.
+    """What is to be run."""
 
-    Attributes
-    ----------
-    settings : dict
-        The batch's config with every key.
-    trees : dict
-        Rows of the table by tree, in its order.
-    settings_of : dict
-        The config of each tree: the batch's, its own file and the command line merged.
-    """
-
-    settings: dict
-    trees: dict[str, Tree]
+    settings: dict  # the batch's config with every key
+    trees: dict[str, Tree]  # rows of the table by tree, in its order
+    # The config of each tree: the batch's, its own file and the command line merged
     settings_of: dict[str, dict]
 
 

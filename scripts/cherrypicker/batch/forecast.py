@@ -39,19 +39,12 @@ NODES = Machine("20 nodes", 20, 16, 60.0, start_s=40.0)
 
 @dataclass(frozen=True)
 class Correction:
-    """How a folder's own benchmarks differ from the shipped rates, for one stage.
+    """How a folder's own benchmarks differ from the shipped rates, for one stage."""
 
-    Attributes
-    ----------
-    cpu, memory : float
-        Factors on CPU time and on memory.
-    n_benchmarks : int
-        Benchmark files behind them.
-    """
-
+    # cpu, memory: factors on CPU time and on memory
     cpu: float = 1.0
     memory: float = 1.0
-    n_benchmarks: int = 0
+    n_benchmarks: int = 0  # benchmark files behind them
 
 
 @dataclass(frozen=True)

@@ -27,30 +27,15 @@ MOST_CROPPED_SHARE = 0.5
 
 @dataclass(frozen=True)
 class StageCost:
-    """Cost of one stage; every mapping holds a quantity of the scan and its factor.
+    """Cost of one stage; every mapping holds a quantity of the scan and its factor."""
 
-    Attributes
-    ----------
-    cpu_s : mapping
-        CPU seconds: ``base`` and seconds per unit of a quantity.
-    memory_mb : mapping
-        Resident memory of the stage's process, MB.
-    thread_memory_mb : mapping
-        What each thread adds to it, MB.
-    disk_mb : mapping
-        What the stage leaves on disk, MB.
-    max_threads : int
-        Threads beyond which the stage gains nothing.
-    after : tuple of str
-        Stages that must be done before, within the same tree.
-    """
-
-    cpu_s: Mapping[str, float]
-    memory_mb: Mapping[str, float]
+    cpu_s: Mapping[str, float]  # CPU seconds: ``base`` and seconds per unit of a quantity
+    memory_mb: Mapping[str, float]  # resident memory of the stage's process, MB
+    # What each thread adds to it, MB
     thread_memory_mb: Mapping[str, float] = field(default_factory=dict)
-    disk_mb: Mapping[str, float] = field(default_factory=dict)
-    max_threads: int = 1
-    after: tuple[str, ...] = ()
+    disk_mb: Mapping[str, float] = field(default_factory=dict)  # what the stage leaves on disk, MB
+    max_threads: int = 1  # threads beyond which the stage gains nothing
+    after: tuple[str, ...] = ()  # stages that must be done before, within the same tree
 
 
 # A point in our PLY files, with colour, normal and the number of views; a label and its confidence

@@ -50,18 +50,10 @@ AWAY, CLEAR, SOLID = 0, 1, 2
 
 @dataclass(frozen=True)
 class SkyEvidence:
-    """How the photos see some points.
+    """How the photos see some points."""
 
-    Attributes
-    ----------
-    n_clear : ndarray of shape (n,), int32
-        Photos that show clear sky where the point should be.
-    n_solid : ndarray of shape (n,), int32
-        Photos that show something there, though sky is near.
-    """
-
-    n_clear: np.ndarray
-    n_solid: np.ndarray
+    n_clear: np.ndarray  # (n,) int32: photos that show clear sky where the point should be
+    n_solid: np.ndarray  # (n,) int32: photos that show something there, though sky is near
 
 
 @dataclass(frozen=True)

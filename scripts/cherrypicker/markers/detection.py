@@ -43,33 +43,17 @@ _COMMON_DICTIONARIES = (
 
 @dataclass(frozen=True)
 class Detection:
-    """A marker seen in one photo.
+    """A marker seen in one photo."""
 
-    Attributes
-    ----------
-    photo : int
-        Index of the photo.
-    marker_id : int
-    corners : ndarray of shape (4, 2)
-        Undistorted, as normalised camera coordinates x / z, y / z, clockwise from the pattern's
-        top left.
-    focal : float
-        Mean focal length of the camera, px: normalised coordinates times it are pixels.
-    corner_std : float
-        One standard deviation of a corner coordinate, px.
-    side_px : float
-        Mean side in the photo, px.
-    is_precise : bool
-        False where the pattern is not matched, or the paper is not flat.
-    """
-
-    photo: int
+    photo: int  # index of the photo
     marker_id: int
+    # (4, 2): undistorted, as normalised camera coordinates x / z, y / z, clockwise from the
+    # pattern's top left
     corners: np.ndarray
-    focal: float
-    corner_std: float
-    side_px: float
-    is_precise: bool
+    focal: float  # mean focal length of the camera, px: normalised coordinates times it are pixels
+    corner_std: float  # one standard deviation of a corner coordinate, px
+    side_px: float  # mean side in the photo, px
+    is_precise: bool  # false where the pattern is not matched, or the paper is not flat
 
 
 def marker_dictionary(name: str) -> cv2.aruco.Dictionary:

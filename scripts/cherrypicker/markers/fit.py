@@ -25,31 +25,18 @@ _MIN_COVERED = 0.9
 
 @dataclass(frozen=True)
 class MarkerFit:
-    """Result of :func:`fit_marker`.
+    """Result of :func:`fit_marker`."""
 
-    Attributes
-    ----------
-    corners : ndarray of shape (4, 2)
-        In the pixel coordinates given, clockwise from the pattern's top left.
-    corner_std : float
-        One standard deviation of a corner coordinate, px.
-    blur_px : float
-        Standard deviation of the blur, px.
-    agreement : float
-        Share of the grey values' variance that the model explains, 1 at best; outlying pixels
-        count as little as they did in the fit.
-    covered : float
-        Share of the pixels that the fit used at more than half weight.
-    is_flat : bool
-        Whether one homography explains the whole marker; where not (curled paper), the corners are
-        those of its flat part, extended.
-    """
-
+    # (4, 2): in the pixel coordinates given, clockwise from the pattern's top left
     corners: np.ndarray
-    corner_std: float
-    blur_px: float
+    corner_std: float  # one standard deviation of a corner coordinate, px
+    blur_px: float  # standard deviation of the blur, px
+    # Share of the grey values' variance that the model explains, 1 at best; outlying pixels count
+    # as little as they did in the fit
     agreement: float
-    covered: float
+    covered: float  # share of the pixels that the fit used at more than half weight
+    # Whether one homography explains the whole marker; where not (curled paper), the corners are
+    # those of its flat part, extended
     is_flat: bool
 
 

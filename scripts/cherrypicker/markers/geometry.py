@@ -26,28 +26,14 @@ _MAX_OFF_SQUARE = 0.02
 
 @dataclass
 class Observations:
-    """Sightings of one marker.
+    """Sightings of one marker."""
 
-    Attributes
-    ----------
-    photos : ndarray of shape (n,), int
-        Index of the photo of each sighting.
-    cam_from_world : ndarray of shape (n, 3, 4)
-    corners : ndarray of shape (n, 4, 2)
-        Normalised undistorted camera coordinates.
-    focal : ndarray of shape (n,)
-        Pixels per unit of normalised coordinates.
-    std : ndarray of shape (n,)
-        Standard deviation of a corner coordinate, px.
-    side_px : ndarray of shape (n,)
-    """
-
-    photos: np.ndarray
-    cam_from_world: np.ndarray
-    corners: np.ndarray
-    focal: np.ndarray
-    std: np.ndarray
-    side_px: np.ndarray
+    photos: np.ndarray  # (n,) int: index of the photo of each sighting
+    cam_from_world: np.ndarray  # (n, 3, 4)
+    corners: np.ndarray  # (n, 4, 2): normalised undistorted camera coordinates
+    focal: np.ndarray  # (n,): pixels per unit of normalised coordinates
+    std: np.ndarray  # (n,): standard deviation of a corner coordinate, px
+    side_px: np.ndarray  # (n,)
 
     def __len__(self) -> int:
         return len(self.photos)
@@ -82,36 +68,21 @@ class Observations:
 
 @dataclass
 class MarkerGeometry:
-    """A marker in the frame of the poses.
+    """A marker in the frame of the poses."""
 
-    Attributes
-    ----------
-    corners : ndarray of shape (4, 3)
-        Free corners, each from its own rays.
-    side_lengths : ndarray of shape (4,)
-        Between neighbouring free corners.
-    side, side_std : float
-        Side of the best square, and its standard error.
-    inliers : ndarray of shape (n,), bool
-        Sightings that agree.
-    rms_px : float
-        Root mean square reprojection error of the free corners over the inliers, px.
-    off_plane, off_square : float
-        Largest distance of a corner from the common plane, and largest deviation of a side or of a
-        diagonal (over sqrt 2) from the mean side, both as fractions of the side.
-    is_square : bool
-        Whether both lie within what the noise allows.
-    """
-
-    corners: np.ndarray
-    side_lengths: np.ndarray
+    corners: np.ndarray  # (4, 3): free corners, each from its own rays
+    side_lengths: np.ndarray  # (4,): between neighbouring free corners
+    # side, side_std: side of the best square, and its standard error
     side: float
     side_std: float
-    inliers: np.ndarray
-    rms_px: float
+    inliers: np.ndarray  # (n,) bool: sightings that agree
+    rms_px: float  # root mean square reprojection error of the free corners over the inliers, px
+    # off_plane, off_square: largest distance of a corner from the common plane, and largest
+    # deviation of a side or of a diagonal (over sqrt 2) from the mean side, both as fractions of
+    # the side
     off_plane: float
     off_square: float
-    is_square: bool
+    is_square: bool  # whether both lie within what the noise allows
 
 
 def intersect_rays(

@@ -38,17 +38,11 @@ MOST_CLEAR = 0.05
 
 
 class Shown(NamedTuple):
-    """Counts of photos for each of some voxels, each ndarray of shape (n_voxels,), int.
+    """Counts of photos for each of some voxels, each ndarray of shape (n_voxels,), int."""
 
-    Attributes
-    ----------
-    framing : ndarray
-        Photos that frame the voxel.
-    thin, clear : ndarray
-        Photos that show something thin before the sky in it; that show clear sky all over it.
-    """
-
-    framing: np.ndarray
+    framing: np.ndarray  # photos that frame the voxel
+    # thin, clear: photos that show something thin before the sky in it; that show clear sky all
+    # over it
     thin: np.ndarray
     clear: np.ndarray
 

@@ -62,27 +62,13 @@ LINES_AT_A_TIME = 256
 
 
 class Sight(NamedTuple):
-    """The rays of one photo's line points.
+    """The rays of one photo's line points."""
 
-    Attributes
-    ----------
-    own : int
-        The photo.
-    rays : ndarray of shape (n, 3), float64
-        Directions from its centre, of depth 1.
-    ball : ndarray of shape (4,), float64
-        Centre of the region from the photo's, and its radius.
-    nearest : float
-        Least depth that is asked.
-    pixel : float
-        Size of a pixel at depth 1.
-    """
-
-    own: int
-    rays: np.ndarray
-    ball: np.ndarray
-    nearest: float
-    pixel: float
+    own: int  # the photo
+    rays: np.ndarray  # (n, 3) float64: directions from its centre, of depth 1
+    ball: np.ndarray  # (4,) float64: centre of the region from the photo's, and its radius
+    nearest: float  # least depth that is asked
+    pixel: float  # size of a pixel at depth 1
 
 
 class Scratch(NamedTuple):

@@ -43,30 +43,18 @@ NEARER, FARTHER = 0.7, 1.6
 
 @dataclass(frozen=True)
 class StereoProblem:
-    """One reference view, its sources and its depth range.
+    """One reference view, its sources and its depth range."""
 
-    Attributes
-    ----------
-    view : int
-        Index of the reference in ``workspace.views``.
-    sources : tuple of int
-        Indices of the source views, best first.
-    depth_min, depth_max : float
-        Depth range along the optical axis, units of the model.
-    sparse_uv : ndarray of shape (n_points, 2), float32
-        Where the sparse points that the view observes lie, px, pixel centres at 0.5.
-    sparse_depth : ndarray of shape (n_points,), float32
-        Their depths.
-    region : Region or None
-        The scan's region of interest, None where its cameras look at no common place.
-    """
-
-    view: int
-    sources: tuple[int, ...]
+    view: int  # index of the reference in ``workspace.views``
+    sources: tuple[int, ...]  # indices of the source views, best first
+    # depth_min, depth_max: depth range along the optical axis, units of the model
     depth_min: float
     depth_max: float
+    # (n_points, 2) float32: where the sparse points that the view observes lie, px, pixel centres
+    # at 0.5
     sparse_uv: np.ndarray
-    sparse_depth: np.ndarray
+    sparse_depth: np.ndarray  # (n_points,) float32: their depths
+    # The scan's region of interest, None where its cameras look at no common place
     region: Region | None = None
 
     @property
@@ -77,23 +65,15 @@ class StereoProblem:
 
 @dataclass(frozen=True)
 class Places:
-    """What sources are to cover: samples of the region, or the sparse points.
+    """What sources are to cover: samples of the region, or the sparse points."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n, 3)
-    worth : ndarray of shape (n,)
-        What covering a place is worth: for the region the share of the photos that frame it.
-    shown : ndarray of shape (n_views, n), float32
-        What a view shows of a place: 0 outside its frame, else 1, or less where that is unsure.
-    own : ndarray of shape (n_views, n), bool
-        The places that a view is to measure.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # (n, 3)
+    # (n,): what covering a place is worth: for the region the share of the photos that frame it
     worth: np.ndarray
+    # (n_views, n) float32: what a view shows of a place: 0 outside its frame, else 1, or less where
+    # that is unsure
     shown: np.ndarray
-    own: np.ndarray
+    own: np.ndarray  # (n_views, n) bool: the places that a view is to measure
 
 
 def plan_views(

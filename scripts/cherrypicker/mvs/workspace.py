@@ -25,24 +25,14 @@ _HEADER_BYTES = 64
 
 @dataclass(frozen=True)
 class View:
-    """An undistorted photo with its camera.
+    """An undistorted photo with its camera."""
 
-    Attributes
-    ----------
-    name : str
-        File name below ``images/``.
-    K : ndarray of shape (3, 3), float64
-        Pinhole intrinsics, px, pixel centres at (0.5, 0.5).
-    R, t : ndarray of shape (3, 3) and (3,), float64
-        Camera from world.
-    width, height : int
-        Size of the undistorted photo, px.
-    """
-
-    name: str
-    K: np.ndarray
+    name: str  # file name below ``images/``
+    K: np.ndarray  # (3, 3) float64: pinhole intrinsics, px, pixel centres at (0.5, 0.5)
+    # R, t: (3, 3) and (3,) float64: camera from world
     R: np.ndarray
     t: np.ndarray
+    # width, height: size of the undistorted photo, px
     width: int
     height: int
 

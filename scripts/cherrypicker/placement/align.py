@@ -60,19 +60,11 @@ _LEAST_MARGIN = 0.05  # of the cameras' cost upside down
 
 @dataclass
 class Alignment:
-    """Rigid transform into the aligned frame, ``x' = rotation @ x + translation``.
+    """Rigid transform into the aligned frame, ``x' = rotation @ x + translation``."""
 
-    Attributes
-    ----------
-    rotation : ndarray of shape (3, 3)
-    translation : ndarray of shape (3,)
-    report : dict
-        Angles, candidates, sign checks and warnings, as written to align.json.
-    """
-
-    rotation: np.ndarray
-    translation: np.ndarray
-    report: dict
+    rotation: np.ndarray  # (3, 3)
+    translation: np.ndarray  # (3,)
+    report: dict  # angles, candidates, sign checks and warnings, as written to align.json
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Aligned coordinates of points of shape (n_points, 3)."""

@@ -52,27 +52,16 @@ _SMALL_SAMPLE = 4.0  # adds this over the number of photos to the variance
 
 @dataclass(frozen=True)
 class CameraUp:
-    """Vertical direction that the camera rolls agree on.
+    """Vertical direction that the camera rolls agree on."""
 
-    Attributes
-    ----------
-    up : ndarray of shape (3,)
-        Unit vector, world frame.
-    turns : ndarray of shape (n_cameras,), int
-        Quarter turn of each photo, 0 stored upright, 1 EXIF 6, 2 upside down, 3 EXIF 8.
-    covariance : ndarray of shape (3, 3)
-        Of `up` in rad^2, zero along `up` itself; large where the views do not determine it.
-    roll_std_deg : float
-        Robust spread of the camera rolls about `up`, degrees.
-    cost : float
-        Mean robust disagreement in [0, 1]; below 0.3 the cameras agree well.
-    """
-
-    up: np.ndarray
+    up: np.ndarray  # (3,): unit vector, world frame
+    # (n_cameras,) int: quarter turn of each photo, 0 stored upright, 1 EXIF 6, 2 upside down, 3
+    # EXIF 8
     turns: np.ndarray
+    # (3, 3): of `up` in rad^2, zero along `up` itself; large where the views do not determine it
     covariance: np.ndarray
-    roll_std_deg: float
-    cost: float
+    roll_std_deg: float  # robust spread of the camera rolls about `up`, degrees
+    cost: float  # mean robust disagreement in [0, 1]; below 0.3 the cameras agree well
 
 
 def unit(vectors: ArrayLike) -> np.ndarray:

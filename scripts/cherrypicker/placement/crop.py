@@ -35,19 +35,13 @@ _DEPTH_BELOW_GROUND = 0.05
 
 @dataclass
 class Crop:
-    """Result of :func:`crop_roi`.
+    """Result of :func:`crop_roi`."""
 
-    Attributes
-    ----------
-    keep : ndarray of shape (n_points,), bool
-    report : dict
-        As written to crop.json, all in the aligned frame: ``center`` (what the cameras look at),
-        ``center_xy`` and ``radius`` of the region, ``source`` (``region`` or ``camera_box``),
-        ``camera_distance``, ``box`` (``x`` and ``y`` limits, ``z_min``), ``n_points``, ``n_kept``,
-        ``warnings``.
-    """
-
-    keep: np.ndarray
+    keep: np.ndarray  # (n_points,) bool
+    # As written to crop.json, all in the aligned frame: ``center`` (what the cameras look at),
+    # ``center_xy`` and ``radius`` of the region, ``source`` (``region`` or ``camera_box``),
+    # ``camera_distance``, ``box`` (``x`` and ``y`` limits, ``z_min``), ``n_points``, ``n_kept``,
+    # ``warnings``
     report: dict
 
 

@@ -10,20 +10,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Footprint:
-    """Vertical shadow of a region of interest.
+    """Vertical shadow of a region of interest."""
 
-    Attributes
-    ----------
-    center_xy : ndarray of shape (2,)
-        Below what the cameras look at.
-    radius : float
-        Of the disc; of a box half its longer side.
-    box : ndarray of shape (2, 2) or None
-        Lower and upper x/y corner where the region is a box; None for the disc.
-    """
-
-    center_xy: np.ndarray
-    radius: float
+    center_xy: np.ndarray  # (2,): below what the cameras look at
+    radius: float  # of the disc; of a box half its longer side
+    # ndarray of shape (2, 2) or None: lower and upper x/y corner where the region is a box; None
+    # for the disc
     box: np.ndarray | None = None
 
     @classmethod

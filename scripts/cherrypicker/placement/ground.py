@@ -57,25 +57,13 @@ _STEEPEST = 0.3
 
 @dataclass
 class Plane:
-    """Plane ``normal . x + offset = 0`` with the evidence for its being the ground.
+    """Plane ``normal . x + offset = 0`` with the evidence for its being the ground."""
 
-    Attributes
-    ----------
-    normal : ndarray of shape (3,)
-        Unit normal, on the side of most cameras.
-    offset : float
-    n_inliers : int
-        Voxels of the thinned cloud within the inlier distance.
-    score : float
-        Product of the factors, in [0, 1].
-    factors : dict of str to float
-        ``inliers``, ``cameras_up``, ``cameras_above``, ``height``, ``beneath``, ``nothing_below``.
-    """
-
-    normal: np.ndarray
+    normal: np.ndarray  # (3,): unit normal, on the side of most cameras
     offset: float
-    n_inliers: int
-    score: float = 0.0
+    n_inliers: int  # voxels of the thinned cloud within the inlier distance
+    score: float = 0.0  # product of the factors, in [0, 1]
+    # ``inliers``, ``cameras_up``, ``cameras_above``, ``height``, ``beneath``, ``nothing_below``
     factors: dict = field(default_factory=dict)
 
     def height(self, points: np.ndarray) -> np.ndarray:

@@ -35,24 +35,12 @@ N_SAMPLES = 3000
 
 @dataclass(frozen=True)
 class Region:
-    """A ball around what the cameras look at, in their frame and unit.
+    """A ball around what the cameras look at, in their frame and unit."""
 
-    Attributes
-    ----------
-    center : ndarray of shape (3,)
-        Point that the cameras look at.
-    radius : float
-        Its radius.
-    distance : float
-        Median distance of the cameras to the centre.
-    samples : ndarray of shape (n_samples, 3)
-        Evenly spread points of the ball.
-    """
-
-    center: np.ndarray
-    radius: float
-    distance: float
-    samples: np.ndarray
+    center: np.ndarray  # (3,): point that the cameras look at
+    radius: float  # its radius
+    distance: float  # median distance of the cameras to the centre
+    samples: np.ndarray  # (n_samples, 3): evenly spread points of the ball
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """Whether points of shape (..., 3) lie in the ball, bool (...)."""

@@ -14,19 +14,12 @@ _HEIGHT_SHARES = (0.01, 0.99)  # of the points' heights, from the darkest to the
 
 @dataclass(frozen=True)
 class View:
-    """An orthographic view of part of the scene.
+    """An orthographic view of part of the scene."""
 
-    Attributes
-    ----------
-    right, up : ndarray of shape (3,)
-        Unit directions in the world of the picture's axes.
-    low, high : ndarray of shape (2,)
-        Extent along them, in the cloud's unit.
-    name : str
-    """
-
+    # right, up: (3,): unit directions in the world of the picture's axes
     right: np.ndarray
     up: np.ndarray
+    # low, high: (2,): extent along them, in the cloud's unit
     low: np.ndarray
     high: np.ndarray
     name: str

@@ -21,32 +21,23 @@ _PAD = 0.1  # of its range of values, left free above and below
 
 @dataclass
 class TreeResult:
-    """What the batch knows of one scan.
+    """What the batch knows of one scan."""
 
-    Attributes
-    ----------
-    tree, date, series : str
-        From the table of trees; empty where not given.
-    status : str
-        ``done``, ``failed``, ``interrupted`` (a stage was killed) or ``not run``.
-    traits : dict
-        Content of ``traits.json``; empty where there is none or where it is out of date.
-    stage, cause, file, key, log : str
-        Of the failure; empty without one.
-    report, thumbnail : str
-        Paths below the results folder; empty where the file is missing.
-    """
-
+    # tree, date, series: from the table of trees; empty where not given
     tree: str
     date: str = ""
     series: str = ""
+    # ``done``, ``failed``, ``interrupted`` (a stage was killed) or ``not run``
     status: str = "not run"
+    # Content of ``traits.json``; empty where there is none or where it is out of date
     traits: dict = field(default_factory=dict)
+    # stage, cause, file, key, log: of the failure; empty without one
     stage: str = ""
     cause: str = ""
     file: str = ""
     key: str = ""
     log: str = ""
+    # report, thumbnail: paths below the results folder; empty where the file is missing
     report: str = ""
     thumbnail: str = ""
 

@@ -19,42 +19,24 @@ LEAST_MATCHES = 30
 
 @dataclass(frozen=True)
 class VerifiedPair:
-    """Matches of two photos that a two-view geometry supports.
+    """Matches of two photos that a two-view geometry supports."""
 
-    Attributes
-    ----------
-    first, second : int
-        COLMAP's photo ids.
-    pixels1, pixels2 : ndarray of shape (n, 2), float64
-        Positions of the matches, px.
-    """
-
+    # first, second: COLMAP's photo ids
     first: int
     second: int
+    # pixels1, pixels2: (n, 2) float64: positions of the matches, px
     pixels1: np.ndarray
     pixels2: np.ndarray
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Verdict of the verified pairs on a model.
+    """Verdict of the verified pairs on a model."""
 
-    Attributes
-    ----------
-    n_pairs : int
-        Verified pairs of which both photos are registered.
-    pairs : float
-        Share of them most of whose matches fit the model's epipolar geometry.
-    matches : float
-        Share of all their matches that fit.
-    median_error_px : float
-        Median over the pairs of the median Sampson error, px.
-    """
-
-    n_pairs: int
-    pairs: float
-    matches: float
-    median_error_px: float
+    n_pairs: int  # verified pairs of which both photos are registered
+    pairs: float  # share of them most of whose matches fit the model's epipolar geometry
+    matches: float  # share of all their matches that fit
+    median_error_px: float  # median over the pairs of the median Sampson error, px
 
 
 def read_verified_pairs(database: Path, min_inliers: int = LEAST_MATCHES) -> list[VerifiedPair]:

@@ -24,26 +24,15 @@ _TINY = 1e-30
 
 @dataclass(frozen=True)
 class PhotoFeatures:
-    """Features of a photo.
+    """Features of a photo."""
 
-    Attributes
-    ----------
-    pixels : ndarray of shape (n, 2), float64
-        Positions in the photo, px.
-    rays : ndarray of shape (n, 2), float64
-        Undistorted positions relative to the principal point, px (tangents times focal length).
-    descriptors : ndarray of shape (n, 128), uint8
-    focal : float
-        Focal length, px.
-    camera : pycolmap.Camera or None
-        The camera that the rays come from.
-    """
-
-    pixels: np.ndarray
+    pixels: np.ndarray  # (n, 2) float64: positions in the photo, px
+    # (n, 2) float64: undistorted positions relative to the principal point, px (tangents times
+    # focal length)
     rays: np.ndarray
-    descriptors: np.ndarray
-    focal: float
-    camera: pycolmap.Camera | None = None
+    descriptors: np.ndarray  # (n, 128) uint8
+    focal: float  # focal length, px
+    camera: pycolmap.Camera | None = None  # the camera that the rays come from
 
 
 def read_features(

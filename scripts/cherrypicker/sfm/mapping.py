@@ -47,25 +47,13 @@ class MappingOptions(PairOptions):
 
 @dataclass(frozen=True)
 class Attempt:
-    """The largest model of one attempt.
-
-    Attributes
-    ----------
-    policy : Policy
-    model : pycolmap.Reconstruction or None
-        None where nothing registered.
-    agreement : Agreement or None
-    other_models : tuple of tuple of str
-        Photo names of the smaller models.
-    n_photos : int
-        Photos in the database.
-    """
+    """The largest model of one attempt."""
 
     policy: Policy
-    model: pycolmap.Reconstruction | None
+    model: pycolmap.Reconstruction | None  # none where nothing registered
     agreement: Agreement | None
-    other_models: tuple[tuple[str, ...], ...]
-    n_photos: int
+    other_models: tuple[tuple[str, ...], ...]  # photo names of the smaller models
+    n_photos: int  # photos in the database
 
     @property
     def n_registered(self) -> int:

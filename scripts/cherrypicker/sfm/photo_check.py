@@ -28,33 +28,17 @@ PHOTOS_COLUMN = "photos in trees.tsv"
 
 @dataclass(frozen=True)
 class PhotoInfo:
-    """One photo of the folder.
-
-    Attributes
-    ----------
-    path : Path
-    width, height : int
-        Stored size, px (EXIF orientation not applied); 0 where unreadable.
-    camera : str
-        Maker and model by EXIF, empty where not given.
-    focal_mm : float
-        Focal length by EXIF, 0 where not given.
-    orientation : int
-        EXIF orientation, 1 to 8. Pixels are used as stored.
-    problem : str
-        Why the photo is left out, empty for a good one.
-    digest : str
-        Hash of the file, to find copies.
-    """
+    """One photo of the folder."""
 
     path: Path
+    # width, height: stored size, px (EXIF orientation not applied); 0 where unreadable
     width: int = 0
     height: int = 0
-    camera: str = ""
-    focal_mm: float = 0.0
-    orientation: int = 1
-    problem: str = ""
-    digest: str = ""
+    camera: str = ""  # maker and model by EXIF, empty where not given
+    focal_mm: float = 0.0  # focal length by EXIF, 0 where not given
+    orientation: int = 1  # EXIF orientation, 1 to 8. Pixels are used as stored.
+    problem: str = ""  # why the photo is left out, empty for a good one
+    digest: str = ""  # hash of the file, to find copies
 
     @property
     def name(self) -> str:

@@ -20,37 +20,20 @@ LEAST_MODEL = 3
 
 @dataclass(frozen=True)
 class Policy:
-    """One way to build a model from the verified matches.
-
-    Attributes
-    ----------
-    name : str
-    mapper : {"incremental", "global"}
-    reason : str
-        What the policy does differently, for the log.
-    recheck_error_px : float
-        Verify all pairs again with this largest epipolar error, px; 0 keeps what matching found.
-    filter_error_px : float
-        Largest reprojection error of an observation, px.
-    min_inliers_pose : int
-        Least inliers to register a photo.
-    min_inliers_start : int
-        Least inliers of the pair that a model starts from.
-    guided : bool
-        Search for more matches along the epipolar lines first.
-    trust_exif_focal : bool
-        False starts every focal length from 1.2 times the longer side.
-    """
+    """One way to build a model from the verified matches."""
 
     name: str
-    mapper: str
-    reason: str
+    mapper: str  # {"incremental", "global"}
+    reason: str  # what the policy does differently, for the log
+    # Verify all pairs again with this largest epipolar error, px; 0 keeps what matching found
     recheck_error_px: float = 0.0
+    # Largest reprojection error of an observation, px
     filter_error_px: float = COLMAP.filter_max_reproj_error
-    min_inliers_pose: int = COLMAP.abs_pose_min_num_inliers
+    min_inliers_pose: int = COLMAP.abs_pose_min_num_inliers  # least inliers to register a photo
+    # Least inliers of the pair that a model starts from
     min_inliers_start: int = COLMAP.init_min_num_inliers
-    guided: bool = False
-    trust_exif_focal: bool = True
+    guided: bool = False  # search for more matches along the epipolar lines first
+    trust_exif_focal: bool = True  # false starts every focal length from 1.2 times the longer side
 
 
 def further_policies(

@@ -36,24 +36,13 @@ class SkyColorOptions:
 
 @dataclass(frozen=True)
 class SkyColors:
-    """Dominant sky colours.
+    """Dominant sky colours."""
 
-    Attributes
-    ----------
-    colors : ndarray of shape (n_colors, 3), float32
-        Core colours of the dominant clusters, RGB in [0, 1].
-    cluster : ndarray of shape (n_colors,), int32
-        Cluster of each colour, 0 the largest.
-    fraction : ndarray of shape (n_clusters,), float64
-        Share of the sampled sky pixels in each cluster.
-    n_sampled : int
-        Sky pixels that were clustered.
-    """
-
+    # (n_colors, 3) float32: core colours of the dominant clusters, RGB in [0, 1]
     colors: np.ndarray
-    cluster: np.ndarray
-    fraction: np.ndarray
-    n_sampled: int
+    cluster: np.ndarray  # (n_colors,) int32: cluster of each colour, 0 the largest
+    fraction: np.ndarray  # (n_clusters,) float64: share of the sampled sky pixels in each cluster
+    n_sampled: int  # sky pixels that were clustered
 
     @property
     def n_clusters(self) -> int:

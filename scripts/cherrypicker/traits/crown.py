@@ -26,21 +26,11 @@ _WAYS = np.vstack([np.cos(np.radians(np.arange(360.0))), np.sin(np.radians(np.ar
 
 @dataclass
 class Crown:
-    """Extent of a tree's wood, in the cloud's unit.
+    """Extent of a tree's wood, in the cloud's unit."""
 
-    Attributes
-    ----------
-    top : float
-        z of the highest wood.
-    width : float
-        Mean of the widest horizontal extent of the crown and the extent across it.
-    volume : float
-        Volume of the crown's convex hull.
-    """
-
-    top: float
-    width: float
-    volume: float
+    top: float  # z of the highest wood
+    width: float  # mean of the widest horizontal extent of the crown and the extent across it
+    volume: float  # volume of the crown's convex hull
 
 
 def hull_of(points: np.ndarray) -> Hull:

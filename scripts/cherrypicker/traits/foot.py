@@ -26,26 +26,16 @@ _N_ROUNDS, _LEAST_SIGMA_M = 15, 1e-4
 
 @dataclass
 class Foot:
-    """Where the stem meets the ground.
+    """Where the stem meets the ground."""
 
-    Attributes
-    ----------
-    point : ndarray of shape (3,)
-        In the cloud's frame and unit; heights are measured from its z.
-    source : str
-        ``ground`` (a plane fitted to the ground around the stem), ``wood`` (the lowest stem
-        points, where no ground was seen) or ``root`` (the skeleton's root, where neither was).
-    gap : float
-        Height of the lowest wood at the stem over the foot, in the cloud's unit.
-    error : float
-        Standard error of the foot's height. The ground under the stem is not seen: it may lie as
-        far off the plane as the ground around it does. Without ground, how far the lowest points
-        lie from the skeleton's root; without either, the stem's radius.
-    """
-
-    point: np.ndarray
+    point: np.ndarray  # (3,): in the cloud's frame and unit; heights are measured from its z
+    # ``ground`` (a plane fitted to the ground around the stem), ``wood`` (the lowest stem points,
+    # where no ground was seen) or ``root`` (the skeleton's root, where neither was)
     source: str
-    gap: float
+    gap: float  # height of the lowest wood at the stem over the foot, in the cloud's unit
+    # Standard error of the foot's height. The ground under the stem is not seen: it may lie as far
+    # off the plane as the ground around it does. Without ground, how far the lowest points lie from
+    # the skeleton's root; without either, the stem's radius.
     error: float
 
 

@@ -20,20 +20,11 @@ MOST_POINTS = 2000  # enough to tell how many photos frame the tree
 
 @dataclass(frozen=True)
 class FrameEdge:
-    """A side of a tree beyond which few photos look.
+    """A side of a tree beyond which few photos look."""
 
-    Attributes
-    ----------
-    azimuth_deg : float or None
-        From +x towards +y; None above the tree.
-    beyond : float
-        How far beyond the outermost wood the photos were asked, unit of the cloud.
-    n_photos, n_usual : int
-        Photos that frame that place, and the median over the wood.
-    """
-
-    azimuth_deg: float | None
-    beyond: float
+    azimuth_deg: float | None  # from +x towards +y; None above the tree
+    beyond: float  # how far beyond the outermost wood the photos were asked, unit of the cloud
+    # n_photos, n_usual: photos that frame that place, and the median over the wood
     n_photos: int
     n_usual: int
 

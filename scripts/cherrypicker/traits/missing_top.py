@@ -24,21 +24,11 @@ NEAR_VOXELS = 2.0
 
 @dataclass(frozen=True)
 class MissingTop:
-    """How much taller the photos show a tree than its cloud is.
+    """How much taller the photos show a tree than its cloud is."""
 
-    Attributes
-    ----------
-    height : float
-        Highest wood that the photos show, over the foot, unit of the cloud.
-    found : float
-        Highest wood of the cloud, over the foot.
-    n_photos : int
-        Photos that frame what is missing, median over its voxels.
-    """
-
-    height: float
-    found: float
-    n_photos: int
+    height: float  # highest wood that the photos show, over the foot, unit of the cloud
+    found: float  # highest wood of the cloud, over the foot
+    n_photos: int  # photos that frame what is missing, median over its voxels
 
 
 def find_missing_top(

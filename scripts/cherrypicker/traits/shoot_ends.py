@@ -24,22 +24,14 @@ _ASIDE_RADII = 1.5  # as far aside where the shoot is thick
 
 @dataclass
 class ShootEnds:
-    """Where shoots end in a skeleton.
+    """Where shoots end in a skeleton."""
 
-    Attributes
-    ----------
-    points, directions : ndarray of shape (n_ends, 3), float64
-        Tips, and the way that each shoot runs there.
-    scale : ndarray of shape (n_ends,), float64
-        Scale of what each has likely lost, in the skeleton's unit.
-    beyond : float
-        Length that a tip may reach beyond the wood, by the noise of its points.
-    """
-
+    # points, directions: (n_ends, 3) float64: tips, and the way that each shoot runs there
     points: np.ndarray
     directions: np.ndarray
+    # (n_ends,) float64: scale of what each has likely lost, in the skeleton's unit
     scale: np.ndarray
-    beyond: float
+    beyond: float  # length that a tip may reach beyond the wood, by the noise of its points
 
 
 def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, wood: cKDTree, reach: float) -> ShootEnds:
@@ -79,21 +71,14 @@ def draw_losses(ends: ShootEnds, n_samples: int, rng: np.random.Generator) -> np
 
 @dataclass
 class Hull:
-    """Convex hull of points.
+    """Convex hull of points."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n_vertices, 3), float64
-        Its vertices; all points where they span no volume.
-    reach : ndarray of shape (360,), float64
-        How far it reaches horizontally, in whole degrees from +x towards +y.
-    normals, offsets, areas : ndarray of shape (n_faces, 3), (n_faces,), (n_faces,), float64
-        Of its faces; a point p is `normals @ p + offsets` outside.
-    volume : float
-    """
-
+    # (n_vertices, 3) float64: its vertices; all points where they span no volume
     points: np.ndarray
+    # (360,) float64: how far it reaches horizontally, in whole degrees from +x towards +y
     reach: np.ndarray
+    # normals, offsets, areas: (n_faces, 3), (n_faces,), (n_faces,) float64: of its faces; a point p
+    # is `normals @ p + offsets` outside
     normals: np.ndarray
     offsets: np.ndarray
     areas: np.ndarray

@@ -27,32 +27,22 @@ _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
 
 @dataclass
 class Support:
-    """Which parts of a skeleton, and which wood points, belong to the tree beyond doubt.
+    """Which parts of a skeleton, and which wood points, belong to the tree beyond doubt."""
 
-    Attributes
-    ----------
-    node : ndarray of shape (n_nodes,), bool
-        False for pieces that hang on a bridged gap and are too small to be a branch.
-    point : ndarray of shape (n_wood,), bool
-        Wood points on a supported node's piece of skeleton, and those near it that do not float
-        alone.
-    farthest : float
-        No such point lies farther from the skeleton than this.
-    gaps : ndarray of shape (n_gaps,), float64
-        Lengths of the stretches that run through no wood points, in the skeleton's unit.
-    n_stray, stray_length : int, float
-        Pieces left out, and their length.
-    missed_share, missed_length : float
-        Share of the tree's wood points that the skeleton leaves out, and the extent of the
-        largest cluster of them, see `missed_wood`.
-    """
-
+    # (n_nodes,) bool: false for pieces that hang on a bridged gap and are too small to be a branch
     node: np.ndarray
+    # (n_wood,) bool: wood points on a supported node's piece of skeleton, and those near it that do
+    # not float alone
     point: np.ndarray
-    farthest: float
+    farthest: float  # no such point lies farther from the skeleton than this
+    # (n_gaps,) float64: lengths of the stretches that run through no wood points, in the skeleton's
+    # unit
     gaps: np.ndarray
+    # n_stray, stray_length: pieces left out, and their length
     n_stray: int
     stray_length: float
+    # missed_share, missed_length: share of the tree's wood points that the skeleton leaves out, and
+    # the extent of the largest cluster of them, see `missed_wood`
     missed_share: float = 0.0
     missed_length: float = 0.0
 

@@ -11,34 +11,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Trait:
-    """A number of ``traits.json``.
+    """A number of ``traits.json``."""
 
-    Attributes
-    ----------
-    name : str
-        Its key there.
-    title : str
-        Its name on the pages.
-    power : int or None
-        Of the length unit; None for a count or a share.
-    decimals : int
-        Shown at least, in metric units; a small error adds some.
-    is_shown, is_charted : bool
-        A row of the report and a column of the batch; a chart over a series' dates.
-    has_error : bool
-        With a standard error and a 90 % interval where they can be had.
-    has_error_column : bool
-        The standard error is a column of ``traits.csv`` as well.
-    """
-
-    name: str
-    title: str
-    power: int | None = 1
-    decimals: int = 3
+    name: str  # its key there
+    title: str  # its name on the pages
+    power: int | None = 1  # of the length unit; None for a count or a share
+    decimals: int = 3  # shown at least, in metric units; a small error adds some
+    # is_shown, is_charted: a row of the report and a column of the batch; a chart over a series'
+    # dates
     is_shown: bool = False
     is_charted: bool = False
-    has_error: bool = False
-    has_error_column: bool = False
+    has_error: bool = False  # with a standard error and a 90 % interval where they can be had
+    has_error_column: bool = False  # the standard error is a column of ``traits.csv`` as well
 
     @property
     def is_cm2(self) -> bool:
@@ -79,23 +63,12 @@ TRAITS = {trait.name: trait for trait in _ROWS}
 
 @dataclass(frozen=True)
 class BranchColumn:
-    """A column of ``branches.csv``.
-
-    Attributes
-    ----------
-    name : str
-    kind : {"number", "maybe", "whole", "text"}
-        ``maybe`` is a number or empty.
-    title : str
-        Its head on the report's table of axes; empty where it is not shown.
-    decimals : int
-        Shown there.
-    """
+    """A column of ``branches.csv``."""
 
     name: str
-    kind: str = "number"
-    title: str = ""
-    decimals: int = 3
+    kind: str = "number"  # {"number", "maybe", "whole", "text"}: ``maybe`` is a number or empty
+    title: str = ""  # its head on the report's table of axes; empty where it is not shown
+    decimals: int = 3  # shown there
 
     @property
     def decimals_in_file(self) -> int:

@@ -27,23 +27,12 @@ FULL_SIZE = "full"
 
 @dataclass(frozen=True)
 class Result:
-    """One run: where its files lie, what was measured and, for a rendered scene, its scores.
-
-    Attributes
-    ----------
-    folder : Path
-    size : str
-        "full", or the megapixels of the photos.
-    measured : dict
-        As :func:`cherrypicker_lab.dense.measure.measure_stereo` reports.
-    scores : dict or None
-        As :func:`cherrypicker_lab.dense.scoring.score_file` reports.
-    """
+    """One run: where its files lie, what was measured and, for a rendered scene, its scores."""
 
     folder: Path
-    size: str
-    measured: dict
-    scores: dict | None
+    size: str  # "full", or the megapixels of the photos
+    measured: dict  # as :func:`cherrypicker_lab.dense.measure.measure_stereo` reports
+    scores: dict | None  # as :func:`cherrypicker_lab.dense.scoring.score_file` reports
 
     @property
     def scan(self) -> str:

@@ -63,32 +63,20 @@ class SgbmOptions:
 
 @dataclass(frozen=True)
 class RectifiedPair:
-    """Two virtual cameras side by side: rows are epipolar lines, the reference is the left one.
+    """Two virtual cameras side by side: rows are epipolar lines, the reference is the left one."""
 
-    Attributes
-    ----------
-    rotation : ndarray of shape (3, 3)
-        Virtual cameras from world.
-    K_left, K_right : ndarray of shape (3, 3)
-        Intrinsics, pixel centres at (0.5, 0.5); they differ in the principal point only.
-    baseline : float
-        Distance of the centres, units of the model.
-    width, height : int
-        Size of both, px; the first ``n_disparities`` columns are there for the search alone.
-    n_disparities : int
-        Range of the search, a multiple of 16.
-    shift : float
-        Disparity of the search's zero, px: depth = f * baseline / (disparity + shift).
-    """
-
-    rotation: np.ndarray
+    rotation: np.ndarray  # (3, 3): virtual cameras from world
+    # K_left, K_right: (3, 3): intrinsics, pixel centres at (0.5, 0.5); they differ in the principal
+    # point only
     K_left: np.ndarray
     K_right: np.ndarray
-    baseline: float
+    baseline: float  # distance of the centres, units of the model
+    # width, height: size of both, px; the first ``n_disparities`` columns are there for the search
+    # alone
     width: int
     height: int
-    n_disparities: int
-    shift: float
+    n_disparities: int  # range of the search, a multiple of 16
+    shift: float  # disparity of the search's zero, px: depth = f * baseline / (disparity + shift)
 
     def from_view(self, view: View, K: np.ndarray) -> np.ndarray:
         """Homography of pixel indices, (3, 3): virtual camera from a view at its centre."""

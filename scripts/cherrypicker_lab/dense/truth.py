@@ -35,30 +35,16 @@ _HIDDEN_M = 0.01
 
 @dataclass
 class TrueSurface:
-    """Samples of the target tree's surface, metric frame.
+    """Samples of the target tree's surface, metric frame."""
 
-    Attributes
-    ----------
-    points, normals : ndarray of shape (n, 3), float64
-        Positions (m) and outward unit normals.
-    area : ndarray of shape (n,)
-        Surface that each sample stands for, m2.
-    radius : ndarray of shape (n,)
-        Radius of the wood, m.
-    is_trunk : ndarray of shape (n,), bool
-    n_views : ndarray of shape (n,), int
-        Photos that see the sample.
-    others : ndarray of shape (m, 3)
-        Samples of all other surfaces: ground, boards, markers, neighbours.
-    """
-
+    # points, normals: (n, 3) float64: positions (m) and outward unit normals
     points: np.ndarray
     normals: np.ndarray
-    area: np.ndarray
-    radius: np.ndarray
-    is_trunk: np.ndarray
-    n_views: np.ndarray
-    others: np.ndarray
+    area: np.ndarray  # (n,): surface that each sample stands for, m2
+    radius: np.ndarray  # (n,): radius of the wood, m
+    is_trunk: np.ndarray  # (n,) bool
+    n_views: np.ndarray  # (n,) int: photos that see the sample
+    others: np.ndarray  # (m, 3): samples of all other surfaces: ground, boards, markers, neighbours
 
     def select(self, index: np.ndarray) -> TrueSurface:
         """Return some of the samples, with all other things."""

@@ -34,32 +34,15 @@ N_HOLES, HOLE_RADIUS_M = 6, 0.08
 
 @dataclass
 class SetTree:
-    """One tree of the set.
+    """One tree of the set."""
 
-    Attributes
-    ----------
-    name : str
-        ``fir_00`` and so on.
-    template : str
-    noise : PointCloud
-        Field `label` uint8 (trunk or branch); frame ``metric``, unit m.
-    holes : PointCloud
-        The same cloud without what lies in the holes.
-    hole_centres : ndarray of shape (n, 3)
-        m.
-    skeleton : Skeleton
-        The truth: nodes, parents, radii, orders and labels.
-    tree : Tree
-        What it all comes from.
-    """
-
-    name: str
+    name: str  # ``fir_00`` and so on
     template: str
-    noise: PointCloud
-    holes: PointCloud
-    hole_centres: np.ndarray
-    skeleton: Skeleton
-    tree: Tree
+    noise: PointCloud  # field `label` uint8 (trunk or branch); frame ``metric``, unit m
+    holes: PointCloud  # the same cloud without what lies in the holes
+    hole_centres: np.ndarray  # (n, 3): m
+    skeleton: Skeleton  # the truth: nodes, parents, radii, orders and labels
+    tree: Tree  # what it all comes from
 
 
 def voxel_mean(points, labels, size=VOXEL_M):

@@ -22,20 +22,11 @@ AWAY_M = 0.02
 
 @dataclass
 class Graph:
-    """Any undirected graph in space, a tree or not.
+    """Any undirected graph in space, a tree or not."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n_nodes, 3), float64
-        Metres.
-    edges : ndarray of shape (n_edges, 2), int64
-    root : int
-        Node at the foot of the stem.
-    """
-
-    points: np.ndarray
-    edges: np.ndarray
-    root: int = 0
+    points: np.ndarray  # (n_nodes, 3) float64: metres
+    edges: np.ndarray  # (n_edges, 2) int64
+    root: int = 0  # node at the foot of the stem
 
     @property
     def degree(self):

@@ -18,25 +18,15 @@ from cherrypicker_lab.skeletons.set_tree import true_skeleton
 
 @dataclass(frozen=True)
 class Judged:
-    """How a trait is judged.
+    """How a trait is judged."""
 
-    Attributes
-    ----------
-    words, unit : str
-        Its name in tables, and the unit there.
-    factor : float
-        From metres, or degrees, to that unit.
-    bar : float or None
-        Largest MAE asked for, in that unit.
-    truth : callable or None
-        From a `growth.Tree`; None for columns of ``branches.csv``, whose truth is what
-        `branch_rows` says of the true skeleton.
-    """
-
+    # words, unit: its name in tables, and the unit there
     words: str
     unit: str
-    factor: float
-    bar: float | None = None
+    factor: float  # from metres, or degrees, to that unit
+    bar: float | None = None  # largest MAE asked for, in that unit
+    # From a `growth.Tree`; None for columns of ``branches.csv``, whose truth is what `branch_rows`
+    # says of the true skeleton
     truth: Callable | None = None
 
 

@@ -21,33 +21,19 @@ AUTO = "auto"
 
 @dataclass(frozen=True)
 class Backend:
-    """A program that computes depth maps.
+    """A program that computes depth maps."""
 
-    Attributes
-    ----------
-    title : str
-        Its name on pages.
-    run : callable
-        Takes a `Workspace`, `StereoOptions`, the number of threads and `SkyMasks` or None; writes
-        the geometric depth and normal maps of the workspace, and COLMAP's config of their fusion;
-        returns the names of the photos that have maps.
-    cpu_s, memory_mb : mapping
-        What the stage costs with it, see `cherrypicker.batch.stage_costs.StageCost`.
-    max_threads : int
-        Threads beyond which it gains nothing.
-    needs_cuda : bool
-        It runs where `has_cuda`, on a GPU.
-    cause : str
-        Config keys to change when it leaves all maps empty.
-    """
-
-    title: str
+    title: str  # its name on pages
+    # Takes a `Workspace`, `StereoOptions`, the number of threads and `SkyMasks` or None; writes the
+    # geometric depth and normal maps of the workspace, and COLMAP's config of their fusion; returns
+    # the names of the photos that have maps
     run: Callable[[Workspace, StereoOptions, int, SkyMasks | None], set[str]]
+    # cpu_s, memory_mb: what the stage costs with it, see `cherrypicker.batch.stage_costs.StageCost`
     cpu_s: Mapping[str, float] = field(default_factory=dict)
     memory_mb: Mapping[str, float] = field(default_factory=dict)
-    max_threads: int = 8
-    needs_cuda: bool = False
-    cause: str = "mvs.backend"
+    max_threads: int = 8  # threads beyond which it gains nothing
+    needs_cuda: bool = False  # it runs where `has_cuda`, on a GPU
+    cause: str = "mvs.backend"  # config keys to change when it leaves all maps empty
 
 
 def has_cuda() -> bool:

@@ -22,36 +22,27 @@ PAST_ERRORS = np.float32(3.0)
 
 
 class Group(NamedTuple):
-    """A reference photo and those that overlap it, as the kernels take them; the reference first.
+    """A reference photo, the first, and those that overlap it, as the kernels take them."""
 
-    Attributes
-    ----------
-    maps : ndarray of shape (n_slots, n_pixels, 4), float32
-        Normals and depth of the photos at hand, each in its own camera.
-    used : ndarray of shape (n_views, n_pixels), uint8
-        Pixels explained; those of the matching pixels are set. The same value may be written by
-        two threads, which is harmless, and nothing but the reference's own row is read.
-    slots, rows, sizes : ndarray
-        Where each photo lies in ``maps`` and in ``used``, and (n, 2) its width and height.
-    forward, back, turns : ndarray
-        Projections from and to the reference, (n, 12); rotations to the reference, (n, 9).
-    ray : tuple of float32
-        Reference's fx, fy, cx, cy (pixel centres at whole numbers).
-    limits : tuple of float32
-        Reprojection error (px), relative depth error, cosine of the normals' angle.
-    min_views : int
-    """
-
+    # (n_slots, n_pixels, 4) float32: normals and depth of the photos at hand, each in its own
+    # camera
     maps: np.ndarray
+    # (n_views, n_pixels) uint8: pixels explained; those of the matching pixels are set. The same
+    # value may be written by two threads, which is harmless, and nothing but the reference's own
+    # row is read.
     used: np.ndarray
+    # slots, rows, sizes: where each photo lies in ``maps`` and in ``used``, and (n, 2) its width
+    # and height
     slots: np.ndarray
     rows: np.ndarray
     sizes: np.ndarray
+    # forward, back, turns: projections from and to the reference, (n, 12); rotations to the
+    # reference, (n, 9)
     forward: np.ndarray
     back: np.ndarray
     turns: np.ndarray
-    ray: tuple
-    limits: tuple
+    ray: tuple  # reference's fx, fy, cx, cy (pixel centres at whole numbers)
+    limits: tuple  # reprojection error (px), relative depth error, cosine of the normals' angle
     min_views: int
 
 

@@ -21,56 +21,34 @@ ROWS_AT_A_TIME = 16
 
 
 class Level(NamedTuple):
-    """One reference and its sources at one pyramid level, as the kernels take them.
+    """One reference and its sources at one pyramid level, as the kernels take them."""
 
-    Attributes
-    ----------
-    color : ndarray of shape (height * width,), int32
-        The reference, packed by :func:`cherrypicker.mvs.kernels.matching.pack_color`.
-    width, height : int
-        Its size.
-    samples : ndarray of shape (3, 32), float32
-        The window.
-    offsets : ndarray of shape (32,), int64
-        Its samples' places in ``color``, from the centre.
-    radius : float32
-        Its radius, px.
-    inv_color : float32
-        1 / (colour spread of the bilateral weight) ** 2.
-    packed, layout, project : ndarray
-        All sources' pixels, packed, one after the other; (n, 3) where each begins, its width and
-        height; (n, 12) matrix A by rows and vector b.
-    depth, back : ndarray
-        The sources' inverse depth maps and the way back, for the geometric cost.
-    n_best : int
-        How many of the sources' costs, lowest first, make the cost.
-    geometric_weight : float32
-        What one pixel of inconsistency costs; 0 without the sources' maps.
-    w_min, w_max : float32
-        Range of inverse depth.
-    w_px : float32
-        Inverse depth that makes one pixel of parallax in a middling source.
-    fx, fy, cx, cy : float32
-        Focal lengths and principal point of the reference at this level, px.
-    """
-
+    # (height * width,) int32: the reference, packed by
+    # :func:`cherrypicker.mvs.kernels.matching.pack_color`
     color: np.ndarray
+    # width, height: its size
     width: int
     height: int
-    samples: np.ndarray
-    offsets: np.ndarray
-    radius: np.float32
-    inv_color: np.float32
+    samples: np.ndarray  # (3, 32) float32: the window
+    offsets: np.ndarray  # (32,) int64: its samples' places in ``color``, from the centre
+    radius: np.float32  # its radius, px
+    inv_color: np.float32  # 1 / (colour spread of the bilateral weight) ** 2
+    # packed, layout, project: all sources' pixels, packed, one after the other; (n, 3) where each
+    # begins, its width and height; (n, 12) matrix A by rows and vector b
     packed: np.ndarray
     layout: np.ndarray
     project: np.ndarray
+    # depth, back: the sources' inverse depth maps and the way back, for the geometric cost
     depth: np.ndarray
     back: np.ndarray
-    n_best: int
+    n_best: int  # how many of the sources' costs, lowest first, make the cost
+    # What one pixel of inconsistency costs; 0 without the sources' maps
     geometric_weight: np.float32
+    # w_min, w_max: range of inverse depth
     w_min: np.float32
     w_max: np.float32
-    w_px: np.float32
+    w_px: np.float32  # inverse depth that makes one pixel of parallax in a middling source
+    # fx, fy, cx, cy: focal lengths and principal point of the reference at this level, px
     fx: np.float32
     fy: np.float32
     cx: np.float32
@@ -78,48 +56,24 @@ class Level(NamedTuple):
 
 
 class State(NamedTuple):
-    """What the pixels of a level hold.
+    """What the pixels of a level hold."""
 
-    Attributes
-    ----------
-    field : ndarray of shape (height, width, 4), float32
-        Their hypotheses and costs.
-    chosen : ndarray of shape (height, width), uint16
-        Their best sources, four bits each.
-    active : ndarray of shape (height, width), uint8
-        Whether they are worked on.
-    """
-
-    field: np.ndarray
-    chosen: np.ndarray
-    active: np.ndarray
+    field: np.ndarray  # (height, width, 4) float32: their hypotheses and costs
+    chosen: np.ndarray  # (height, width) uint16: their best sources, four bits each
+    active: np.ndarray  # (height, width) uint8: whether they are worked on
 
 
 class Scratch(NamedTuple):
-    """A thread's working memory.
+    """A thread's working memory."""
 
-    Attributes
-    ----------
-    patch : ndarray of shape (5, 32), float32
-        Offsets and spatial weights of `Level.samples`, then the bilateral weights and centred,
-        weighted grey values of the pixel at hand.
-    costs : ndarray of shape (n_sources,), float32
-    top : ndarray of shape (n_best,), int64
-        The pixel's best sources.
-    found : ndarray of shape (8, 2), int64
-        Neighbours worth a try.
-    order : ndarray of shape (4,), float32
-        Colour distances of coarse pixels.
-    pixels : ndarray of shape (32,), int32
-        Packed colours of the patch.
-    """
-
+    # (5, 32) float32: offsets and spatial weights of `Level.samples`, then the bilateral weights
+    # and centred, weighted grey values of the pixel at hand
     patch: np.ndarray
-    costs: np.ndarray
-    top: np.ndarray
-    found: np.ndarray
-    order: np.ndarray
-    pixels: np.ndarray
+    costs: np.ndarray  # (n_sources,) float32
+    top: np.ndarray  # (n_best,) int64: the pixel's best sources
+    found: np.ndarray  # (8, 2) int64: neighbours worth a try
+    order: np.ndarray  # (4,) float32: colour distances of coarse pixels
+    pixels: np.ndarray  # (32,) int32: packed colours of the patch
 
 
 def by_rows(function: Callable[..., None]) -> Callable[..., None]:

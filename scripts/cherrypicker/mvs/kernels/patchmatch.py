@@ -45,19 +45,14 @@ N_NEAR = 4
 
 
 class Turn(NamedTuple):
-    """What a pixel tries when it is its turn.
+    """What a pixel tries when it is its turn."""
 
-    Attributes
-    ----------
-    n_near, n_refine, n_random : int
-        Most hypotheses of neighbours; changes of its own; new depths from the whole range.
-    refine_below : float32
-        A pixel that costs more is not refined: its depth is wrong, and a small step will not do.
-    """
-
+    # n_near, n_refine, n_random: most hypotheses of neighbours; changes of its own; new depths from
+    # the whole range
     n_near: int
     n_refine: int
     n_random: int
+    # A pixel that costs more is not refined: its depth is wrong, and a small step will not do
     refine_below: np.float32
 
 

@@ -41,18 +41,10 @@ N_TRIED = 2
 
 
 class PhotoLines(NamedTuple):
-    """Thin lines of a photo.
+    """Thin lines of a photo."""
 
-    Attributes
-    ----------
-    sign : ndarray of shape (height, width), uint8
-        DARK or BRIGHT on the lines, else 0.
-    grey : ndarray of shape (height, width), uint8
-        The photo, smoothed by a pixel.
-    """
-
-    sign: np.ndarray
-    grey: np.ndarray
+    sign: np.ndarray  # (height, width) uint8: DARK or BRIGHT on the lines, else 0
+    grey: np.ndarray  # (height, width) uint8: the photo, smoothed by a pixel
 
 
 def find_lines(photo: np.ndarray) -> PhotoLines:

@@ -31,45 +31,26 @@ NOTHING, CLEAR = -1, -2
 
 
 class Lines(NamedTuple):
-    """The lines of all photos, as the kernels take them.
+    """The lines of all photos, as the kernels take them."""
 
-    Attributes
-    ----------
-    maps : ndarray of shape (n_pixels,), int32
-        All photos' pixels: the line point in or beside it, `NOTHING` or `CLEAR`.
-    starts, sizes : ndarray of shape (n_views,) and (n_views, 2), int64
-        Where a photo begins in ``maps``, its width and height.
-    order : ndarray of shape (n_views,), int64
-        The photos, those with most clear sky first.
-    projections : ndarray of shape (n_views, 12), float64
-        K [R | t] by rows.
-    centers : ndarray of shape (n_views, 3), float64
-    first : ndarray of shape (n_views + 1,), int64
-        Where a photo's line points begin.
-    owner : ndarray of shape (n,), int64
-        The photo of each line point.
-    uv, across : ndarray of shape (n, 2), float64
-        Line points and unit vectors across the lines, px.
-    plane : ndarray of shape (n, 3), float64
-        Unit normals of the planes through camera and line, world.
-    surprise : ndarray of shape (n,), float64
-        Minus logarithm of the chance that a place in the sky around lies on a line.
-    explained : ndarray of shape (n,), float64
-        Depth of the point of the cloud that a line point shows, 0 where there is none.
-    """
-
+    # (n_pixels,) int32: all photos' pixels: the line point in or beside it, `NOTHING` or `CLEAR`
     maps: np.ndarray
+    # starts, sizes: (n_views,) and (n_views, 2) int64: where a photo begins in ``maps``, its width
+    # and height
     starts: np.ndarray
     sizes: np.ndarray
-    order: np.ndarray
-    projections: np.ndarray
-    centers: np.ndarray
-    first: np.ndarray
-    owner: np.ndarray
+    order: np.ndarray  # (n_views,) int64: the photos, those with most clear sky first
+    projections: np.ndarray  # (n_views, 12) float64: K [R | t] by rows
+    centers: np.ndarray  # (n_views, 3) float64
+    first: np.ndarray  # (n_views + 1,) int64: where a photo's line points begin
+    owner: np.ndarray  # (n,) int64: the photo of each line point
+    # uv, across: (n, 2) float64: line points and unit vectors across the lines, px
     uv: np.ndarray
     across: np.ndarray
-    plane: np.ndarray
+    plane: np.ndarray  # (n, 3) float64: unit normals of the planes through camera and line, world
+    # (n,) float64: minus logarithm of the chance that a place in the sky around lies on a line
     surprise: np.ndarray
+    # (n,) float64: depth of the point of the cloud that a line point shows, 0 where there is none
     explained: np.ndarray
 
 

@@ -24,25 +24,15 @@ CLEARANCE_PX = 1
 
 
 class SkyLines(NamedTuple):
-    """Thin lines before the sky in one photo.
+    """Thin lines before the sky in one photo."""
 
-    Attributes
-    ----------
-    uv : ndarray of shape (n, 2), float64
-        Points of the lines, at most one a pixel, px, pixel centres at (0.5, 0.5).
-    across : ndarray of shape (n, 2), float64
-        Unit vectors across the lines.
-    share : ndarray of shape (n,), float64
-        Share of the sky around that lies as near to a line as two photos may disagree: the
-        probability that a place shows a line by chance.
-    clear : ndarray of shape (height, width), bool
-        Pixels of nothing but sky.
-    """
-
+    # (n, 2) float64: points of the lines, at most one a pixel, px, pixel centres at (0.5, 0.5)
     uv: np.ndarray
-    across: np.ndarray
+    across: np.ndarray  # (n, 2) float64: unit vectors across the lines
+    # (n,) float64: share of the sky around that lies as near to a line as two photos may disagree:
+    # the probability that a place shows a line by chance
     share: np.ndarray
-    clear: np.ndarray
+    clear: np.ndarray  # (height, width) bool: pixels of nothing but sky
 
 
 def find_sky_lines(photo: np.ndarray, sky: np.ndarray, tolerance_px: float) -> SkyLines:

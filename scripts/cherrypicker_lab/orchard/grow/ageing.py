@@ -22,28 +22,14 @@ ROUND_M, FLUTED_M = 0.015, 0.04  # radius up to which wood is round, and from wh
 
 @dataclass(frozen=True)
 class Ageing:
-    """Ranges (low, high) from which the marks of age are drawn; shares are of the radius.
+    """Ranges (low, high) from which the marks of age are drawn; shares are of the radius."""
 
-    Attributes
-    ----------
-    cuts : tuple of int
-        Stubs of sawn-off limbs, on the trunk and the scaffolds.
-    cut_radius : tuple of float
-        Their radius, m.
-    stub : tuple of float
-        How far they stand out of the bark, in diameters.
-    burls : tuple of int
-    burl_height : tuple of float
-        How far a burl stands out, as a share.
-    oval, flutes : tuple of float
-        Depth of the section's second harmonic, and of its third to fifth, as shares.
-    """
-
-    cuts: tuple = (3, 7)
-    cut_radius: tuple = (0.015, 0.040)
-    stub: tuple = (0.2, 1.0)
+    cuts: tuple = (3, 7)  # stubs of sawn-off limbs, on the trunk and the scaffolds
+    cut_radius: tuple = (0.015, 0.040)  # their radius, m
+    stub: tuple = (0.2, 1.0)  # how far they stand out of the bark, in diameters
     burls: tuple = (1, 4)
-    burl_height: tuple = (0.15, 0.45)
+    burl_height: tuple = (0.15, 0.45)  # how far a burl stands out, as a share
+    # oval, flutes: depth of the section's second harmonic, and of its third to fifth, as shares
     oval: tuple = (0.02, 0.12)
     flutes: tuple = (0.005, 0.03)
 

@@ -9,34 +9,19 @@ from cherrypicker.classes import Label
 
 @dataclass
 class Axis:
-    """One axis of a tree.
+    """One axis of a tree."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Nodes along the axis, m, tree frame; the first lies on the parent's node.
-    radii : ndarray of shape (n,), float64
-        Radius at each node, m.
-    order : int
-        0 trunk, 1 scaffold, 2 lateral, 3 twig.
-    parent : int
-        Index of the parent axis, -1 for the trunk.
-    parent_node : int
-        Node of the parent that the axis starts on.
-    section : ndarray of shape (n, k), float64, optional
-        Wood that is no circle: its surface's distance from the axis at k angles, of `radii`. The
-        mean square of a row is 1, so that `radii` are those of circles of equal area.
-    is_cut : bool
-        A stub, whose end is flat.
-    """
-
+    # (n, 3) float64: nodes along the axis, m, tree frame; the first lies on the parent's node
     points: np.ndarray
-    radii: np.ndarray
-    order: int
-    parent: int = -1
-    parent_node: int = -1
+    radii: np.ndarray  # (n,) float64: radius at each node, m
+    order: int  # 0 trunk, 1 scaffold, 2 lateral, 3 twig
+    parent: int = -1  # index of the parent axis, -1 for the trunk
+    parent_node: int = -1  # node of the parent that the axis starts on
+    # ndarray of shape (n, k), float64, optional: wood that is no circle: its surface's distance
+    # from the axis at k angles, of `radii`. The mean square of a row is 1, so that `radii` are
+    # those of circles of equal area.
     section: np.ndarray | None = None
-    is_cut: bool = False
+    is_cut: bool = False  # a stub, whose end is flat
 
     @property
     def arclength(self):

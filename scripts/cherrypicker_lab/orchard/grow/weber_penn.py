@@ -30,94 +30,54 @@ LEAST_LENGTH_M = 0.03
 
 @dataclass(frozen=True)
 class Level:
-    """Parameters of the stems of one level; angles in degrees, `_v` is a spread around a mean.
+    """Parameters of the stems of one level; angles in degrees, `_v` is a spread around a mean."""
 
-    Attributes
-    ----------
-    branches : float
-        Most children that a stem of the level below bears.
-    length, length_v : float
-        Longest length as a share of the parent's (of the tree's height for the trunk).
-    down_angle, down_angle_v : float
-        Angle with the parent. A negative spread changes the angle along the parent instead: by so
-        much more at its base than at the middle of the shape.
-    rotate, rotate_v : float
-        Azimuth from one child to the next; a negative angle alternates sides.
-    curve, curve_back, curve_v, bend_v : float
-        Turn from base to tip (its second half: `curve_back`, where it is not 0), random turn in
-        the plane of the curve and out of it.
-    curve_res : int
-        Segments of constant turn.
-    seg_splits, split_angle, split_angle_v : float
-        Mean number of clones a segment, and their angle with the stem.
-    taper : float
-        0 a cylinder, 1 a cone.
-    whorl : int
-        Children that start at one height; 1 spreads them evenly.
-    """
-
-    branches: float = 0.0
+    branches: float = 0.0  # most children that a stem of the level below bears
+    # length, length_v: longest length as a share of the parent's (of the tree's height for the
+    # trunk)
     length: float = 1.0
     length_v: float = 0.0
+    # down_angle, down_angle_v: angle with the parent. A negative spread changes the angle along the
+    # parent instead: by so much more at its base than at the middle of the shape.
     down_angle: float = 60.0
     down_angle_v: float = 10.0
+    # rotate, rotate_v: azimuth from one child to the next; a negative angle alternates sides
     rotate: float = 140.0
     rotate_v: float = 20.0
+    # curve, curve_back, curve_v, bend_v: turn from base to tip (its second half: `curve_back`,
+    # where it is not 0), random turn in the plane of the curve and out of it
     curve: float = 0.0
     curve_back: float = 0.0
     curve_v: float = 0.0
     bend_v: float = 0.0
-    curve_res: int = 5
+    curve_res: int = 5  # segments of constant turn
+    # seg_splits, split_angle, split_angle_v: mean number of clones a segment, and their angle with
+    # the stem
     seg_splits: float = 0.0
     split_angle: float = 0.0
     split_angle_v: float = 0.0
-    taper: float = 1.0
-    whorl: int = 1
+    taper: float = 1.0  # 0 a cylinder, 1 a cone
+    whorl: int = 1  # children that start at one height; 1 spreads them evenly
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """A template: what the paper calls a tree's parameters. Ranges are (low, high).
-
-    Attributes
-    ----------
-    name : str
-    levels : tuple of Level
-        Trunk, scaffolds, laterals, twigs; at most four.
-    height : tuple of float
-        Height of the trunk's axis, m.
-    ratio : tuple of float
-        Trunk radius per height.
-    ratio_power : float
-        How the radius of a child follows its length.
-    shape : int
-        Envelope of the crown, see `shape_ratio`.
-    base_size : tuple of float
-        Share of the trunk without branches.
-    flare : float
-        How much the root flare widens the trunk's foot.
-    base_splits : tuple of int
-        Clones that the trunk divides into at its base size; it ends there. (0, 0): it does not.
-    attraction_up : float
-        Turn towards the sky over a stem's length, in units of its declination; negative: down.
-    tip_radius : tuple of float
-        Radius of the tips, m.
-    ageing : Ageing, optional
-        Of an old tree, see `ageing`.
-    """
+    """A template: what the paper calls a tree's parameters. Ranges are (low, high)."""
 
     name: str
-    levels: tuple
-    height: tuple = (2.0, 4.0)
-    ratio: tuple = (0.015, 0.025)
-    ratio_power: float = 1.2
-    shape: int = 0
-    base_size: tuple = (0.15, 0.25)
-    flare: float = 0.4
+    levels: tuple  # trunk, scaffolds, laterals, twigs; at most four
+    height: tuple = (2.0, 4.0)  # height of the trunk's axis, m
+    ratio: tuple = (0.015, 0.025)  # trunk radius per height
+    ratio_power: float = 1.2  # how the radius of a child follows its length
+    shape: int = 0  # envelope of the crown, see `shape_ratio`
+    base_size: tuple = (0.15, 0.25)  # share of the trunk without branches
+    flare: float = 0.4  # how much the root flare widens the trunk's foot
+    # Clones that the trunk divides into at its base size; it ends there. (0, 0): it does not.
     base_splits: tuple = (0, 0)
+    # Turn towards the sky over a stem's length, in units of its declination; negative: down
     attraction_up: float = 0.0
-    tip_radius: tuple = (0.002, 0.003)
-    ageing: Ageing | None = None
+    tip_radius: tuple = (0.002, 0.003)  # radius of the tips, m
+    ageing: Ageing | None = None  # of an old tree, see `ageing`
 
 
 def shape_ratio(shape, ratio):

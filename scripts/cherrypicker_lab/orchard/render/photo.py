@@ -22,27 +22,13 @@ _ONE_SURFACE = 1.03  # depths of neighbouring pixels on one surface differ by le
 
 @dataclass(frozen=True)
 class PhotoEffects:
-    """What a camera adds to the light. All 0: a perfect one.
+    """What a camera adds to the light. All 0: a perfect one."""
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation of the noise of the encoded colours, of 1.
-    shot_noise : float
-        The same at white, growing with the square root of the light.
-    exposure_stops : float
-        Standard deviation of the exposure from photo to photo, stops.
-    motion_px : float
-        Longest smear of a moving hand, px; each photo draws its own up to it.
-    vignette : float
-        Light lost in the corners, of 1.
-    """
-
-    noise: float = 0.006
-    shot_noise: float = 0.0
-    exposure_stops: float = 0.0
-    motion_px: float = 0.0
-    vignette: float = 0.0
+    noise: float = 0.006  # standard deviation of the noise of the encoded colours, of 1
+    shot_noise: float = 0.0  # the same at white, growing with the square root of the light
+    exposure_stops: float = 0.0  # standard deviation of the exposure from photo to photo, stops
+    motion_px: float = 0.0  # longest smear of a moving hand, px; each photo draws its own up to it
+    vignette: float = 0.0  # light lost in the corners, of 1
 
     @classmethod
     def random(cls, seed):

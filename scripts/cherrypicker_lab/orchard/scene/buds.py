@@ -16,24 +16,16 @@ SIDES = 6
 
 @dataclass
 class Buds:
-    """Buds of a tree, n of them.
+    """Buds of a tree, n of them."""
 
-    Attributes
-    ----------
-    points, directions : ndarray of shape (n, 3), float64
-        Where they sit (m, tree's frame) and their unit direction.
-    length, radius, s : ndarray of shape (n,), float64
-        Size, and arc length of the seat on its axis, m.
-    axis : ndarray of shape (n,), int64
-        Axis of the tree that bears each.
-    """
-
+    # points, directions: (n, 3) float64: where they sit (m, tree's frame) and their unit direction
     points: np.ndarray
     directions: np.ndarray
+    # length, radius, s: (n,) float64: size, and arc length of the seat on its axis, m
     length: np.ndarray
     radius: np.ndarray
     s: np.ndarray
-    axis: np.ndarray
+    axis: np.ndarray  # (n,) int64: axis of the tree that bears each
 
 
 def _across(tangents, angle):

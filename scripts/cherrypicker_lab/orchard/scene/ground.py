@@ -15,35 +15,19 @@ from cherrypicker_lab.orchard.scene.noise import hash_cell, value_noise
 
 @dataclass(frozen=True)
 class GroundKind:
-    """A kind of floor; None keeps what the seed draws.
+    """A kind of floor; None keeps what the seed draws."""
 
-    Attributes
-    ----------
-    bare : float, optional
-        How much of the alleys is bare earth; below 0 none, above 1 all.
-    strip : float, optional
-        Half width of the strip along the row, m; 0 for none.
-    dead : float
-        Share of dead grass on the strip, in place of bare earth.
-    litter : tuple of float
-        Pebbles, clods and dead leaves, of their usual number.
-    cells, density : float
-        Pieces that cover it: cells a metre, share of the cells that hold one.
-    low, high : tuple of float
-        Colours between which the pieces lie, linear RGB.
-    everywhere : bool
-        Pieces lie everywhere; else on the strip alone.
-    """
-
-    bare: float | None = None
-    strip: float | None = None
-    dead: float = 0.0
-    litter: tuple = (1.0, 1.0, 1.0)
+    bare: float | None = None  # how much of the alleys is bare earth; below 0 none, above 1 all
+    strip: float | None = None  # half width of the strip along the row, m; 0 for none
+    dead: float = 0.0  # share of dead grass on the strip, in place of bare earth
+    litter: tuple = (1.0, 1.0, 1.0)  # pebbles, clods and dead leaves, of their usual number
+    # cells, density: pieces that cover it: cells a metre, share of the cells that hold one
     cells: float = 30.0
     density: float = 0.0
+    # low, high: colours between which the pieces lie, linear RGB
     low: tuple = (0.0, 0.0, 0.0)
     high: tuple = (0.0, 0.0, 0.0)
-    everywhere: bool = False
+    everywhere: bool = False  # pieces lie everywhere; else on the strip alone
 
 
 GROUNDS = {

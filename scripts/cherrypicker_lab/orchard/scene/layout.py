@@ -39,45 +39,23 @@ DICTIONARIES = ("DICT_4X4_50", "DICT_5X5_100", "DICT_6X6_250", "DICT_APRILTAG_36
 
 @dataclass
 class Scene:
-    """An orchard scene.
-
-    Attributes
-    ----------
-    seed : int
-    trees : list of Tree
-        The target first.
-    offsets : ndarray of shape (n_trees, 3)
-        Stem feet, m.
-    objects : list of SceneObject
-        All that is neither a tree nor the ground.
-    markers : list of dict
-        `dictionary`, `id`, `side_m`, `corners` (4, 3) in the order of OpenCV (clockwise from
-        the marker's top left).
-    light : Light
-    ground_seed : int
-    ground_relief_m : tuple of float
-        Amplitudes of the gentle and of the fine relief, m.
-    options : dict
-        What was asked for, for the record.
-    ground_kind : str
-        A key of `ground.GROUNDS`.
-    wind_m : float
-        Amplitude of the sway from photo to photo, see `wind.sway`; the scene is at rest.
-    background : str, optional
-        One of `surroundings.BACKGROUNDS`; None for nothing but what lies at infinity.
-    """
+    """An orchard scene."""
 
     seed: int
-    trees: list
-    offsets: np.ndarray
-    objects: list
+    trees: list  # the target first
+    offsets: np.ndarray  # (n_trees, 3): stem feet, m
+    objects: list  # all that is neither a tree nor the ground
+    # `dictionary`, `id`, `side_m`, `corners` (4, 3) in the order of OpenCV (clockwise from the
+    # marker's top left)
     markers: list
     light: object
     ground_seed: int
-    ground_relief_m: tuple
-    options: dict = field(default_factory=dict)
-    ground_kind: str = "meadow"
+    ground_relief_m: tuple  # amplitudes of the gentle and of the fine relief, m
+    options: dict = field(default_factory=dict)  # what was asked for, for the record
+    ground_kind: str = "meadow"  # a key of `ground.GROUNDS`
+    # Amplitude of the sway from photo to photo, see `wind.sway`; the scene is at rest
     wind_m: float = 0.0
+    # One of `surroundings.BACKGROUNDS`; None for nothing but what lies at infinity
     background: str | None = None
 
     @property

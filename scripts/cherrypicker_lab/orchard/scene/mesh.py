@@ -12,20 +12,12 @@ NO_TREE = 255
 
 @dataclass
 class Mesh:
-    """Triangles with per-vertex attributes.
+    """Triangles with per-vertex attributes."""
 
-    Attributes
-    ----------
-    vertices : ndarray of shape (V, 3), float64
-        Positions, m.
-    faces : ndarray of shape (F, 3), int32
-        Vertex indices, counter-clockwise seen from outside.
-    attributes : dict of str to ndarray of shape (V, ...)
-        What the texture needs (`rest`, `uv`) and what the truth needs (`axis`, `radius`).
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: np.ndarray  # (V, 3) float64: positions, m
+    faces: np.ndarray  # (F, 3) int32: vertex indices, counter-clockwise seen from outside
+    # dict of str to ndarray of shape (V, ...): what the texture needs (`rest`, `uv`) and what the
+    # truth needs (`axis`, `radius`)
     attributes: dict = field(default_factory=dict)
 
     def moved(self, offset, rotation=None):
@@ -52,28 +44,15 @@ class Mesh:
 
 @dataclass
 class SceneObject:
-    """A mesh with its class and its look.
-
-    Attributes
-    ----------
-    name : str
-    label : int
-        Class of all of it; a tree's wood takes its class from the axis instead.
-    mesh : Mesh
-    material : dict
-        `kind` (bark, wood, image, plain, leaves) and what that kind needs, see `surface_color`.
-    tree : int
-        0 the target, 1.. neighbours, 255 no tree.
-    radius : float
-        How thick it is, m: stereo loses wires and threads as it loses twigs.
-    """
+    """A mesh with its class and its look."""
 
     name: str
-    label: int
+    label: int  # class of all of it; a tree's wood takes its class from the axis instead
     mesh: Mesh
+    # `kind` (bark, wood, image, plain, leaves) and what that kind needs, see `surface_color`
     material: dict
-    tree: int = NO_TREE
-    radius: float = 0.05
+    tree: int = NO_TREE  # 0 the target, 1.. neighbours, 255 no tree.
+    radius: float = 0.05  # how thick it is, m: stereo loses wires and threads as it loses twigs
 
 
 def join(meshes):

@@ -47,21 +47,11 @@ HALF_RING_ARC_DEG = 190.0
 
 @dataclass(frozen=True)
 class TreeSize:
-    """What a photographer sees of a tree before the first photo.
+    """What a photographer sees of a tree before the first photo."""
 
-    Attributes
-    ----------
-    height : float
-        m.
-    reach : float
-        Of the crown from the stem, horizontally, m.
-    gap : float
-        From the stem to where one walks through the row, m.
-    """
-
-    height: float
-    reach: float
-    gap: float
+    height: float  # m
+    reach: float  # of the crown from the stem, horizontally, m
+    gap: float  # from the stem to where one walks through the row, m
 
 
 @dataclass(frozen=True)

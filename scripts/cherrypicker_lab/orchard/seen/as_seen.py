@@ -40,81 +40,38 @@ THIN_THING_M = 0.01  # wires and threads are lost as twigs are
 
 @dataclass(frozen=True)
 class AsSeen:
-    """How a scan was taken and what stereo makes of it. Lengths in m, shares in [0, 1].
+    """How a scan was taken and what stereo makes of it. Lengths in m, shares in [0, 1]."""
 
-    Attributes
-    ----------
-    n_photos : int
-        In rings around the tree.
-    pixel_m : float
-        Size of a pixel at the tree; only where the photos are not given.
-    arc_deg : float
-        Part of the way around the tree that the photographer walked.
-    min_views : int
-        Photos that must see a point.
-    match_px : float
-        Standard deviation of the stereo's disparity on thick wood, pixels.
-    thin_noise : float
-        How many times more is added to it on thin wood.
-    thin_m : float
-        Radius of wood that still has 1/e of that.
-    tail : float
-        Share of points with five times the noise.
-    flatten_m : float
-        Radius of wood that keeps 1 - 1/e of its relief towards the photo.
-    sink_m, sink_share : float
-        How far wood lies too deep on average, and what thin wood adds to it, of its radius.
-    jitter_px : float
-        Standard deviation of the noise that has no direction, pixels.
-    spill_px : float
-        Growth of silhouettes of thin wood, pixels.
-    blur_px : float
-        Standard deviation of a pixel's footprint (median).
-    mixed_loss : float
-        Chance to lose a pixel that is all background, on a silhouette; mixed ones in proportion.
-    clutter_loss : float
-        The same for a pixel before anything but the sky, besides.
-    width_px, width_soft_px : float
-        Width of wood at which half is lost, and how gradually.
-    patchiness : float
-        How much of that loss comes in pieces of some centimetres.
-    n_holes, hole_radius_m : int, float
-        Spherical holes, half of them on wood.
-    density_sigma : float
-        Strength of the smooth density variation (log scale).
-    floaters : float
-        False points relative to all points.
-    floater_reach_m : float
-        Their typical distance from what they copy.
-    color_noise : float
-        Standard deviation of the colours' noise.
-    """
-
-    n_photos: int = 46
-    pixel_m: float = 0.0027
-    arc_deg: float = 360.0
-    min_views: int = 3
-    match_px: float = 0.05
-    thin_noise: float = 7.0
-    thin_m: float = 0.014
-    tail: float = 0.01
-    flatten_m: float = 0.02
+    n_photos: int = 46  # in rings around the tree
+    pixel_m: float = 0.0027  # size of a pixel at the tree; only where the photos are not given
+    arc_deg: float = 360.0  # part of the way around the tree that the photographer walked
+    min_views: int = 3  # photos that must see a point
+    match_px: float = 0.05  # standard deviation of the stereo's disparity on thick wood, pixels
+    thin_noise: float = 7.0  # how many times more is added to it on thin wood
+    thin_m: float = 0.014  # radius of wood that still has 1/e of that
+    tail: float = 0.01  # share of points with five times the noise
+    flatten_m: float = 0.02  # radius of wood that keeps 1 - 1/e of its relief towards the photo
+    # sink_m, sink_share: how far wood lies too deep on average, and what thin wood adds to it, of
+    # its radius
     sink_m: float = 0.0004
     sink_share: float = 0.14
-    jitter_px: float = 0.1
-    spill_px: float = 1.1
-    blur_px: float = 1.5
+    jitter_px: float = 0.1  # standard deviation of the noise that has no direction, pixels
+    spill_px: float = 1.1  # growth of silhouettes of thin wood, pixels
+    blur_px: float = 1.5  # standard deviation of a pixel's footprint (median)
+    # Chance to lose a pixel that is all background, on a silhouette; mixed ones in proportion
     mixed_loss: float = 0.1
-    clutter_loss: float = 0.8
+    clutter_loss: float = 0.8  # the same for a pixel before anything but the sky, besides
+    # width_px, width_soft_px: width of wood at which half is lost, and how gradually
     width_px: float = 0.6
     width_soft_px: float = 0.6
-    patchiness: float = 0.9
+    patchiness: float = 0.9  # how much of that loss comes in pieces of some centimetres
+    # n_holes, hole_radius_m: spherical holes, half of them on wood
     n_holes: int = 0
     hole_radius_m: float = 0.06
-    density_sigma: float = 0.2
-    floaters: float = 0.002
-    floater_reach_m: float = 0.03
-    color_noise: float = 0.02
+    density_sigma: float = 0.2  # strength of the smooth density variation (log scale)
+    floaters: float = 0.002  # false points relative to all points
+    floater_reach_m: float = 0.03  # their typical distance from what they copy
+    color_noise: float = 0.02  # standard deviation of the colours' noise
 
     @classmethod
     def random(cls, rng):

@@ -13,29 +13,17 @@ INSIDE = 0.98  # nearer to another axis than this share of its radius is inside 
 
 @dataclass
 class TubeSample:
-    """Samples of a tree's surface.
+    """Samples of a tree's surface."""
 
-    Attributes
-    ----------
-    points, normals : ndarray of shape (n, 3), float64
-        Positions (m, tree's frame) and outward unit normals.
-    axis : ndarray of shape (n,), int64
-        Axis of the tree that each sample lies on.
-    radius, s : ndarray of shape (n,), float64
-        Radius of the wood and arc length from the axis' start, m.
-    angle : ndarray of shape (n,), float64
-        Position around the axis, radians.
-    tangents : ndarray of shape (n, 3), float64
-        Unit direction of the axis.
-    """
-
+    # points, normals: (n, 3) float64: positions (m, tree's frame) and outward unit normals
     points: np.ndarray
     normals: np.ndarray
-    axis: np.ndarray
+    axis: np.ndarray  # (n,) int64: axis of the tree that each sample lies on
+    # radius, s: (n,) float64: radius of the wood and arc length from the axis' start, m
     radius: np.ndarray
     s: np.ndarray
-    angle: np.ndarray
-    tangents: np.ndarray
+    angle: np.ndarray  # (n,) float64: position around the axis, radians
+    tangents: np.ndarray  # (n, 3) float64: unit direction of the axis
 
     def __len__(self):
         return len(self.points)

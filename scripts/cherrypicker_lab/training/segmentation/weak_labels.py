@@ -22,21 +22,12 @@ MOST_STEPS = 200
 
 @dataclass(frozen=True)
 class Scan:
-    """A published laser scan of a leafless tree or branch.
+    """A published laser scan of a leafless tree or branch."""
 
-    Attributes
-    ----------
-    cloud : str
-        PLY below the folder of the clouds.
-    unit_m : float
-        Length of the file's unit.
-    truth : str
-        "label" for a field of the cloud, a CSV of a skeleton (id, parent, x, y, z, radius), or ""
-        where nothing but "all of it is wood" is known.
-    """
-
-    cloud: str
-    unit_m: float = 1.0
+    cloud: str  # PLY below the folder of the clouds
+    unit_m: float = 1.0  # length of the file's unit
+    # "label" for a field of the cloud, a CSV of a skeleton (id, parent, x, y, z, radius), or ""
+    # where nothing but "all of it is wood" is known
     truth: str = ""
 
 

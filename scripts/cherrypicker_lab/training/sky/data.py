@@ -20,25 +20,13 @@ MASK_SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 
 @dataclass(frozen=True)
 class SkyPhoto:
-    """A photo with its sky mask.
+    """A photo with its sky mask."""
 
-    Attributes
-    ----------
-    name : str
-        ``folder/file name``, the folder as `load_photos` was given it (its last part).
-    source : str
-        The folder; photos of one source are balanced against those of others.
-    image : ndarray of shape (H, W, 3), uint8, RGB
-    sky : ndarray of shape (H, W), bool
-    certain : ndarray of shape (H, W), bool
-        False where the label is doubtful, see `doubtful_pixels`.
-    """
-
-    name: str
-    source: str
-    image: np.ndarray
-    sky: np.ndarray
-    certain: np.ndarray
+    name: str  # ``folder/file name``, the folder as `load_photos` was given it (its last part)
+    source: str  # the folder; photos of one source are balanced against those of others
+    image: np.ndarray  # ndarray of shape (H, W, 3), uint8, RGB
+    sky: np.ndarray  # (H, W) bool
+    certain: np.ndarray  # (H, W) bool: false where the label is doubtful, see `doubtful_pixels`
 
 
 def _pairs(folder: Path) -> list[tuple[Path, Path]]:
