@@ -34,6 +34,7 @@ from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring, default_ri
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.variety import FORMS, scene_camera, scene_options
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
+from cherrypicker_lab.orchard.truth import width_of_wood
 
 SCRIPTS = Path(__file__).parents[3] / "scripts"
 
@@ -65,6 +66,14 @@ def test_scene_on_disk_is_read_by_the_pipeline_s_own_readers(tmp_path):
     assert len(same) >= 6
     for file in same:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
+
+
+@pytest.mark.parametrize("tree", ["cherry_leader", "cherry_vase"])
+def test_the_demo_s_true_crown_width_is_that_of_its_wood(project, tree):
+    truth = project / "resources/demo" / tree / "truth"
+    wood = read_skeleton_csv(truth / "skeleton.csv")
+    stated = json.loads((truth / "traits.json").read_text())["crown_width_m"]
+    assert stated == pytest.approx(width_of_wood(wood.points, wood.radius), abs=1e-4)
 
 
 def test_unknown_forms_are_refused():
