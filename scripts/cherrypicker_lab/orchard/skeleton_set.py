@@ -20,8 +20,8 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker_lab.orchard.grow.growth import Skeleton, Tree
 from cherrypicker_lab.orchard.grow.templates import CONIFERS, grow_any
+from cherrypicker_lab.orchard.grow.tree import Skeleton, Tree
 from cherrypicker_lab.orchard.seen.tubes import sample_tubes
 
 DENSITY = 100_000.0

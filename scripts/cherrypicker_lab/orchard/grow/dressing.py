@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cherrypicker_lab.orchard.grow.growth import Axis
+from cherrypicker_lab.orchard.grow.tree import Axis
 
 STUB_M = (0.015, 0.06)
 SPUR_M = (0.010, 0.035)

@@ -18,7 +18,8 @@ import numpy as np
 from numba import njit
 
 from cherrypicker_lab.orchard.grow.ageing import Ageing, age_tree
-from cherrypicker_lab.orchard.grow.growth import NODE_STEP_M, Axis, Tree, end_trunk_by_rule
+from cherrypicker_lab.orchard.grow.growth import NODE_STEP_M, end_trunk_by_rule
+from cherrypicker_lab.orchard.grow.tree import Axis, Tree
 
 CHILD_KEEPS = 0.78
 SPLIT_KEEPS = 0.82
