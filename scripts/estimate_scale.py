@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import pycolmap
-
 from cherrypicker.files import write_json
+from cherrypicker.lens import read_model
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.runner import run, stage_parser
 
@@ -34,7 +33,7 @@ def main(
     """Load, estimate, save."""
     report = estimate_scale(
         photos or [],
-        pycolmap.Reconstruction(str(Path(cameras).parent)),
+        read_model(Path(cameras).parent),
         cell=cell,
         mode=mode,
         dictionary=dictionary,

@@ -140,9 +140,7 @@ def read_npz(path: str | os.PathLike, required: tuple[str, ...] = ()) -> dict[st
             arrays = {name: archive[name] for name in archive.files}
     except FileNotFoundError as error:
         raise StageError("the file is missing", file=path) from error
-    except (ValueError, OSError, EOFError, AttributeError) as error:
-        raise StageError(f"not a readable NPZ of plain arrays ({error})", file=path) from error
-    except Exception as error:  # zipfile.BadZipFile and zlib.error share no base of their own
+    except Exception as error:  # NumPy's, zipfile's and zlib's share no base of their own
         raise StageError(f"not a readable NPZ of plain arrays ({error})", file=path) from error
     odd = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
     if odd:  # NumPy hands out what has no array's header as bytes

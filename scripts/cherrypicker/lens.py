@@ -11,6 +11,20 @@ import pycolmap
 from cherrypicker.errors import StageError
 
 
+def read_model(folder: str | os.PathLike) -> pycolmap.Reconstruction:
+    """Read a sparse model.
+
+    Raises
+    ------
+    StageError
+        If it is missing or broken.
+    """
+    try:
+        return pycolmap.Reconstruction(os.fspath(folder))
+    except (ValueError, RuntimeError, OSError) as error:
+        raise StageError(f"the sparse model cannot be read ({error})", file=folder) from error
+
+
 class PhotoLenses:
     """The distorted cameras of a sparse model, by photo.
 
@@ -28,10 +42,7 @@ class PhotoLenses:
     """
 
     def __init__(self, model: str | os.PathLike, names: Sequence[str] | np.ndarray) -> None:
-        try:
-            reconstruction = pycolmap.Reconstruction(os.fspath(model))
-        except (ValueError, RuntimeError, OSError) as error:
-            raise StageError(f"the sparse model cannot be read ({error})", file=model) from error
+        reconstruction = read_model(model)
         cameras = {image.name: image.camera_id for image in reconstruction.images.values()}
         missing = [str(name) for name in names if str(name) not in cameras]
         if missing:

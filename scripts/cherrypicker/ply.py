@@ -11,24 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_TYPES = {
-    "char": "i1",
-    "int8": "i1",
-    "uchar": "u1",
-    "uint8": "u1",
-    "short": "i2",
-    "int16": "i2",
-    "ushort": "u2",
-    "uint16": "u2",
-    "int": "i4",
-    "int32": "i4",
-    "uint": "u4",
-    "uint32": "u4",
-    "float": "f4",
-    "float32": "f4",
-    "double": "f8",
-    "float64": "f8",
-}
 _NAMES = {
     "i1": "char",
     "u1": "uchar",
@@ -39,6 +21,8 @@ _NAMES = {
     "f4": "float",
     "f8": "double",
 }
+# Files name types by either of two names, uchar or uint8 for instance
+_TYPES = {name: kind for kind, own in _NAMES.items() for name in (own, np.dtype(kind).name)}
 _MAX_HEADER_BYTES = 1 << 20
 
 

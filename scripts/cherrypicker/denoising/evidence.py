@@ -102,7 +102,7 @@ def thin_structures(image: np.ndarray, clear: np.ndarray, contrast: float) -> np
     """
     blue = np.ascontiguousarray(image[..., 2])
     window = _square(THIN_WIDTH // 2)
-    depth = cv2.subtract(cv2.morphologyEx(blue, cv2.MORPH_CLOSE, window), blue)
+    depth = cv2.morphologyEx(blue, cv2.MORPH_BLACKHAT, window)
     # A gap between twigs is as bright as the sky around it, lichen before a low sun is brighter.
     others = cv2.max(cv2.morphologyEx(blue, cv2.MORPH_OPEN, window), _mean_sky(blue, clear))
     depth = cv2.max(depth, cv2.subtract(blue, others))

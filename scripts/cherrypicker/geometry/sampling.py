@@ -10,6 +10,7 @@ __all__ = [
     "farthest_point_sample",
     "majority_label",
     "median_spacing",
+    "thin_randomly",
     "thin_to_limit",
     "voxel_keys",
     "voxel_mean",
@@ -19,6 +20,13 @@ __all__ = [
 
 BLOCKS_ACROSS = 40  # the largest side of a cloud in blocks of farthest point sampling
 LEAST_GROWTH = 1.05  # of voxels that leave too many points
+
+
+def thin_randomly(rows: np.ndarray, n_most: int, seed: int = 0) -> np.ndarray:
+    """At most so many rows of an array, drawn at random and left in their order."""
+    if len(rows) <= n_most:
+        return rows
+    return rows[np.sort(np.random.default_rng(seed).choice(len(rows), n_most, replace=False))]
 
 
 def voxel_keys(points: np.ndarray, size: float) -> np.ndarray:

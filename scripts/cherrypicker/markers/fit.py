@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from cherrypicker.geometry.sampling import thin_randomly
+
 _MAX_PIXELS = 4000
 _MARGIN_MODULES = 0.5
 _NODES = 5
@@ -193,10 +195,7 @@ def _pixels_around(
     columns, rows = columns[inside], rows[inside]
     if len(columns) < 60:
         return None
-    if len(columns) > _MAX_PIXELS:
-        pick = np.random.default_rng(0).choice(len(columns), _MAX_PIXELS, replace=False)
-        pick.sort()
-        columns, rows = columns[pick], rows[pick]
+    columns, rows = thin_randomly(np.column_stack([columns, rows]), _MAX_PIXELS).T
     return columns, rows
 
 

@@ -16,6 +16,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from cherrypicker.geometry.sampling import thin_randomly
+
 _MAX_PAIRS = 600
 _MIN_PARALLAX_DEG = 1.0
 # Residuals beyond this many pixels lose influence in the refinement.
@@ -201,9 +203,7 @@ def _consensus(observations: Observations, tolerance: np.ndarray, seed: int) -> 
     pairs = pairs[cosine < np.cos(np.radians(_MIN_PARALLAX_DEG))]
     if len(pairs) == 0:
         return None
-    if len(pairs) > _MAX_PAIRS:
-        chosen = np.random.default_rng(seed).choice(len(pairs), _MAX_PAIRS, replace=False)
-        pairs = pairs[np.sort(chosen)]
+    pairs = thin_randomly(pairs, _MAX_PAIRS, seed)
     origins = np.repeat(centers[pairs][:, None], 4, axis=1)  # (p, 4, 2, 3)
     candidates = intersect_rays(origins, rays[pairs].transpose(0, 2, 1, 3))  # (p, 4, 3)
     candidates = candidates[np.isfinite(candidates).all(axis=(1, 2))]

@@ -11,9 +11,9 @@ from pathlib import Path
 import pycolmap
 
 from cherrypicker.errors import StageError
+from cherrypicker.lens import read_model
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.photos import read_photo
-from cherrypicker.sfm.export import read_model
 
 logger = logging.getLogger(__name__)
 

@@ -16,8 +16,9 @@ import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
+from cherrypicker.lens import read_model
 from cherrypicker.poses import Poses, project
-from cherrypicker.sfm.export import poses_of, read_model
+from cherrypicker.sfm.export import poses_of
 
 # More than the header of a map can have
 _HEADER_BYTES = 64

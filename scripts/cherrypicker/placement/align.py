@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.sampling import voxel_sample
+from cherrypicker.geometry.sampling import thin_randomly, voxel_sample
 from cherrypicker.placement.camera_geometry import (
     CameraUp,
     angle_deg,
@@ -133,7 +133,7 @@ def align(
     options = options or AlignOptions()
     up_from = options.up_from
     _check_input(points, poses, up_from)
-    points = _thin_randomly(points, seed)
+    points = np.asarray(thin_randomly(points, _SUBSAMPLE, seed), float)
     target, distance = look_at_point(poses, points)
     threshold = options.ground_distance_fraction * distance
     scene = _Scene(points, poses, stated_turns, target, distance, threshold)
@@ -187,14 +187,6 @@ def _check_input(points: np.ndarray, poses: Poses, up_from: str) -> None:
         )
     if len(poses) < 2:
         raise StageError("fewer than two photos are registered", key="sfm.min_registered_fraction")
-
-
-def _thin_randomly(points: np.ndarray, seed: int) -> np.ndarray:
-    """At most `_SUBSAMPLE` points: enough for planes and hills at any density."""
-    if len(points) <= _SUBSAMPLE:
-        return np.asarray(points, float)
-    chosen = np.random.default_rng(seed).choice(len(points), _SUBSAMPLE, replace=False)
-    return np.asarray(points[np.sort(chosen)], float)
 
 
 def _judged_planes(scene: _Scene, n_planes: int, seed: int) -> list[Plane]:

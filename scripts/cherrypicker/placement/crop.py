@@ -15,6 +15,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.ground_surface import GroundSurface
+from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.camera_geometry import look_at_point
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.ground import CELL, REACH, ground_cells
@@ -64,7 +65,7 @@ def crop_roi(
     StageError
         If the region holds no point.
     """
-    search = _thin_randomly(points, seed)
+    search = thin_randomly(points, _SEARCH_POINTS, seed)
     center, distance, footprint, warnings = _footprint(poses, search)
     footprint = footprint.widened(margin_fraction)
     cells = ground_cells(search, CELL * distance, REACH * distance, _TOLERANCE * distance)
@@ -111,14 +112,6 @@ def _footprint(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, Foo
     )
     footprint = Footprint.of_box(np.stack([spots.min(axis=0), spots.max(axis=0)]))
     return center, distance, footprint, [warning]
-
-
-def _thin_randomly(points: np.ndarray, seed: int) -> np.ndarray:
-    """At most `_SEARCH_POINTS` points: enough to find the ground."""
-    if len(points) <= _SEARCH_POINTS:
-        return points
-    chosen = np.random.default_rng(seed).choice(len(points), _SEARCH_POINTS, replace=False)
-    return points[np.sort(chosen)]
 
 
 def _inside(points: np.ndarray, footprint: Footprint) -> np.ndarray:

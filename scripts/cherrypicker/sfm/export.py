@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
 from cherrypicker.poses import Poses
 
@@ -40,20 +39,6 @@ def poses_of(model: pycolmap.Reconstruction, cameras: Mapping[int, pycolmap.Came
         width=np.array([camera.width for camera in chosen]),
         height=np.array([camera.height for camera in chosen]),
     )
-
-
-def read_model(folder: str | os.PathLike) -> pycolmap.Reconstruction:
-    """Read a sparse model.
-
-    Raises
-    ------
-    StageError
-        If it is missing or broken.
-    """
-    try:
-        return pycolmap.Reconstruction(os.fspath(folder))
-    except (ValueError, RuntimeError, OSError) as error:
-        raise StageError(f"the sparse model cannot be read ({error})", file=folder) from error
 
 
 def write_model(model: pycolmap.Reconstruction, folder: str | os.PathLike) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -210,12 +211,23 @@ def _choose_pairs(
     return [(names[i], names[j]) for i, j in pairs]
 
 
-def _matcher_options(options: MatchingOptions, threads: int) -> pycolmap.FeatureMatchingOptions:
+def _match(
+    match: Callable,
+    database: Path,
+    pairing: object,
+    n_pairs: int,
+    options: MatchingOptions,
+    seed: int,
+    threads: int,
+) -> None:
+    """Let COLMAP match and verify the pairs that ``pairing`` tells ``match``, one of its ways."""
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu = False
     matching.num_threads = threads
     matching.sift.max_ratio = options.max_match_ratio
-    return matching
+    with watched_table(database, "two_view_geometries", n_pairs, "pairs of photos matched"):
+        verification = options.verification(seed)
+        match(database, matching, pairing, verification, device=pycolmap.Device.cpu)
 
 
 def _match_pairs(
@@ -229,14 +241,8 @@ def _match_pairs(
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = listing
     rename_images(database, aliases)
-    with watched_table(database, "two_view_geometries", len(pairs), "pairs of photos matched"):
-        pycolmap.match_image_pairs(
-            database,
-            _matcher_options(options, threads),
-            pairing,
-            options.verification(seed),
-            device=pycolmap.Device.cpu,
-        )
+    match = pycolmap.match_image_pairs
+    _match(match, database, pairing, len(pairs), options, seed, threads)
     rename_images(database, {alias: name for name, alias in aliases.items()})
 
 
@@ -251,11 +257,5 @@ def _match_by_vocabulary_tree(
     pairing.num_images = options.retrieval_neighbors
     pairing.num_threads = threads
     n_expected = len(image_ids(database)) * options.retrieval_neighbors
-    with watched_table(database, "two_view_geometries", n_expected, "pairs of photos matched"):
-        pycolmap.match_vocabtree(
-            database,
-            _matcher_options(options, threads),
-            pairing,
-            options.verification(seed),
-            device=pycolmap.Device.cpu,
-        )
+    match = pycolmap.match_vocabtree
+    _match(match, database, pairing, n_expected, options, seed, threads)

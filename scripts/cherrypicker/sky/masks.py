@@ -246,8 +246,7 @@ def _twigs(image: np.ndarray, chroma_limit: np.ndarray, reach: int, contrast: fl
     cold = cv2.addWeighted(blue, 1.0, cv2.subtract(red, blue), -WARMTH, 0.0)
     if reach > FINE_TWIG_PX:  # fine photos: noise would pass for contrast
         cold = cv2.blur(cold, (3, 3))
-    kernel = np.ones((reach, reach), np.uint8)
-    depth = cv2.subtract(cv2.morphologyEx(cold, cv2.MORPH_CLOSE, kernel), cold)
+    depth = cv2.morphologyEx(cold, cv2.MORPH_BLACKHAT, np.ones((reach, reach), np.uint8))
     return (depth > 255 * contrast) & (cv2.subtract(blue, red) < chroma_limit)
 
 
