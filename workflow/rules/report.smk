@@ -36,6 +36,7 @@ rule report_tree:
         template=[
             str(PROJECT / "scripts/cherrypicker/report/report.html.j2"),
             str(PROJECT / "scripts/cherrypicker/report/viewer.js"),
+            str(PROJECT / "scripts/cherrypicker/report/style.css"),
         ],
     output:
         report=report(
@@ -102,7 +103,10 @@ rule summarise_batch:
         traits=expand("results/{tree}/traits.json", tree=TREES),
         reports=expand("results/{tree}/report.html", tree=TREES),
         code=code("summarise_batch"),
-        template=str(PROJECT / "scripts/cherrypicker/report/summary.html.j2"),
+        template=[
+            str(PROJECT / "scripts/cherrypicker/report/summary.html.j2"),
+            str(PROJECT / "scripts/cherrypicker/report/style.css"),
+        ],
     output:
         table=report(
             ensure("results/traits.csv", non_empty=True),

@@ -207,14 +207,7 @@ def write_map(path: str | os.PathLike, array: np.ndarray) -> None:
     ----------
     array : ndarray of shape (height, width) or (height, width, channels)
         Stored as float32.
-
-    Raises
-    ------
-    ValueError
-        If the array has another number of dimensions.
     """
-    if array.ndim not in (2, 3):
-        raise ValueError(f"a map must have 2 or 3 dimensions, got shape {array.shape}")
     planes = np.asarray(array, dtype="<f4")
     planes = planes[None] if planes.ndim == 2 else np.moveaxis(planes, -1, 0)
     channels, height, width = planes.shape

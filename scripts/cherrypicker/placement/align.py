@@ -41,7 +41,6 @@ from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
-UP_FROM = ("auto", "ground", "cameras")
 _MIN_POINTS = 100
 # Below this product of factors a plane is no ground: 0.6 for each of six would be a poor one.
 _MIN_SCORE = 0.02
@@ -132,7 +131,7 @@ def align(
     """
     options = options or AlignOptions()
     up_from = options.up_from
-    _check_input(points, poses, up_from)
+    _check_input(points, poses)
     points = np.asarray(thin_randomly(points, _SUBSAMPLE, seed), float)
     target, distance = look_at_point(poses, points)
     threshold = options.ground_distance_fraction * distance
@@ -178,9 +177,7 @@ class _Scene:
     threshold: float
 
 
-def _check_input(points: np.ndarray, poses: Poses, up_from: str) -> None:
-    if up_from not in UP_FROM:
-        raise StageError(f"{up_from!r} is none of {', '.join(UP_FROM)}", key="align.up_from")
+def _check_input(points: np.ndarray, poses: Poses) -> None:
     if len(points) < _MIN_POINTS:
         raise StageError(
             f"the dense cloud has only {len(points)} points, too few to find the ground", key="mvs"

@@ -17,7 +17,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.report.figures import order_color, write_png
 from cherrypicker.report.stages import branch_section, photo_section, scan_sections
 from cherrypicker.report.style import DPI
-from cherrypicker.report.text import STYLE, page_template, with_uncertainty
+from cherrypicker.report.text import page_template, with_uncertainty
 from cherrypicker.report.viewer import viewer_data
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
@@ -123,7 +123,6 @@ def render_report(
         stages=sections,
         files=_FILES,
         version=cherrypicker.__version__,
-        style=STYLE,
         script=(_FOLDER / "viewer.js").read_text(encoding="utf-8"),
     )
 

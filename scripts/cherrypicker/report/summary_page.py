@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from datetime import date
 
-from cherrypicker.report.text import STYLE, page_template, with_uncertainty
+from cherrypicker.report.text import page_template, with_uncertainty
 from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_name
 
@@ -68,7 +68,6 @@ def summary_html(results: list[TreeResult]) -> str:
     counts += [f"{len(failed)} failed"] if failed else []
     counts += [f"{len(waiting)} not run"] if waiting else []
     page = page_template("summary.html.j2").render(
-        style=STYLE,
         counts=", ".join(counts),
         failed=failed,
         waiting=waiting,

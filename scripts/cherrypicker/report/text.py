@@ -1,4 +1,4 @@
-"""Numbers and words of the pages: units, uncertainties, and the style that the pages share."""
+"""Numbers and words of the pages: units and uncertainties, and the templates that they fill."""
 
 from __future__ import annotations
 
@@ -11,36 +11,6 @@ from cherrypicker.units import unit_name
 
 if TYPE_CHECKING:
     import jinja2
-
-
-STYLE = """
-:root { --ink: #20242a; --soft: #68707c; --line: #d9dde3; --back: #fbfbf9; --warn: #8a4b00;
-  --warn-back: #fff4e0; --bad: #9c1c1c; --bad-back: #fdeaea; --good: #22662e; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 1180px; padding: 24px 20px 60px; background: var(--back);
-  color: var(--ink); font: 15px/1.5 system-ui, "Segoe UI", Roboto, sans-serif; }
-h1 { font-size: 26px; margin: 0 0 2px; } h2 { font-size: 19px; margin: 34px 0 10px; }
-h3 { font-size: 15px; margin: 18px 0 6px; }
-p.lead, .soft, figcaption { color: var(--soft); }
-p.lead { margin: 0 0 18px; }
-a { color: #1d5fa8; }
-table { border-collapse: collapse; background: #fff; font-variant-numeric: tabular-nums; }
-th, td { border: 1px solid var(--line); padding: 4px 10px; text-align: left; vertical-align: top; }
-th { background: #f1f2f0; font-weight: 600; } td.n { text-align: right; white-space: nowrap; }
-.scroll { overflow-x: auto; max-width: 100%; }
-.tall { max-height: 420px; overflow: auto; }
-ul.flags { list-style: none; margin: 0 0 18px; padding: 0; }
-ul.flags li { background: var(--warn-back); border-left: 4px solid #e09a2b; color: var(--warn);
-  margin: 4px 0; padding: 6px 12px; overflow-wrap: anywhere; }
-p.fine { color: var(--good); }
-.failed, .interrupted { color: var(--bad); font-weight: 600; } .done { color: var(--good); }
-tr.bad td { background: var(--bad-back); }
-figure { margin: 0 0 18px; }
-figure img { max-width: 100%; max-height: 1100px; border: 1px solid var(--line); }
-.figures { display: grid; gap: 16px; grid-template-columns: repeat(auto-fit, minmax(340px, 1fr)); }
-.figures figure.wide { grid-column: 1 / -1; }
-code { background: #f0f1ee; padding: 0 4px; overflow-wrap: anywhere; }
-"""
 
 
 def page_template(name: str) -> jinja2.Template:
