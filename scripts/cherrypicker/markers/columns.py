@@ -14,7 +14,9 @@ from cherrypicker.errors import StageError
 
 MODES = ("marker", "none")
 SIDES_COLUMN = "marker_sides_m in trees.tsv"
-_SIDE_BOUNDS_M = (0.005, 2.0)
+_SIDE_BOUNDS_M = (0.005, 2.0)  # of printed markers (guess)
+# Nobody photographs a fruit tree from nearer or further than this; a side in cm or mm would (guess)
+CAMERA_DISTANCE_M = (0.25, 80.0)
 
 DICTIONARY_SIZES = {
     **{f"DICT_{n}X{n}_{size}": size for n in (4, 5, 6, 7) for size in (50, 100, 250, 1000)},

@@ -21,14 +21,18 @@ from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
 
-# A marker that explains less of the grey values than this is no such marker, or is covered.
+# A marker that explains less of the grey values than this is no such marker, or is covered (guess)
 _MIN_AGREEMENT = 0.85
 _COARSE_STD_PX = 1.0  # of corners that no pattern was fitted to (guess), or this many sides
 _COARSE_STD_SIDES = 0.02
 _LEAST_STD_PX = 0.02  # no fit is better (guess)
 _REACH_PX, _REACH_MODULES = 1.5, 1.5  # a fit stays this near to the coarse corners (guess)
-# Photos up to this size are searched once more at twice the size for small markers.
+# Photos up to this size are searched once more at twice the size for small markers (guess)
 _UPSCALE_BELOW_PX = 4_000_000
+# OpenCV's search: a marker's least side, px, and perimeter (OpenCV's own), a share of the photo's
+# longer side; the widest window of the thresholds and their step, px (guess; OpenCV's: 23 and 10)
+_LEAST_SIDE_PX, _LEAST_PERIMETER = 12, 0.03
+_WIDEST_WINDOW_PX, _WINDOW_STEP_PX = 43, 10
 _COMMON_DICTIONARIES = (
     "DICT_4X4_50",
     "DICT_5X5_250",
@@ -107,10 +111,10 @@ def _detect(
 ) -> list[tuple[int, np.ndarray]]:
     parameters = cv2.aruco.DetectorParameters()
     longest = max(grey.shape)
-    # Perimeters are measured against the longer side: keep 12 px a side detectable in any photo.
-    parameters.minMarkerPerimeterRate = min(0.03, 4 * 12 * factor / longest)
-    parameters.adaptiveThreshWinSizeMax = 43
-    parameters.adaptiveThreshWinSizeStep = 10
+    least = 4 * _LEAST_SIDE_PX * factor / longest
+    parameters.minMarkerPerimeterRate = min(_LEAST_PERIMETER, least)
+    parameters.adaptiveThreshWinSizeMax = _WIDEST_WINDOW_PX
+    parameters.adaptiveThreshWinSizeStep = _WINDOW_STEP_PX
     corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(grey)
     if ids is None:
         return []

@@ -14,7 +14,12 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.markers.columns import SIDES_COLUMN, check_scale_columns, choose_mode
+from cherrypicker.markers.columns import (
+    CAMERA_DISTANCE_M,
+    SIDES_COLUMN,
+    check_scale_columns,
+    choose_mode,
+)
 from cherrypicker.markers.detection import (
     Detection,
     detect_markers,
@@ -25,12 +30,10 @@ from cherrypicker.markers.geometry import Observations, locate_marker
 
 logger = logging.getLogger(__name__)
 
-# Printers and rulers: two correct markers may differ by this much.
-_PRINT_TOLERANCE = 0.005
-_WORST_DISAGREEMENT = 0.03
-# Nobody photographs a fruit tree from nearer or further than this; a side in cm or mm would.
-_CAMERA_DISTANCE_M = (0.25, 80.0)
-_MAX_RELATIVE_STD = 0.05
+# Guesses. Printers and rulers: two correct markers may differ by this much, or so many errors
+_PRINT_TOLERANCE, _TOLERANCE_ERRORS = 0.005, 4
+_WORST_DISAGREEMENT = 0.03  # of two markers that the scale survives
+_LEAST_RELATIVE_STD, _MAX_RELATIVE_STD = 1e-4, 0.05
 
 
 def estimate_scale(
@@ -289,7 +292,7 @@ def combine_markers(markers: list[dict], warnings: list[str]) -> tuple[float, fl
         )
     measured = _drop_contradicting(measured, warnings)
     values = np.array([marker["scale"] for marker in measured])
-    stds = np.hypot([marker["scale_std"] for marker in measured], 1e-4 * values)
+    stds = np.hypot([marker["scale_std"] for marker in measured], _LEAST_RELATIVE_STD * values)
     weights = 1 / np.hypot(stds, _PRINT_TOLERANCE / 2 * values * (len(values) > 1)) ** 2
     scale = float(np.sum(weights * values) / weights.sum())
     variance = float(np.sum(weights**2 * stds**2) / weights.sum() ** 2)
@@ -310,7 +313,7 @@ def _drop_contradicting(measured: list[dict], warnings: list[str]) -> list[dict]
         stds = np.array([marker["scale_std"] for marker in measured])
         middle = np.median(values)
         off = np.abs(values / middle - 1)
-        allowed = np.maximum(_PRINT_TOLERANCE, 4 * stds / values)
+        allowed = np.maximum(_PRINT_TOLERANCE, _TOLERANCE_ERRORS * stds / values)
         if len(measured) == 2:
             off = np.full(2, abs(values[0] - values[1]) / middle)
             allowed = np.full(2, np.hypot(*allowed))
@@ -348,7 +351,7 @@ def _check_plausible(
     centers = -np.einsum("nji,nj->ni", rotation, shift)
     corners = np.concatenate([marker["corners"] for marker in markers if marker["used"]])
     distance = float(scale * np.median(np.linalg.norm(centers - corners.mean(axis=0), axis=1)))
-    low, high = _CAMERA_DISTANCE_M
+    low, high = CAMERA_DISTANCE_M
     if not low <= distance <= high:
         raise StageError(
             f"the cameras would stand {distance:.3g} m from the marker: are the sides in metres?",

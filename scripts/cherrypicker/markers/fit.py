@@ -18,11 +18,27 @@ import numpy as np
 
 from cherrypicker.geometry.sampling import thin_randomly
 
-_MAX_PIXELS = 4000
+# All guesses. Pixels that a fit uses (the most bound the time), and white margin around the marker
+_MIN_PIXELS, _MAX_PIXELS = 60, 4000
 _MARGIN_MODULES = 0.5
-_NODES = 5
-# Below this share of well explained pixels the paper is not flat, or a shadow lies across it.
+# The blur: nodes of the Gaussian each way and their spacing in its deviation; its limits, px, and
+# where a fit starts, in modules and px
+_NODES, _SPACING = 5, 0.8
+_BLUR_PX, _BLUR_MODULES = (0.25, 1.5), 0.5
+_START_BLUR_MODULES, _START_BLUR_PX = 0.2, (0.6, 2.0)
+# Below this share of well explained pixels the paper is not flat, or a shadow lies across it; that
+# it is where the corners stay so near to where they were: px, and a share of the side
 _MIN_COVERED = 0.9
+_STAYS_PX, _STAYS_SIDES = 1.5, 0.015
+# Levenberg and Marquardt: steps of the derivatives, px; the first damping, what changes it, its
+# least; trials of a step; its longest, in modules; a move that ends the search, px, and its round
+_DERIVATIVE_PX = 0.02
+_DAMPING, _DAMPING_FACTOR, _LEAST_DAMPING, _N_TRIALS = 1e-3, 5, 1e-7, 8
+_LONGEST_MODULES, _SETTLED_PX, _SETTLED_FROM = 0.3, 1e-3, 3
+# Residuals beyond so many deviations do not count, from this round on
+_OUTLIER, _OUTLIERS_FROM = 6, 2
+_MAD = 1.4826  # standard deviations in the median absolute deviation of a normal distribution
+_N_PARAMETERS = 16  # of a fit: corners, blur and tone curve, less one
 
 
 @dataclass(frozen=True)
@@ -84,7 +100,7 @@ def _render(model: np.ndarray, grid: np.ndarray, pixels: np.ndarray) -> np.ndarr
     h = _homography(model[:8].reshape(4, 2), grid.shape[0])
     sigma = model[8]
     # A box of one node spacing joins the Gaussian's nodes, which adds its own variance.
-    spacing = 0.8 * sigma
+    spacing = _SPACING * sigma
     node_sigma = np.sqrt(max(sigma**2 - spacing**2 / 12, 0.25 * sigma**2))
     weights = np.empty(_NODES)
     for k in range(_NODES):
@@ -157,7 +173,9 @@ def fit_marker(
     side = np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1))
     middle = start.mean(axis=0)
     # Centred coordinates keep the normal equations well conditioned.
-    model = np.append((start - middle).ravel(), min(max(0.2 * side / len(grid), 0.6), 2.0))
+    model = np.append(
+        (start - middle).ravel(), np.clip(_START_BLUR_MODULES * side / len(grid), *_START_BLUR_PX)
+    )
     pixels = pixels - middle
     problem = _Problem(grid, pixels, values, side)
     fitted = _levenberg_marquardt(problem, model, max_iterations)
@@ -168,7 +186,7 @@ def fit_marker(
     corners = model[:8].reshape(4, 2) + middle
     # A shadow across the marker leaves pixels unexplained too, but then the corners stay.
     moved = np.linalg.norm(corners - start, axis=1).max()
-    is_flat = covered >= _MIN_COVERED or moved < max(1.5, 0.015 * side)
+    is_flat = covered >= _MIN_COVERED or moved < max(_STAYS_PX, _STAYS_SIDES * side)
     return MarkerFit(corners, std, float(model[8]), agreement, covered, bool(is_flat))
 
 
@@ -193,7 +211,7 @@ def _pixels_around(
     cross = edges[None, :, 0] * relative[:, :, 1] - edges[None, :, 1] * relative[:, :, 0]
     inside = (cross >= 0).all(axis=1) | (cross <= 0).all(axis=1)
     columns, rows = columns[inside], rows[inside]
-    if len(columns) < 60:
+    if len(columns) < _MIN_PIXELS:
         return None
     columns, rows = thin_randomly(np.column_stack([columns, rows]), _MAX_PIXELS).T
     return columns, rows
@@ -239,19 +257,18 @@ class _Problem:
         coverage = _render(model, self.grid, self.pixels)
         return _photometric_residuals(coverage, self.pixels, self.values, weights, self.side)
 
-    def jacobian(
-        self, model: np.ndarray, residuals: np.ndarray, weights: np.ndarray, step: float = 0.02
-    ) -> np.ndarray:
+    def jacobian(self, model: np.ndarray, residuals: np.ndarray, weights: np.ndarray) -> np.ndarray:
         columns = []
         for k in range(len(model)):
             trial = model.copy()
-            trial[k] += step
-            columns.append((self.residuals(trial, weights) - residuals) / step)
+            trial[k] += _DERIVATIVE_PX
+            columns.append((self.residuals(trial, weights) - residuals) / _DERIVATIVE_PX)
         return np.stack(columns, axis=1)
 
     def limited(self, trial: np.ndarray) -> np.ndarray | None:
         """Keep the blur in bounds; None for corners that cross over."""
-        trial[8] = np.clip(trial[8], 0.25, 0.5 * self.side / len(self.grid) + 1.5)
+        low, high = _BLUR_PX
+        trial[8] = np.clip(trial[8], low, _BLUR_MODULES * self.side / len(self.grid) + high)
         return trial if _is_convex(trial[:8].reshape(4, 2)) else None
 
 
@@ -261,20 +278,21 @@ def _levenberg_marquardt(
     """Parameters by variable projection: the tone curve is solved for at every step."""
     values = problem.values
     weights = np.ones(len(values))
-    damping, moved = 1e-3, np.inf
-    largest = 0.3 * problem.side / len(problem.grid)
+    damping, moved = _DAMPING, np.inf
+    largest = _LONGEST_MODULES * problem.side / len(problem.grid)
     residuals = problem.residuals(model, weights)
     for iteration in range(max_iterations):
-        scale = max(1.4826 * np.median(np.abs(residuals)), 1.0)
+        scale = max(_MAD * np.median(np.abs(residuals)), 1.0)
         # Shadows and blades of grass are no noise: they lose their weight once the fit is close.
-        weights = np.ones(len(values)) if iteration < 2 else _tukey(residuals / (6 * scale))
+        if iteration >= _OUTLIERS_FROM:
+            weights = _tukey(residuals / (_OUTLIER * scale))
         residuals = problem.residuals(model, weights)
         jacobian = problem.jacobian(model, residuals, weights)
         normal = (jacobian * weights[:, None]).T @ jacobian
         gradient = (jacobian * weights[:, None]).T @ residuals
         cost = np.sum(weights * residuals**2)
         moved = 0.0
-        for _ in range(8):
+        for _ in range(_N_TRIALS):
             lifted = normal + damping * np.diag(np.diag(normal) + 1e-9)
             try:
                 step = -np.linalg.solve(lifted, gradient)
@@ -286,15 +304,15 @@ def _levenberg_marquardt(
                 if np.sum(weights * trial_residuals**2) <= cost:
                     moved = np.abs(trial - model)[:8].max()
                     model, residuals = trial, trial_residuals
-                    damping = max(damping / 5, 1e-7)
+                    damping = max(damping / _DAMPING_FACTOR, _LEAST_DAMPING)
                     break
-            damping *= 5
-        if moved < 1e-3 and iteration >= 3:
+            damping *= _DAMPING_FACTOR
+        if moved < _SETTLED_PX and iteration >= _SETTLED_FROM:
             break
     total = np.sum(weights * (values - np.average(values, weights=weights)) ** 2)
     left = np.sum(weights * residuals**2)
     agreement = float(1 - left / total) if total > 0 else 0.0
-    covariance = np.linalg.pinv(normal) * left / max(weights.sum() - 16, 1)
+    covariance = np.linalg.pinv(normal) * left / max(weights.sum() - _N_PARAMETERS, 1)
     # Neighbouring pixels share their noise (demosaicing, JPEG): about four count as one.
     std = float(2 * np.sqrt(np.mean(np.diag(covariance)[:8])))
     return model, std, agreement, weights

@@ -18,12 +18,16 @@ from scipy.spatial.transform import Rotation
 
 from cherrypicker.geometry.sampling import thin_randomly
 
+# All guesses. Pairs of photos that are tried (bounds the time), and their least parallax
 _MAX_PAIRS = 600
 _MIN_PARALLAX_DEG = 1.0
-# Residuals beyond this many pixels lose influence in the refinement.
-_LOSS_SCALE_PX = 0.5
-_MAX_OFF_PLANE = 0.02
-_MAX_OFF_SQUARE = 0.02
+_TOLERANCE_SIDES = 0.02  # a sighting agrees within this share of its side
+_N_ROUNDS = 5  # of refining the corners and asking again who agrees
+# Residuals beyond this many pixels, and so many of its noise, lose influence in the refinement
+_LOSS_SCALE_PX, _LOSS_SCALES = 0.5, 2.0
+# What a square's corners may be off their plane and off a square, of its side, or as many errors
+_MAX_OFF_PLANE, _MAX_OFF_SQUARE, _MAX_OFF_ERRORS = 0.02, 0.02, 5
+_LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
 
 
 @dataclass
@@ -134,12 +138,12 @@ def locate_marker(
     MarkerGeometry or None
         None where no two photos agree on a position.
     """
-    tolerance = np.maximum(max_error_px, 0.02 * observations.side_px)
+    tolerance = np.maximum(max_error_px, _TOLERANCE_SIDES * observations.side_px)
     corners = _consensus(observations, tolerance, seed)
     if corners is None:
         return None
     inliers = np.zeros(len(observations), bool)
-    for _ in range(5):
+    for _ in range(_N_ROUNDS):
         new = _agree(observations, corners, tolerance)
         if len(np.unique(observations.photos[new])) < 2:
             return None
@@ -151,7 +155,7 @@ def locate_marker(
     residuals = used.residuals_px(corners)
     side, side_std = _fit_square(used, corners)
     rms_px = float(np.sqrt(np.mean(np.sum(residuals**2, axis=-1))))
-    noise = 5 * rms_px / float(np.median(used.side_px)) / np.sqrt(len(used))
+    noise = _MAX_OFF_ERRORS * rms_px / float(np.median(used.side_px)) / np.sqrt(len(used))
     return _describe(corners, side, side_std, inliers, rms_px, noise)
 
 
@@ -238,7 +242,7 @@ def _refine_corners(used: Observations, corners: np.ndarray) -> np.ndarray:
         moved = corners + unit * flat.reshape(4, 3)
         return (used.residuals_px(moved) / scale).ravel()
 
-    solution = least_squares(residuals, np.zeros(12), loss="soft_l1", f_scale=2.0)
+    solution = least_squares(residuals, np.zeros(12), loss="soft_l1", f_scale=_LOSS_SCALES)
     return corners + unit * solution.x.reshape(4, 3)
 
 
@@ -260,12 +264,12 @@ def _fit_square(used: Observations, corners: np.ndarray) -> tuple[float, float]:
         moved = center + start * parameters[:3] + side * turned
         return (used.residuals_px(moved) / scale).ravel()
 
-    solution = least_squares(residuals, np.zeros(7), loss="soft_l1", f_scale=2.0)
+    solution = least_squares(residuals, np.zeros(7), loss="soft_l1", f_scale=_LOSS_SCALES)
     side = float(start * np.exp(solution.x[6]))
     raw = residuals(solution.x)
     jacobian = solution.jac  # scaled by the robust loss
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    variance = max(np.sum(solution.fun**2) / max(len(raw) - 7, 1), 0.04)
+    variance = max(np.sum(solution.fun**2) / max(len(raw) - 7, 1), _LEAST_VARIANCE)
     plain = variance * inverse[6, 6]
     n = len(used)
     blocks = np.einsum("nrp,nr->np", jacobian.reshape(n, 8, 7), solution.fun.reshape(n, 8))

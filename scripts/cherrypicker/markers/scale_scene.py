@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.markers.columns import CAMERA_DISTANCE_M
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
@@ -15,10 +16,10 @@ from cherrypicker.poses import Poses
 logger = logging.getLogger(__name__)
 
 # The cameras' median distance to the centre of the region of interest without a scale: about that
-# of a real scan, so that lengths meant in metres still make sense.
+# of a real scan, so that lengths meant in metres still make sense (guess)
 _NORMAL_DISTANCE = 3.0
-_PLAUSIBLE_HEIGHT_M = (0.15, 40.0)
-_PLAUSIBLE_DISTANCE_M = (0.25, 80.0)
+_PLAUSIBLE_HEIGHT_M = (0.15, 40.0)  # of a cloud (guess)
+_TOP_PERCENTILE = 99.9  # of the heights: what stands for its top
 
 
 def scale_scene(
@@ -74,14 +75,14 @@ def scale_scene(
 
 def _check_plausible(points: np.ndarray, factor: float, distance: float) -> None:
     """Refuse or question a scale by what it makes of the cameras and of the cloud's height."""
-    low, high = _PLAUSIBLE_DISTANCE_M
+    low, high = CAMERA_DISTANCE_M
     if not low <= factor * distance <= high:
         raise StageError(
             f"with {factor:.4g} metres per unit the cameras stand {factor * distance:.3g} m from "
             "the tree, outside what a tree is photographed from",
             key="scale or marker_sides_m in trees.tsv",
         )
-    height = factor * float(np.percentile(points[:, 2], 99.9))
+    height = factor * float(np.percentile(points[:, 2], _TOP_PERCENTILE))
     logger.info("height of the cloud %.2f m, camera distance %.2f m", height, factor * distance)
     if not _PLAUSIBLE_HEIGHT_M[0] <= height <= _PLAUSIBLE_HEIGHT_M[1]:
         logger.warning(

@@ -33,14 +33,14 @@ _TURN_COST = np.array(
 _TURN_OF_EXIF = {1: 0, 6: 1, 3: 2, 8: 3}
 _ROLL_SCALE_DEG = 8.0  # of hand-held photos (guess)
 _PITCH_SCALE_DEG = 45.0
-# Photographers share habits: no number of photos makes the vertical better than this.
+# Photographers share habits: no number of photos makes the vertical better than this (guess)
 _UP_FLOOR_DEG = 0.25
 # Weight of the depth at which the cloud is seen, in axes: that of a spread of 6 degrees, below
 # which the axes tell no depth (region.LEAST_SPREAD).
 _DEPTH_PULL = 0.01
 # What a photo's middle shows: its middle half each way, of so many points, so many in it (guesses)
 _MIDDLE, _SAMPLE, _FEWEST_SEEN = 0.25, 4000, 5
-# Search of the vertical: pairs of photos, and the sine below which their axes are parallel
+# Search of the vertical (guesses): pairs of photos; the sine below which their axes are parallel
 _N_PAIRS, _PARALLEL = 400, 0.05
 _N_ROUNDS = 15
 _MAD = 1.4826  # standard deviations in the median absolute deviation of a normal distribution

@@ -28,9 +28,10 @@ _SEARCH_POINTS = 400_000  # bounds the time
 # Height that may still be ground, a share of the cameras' distance (guess)
 _TOLERANCE = 0.3
 # Percentiles of the ground's heights and of all heights that are its lowest, and the places asked
+# (guesses)
 _LOWEST_GROUND, _LOWEST_POINT = 1, 0.1
 _FLOOR_POINTS = 20_000
-# The ground is kept for the segmentation; what lies deeper under it is noise.
+# The ground is kept for the segmentation; what lies deeper under it is noise (guess)
 _DEPTH_BELOW_GROUND = 0.05
 
 

@@ -19,7 +19,8 @@ NORMALISED_HEIGHT = 3.0
 """Height, in arbitrary units, that a cloud without a scale is given."""
 
 _TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
-_MAX_8_BIT = 255
+_MAX_8_BIT, _MAX_16_BIT = 255, 65535
+_USUAL_EXTENT_M = (0.1, 500.0)  # of a cloud; another is worth a question (guess)
 
 
 def parse_up_axis(text: str) -> np.ndarray:
@@ -105,7 +106,7 @@ def _metres_per_unit(text: str) -> float:
 
 
 def _warn_about_size(extent: float, unit: str, path: str | os.PathLike) -> None:
-    if unit == "m" and not 0.1 <= extent <= 500.0:
+    if unit == "m" and not _USUAL_EXTENT_M[0] <= extent <= _USUAL_EXTENT_M[1]:
         logger.warning(
             "the cloud measures %.3g m across: is cloud_unit in trees.tsv right? (%s)", extent, path
         )
@@ -140,7 +141,7 @@ def _read_las(path: Path) -> PointCloud:
     if {"red", "green", "blue"} <= set(las.point_format.dimension_names):
         rgb = np.column_stack([las.red, las.green, las.blue]).astype(np.float32)
         if rgb.size and rgb.max() > 0:
-            colors = rgb / (65535.0 if rgb.max() > _MAX_8_BIT else 255.0)
+            colors = rgb / (_MAX_16_BIT if rgb.max() > _MAX_8_BIT else _MAX_8_BIT)
     return _checked(points, colors, path)
 
 
@@ -165,7 +166,7 @@ def _read_text(path: Path) -> PointCloud:
     if table.shape[1] >= 6:
         rgb = table[:, 3:6]
         if rgb.min() >= 0 and rgb.max() <= _MAX_8_BIT:
-            colors = rgb / (255.0 if rgb.max() > 1 else 1.0)
+            colors = rgb / (_MAX_8_BIT if rgb.max() > 1 else 1.0)
     return _checked(table[:, :3], colors, path)
 
 

@@ -27,6 +27,11 @@ NEAREST = 0.3
 # 6 degrees of spread leave the depth of the crossing open by a third)
 COMMON_SHARE = 1 / 3
 LEAST_SPREAD = 0.01
+# Rounds in search of the crossing; an axis that misses it by so many median misses, or by so much
+# of the cameras' distance, counts half; one that meets it behind its camera so much (guesses)
+N_ROUNDS = 20
+FAR_MISSES, LEAST_MISS, BEHIND_WEIGHT = 1.5, 1e-3, 0.05
+SETTLED = 1e-9  # of the cameras' distance: a move that ends the search
 # A pull far below any angle that counts, for axes that are parallel to the last digit
 RIDGE = 1e-9
 # Samples of the region: 14 cm apart in a ball of 3 m radius
@@ -78,7 +83,7 @@ def find_region(poses: Poses) -> Region | None:
 
 
 def crossing(
-    poses: Poses, n_rounds: int = 20, *, prior: np.ndarray | None = None, pull: float = RIDGE
+    poses: Poses, *, prior: np.ndarray | None = None, pull: float = RIDGE
 ) -> tuple[np.ndarray, float]:
     """Return where the viewing axes cross, (3,), and how much they spread.
 
@@ -99,7 +104,7 @@ def crossing(
     prior = centers.mean(axis=0) if prior is None else prior
     weights = np.ones(len(centers))
     point = prior
-    for _ in range(n_rounds):
+    for _ in range(N_ROUNDS):
         ridge = pull * weights.sum()
         left = np.einsum("n,nij->ij", weights, projectors) + ridge * np.eye(3)
         right = np.einsum("n,nij,nj->i", weights, projectors, centers) + ridge * prior
@@ -109,11 +114,11 @@ def crossing(
         ranges = np.median(np.linalg.norm(offsets, axis=1))
         # An axis that meets the point behind its camera says nothing about where it looks
         behind = np.einsum("ni,ni->n", offsets, axes) <= 0
-        scale = max(1.5 * np.median(misses), 1e-3 * ranges)
-        weights = np.where(behind, 0.05, 1.0 / (1.0 + (misses / scale) ** 2))
+        scale = max(FAR_MISSES * np.median(misses), LEAST_MISS * ranges)
+        weights = np.where(behind, BEHIND_WEIGHT, 1.0 / (1.0 + (misses / scale) ** 2))
         moved = np.linalg.norm(new_point - point)
         point = new_point
-        if moved < 1e-9 * ranges:
+        if moved < SETTLED * ranges:
             break
     return point, spread
 
