@@ -26,8 +26,6 @@ def read_batch(schema: Mapping, config: Mapping, command_line: Mapping | None = 
 
     Parameters
     ----------
-    schema : mapping
-        The config's schema.
     config : mapping
         Content of ``config.yaml``, with the command line's keys where Snakemake merged them.
     command_line : mapping, optional

@@ -6,7 +6,7 @@ import csv
 import logging
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -49,33 +49,34 @@ class Correction:
 
 @dataclass(frozen=True)
 class StageForecast:
-    """One stage over all scans.
-
-    Attributes
-    ----------
-    n_jobs, max_threads : int
-        Jobs, and threads of the widest.
-    cpu_hours, disk_gb : float
-        Sums over all jobs.
-    job_minutes, memory_gb : float
-        Running time with its threads of the longest job, and memory asked for by the largest.
-    n_benchmarks : int
-        Benchmark files that corrected the rates.
-    """
+    """One stage over all scans."""
 
     rule: str
     n_jobs: int
-    max_threads: int
-    cpu_hours: float
-    job_minutes: float
-    memory_gb: float
-    disk_gb: float
-    n_benchmarks: int
+    max_threads: int  # of the widest job
+    cpu_hours: float  # of all jobs
+    job_minutes: float  # running time with its threads of the longest job
+    memory_gb: float  # asked for by the largest
+    disk_gb: float  # of all jobs
+    n_benchmarks: int  # benchmark files that corrected the rates
 
 
-def stages_of(scan: ScanSize, is_labelled: bool = False) -> list[str]:
-    """Return the stages of a scan in order; a labelled cloud skips the network."""
-    return [rule for rule in scan.stages if not (is_labelled and rule == "segment_cloud")]
+def _costs(
+    scans: Mapping[str, ScanSize],
+    labelled: Sequence[str],
+    corrections: Mapping[str, Correction],
+    cores: int | None,
+) -> Iterator[tuple[str, str, int, float, float]]:
+    """Yield scan, stage, threads, CPU seconds and memory in GB of every job, scan by scan."""
+    for name, scan in scans.items():
+        for rule, stage in scan.stages.items():
+            if rule == "segment_cloud" and name in labelled:
+                continue  # labels need no network
+            fix = corrections.get(rule, Correction())
+            threads = threads_to_ask(rule, scan)
+            threads = min(threads, cores) if cores else threads
+            memory_gb = fix.memory * mb_to_ask(rule, scan, threads) / 1000.0
+            yield name, rule, threads, fix.cpu * cpu_seconds(stage, scan), memory_gb
 
 
 def forecast_stages(
@@ -99,18 +100,14 @@ def forecast_stages(
     """
     corrections = corrections or {}
     rows: dict[str, list] = {}
-    for name, scan in scans.items():
-        for rule in stages_of(scan, name in labelled):
-            fix = corrections.get(rule, Correction())
-            threads = _threads(rule, scan, cores)
-            row = rows.setdefault(rule, [0, 0, 0.0, 0.0, 0.0, 0.0])
-            row[0] += 1
-            row[1] = max(row[1], threads)
-            cpu_s = fix.cpu * cpu_seconds(scan.stages[rule], scan)
-            row[2] += cpu_s / 3600.0
-            row[3] = max(row[3], cpu_s / speedup(threads) / 60.0)
-            row[4] = max(row[4], _memory_gb(rule, scan, threads, fix))
-            row[5] += disk_mb(scan.stages[rule], scan) / 1000.0
+    for name, rule, threads, cpu_s, memory_gb in _costs(scans, labelled, corrections, cores):
+        row = rows.setdefault(rule, [0, 0, 0.0, 0.0, 0.0, 0.0])
+        row[0] += 1
+        row[1] = max(row[1], threads)
+        row[2] += cpu_s / 3600.0
+        row[3] = max(row[3], cpu_s / speedup(threads) / 60.0)
+        row[4] = max(row[4], memory_gb)
+        row[5] += disk_mb(scans[name].stages[rule], scans[name]) / 1000.0
     return [
         StageForecast(rule, *row, corrections.get(rule, Correction()).n_benchmarks)  # type: ignore[call-arg]
         for rule, row in rows.items()
@@ -130,19 +127,15 @@ def forecast_hours(
     ValueError
         If one job does not fit the machine; the message names its stage.
     """
-    corrections = corrections or {}
     jobs: list[Job] = []
-    for name, scan in scans.items():
-        place: dict[str, int] = {}
-        for rule in stages_of(scan, name in labelled):
-            fix = corrections.get(rule, Correction())
-            threads = _threads(rule, scan, machine.cores)
-            seconds = fix.cpu * cpu_seconds(scan.stages[rule], scan) / speedup(threads)
-            before = _befores(scan, rule, place)
-            gpus = int(rule == "estimate_depth" and BACKENDS[scan.stereo].needs_cuda)
-            memory = _memory_gb(rule, scan, threads, fix)
-            place[rule] = len(jobs)
-            jobs.append(Job(rule, seconds, memory, threads, gpus, before))
+    places: dict[str, dict[str, int]] = {name: {} for name in scans}
+    for name, rule, threads, cpu_s, memory_gb in _costs(
+        scans, labelled, corrections or {}, machine.cores
+    ):
+        before = _befores(scans[name], rule, places[name])
+        gpus = int(rule == "estimate_depth" and BACKENDS[scans[name].stereo].needs_cuda)
+        places[name][rule] = len(jobs)
+        jobs.append(Job(rule, cpu_s / speedup(threads), memory_gb, threads, gpus, before))
     return wall_seconds(jobs, machine) / 3600.0
 
 
@@ -157,8 +150,6 @@ def on_machine(
         Size of each scan by its id.
     backends : mapping
         The key ``mvs.backend`` of each scan.
-    machine : Machine
-        Where they run.
     """
     return {
         name: replace(scan, stereo=first_choice(backends[name], machine.gpus > 0))
@@ -217,8 +208,6 @@ def forecast_text(
         From :func:`forecast_stages`.
     hours : mapping
         Hours by machine, or why the batch does not fit it.
-    n_scans : int
-        Scans of the batch.
     """
     lines = [
         f"{n_scans} scans",
@@ -271,15 +260,6 @@ def _befores(scan: ScanSize, rule: str, place: Mapping[str, int]) -> tuple[int, 
     for before in scan.stages[rule].after:
         found += [place[before]] if before in place else _befores(scan, before, place)
     return tuple(found)
-
-
-def _threads(rule: str, scan: ScanSize, cores: int | None) -> int:
-    threads = threads_to_ask(rule, scan)
-    return min(threads, cores) if cores else threads
-
-
-def _memory_gb(rule: str, scan: ScanSize, threads: int, fix: Correction) -> float:
-    return fix.memory * mb_to_ask(rule, scan, threads) / 1000.0
 
 
 def _read_benchmark(path: Path) -> tuple[float, float] | None:

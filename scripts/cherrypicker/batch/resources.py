@@ -10,7 +10,7 @@ import math
 import os
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from cherrypicker.batch.stage_costs import (
@@ -102,21 +102,15 @@ class ScanSize:
         cropped_share : float
             How many of them the crop leaves; a ready cloud is not cropped.
         """
-        return {
+        return asdict(self) | {
             "base": 1.0,
             "photos": float(self.n_photos),
             "photos_squared": float(self.n_photos) ** 2,
             "pairs": float(self.n_pairs),
-            "photo_mp": self.photo_mp,
-            "feature_mp": self.feature_mp,
-            "sift_mp": self.sift_mp,
-            "dense_mp": self.dense_mp,
             "stereo_mp": self.dense_mp * self.n_sources / SOURCES_OF_RATE,
             "stereo_mb": (STEREO_SOURCE_BYTES * self.n_sources + STEREO_PHOTO_BYTES)
             * self.largest_dense_mp,
             "fusion_mb": FUSION_MAP_BYTES * (self.n_checked + 1) * self.largest_dense_mp,
-            "largest_photo_mp": self.largest_photo_mp,
-            "largest_feature_mp": self.largest_feature_mp,
             "points_m": points_m,
             "cropped_m": points_m * (cropped_share if self.is_photo_scan else 1.0),
         }
@@ -191,8 +185,6 @@ def count_pairs(n_photos: int, sfm: Mapping) -> int:
 
     Parameters
     ----------
-    n_photos : int
-        Number of photos.
     sfm : mapping
         The config's section ``sfm``.
     """

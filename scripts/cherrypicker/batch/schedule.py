@@ -84,8 +84,6 @@ def wall_seconds(jobs: Sequence[Job], machine: Machine) -> float:
     ----------
     jobs : sequence of Job
         A job stands behind those that it waits for.
-    machine : Machine
-        Where they run.
 
     Raises
     ------

@@ -20,8 +20,6 @@ def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list
 
     Parameters
     ----------
-    script : path-like
-        The stage script.
     root : path-like
         The folder that holds the packages.
 

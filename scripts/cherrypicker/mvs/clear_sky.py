@@ -69,8 +69,6 @@ class SkyMasks:
         One mask per photo, ``{stem}.png``, in the pixels of the photo as stored.
     model : path-like
         Sparse model of the photos as stored, for the lenses.
-    names : sequence of str
-        The photos.
 
     Raises
     ------

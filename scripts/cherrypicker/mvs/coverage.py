@@ -107,8 +107,6 @@ def look_for_wood(poses: Poses, masks: SkyMasks, centers: np.ndarray, size: floa
         Of the same photos.
     centers : ndarray of shape (n_voxels, 3)
         Frame of the poses.
-    size : float
-        The voxels' side.
     """
     n_framing, n_thin, n_clear = (np.zeros(len(centers), dtype=int) for _ in range(3))
     for i in range(len(poses)):

@@ -41,12 +41,8 @@ def undistort(
         Folder of the sparse model.
     photos : sequence of path-like
         Photo files; all that the model names must be among them, in one folder.
-    workspace : path-like
-        Folder to fill.
     max_image_size : int
         Longest side of an undistorted photo, px.
-    threads : int
-        Threads.
 
     Returns
     -------

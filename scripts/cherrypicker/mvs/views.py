@@ -87,8 +87,6 @@ def plan_views(
 
     Parameters
     ----------
-    workspace : Workspace
-        The undistorted workspace.
     n_sources : int
         Most sources per reference; fewer where the places are covered.
     cover : float

@@ -121,8 +121,6 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
 
     Parameters
     ----------
-    coverage : dict
-        ``dense/coverage.json``.
     align : dict
         ``align.json``: the way from COLMAP's frame to the aligned one.
     """

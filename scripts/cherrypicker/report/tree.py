@@ -94,8 +94,6 @@ def report_tree(
     ----------
     about : mapping of str to str
         ``tree``, ``date`` and ``series``, as in the table of trees.
-    report : path-like
-        HTML to write.
     files : mapping of str to path-like
         By `FILES`, None or empty for what the tree does not have; and ``cloud_figure``, ...,
         ``thumbnail_figure``, the PNG files to write.

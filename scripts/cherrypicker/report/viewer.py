@@ -52,8 +52,6 @@ def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: i
     ----------
     cloud : PointCloud
         With labels.
-    n_points : int
-        Most points shown.
 
     Returns
     -------

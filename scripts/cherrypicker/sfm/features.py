@@ -63,8 +63,6 @@ def extract_features(
     ----------
     photos : sequence of path-like
         Photos of one folder.
-    database : path-like
-        COLMAP database to write.
     listing : path-like
         JSON to write: per photo its size, EXIF camera, camera group, features, or its problem.
     folder : path-like

@@ -87,8 +87,6 @@ def map_photos(
         Database with verified matches. COLMAP changes it: pass a copy.
     photos : Path
         Folder of the photos, for the colours of the points.
-    scratch : Path
-        Folder for temporary files.
 
     Returns
     -------

@@ -81,8 +81,6 @@ def match_features(
     ----------
     features : path-like
         Database that :func:`cherrypicker.sfm.features.extract_features` wrote.
-    database : path-like
-        Database to write.
 
     Returns
     -------

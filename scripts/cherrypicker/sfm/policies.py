@@ -43,8 +43,6 @@ def further_policies(
 
     Parameters
     ----------
-    mapper : str
-        The configured mapper.
     max_error_px : float
         Largest epipolar error that matching allowed, px.
     too_few : bool

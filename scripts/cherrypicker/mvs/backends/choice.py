@@ -56,15 +56,9 @@ def estimate_workspace(
 
     Parameters
     ----------
-    folder : path-like
-        Dense workspace.
-    options : StereoOptions
-        Settings.
     backend : str, default "auto"
         A name of `BACKENDS`; ``auto`` takes the first that can run, and where all its maps come
         out empty the CPU.
-    threads : int
-        Threads of the backend.
     sky_masks : SkyMasks, optional
         The CPU backend leaves out what they call sky, see :mod:`cherrypicker.mvs.clear_sky`.
 
