@@ -48,33 +48,16 @@ STEREO_SOURCE_BYTES, STEREO_PHOTO_BYTES, FUSION_MAP_BYTES = 38.0, 80.0, 16.0
 
 @dataclass(frozen=True)
 class ScanSize:
-    """How large a scan is, as far as its cost goes.
-
-    Attributes
-    ----------
-    is_photo_scan : bool
-        Whether the scan starts from photos.
-    stereo : str
-        The backend of its depth maps.
-    n_photos, n_pairs, n_sources, n_checked : int
-        Photos, pairs of photos to match, source photos of each depth map, and photos that are
-        asked about each point in the fusion.
-    photo_mp, feature_mp, dense_mp : float
-        Megapixels of all photos: as they are, as features are sought, as depth is estimated.
-    sift_mp : float
-        ``feature_mp``, four times that of the photos that are enlarged for their features.
-    largest_photo_mp, largest_feature_mp, largest_dense_mp : float
-        The same of the largest photo.
-    points_m, most_points_m : float
-        Millions of points to expect in the cloud, and as many as memory must suffice for.
-    """
+    """How large a scan is, as far as its cost goes."""
 
     is_photo_scan: bool = False
-    stereo: str = "cpu"
+    stereo: str = "cpu"  # the backend of its depth maps
     n_photos: int = 0
-    n_pairs: int = 0
-    n_sources: int = 0
-    n_checked: int = 0
+    n_pairs: int = 0  # of photos to match
+    n_sources: int = 0  # source photos of each depth map
+    n_checked: int = 0  # photos that are asked about each point in the fusion
+    # Megapixels of all photos: as they are, as features are sought, the same with photos that are
+    # enlarged for it counted four times, and as depth is estimated; then of the largest photo
     photo_mp: float = 0.0
     feature_mp: float = 0.0
     sift_mp: float = 0.0
@@ -82,6 +65,7 @@ class ScanSize:
     largest_photo_mp: float = 0.0
     largest_feature_mp: float = 0.0
     largest_dense_mp: float = 0.0
+    # Millions of points to expect in the cloud, and as many as memory must suffice for
     points_m: float = 0.0
     most_points_m: float = 0.0
 

@@ -9,51 +9,28 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Machine:
-    """Equal machines that work on one batch.
+    """Equal machines that work on one batch."""
 
-    Attributes
-    ----------
-    name : str
-        For the reader.
-    n_nodes, cores, gpus : int
-        Machines, and cores and GPUs of each.
-    memory_gb : float
-        Memory of each, GB, that jobs may use.
-    start_s : float
-        Seconds that each job loses before it works: start of Snakemake, of Python, waiting for the
-        scheduler and for its file to be seen.
-    """
-
-    name: str
+    name: str  # for the reader
     n_nodes: int
-    cores: int
-    memory_gb: float
+    cores: int  # of each machine, as its memory and GPUs
+    memory_gb: float  # that jobs may use
     gpus: int = 0
+    # Seconds that each job loses before it works: start of Snakemake, of Python, waiting for the
+    # scheduler and for its file to be seen
     start_s: float = 5.0
 
 
 @dataclass(frozen=True)
 class Job:
-    """One stage of one tree.
-
-    Attributes
-    ----------
-    rule : str
-        Stage.
-    cpu_s, memory_gb : float
-        Running time with all its threads, s, and memory, GB.
-    threads, gpus : int
-        Cores and GPUs that it holds.
-    after : tuple of int
-        Positions of the jobs that must be done before.
-    """
+    """One stage of one tree."""
 
     rule: str
-    seconds: float
+    seconds: float  # with all its threads
     memory_gb: float
-    threads: int = 1
+    threads: int = 1  # cores that it holds, as its GPUs
     gpus: int = 0
-    after: tuple[int, ...] = ()
+    after: tuple[int, ...] = ()  # positions of the jobs that must be done before
 
 
 @dataclass

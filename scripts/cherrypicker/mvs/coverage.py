@@ -119,15 +119,8 @@ def look_for_wood(poses: Poses, masks: SkyMasks, centers: np.ndarray, size: floa
 
 
 class Grid:
-    """Cubic voxels in a region's ball.
-
-    Attributes
-    ----------
-    cells : ndarray of shape (n,), int
-        Their places in the cube around the ball.
-    centers : ndarray of shape (n, 3)
-    size : float
-    """
+    """Cubic voxels in a region's ball: their places ``cells`` in the cube around it, (n,) int, their
+    middles ``centers``, (n, 3), and their side ``size``."""
 
     def __init__(self, region: Region):
         self.size = 2.0 * region.radius / N_ACROSS
