@@ -119,7 +119,7 @@ def look_for_wood(poses: Poses, masks: SkyMasks, centers: np.ndarray, size: floa
 
 
 class Grid:
-    """Cubic voxels in a region's ball: their places ``cells`` in the cube around it, (n,) int, their
+    """Cubic voxels in a region's ball: their ``cells`` in the cube around it, (n,) int, their
     middles ``centers``, (n, 3), and their side ``size``."""
 
     def __init__(self, region: Region):

@@ -131,12 +131,8 @@ def scan_flags(
         ``m`` or ``arbitrary``.
     height : float, optional
         Of the tree, in that unit.
-    scale, sparse, target : dict, optional
-        ``scale.json``, ``sfm/report.json`` and ``target.json`` where the scan has them.
-    edits : dict, optional
-        ``edits.json`` of a tree with hand corrections.
-    photo_check : dict, optional
-        ``photo_check.json`` of a scan from photos.
+    scale, sparse, target, edits, photo_check : dict, optional
+        As of :func:`cherrypicker.traits.measure.measure_traits`.
     edges : sequence of FrameEdge
         Sides of the tree beyond which few photos look.
     missing_top : MissingTop, optional
