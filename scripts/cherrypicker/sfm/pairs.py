@@ -6,6 +6,7 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.cluster.vq import kmeans2, vq
 
 logger = logging.getLogger(__name__)
 
@@ -96,7 +97,8 @@ def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.n
             if len(each)
         ]
     )
-    words = _kmeans(training, min(N_WORDS, len(training)), rng)
+    n_words = min(N_WORDS, len(training))
+    words, _ = kmeans2(training, n_words, iter=N_KMEANS_ITERATIONS, minit="points", seed=rng)
     return np.stack([_vlad(_as_unit(each), words) for each in descriptors])
 
 
@@ -105,29 +107,11 @@ def _as_unit(descriptors: np.ndarray) -> np.ndarray:
     return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), TINY)
 
 
-def _kmeans(points: np.ndarray, k: int, rng: np.random.Generator) -> np.ndarray:
-    """Lloyd's algorithm; an empty cluster takes a random point."""
-    centers = points[rng.choice(len(points), k, replace=False)]
-    for _ in range(N_KMEANS_ITERATIONS):
-        members = _one_hot(points, centers)
-        counts = members.sum(axis=0)
-        centers = (members.T @ points) / np.maximum(counts, 1)[:, None]
-        empty = np.flatnonzero(counts == 0)
-        centers[empty] = points[rng.choice(len(points), len(empty))]
-    return centers
-
-
-def _one_hot(points: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    """Membership of each point in its nearest centre, (n_points, k) float32."""
-    distances = (centers**2).sum(axis=1) - 2.0 * points @ centers.T
-    return np.eye(len(centers), dtype=np.float32)[np.argmin(distances, axis=1)]
-
-
 def _vlad(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
     """Sum the residuals to the nearest word; normalise each word's sum, then the whole."""
     if not len(descriptors):
         return np.zeros(words.size, dtype=np.float32)
-    members = _one_hot(descriptors, words)
+    members = np.eye(len(words), dtype=np.float32)[vq(descriptors, words)[0]]
     residuals = members.T @ descriptors - members.sum(axis=0)[:, None] * words
     residuals /= np.maximum(np.linalg.norm(residuals, axis=1, keepdims=True), TINY)
     vector = residuals.ravel()
