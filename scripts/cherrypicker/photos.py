@@ -48,11 +48,7 @@ def list_photos(folder: str | os.PathLike) -> list[Path]:
 
 
 def read_photo(path: str | os.PathLike) -> np.ndarray:
-    """Read a photo as COLMAP does: 8-bit RGB, the EXIF orientation not applied.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 3), uint8
+    """Read a photo as COLMAP does: (height, width, 3) uint8, RGB, the EXIF orientation not applied.
 
     Raises
     ------

@@ -81,7 +81,7 @@ def neighbor_means(
 
 
 def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarray:
-    """Find the points whose neighbours are about as near as elsewhere in the cloud.
+    """Find the points whose neighbours are about as near as elsewhere, (n_points,) bool.
 
     The mean distance must be below mean + std_ratio * standard deviation over the cloud: the maths
     of Open3D's ``remove_statistical_outlier``, which the paper uses.
@@ -90,10 +90,6 @@ def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarr
     ----------
     mean_distance : ndarray of shape (n_points,), float64
         From `neighbor_means`.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), bool
     """
     valid = mean_distance > 0  # Open3D leaves points out that coincide with all their neighbours
     if len(mean_distance) < 2 or not valid.any():
@@ -105,7 +101,7 @@ def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarr
 def supported_points(
     n_views: np.ndarray, mean_views: np.ndarray, min_ratio: float, counts: np.ndarray | None = None
 ) -> np.ndarray:
-    """Find the points whose neighbourhood was seen by about as many photos as the rest.
+    """Find the points whose neighbourhood about as many photos saw as the rest, (n_points,) bool.
 
     Two neighbouring photos can agree on a wrong match (a line of trees behind the crown, sliding
     along itself), a dozen cannot; a thin twig that few photos resolve still has better seen
@@ -123,10 +119,6 @@ def supported_points(
     counts : ndarray of shape (n_points,), bool, optional
         Points that count for the median; all when none is given or none set. The ground is most of
         a cloud, and photos from all sides see it: its median says nothing about twigs.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), bool
     """
     typical = np.median(n_views if counts is None or not counts.any() else n_views[counts])
     return mean_views >= min(min_ratio * typical, ENOUGH_VIEWS)

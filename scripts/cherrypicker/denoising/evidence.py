@@ -83,7 +83,7 @@ def _mean_sky(blue: np.ndarray, clear: np.ndarray) -> np.ndarray:
 
 
 def thin_structures(image: np.ndarray, clear: np.ndarray, contrast: float) -> np.ndarray:
-    """Find what is thin and stands out of its surroundings in blue, to within a pixel.
+    """Find what is thin and stands out of its surroundings in blue, to a pixel, (H, W) bool.
 
     It is darker than what surrounds it, or brighter than that and the sky. Wood and sky differ most
     in blue.
@@ -95,10 +95,6 @@ def thin_structures(image: np.ndarray, clear: np.ndarray, contrast: float) -> np
         Sky by the mask, from which the noise is learnt.
     contrast : float
         Least contrast, a share of the full range.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
     """
     blue = np.ascontiguousarray(image[..., 2])
     window = _square(THIN_WIDTH // 2)

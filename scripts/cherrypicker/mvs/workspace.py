@@ -173,11 +173,7 @@ def _parse_header(content: bytes, path: Path) -> tuple[int, int, int, int]:
 
 
 def read_map(path: str | os.PathLike) -> np.ndarray:
-    """Read a COLMAP depth or normal map.
-
-    Returns
-    -------
-    ndarray of shape (height, width) or (height, width, channels), float32
+    """Read a COLMAP depth (height, width) or normal map (height, width, 3), float32.
 
     Raises
     ------

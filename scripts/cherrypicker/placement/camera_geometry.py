@@ -163,12 +163,7 @@ def roll_costs(
 
 
 def photographer_axes(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-    """Right and up axes of every photo under each quarter turn, in the world frame.
-
-    Returns
-    -------
-    right, up : ndarray of shape (n_cameras, 4, 3)
-    """
+    """Right and up axes of every photo at each quarter turn, world, each (n_cameras, 4, 3)."""
     world_from_cam = np.transpose(poses.cam_from_world[:, :, :3], (0, 2, 1))
     right = np.einsum("nij,kj->nki", world_from_cam, _RIGHT_AXES)
     up = np.einsum("nij,kj->nki", world_from_cam, _UP_AXES)

@@ -154,12 +154,7 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
 
 
 def removed_points(before: PointCloud, after: PointCloud) -> np.ndarray:
-    """Rows of `before` that are not in `after`, by exact single-precision coordinates.
-
-    Returns
-    -------
-    ndarray of shape (len(before),), bool
-    """
+    """Rows of `before` that are not in `after`, (n,) bool, by exact coordinates in float32."""
     keys = [
         np.ascontiguousarray(cloud.points.astype("<f4")).view([("", "<f4")] * 3).ravel()
         for cloud in (before, after)

@@ -25,16 +25,7 @@ _STEPS = np.iinfo(np.uint16).max
 
 
 def pick_points(labels: np.ndarray, n_most: int, rng: np.random.Generator) -> np.ndarray:
-    """Choose points to show, wood before the rest, in increasing order.
-
-    Parameters
-    ----------
-    labels : ndarray of shape (n_points,), uint8
-
-    Returns
-    -------
-    ndarray of int64
-    """
+    """Choose points to show by their labels (n_points,), wood before the rest; increasing rows."""
     wood = np.flatnonzero(wood_mask(labels))
     rest = np.flatnonzero(~wood_mask(labels))
     n_wood = min(len(wood), max(int(_WOOD_SHARE * n_most), n_most - len(rest)))

@@ -67,16 +67,7 @@ def frame_edges(poses: Poses, wood: np.ndarray) -> list[FrameEdge]:
 
 
 def framing_photos(poses: Poses, points: np.ndarray) -> np.ndarray:
-    """Count the photos in whose frame each point lies, hidden or not.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-
-    Returns
-    -------
-    ndarray of shape (n_points,), int64
-    """
+    """Count the photos in whose frame each point (n_points, 3) lies, hidden or not, (n_points,)."""
     count = np.zeros(len(points), dtype=np.int64)
     for photo in range(len(poses)):
         count += frames(poses, photo, points, 0.0)
