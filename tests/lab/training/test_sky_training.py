@@ -119,15 +119,14 @@ def test_training_goes_on_from_given_weights(folder, tmp_path):
         training, validation, TrainOptions(epochs=1, samples_per_epoch=3, **SMALL)
     )[0]
     save_weights(tmp_path / "w.npz", first)
-    options = TrainOptions(
-        epochs=1,
-        samples_per_epoch=3,
-        learning_rate=1e-9,
-        start_weights=str(tmp_path / "w.npz"),
-        **SMALL,
-    )
-    second = train_network(training, validation, options)[0]
+    start = {"epochs": 1, "samples_per_epoch": 3, "start_weights": str(tmp_path / "w.npz"), **SMALL}
+    second = train_network(training, validation, TrainOptions(learning_rate=1e-9, **start))[0]
     assert torch.allclose(first.head.weight, second.head.weight, atol=1e-3)
+    other = train_network(training, validation, TrainOptions(learning_rate=0.1, **start))[0]
+    assert not torch.allclose(first.head.weight, other.head.weight, atol=1e-2)
+    options = TrainOptions(learning_rate=0.1, start_share=1.0, **start)
+    kept = train_network(training, validation, options)[0]
+    assert torch.allclose(first.head.weight, kept.head.weight, atol=1e-3)
 
 
 def test_f1_of_a_known_confusion():

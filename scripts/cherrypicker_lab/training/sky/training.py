@@ -10,6 +10,7 @@ References
 ----------
 .. [1] Smith, Topin, "Super-Convergence: Very Fast Training of Neural Networks Using Large Learning
    Rates", arXiv:1708.07120.
+.. [2] Wortsman et al., "Robust fine-tuning of zero-shot models", CVPR 2022.
 """
 
 from __future__ import annotations
@@ -61,6 +62,7 @@ class TrainOptions(AugmentOptions):
     max_side_px: int = 640
     widths: tuple[int, ...] = DEFAULT_WIDTHS
     start_weights: str = ""
+    start_share: float = 0.0
     seed: int = 0
 
 
@@ -247,6 +249,9 @@ def train_network(
         )
         if checkpoint:
             _save_checkpoint(checkpoint, (net, average, optimiser), epochs, fingerprint)
+    if options.start_weights and options.start_share > 0:
+        # What the first weights knew and the new photos do not show stays known [2]_.
+        _move_average(average, load_weights(options.start_weights), 1 - options.start_share)
     return average.eval(), {"epochs": epochs, "validation": epochs[-1]}
 
 
