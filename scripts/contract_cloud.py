@@ -1,4 +1,5 @@
-"""Choose the target tree by its wood, and contract that to its skeleton points (LBC or S-LBC).
+"""Choose the target tree by its wood, and move it onto the axes of its limbs, or contract
+it as published (LBC or S-LBC).
 
 Reads segmented.ply (and, for a tree from photos, metric.json), writes target.json, contracted.ply,
 limbs.npz (which extract_graph joins) and contract.json. Example:

@@ -1,7 +1,7 @@
 """The semantic classes of a point: the one table that every stage, file and page follows.
 
 What a class looks like on the pages is `cherrypicker.report.colors`, whose edits rerun the report
-alone; all else about a class stands here.
+alone; how it is trained and what its things are, docs/architecture.md tells.
 """
 
 from __future__ import annotations

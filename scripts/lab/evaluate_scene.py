@@ -4,8 +4,8 @@ Reads results/TREE and SCENE/truth (poses.npz, skeleton.csv, traits.json, cloud.
 number beside its bar and writes them as JSON. With --check a missed bar makes the exit code 1.
 Example:
 
-    python scripts/lab/evaluate_scene.py --results results/cherry_1 \\
-        --truth resources/demo/cherry_1/truth --check
+    python scripts/lab/evaluate_scene.py --results results/cherry_leader \\
+        --truth resources/demo/cherry_leader/truth --check
 """
 
 import logging

@@ -14,7 +14,7 @@ from cherrypicker.poses import read_poses
 from cherrypicker.sfm.features import FeatureOptions, extract_features
 from cherrypicker.sfm.mapping import MappingOptions
 from cherrypicker.sfm.matching import match_features
-from cherrypicker.sfm.photo_check import check_photos
+from cherrypicker.sfm.photo_files import check_photos
 from cherrypicker.sfm.sparse import reconstruct_sparse
 
 SPAN_DEG = 120.0

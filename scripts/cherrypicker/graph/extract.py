@@ -1,4 +1,4 @@
-"""From contracted points to the rooted skeleton with radii."""
+"""From the wood, and where the contraction put it, to the rooted skeleton with radii."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class Square:
         steps = self.corners - np.roll(self.corners, 1, axis=0)
         return float(np.linalg.norm(steps, axis=1).mean())
 
-    def is_above(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def has_below(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which points (n, 3), z up, lie below its board, where its stand is."""
         aside = np.linalg.norm(points[:, :2] - self.middle[:2], axis=1)
         return (aside <= STAND * self.side) & (points[:, 2] <= self.corners[:, 2].max())
@@ -133,7 +133,7 @@ def one_class_a_thing(
     for square in squares or ():
         board |= square.holds(points, THICKNESS * voxel, QUIET_ZONE)
         board |= square.holds(points, THICKNESS * voxel, BOARD) & is_thing
-        below |= square.is_above(points)
+        below |= square.has_below(points)
     result = probabilities.copy()
     rows = np.flatnonzero(is_thing & ~board)
     thing = link_components(points[rows], LINK * voxel)

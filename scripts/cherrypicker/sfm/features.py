@@ -21,7 +21,7 @@ from cherrypicker.sfm.database import (
     publish_database,
     watched_table,
 )
-from cherrypicker.sfm.photo_check import PhotoInfo, check_photos, group_by_camera
+from cherrypicker.sfm.photo_files import PhotoInfo, check_photos, group_by_camera
 
 logger = logging.getLogger(__name__)
 
@@ -76,7 +76,7 @@ def extract_features(
     Raises
     ------
     StageError
-        As :func:`cherrypicker.sfm.photo_check.check_photos`, or if COLMAP finds no features in
+        As :func:`cherrypicker.sfm.photo_files.check_photos`, or if COLMAP finds no features in
         any photo.
     """
     options = options or FeatureOptions()

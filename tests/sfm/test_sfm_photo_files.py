@@ -7,7 +7,7 @@ from PIL import Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.photos import read_photo
-from cherrypicker.sfm.photo_check import check_photos, group_by_camera
+from cherrypicker.sfm.photo_files import check_photos, group_by_camera
 
 
 def save(path, seed=0, size=(40, 30), exif=None, **options):
