@@ -3,7 +3,7 @@
 Reads traits.csv and the files that the stages left, also of scans that stopped on the way; prints
 the table and writes it as Markdown and JSON. Example:
 
-    python scripts/lab/report_real_photos.py --results results --benchmarks benchmarks \\
+    python scripts/lab/report_real_photos.py --traits results/traits.csv --benchmarks benchmarks \\
         --table results/real_photos/table.md --scores results/real_photos/scores.json
 """
 
@@ -17,11 +17,12 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.real_photos import markdown, scan_row
 
 
-def main(results, benchmarks, table, scores):
+def main(traits, benchmarks, table, scores):
     """Collect, print, save."""
-    with (Path(results) / "traits.csv").open(newline="") as handle:
+    results = Path(traits).parent
+    with Path(traits).open(newline="") as handle:
         status = {line["tree"]: line for line in csv.DictReader(handle)}
-    rows = {t: scan_row(t, Path(results), Path(benchmarks), line) for t, line in status.items()}
+    rows = {t: scan_row(t, results, Path(benchmarks), line) for t, line in status.items()}
     text = markdown(rows)
     logging.getLogger("cherrypicker").info("%s", text, extra={"console": True})
     write_json(scores, rows)
@@ -29,7 +30,7 @@ def main(results, benchmarks, table, scores):
 
 
 parser = stage_parser(__doc__)
-parser.add_argument("--results", required=True, help="results folder of a run, with traits.csv")
+parser.add_argument("--traits", required=True, help="traits.csv of a run, in its results folder")
 parser.add_argument("--benchmarks", required=True, help="its folder of time and memory")
 parser.add_argument("--table", required=True, help="Markdown to write")
 parser.add_argument("--scores", required=True, help="JSON to write")

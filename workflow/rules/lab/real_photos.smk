@@ -21,7 +21,6 @@ rule real_photos:
         runtime=10,
         gpu=0,
     params:
-        results="results",
         benchmarks="benchmarks",
     message:
         "table of what the runs of real scans say"
