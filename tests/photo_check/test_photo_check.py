@@ -10,7 +10,7 @@ from sky_scene import BARK, Rod
 from cherrypicker.classes import Label
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.photo_check.check import CheckOptions, check_photos
-from cherrypicker.photo_check.pictures import write_picture
+from cherrypicker.photo_check.pictures import quarter_turns, write_picture
 from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
@@ -142,3 +142,17 @@ def test_the_cameras_stand_where_the_metric_poses_say(tmp_path):
     centers = np.array([-view.R.T @ view.t for view in workspace.views])
     assert centers == pytest.approx(fewer.centers)
     assert [view.name for view in workspace.views] == fewer.names.tolist()
+
+
+def test_pictures_are_turned_upright():
+    level = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along y, up is up
+    photo = np.zeros((4, 6))
+    photo[0] = 1  # the upper border
+    for turns in range(4):
+        stored = np.rot90(photo, -turns)
+        angle = -turns * np.pi / 2  # counter-clockwise in the photo, y down
+        turn = np.array(
+            [[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+        )
+        found = quarter_turns(turn @ level)
+        assert np.array_equal(np.rot90(stored, found), photo), turns

@@ -34,7 +34,7 @@ def draw_verdict(
     missing: np.ndarray,
     dropped: np.ndarray,
 ) -> np.ndarray:
-    """Draw photo ``i`` and, beside it, the skeleton's tubes and what is missing over it.
+    """Draw photo ``i`` and, beside it, the skeleton's tubes and what is missing over it, upright.
 
     Parameters
     ----------
@@ -71,7 +71,20 @@ def draw_verdict(
         cv2.line(drawn, (x, y), (u, v), DROPPED, DROPPED_PX, cv2.LINE_AA, SHIFT)
     for place in _fixed((also[far > 0] - low) * zoom):
         _dot(drawn, place, 1.5, MISSING)
-    return np.hstack([part, drawn])
+    turns = quarter_turns(view.R)
+    return np.hstack([np.rot90(part, turns), np.rot90(drawn, turns)])
+
+
+def quarter_turns(rotation: np.ndarray) -> int:
+    """Count the counter-clockwise quarter turns that bring a photo upright.
+
+    Parameters
+    ----------
+    rotation : ndarray of shape (3, 3)
+        World, z up, to camera, x right and y down.
+    """
+    right, down = rotation[:2, 2]  # where up points in the photo
+    return int(np.rint(np.arctan2(right, -down) / (np.pi / 2))) % 4
 
 
 def _box(uv: np.ndarray, shape: tuple) -> tuple[np.ndarray, np.ndarray]:
