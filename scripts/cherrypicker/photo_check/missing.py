@@ -102,7 +102,7 @@ def _lengths(twigs: PointCloud, poses: Poses, i: int) -> np.ndarray:
 
 
 @kernel
-def _explain(lines, points, radius, focal, i):
+def _explain(lines: Lines, points: np.ndarray, radius: np.ndarray, focal: float, i: int) -> None:
     """Enter the depth of the nearest tube at the lines of photo ``i`` that tubes pass."""
     width, height = lines.sizes[i, 0], lines.sizes[i, 1]
     for row in range(points.shape[0]):
@@ -110,8 +110,8 @@ def _explain(lines, points, radius, focal, i):
         if depth <= 1e-9 or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
             continue
         reach = radius[row] * focal / depth + EXPLAINS_PX
-        for y in range(max(np.int64(v - reach), 0), min(np.int64(v + reach) + 1, height)):
-            for x in range(max(np.int64(u - reach), 0), min(np.int64(u + reach) + 1, width)):
+        for y in range(max(int(v - reach), 0), min(int(v + reach) + 1, height)):
+            for x in range(max(int(u - reach), 0), min(int(u + reach) + 1, width)):
                 line = lines.maps[lines.starts[i] + y * width + x]
                 if line < 0:
                     continue
