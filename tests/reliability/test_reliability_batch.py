@@ -77,7 +77,9 @@ def test_good_trees_are_finished(batch, tree):
 def test_a_bad_tree_is_told_its_reason(batch, tree):
     stage, reason, file = batch.told[tree]
     lines = [line for line in batch.printed.splitlines() if line.startswith(f"ERROR tree={tree} ")]
-    (line,) = [line for line in lines if f"rule={stage}:" in line]
+    told = [line for line in lines if f"rule={stage}:" in line]
+    assert len(told) == 1, f"{lines or 'no line'} for {tree} in\n{batch.printed}"
+    line = told[0]
     assert reason in line
     assert "unexpected" not in line
     assert file in line or stage not in (
