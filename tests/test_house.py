@@ -21,7 +21,7 @@ LAYERS = [
 ]
 LAB_LAYERS = [
     *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "training"),
-    *("truth_swaps", "error_budget", "spoilt_skeletons"),
+    *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts", "real_photos"),
 ]
 STAGES = [
     *("extract_features", "match_features", "reconstruct_sparse", "undistort_photos"),

@@ -1,0 +1,128 @@
+"""What photos say of a scan beside its truth, as it is and spoilt on purpose."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.stats import spearmanr
+
+from cherrypicker.classes import wood_mask
+from cherrypicker.files import read_json
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.photo_check.check import CheckOptions, check_photos
+from cherrypicker.photo_check.drop import drop_refuted
+from cherrypicker.photo_check.places import MetricWorkspace
+from cherrypicker.pointcloud import read_cloud
+from cherrypicker.poses import read_poses
+from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.flags import scan_flags
+from cherrypicker.traits.missing_top import find_missing_top
+from cherrypicker.traits.support import densify
+from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
+from cherrypicker_lab.spoilt_skeletons import Spoilt
+
+TOLERANCE_M, SAMPLE_M = 0.01, 0.002
+COLUMNS = ("precision", "photo_precision", "recall", "photo_recall", "told")
+COLUMNS += ("precision_after", "recall_after", "dropped_m")
+
+
+class FinishedScan:
+    """A finished scan from photos beside its truth.
+
+    Parameters
+    ----------
+    results, truth : Path
+        ``results/{tree}`` and the scene's ``truth``.
+    threads : int
+    """
+
+    def __init__(self, results: Path, truth: Path, threads: int) -> None:
+        self.threads = threads
+        self.poses = read_poses(results / "metric_poses.npz")
+        self.workspace = MetricWorkspace(results / "dense", self.poses)
+        names = self.workspace.poses.names
+        self.masks = SkyMasks(results / "sky", results / "sfm/model", names)
+        self.skeleton = read_skeleton(results / "skeleton.graphml")
+        self.cloud = read_cloud(results / "segmented.ply", required=("label",))
+        self.others = np.array(read_json(results / "target.json")["other_stems_xy"]).reshape(-1, 2)
+        moved = compare_cameras(self.poses, read_poses(truth / "poses.npz"))
+        self.true = read_skeleton_csv(truth / "skeleton.csv")
+        self.true.points = (self.true.points - moved["translation"]) @ moved["rotation"]
+
+    @property
+    def as_it_is(self) -> Spoilt:
+        """The scan itself, as one of which nothing was spoilt."""
+        none = np.empty((0, 3))
+        return Spoilt(self.skeleton, self.cloud, none, none, 0.0)
+
+    def judge(self, spoilt: Spoilt) -> dict[str, Any]:
+        """Numbers of a spoilt scan: by the truth, by its photos, and after what they refute."""
+        report, _ = check_photos(
+            spoilt.skeleton,
+            spoilt.cloud,
+            self.workspace,
+            self.masks,
+            CheckOptions(),
+            other_stems=self.others,
+            threads=self.threads,
+        )
+        left, dropped = drop_refuted(
+            spoilt.skeleton, self.workspace, self.masks, CheckOptions().least_photos
+        )
+        before, after = (
+            compare_skeletons(each, self.true, tolerance=TOLERANCE_M)
+            for each in (spoilt.skeleton, left)
+        )
+        wood = spoilt.cloud.points[wood_mask(spoilt.cloud["label"])]
+        top = find_missing_top(self.poses, self.masks, wood, spoilt.skeleton.points[0])
+        flags = scan_flags("m", photo_check=report, missing_top=top)
+        return {
+            "length": spoilt.length,
+            "precision": before["skeleton_precision_all"],
+            "photo_precision": report["photo_precision"],
+            "recall": before["skeleton_recall_all"],
+            "photo_recall": report["photo_recall"],
+            "told": [flag.partition(":")[0] for flag in flags],
+            "precision_after": after["skeleton_precision_all"],
+            "recall_after": after["skeleton_recall_all"],
+            "dropped_m": dropped["dropped_length"],
+            "left_m": _still_there(spoilt, left),
+            "sky_share": report["photo_sky_share"],
+            "missing_length": report["missing_length"],
+            "missing_from_cloud_length": report["missing_from_cloud_length"],
+        }
+
+
+def _still_there(spoilt: Spoilt, left: Skeleton) -> float:
+    """Length of an added strand that is still in a skeleton."""
+    if not len(spoilt.added):
+        return 0.0
+    places = densify(left, SAMPLE_M)[0]
+    return float(spoilt.length * (cKDTree(places).query(spoilt.added)[0] < SAMPLE_M).mean())
+
+
+def markdown(reports: list[dict[str, Any]]) -> str:
+    """Return every scan's rows, and how well the photos' numbers follow the truth over all."""
+    lines = []
+    for report in reports:
+        lines += ["", report["tree"], f"| scan | {' | '.join(COLUMNS)} |"]
+        for row in report["rows"]:
+            name = row["kind"] + (f" {row['size']:g}" if row["size"] else "")
+            lines.append(f"| {name} | {' | '.join(_text(row[column]) for column in COLUMNS)} |")
+    rows = [row for report in reports for row in report["rows"]]
+    for name in ("precision", "recall"):
+        pairs = [(row[name], row[f"photo_{name}"]) for row in rows if row[f"photo_{name}"]]
+        if len(pairs) > 2:
+            rank = spearmanr(*zip(*pairs, strict=True)).statistic
+            lines += ["", f"rank correlation of {name} over {len(pairs)} scans: {rank:.2f}"]
+    return "\n".join(lines)
+
+
+def _text(value: list[str] | float | None) -> str:
+    if isinstance(value, list):
+        return " ".join(value) or "-"
+    return "-" if value is None else f"{value:.3f}"
