@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from checked_scene import STEM, TWIGS, skeleton_of, write_scan
+from checked_scene import STEM, TWIGS, open_scan, skeleton_of
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.photo_check.check import CheckOptions, check_photos
-from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.traits.flags import scan_flags
 from cherrypicker_lab.spoilt_skeletons import APART_M, LEAVES_M, spoil
@@ -22,10 +20,7 @@ SPOILT = [
 
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("scan")
-    poses = write_scan(folder)
-    workspace = MetricWorkspace(folder / "dense", poses)
-    return workspace, SkyMasks(folder / "sky", folder / "dense/sparse", poses.names)
+    return open_scan(tmp_path_factory.mktemp("scan"))
 
 
 @pytest.fixture(scope="module")

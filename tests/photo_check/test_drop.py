@@ -2,22 +2,18 @@
 
 import numpy as np
 import pytest
-from checked_scene import STEM, TWIGS, skeleton_of, write_scan
+from checked_scene import STEM, TWIGS, open_scan, skeleton_of
 from sky_scene import BARK, Rod
 
-from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.photo_check.drop import _kept, drop_refuted
-from cherrypicker.photo_check.places import MetricWorkspace, places_along
+from cherrypicker.photo_check.places import places_along
 from cherrypicker.photo_check.votes import Votes, stands_out
 from cherrypicker.skeleton.model import Skeleton
 
 
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("scan")
-    poses = write_scan(folder)
-    workspace = MetricWorkspace(folder / "dense", poses)
-    return workspace, SkyMasks(folder / "sky", folder / "dense/sparse", poses.names)
+    return open_scan(tmp_path_factory.mktemp("scan"))
 
 
 def test_nothing_of_the_true_skeleton_is_dropped(scan):

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from checked_scene import STEM, TWIGS, skeleton_of, write_scan
+from checked_scene import STEM, TWIGS, open_scan, skeleton_of, write_scan
 from sky_scene import BARK, Rod
 
 from cherrypicker.classes import Label
-from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.photo_check.check import CheckOptions, check_photos
 from cherrypicker.photo_check.pictures import quarter_turns, write_picture
 from cherrypicker.photo_check.places import MetricWorkspace
@@ -22,10 +21,7 @@ WHOLE = (STEM, *TWIGS)
 
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("scan")
-    poses = write_scan(folder)
-    workspace = MetricWorkspace(folder / "dense", poses)
-    return workspace, SkyMasks(folder / "sky", folder / "dense/sparse", poses.names)
+    return open_scan(tmp_path_factory.mktemp("scan"))
 
 
 @pytest.fixture(scope="module")

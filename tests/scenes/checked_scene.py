@@ -10,6 +10,8 @@ from PIL import Image
 from sky_scene import BARK, Rod, draw, ring
 
 from cherrypicker.classes import Label
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton.model import Skeleton
 
@@ -59,6 +61,13 @@ def write_scan(folder: Path, rods: tuple = (STEM, *TWIGS), n_views: int = 16) ->
         Image.fromarray(free.astype(np.uint8) * 255).save(folder / "sky" / str(name))
     model.write(folder / "dense/sparse")
     return poses
+
+
+def open_scan(folder: Path) -> tuple[MetricWorkspace, SkyMasks]:
+    """Write the scan and open it as the stages do."""
+    poses = write_scan(folder)
+    workspace = MetricWorkspace(folder / "dense", poses)
+    return workspace, SkyMasks(folder / "sky", folder / "dense/sparse", poses.names)
 
 
 def skeleton_of(rods: tuple) -> Skeleton:
