@@ -17,6 +17,11 @@ import numpy as np
 from cherrypicker.errors import StageError
 
 
+def rounded(value: float) -> float:
+    """Return six decimals: a micrometre in metric results, and a file that people can read."""
+    return round(float(value), 6)
+
+
 @contextmanager
 def atomic_path(path: str | os.PathLike) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` that takes its place if the block succeeds.

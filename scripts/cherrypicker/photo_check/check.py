@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.files import rounded
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.photo_check.missing import Missing, find_missing
@@ -101,12 +102,12 @@ def check_photos(
     report["refuted_pieces"] = pieces_of(places.points[wrong], places.length[wrong], step)
     wood = cKDTree(cloud.points[wood_mask(cloud["label"])])
     is_lost = wood.query(missing.points)[0] > IN_CLOUD_STEPS * step
-    report["missing_from_cloud_length"] = _rounded(missing.length[is_lost].sum())
+    report["missing_from_cloud_length"] = rounded(missing.length[is_lost].sum())
     report["before"], dropped = _before(refuted)
     report["missing_pieces"] = pieces_of(missing.points, missing.length, step)
     scores = _scores(places, votes, verdict, missing)
     report["photos"] = [
-        {"name": name, "share_right": None if np.isnan(score) else _rounded(score)}
+        {"name": name, "share_right": None if np.isnan(score) else rounded(score)}
         for name, score in zip(poses.names.tolist(), scores, strict=True)
     ]
     report["branches"] = branch_diameters(skeleton, places, width, pixel)
@@ -172,11 +173,11 @@ def _report(skeleton: Skeleton, places: Places, verdict: Verdict, missing: Missi
         "photo_precision": _share(right, judged),
         "photo_recall": _share(right, right + lacking),
         "n_photos": len(missing.shown),
-        "photo_sky_share": _rounded(judged / length.sum()),
-        "length": _rounded(length.sum()),
-        "judged_length": _rounded(judged),
-        "refuted_length": _rounded(refuted),
-        "missing_length": _rounded(lacking),
+        "photo_sky_share": rounded(judged / length.sum()),
+        "length": rounded(length.sum()),
+        "judged_length": rounded(judged),
+        "refuted_length": rounded(refuted),
+        "missing_length": rounded(lacking),
     }
     rank = np.searchsorted(RADII_M, places.radius, side="right") - 1
     names = [f"{1e3 * low:g}-{1e3 * high:g}" for low, high in zip(RADII_M, RADII_M[1:])]
@@ -197,7 +198,7 @@ def _before(refuted: dict | None) -> tuple[dict | None, np.ndarray]:
     edges = [np.array(piece["edges"]) for piece in refuted["pieces"]]
     pieces = [
         {name: value for name, value in piece.items() if name != "edges"}
-        | {"at": [_rounded(value) for value in np.median(edge[:, 3:6], axis=0)]}
+        | {"at": [rounded(value) for value in np.median(edge[:, 3:6], axis=0)]}
         for piece, edge in zip(refuted["pieces"], edges, strict=True)
     ]
     return {
@@ -214,9 +215,9 @@ def _groups(places: Places, verdict: Verdict, group: np.ndarray, ids: range) -> 
     for one in ids:
         length = np.where(group == one, places.length, 0.0)
         found[str(one)] = {
-            "length": _rounded(length.sum()),
-            "judged": _rounded(length[verdict.is_judged].sum()),
-            "refuted": _rounded(length[verdict.is_refuted].sum()),
+            "length": rounded(length.sum()),
+            "judged": rounded(length[verdict.is_judged].sum()),
+            "refuted": rounded(length[verdict.is_refuted].sum()),
         }
     return found
 
@@ -227,7 +228,7 @@ def _layers(missing: Missing, low: float, high: float) -> list[dict]:
     layer = np.searchsorted(edges[1:-1], missing.points[:, 2], side="right")
     length = np.bincount(layer, missing.length, minlength=N_LAYERS)
     return [
-        {"from": _rounded(a), "to": _rounded(b), "length": _rounded(each)}
+        {"from": rounded(a), "to": rounded(b), "length": rounded(each)}
         for a, b, each in zip(edges[:-1], edges[1:], length, strict=True)
     ]
 
@@ -245,8 +246,4 @@ def _scores(places: Places, votes: Votes, verdict: Verdict, missing: Missing) ->
 
 
 def _share(part: float, whole: float) -> float | None:
-    return _rounded(part / whole) if whole > 0 else None
-
-
-def _rounded(value: float) -> float:
-    return round(float(value), 6)
+    return rounded(part / whole) if whole > 0 else None

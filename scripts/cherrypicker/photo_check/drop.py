@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cherrypicker.files import rounded
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.photo_check.places import MetricWorkspace, Places, places_along, step_of
 from cherrypicker.photo_check.votes import Votes, clear_skies, judge, stands_out, vote
@@ -87,10 +88,10 @@ def drop_refuted(
         dropped,
     )
     return skeleton.select(is_kept), {
-        "length": _rounded(skeleton.edge_length.sum()),
-        "judged_length": _rounded(judged),
-        "refuted_length": _rounded(refuted),
-        "dropped_length": _rounded(dropped),
+        "length": rounded(skeleton.edge_length.sum()),
+        "judged_length": rounded(judged),
+        "refuted_length": rounded(refuted),
+        "dropped_length": rounded(dropped),
         "pieces": pieces,
     }
 
@@ -132,14 +133,10 @@ def _pieces(
         edges = np.column_stack([*ends, skeleton.radius[nodes]])
         found.append(
             {
-                "length": _rounded(places.length[rows].sum()),
-                "refuted_length": _rounded(places.length[is_wrong].sum()),
+                "length": rounded(places.length[rows].sum()),
+                "refuted_length": rounded(places.length[is_wrong].sum()),
                 "n_photos": int(np.median(n_clear[is_wrong])),
                 "edges": np.round(edges, 6).tolist(),
             }
         )
     return sorted(found, key=lambda each: -each["length"])
-
-
-def _rounded(value: float) -> float:
-    return round(float(value), 6)

@@ -10,6 +10,7 @@ import numpy as np
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
+from cherrypicker.files import rounded
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
@@ -160,25 +161,25 @@ def measure_traits(
     heights = samples[:, 0] - foot.point[2] + foot.error * rng.standard_normal(n_bootstrap)
     _add(traits, "height_m", crown.top - foot.point[2], heights, error)
     _add(traits, "trunk_diameter_m", trunk.diameter, trunk.samples, error)
-    traits["trunk_height_m"] = _rounded(trunk.height)
+    traits["trunk_height_m"] = rounded(trunk.height)
     area = np.pi / 4 * _CM2
     _add(traits, "tcsa_cm2", area * trunk.diameter**2, area * trunk.samples**2, error)
     _add(traits, "crown_width_m", crown.width, samples[:, 1], error)
     _add(traits, "crown_volume_m3", crown.volume, samples[:, 2], error)
-    traits["crown_projected_area_m2"] = _rounded(
+    traits["crown_projected_area_m2"] = rounded(
         projected_area(crown_points if hull is None else hull.points)
     )
     alpha = _ALPHA_SHARE * max(crown.width, 1e-9)
-    traits["crown_alpha_m"] = _rounded(alpha)
-    traits["crown_alpha_volume_m3"] = _rounded(
+    traits["crown_alpha_m"] = rounded(alpha)
+    traits["crown_alpha_volume_m3"] = rounded(
         alpha_volume(crown_points, alpha, alpha / _ALPHA_CELLS)
     )
     traits |= _counts(skeleton, topology, rows)
     traits |= _shoots(rows)
     traits |= _sections(trunk, further, error)
-    traits["foot"] = [_rounded(value) for value in foot.point]
+    traits["foot"] = [rounded(value) for value in foot.point]
     traits["crown_volume_method"] = "convex hull"
-    traits["trunk_end_height_m"] = _rounded(stem.height[-1])
+    traits["trunk_end_height_m"] = rounded(stem.height[-1])
     traits |= _photo_shares(photo_check)
     missing = [h for h, item in further.items() if item is None and h <= stem.height[-1] - _END_M]
     traits["flags"] = scan_flags(
@@ -229,14 +230,14 @@ def _counts(skeleton: Skeleton, topology: Topology | None, rows: list) -> dict:
     n_junctions = int((n_children[1:] > 1).sum())
     n_tips = int((n_children == 0).sum())
     return {
-        "total_length_m": _rounded(float(skeleton.edge_length.sum())),
+        "total_length_m": rounded(float(skeleton.edge_length.sum())),
         "n_junctions": n_junctions if topology is None else topology.n_junctions,
         "n_tips": n_tips if topology is None else topology.n_tips,
-        "length_by_order_m": {str(k): _rounded(v["length"]) for k, v in totals.items()},
+        "length_by_order_m": {str(k): rounded(v["length"]) for k, v in totals.items()},
         "n_branches_by_order": {str(k): v["n"] for k, v in totals.items()},
         "volume_by_order_m3": {str(k): round(v["volume"], 8) for k, v in totals.items()},
         "mean_diameter_by_order_m": {
-            str(k): _rounded(v["mean_diameter"]) for k, v in totals.items()
+            str(k): rounded(v["mean_diameter"]) for k, v in totals.items()
         },
         "wood_volume_m3": round(sum(v["volume"] for v in totals.values()), 8),
     }
@@ -248,8 +249,8 @@ def _shoots(rows: list) -> dict:
     spacing = [row["lateral_spacing_m"] for row in rows if row["lateral_spacing_m"]]
     return {
         "n_shoots": len(lengths),
-        "mean_shoot_length_m": _rounded(np.mean(lengths)) if lengths else 0.0,
-        "lateral_spacing_m": _rounded(np.median(spacing)) if spacing else None,
+        "mean_shoot_length_m": rounded(np.mean(lengths)) if lengths else 0.0,
+        "lateral_spacing_m": rounded(np.median(spacing)) if spacing else None,
     }
 
 
@@ -270,13 +271,13 @@ def _scale_error(scale: dict | None, unit: str) -> float:
 
 def _add(traits: dict, name: str, value: float, samples: np.ndarray, error: np.ndarray) -> None:
     """Enter a trait with its standard error and 90 % interval, where there are samples."""
-    traits[name] = _rounded(float(value))
+    traits[name] = rounded(float(value))
     if len(samples) < _FEWEST_SAMPLES:
         return
     spread = samples * error[: len(samples)] ** TRAITS[name].power
-    traits[f"{name}_se"] = _rounded(float(spread.std(ddof=1)))
+    traits[f"{name}_se"] = rounded(float(spread.std(ddof=1)))
     low, high = np.quantile(spread, _CI90)
-    traits[f"{name}_ci90"] = [_rounded(float(min(low, value))), _rounded(float(max(high, value)))]
+    traits[f"{name}_ci90"] = [rounded(float(min(low, value))), rounded(float(max(high, value)))]
 
 
 def _spread(item: TrunkDiameter, error: np.ndarray) -> float:
@@ -291,8 +292,8 @@ def _sections(
     """Diameters at the further heights, and what each diameter rests on."""
     found = {height: item for height, item in further.items() if item is not None}
     return {
-        "trunk_diameters": {f"{h:.2f}": _rounded(item.diameter) for h, item in found.items()},
-        "trunk_diameters_se": {f"{h:.2f}": _rounded(_spread(i, error)) for h, i in found.items()},
+        "trunk_diameters": {f"{h:.2f}": rounded(item.diameter) for h, item in found.items()},
+        "trunk_diameters_se": {f"{h:.2f}": rounded(_spread(i, error)) for h, i in found.items()},
         "trunk_sections": [_section(item) for item in (trunk, *found.values())],
     }
 
@@ -300,17 +301,12 @@ def _sections(
 def _section(item: TrunkDiameter) -> dict:
     """What a diameter rests on, for the report and for whoever doubts it."""
     return {
-        "height_m": _rounded(item.height),
-        "diameter_m": _rounded(item.diameter),
-        "center": [_rounded(value) for value in item.center],
-        "axis": [_rounded(value) for value in item.axis],
+        "height_m": rounded(item.height),
+        "diameter_m": rounded(item.diameter),
+        "center": [rounded(value) for value in item.center],
+        "axis": [rounded(value) for value in item.axis],
         "arc_deg": item.arc_deg,
-        "residual_m": _rounded(item.residual),
+        "residual_m": rounded(item.residual),
         "n_points": item.n_points,
         "source": item.source,
     }
-
-
-def _rounded(value: float) -> float:
-    """Six decimals: a micrometre in metric results, and a file that people can read."""
-    return round(float(value), 6)
