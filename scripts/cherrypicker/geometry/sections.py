@@ -23,6 +23,7 @@ import numba
 import numpy as np
 
 from cherrypicker.geometry.ordering import median
+from cherrypicker.geometry.robust import MAD_TO_SIGMA, TUKEY
 
 __all__ = [
     "Section",
@@ -34,8 +35,6 @@ __all__ = [
     "rice",
 ]
 
-MAD_TO_SIGMA = 1.4826
-TUKEY = 4.685  # 95 % efficiency on Gaussian residuals
 THICK_IN_NOISES = 2.0, 4.0  # from here to there points are taken to lie on what was seen; a guess
 LEAST_NOISE = 1e-4  # of the radius: what a perfect cloud is taken to have
 ORDERS = (2, 3, 4, 5, 6)  # of an outline's waves: from an oval to six flutes

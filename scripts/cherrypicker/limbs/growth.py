@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import BAND, ring_forest
 from cherrypicker.limbs.tubes import Limb, Seen, Tube, fit_tube, resample, seen_from
@@ -38,7 +39,6 @@ FREE_SHARE = 0.5  # of a ring's points that no tube has claimed, for the ring to
 CAPTURE = 2.0  # in spacings from the surface: where a fit looks for its points
 SURE_RADIUS = 4.0  # in noises: a limb at least this thick tells the noise
 LEAST_POINTS = 4
-MAD = 1.4826  # standard deviations in the median absolute deviation of a normal distribution
 
 
 @dataclass
@@ -292,7 +292,7 @@ class _Growth:
         tube, residual = self._fit(tube, around, self.noise, capture)
         if np.median(tube.radius) > SURE_RADIUS * self.noise:
             near = np.abs(residual) < capture
-            spread = MAD * float(np.median(np.abs(residual[near]))) if near.any() else 0.0
+            spread = robust_sigma(residual[near]) if near.any() else 0.0
             if spread > 0:
                 self.noises.append((spread, int(np.count_nonzero(near))))
         return tube

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
 
-from cherrypicker.geometry.sections import TUKEY, rice
+from cherrypicker.geometry.robust import TUKEY
+from cherrypicker.geometry.sections import rice
 
 __all__ = ["Limb", "Seen", "Tube", "fit_tube", "place_on_axis", "resample", "seen_from", "smooth"]
 

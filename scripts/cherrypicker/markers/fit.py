@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sampling import thin_randomly
 
 # All guesses. Pixels that a fit uses (the most bound the time), and white margin around the marker
@@ -37,7 +38,6 @@ _DAMPING, _DAMPING_FACTOR, _LEAST_DAMPING, _N_TRIALS = 1e-3, 5, 1e-7, 8
 _LONGEST_MODULES, _SETTLED_PX, _SETTLED_FROM = 0.3, 1e-3, 3
 # Residuals beyond so many deviations do not count, from this round on
 _OUTLIER, _OUTLIERS_FROM = 6, 2
-_MAD = 1.4826  # standard deviations in the median absolute deviation of a normal distribution
 _N_PARAMETERS = 16  # of a fit: corners, blur and tone curve, less one
 
 
@@ -282,7 +282,7 @@ def _levenberg_marquardt(
     largest = _LONGEST_MODULES * problem.side / len(problem.grid)
     residuals = problem.residuals(model, weights)
     for iteration in range(max_iterations):
-        scale = max(_MAD * np.median(np.abs(residuals)), 1.0)
+        scale = max(robust_sigma(residuals), 1.0)
         # Shadows and blades of grass are no noise: they lose their weight once the fit is close.
         if iteration >= _OUTLIERS_FROM:
             weights = _tukey(residuals / (_OUTLIER * scale))

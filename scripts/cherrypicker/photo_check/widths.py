@@ -12,6 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.photo_check.places import Places
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, axis_of_node
@@ -121,7 +122,7 @@ def branch_diameters(
         diameter = float(np.average(middle, weights=length))
         share = np.nanmedian(own / middle, axis=1)  # of the whole, by photo
         size = float(np.nanmedian(pixel[:, rows]))
-        spread = 1.4826 * np.median(np.abs(share - np.median(share))) / np.sqrt(len(share))
+        spread = robust_sigma(share - np.median(share)) / np.sqrt(len(share))
         error = np.hypot(spread, SHARED)
         found.append(
             {

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.placement.region import crossing, find_region
 from cherrypicker.poses import Poses
 
@@ -43,7 +44,6 @@ _MIDDLE, _SAMPLE, _FEWEST_SEEN = 0.25, 4000, 5
 # Search of the vertical (guesses): pairs of photos; the sine below which their axes are parallel
 _N_PAIRS, _PARALLEL = 400, 0.05
 _N_ROUNDS = 15
-_MAD = 1.4826  # standard deviations in the median absolute deviation of a normal distribution
 _LEAST_SPREAD_DEG = 0.2
 _OUTLIER = 2.5  # spreads at which a photo's weight has fallen to a quarter
 _RIDGE = 1e-3
@@ -225,7 +225,7 @@ def _solve_vertical(
     basis = tangent_basis(direction)
     residuals = np.arcsin(np.clip(right @ direction, -1, 1))
     # The median of |roll| also feels a shared bias, which is then part of the uncertainty.
-    spread = max(_MAD * np.median(np.abs(residuals)), np.radians(_LEAST_SPREAD_DEG))
+    spread = max(robust_sigma(residuals), np.radians(_LEAST_SPREAD_DEG))
     weights = 1.0 / (1.0 + (residuals / (_OUTLIER * spread)) ** 2) ** 2
     rows = right @ basis.T  # (N, 2)
     information = (rows * weights[:, None]).T @ rows

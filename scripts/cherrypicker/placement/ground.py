@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.placement.camera_geometry import angle_deg, roll_costs, unit
 from cherrypicker.poses import Poses
 
@@ -43,7 +44,6 @@ FEWEST_IN_CELL, FEWEST_CELLS = 3, 12
 LOW_QUANTILE = 0.1  # of the heights in a cell; low, since what is not ground stands on it
 MIDDLE_QUANTILE = 0.4  # of a cell under a spot: not pulled down by the noise
 N_ROUNDS = 30
-MAD = 1.4826  # standard deviations in the median absolute deviation of a normal distribution
 UNSEEN_DEG = 5.0  # what a level plane is off, where hardly any ground was seen
 LEVEL_DEG = 0.7  # what ground near a tree is off level at best
 HILL_SHARE = 0.5  # of the angle between the near ground and the far
@@ -268,7 +268,7 @@ def fit_slope(cells: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         coefficients = np.linalg.solve(left, (design * weights[:, None]).T @ cells[:, 2])
         residuals = cells[:, 2] - design @ coefficients
         weights = 1.0 / (1.0 + (residuals / scale) ** 2) ** 2
-    return coefficients, float(MAD * np.median(np.abs(residuals)))
+    return coefficients, robust_sigma(residuals)
 
 
 def slope_normal(coefficients: np.ndarray) -> np.ndarray:

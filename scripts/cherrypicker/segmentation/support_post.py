@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import theilslopes
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sections import circles_through, fit_section
 from cherrypicker.segmentation.refine import link_components
 from cherrypicker.segmentation.spheres import TreeFrame
@@ -52,7 +53,6 @@ N_CANDIDATES = 5
 N_ROUNDS = 3
 FEWEST_NEAR = 50
 LEAST_TOLERANCE_M = 0.003
-MAD = 1.4826  # standard deviations in the median absolute deviation of a normal distribution
 # The grade
 MIN_POINTS = 60  # on the surface of a post
 STEP_M = 0.05
@@ -197,7 +197,7 @@ def _tolerance(points: np.ndarray, cylinder: Cylinder, model: PostModel) -> floa
     residual = residual[residual < model.tolerance_m]
     if not len(residual):
         return model.tolerance_m
-    return float(np.clip(3 * MAD * np.median(residual), LEAST_TOLERANCE_M, model.tolerance_m))
+    return float(np.clip(3 * robust_sigma(residual), LEAST_TOLERANCE_M, model.tolerance_m))
 
 
 def _refit(points: np.ndarray, cylinder: Cylinder, model: PostModel) -> Cylinder | None:

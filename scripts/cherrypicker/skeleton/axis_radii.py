@@ -9,7 +9,8 @@ import numpy as np
 
 from cherrypicker.geometry.edge_search import nearest_edges
 from cherrypicker.geometry.ordering import median
-from cherrypicker.geometry.sections import MAD_TO_SIGMA, arc_deg, iterate, judge
+from cherrypicker.geometry.robust import MAD_TO_SIGMA
+from cherrypicker.geometry.sections import arc_deg, iterate, judge
 from cherrypicker.geometry.tree_walks import (
     child_rows,
     fill_reach,

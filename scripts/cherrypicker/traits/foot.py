@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.geometry.robust import TUKEY, robust_sigma
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.interval_factors import FACTORS
 
@@ -20,7 +21,6 @@ _BESIDE_RADII, _BESIDE_M = 3.0, 0.05  # of the root: wood of the stem
 _LOWEST_SHARE = 0.01  # of that wood lies below its lowest point: noise
 _N_SECTORS, _FEWEST_SECTORS = 8, 4  # around the stem, and those with ground that make a plane
 # A robust plane: Tukey's biweight at 95 % efficiency, the median's scale of a normal distribution
-_TUKEY, _MAD_TO_SIGMA = 4.685, 1.4826
 _N_ROUNDS, _LEAST_SIGMA_M = 15, 1e-4
 
 
@@ -82,7 +82,7 @@ def _ground_level(ground: np.ndarray, at: np.ndarray) -> tuple:
     count = np.bincount(sector, minlength=_N_SECTORS)
     if (count > 0).sum() < _FEWEST_SECTORS:
         middle = np.median(ground[:, 2])
-        return float(middle), float(_MAD_TO_SIGMA * np.median(np.abs(ground[:, 2] - middle)))
+        return float(middle), robust_sigma(ground[:, 2] - middle)
     design = np.column_stack([np.ones(len(ground)), offset])
     balance = 1.0 / np.sqrt(count[sector])
     weights, plane = balance, np.zeros(3)
@@ -92,6 +92,6 @@ def _ground_level(ground: np.ndarray, at: np.ndarray) -> tuple:
             design * root_weights, ground[:, 2] * root_weights[:, 0], rcond=None
         )[0]
         residual = ground[:, 2] - design @ plane
-        sigma = max(_MAD_TO_SIGMA * np.median(np.abs(residual)), _LEAST_SIGMA_M)
-        weights = balance * (1.0 - np.clip(np.abs(residual) / (_TUKEY * sigma), 0, 1) ** 2) ** 2
+        sigma = max(robust_sigma(residual), _LEAST_SIGMA_M)
+        weights = balance * (1.0 - np.clip(np.abs(residual) / (TUKEY * sigma), 0, 1) ** 2) ** 2
     return float(plane[0]), float(sigma)

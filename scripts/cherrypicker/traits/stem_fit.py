@@ -13,7 +13,8 @@ from scipy.stats import binned_statistic_2d, theilslopes
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.ordering import median
-from cherrypicker.geometry.sections import MAD_TO_SIGMA, Section, circles_through
+from cherrypicker.geometry.robust import robust_sigma
+from cherrypicker.geometry.sections import Section, circles_through
 
 __all__ = ["search_circle", "sector_weights", "steady_levels"]
 
@@ -147,7 +148,7 @@ def steady_levels(
     shift[known] = np.nanmedian(medians[known], axis=1)
     deviation = shift - theilslopes(shift[known], known).slope * np.arange(n_levels)
     deviation -= np.median(deviation[known])
-    spread = MAD_TO_SIGMA * np.median(np.abs(deviation[known]))
+    spread = robust_sigma(deviation[known])
     allowed = max(3.0 * spread, 0.02 * fit.radius)
     is_steady = np.isnan(deviation) | (np.abs(deviation) <= allowed)
     return is_steady[level]
