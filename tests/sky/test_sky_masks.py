@@ -9,7 +9,7 @@ import torch
 from PIL import Image, ImageOps
 
 from cherrypicker.errors import StageError
-from cherrypicker.sky import masks
+from cherrypicker.sky import masks, sizes
 from cherrypicker.sky.mask_files import read_mask
 from cherrypicker.sky.masks import MaskOptions, as_stored, sky_mask, upright
 from cherrypicker.sky.scan import mask_photos, photos_by_stem
@@ -84,6 +84,23 @@ def test_sunlit_twigs_before_a_grey_cloud_stay_out_of_the_sky():
     assert np.mean(mask[20:460, 150:1200:100] == 255) > 0.98
 
 
+def test_gaps_that_the_network_took_for_wood_are_sky():
+    """Narrow and of the sky's colour; a pale wall of that colour is wide and stays."""
+    image, _ = scene(480, 640)
+    image[:240, 300:400] = image[:240, 500:620] = (60, 50, 45)
+    gaps = [304, 311, 387, 394]
+    for column in gaps:
+        image[:200, column : column + 2] = (190, 215, 240)
+    image[:200, 510:610] = (186, 210, 236)
+    probability = np.where(np.arange(480) < 240, 0.99, 0.0)[:, None].repeat(640, axis=1)
+    probability[:240, 300:400] = probability[:240, 500:620] = 0.1
+    options = MaskOptions(color_weight=0.0)
+    mask = masks.mask_from_probability(image, probability.astype(np.float32), options)
+    assert np.mean(mask[20:190, gaps] == 255) > 0.9
+    assert np.mean(mask[20:190, np.subtract(gaps, 2)] == 0) > 0.98
+    assert np.mean(mask[20:180, 520:600] == 0) > 0.98
+
+
 def test_mask_edge_lies_where_the_photo_has_it():
     image, sky = scene(960, 1280)
     mask = sky_mask(BrightTop(), image, MaskOptions(working_side_px=240))
@@ -95,7 +112,7 @@ def test_mask_edge_lies_where_the_photo_has_it():
 def test_strips_change_nothing(monkeypatch):
     image, _ = scene(500, 400, seed=3)
     whole = sky_mask(BrightTop(), image, MaskOptions(working_side_px=200))
-    monkeypatch.setattr(masks, "STRIP_ROWS", 37)
+    monkeypatch.setattr(sizes, "STRIP_ROWS", 37)
     assert np.array_equal(whole, sky_mask(BrightTop(), image, MaskOptions(working_side_px=200)))
 
 

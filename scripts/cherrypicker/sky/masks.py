@@ -4,8 +4,9 @@ The network sees a reduced photo, upright, as it is and at middle brightness: du
 what it was trained on. What it says is evened out where no edge divides the photo, and the photo's
 own colours decide where it is in doubt. The probabilities are brought to full resolution by a
 guided filter [1]_ whose linear models are fitted at the working size and applied to the full photo
-[2]_, so that the mask follows edges that the network never saw. Twigs thinner than a pixel of the
-working size are then taken out of the sky by their contrast with the sky around them.
+[2]_, so that the mask follows edges that the network never saw. What is thin before the sky is then
+told by likeness to the sky around it: twigs thinner than a pixel of the working size are taken out,
+gaps that the network took for wood are sky.
 
 References
 ----------
@@ -24,10 +25,9 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
+from cherrypicker.sky.likeness import tell_thin_things
+from cherrypicker.sky.sizes import enlarge, in_strips, reduce_photo
 from cherrypicker.sky.unet import SkyUNet, to_tensor
-
-#: Rows per strip at full resolution; bounds the memory, changes no result.
-STRIP_ROWS = 512
 
 #: The network is sure of sky above this probability, and of no sky below one minus it.
 SURE = 0.9
@@ -52,14 +52,6 @@ BRIGHTNESS_LIMITS = (0.05, 0.95)
 #: colour that counts as an edge.
 EVEN_REACH, EDGE_CONTRAST = 0.15, 0.3
 
-#: Weight of red above blue against blue in the contrast of twigs.
-WARMTH = 2.0
-#: Twigs are sought as wide as this many pixels of the working size, and at least so many of the
-#: photo; photos in which that is more than so many are smoothed (guesses).
-TWIG_WIDTH, LEAST_TWIG_PX, FINE_TWIG_PX = 2.5, 5, 7
-#: The sky around a twig is what lies in a square of this width, pixels of the working size; a twig
-#: is bluer than that by so many grey values at most (guesses).
-AROUND_PX, BLUER = 31, 8
 #: Blur of a photo before its edges are measured: noise would be edges, summed over the way; and the
 #: iterations of the domain transform (both guesses, the second as in [3]_).
 CALM_PX, N_ITERATIONS = 0.6, 3
@@ -87,7 +79,7 @@ class MaskOptions:
     guide_radius_px: int = 5
     guide_epsilon: float = 3e-4
     color_weight: float = 0.5
-    twig_contrast: float = 0.09
+    twig_contrast: float = 0.08
 
 
 def upright(image: np.ndarray, orientation: int) -> np.ndarray:
@@ -101,15 +93,6 @@ def as_stored(image: np.ndarray, orientation: int) -> np.ndarray:
     mirror, turns = _UPRIGHT[orientation]
     image = np.rot90(image, -turns)
     return image[:, ::-1] if mirror else image
-
-
-def reduce_photo(image: np.ndarray, working_side: int) -> np.ndarray:
-    """Reduce a photo to a longer side by area means; smaller photos stay as they are."""
-    scale = working_side / max(image.shape[:2])
-    if scale >= 1.0:
-        return image
-    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
-    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
 def sky_probability(net: SkyUNet, image: np.ndarray, working_side: int) -> np.ndarray:
@@ -224,32 +207,6 @@ def guided_coefficients(
     return np.dstack([mean(a.astype(np.float32)), mean(b.astype(np.float32))])
 
 
-def _enlarge(small: np.ndarray, size: tuple[int, int], top: int, rows: int) -> np.ndarray:
-    """Rows ``top`` to ``top + rows`` of a small image enlarged to (width, height) ``size``."""
-    fx, fy = small.shape[1] / size[0], small.shape[0] / size[1]
-    # Pixel centres lie at (0.5, 0.5) in both grids, array indices at whole numbers.
-    matrix = np.array([[fx, 0, 0.5 * fx - 0.5], [0, fy, (top + 0.5) * fy - 0.5]])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return cv2.warpAffine(
-        small, matrix, (size[0], rows), flags=flags, borderMode=cv2.BORDER_REPLICATE
-    )
-
-
-def _twigs(image: np.ndarray, chroma_limit: np.ndarray, reach: int, contrast: float) -> np.ndarray:
-    """Find thin structures darker in blue or yellower than what surrounds them, and not bluer.
-
-    Blue separates wood from sky best: even lit bark holds less blue than a clear or white sky.
-    Before a grey cloud it may hold as much, but more red. A gap between clouds is darker than the
-    clouds as well, but bluer, and stays sky.
-    """
-    blue, red = (np.ascontiguousarray(image[..., k]) for k in (2, 0))
-    cold = cv2.addWeighted(blue, 1.0, cv2.subtract(red, blue), -WARMTH, 0.0)
-    if reach > FINE_TWIG_PX:  # fine photos: noise would pass for contrast
-        cold = cv2.blur(cold, (3, 3))
-    depth = cv2.morphologyEx(cold, cv2.MORPH_BLACKHAT, np.ones((reach, reach), np.uint8))
-    return (depth > 255 * contrast) & (cv2.subtract(blue, red) < chroma_limit)
-
-
 def color_evidence(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
     """Say by colour alone how much more likely each pixel is sky than not, within one photo.
 
@@ -356,23 +313,10 @@ def mask_from_probability(
     guide = small.astype(np.float32) / 255
     models = guided_coefficients(guide, probability, options.guide_radius_px, options.guide_epsilon)
     models[..., :3] /= 255
-    # Mean blueness of the sky around, for the twig test.
-    weight = cv2.blur(probability, (AROUND_PX, AROUND_PX))
-    chroma = cv2.blur(
-        probability * np.clip(guide[..., 2] - guide[..., 0], 0, 1), (AROUND_PX, AROUND_PX)
-    )
-    chroma = chroma / np.maximum(weight, 1e-3)
-    reach = max(LEAST_TWIG_PX, round(TWIG_WIDTH * max(height, width) / max(small.shape[:2])) | 1)
-    for top in range(0, height, STRIP_ROWS):
-        bottom = min(top + STRIP_ROWS, height)
-        above, below = max(0, top - reach), min(height, bottom + reach)
-        strip = image[above:below]
-        size, rows = (width, height), below - above
-        model = _enlarge(models, size, above, rows)
-        value = np.einsum("ijk,ijk->ij", model[..., :3], strip, dtype=np.float32)
-        sky = value + model[..., 3] > options.threshold
-        if options.twig_contrast > 0 and sky.any():
-            limit = _enlarge(chroma, size, above, rows) * 255 + BLUER
-            sky &= ~_twigs(strip, limit, reach, options.twig_contrast)
-        mask[top:bottom][sky[top - above : bottom - above]] = 255
+    for rows in in_strips(height):
+        model = enlarge(models, (width, height), rows)
+        value = np.einsum("ijk,ijk->ij", model[..., :3], image[rows], dtype=np.float32)
+        mask[rows][value + model[..., 3] > options.threshold] = 255
+    if options.twig_contrast > 0 and mask.any():
+        mask = tell_thin_things(image, mask, probability, options.twig_contrast)
     return mask
