@@ -14,12 +14,13 @@ REQUIREMENTS := $(TORCH) envs/requirements.txt envs/constraints.txt
 
 install: $(VENV)/.installed
 
-$(VENV)/.installed: $(REQUIREMENTS) envs/install_system_packages.sh
+$(VENV)/.installed: $(REQUIREMENTS) envs/install_system_packages.sh envs/cherrypicker
 	sh envs/install_system_packages.sh
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check $(PIP_OPTIONS) \
 		-r $(TORCH) -r envs/requirements.txt -c envs/constraints.txt
 	$(VENV)/bin/python -c "import cv2, open3d, pycolmap, torch, torch_geometric"
+	install -m 755 envs/cherrypicker $(VENV)/bin/cherrypicker
 	touch $@
 
 demo: install

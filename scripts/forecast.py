@@ -33,10 +33,10 @@ from cherrypicker.batch.forecast import (
     read_corrections,
 )
 from cherrypicker.batch.photo_sizes import PhotoSizes
-from cherrypicker.batch.resources import ScanSize, size_of_cloud, size_of_photos
+from cherrypicker.batch.resources import ScanSize, size_of_photos
+from cherrypicker.batch.scans import size_of_tree
 from cherrypicker.batch.schedule import Machine
 from cherrypicker.errors import StageError
-from cherrypicker.photos import photos_in
 from cherrypicker.runner import stage_parser
 
 SCHEMA = Path(__file__).resolve().parents[1] / "workflow/schemas/config.schema.yaml"
@@ -75,19 +75,9 @@ def scans_of_batch() -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
     for name, tree in batch.trees.items():
         settings = batch.settings_of[name]
         backends[name] = settings["mvs"]["backend"]
-        if tree.is_photo_scan:
-            sizes = known.of(photos_in(tree.photos))
-            if not sizes:
-                raise StageError(
-                    f"tree {name}: the folder holds no photo that can be read",
-                    file=tree.photos,
-                    key="photos in trees.tsv",
-                )
-            scans[name] = size_of_photos(sizes, settings)
-        else:
-            scans[name] = size_of_cloud(tree.cloud)
-            if tree.has_labelled_cloud():
-                labelled.append(name)
+        scans[name] = size_of_tree(tree, settings, known)
+        if tree.has_labelled_cloud():
+            labelled.append(name)
     return scans, backends, labelled
 
 

@@ -1,0 +1,1 @@
+"""The command `cherrypicker`: one module a subcommand, each with its `parser` and its `main`."""

@@ -1,0 +1,40 @@
+"""Write finished trees in the formats of other tools.
+
+Reads results/TREE, writes results/TREE/export/TREE.SUFFIX. Examples:
+
+    cherrypicker export row3_tree07 --to treeqsm-csv
+    cherrypicker export row3_tree07 row3_tree08 --to mtg gltf las
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from cherrypicker.command.work_folder import enter, folder_parser, results_of
+from cherrypicker.errors import StageError
+from cherrypicker.formats.table import FORMATS
+
+parser = folder_parser(__doc__)
+parser.add_argument("trees", nargs="+", metavar="TREE", help="a finished tree")
+parser.add_argument(
+    "--to", nargs="+", required=True, choices=FORMATS, metavar="FORMAT", help=", ".join(FORMATS)
+)
+parser.add_argument("-o", "--output", help="file to write, with one tree and one format")
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Write each tree in each format; return 0."""
+    args = parser.parse_intermixed_args(arguments)
+    if args.output and len(args.trees) * len(args.to) > 1:
+        raise StageError("one file for several exports", key="--output")
+    output = Path(args.output).absolute() if args.output else None
+    enter(args.directory)
+    for tree in args.trees:
+        folder = results_of(tree)
+        for name in args.to:
+            kind = FORMATS[name]
+            path = output or folder / "export" / f"{tree}{kind.suffix}"
+            kind.write(path, folder)
+            print(f"{path}: {kind.title}")
+    return 0

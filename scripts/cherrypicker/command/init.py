@@ -1,0 +1,151 @@
+"""Make a work folder: a commented table and config, with photos found by sub-folder.
+
+Every sub-folder with three photos or more becomes a row of config/trees.tsv, every PLY, LAS or LAZ
+a row of its own; the date is that of the first photo. Nothing that is there is overwritten.
+Examples:
+
+    cherrypicker init MY_FOLDER
+    cherrypicker init MY_FOLDER --marker_dictionary DICT_4X4_50 --marker_sides_m 7:0.20
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import os
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from PIL import ExifTags, Image
+
+from cherrypicker.batch.batch import CONFIG_FILE
+from cherrypicker.batch.trees import TREE_PATTERN, read_trees
+from cherrypicker.command.work_folder import PROJECT
+from cherrypicker.errors import StageError
+from cherrypicker.files import write_text
+from cherrypicker.markers.columns import check_scale_columns
+from cherrypicker.photos import photos_in
+from cherrypicker.sfm.photo_files import MIN_PHOTOS
+
+TABLE_FILE = "config/trees.tsv"
+COLUMNS = ("tree", "photos", "cloud", "marker_dictionary", "marker_sides_m", "scale", "date")
+_CLOUD_SUFFIXES = (".ply", ".las", ".laz")
+_OWN_FOLDERS = ("config", "results", "logs", "benchmarks")
+_TABLE_HEAD = """\
+# One row a scan, columns separated by tabs; an empty cell means the default.
+# tree: its id. photos: a folder of photos, or cloud: a ready point cloud instead.
+# marker_dictionary, marker_sides_m: the printed marker, DICT_4X4_50 and 7:0.20 for a side of 0.20 m.
+# scale: empty with a marker, else metres per unit, or none for results without metres.
+# date: of the scan. All columns: config/README.md of the project.
+"""
+_CONFIG_HEAD = """\
+# The common keys at their defaults: take the # off a line, and off that of its section, to change it.
+# All keys: workflow/schemas/config.schema.yaml of the project.
+"""
+
+parser = argparse.ArgumentParser(
+    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+)
+parser.add_argument("folder", metavar="FOLDER", help="the work folder, made if it is not there")
+parser.add_argument("--photos", help="where to look for photos and clouds, default FOLDER itself")
+parser.add_argument("--marker_dictionary", default="", help="of all scans, such as DICT_4X4_50")
+parser.add_argument("--marker_sides_m", default="", help="of all scans, such as 7:0.20")
+parser.add_argument("--scale", default="", help="none, or metres per unit, where no marker is")
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Write table and config; return 0."""
+    args = parser.parse_args(arguments)
+    if args.marker_dictionary or args.marker_sides_m:
+        check_scale_columns("", "marker", args.marker_dictionary, args.marker_sides_m)
+    folder = Path(args.folder)
+    for name in (TABLE_FILE, CONFIG_FILE):
+        if (folder / name).exists():
+            raise StageError("there is one already, nothing was written", file=folder / name)
+    rows = []
+    for row in find_scans(Path(args.photos) if args.photos else folder, folder):
+        if row["photos"]:
+            row |= {
+                "marker_dictionary": args.marker_dictionary,
+                "marker_sides_m": args.marker_sides_m,
+                "scale": args.scale,
+            }
+        rows.append("\t".join(row.get(name, "") for name in COLUMNS))
+    table = _TABLE_HEAD + "\n".join(["\t".join(COLUMNS), *rows]) + "\n"
+    write_text(folder / TABLE_FILE, table)
+    write_text(folder / CONFIG_FILE, commented_config())
+    read_trees(folder / TABLE_FILE)
+    print(f"{folder / TABLE_FILE}: {len(rows)} scans")
+    print(f"{folder / CONFIG_FILE}: the common keys, commented out")
+    if rows and not (args.marker_sides_m or args.scale):
+        print("fill in the marker of each scan (or scale) in the table")
+    print(f"then: cherrypicker check -d {folder}; cherrypicker run -d {folder}")
+    return 0
+
+
+def find_scans(root: Path, folder: Path) -> Iterator[dict[str, str]]:
+    """Yield a row for every folder of photos and every ready cloud below `root`.
+
+    Parameters
+    ----------
+    root : Path
+    folder : Path
+        The work folder: paths inside it are written as seen from there.
+    """
+    seen: set[str] = set()
+    for place, names, files in os.walk(root):
+        names[:] = sorted(
+            name for name in names if not name.startswith(".") and name not in _OWN_FOLDERS
+        )
+        photos = photos_in(place)
+        if len(photos) >= MIN_PHOTOS:
+            tree = _id_of(Path(place).resolve(), root.resolve(), seen)
+            yield {"tree": tree, "photos": _as_seen(place, folder), "date": date_of(photos[0])}
+        for name in sorted(files):
+            if Path(name).suffix.lower() in _CLOUD_SUFFIXES and not name.startswith("."):
+                path = Path(place, name)
+                tree = _id_of(path.resolve().with_suffix(""), root.resolve(), seen)
+                yield {"tree": tree, "photos": "", "cloud": _as_seen(path, folder)}
+
+
+def _id_of(path: Path, root: Path, seen: set[str]) -> str:
+    """Id of a scan: its folder's name, with those above it where that is taken."""
+    parts = [part for part in path.relative_to(root).parts if part != "photos"] or [root.name]
+    for count in range(1, len(parts) + 1):
+        name = re.sub(f"(?!{TREE_PATTERN}).", "_", "_".join(parts[-count:])).lstrip(".") or "tree"
+        if name.casefold() not in seen:
+            break
+    while name.casefold() in seen:
+        name += "_"
+    seen.add(name.casefold())
+    return name
+
+
+def _as_seen(path: str | Path, folder: Path) -> str:
+    """Return a path as seen from the work folder where it lies in it, else from the root."""
+    path, folder = Path(path).resolve(), folder.resolve()
+    return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+
+
+def date_of(photo: Path) -> str:
+    """Return the ISO date that a photo was taken on by its EXIF tags; empty where it has none."""
+    try:
+        with Image.open(photo) as image:
+            details = image.getexif().get_ifd(ExifTags.IFD.Exif)
+            text = str(details.get(ExifTags.Base.DateTimeOriginal, ""))
+        return datetime.date.fromisoformat(text[:10].replace(":", "-")).isoformat()
+    except (OSError, ValueError, SyntaxError):
+        return ""
+
+
+def commented_config() -> str:
+    """Return the project's common keys, all but the first commented out."""
+    shipped = (PROJECT / CONFIG_FILE).read_text(encoding="utf-8")
+    _, _, keys = shipped.partition("\n\n")
+    lines, is_first = [], True
+    for line in keys.splitlines():
+        is_key = bool(line.strip()) and not line.lstrip().startswith("#")
+        lines.append(f"#{line}" if is_key and not is_first else line)
+        is_first &= not is_key
+    return _CONFIG_HEAD + "\n" + "\n".join(lines) + "\n"

@@ -1,0 +1,55 @@
+"""Entry of the command `cherrypicker`: find the subcommand, read its arguments, tell its errors."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import sys
+from collections.abc import Sequence
+
+from cherrypicker.errors import StageError
+
+SUBCOMMANDS = {
+    "init": "make a work folder: a commented table and config, photos found by sub-folder",
+    "check": "look at table and photos before the run: go, or what to photograph again",
+    "run": "run the batch with Snakemake, with progress and time left",
+    "serve": "serve the pages on this machine alone, so that edits are saved by clicking",
+    "view": "open a tree's page, or the batch's, in the browser",
+    "export": "write finished trees in the formats of other tools",
+    "doctor": "tell versions, libraries, GPU, disk and memory, and what to install",
+}
+
+
+def usage() -> str:
+    """Return the list of subcommands."""
+    lines = [f"  {name:8s}{text}" for name, text in SUBCOMMANDS.items()]
+    lines = ["usage: cherrypicker COMMAND ...", "", *lines, ""]
+    return "\n".join([*lines, "cherrypicker COMMAND --help tells more; see docs/command.md"])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a subcommand; return the exit status.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the program's name; by default those of the process.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if not given or given[0] in ("-h", "--help", "help"):
+        print(usage())
+        return 0
+    name, *rest = given
+    if name not in SUBCOMMANDS:
+        print(f"error: there is no command {name!r}\n\n{usage()}", file=sys.stderr)
+        return 2
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    module = importlib.import_module(f"cherrypicker.command.{name}")
+    module.parser.prog = f"cherrypicker {name}"
+    try:
+        return module.main(rest)
+    except StageError as error:
+        print(f"error: {error.describe()}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130

@@ -1,0 +1,91 @@
+"""How long a run still takes: the forecast of its stages, at the pace that it has kept so far."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+
+from cherrypicker.batch.batch import Batch
+from cherrypicker.batch.forecast import forecast_stages, read_corrections
+from cherrypicker.batch.photo_sizes import PhotoSizes
+from cherrypicker.batch.resources import ScanSize
+from cherrypicker.batch.scans import size_of_tree
+from cherrypicker.errors import StageError
+
+# Rules of another name that do the work of a stage of the forecast
+_SAME = {
+    "import_segmented_cloud": "import_cloud",
+    "solve_graph": "extract_graph",
+}
+_UNKNOWN_S = 5.0  # of a rule that the forecast has not: the start of Python and little work (guess)
+# The pace counts from this share of the work on, or a first short stage would tell it (guess)
+_ENOUGH_DONE = 0.05
+_DAY_S = 86400.0
+
+
+def seconds_of_stages(batch: Batch) -> dict[str, float]:
+    """Return the CPU seconds of a job of each stage, the mean over the batch's trees."""
+    known, scans, labelled = PhotoSizes(), {}, []
+    for name, tree in batch.trees.items():
+        try:
+            scans[name] = size_of_tree(tree, batch.settings_of[name], known)
+        except StageError:  # the first stage of that tree will tell
+            scans[name] = ScanSize(is_photo_scan=tree.is_photo_scan)
+        if tree.has_labelled_cloud():
+            labelled.append(name)
+    corrections = read_corrections("benchmarks", scans)
+    stages = forecast_stages(scans, labelled, corrections)
+    return {row.rule: 3600.0 * row.cpu_hours / row.n_jobs for row in stages}
+
+
+class TimeLeft:
+    """The work of a run, and how much of it is done.
+
+    Parameters
+    ----------
+    seconds : mapping
+        CPU seconds of a job by rule, from :func:`seconds_of_stages`.
+    """
+
+    def __init__(self, seconds: Mapping[str, float]) -> None:
+        self._seconds = seconds
+        self.waiting: Counter[str] = Counter()
+        self.cores = 1
+        self._done_s = 0.0
+        self._start = time.monotonic()
+
+    def finish(self, rule: str) -> None:
+        """Count a job of a rule as done."""
+        if self.waiting[rule] > 0:
+            self.waiting[rule] -= 1
+            self._done_s += self._of(rule)
+
+    def fail(self, rule: str) -> None:
+        """Leave out a stage and those of its tree that would have followed."""
+        stages = list(self._seconds)
+        rule = _SAME.get(rule, rule)
+        for each in stages[stages.index(rule) :] if rule in stages else ():
+            self.waiting[each] = max(self.waiting[each] - 1, 0)
+
+    def left_s(self) -> float:
+        """Return the seconds from now to the end."""
+        waiting_s = sum(count * self._of(rule) for rule, count in self.waiting.items())
+        pace = 1.0 / self.cores  # seconds on the clock a second of forecast work
+        if self._done_s > _ENOUGH_DONE * (self._done_s + waiting_s):
+            pace = (time.monotonic() - self._start) / self._done_s
+        return pace * waiting_s
+
+    def _of(self, rule: str) -> float:
+        return 0.0 if rule == "all" else self._seconds.get(_SAME.get(rule, rule), _UNKNOWN_S)
+
+
+def duration(seconds: float) -> str:
+    """Return a time span as people say it."""
+    if seconds > _DAY_S:
+        return f"{seconds / _DAY_S:.1f} days"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -1,0 +1,69 @@
+"""The work folder that a subcommand is about, and this clone of the project."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from cherrypicker.batch.batch import CONFIG_FILE, Batch, read_batch
+from cherrypicker.batch.config import load_schema, read_config_file
+from cherrypicker.errors import StageError
+from cherrypicker.runner import SCHEMA_FILE
+
+PROJECT = Path(__file__).resolve().parents[3]
+
+
+def folder_parser(doc: str | None) -> argparse.ArgumentParser:
+    """Return a parser with the subcommand's text and the option ``--directory``."""
+    parser = argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        *("-d", "--directory"),
+        default=".",
+        help="work folder, with config/trees.tsv; default the current one",
+    )
+    return parser
+
+
+def enter(directory: str) -> None:
+    """Make a work folder the current one: all paths of table and config start there.
+
+    Raises
+    ------
+    StageError
+        If there is no such folder.
+    """
+    try:
+        os.chdir(directory)
+    except OSError as error:
+        raise StageError(f"no work folder here ({error.strerror})", file=directory) from error
+
+
+def batch_here() -> Batch:
+    """Read table and config of the current folder.
+
+    Raises
+    ------
+    StageError
+        For whatever is wrong in them.
+    """
+    config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
+    return read_batch(load_schema(SCHEMA_FILE), config)
+
+
+def results_of(tree: str) -> Path:
+    """Return the folder of a tree's results in the current work folder.
+
+    Raises
+    ------
+    StageError
+        If there are none.
+    """
+    folder = Path("results") / tree
+    if not (folder / "skeleton.graphml").is_file():
+        raise StageError(
+            f"tree {tree}: there is no finished skeleton; cherrypicker run makes it", file=folder
+        )
+    return folder

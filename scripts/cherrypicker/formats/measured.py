@@ -1,0 +1,148 @@
+"""A finished tree as other tools take it: its skeleton with the radii that its traits report."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import cell_number, read_table
+from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline, read_skeleton
+from cherrypicker.traits.branch_shapes import axis_shapes
+
+_LEAST_LENGTH = 1e-9  # a shorter step has no direction
+
+
+@dataclass
+class Cylinders:
+    """One cylinder an edge of the skeleton, an axis's one after the other, as volume goes.
+
+    Attributes
+    ----------
+    start, end : ndarray of shape (n, 3), float64
+        In the skeleton's unit.
+    radius : ndarray of shape (n,), float64
+        Of the cylinder of the same volume as the cone between the two nodes.
+    parent : ndarray of shape (n,), int64
+        Row of the cylinder that it goes on from, always an earlier one; -1 for the first.
+    branch, order, position : ndarray of shape (n,), int64
+        ``branch_id``, its order, and the place along it, from 0.
+    node : ndarray of shape (n,), int64
+        The skeleton's node at the cylinder's end.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    radius: np.ndarray
+    parent: np.ndarray
+    branch: np.ndarray
+    order: np.ndarray
+    position: np.ndarray
+    node: np.ndarray
+
+    @property
+    def length(self) -> np.ndarray:
+        """Length of each cylinder, (n,) float64."""
+        return np.linalg.norm(self.end - self.start, axis=1)
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Unit vector from start to end, (n, 3) float64; up where both are one place."""
+        steps, length = self.end - self.start, self.length[:, None]
+        is_none = length < _LEAST_LENGTH
+        return np.where(is_none, [0.0, 0.0, 1.0], steps / np.where(is_none, 1.0, length))
+
+
+@dataclass
+class MeasuredTree:
+    """A skeleton with its axes, and what the traits say of each.
+
+    Attributes
+    ----------
+    name : str
+        The tree.
+    skeleton : Skeleton
+    axis_list : list of Axis
+        Its axes; the place in the list is the ``branch_id``.
+    scale : ndarray of shape (n_axes,), float64
+        By what the traits multiply an axis's radii: the photos may know them better.
+    """
+
+    name: str
+    skeleton: Skeleton
+    axis_list: list[Axis]
+    scale: np.ndarray
+
+    def axis_radii(self, axis: int) -> np.ndarray:
+        """Radii along an axis's polyline; at the node that it hangs on it has its own first."""
+        nodes = self.axis_list[axis].nodes
+        if self.axis_list[axis].attach >= 0:
+            nodes = np.append(nodes[0], nodes)
+        return self.scale[axis] * self.skeleton.radius[nodes]
+
+    def axis_points(self, axis: int) -> np.ndarray:
+        """Places along an axis from the node that it hangs on, (n, 3) float64."""
+        return self.skeleton.points[axis_polyline(self.axis_list[axis])]
+
+    @cached_property
+    def cylinders(self) -> Cylinders:
+        """The tree as cylinders."""
+        ends_at = np.full(len(self.skeleton), -1)  # row of the cylinder that ends at a node
+        columns: list[tuple] = []
+        n_rows = 0
+        for index, axis in enumerate(self.axis_list):
+            points, radii = self.axis_points(index), self.axis_radii(index)
+            count = len(points) - 1
+            if count == 0:
+                continue
+            thick, thin = radii[:-1], radii[1:]
+            rows = np.arange(n_rows, n_rows + count)
+            nodes = axis.nodes[-count:]
+            ends_at[nodes] = rows
+            parent = rows - 1
+            # What hangs on the root itself goes on from the first cylinder, as there is one root
+            parent[0] = max(ends_at[axis.attach], 0) if n_rows else -1
+            columns.append(
+                (
+                    *(points[:-1], points[1:]),
+                    np.sqrt((thick**2 + thick * thin + thin**2) / 3.0),
+                    parent,
+                    np.full(count, index),
+                    np.full(count, axis.order),
+                    np.arange(count),
+                    nodes,
+                )
+            )
+            n_rows += count
+        if not columns:
+            raise StageError(f"tree {self.name}: the skeleton has no edge", key="graph")
+        return Cylinders(*map(np.concatenate, zip(*columns, strict=True)))
+
+
+def read_measured_tree(folder: str | os.PathLike) -> MeasuredTree:
+    """Read ``skeleton.graphml`` and ``branches.csv`` of a tree's results.
+
+    Raises
+    ------
+    StageError
+        If one is missing, or the two are not of one run.
+    """
+    folder = Path(folder)
+    skeleton = read_skeleton(folder / "skeleton.graphml")
+    axis_list = axes(skeleton)
+    table = folder / "branches.csv"
+    rows = read_table(table, required=("branch_id", "mean_diameter_m"))
+    if len(rows) != len(axis_list):
+        raise StageError(
+            f"tree {folder.name}: {len(rows)} branches in the table, {len(axis_list)} axes in the "
+            "skeleton; run measure_traits again",
+            file=table,
+        )
+    reported = np.array([cell_number(row["mean_diameter_m"], table, at) for at, row in rows])
+    plain = axis_shapes(skeleton, axis_list)["mean_diameter"]
+    scale = np.divide(reported, plain, out=np.ones(len(plain)), where=plain > 0)
+    return MeasuredTree(folder.name, skeleton, axis_list, scale)

@@ -1,0 +1,59 @@
+"""TreeQSM's table of cylinders as CSV, with the column names of rTwig's data frame.
+
+Ids are rows from 1, the first cylinder's parent and a tip's extension 0, orders count from 0 at the
+stem. rTwig takes the file by ``update_cylinders(read.csv(file))``. References: Raumonen et al.,
+Remote Sensing 5(2), 2013, and the manual of TreeQSM 2.4 (structure ``cylinder``); Morales and
+MacFarlane, Forestry, 2024 (rTwig).
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from cherrypicker.files import write_text
+from cherrypicker.formats.measured import MeasuredTree
+
+COLUMNS = (
+    *("radius", "length", "start.x", "start.y", "start.z", "axis.x", "axis.y", "axis.z"),
+    *("parent", "extension", "added", "UnmodRadius", "branch", "SurfCov", "mad"),
+    *("BranchOrder", "PositionInBranch"),
+)
+_FULL_TURN_DEG = 360.0
+
+
+def write_treeqsm_csv(path: str | os.PathLike, tree: MeasuredTree) -> None:
+    """Write the cylinders of a tree.
+
+    `SurfCov` is the share of the circumference that points cover, `mad` their robust distance to
+    the fitted surface, `added` 1 where the skeleton bridges missing data, `UnmodRadius` the radius
+    by the points alone.
+    """
+    rows, skeleton = tree.cylinders, tree.skeleton
+    none = np.zeros(len(skeleton))
+    arc, spread, gap = (
+        skeleton.fields.get(name, none)[rows.node] for name in ("arc_deg", "residual", "gap")
+    )
+    goes_on = np.append(rows.branch[1:] == rows.branch[:-1], False)
+    whole = {
+        "parent": rows.parent + 1,
+        "extension": np.where(goes_on, np.arange(len(rows.node)) + 2, 0),
+        "added": gap.astype(np.int64),
+        "branch": rows.branch + 1,
+        "BranchOrder": rows.order,
+        "PositionInBranch": rows.position + 1,
+    }
+    values = {
+        "radius": rows.radius,
+        "length": rows.length,
+        **dict(zip(("start.x", "start.y", "start.z"), rows.start.T)),
+        **dict(zip(("axis.x", "axis.y", "axis.z"), rows.direction.T)),
+        "UnmodRadius": rows.radius / tree.scale[rows.branch],
+        "SurfCov": arc / _FULL_TURN_DEG,
+        "mad": spread,
+    }
+    text = {name: list(map(str, column.tolist())) for name, column in whole.items()}
+    text |= {name: [f"{value:.9g}" for value in column.tolist()] for name, column in values.items()}
+    lines = [",".join(COLUMNS), *map(",".join, zip(*(text[name] for name in COLUMNS)))]
+    write_text(path, "\n".join(lines) + "\n")
