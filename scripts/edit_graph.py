@@ -11,6 +11,7 @@ topology.graphml and edits.json, which names the edits that no longer find their
 from typing import Annotated
 
 from cherrypicker.files import write_json
+from cherrypicker.formats.swc import write_skeleton_swc
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import (
     axes,
@@ -19,7 +20,6 @@ from cherrypicker.skeleton import (
     read_skeleton,
     write_skeleton_graphml,
     write_skeleton_ply,
-    write_skeleton_swc,
     write_topology_graphml,
 )
 from cherrypicker.skeleton.edits import apply_edits, read_edits

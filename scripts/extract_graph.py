@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 from cherrypicker.files import read_json, write_json
+from cherrypicker.formats.swc import write_skeleton_swc
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker.limbs.files import read_limbs
 from cherrypicker.mvs.clear_sky import SkyMasks
@@ -29,7 +30,6 @@ from cherrypicker.skeleton import (
     node_order,
     write_skeleton_graphml,
     write_skeleton_ply,
-    write_skeleton_swc,
     write_topology_graphml,
 )
 

@@ -2,7 +2,8 @@
 
 Reads skeleton.graphml, topology.graphml, segmented.ply and target.json, and for a scan from photos
 scale.json, metric_poses.npz, sfm/report.json, photo_check.json, the sky masks and the sparse
-model's cameras (with hand corrections edits.json); writes traits.json and branches.csv. Example:
+model's cameras (with hand corrections edits.json); writes traits.json, branches.csv and, where a
+path is given, branches.ply, the wood with the branch of each point. Example:
 
     python scripts/measure_traits.py --skeleton skeleton.graphml --topology topology.graphml \\
         --segmented segmented.ply --traits traits.json --branches branches.csv
@@ -13,10 +14,11 @@ from typing import Annotated
 
 from cherrypicker.files import read_json, write_json, write_text
 from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.pointcloud import read_cloud
+from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.skeleton import read_skeleton, read_topology
+from cherrypicker.skeleton import axes, read_skeleton, read_topology
+from cherrypicker.traits.branch_points import branch_cloud
 from cherrypicker.traits.branches import branches_csv
 from cherrypicker.traits.measure import TraitOptions, measure_traits
 
@@ -27,6 +29,7 @@ def main(
     segmented: Annotated[str, "labelled cloud"],
     traits: Annotated[str, "JSON to write"],
     branches: Annotated[str, "CSV to write"],
+    branch_points: Annotated[str | None, "branches.ply: the wood, with a branch_id a point"] = None,
     scale: Annotated[str | None, "scale.json of a scan from photos"] = None,
     sparse: Annotated[str | None, "sfm/report.json of a scan from photos"] = None,
     target: Annotated[str | None, "target.json: which tree it is, and the others"] = None,
@@ -44,8 +47,9 @@ def main(
     masks = None
     if sky_masks and cameras and poses:
         masks = SkyMasks(sky_masks, Path(cameras).parent, poses.names)
+    tree = read_skeleton(skeleton)
     numbers, rows = measure_traits(
-        read_skeleton(skeleton),
+        tree,
         cloud,
         read_topology(topology),
         scale=read_json(scale) if scale else None,
@@ -58,6 +62,8 @@ def main(
         options=options,
         seed=seed,
     )
+    if branch_points:
+        write_cloud(branch_points, branch_cloud(cloud, tree, axes(tree)))
     write_text(branches, branches_csv(rows))
     write_json(traits, numbers)
 

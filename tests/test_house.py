@@ -17,7 +17,8 @@ LAYERS = [
     *VOCABULARY,
     *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "skeleton", "wood"),
     "limbs",
-    *("segmentation", "contraction", "graph", "traits", "photo_check", "report", "batch", "api"),
+    *("segmentation", "contraction", "graph", "traits", "formats", "photo_check", "report"),
+    *("batch", "command", "api"),
 ]
 LAB_LAYERS = [
     *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "training"),

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from cherrypicker.errors import StageError
+from cherrypicker.formats.swc import write_skeleton_swc
 from cherrypicker.skeleton import (
     Skeleton,
     axes,
@@ -14,7 +15,6 @@ from cherrypicker.skeleton import (
     read_topology,
     write_skeleton_graphml,
     write_skeleton_ply,
-    write_skeleton_swc,
     write_topology_graphml,
 )
 from cherrypicker.skeleton.model import rooted_order

@@ -21,6 +21,7 @@ rule measure_traits:
     output:
         traits=ensure("results/{tree}/traits.json", non_empty=True),
         branches=ensure("results/{tree}/branches.csv", non_empty=True),
+        branch_points=ensure("results/{tree}/branches.ply", non_empty=True),
     log:
         "logs/measure_traits/{tree}.log",
     benchmark:

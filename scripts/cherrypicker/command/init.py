@@ -35,12 +35,12 @@ _OWN_FOLDERS = ("config", "results", "logs", "benchmarks")
 _TABLE_HEAD = """\
 # One row a scan, columns separated by tabs; an empty cell means the default.
 # tree: its id. photos: a folder of photos, or cloud: a ready point cloud instead.
-# marker_dictionary, marker_sides_m: the printed marker, DICT_4X4_50 and 7:0.20 for a side of 0.20 m.
+# marker_dictionary, marker_sides_m: the printed marker, such as DICT_4X4_50 and 7:0.20 (metres).
 # scale: empty with a marker, else metres per unit, or none for results without metres.
 # date: of the scan. All columns: config/README.md of the project.
 """
 _CONFIG_HEAD = """\
-# The common keys at their defaults: take the # off a line, and off that of its section, to change it.
+# The common keys at their defaults: take the # off a line, and off its section's, to change it.
 # All keys: workflow/schemas/config.schema.yaml of the project.
 """
 

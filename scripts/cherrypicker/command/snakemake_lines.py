@@ -1,23 +1,29 @@
-"""What Snakemake's lines tell of a run: which job started, ended or failed, and how many there are."""
+"""What Snakemake's lines tell of a run: which job started, ended or failed, how many there are."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 # The line after which Snakemake tells of jobs; before it stand its version, the DAG and the table
 FIRST_JOBS = "Select jobs to execute..."
 LAST_JOBS = ("Exiting because", "Complete log(s):", "Will exit after finishing")
-_STARTED = re.compile(r"(?:local)?[Jj]ob (\d+): (?:([\w.\-]+): )?(.*)")
-_FINISHED = re.compile(r"Finished jobid: (\d+) \(Rule: (\w+)\)")
-_STEPS = re.compile(r"(\d+) of (\d+) steps \(")
-_COUNT = re.compile(r"(\w+) +(\d+)$")
-_CORES = re.compile(r"Provided cores: (\d+)")
-_BROKEN = re.compile(r"Error in (?:rule|group) ([\w-]+)")
-_JOBID = re.compile(r" +jobid: (\d+)")
-_REFUSED = re.compile(r"ERROR tree=(\S+) rule=(\w+): (.*)")
-_DETAIL = re.compile(r"\[([\w.\-]+ )?(\w+)\] (.*)")
+_TREE = r"[\w.\-]+"
+_LINES = {
+    "cores": r"Provided cores: (?P<n_all>\d+)",
+    "started": rf"(?:local)?[Jj]ob (?P<job>\d+): (?:(?P<tree>{_TREE}): )?(?P<text>.*)",
+    "finished": r"Finished jobid: (?P<job>\d+) \(Rule: (?P<rule>\w+)\)",
+    "steps": r"(?P<n_done>\d+) of (?P<n_all>\d+) steps \(",
+    "failed": r"ERROR tree=(?P<tree>\S+) rule=(?P<rule>\w+): (?P<text>.*)",
+    "error": r"Error in (?:rule|group) (?P<rule>[\w-]+)",
+    "broken": r" +jobid: (?P<job>\d+)",
+    "detail": rf"\[(?:(?P<tree>{_TREE}) )?(?P<rule>\w+)\] (?P<text>.*)",
+}
+_PATTERNS = {kind: re.compile(pattern) for kind, pattern in _LINES.items()}
+_TABLE_HEAD = "Job stats"
+_TABLE_ROW = re.compile(r"(?P<rule>\w+) +(?P<n_all>\d+)$")
+_TABLE_SUM = "total"
 
 
 @dataclass
@@ -28,8 +34,8 @@ class Event:
     ----------
     kind : str
         ``counts`` (a row of the table of jobs), ``cores``, ``started``, ``finished``, ``steps``,
-        ``failed`` (a stage's own line), ``broken`` (a job that failed, for whatever cause),
-        ``detail`` (a stage's progress or warning) or ``other``.
+        ``failed`` (a stage's own line), ``error`` with ``broken`` after it (a job that failed, for
+        whatever cause), ``detail`` (a stage's progress or warning) or ``other``.
     line : str
         As Snakemake printed it.
     job : int
@@ -57,42 +63,25 @@ def read_events(lines: Iterable[str]) -> Iterator[Event]:
     lines : iterable of str
         Its two streams as one, in the form of Snakemake 9 without ``--quiet``.
     """
-    reader = _Reader()
-    for line in lines:
-        yield reader.event(line.rstrip("\n"))
+    in_table, broken_rule = False, ""
+    for line in (line.rstrip("\n") for line in lines):
+        in_table = line.startswith(_TABLE_HEAD) or (in_table and bool(line.strip()))
+        if in_table:
+            found = _TABLE_ROW.match(line)
+            is_row = found is not None and found["rule"] != _TABLE_SUM
+            event = _event("counts", line, found) if found and is_row else Event("other", line)
+        else:
+            matches = ((kind, pattern.match(line)) for kind, pattern in _PATTERNS.items())
+            told = next(((kind, found) for kind, found in matches if found), None)
+            event = _event(told[0], line, told[1]) if told else Event("other", line)
+        if event.kind == "error":
+            broken_rule = event.rule
+        elif event.kind == "broken":
+            event.rule = broken_rule
+        yield event
 
 
-@dataclass
-class _Reader:
-    """Reads lines one after the other; two things stand over several."""
-
-    in_table: bool = False
-    broken: str = field(default="")
-
-    def event(self, line: str) -> Event:
-        if line.startswith("Job stats"):
-            self.in_table = True
-        elif not line.strip():
-            self.in_table = False
-        elif self.in_table and (found := _COUNT.match(line)) and found[1] != "total":
-            return Event("counts", line, rule=found[1], n_all=int(found[2]))
-        if found := _CORES.match(line):
-            return Event("cores", line, n_all=int(found[1]))
-        if found := _STARTED.match(line):
-            return Event("started", line, int(found[1]), found[2] or "", text=found[3])
-        if found := _FINISHED.match(line):
-            return Event("finished", line, int(found[1]), rule=found[2])
-        if found := _STEPS.match(line):
-            return Event("steps", line, n_done=int(found[1]), n_all=int(found[2]))
-        if found := _REFUSED.match(line):
-            return Event("failed", line, tree=found[1], rule=found[2], text=found[3])
-        if found := _BROKEN.match(line):
-            self.broken = found[1]
-        elif self.broken and (found := _JOBID.match(line)):
-            rule, self.broken = self.broken, ""
-            return Event("broken", line, int(found[1]), rule=rule)
-        if found := _DETAIL.match(line):
-            return Event(
-                "detail", line, tree=(found[1] or "").strip(), rule=found[2], text=found[3]
-            )
-        return Event("other", line)
+def _event(kind: str, line: str, found: re.Match) -> Event:
+    told = {name: value for name, value in found.groupdict().items() if value is not None}
+    whole = {name: int(told.pop(name)) for name in ("job", "n_done", "n_all") if name in told}
+    return Event(kind, line, **whole, **told)

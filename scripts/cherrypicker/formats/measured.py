@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -70,12 +71,15 @@ class MeasuredTree:
         Its axes; the place in the list is the ``branch_id``.
     scale : ndarray of shape (n_axes,), float64
         By what the traits multiply an axis's radii: the photos may know them better.
+    made : str
+        When the skeleton was made, ISO date and time, UTC.
     """
 
     name: str
     skeleton: Skeleton
     axis_list: list[Axis]
     scale: np.ndarray
+    made: str = ""
 
     def axis_radii(self, axis: int) -> np.ndarray:
         """Radii along an axis's polyline; at the node that it hangs on it has its own first."""
@@ -145,4 +149,6 @@ def read_measured_tree(folder: str | os.PathLike) -> MeasuredTree:
     reported = np.array([cell_number(row["mean_diameter_m"], table, at) for at, row in rows])
     plain = axis_shapes(skeleton, axis_list)["mean_diameter"]
     scale = np.divide(reported, plain, out=np.ones(len(plain)), where=plain > 0)
-    return MeasuredTree(folder.name, skeleton, axis_list, scale)
+    made = time.gmtime((folder / "skeleton.graphml").stat().st_mtime)
+    stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", made)
+    return MeasuredTree(folder.resolve().name, skeleton, axis_list, scale, stamp)

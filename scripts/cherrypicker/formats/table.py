@@ -6,8 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from cherrypicker.classes import wood_mask
+from cherrypicker.formats.las import write_las
 from cherrypicker.formats.measured import MeasuredTree, read_measured_tree
+from cherrypicker.formats.meshes import write_glb, write_obj
+from cherrypicker.formats.mtg import write_mtg
+from cherrypicker.formats.qsm import write_qsm
+from cherrypicker.formats.treefile import write_treefile
 from cherrypicker.formats.treeqsm_csv import write_treeqsm_csv
+from cherrypicker.pointcloud import read_cloud
+from cherrypicker.traits.branch_points import NO_BRANCH, branch_cloud
 
 
 @dataclass(frozen=True)
@@ -24,8 +34,25 @@ def _of_tree(write: Callable[[Path, MeasuredTree], None]) -> Callable[[Path, Pat
     return lambda path, folder: write(path, read_measured_tree(folder))
 
 
+def _write_cloud(path: Path, folder: Path) -> None:
+    """Write the whole labelled cloud, with the branch of what is wood."""
+    tree = read_measured_tree(folder)
+    cloud = read_cloud(folder / "segmented.ply", required=("label",))
+    branch = np.full(len(cloud), NO_BRANCH, dtype=np.int32)
+    if wood_mask(cloud["label"]).any():
+        wood = branch_cloud(cloud, tree.skeleton, tree.axis_list)
+        branch[wood["source"]] = wood["branch_id"]
+    write_las(path, cloud.with_fields(branch_id=branch))
+
+
 FORMATS = {
+    "mtg": Format("multiscale tree graph of OpenAlea", ".mtg", _of_tree(write_mtg)),
+    "qsm": Format("nodes and cylinders of libqsm", ".qsm", _of_tree(write_qsm)),
     "treeqsm-csv": Format(
         "cylinders as TreeQSM's, for rTwig", "_cylinders.csv", _of_tree(write_treeqsm_csv)
     ),
+    "treefile": Format("tree file of RayCloudTools", "_trees.txt", _of_tree(write_treefile)),
+    "gltf": Format("closed tubes, a node a branch, glTF 2.0", ".glb", _of_tree(write_glb)),
+    "obj": Format("closed tubes, an object a branch", ".obj", _of_tree(write_obj)),
+    "las": Format("labelled cloud with branch_id", ".las", _write_cloud),
 }

@@ -13,7 +13,6 @@ from cherrypicker.skeleton.exports import (
     read_topology,
     write_skeleton_graphml,
     write_skeleton_ply,
-    write_skeleton_swc,
     write_topology_graphml,
 )
 from cherrypicker.skeleton.model import Skeleton
@@ -34,6 +33,5 @@ __all__ = [
     "read_topology",
     "write_skeleton_graphml",
     "write_skeleton_ply",
-    "write_skeleton_swc",
     "write_topology_graphml",
 ]

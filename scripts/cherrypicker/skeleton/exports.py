@@ -1,4 +1,4 @@
-"""Skeletons and topologies as GraphML, SWC and PLY, and back."""
+"""Skeletons and topologies as GraphML and PLY, and back."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.ply import write_ply_vertices
@@ -20,7 +19,6 @@ __all__ = [
     "read_topology",
     "write_skeleton_graphml",
     "write_skeleton_ply",
-    "write_skeleton_swc",
     "write_topology_graphml",
 ]
 
@@ -171,34 +169,6 @@ def read_topology(path: str | os.PathLike) -> Topology:
     unit = graph.attributes.get("unit", "m")
     frame = graph.attributes.get("frame", "metric")
     return Topology(nodes[order], kind, points, edges, unit, frame)
-
-
-def write_skeleton_swc(path: str | os.PathLike, skeleton: Skeleton) -> None:
-    """Write ``skeleton.swc``: id (from 1), type, x, y, z, radius, parent (-1 for the root).
-
-    Parameters
-    ----------
-    path : path-like
-    skeleton : Skeleton
-    """
-    types = {int(label): label.swc for label in Label}
-    lines = [
-        f"# frame={skeleton.frame} unit={skeleton.unit}",
-        "# id type x y z radius parent (type 2 = trunk, 3 = any other wood)",
-    ]
-    for node, ((x, y, z), radius, label, parent) in enumerate(
-        zip(
-            skeleton.points.tolist(),
-            skeleton.radius.tolist(),
-            skeleton.label.tolist(),
-            skeleton.parent.tolist(),
-        )
-    ):
-        above = parent + 1 if parent >= 0 else -1
-        kind = types.get(label, Label.BRANCH.swc)
-        lines.append(f"{node + 1} {kind} {x:.6f} {y:.6f} {z:.6f} {radius:.6f} {above}")
-    with atomic_path(path) as temporary:
-        Path(temporary).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:

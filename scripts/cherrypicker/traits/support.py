@@ -17,7 +17,7 @@ _SAMPLE_M = 0.01  # step along the skeleton
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
 _COMPANY = 4  # points within it
 _ON_SKELETON = 0.2  # of the reach: points this near belong to the skeleton for sure
-_NEAR_RADII, _OWN_RADII = 1.5, 2.0  # wood that supports the skeleton, and that belongs to it
+_NEAR_RADII, OWN_RADII = 1.5, 2.0  # wood that supports the skeleton, and that belongs to it
 _SPARSE = 1.5  # reach over the distance to a neighbour
 _REACH_POINTS = 5_000  # enough for a median
 _MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
@@ -134,7 +134,7 @@ def find_support(
     n_stray = np.count_nonzero(is_gap & (beyond < min_stray))
     stray_length = float(beyond[is_gap & (beyond < min_stray)].sum())
     close, sample = cKDTree(samples).query(wood.data)
-    allowed = np.maximum(_OWN_RADII * radius, reach)
+    allowed = np.maximum(OWN_RADII * radius, reach)
     point = kept[owner[sample]] & (close <= allowed[sample])
     rows = np.flatnonzero(point)
     # The sparse end of a shoot has few points; those on the skeleton need no company.
@@ -142,7 +142,7 @@ def find_support(
     rows = rows[~point[rows]]
     company, _ = wood.query(wood.data[rows], k=[_COMPANY + 1], distance_upper_bound=reach)
     point[rows] = np.isfinite(company[:, 0])
-    is_far = close > np.maximum(_OWN_RADII * radius[sample], _MISSED_M)
+    is_far = close > np.maximum(OWN_RADII * radius[sample], _MISSED_M)
     missed = missed_wood(wood.data, point, is_far, reach)
     return Support(kept, point, allowed.max(), run[is_gap], int(n_stray), stray_length, *missed)
 

@@ -1,0 +1,103 @@
+"""A tree's tubes as Wavefront OBJ and as binary glTF 2.0, an object an axis."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+
+import numpy as np
+
+from cherrypicker.files import atomic_path, write_text
+from cherrypicker.formats.measured import MeasuredTree
+from cherrypicker.formats.tubes import axis_tubes
+
+_BARK = (0.45, 0.33, 0.24, 1.0)
+# glTF 2.0: magic number, chunks, types of numbers and what a buffer is for
+_GLB, _VERSION, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
+_FLOAT, _UNSIGNED_INT, _VERTICES, _INDICES = 5126, 5125, 34962, 34963
+_Z_UP_TO_Y_UP = (-0.7071067811865476, 0.0, 0.0, 0.7071067811865476)  # a quaternion x, y, z, w
+
+
+def write_obj(path: str | os.PathLike, tree: MeasuredTree) -> None:
+    """Write OBJ: z up, one object ``branch_ID`` an axis."""
+    lines = [f"# {tree.name}, unit={tree.skeleton.unit}, z up"]
+    n_before = 1
+    for axis, vertices, faces in axis_tubes(tree):
+        lines.append(f"o branch_{axis}")
+        lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices.tolist()]
+        lines += [f"f {a} {b} {c}" for a, b, c in (faces + n_before).tolist()]
+        n_before += len(vertices)
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def write_glb(path: str | os.PathLike, tree: MeasuredTree) -> None:
+    """Write binary glTF: y up as the format asks, one node ``branch_ID`` an axis."""
+    parts: list[bytes] = []
+    views, accessors, meshes, nodes = [], [], [], []
+    origin = tree.skeleton.points[0]  # places are float32, told from the root
+    n_bytes = 0
+
+    def add(values: np.ndarray, target: int) -> None:
+        nonlocal n_bytes
+        views.append(
+            {"buffer": 0, "byteOffset": n_bytes, "byteLength": values.nbytes, "target": target}
+        )
+        parts.append(values.tobytes())
+        n_bytes += values.nbytes
+
+    for axis, vertices, faces in axis_tubes(tree):
+        places, indices = (vertices - origin).astype("<f4"), faces.astype("<u4")
+        add(places, _VERTICES)
+        accessors.append(
+            {
+                "bufferView": len(views) - 1,
+                "componentType": _FLOAT,
+                "count": len(places),
+                "type": "VEC3",
+                "min": places.min(axis=0).tolist(),
+                "max": places.max(axis=0).tolist(),
+            }
+        )
+        add(indices, _INDICES)
+        accessors.append(
+            {
+                "bufferView": len(views) - 1,
+                "componentType": _UNSIGNED_INT,
+                "count": indices.size,
+                "type": "SCALAR",
+            }
+        )
+        primitive = {
+            "attributes": {"POSITION": len(accessors) - 2},
+            "indices": len(accessors) - 1,
+            "material": 0,
+        }
+        extras = {"branch_id": axis, "order": tree.axis_list[axis].order}
+        meshes.append({"primitives": [primitive]})
+        nodes.append({"mesh": len(meshes) - 1, "name": f"branch_{axis}", "extras": extras})
+    root = {
+        "name": tree.name,
+        "children": list(range(len(nodes))),
+        "rotation": _Z_UP_TO_Y_UP,
+        "extras": {"unit": tree.skeleton.unit, "origin": origin.tolist()},
+    }
+    colour = {"baseColorFactor": _BARK, "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    content = {
+        "asset": {"version": "2.0", "generator": "CherryPicker"},
+        "scene": 0,
+        "scenes": [{"nodes": [len(nodes)]}],
+        "nodes": [*nodes, root],
+        "meshes": meshes,
+        "materials": [{"name": "bark", "pbrMetallicRoughness": colour}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": n_bytes}],
+    }
+    text = json.dumps(content, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    size = 12 + 8 + len(text) + 8 + n_bytes
+    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
+        stream.write(struct.pack("<III", _GLB, _VERSION, size))
+        stream.write(struct.pack("<II", len(text), _JSON_CHUNK) + text)
+        stream.write(struct.pack("<II", n_bytes, _BINARY_CHUNK) + b"".join(parts))

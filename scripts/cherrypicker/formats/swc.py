@@ -1,0 +1,41 @@
+"""The skeleton as SWC, the table of neuron tracings that many viewers of trees read.
+
+Reference: Cannon et al., J. Neurosci. Methods 84, 1998.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from cherrypicker.classes import Label
+from cherrypicker.files import atomic_path
+from cherrypicker.skeleton.model import Skeleton
+
+
+def write_skeleton_swc(path: str | os.PathLike, skeleton: Skeleton) -> None:
+    """Write ``skeleton.swc``: id (from 1), type, x, y, z, radius, parent (-1 for the root).
+
+    Parameters
+    ----------
+    path : path-like
+    skeleton : Skeleton
+    """
+    types = {int(label): label.swc for label in Label}
+    lines = [
+        f"# frame={skeleton.frame} unit={skeleton.unit}",
+        "# id type x y z radius parent (type 2 = trunk, 3 = any other wood)",
+    ]
+    for node, ((x, y, z), radius, label, parent) in enumerate(
+        zip(
+            skeleton.points.tolist(),
+            skeleton.radius.tolist(),
+            skeleton.label.tolist(),
+            skeleton.parent.tolist(),
+        )
+    ):
+        above = parent + 1 if parent >= 0 else -1
+        kind = types.get(label, Label.BRANCH.swc)
+        lines.append(f"{node + 1} {kind} {x:.6f} {y:.6f} {z:.6f} {radius:.6f} {above}")
+    with atomic_path(path) as temporary:
+        Path(temporary).write_text("\n".join(lines) + "\n", encoding="utf-8")

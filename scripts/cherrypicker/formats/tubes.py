@@ -1,0 +1,110 @@
+"""A tree as closed triangle meshes: one tube with two ends an axis.
+
+A ring of vertices stands on each node of an axis, in the plane that halves the bend there, wide
+enough that a tube of one radius keeps its cross-section round the bend; a ring's polygon has the
+area of the circle. So a tube has the volume of its cones, which is the volume that the traits
+report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cherrypicker.formats.measured import MeasuredTree
+
+N_SIDES = 12
+# A ring is stretched across a bend up to so much: twice, that of a bend by 120 degrees
+LARGEST_STRETCH = 2.0
+_LEAST_STEP = 1e-9
+
+
+def axis_tubes(
+    tree: MeasuredTree, n_sides: int = N_SIDES
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Yield the tube of every axis that has a length.
+
+    Yields
+    ------
+    axis : int
+        Its ``branch_id``.
+    vertices : ndarray of shape (n_vertices, 3), float64
+        In the skeleton's frame and unit.
+    faces : ndarray of shape (n_faces, 3), int64
+        Rows of `vertices`, counterclockwise as seen from outside.
+    """
+    for index in range(len(tree.axis_list)):
+        points, radii = tree.axis_points(index), tree.axis_radii(index)
+        moves = np.linalg.norm(np.diff(points, axis=0), axis=1) > _LEAST_STEP
+        keep = np.append(True, moves)
+        if keep.sum() > 1:
+            yield index, *tube(points[keep], radii[keep], n_sides)
+
+
+def tube(points: np.ndarray, radii: np.ndarray, n_sides: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces of a closed tube about a polyline, no two places of it equal.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n > 1, 3), float64
+    radii : ndarray of shape (n,), float64
+    n_sides : int
+        Corners of a ring.
+    """
+    steps = np.diff(points, axis=0)
+    steps /= np.linalg.norm(steps, axis=1)[:, None]
+    before, after = np.vstack([steps[:1], steps]), np.vstack([steps, steps[-1:]])
+    across = _carried(steps, n_sides)  # (n - 1, n_sides, 3) of each step
+    # Each corner runs along its step as far as the plane that halves the bend there
+    halving = before + after
+    is_back = np.linalg.norm(halving, axis=1) < _LEAST_STEP
+    halving[is_back] = before[is_back]
+    rings = across[np.maximum(np.arange(len(points)) - 1, 0)]
+    slope = (
+        np.einsum("nsk,nk->ns", rings, halving) / np.einsum("nk,nk->n", before, halving)[:, None]
+    )
+    most = np.sqrt(LARGEST_STRETCH**2 - 1.0)
+    rings = rings - np.clip(slope, -most, most)[..., None] * before[:, None]
+    area = n_sides / (2.0 * np.pi) * np.sin(2.0 * np.pi / n_sides)
+    corners = points[:, None] + (radii / np.sqrt(area))[:, None, None] * rings
+    vertices = np.vstack([corners.reshape(-1, 3), points[:1], points[-1:]])
+    return vertices, _faces(len(points), n_sides)
+
+
+def _carried(steps: np.ndarray, n_sides: int) -> np.ndarray:
+    """Unit vectors round each step, turned from step to step without a twist."""
+    side = np.eye(3)[np.argmin(np.abs(steps[0]))]
+    side = side - (side @ steps[0]) * steps[0]
+    sides = [side / np.linalg.norm(side)]
+    for last, step in zip(steps[:-1], steps[1:]):
+        # Across the last step, so the turn that takes it onto this one is a mirror between the two
+        middle, turned = last + step, sides[-1]
+        if middle @ middle > _LEAST_STEP:
+            turned = turned - 2.0 * (turned @ middle) / (middle @ middle) * middle
+        turned = turned - (turned @ step) * step
+        sides.append(turned / np.linalg.norm(turned))
+    one = np.array(sides)
+    two = np.cross(steps, one)
+    angle = 2.0 * np.pi * np.arange(n_sides) / n_sides
+    return np.cos(angle)[:, None] * one[:, None] + np.sin(angle)[:, None] * two[:, None]
+
+
+def _faces(n_rings: int, n_sides: int) -> np.ndarray:
+    """Triangles of a tube of rings, the middles of its two ends coming last."""
+    here = np.arange(n_sides)
+    further = np.roll(here, -1)
+    first, last = n_rings * n_sides, n_rings * n_sides + 1
+    base = n_sides * np.arange(n_rings - 1)[:, None]
+    low, low_next, up, up_next = (
+        (base + row).ravel() for row in (here, further, here + n_sides, further + n_sides)
+    )
+    top = (n_rings - 1) * n_sides
+    return np.vstack(
+        [
+            np.column_stack([low, low_next, up_next]),
+            np.column_stack([low, up_next, up]),
+            np.column_stack([np.full(n_sides, first), further, here]),
+            np.column_stack([np.full(n_sides, last), top + here, top + further]),
+        ]
+    )
