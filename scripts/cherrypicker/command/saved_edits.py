@@ -1,0 +1,90 @@
+"""A tree's hand corrections as the page sends them: looked at, then written to the work folder."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import yaml
+
+from cherrypicker.batch.batch import Batch
+from cherrypicker.batch.config import lookup
+from cherrypicker.command.work_folder import results_of
+from cherrypicker.errors import StageError
+from cherrypicker.files import atomic_path
+from cherrypicker.skeleton import read_skeleton
+from cherrypicker.skeleton.edits import apply_edits, read_edits
+
+_writing = threading.Lock()
+
+
+def edits_file(batch: Batch, tree: str) -> Path:
+    """Return the file of a tree's corrections, whether it is there or not.
+
+    Raises
+    ------
+    StageError
+        If the config names none, or one outside the work folder.
+    """
+    name = lookup(batch.settings_of[tree], "graph.edits")
+    path = Path(name.replace("{tree}", tree))
+    if not name or not path.resolve().is_relative_to(Path.cwd().resolve()):
+        raise StageError(
+            f"tree {tree}: edits are written to a file in the work folder alone",
+            file=name or None,
+            key="graph.edits",
+        )
+    return path
+
+
+def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
+    """Write a tree's corrections, if they can be applied to it.
+
+    Parameters
+    ----------
+    body : bytes
+        The file as config/README.md describes it. A key ``tree`` beside ``edits`` must name the
+        tree.
+
+    Returns
+    -------
+    dict
+        ``path``, and ``lost``: a sentence for each edit that finds no node.
+
+    Raises
+    ------
+    StageError
+        For what is no list of edits, is of another tree, or would close a cycle.
+    """
+    path = edits_file(batch, tree)
+    _refuse_odd_yaml(body, tree, path)
+    with _writing, atomic_path(path) as temporary:
+        temporary.write_bytes(body)
+        try:
+            edits = read_edits(temporary)
+            _, report = apply_edits(read_skeleton(_edited_skeleton(tree, path)), edits)
+        except StageError as error:
+            raise StageError(error.cause, file=path, key=error.key) from error
+        if edits and not report["n_applied"]:
+            raise StageError(f"no edit lies on tree {tree}: are they of another tree?", file=path)
+    return {"path": str(path), "lost": report["lost"]}
+
+
+def _edited_skeleton(tree: str, edits: Path) -> Path:
+    """Return the skeleton that edits apply to: the solver's, where there are edits already."""
+    solved = results_of(tree) / "solved.graphml"
+    return solved if edits.is_file() and solved.is_file() else results_of(tree) / "skeleton.graphml"
+
+
+def _refuse_odd_yaml(body: bytes, tree: str, path: Path) -> None:
+    """Refuse another tree's edits, and aliases, by which a short text can stand for a huge one."""
+    try:
+        text = body.decode("utf-8")
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
+            raise StageError("edits have no aliases", file=path)
+        content = yaml.safe_load(text)
+    except (UnicodeDecodeError, yaml.YAMLError, RecursionError, ValueError) as error:
+        raise StageError(f"no valid YAML ({error})", file=path) from error
+    named = content.get("tree", tree) if isinstance(content, dict) else tree
+    if named != tree:
+        raise StageError(f"the edits are of tree {named!r}, not of {tree!r}", file=path, key="tree")

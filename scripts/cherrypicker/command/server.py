@@ -1,0 +1,199 @@
+"""The server behind `cherrypicker serve`: results to read, one file a tree to write.
+
+It listens on the loopback interface alone. A page of another site can still send requests there
+from the user's own browser, so a request must name this host, which one through a foreign name that
+is made to point here (DNS rebinding) does not, and a change must come from our own page: from this
+origin and with a header of our own, which a browser sends to another origin only if that agrees.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Callable
+from functools import partial
+from http import HTTPStatus
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from cherrypicker.batch.batch import Batch
+from cherrypicker.command.saved_edits import edits_file, save_edits
+from cherrypicker.errors import StageError
+
+logger = logging.getLogger(__name__)
+
+HOST = "127.0.0.1"
+API = "/api/edits/"
+LARGEST_BODY = 1_000_000  # bytes: ten thousand edits
+_OWN_NAMES = ("127.0.0.1", "localhost")
+_EDIT_HEADER, _EDIT_VALUE = "X-CherryPicker", "edit"
+_YAML = "text/yaml"
+_PATIENCE_S = 30.0  # for a request that stops in the middle
+
+
+def make_server(batch: Batch, port: int) -> Server:
+    """Return a server of the current work folder, which listens already.
+
+    Parameters
+    ----------
+    batch : Batch
+        Its trees are those whose edits can be read and written.
+    port : int
+        0 takes one that is free.
+
+    Raises
+    ------
+    StageError
+        If the port is taken.
+    """
+    try:
+        server = Server((HOST, port), partial(Handler, directory="results"))
+    except (OSError, OverflowError) as error:
+        raise StageError(f"port {port} cannot be used ({error})", key="--port") from error
+    server.batch = batch
+    return server
+
+
+class Server(ThreadingHTTPServer):
+    """The server, and the batch that it serves."""
+
+    daemon_threads = True
+    batch: Batch
+
+
+class _RefusedError(Exception):
+    """A request that is answered with an error."""
+
+    def __init__(self, status: HTTPStatus, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
+class Handler(SimpleHTTPRequestHandler):
+    """Answers one request."""
+
+    server_version, sys_version = "CherryPicker", ""
+    timeout = _PATIENCE_S
+
+    def do_GET(self) -> None:
+        """Send a page, a figure, or a tree's edits."""
+        self._answer(self._get)
+
+    def do_HEAD(self) -> None:
+        """Tell of a page or a figure."""
+        self._answer(super().do_HEAD)
+
+    def do_PUT(self) -> None:
+        """Save a tree's edits."""
+        self._answer(self._put)
+
+    def translate_path(self, path: str) -> str:
+        """Return the file of a path; what a link leads to outside the results is refused."""
+        file = Path(super().translate_path(path))
+        if not file.resolve().is_relative_to(Path(self.directory).resolve()):
+            raise _RefusedError(HTTPStatus.FORBIDDEN, "the file lies outside the results")
+        return str(file)
+
+    def list_directory(self, path: str | os.PathLike) -> None:
+        """Refuse to list a folder."""
+        raise _RefusedError(HTTPStatus.NOT_FOUND, "there is no such page")
+
+    def end_headers(self) -> None:
+        """Add what keeps browsers from guessing types, keeping pages and framing them."""
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Security-Policy", "frame-ancestors 'none'")
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        super().end_headers()
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Leave requests to the log, which is silent but for warnings."""
+        logger.info(format, *args)
+
+    def _answer(self, answer: Callable[[], object]) -> None:
+        try:
+            self._refuse_foreign()
+            answer()
+        except _RefusedError as refusal:
+            self._send_json(refusal.status, {"error": str(refusal)})
+        except StageError as error:
+            self._send_json(HTTPStatus.UNPROCESSABLE_ENTITY, {"error": error.describe()})
+        except OSError as error:
+            reason = f"cannot be written or read ({error.strerror})"
+            self._send_json(HTTPStatus.INTERNAL_SERVER_ERROR, {"error": reason})
+
+    def _refuse_foreign(self) -> None:
+        """Refuse what is not asked of this host, or by a page of another one."""
+        port = self.server.server_address[1]
+        own = {f"{name}:{port}" for name in _OWN_NAMES}
+        if self.headers.get("Host") not in own:
+            raise _RefusedError(HTTPStatus.FORBIDDEN, "this server answers to localhost alone")
+        origin = self.headers.get("Origin")
+        if origin is not None and origin not in {f"http://{name}" for name in own}:
+            raise _RefusedError(HTTPStatus.FORBIDDEN, "the request comes from another site")
+
+    def _get(self) -> None:
+        path = urlsplit(self.path).path
+        if path.startswith(API):
+            self._send_edits(self._tree())
+        elif path == "/":
+            self.send_response(HTTPStatus.FOUND)
+            self.send_header("Location", "/summary.html")
+            self.end_headers()
+        else:
+            super().do_GET()
+
+    def _tree(self) -> str:
+        """Return the tree of a request for edits."""
+        tree = unquote(urlsplit(self.path).path.removeprefix(API))
+        if tree not in self._batch.trees:
+            raise _RefusedError(HTTPStatus.NOT_FOUND, f"there is no tree {tree!r} in the table")
+        return tree
+
+    @property
+    def _batch(self) -> Batch:
+        assert isinstance(self.server, Server)
+        return self.server.batch
+
+    def _send_edits(self, tree: str) -> None:
+        path = edits_file(self._batch, tree)
+        if not path.is_file():
+            self.send_response(HTTPStatus.NO_CONTENT)
+            self.end_headers()
+            return
+        self._send(HTTPStatus.OK, f"{_YAML}; charset=utf-8", path.read_bytes())
+
+    def _put(self) -> None:
+        if not urlsplit(self.path).path.startswith(API):
+            raise _RefusedError(HTTPStatus.METHOD_NOT_ALLOWED, "only edits can be written")
+        tree = self._tree()
+        if self.headers.get(_EDIT_HEADER) != _EDIT_VALUE:
+            reason = f"the header {_EDIT_HEADER}: {_EDIT_VALUE} is missing"
+            raise _RefusedError(HTTPStatus.FORBIDDEN, reason)
+        if self.headers.get_content_type() != _YAML:
+            raise _RefusedError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"edits are {_YAML}")
+        self._send_json(HTTPStatus.OK, save_edits(self._batch, tree, self._body()))
+
+    def _body(self) -> bytes:
+        length = self.headers.get("Content-Length", "")
+        if not (length.isascii() and length.isdigit()):
+            raise _RefusedError(HTTPStatus.LENGTH_REQUIRED, "the length of the edits is missing")
+        if int(length) > LARGEST_BODY:
+            reason = f"edits are {LARGEST_BODY:,} bytes at most"
+            raise _RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, reason)
+        body = self.rfile.read(int(length))
+        if len(body) < int(length):
+            raise _RefusedError(HTTPStatus.BAD_REQUEST, "the edits end before their length")
+        return body
+
+    def _send_json(self, status: HTTPStatus, content: dict) -> None:
+        self._send(status, "application/json", json.dumps(content).encode())
+
+    def _send(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
