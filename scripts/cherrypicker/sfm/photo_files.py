@@ -144,7 +144,7 @@ def _check_photo(path: Path) -> PhotoInfo:
     try:
         height, width = read_photo(path).shape[:2]
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        camera, focal_mm = _exif_camera(path)
+        camera, focal_mm = exif_camera(path)
     except StageError as error:
         return PhotoInfo(path, problem=f"unreadable: {error.cause}")
     except Image.DecompressionBombError as error:
@@ -154,7 +154,7 @@ def _check_photo(path: Path) -> PhotoInfo:
     )
 
 
-def _exif_camera(path: Path) -> tuple[str, float]:
+def exif_camera(path: Path) -> tuple[str, float]:
     """Return camera name and focal length in mm; broken EXIF data count as none."""
     try:
         with Image.open(path) as image:

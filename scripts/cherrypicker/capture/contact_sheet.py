@@ -1,0 +1,87 @@
+"""A picture of what was checked: the ring from above with its gaps, and each photo in its place."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from cherrypicker.capture.look import THUMBNAIL_PX
+from cherrypicker.capture.verdict import Verdict
+from cherrypicker.files import atomic_path
+
+_COLUMNS, _MARGIN, _LINE = 8, 12, 16
+_TOP_PX = 360
+_PAPER, _INK, _FAINT = (250, 250, 247), (30, 30, 30), (170, 170, 165)
+_GOOD, _NOTE, _STOP = (60, 130, 70), (215, 150, 30), (200, 40, 40)
+_QUALITY = 85
+
+
+def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) -> None:
+    """Write the sheet as JPEG: photos by azimuth, those of findings framed, red to do again."""
+    azimuth = verdict.ring.azimuth_deg
+    order = np.argsort(np.where(np.isfinite(azimuth), azimuth, np.inf), kind="stable")
+    marks = _marks(verdict)
+    cell = THUMBNAIL_PX + 2 * _LINE
+    n_rows = -(-len(order) // _COLUMNS)
+    size = (
+        _MARGIN + _COLUMNS * (THUMBNAIL_PX + _MARGIN),
+        _TOP_PX + n_rows * (cell + _MARGIN) + _MARGIN,
+    )
+    sheet = Image.new("RGB", size, _PAPER)
+    draw = ImageDraw.Draw(sheet)
+    font = ImageFont.load_default(size=_LINE - 3)
+    _draw_ring(draw, verdict, marks)
+    _draw_findings(draw, tree, verdict, font)
+    for place, row in enumerate(order.tolist()):
+        look = verdict.looks[row]
+        left = _MARGIN + place % _COLUMNS * (THUMBNAIL_PX + _MARGIN)
+        top = _TOP_PX + place // _COLUMNS * (cell + _MARGIN)
+        height, width = look.thumbnail.shape[:2]
+        corner = (left + (THUMBNAIL_PX - width) // 2, top + (THUMBNAIL_PX - height) // 2)
+        sheet.paste(Image.fromarray(look.thumbnail), corner)
+        color = marks.get(row, _FAINT)
+        box = [left - 2, top - 2, left + THUMBNAIL_PX + 1, top + THUMBNAIL_PX + 1]
+        draw.rectangle(box, outline=color, width=4 if row in marks else 1)
+        angle = f"{azimuth[row]:.0f} deg" if np.isfinite(azimuth[row]) else "not placed"
+        draw.text((left, top + THUMBNAIL_PX + 4), f"{look.path.name}  {angle}", color, font)
+        said = f"blur {look.blur:.2f}  marker {', '.join(map(str, look.marker_ids)) or '-'}"
+        draw.text((left, top + THUMBNAIL_PX + 4 + _LINE), said, _INK, font)
+    with atomic_path(path) as temporary:
+        sheet.save(temporary, quality=_QUALITY)
+
+
+def _marks(verdict: Verdict) -> dict[int, tuple[int, int, int]]:
+    """Colour of each photo that a finding names."""
+    marks = {}
+    for finding in reversed(verdict.findings):
+        marks.update(dict.fromkeys(finding.photos, _STOP if finding.is_stop else _NOTE))
+    return marks
+
+
+def _draw_ring(draw: ImageDraw.ImageDraw, verdict: Verdict, marks: dict) -> None:
+    """Draw the ring from above, the first azimuth to the right, counterclockwise."""
+    radius = 0.5 * _TOP_PX - 4 * _MARGIN
+    middle = np.array([0.5 * _TOP_PX, 0.5 * _TOP_PX])
+    box = [*(middle - radius), *(middle + radius)]
+    draw.ellipse(box, outline=_FAINT, width=2)
+    for first, last in verdict.gaps:
+        draw.arc(box, -last, -first, fill=_STOP, width=10)
+    draw.ellipse([*(middle - 6), *(middle + 6)], fill=_INK)
+    for row, angle in enumerate(np.radians(verdict.ring.azimuth_deg)):
+        if np.isfinite(angle):
+            place = middle + radius * np.array([np.cos(angle), -np.sin(angle)])
+            draw.ellipse([*(place - 5), *(place + 5)], fill=marks.get(row, _GOOD))
+
+
+def _draw_findings(
+    draw: ImageDraw.ImageDraw, tree: str, verdict: Verdict, font: ImageFont.FreeTypeFont
+) -> None:
+    title = "go" if verdict.is_go else "photograph again"
+    head = f"{tree}: {title}, {len(verdict.looks)} photos"
+    place = [_TOP_PX + _MARGIN, 2 * _MARGIN]
+    draw.text(place, head, _GOOD if verdict.is_go else _STOP, ImageFont.load_default(size=26))
+    for finding in verdict.findings:
+        place[1] += 2 * _LINE
+        draw.text(place, finding.text, _STOP if finding.is_stop else _NOTE, font)

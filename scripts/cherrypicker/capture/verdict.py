@@ -1,0 +1,192 @@
+"""What is wrong with a tree's photos, and what to photograph again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cherrypicker.capture.look import Look, copies
+from cherrypicker.capture.overlap import find_overlaps
+from cherrypicker.capture.ring import Ring, find_ring, widest_gaps
+from cherrypicker.sfm.photo_files import MIN_PHOTOS
+
+# Photos shall stand 15 to 20 degrees apart (README); the azimuths are right within 5 (measured)
+WIDE_GAP_DEG = 25.0
+# More blur than the set's median, or in all, that 5 and 9 px of motion make (measured on four sets)
+MORE_BLUR, MOST_BLUR = 0.12, 0.40
+# Stops from the set's median (guess); shares of burnt and of black pixels (guesses)
+MOST_STOPS, MOST_BURNT, MOST_BLACK = 1.0, 0.35, 0.35
+# Photos that a marker must be seen in, and that make its scale sure (README; guess)
+LEAST_SEEN, ENOUGH_SEEN = 2, 4
+# Photos that hang on no others: so many, or such a share, are a part of the walk (guess)
+LEAST_APART, SHARE_APART = 3, 0.1
+_MOST_NAMES = 4
+
+
+@dataclass
+class Finding:
+    """Something to know of the photos.
+
+    Attributes
+    ----------
+    text : str
+        What, and what to do.
+    photos : list of int
+        Which, as places in the list.
+    is_stop : bool
+        Whether to photograph again; else it is to know.
+    """
+
+    text: str
+    photos: list[int] = field(default_factory=list)
+    is_stop: bool = False
+
+
+@dataclass
+class Verdict:
+    """The findings on a tree's photos.
+
+    Attributes
+    ----------
+    looks : list of Look
+    ring : Ring
+        Of all photos; unreadable ones belong to no group of more than one.
+    findings : list of Finding
+        Reasons to photograph again first.
+    gaps : list of (float, float)
+        First and last azimuth of each wide gap, degrees.
+    """
+
+    looks: list[Look]
+    ring: Ring
+    findings: list[Finding]
+    gaps: list[tuple[float, float]]
+
+    @property
+    def is_go(self) -> bool:
+        """Whether nothing is to be photographed again."""
+        return not any(finding.is_stop for finding in self.findings)
+
+
+def judge(looks: Sequence[Look], marker_ids: Collection[int], threads: int) -> Verdict:
+    """Judge a tree's photos.
+
+    Parameters
+    ----------
+    looks : sequence of Look
+    marker_ids : collection of int
+        Markers that the scale is to come from.
+    threads : int
+        Pairs matched at a time.
+    """
+    looks = list(looks)
+    ring = find_ring(len(looks), find_overlaps(looks, threads))
+    blurred = _blurred(looks)
+    findings = [*_files(looks), *_exposure(looks), *_markers(looks, marker_ids)]
+    if blurred:
+        findings.append(
+            Finding(f"blurred: {_names(looks, blurred)}; they count as missing", blurred)
+        )
+    azimuth = ring.azimuth_deg.copy()
+    azimuth[blurred] = np.nan
+    around, gaps = _around(looks, ring, azimuth)
+    findings += around
+    findings.sort(key=lambda finding: not finding.is_stop)
+    return Verdict(looks, ring, findings, gaps)
+
+
+def _names(looks: Sequence[Look], rows: Sequence[int]) -> str:
+    names = [looks[row].path.name for row in rows[:_MOST_NAMES]]
+    more = len(rows) - len(names)
+    return ", ".join(names) + (f" and {more} more" if more else "")
+
+
+def _files(looks: Sequence[Look]) -> list[Finding]:
+    """Unreadable photos, copies, too few, several cameras."""
+    broken = [row for row, look in enumerate(looks) if look.problem]
+    found = []
+    if broken:
+        text = f"{_names(looks, broken)}: {looks[broken[0]].problem}; copy again or delete"
+        found.append(Finding(text, broken, True))
+    same = copies(looks)
+    if same:
+        rows = [row for row, look in enumerate(looks) if look.path.name in same]
+        found.append(Finding(f"copies of other photos: {_names(looks, rows)}", rows))
+    n_good = len(looks) - len(broken) - len(same)
+    if n_good < MIN_PHOTOS:
+        found.append(Finding(f"{n_good} photos, {MIN_PHOTOS} are the least", [], True))
+    kinds = Counter(
+        (look.camera, round(look.focal_mm, 1), *sorted((look.width, look.height)))
+        for look in looks
+        if not look.problem
+    )
+    if len(kinds) > 1:
+        usual = max(kinds, key=kinds.__getitem__)
+        text = f"{len(kinds)} cameras, focal lengths or sizes, mostly {usual[0] or 'unnamed'} at "
+        text += f"{usual[1]:g} mm, {usual[3]} x {usual[2]} px: no zooming, no cropping"
+        found.append(Finding(text))
+    return found
+
+
+def _blurred(looks: Sequence[Look]) -> list[int]:
+    values = np.array([look.blur for look in looks])
+    good = np.array([not look.problem for look in looks])
+    if not good.any():
+        return []
+    most = min(float(np.median(values[good])) + MORE_BLUR, MOST_BLUR)
+    return np.flatnonzero(good & (values > most)).tolist()
+
+
+def _exposure(looks: Sequence[Look]) -> list[Finding]:
+    good = [row for row, look in enumerate(looks) if not look.problem]
+    if not good:
+        return []
+    usual = float(np.median([looks[row].brightness for row in good]))
+    uneven = [row for row in good if abs(looks[row].brightness - usual) > MOST_STOPS]
+    burnt = [row for row in good if looks[row].burnt > MOST_BURNT]
+    black = [row for row in good if looks[row].black > MOST_BLACK]
+    said = (
+        (uneven, "exposed otherwise than the rest, lock the exposure"),
+        (burnt, "burnt out, twigs vanish before a white sky; expose less"),
+        (black, "too dark; expose more"),
+    )
+    return [Finding(f"{text}: {_names(looks, rows)}", rows) for rows, text in said if rows]
+
+
+def _markers(looks: Sequence[Look], marker_ids: Collection[int]) -> list[Finding]:
+    """Markers that too few photos show; one that is seen well is enough."""
+    if not marker_ids:
+        return []
+    seen = {one: sum(one in look.marker_ids for look in looks) for one in sorted(marker_ids)}
+    told = ", ".join(f"marker {one} in {count} photos" for one, count in seen.items())
+    best = max(seen.values())
+    if best < LEAST_SEEN:
+        others = sorted({one for look in looks for one in look.marker_ids} - set(marker_ids))
+        hint = f"; seen are {', '.join(map(str, others))}" if others else ""
+        text = f"{told}{hint}: photograph it from two places, near and whole, or mend the table"
+        return [Finding(text, [], True)]
+    if best < ENOUGH_SEEN:
+        return [Finding(f"{told}: some more would make the scale surer")]
+    return []
+
+
+def _around(
+    looks: Sequence[Look], ring: Ring, azimuth: np.ndarray
+) -> tuple[list[Finding], list[tuple[float, float]]]:
+    """Gaps in the ring, and photos that hang on no others."""
+    found, gaps = [], []
+    apart = [row for row, look in enumerate(looks) if ring.group[row] and not look.problem]
+    if apart:
+        is_many = len(apart) >= max(LEAST_APART, SHARE_APART * len(looks))
+        text = f"{len(apart)} photos overlap too little with the others"
+        text += f" ({_names(looks, apart)}): photograph there again, 10 to 15 degrees apart"
+        found.append(Finding(text, apart, is_many))
+    for width, before, after in widest_gaps(azimuth, WIDE_GAP_DEG):
+        pair = f"{looks[before].path.name} and {looks[after].path.name}"
+        text = f"no sharp photo that overlaps for {width:.0f} degrees: photograph between {pair}"
+        found.append(Finding(text, [before, after], True))
+        gaps.append((float(azimuth[before]), float(azimuth[before] + width)))
+    return found, gaps

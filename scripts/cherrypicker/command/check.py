@@ -1,0 +1,76 @@
+"""Look at the table and the photos of a work folder before the run: go, or what to do again.
+
+Tells unreadable and blurred photos, exposure, markers, photos that do not overlap and gaps in the
+walk round the tree, with a picture of where: check/TREE.jpg. Takes a minute or two a tree; nothing
+else is written. The exit status is 1 where a tree has to be photographed again. Examples:
+
+    cherrypicker check
+    cherrypicker check -d WORK row3_tree07
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from cherrypicker.batch.batch import Batch
+from cherrypicker.capture.contact_sheet import write_contact_sheet
+from cherrypicker.capture.look import look_at
+from cherrypicker.capture.verdict import Verdict, judge
+from cherrypicker.command.work_folder import batch_here, enter, folder_parser
+from cherrypicker.errors import StageError
+from cherrypicker.markers.columns import check_scale_columns
+from cherrypicker.markers.detection import marker_dictionary
+from cherrypicker.photos import list_photos
+
+parser = folder_parser(__doc__)
+parser.add_argument("trees", nargs="*", metavar="TREE", help="default all trees of the table")
+parser.add_argument(
+    "--cores", type=int, default=os.cpu_count() or 1, help="photos at a time, default all cores"
+)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Check each tree; return 0 where all can go."""
+    args = parser.parse_args(arguments)
+    enter(args.directory)
+    batch = batch_here()
+    unknown = [tree for tree in args.trees if tree not in batch.trees]
+    if unknown:
+        raise StageError(f"no tree {unknown[0]!r} in the table", file=batch.settings["trees"])
+    all_go = True
+    for tree in args.trees or batch.trees:
+        try:
+            all_go &= _check(batch, tree, args.cores)
+        except StageError as error:
+            print(f"{tree}: cannot run\n  - {error.describe()}", flush=True)
+            all_go = False
+    return 0 if all_go else 1
+
+
+def _check(batch: Batch, tree: str, cores: int) -> bool:
+    """Check one tree and tell of it; return whether it can go."""
+    row = batch.trees[tree]
+    if not row.is_photo_scan:
+        if not Path(row.cloud).is_file():
+            raise StageError("the point cloud is missing", file=row.cloud, key="cloud in trees.tsv")
+        print(f"{tree}: go, a ready cloud", flush=True)
+        return True
+    mode = batch.settings_of[tree]["scale"]["mode"]
+    sides = check_scale_columns(row.scale, mode, row.marker_dictionary, row.marker_sides_m)
+    dictionary = marker_dictionary(row.marker_dictionary) if sides else None
+    looks = list(look_at(list_photos(row.photos), dictionary, cores))
+    verdict = judge(looks, list(sides), cores)
+    sheet = Path("check") / f"{tree}.jpg"
+    write_contact_sheet(sheet, tree, verdict)
+    print(report(tree, verdict, sheet), flush=True)
+    return verdict.is_go
+
+
+def report(tree: str, verdict: Verdict, sheet: Path) -> str:
+    """Return what there is to say of a tree, a line a finding."""
+    title = "go" if verdict.is_go else "photograph again"
+    lines = [f"{tree}: {title}, {len(verdict.looks)} photos, {sheet}"]
+    lines += [f"  {'-' if one.is_stop else 'note:'} {one.text}" for one in verdict.findings]
+    return "\n".join(lines)
