@@ -41,9 +41,9 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
         height, width = look.thumbnail.shape[:2]
         corner = (left + (THUMBNAIL_PX - width) // 2, top + (THUMBNAIL_PX - height) // 2)
         sheet.paste(Image.fromarray(look.thumbnail), corner)
-        color = marks.get(row, _FAINT)
+        color = marks.get(row, _INK)
         box = [left - 2, top - 2, left + THUMBNAIL_PX + 1, top + THUMBNAIL_PX + 1]
-        draw.rectangle(box, outline=color, width=4 if row in marks else 1)
+        draw.rectangle(box, outline=marks.get(row, _FAINT), width=4 if row in marks else 1)
         angle = f"{azimuth[row]:.0f} deg" if np.isfinite(azimuth[row]) else "not placed"
         draw.text((left, top + THUMBNAIL_PX + 4), f"{look.path.name}  {angle}", color, font)
         said = f"blur {look.blur:.2f}  marker {', '.join(map(str, look.marker_ids)) or '-'}"

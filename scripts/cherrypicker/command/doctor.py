@@ -1,0 +1,173 @@
+"""Tell whether this machine can run the workflow, and what to install where it cannot.
+
+Looks at Python, the pinned packages, system libraries, the networks' weights, GPU, cores, memory
+and the work folder's disk. The exit status is 1 where something has to be done. Examples:
+
+    cherrypicker doctor
+    cherrypicker doctor -d WORK
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import importlib.metadata
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+from cherrypicker.batch.work_folder import check_writable
+from cherrypicker.command.work_folder import PROJECT, enter, folder_parser
+from cherrypicker.errors import StageError
+
+# The stereo of a tree of 100 photos of 12 megapixels, and its results (docs/cluster.md), GB
+ENOUGH_MEMORY_GB, ENOUGH_DISK_GB = 8.0, 10.0
+_INSTALL = "make install, in the project"
+_SYSTEM_PACKAGES = "envs/install_system_packages.sh"
+
+parser = folder_parser(__doc__)
+
+
+@dataclass
+class Sign:
+    """One thing that was looked at.
+
+    Attributes
+    ----------
+    name, found : str
+    remedy : str
+        What to do; empty where all is well.
+    is_needed : bool
+        Whether nothing runs without it; else it is to know.
+    """
+
+    name: str
+    found: str
+    remedy: str = ""
+    is_needed: bool = True
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print what was found; return 0 where the workflow can run."""
+    args = parser.parse_args(arguments)
+    enter(args.directory)
+    signs = [*_python(), *_packages(), *_libraries(), *_weights(), *_gpu(), *_machine()]
+    for sign in signs:
+        state = "ok  " if not sign.remedy else ("MISS" if sign.is_needed else "note")
+        print(f"{state} {sign.name:22s} {sign.found}" + f"  -> {sign.remedy}" * bool(sign.remedy))
+    return int(any(sign.remedy and sign.is_needed for sign in signs))
+
+
+def _python() -> Iterator[Sign]:
+    project = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = project["requires-python"]
+    low, high = (tuple(map(int, part.split("."))) for part in re.findall(r"\d+\.\d+", wanted))
+    fits = low <= sys.version_info[:2] < high
+    yield Sign("cherrypicker", f"{project['version']} in {PROJECT}")
+    found = ".".join(map(str, sys.version_info[:3]))
+    yield Sign("python", found, "" if fits else f"Python {wanted}")
+
+
+def _packages() -> Iterator[Sign]:
+    """Pinned packages that are missing or of another version, or their number."""
+    pins = pinned_versions([PROJECT / "envs/requirements.txt", PROJECT / "envs/torch.txt"])
+    n_good = 0
+    for name, wanted in pins.items():
+        try:
+            found = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            yield Sign(name, "missing", _INSTALL)
+            continue
+        if found.partition("+")[0] != wanted:
+            yield Sign(name, f"{found}, pinned is {wanted}", _INSTALL, is_needed=False)
+        else:
+            n_good += 1
+    yield Sign("packages", f"{n_good} of {len(pins)} as pinned")
+    for name in ("open3d", "pycolmap", "cv2", "torch"):
+        try:
+            importlib.import_module(name)
+        except Exception as error:  # a native library can fail in any way
+            yield Sign(f"import {name}", f"{type(error).__name__}: {error}", _INSTALL)
+
+
+def pinned_versions(files: Sequence[Path]) -> dict[str, str]:
+    """Return the versions that requirements files pin, by package."""
+    lines = [line for path in files for line in path.read_text(encoding="utf-8").splitlines()]
+    pins = (re.match(r"([\w.\-]+)==([\w.]+)", line) for line in lines)
+    return {found[1]: found[2] for found in pins if found}
+
+
+def _libraries() -> Iterator[Sign]:
+    """System libraries of Open3D that cannot be loaded."""
+    script = (PROJECT / _SYSTEM_PACKAGES).read_text(encoding="utf-8")
+    listed = re.search(r'^libraries="(.*)"', script, re.MULTILINE)
+    for pair in (listed[1] if listed else "").split():
+        library, _, package = pair.partition(":")
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            yield Sign(library, "missing", f"sudo apt-get install {package}")
+        else:
+            yield Sign(library, "found")
+
+
+def _weights() -> Iterator[Sign]:
+    for name in ("sky_unet.npz", "dgcnn.pt"):
+        path = PROJECT / "resources/weights" / name
+        is_there = path.is_file() and path.stat().st_size > 0
+        yield Sign(
+            name, "found" if is_there else "missing", "" if is_there else f"git restore {path}"
+        )
+
+
+def _gpu() -> Iterator[Sign]:
+    """The GPU, and who of pycolmap and torch can use it; the CPU does without."""
+    program = shutil.which("nvidia-smi")
+    if program is None:
+        yield Sign("GPU", "none by NVIDIA: the CPU's stereo is used")
+        return
+    query = [program, "--query-gpu=name,memory.total", "--format=csv,noheader"]
+    done = subprocess.run(query, capture_output=True, text=True, check=False)
+    yield Sign("GPU", " / ".join(done.stdout.split("\n")).strip(" /") or "does not answer")
+    users = {"pycolmap": "has_cuda", "torch": "cuda.is_available()"}
+    remedy = "README, section GPU"
+    for name, asked in users.items():
+        uses = bool(_asked(name, asked))
+        found = "uses the GPU" if uses else "was built without CUDA"
+        yield Sign(f"{name} on the GPU", found, "" if uses else remedy, is_needed=False)
+
+
+def _asked(name: str, attribute: str) -> object:
+    """Return a module's attribute, or what a call of it gives; None where there is none."""
+    try:
+        value: object = importlib.import_module(name)
+    except Exception:  # told above
+        return None
+    for part in attribute.removesuffix("()").split("."):
+        value = getattr(value, part, None)
+    return value() if callable(value) else value
+
+
+def _machine() -> Iterator[Sign]:
+    memory = psutil.virtual_memory()
+    yield Sign("cores", str(os.cpu_count()))
+    found = f"{memory.total / 1e9:.1f} GB, {memory.available / 1e9:.1f} GB free"
+    is_small = memory.total / 1e9 < ENOUGH_MEMORY_GB
+    remedy = "smaller mvs.max_image_size_px, or scripts/forecast.py tells what a batch needs"
+    yield Sign("memory", found, remedy if is_small else "", is_needed=False)
+    free = shutil.disk_usage(".").free / 1e9
+    text = f"{free:.1f} GB free in {Path.cwd()}"
+    remedy = "" if free >= ENOUGH_DISK_GB else "a tree from photos takes some GB"
+    yield Sign("disk", text, remedy, is_needed=False)
+    try:
+        check_writable(["results", "logs", "benchmarks"])
+    except StageError as error:
+        yield Sign("work folder", error.describe(), "a folder of your own, --directory")
