@@ -15,7 +15,8 @@ VOCABULARY = [
 # From the bottom up: a room imports itself and what stands before it.
 LAYERS = [
     *VOCABULARY,
-    *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "skeleton", "wood"),
+    *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "capture", "skeleton"),
+    "wood",
     "limbs",
     *("segmentation", "contraction", "graph", "traits", "formats", "photo_check", "report"),
     *("batch", "command", "api"),

@@ -15,6 +15,7 @@ from cherrypicker.files import atomic_path
 from cherrypicker.skeleton import read_skeleton
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 
+_DEEPEST = 5  # edits, the list, an edit, its places, a place
 _writing = threading.Lock()
 
 
@@ -77,13 +78,17 @@ def _edited_skeleton(tree: str, edits: Path) -> Path:
 
 
 def _refuse_odd_yaml(body: bytes, tree: str, path: Path) -> None:
-    """Refuse another tree's edits, and aliases, by which a short text can stand for a huge one."""
+    """Refuse another tree's edits, and what a short text can make a reader work long with."""
+    depth = 0
     try:
         text = body.decode("utf-8")
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
-            raise StageError("edits have no aliases", file=path)
+        for event in yaml.parse(text, yaml.SafeLoader):
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
+                raise StageError("edits have no aliases and no deeper lists", file=path)
         content = yaml.safe_load(text)
-    except (UnicodeDecodeError, yaml.YAMLError, RecursionError, ValueError) as error:
+    except (UnicodeDecodeError, yaml.YAMLError, ValueError) as error:
         raise StageError(f"no valid YAML ({error})", file=path) from error
     named = content.get("tree", tree) if isinstance(content, dict) else tree
     if named != tree:

@@ -26,7 +26,7 @@ logger = logging.getLogger(__name__)
 
 HOST = "127.0.0.1"
 API = "/api/edits/"
-LARGEST_BODY = 1_000_000  # bytes: ten thousand edits
+LARGEST_BODY = 200_000  # bytes: two thousand edits
 _OWN_NAMES = ("127.0.0.1", "localhost")
 _EDIT_HEADER, _EDIT_VALUE = "X-CherryPicker", "edit"
 _YAML = "text/yaml"

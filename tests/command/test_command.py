@@ -1,0 +1,212 @@
+"""The command: its subcommands but serve and check, each as a user calls it."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+import yaml
+from finished_tree import write_finished_tree
+from PIL import Image
+
+from cherrypicker.batch.config import load_schema, read_config_file, resolve_config
+from cherrypicker.batch.trees import read_trees
+from cherrypicker.command import doctor, run
+from cherrypicker.command.main import SUBCOMMANDS, main
+from cherrypicker.command.snakemake_lines import read_events
+from cherrypicker.command.time_left import TimeLeft, duration
+from cherrypicker.formats.table import FORMATS
+from cherrypicker.runner import SCHEMA_FILE
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """A work folder with one finished tree; the current folder comes back."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "work"
+    (folder / "config").mkdir(parents=True)
+    (folder / "config/trees.tsv").write_text("tree\tcloud\nsmall\tnone.ply\n")
+    (folder / "config/config.yaml").write_text("{}\n")
+    return folder
+
+
+def test_every_subcommand_has_help(capsys):
+    assert main([]) == 0
+    shown = capsys.readouterr().out
+    for name in SUBCOMMANDS:
+        assert f"  {name} " in shown
+        with pytest.raises(SystemExit) as end:
+            main([name, "--help"])
+        assert end.value.code == 0
+    assert "usage: cherrypicker" in capsys.readouterr().out
+    assert main(["prune"]) == 2
+
+
+def test_the_command_of_a_clone_starts_that_clone(project, tmp_path):
+    clone = tmp_path / "my clone"
+    (clone / ".venv/bin").mkdir(parents=True)
+    (clone / "scripts").symlink_to(project / "scripts")
+    launcher = clone / ".venv/bin/cherrypicker"
+    launcher.write_bytes((project / "envs/cherrypicker").read_bytes())
+    launcher.chmod(0o755)
+    python = clone / ".venv/bin/python"
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    python.chmod(0o755)
+    (tmp_path / "link").symlink_to(launcher)
+    (tmp_path / "yaml.py").write_text("raise SystemExit('a file of the work folder was imported')")
+    done = subprocess.run(
+        [tmp_path / "link", "export", "a b", "--to", "mtg"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1 and "error: tree a b" in done.stderr, done.stderr
+
+
+def photo(path, taken=""):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    exif = Image.Exif()
+    if taken:
+        exif.get_ifd(0x8769)[0x9003] = taken
+    Image.new("RGB", (8, 6)).save(path, exif=exif)
+
+
+def test_init_finds_scans_by_sub_folder(tmp_path, capsys):
+    for place in ("row 1/tree07/photos", "row 2/tree07", "few"):
+        for i in range(2 if place == "few" else 3):
+            photo(tmp_path / place / f"{i}.jpg", "2026:02:11 10:00:00")
+    (tmp_path / "lidar").mkdir()
+    (tmp_path / "lidar/old.laz").touch()
+    marker = ["--marker_dictionary", "DICT_4X4_50", "--marker_sides_m", "7:0.20"]
+    assert main(["init", str(tmp_path), *marker]) == 0
+    rows = {row.tree: row for row in read_trees(tmp_path / "config/trees.tsv")}
+    assert list(rows) == ["old", "tree07", "row_2_tree07"]
+    assert rows["tree07"].photos == "row 1/tree07/photos" and rows["tree07"].date == "2026-02-11"
+    assert rows["tree07"].marker_sides_m == "7:0.20" and rows["old"].cloud == "lidar/old.laz"
+    settings = read_config_file(tmp_path / "config/config.yaml")
+    assert settings == {"seed": 0}
+    assert main(["init", str(tmp_path)]) == 1
+    assert "nothing was written" in capsys.readouterr().err
+
+
+def test_every_key_of_the_commented_config_is_one(tmp_path):
+    assert main(["init", str(tmp_path)]) == 0
+    text = (tmp_path / "config/config.yaml").read_text()
+    keys = yaml.safe_load(re.sub(r"^#(?= *[a-z_]+:)", "", text, flags=re.MULTILINE))
+    assert len(keys) > 5
+    resolve_config(load_schema(SCHEMA_FILE), keys)
+
+
+def test_export_writes_beside_the_results(work, capsys):
+    write_finished_tree(work / "results/small")
+    assert main(["export", "small", "-d", str(work), "--to", *FORMATS]) == 0
+    written = {path.name for path in (work / "results/small/export").iterdir()}
+    assert written == {f"small{kind.suffix}" for kind in FORMATS.values()}
+    own = work / "own.mtg"
+    assert main(["export", "small", "-d", str(work), "--to", "mtg", "-o", str(own)]) == 0
+    assert own.is_file()
+    assert main(["export", "none", "-d", str(work), "--to", "mtg"]) == 1
+    assert "tree none" in capsys.readouterr().err
+
+
+def test_view_wants_a_page(work, capsys):
+    assert main(["view", "small", "-d", str(work)]) == 1
+    assert "report.html" in capsys.readouterr().err
+
+
+def test_run_passes_its_options_and_shows_a_dry_run(work, capfd):
+    assert main(["run", "-d", str(work), "--dry-run", "--cores", "1", "--quiet", "rules"]) == 0
+    shown = capfd.readouterr().out
+    assert "--dry-run --cores 1 --quiet rules" in shown.splitlines()[0]
+    assert "import_cloud" in shown and "dry-run" in shown
+
+
+SNAKEFILE = """
+rule all:
+    input: "good.txt", "bad.txt", "killed.txt"
+rule measure_traits:
+    output: "good.txt"
+    message: "good: measure the traits"
+    shell: "echo '[good measure_traits] half' >&2; touch {output}"
+rule import_cloud:
+    output: "bad.txt"
+    message: "bad: import the ready cloud"
+    shell: "echo 'ERROR tree=bad rule=import_cloud: no points; log: x' >&2; exit 1"
+rule extract_graph:
+    output: "killed.txt"
+    message: "gone: connect the skeleton"
+    shell: "kill -9 $$"
+"""
+
+
+def test_run_tells_a_line_a_job_and_a_failure(work, capsys, monkeypatch):
+    (work / "Snakefile").write_text(SNAKEFILE)
+    (work / "results").mkdir()
+    table = (
+        "tree,status,failed_stage,cause,height_m\ngood,done,,,1.2\nbad,failed,import_cloud,none,\n"
+    )
+    (work / "results/traits.csv").write_text(table)
+    monkeypatch.setattr(run, "PROJECT", work)
+    assert main(["run", "-d", str(work), "--cores", "1", "--keep-going"]) == 1
+    shown = capsys.readouterr().out
+    assert "[1/4] good: measure the traits, " in shown and "left" in shown
+    assert "FAILED bad import_cloud: no points; log: x" in shown
+    assert shown.count("FAILED") == 2 and "FAILED gone extract_graph: it ended" in shown
+    assert "[good measure_traits] half" in shown
+    assert "Complete log" in shown and "1.2" in shown and "import_cloud: none" in shown
+    assert "Select jobs" not in shown
+
+
+def test_the_table_of_jobs_and_the_cores_are_read():
+    lines = ["Provided cores: 4", "Job stats:", "job      count", "-----  -------", "a_b         3"]
+    lines += ["total       3", "", "2 of 3 steps (67%) done"]
+    events = [event for event in read_events(lines) if event.kind != "other"]
+    assert [(event.kind, event.rule, event.n_all) for event in events] == [
+        ("cores", "", 4),
+        ("counts", "a_b", 3),
+        ("steps", "", 3),
+    ]
+
+
+def test_time_left_follows_the_forecast_and_the_pace(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("cherrypicker.command.time_left.time.monotonic", lambda: now[0])
+    left = TimeLeft({"estimate_depth": 300.0, "fuse_depth": 100.0, "measure_traits": 100.0})
+    left.waiting.update(estimate_depth=2, fuse_depth=2, measure_traits=2, all=1)
+    left.cores = 2
+    assert left.left_s() == pytest.approx(500.0)
+    now[0] = 600.0  # four times slower than two cores by the forecast
+    left.finish("estimate_depth")
+    assert left.left_s() == pytest.approx(2.0 * 700.0)
+    left.fail("fuse_depth")
+    assert left.left_s() == pytest.approx(2.0 * 500.0)
+    assert [duration(s) for s in (5, 65, 7300, 2e5)] == [
+        "5 s",
+        "1 min 05 s",
+        "2 h 01 min",
+        "2.3 days",
+    ]
+
+
+def test_doctor_tells_what_is_missing(work, capsys, monkeypatch):
+    pins = {"numpy": "0.1", "no-such-package": "1.0"}
+    monkeypatch.setattr(doctor, "pinned_versions", lambda files: pins)
+    assert main(["doctor", "-d", str(work)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    told = {line[5:27].strip(): line for line in lines}
+    assert "MISS" in told["no-such-package"] and "make install" in told["no-such-package"]
+    assert "note" in told["numpy"] and "pinned is 0.1" in told["numpy"]
+    assert {"python", "GPU", "cores", "memory", "disk", "dgcnn.pt"} <= told.keys()
+
+
+def test_every_pin_is_read(project):
+    pins = doctor.pinned_versions([project / "envs/requirements.txt", project / "envs/torch.txt"])
+    assert {"rich", "torch", "numpy", "snakemake"} <= pins.keys()
+
+
+def test_a_folder_that_is_none_is_told(capsys):
+    assert main(["doctor", "-d", "/no/such/folder"]) == 1
+    assert "/no/such/folder" in capsys.readouterr().err
