@@ -76,12 +76,15 @@ def _draw_ring(draw: ImageDraw.ImageDraw, verdict: Verdict, marks: dict) -> None
 
 
 def _draw_findings(
-    draw: ImageDraw.ImageDraw, tree: str, verdict: Verdict, font: ImageFont.FreeTypeFont
+    draw: ImageDraw.ImageDraw,
+    tree: str,
+    verdict: Verdict,
+    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
 ) -> None:
     title = "go" if verdict.is_go else "photograph again"
     head = f"{tree}: {title}, {len(verdict.looks)} photos"
-    place = [_TOP_PX + _MARGIN, 2 * _MARGIN]
-    draw.text(place, head, _GOOD if verdict.is_go else _STOP, ImageFont.load_default(size=26))
-    for finding in verdict.findings:
-        place[1] += 2 * _LINE
+    left, top = _TOP_PX + _MARGIN, 2 * _MARGIN
+    draw.text((left, top), head, _GOOD if verdict.is_go else _STOP, ImageFont.load_default(size=26))
+    for number, finding in enumerate(verdict.findings, start=1):
+        place = (left, top + 2 * _LINE * number)
         draw.text(place, finding.text, _STOP if finding.is_stop else _NOTE, font)

@@ -156,7 +156,7 @@ def blur_of(grey: np.ndarray) -> float:
 
 def _features(grey: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     small = _resized(grey, FEATURE_PX)
-    points, found = cv2.SIFT_create(nfeatures=N_FEATURES).detectAndCompute(small, None)
+    points, found = cv2.SIFT.create(nfeatures=N_FEATURES).detectAndCompute(small, None)
     if found is None:
         return small, np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     corners = np.array([point.pt for point in points]) + 0.5

@@ -82,6 +82,14 @@ def read_events(lines: Iterable[str]) -> Iterator[Event]:
 
 
 def _event(kind: str, line: str, found: re.Match) -> Event:
-    told = {name: value for name, value in found.groupdict().items() if value is not None}
-    whole = {name: int(told.pop(name)) for name in ("job", "n_done", "n_all") if name in told}
-    return Event(kind, line, **whole, **told)
+    told = {name: value or "" for name, value in found.groupdict().items()}
+    return Event(
+        kind,
+        line,
+        job=int(told.get("job", -1)),
+        tree=told.get("tree", ""),
+        rule=told.get("rule", ""),
+        text=told.get("text", ""),
+        n_done=int(told.get("n_done", 0)),
+        n_all=int(told.get("n_all", 0)),
+    )
