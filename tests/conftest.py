@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from workspace import Workspace
 
+CHROMIUM = "/usr/bin/chromium"  # Debian's; the pages are tested in it
 PROJECT = Path(__file__).resolve().parents[1]
 
 
@@ -27,3 +28,17 @@ def real_data():
     if not folder.is_dir():
         pytest.skip(f"REAL DATA MISSING: {folder} (set CHERRYPICKER_DATA)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Headless Chromium, drawing in software; skips where it is missing."""
+    if not Path(CHROMIUM).exists():
+        pytest.skip(f"CHROMIUM MISSING: {CHROMIUM} (Debian's package chromium)")
+    playwright = pytest.importorskip("playwright.sync_api", reason="PLAYWRIGHT MISSING")
+    with playwright.sync_playwright() as driver:
+        started = driver.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield started
+        started.close()

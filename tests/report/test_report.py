@@ -1,5 +1,6 @@
 """The report page and its figures, for a ready cloud and for a scan from photos."""
 
+import base64
 import json
 import re
 from html.parser import HTMLParser
@@ -11,13 +12,14 @@ from PIL import Image
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
+from cherrypicker.report.branches import read_branches
 from cherrypicker.report.marker_figure import marker_crops, marker_figure
-from cherrypicker.report.page import ReportOptions, read_branches
+from cherrypicker.report.page import ReportOptions
 from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.stage_figures import coverage_figure, example_figure, removed_points
 from cherrypicker.report.text import with_uncertainty
 from cherrypicker.report.tree import report_tree
-from cherrypicker.report.viewer import pick_points, viewer_data
+from cherrypicker.report.viewer import nearest_nodes, pick_points, viewer_data
 from cherrypicker.skeleton import (
     Skeleton,
     axes,
@@ -301,18 +303,37 @@ def test_side_views_hold_every_point():
         assert (flat <= view.high).all()
 
 
+def array(text, kind):
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
 def test_viewer_data_is_what_was_given():
     skeleton = y_skeleton()
-    cloud = scan(skeleton)
-    data = viewer_data(cloud, skeleton, n_points=500)
-    assert data["n_shown"] == 500
-    assert json.loads(data["meta"])["labels"] == [0, 1, 2]
-    import base64
+    data = viewer_data(scan(skeleton), skeleton, n_points=500)
+    assert [item["id"] for item in data["classes"]] == [0, 1, 2]
+    (shown,) = data["skeletons"]
+    points = array(shown["points"], "<f4").reshape(-1, 3) + data["origin"]
+    np.testing.assert_allclose(points, skeleton.points, atol=1e-6)
+    assert array(shown["parent"], "<i4").tolist() == skeleton.parent.tolist()
+    assert len(array(data["cloud"]["positions"], "<u2")) == 1500
+    assert [branch["order"] for branch in shown["branches"]] == [0, 1, 1]
 
-    edges = np.frombuffer(base64.b64decode(data["edges"]), "<f4").reshape(-1, 9)
-    np.testing.assert_allclose(edges[:, 4:7], skeleton.points[1:], atol=1e-6)
-    positions = np.frombuffer(base64.b64decode(data["positions"]), "<u2")
-    assert len(positions) == 1500
+
+def test_a_place_far_from_the_origin_keeps_its_decimals():
+    """A cloud in a country's grid: 32 bits would hold it to half a metre."""
+    skeleton = y_skeleton()
+    skeleton.points += [4_500_000.0, 5_300_000.0, 300.0]
+    data = viewer_data(scan(skeleton), skeleton, n_points=100)
+    points = array(data["skeletons"][0]["points"], "<f4").reshape(-1, 3) + data["origin"]
+    np.testing.assert_allclose(points, skeleton.points, rtol=0, atol=1e-5)
+
+
+def test_a_point_belongs_to_the_wood_whose_surface_it_lies_on():
+    skeleton = y_skeleton()
+    near_stem = skeleton.points[10] + [0.048, 0, 0]
+    points = np.array([near_stem, [0.3, 0.0, 1.3], [1.0, 1.0, 1.0], [0.0, 0.0, 0.5]])
+    cloud = PointCloud(points, fields={"label": np.array([1, 2, 2, 0], np.uint8)})
+    assert nearest_nodes(cloud, skeleton).tolist() == [10, 26, -1, -1]
 
 
 def test_wood_is_shown_before_the_rest():

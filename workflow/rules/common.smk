@@ -103,6 +103,11 @@ def code(script):
     return lambda wildcards: modules()
 
 
+def viewer_modules():
+    """Return the scripts of the report's 3D view."""
+    return sorted(map(str, LIBRARY.glob("cherrypicker/report/viewer/*.js")))
+
+
 def resource(path):
     """Return the path of a file that the project ships below ``resources/``."""
     return str(PROJECT / "resources" / path)

@@ -32,11 +32,16 @@ rule report_tree:
         photos=lambda wildcards: (
             photos_of(wildcards) if TREES[wildcards.tree].is_photo_scan else []
         ),
+        edits=lambda wildcards: (
+            edits_of(wildcards.tree) if wildcards.tree in EDITED_TREES else []
+        ),
         code=code("report_tree"),
         template=[
             str(PROJECT / "scripts/cherrypicker/report/report.html.j2"),
-            str(PROJECT / "scripts/cherrypicker/report/viewer.js"),
+            str(PROJECT / "scripts/cherrypicker/report/viewer.html.j2"),
+            str(PROJECT / "scripts/cherrypicker/report/viewer.css"),
             str(PROJECT / "scripts/cherrypicker/report/style.css"),
+            *viewer_modules(),
         ],
     output:
         report=report(

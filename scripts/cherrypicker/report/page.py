@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import base64
-import csv
 import io
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from matplotlib.figure import Figure
 
 import cherrypicker
-from cherrypicker.errors import StageError
+from cherrypicker.report.advice import advice_for
+from cherrypicker.report.branches import branch_facts, branch_table
+from cherrypicker.report.cameras import camera_views
+from cherrypicker.report.edit_file import edit_file
 from cherrypicker.report.figures import order_color, write_png
-from cherrypicker.report.stages import branch_section, photo_section, scan_sections
+from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
 from cherrypicker.report.text import page_template, with_uncertainty
-from cherrypicker.report.viewer import viewer_data
-from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
+from cherrypicker.report.viewer import module_map, page_text, viewer_data
+from cherrypicker.traits.table import TRAITS
 from cherrypicker.units import unit_name
 
-_FOLDER = Path(__file__).resolve().parent
 _ZOOM = 1.5  # of a figure's own px that are drawn at most
 _JPEG = b"\xff\xd8"  # how such a file begins
 _FILES = (
@@ -35,29 +34,6 @@ _FILES = (
     "segmented.ply",
     "contracted.ply",
 )
-
-
-def read_branches(path: str | os.PathLike) -> list:
-    """Read ``branches.csv``.
-
-    Returns
-    -------
-    list of dict
-        A row an axis, cells as `cherrypicker.traits.table.BranchColumn` reads them.
-
-    Raises
-    ------
-    StageError
-        If the file is missing or a cell is no number.
-    """
-    try:
-        with open(path, encoding="utf-8", newline="") as stream:
-            return [
-                {name: BRANCH_COLUMNS[name].read(text) for name, text in row.items()}
-                for row in csv.DictReader(stream)
-            ]
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise StageError(f"not a readable table of branches ({error})", file=path) from error
 
 
 @dataclass(frozen=True)
@@ -98,11 +74,19 @@ def render_report(
     unit = traits.get("unit", cloud.unit)
     width_px = options.figure_width_px
     sections = scan_sections(data, width_px=width_px, n_examples=options.n_examples)
-    sections.append(branch_section(data["branches"], unit))
     verdict = photo_section(data)
     for item in [*sections, *([verdict] if verdict else [])]:
-        item["figures"] = [_embedded(figure, text, width_px) for figure, text in item["figures"]]
-    viewer = viewer_data(cloud, data["skeleton"], n_points=options.viewer_points, seed=seed)
+        item["figures"] = [_embedded(width_px, *figure) for figure in item["figures"]]
+    viewer = viewer_data(
+        cloud,
+        data["skeleton"],
+        n_points=options.viewer_points,
+        facts=branch_facts(data["branches"], unit),
+        cameras=_cameras(data),
+        edits=edit_file(about["tree"], data["edits"] or ""),
+        date=about["date"],
+        seed=seed,
+    )
     return page_template("report.html.j2").render(
         tree=about["tree"],
         lead=_lead(about, unit, data),
@@ -114,20 +98,20 @@ def render_report(
         foot_source=_foot_source(traits),
         scale_note=_scale_note(unit, data),
         unit=unit_name(unit),
-        has_color=cloud.colors is not None,
-        viewer=viewer,
-        n_shown=f"{viewer['n_shown']:,}",
+        viewer=page_text(viewer),
+        modules=module_map(),
+        branches=branch_table(data["branches"], unit),
+        n_shown=f"{min(len(cloud), options.viewer_points):,}",
         n_points=f"{len(cloud):,}",
-        figures=[_embedded(figure, text, width_px) for figure, text in figures],
+        figures=[_embedded(width_px, *figure) for figure in figures],
         verdict=verdict,
         stages=sections,
         files=_FILES,
         version=cherrypicker.__version__,
-        script=(_FOLDER / "viewer.js").read_text(encoding="utf-8"),
     )
 
 
-def _embedded(figure: Figure | bytes, caption: str, width_px: int) -> dict:
+def _embedded(width_px: int, figure: Figure | bytes, caption: str, name: str = "") -> dict:
     if not isinstance(figure, bytes):
         stream = io.BytesIO()
         width = min(width_px, _ZOOM * DPI * figure.get_size_inches()[0])
@@ -135,16 +119,33 @@ def _embedded(figure: Figure | bytes, caption: str, width_px: int) -> dict:
         figure = stream.getvalue()
     kind = "jpeg" if figure.startswith(_JPEG) else "png"
     data = base64.b64encode(figure).decode("ascii")
-    return {"data": data, "kind": kind, "caption": caption}
+    return {"data": data, "kind": kind, "caption": caption, "id": name}
 
 
-def _warnings(data: dict) -> list[str]:
+def _cameras(data: dict) -> list[dict]:
+    """The cameras of a scan from photos; the photos that were judged have a figure of their own."""
+    poses, check = data["metric_poses"], data["photo_check"] or {}
+    if poses is None:
+        return []
+    share = {photo["name"]: photo["share_right"] for photo in check.get("photos", ())}
+    judged = [name for name, value in share.items() if value is not None]
+    pictures = {}
+    if judged:
+        pictures = {
+            max(judged, key=lambda name: share[name]): "best_photo",
+            min(judged, key=lambda name: share[name]): "worst_photo",
+        }
+    return camera_views(poses, data["depth"] and data["depth"] / "images", pictures)
+
+
+def _warnings(data: dict) -> list[dict]:
     """The traits' flags, among them what the choice of the target doubts, then the stages' own."""
     found: list[str] = []
     for name in ("sparse", "align_report", "crop_report", "scale", "contract_report"):
         lines = (data[name] or {}).get("warnings") or []
         found += [str(line) for line in lines if str(line) not in found]
-    return [str(flag) for flag in data["traits"].get("flags", [])] + found
+    lines = [*map(str, data["traits"].get("flags", [])), *found]
+    return [{"text": line, "advice": advice_for(line)} for line in lines]
 
 
 def _lead(about: Mapping[str, str], unit: str, data: dict) -> list[str]:

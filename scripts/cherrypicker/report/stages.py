@@ -23,7 +23,6 @@ from cherrypicker.report.stage_figures import (
     denoise_figure,
     example_figure,
 )
-from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
 from cherrypicker.units import unit_name
 
 logger = logging.getLogger(__name__)
@@ -35,12 +34,15 @@ _SOURCES = {
 
 
 def section(name: str, facts: Sequence = (), tables: Sequence = (), figures: Sequence = ()) -> dict:
-    """A section of the page; facts without a value are left out."""
+    """A section of the page; facts without a value are left out.
+
+    A figure is drawn or JPEG bytes, its caption and, where something refers to it, its id.
+    """
     return {
         "name": name,
         "facts": [(key, value) for key, value in facts if value not in (None, "")],
         "tables": [table for table in tables if table["rows"]],
-        "figures": [(figure, caption) for figure, caption in figures if figure is not None],
+        "figures": [figure for figure in figures if figure[0] is not None],
     }
 
 
@@ -74,30 +76,6 @@ def scan_sections(data: dict, *, width_px: int, n_examples: int) -> list:
         sections.append(_target(data["target"]))
     sections.append(_contracted(data, width_px))
     return sections
-
-
-def branch_section(rows: list, unit: str) -> dict:
-    """The table of axes, the longest first within an order."""
-    columns = [column for column in BRANCH_COLUMNS.values() if column.title]
-    head = [_branch_head(column, unit) for column in columns]
-    ordered = sorted(rows, key=lambda row: (row["order"], -row["length_m"]))
-    lines = [[_branch_cell(column, row) for column in columns] for row in ordered]
-    return section("Axes", tables=[table(f"{len(rows)} axes", head, lines)])
-
-
-def _branch_head(column: BranchColumn, unit: str) -> str:
-    if column.kind != "number":
-        return column.title
-    return f"{column.title} [{'°' if column.name.endswith('_deg') else unit_name(unit)}]"
-
-
-def _branch_cell(column: BranchColumn, row: dict) -> int | str:
-    if column.kind == "text":
-        return ", ".join(row.get(column.name, "").split()).replace("_", " ")
-    value = row[column.name]
-    if column.kind == "whole":
-        return "–" if column.name == "parent_id" and value < 0 else value
-    return f"{value:.{column.decimals}f}"
 
 
 def _sparse(data: dict, width_px: int) -> dict:
@@ -324,6 +302,7 @@ def photo_section(data: dict) -> dict | None:
             f"The {which} photo, and the skeleton over it: green where the photos show wood before "
             "the sky, blue where they cannot tell, red where they show clear sky; orange is thin "
             "wood that the skeleton lacks, purple what lay before clear sky and was dropped.",
+            f"{which}_photo",
         )
         for which in ("worst", "best")
     ]

@@ -14,7 +14,8 @@ from cherrypicker.files import read_json, write_text
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.report import figures as draw
-from cherrypicker.report.page import ReportOptions, read_branches, render_report
+from cherrypicker.report.branches import read_branches
+from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.style import LAYOUT
 from cherrypicker.skeleton import read_skeleton, read_topology
 
@@ -31,6 +32,10 @@ class _File(NamedTuple):
 
 def _labelled(path: str) -> Any:
     return read_cloud(path, required=("label",))
+
+
+def _text(path: str) -> str:
+    return Path(path).read_text(encoding="utf-8")
 
 
 def _bytes(path: str) -> bytes:
@@ -64,6 +69,7 @@ FILES = {
     ),
     "depth": _File(lambda path: Path(path).parent, "dense/depth.json, beside the depth maps"),
     "coverage": _File(read_json, "dense/coverage.json"),
+    "edits": _File(_text, "hand corrections that the skeleton holds"),
     "photo_check": _File(read_json, "photo_check.json"),
     "worst_photo": _File(_bytes, "photo_check/worst.jpg"),
     "best_photo": _File(_bytes, "photo_check/best.jpg"),

@@ -1,27 +1,36 @@
-"""Data of the interactive 3D view: a thinned cloud and the skeleton as base64 text.
+"""The interactive 3D view: its data as text for the page, and its scripts.
 
 Positions are 16-bit steps of the cloud's box (0.1 mm in a box of 6 m), colours and labels bytes,
-so that 150 thousand points take 2 MB in the page.
+so that 150 thousand points take 2 MB in the page. The scripts are ES modules of ``viewer/``, which
+the page carries as an import map: no build step, no network.
 """
 
 from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_rgb
+from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
 from cherrypicker.report.style import ORDER_COLORS
-from cherrypicker.skeleton import axes, node_order
+from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.units import unit_name
 
 _WOOD_SHARE = 0.7  # of the points shown, where there are enough (taste)
 _STEPS = np.iinfo(np.uint16).max
+_N_NEAR = 8  # nodes around a point among which its wood is looked for (guess)
+_OFF_WOOD_M = 0.03  # farther from a node's surface a point belongs to no node (guess)
+_MODULES = Path(__file__).resolve().parent / "viewer"
 
 
 def pick_points(labels: np.ndarray, n_most: int, rng: np.random.Generator) -> np.ndarray:
@@ -36,77 +45,165 @@ def pick_points(labels: np.ndarray, n_most: int, rng: np.random.Generator) -> np
     return np.sort(picked.astype(np.int64))
 
 
-def viewer_data(cloud: PointCloud, skeleton: Skeleton, *, n_points: int, seed: int = 0) -> dict:
-    """Return the view's data as text for the page.
+def viewer_data(
+    cloud: PointCloud,
+    skeleton: Skeleton,
+    *,
+    n_points: int,
+    facts: Sequence[Sequence] = (),
+    cameras: Sequence[dict] = (),
+    edits: dict | None = None,
+    date: str = "",
+    seed: int = 0,
+) -> dict:
+    """Return the view's data.
 
     Parameters
     ----------
     cloud : PointCloud
         With labels.
+    facts : sequence of sequence of (str, str)
+        Name and text of what is known of each branch, by its number.
+    cameras : sequence of dict
+        See `cherrypicker.report.cameras.camera_views`.
+    edits : dict, optional
+        See `cherrypicker.report.edit_file.edit_file`; without it nothing can be edited.
+    date : str
+        Of the scan.
 
     Returns
     -------
     dict
-        ``meta`` (JSON text, safe inside a script element), ``positions``, ``colors``, ``labels``,
-        ``edges`` (base64), ``classes`` (id, name and CSS colour of the classes shown), ``orders``
-        (order and CSS colour), ``n_shown``.
+        For `page_text`. Places are relative to ``origin``; arrays are base64.
     """
     shown = cloud.select(pick_points(cloud["label"], n_points, np.random.default_rng(seed)))
+    low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
+    origin = np.round((low + high) / 2, 3)
+    labels = _known_labels(shown["label"])
+    reach = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
+    return {
+        "unit": unit_name(skeleton.unit),
+        "date": date,
+        "origin": origin.tolist(),
+        "home": {"center": [0.0, 0.0, 0.0], "reach": reach},
+        "box": {"low": (low - origin).tolist(), "high": (high - origin).tolist()},
+        "classes": [
+            {"id": label, "name": Label(label).title, "color": _bytes_of(CLASS_COLORS[label])}
+            for label in np.unique(labels).tolist()
+        ],
+        "order_colors": [_bytes_of(order_color(order)) for order in range(len(ORDER_COLORS))],
+        "cloud": _cloud_data(shown, labels, skeleton, origin),
+        "skeletons": [skeleton_data(skeleton, origin, facts=facts)],
+        "cameras": [_moved(camera, origin) for camera in cameras],
+        "edits": edits,
+    }
+
+
+def _known_labels(labels: np.ndarray) -> np.ndarray:
+    is_known = np.isin(labels, list(CLASS_COLORS))
+    return np.where(is_known, labels, Label.UNLABELLED).astype(np.uint8)
+
+
+def _cloud_data(
+    shown: PointCloud, labels: np.ndarray, skeleton: Skeleton, origin: np.ndarray
+) -> dict:
     low, high = shown.points.min(axis=0), shown.points.max(axis=0)
     span = np.maximum(high - low, 1e-6)
-    positions = np.rint((shown.points - low) / span * _STEPS).astype("<u2")
-    colors = np.clip(np.rint(cloud_colors(shown) * 255), 0, 255).astype(np.uint8)
-    is_known = np.isin(shown["label"], list(CLASS_COLORS))
-    labels = np.where(is_known, shown["label"], Label.UNLABELLED).astype(np.uint8)
-    present = np.unique(labels).tolist()
-    orders = node_order(skeleton, axes(skeleton))
-    box = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
-    meta = {
-        "low": low.tolist(),
-        "span": span.tolist(),
-        "center": ((box[0] + box[1]) / 2).tolist(),
-        "reach": max(float(np.linalg.norm(box[1] - box[0])) / 2, 1e-3),
-        "has_color": cloud.colors is not None,
-        "labels": present,
-        "label_colors": [list(map(float, CLASS_COLORS[label])) for label in present],
-        "order_colors": [to_rgb(order_color(order)) for order in range(len(ORDER_COLORS))],
-    }
     return {
-        "meta": json.dumps(meta).replace("<", "\\u003c"),
-        "positions": _base64(positions),
-        "colors": _base64(colors),
-        "labels": _base64(labels),
-        "edges": _base64(_edges(skeleton, orders)),
-        "classes": [
-            {
-                "id": label,
-                "name": Label(label).title,
-                "color": to_hex(CLASS_COLORS[label]),
-            }
-            for label in present
-        ],
-        "orders": [
-            {"order": int(order), "color": order_color(order)} for order in np.unique(orders)
-        ],
-        "n_shown": len(shown),
+        "low": (low - origin).tolist(),
+        "span": span.tolist(),
+        "has_color": shown.colors is not None,
+        "positions": _base64(np.rint((shown.points - low) / span * _STEPS), "<u2"),
+        "colors": _base64(np.clip(np.rint(cloud_colors(shown) * 255), 0, 255), "u1"),
+        "labels": _base64(labels, "u1"),
+        "confidence": _confidence(shown),
+        "nodes": _base64(nearest_nodes(shown, skeleton), "<i4"),
     }
 
 
-def _edges(skeleton: Skeleton, orders: np.ndarray) -> np.ndarray:
-    """Both ends with radius, then the order, (n_edges, 9) float32."""
-    end = np.arange(1, len(skeleton))
-    start = skeleton.parent[1:]
-    return np.column_stack(
-        [
-            skeleton.points[start],
-            # A junction's radius is the thicker axis's
-            np.where(orders[start] == orders[end], skeleton.radius[start], skeleton.radius[end]),
-            skeleton.points[end],
-            skeleton.radius[end],
-            orders[end],
-        ]
-    ).astype("<f4")
+def _confidence(shown: PointCloud) -> str | None:
+    if "confidence" not in shown:
+        return None
+    return _base64(np.clip(np.rint(np.nan_to_num(shown["confidence"]) * 255), 0, 255), "u1")
 
 
-def _base64(array: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
+def nearest_nodes(cloud: PointCloud, skeleton: Skeleton) -> np.ndarray:
+    """Node whose surface each point of the wood lies nearest to, (n_points,) int64, else -1."""
+    wood = np.flatnonzero(wood_mask(cloud["label"]))
+    node = np.full(len(cloud), -1, dtype=np.int64)
+    n_near = min(_N_NEAR, len(skeleton))
+    distance, near = cKDTree(skeleton.points).query(cloud.points[wood], k=range(1, n_near + 1))
+    off = np.abs(distance - skeleton.radius[near])
+    best = np.argmin(off, axis=1)[:, None]
+    is_near = np.take_along_axis(off, best, axis=1)[:, 0] <= _OFF_WOOD_M
+    node[wood] = np.where(is_near, np.take_along_axis(near, best, axis=1)[:, 0], -1)
+    return node
+
+
+def skeleton_data(
+    skeleton: Skeleton,
+    origin: np.ndarray,
+    *,
+    facts: Sequence[Sequence] = (),
+    name: str = "",
+    tint: str = "",
+) -> dict:
+    """Return one skeleton's part of the view's data.
+
+    Parameters
+    ----------
+    origin : ndarray of shape (3,)
+        What the page's places are relative to.
+    facts : sequence of sequence of (str, str)
+        See `viewer_data`.
+    name, tint : str
+        How a page that shows several tells it from the others: its name, its one colour.
+    """
+    axis_list = axes(skeleton)
+    error = skeleton.fields.get("radius_error")
+    return {
+        "name": name,
+        "tint": _bytes_of(tint) if tint else None,
+        "points": _base64(skeleton.points - origin, "<f4"),
+        "parent": _base64(skeleton.parent, "<i4"),
+        "radius": _base64(skeleton.radius, "<f4"),
+        "error": None if error is None else _base64(error, "<f4"),
+        "label": _base64(_known_labels(skeleton.label), "u1"),
+        "axis": _base64(axis_of_node(skeleton, axis_list), "<i4"),
+        "branches": [
+            {"order": int(axis.order), "facts": list(facts[i]) if i < len(facts) else []}
+            for i, axis in enumerate(axis_list)
+        ],
+    }
+
+
+def _moved(camera: dict, origin: np.ndarray) -> dict:
+    """A camera whose places are relative to the origin."""
+    matrix = np.asarray(camera["matrix"])
+    offset = matrix[:, 3] + matrix[:, :3] @ origin
+    matrix = np.column_stack([matrix[:, :3], offset]).ravel().tolist()
+    return camera | {"center": (np.asarray(camera["center"]) - origin).tolist(), "matrix": matrix}
+
+
+def page_text(data: dict) -> str:
+    """The view's data as JSON that is safe inside a script element."""
+    return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def module_map() -> str:
+    """The view's modules as the text of an import map, by their names ``viewer/*.js``."""
+    sources = {path.name: path.read_bytes() for path in sorted(_MODULES.glob("*.js"))}
+    imports = {
+        f"viewer/{name}": "data:text/javascript;base64," + base64.b64encode(source).decode("ascii")
+        for name, source in sources.items()
+    }
+    return json.dumps({"imports": imports})
+
+
+def _bytes_of(color: Any) -> list[int]:
+    """RGB of a colour, 0 to 255."""
+    return [round(255 * value) for value in to_rgb(color)]
+
+
+def _base64(array: np.ndarray, kind: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode("ascii")

@@ -1,0 +1,126 @@
+"""``branches.csv`` on the page: the table that can be sorted, and what is said of one branch."""
+
+from __future__ import annotations
+
+import csv
+import os
+
+from cherrypicker.errors import StageError
+from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
+from cherrypicker.units import unit_name
+
+_FLAGS = {
+    "low_arc": "points on under half of its girth",
+    "few_points": "few points at its base",
+    "gap": "bridges gaps in the points",
+}
+
+
+def read_branches(path: str | os.PathLike) -> list:
+    """Read ``branches.csv``.
+
+    Returns
+    -------
+    list of dict
+        A row an axis, cells as `cherrypicker.traits.table.BranchColumn` reads them.
+
+    Raises
+    ------
+    StageError
+        If the file is missing or a cell is no number.
+    """
+    try:
+        with open(path, encoding="utf-8", newline="") as stream:
+            return [
+                {name: BRANCH_COLUMNS[name].read(text) for name, text in row.items()}
+                for row in csv.DictReader(stream)
+            ]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise StageError(f"not a readable table of branches ({error})", file=path) from error
+
+
+def branch_table(rows: list, unit: str) -> dict:
+    """The table of axes, the longest first within an order.
+
+    Returns
+    -------
+    dict
+        ``heads`` (``text``, ``kind`` and whether it ``is_more`` than a first look needs) and
+        ``rows`` (``id`` and ``cells``, each the text shown and the value to sort by).
+    """
+    columns = [column for column in BRANCH_COLUMNS.values() if rows and column.name in rows[0]]
+    ordered = sorted(rows, key=lambda row: (row["order"], -row["length_m"]))
+    return {
+        "heads": [
+            {"text": _head(column, unit), "kind": column.kind, "is_more": not column.title}
+            for column in columns
+        ],
+        "rows": [
+            {
+                "id": row["branch_id"],
+                "cells": [(_cell(column, row), _sorted_by(row[column.name])) for column in columns],
+            }
+            for row in ordered
+        ],
+    }
+
+
+def branch_facts(rows: list, unit: str) -> list[list[tuple[str, str]]]:
+    """What the view says of each branch, by its number: names and texts."""
+    by_id = {row["branch_id"]: _facts(row, unit) for row in rows}
+    return [by_id.get(i, []) for i in range(max(by_id, default=-1) + 1)]
+
+
+def _facts(row: dict, unit: str) -> list[tuple[str, str]]:
+    length = unit_name(unit)
+
+    def interval(name: str, digits: int, unit: str) -> str:
+        stem, ending = name.rsplit("_", 1)
+        value = f"{row[name]:.{digits}f} {unit}".replace(" °", "°")
+        ends = [row.get(f"{stem}_{end}_{ending}") for end in ("low", "high")]
+        return value if None in ends else f"{value} ({ends[0]:.{digits}f} to {ends[1]:.{digits}f})"
+
+    flags = [_FLAGS.get(flag, flag.replace("_", " ")) for flag in row.get("flags", "").split()]
+    facts = [
+        ("order", str(row["order"])),
+        ("parent", "none" if row["parent_id"] < 0 else str(row["parent_id"])),
+        ("length", f"{row['length_m']:.3f} {length}"),
+        ("diameter at the base", interval("base_diameter_m", 4, length)),
+        ("at the tip", f"{row['tip_diameter_m']:.4f} {length}"),
+        ("angle", interval("insertion_angle_deg", 1, "°")),
+        ("height of its base", f"{row['base_height_m']:.3f} {length}"),
+    ]
+    if row.get("photo_diameter_m") is not None:
+        facts.append(("diameter by the photos", f"{row['photo_diameter_m']:.4f} {length}"))
+    if row.get("base_n_points") is not None:
+        rests = f"{row['base_n_points']:,} points, {row['base_arc_deg']:.0f}° of its girth"
+        facts.append(("rests on", rests))
+    return [*facts, ("flags", "; ".join(flags) or "none")]
+
+
+def _head(column: BranchColumn, unit: str) -> str:
+    title = column.title or column.name.removesuffix("_m").removesuffix("_deg").replace("_", " ")
+    if column.kind in ("whole", "text"):
+        return title
+    if column.name.endswith("_deg"):
+        return f"{title.removesuffix(' deg')} [°]"
+    if column.name.endswith("_m3"):
+        return f"{title.removesuffix(' m3')} [{unit_name(unit, 3)}]"
+    if column.name == "taper_mm_per_m":
+        return "taper [1/1000]"
+    return title if column.name == "gap_share" else f"{title} [{unit_name(unit)}]"
+
+
+def _cell(column: BranchColumn, row: dict) -> str:
+    value = row[column.name]
+    if column.kind == "text":
+        return ", ".join(value.split()).replace("_", " ")
+    if value is None or (column.name == "parent_id" and value < 0):
+        return "–"
+    if column.kind == "whole":
+        return str(value)
+    return f"{value:.{column.decimals if column.title else min(column.decimals_in_file, 6)}f}"
+
+
+def _sorted_by(value: float | int | str | None) -> str:
+    return "" if value is None else str(value)

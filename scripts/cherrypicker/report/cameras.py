@@ -1,0 +1,88 @@
+"""The photos of a scan for the 3D view: where each was taken, and a small picture of it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import logging
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from cherrypicker.poses import Poses
+
+logger = logging.getLogger(__name__)
+
+_LONGEST_PX = 420  # of a picture
+_QUALITY = 55
+_BUDGET = 1_500_000  # bytes of all pictures; beyond, every second, third ... photo has one
+
+
+def camera_views(poses: Poses, folder: Path | None, pictures: dict[str, str]) -> list[dict]:
+    """Return the cameras of the view.
+
+    Parameters
+    ----------
+    poses : Poses
+        Of the undistorted photos, in the skeleton's frame.
+    folder : Path or None
+        Of the undistorted photos.
+    pictures : dict of str to str
+        Photo to the id of its figure on the page.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``center``, ``rays`` (unit directions of the corners), ``size`` (px of the
+        picture), ``matrix`` (3, 4; from the frame to px of the picture), ``photo`` (its address,
+        empty where it has no picture) and ``picture`` (the figure's id, or empty).
+    """
+    shown = _pictures(poses, folder)
+    return [
+        _view(poses, i) | {"photo": shown.get(i, ""), "picture": pictures.get(str(name), "")}
+        for i, name in enumerate(poses.names)
+    ]
+
+
+def _view(poses: Poses, i: int) -> dict:
+    wide, tall = int(poses.width[i]), int(poses.height[i])
+    zoom = _LONGEST_PX / max(wide, tall)
+    corners = np.array([[0, 0, 1], [wide, 0, 1], [wide, tall, 1], [0, tall, 1]], dtype=np.float64)
+    rays = corners @ np.linalg.inv(poses.K[i]).T @ poses.rotations[i]
+    matrix = np.diag([zoom, zoom, 1.0]) @ poses.K[i] @ poses.cam_from_world[i]
+    return {
+        "name": str(poses.names[i]),
+        "center": poses.centers[i].tolist(),
+        "rays": np.round(rays / np.linalg.norm(rays, axis=1)[:, None], 4).tolist(),
+        "size": [round(zoom * wide), round(zoom * tall)],
+        "matrix": matrix,
+    }
+
+
+def _pictures(poses: Poses, folder: Path | None) -> dict[int, str]:
+    """Address of the picture of each photo that has one."""
+    if folder is None:
+        return {}
+    files = {i: data for i in range(len(poses)) if (data := _small(folder / str(poses.names[i])))}
+    step = -(-sum(map(len, files.values())) // _BUDGET) or 1
+    if step > 1:
+        logger.info("every %dth photo has a picture in the view", step)
+    return {
+        i: "data:image/jpeg;base64," + base64.b64encode(files[i]).decode("ascii")
+        for i in list(files)[::step]
+    }
+
+
+def _small(path: Path) -> bytes:
+    """The photo as a small JPEG; empty where it cannot be read."""
+    try:
+        with Image.open(path) as photo:
+            photo.draft("RGB", (2 * _LONGEST_PX, 2 * _LONGEST_PX))
+            zoom = _LONGEST_PX / max(photo.size)
+            size = max(round(zoom * photo.size[0]), 1), max(round(zoom * photo.size[1]), 1)
+            stream = io.BytesIO()
+            photo.convert("RGB").resize(size).save(stream, "JPEG", quality=_QUALITY)
+            return stream.getvalue()
+    except (OSError, UnidentifiedImageError, ValueError, SyntaxError):
+        return b""
