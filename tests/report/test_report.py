@@ -19,7 +19,7 @@ from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.stage_figures import coverage_figure, example_figure, removed_points
 from cherrypicker.report.text import with_uncertainty
 from cherrypicker.report.tree import report_tree
-from cherrypicker.report.viewer import nearest_nodes, pick_points, viewer_data
+from cherrypicker.report.viewer import ShownSkeleton, nearest_nodes, pick_points, viewer_data
 from cherrypicker.skeleton import (
     Skeleton,
     axes,
@@ -130,11 +130,12 @@ class Page(HTMLParser):
 def test_page_needs_no_network_and_escapes(build):
     text = build(tree='<i>"cherry"')
     page = Page(text)
-    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert all(re.match("data:image/(png|jpeg);base64,", source) for source in page.sources)
     assert "http" not in text.replace("http-equiv", "")
     assert "<script>alert" not in text
     assert "<i>" not in text
     assert text.index("alert(1)") < text.index("Trunk diameter")  # warnings come first
+    assert "the stage that says so" in text[text.index("alert(1)") : text.index("Trunk diameter")]
     assert "1.4000 ± 0.0040 m" in text or "1.400 ± 0.004 m" in text
     for name in PNGS:
         with Image.open(build.folder / f"figures/{name}.png") as image:
@@ -309,7 +310,7 @@ def array(text, kind):
 
 def test_viewer_data_is_what_was_given():
     skeleton = y_skeleton()
-    data = viewer_data(scan(skeleton), skeleton, n_points=500)
+    data = viewer_data([ShownSkeleton(skeleton)], scan(skeleton), n_points=500)
     assert [item["id"] for item in data["classes"]] == [0, 1, 2]
     (shown,) = data["skeletons"]
     points = array(shown["points"], "<f4").reshape(-1, 3) + data["origin"]
@@ -323,7 +324,7 @@ def test_a_place_far_from_the_origin_keeps_its_decimals():
     """A cloud in a country's grid: 32 bits would hold it to half a metre."""
     skeleton = y_skeleton()
     skeleton.points += [4_500_000.0, 5_300_000.0, 300.0]
-    data = viewer_data(scan(skeleton), skeleton, n_points=100)
+    data = viewer_data([ShownSkeleton(skeleton)], scan(skeleton), n_points=100)
     points = array(data["skeletons"][0]["points"], "<f4").reshape(-1, 3) + data["origin"]
     np.testing.assert_allclose(points, skeleton.points, rtol=0, atol=1e-5)
 

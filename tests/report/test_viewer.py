@@ -13,6 +13,8 @@ from test_report import scan, traits
 
 from cherrypicker.poses import Poses
 from cherrypicker.report.page import ReportOptions, render_report
+from cherrypicker.report.text import page_template
+from cherrypicker.report.viewer import ShownSkeleton, module_map, page_text, viewer_data
 from cherrypicker.skeleton import axes, axis_of_node, fold
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 from cherrypicker.skeleton.model import Skeleton, rooted_order
@@ -184,7 +186,7 @@ def test_a_click_on_wood_shows_its_branch_and_marks_its_row(opened, spoilt_page,
     view.page.locator("[name=show-skeleton]").uncheck()
     view.click([0, 0, 0.72])
     assert picked(view) == ["0"]
-    view.click([0.9, 0, 1.3])
+    view.click([-0.9, 0, 1.3])
     assert picked(view) == []
 
 
@@ -356,6 +358,25 @@ def test_a_server_keeps_the_corrections(opened, spoilt, tmp_path, held):
     other.mode("edit")
     assert "changed" in other.said()
     assert not other.page.locator("[data-part=save]").is_visible()
+
+
+def test_a_page_of_its_own_shows_two_skeletons(opened, spoilt, true, tmp_path):
+    shown = [
+        ShownSkeleton(spoilt, name="2025", tint="#888888"),
+        ShownSkeleton(true, name="2026 <b>", tint="#00aa00"),
+    ]
+    data = page_text(viewer_data(shown))
+    template = page_template("viewer.html.j2").module
+    page = template.viewer_box("two") + template.viewer_scripts("two", data, module_map())
+    path = tmp_path / "two.html"
+    path.write_text(f"<style>canvas {{ width: 900px; height: 700px }}</style>{page}")
+    view = opened(path, FRONT)
+    view.click([0.35, 0, 0.704])
+    assert "2026 <b>" in view.page.locator("[data-part=branch-name]").inner_text()
+    view.page.get_by_label("2026 <b>").uncheck()
+    view.click([0.35, 0, 0.704])
+    assert not view.page.locator("[data-part=branch]").is_visible()
+    assert not view.page.locator("input[value=edit]").is_visible()
 
 
 @pytest.mark.slow

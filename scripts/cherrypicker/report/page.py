@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from matplotlib.figure import Figure
+from PIL import Image
 
 import cherrypicker
 from cherrypicker.report.advice import advice_for
@@ -18,11 +19,12 @@ from cherrypicker.report.figures import order_color, write_png
 from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
 from cherrypicker.report.text import page_template, with_uncertainty
-from cherrypicker.report.viewer import module_map, page_text, viewer_data
+from cherrypicker.report.viewer import ShownSkeleton, module_map, page_text, viewer_data
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.units import unit_name
 
 _ZOOM = 1.5  # of a figure's own px that are drawn at most
+_JPEG_QUALITY, _JPEG_PAYS = 85, 0.5  # a figure is a JPEG where it takes under half of its PNG
 _JPEG = b"\xff\xd8"  # how such a file begins
 _FILES = (
     "traits.json",
@@ -78,10 +80,9 @@ def render_report(
     for item in [*sections, *([verdict] if verdict else [])]:
         item["figures"] = [_embedded(width_px, *figure) for figure in item["figures"]]
     viewer = viewer_data(
+        [ShownSkeleton(data["skeleton"], branch_facts(data["branches"], unit))],
         cloud,
-        data["skeleton"],
         n_points=options.viewer_points,
-        facts=branch_facts(data["branches"], unit),
         cameras=_cameras(data),
         edits=edit_file(about["tree"], data["edits"] or ""),
         date=about["date"],
@@ -117,9 +118,21 @@ def _embedded(width_px: int, figure: Figure | bytes, caption: str, name: str = "
         width = min(width_px, _ZOOM * DPI * figure.get_size_inches()[0])
         write_png(figure, stream, width)
         figure = stream.getvalue()
+    figure = _smaller(figure)
     kind = "jpeg" if figure.startswith(_JPEG) else "png"
     data = base64.b64encode(figure).decode("ascii")
     return {"data": data, "kind": kind, "caption": caption, "id": name}
+
+
+def _smaller(figure: bytes) -> bytes:
+    """A figure of photos or points as JPEG, any other as it is."""
+    if figure.startswith(_JPEG):
+        return figure
+    stream = io.BytesIO()
+    with Image.open(io.BytesIO(figure)) as image:
+        image.convert("RGB").save(stream, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
+    is_worth = len(stream.getvalue()) < _JPEG_PAYS * len(figure)
+    return stream.getvalue() if is_worth else figure
 
 
 def _cameras(data: dict) -> list[dict]:

@@ -71,6 +71,7 @@ export class Editor {
   setFirst(first) {
     this.first = first;
     this.scene.marks = first ? [{ at: place(this.tree.skeleton.points, first.node) }] : [];
+    this.scene.lit = first && this.tool === "connect" ? this.tree.beyond(first.node) : null;
     this.scene.redraw();
   }
 

@@ -1,6 +1,6 @@
 // The view of one page: `initViewer(box, raw)` with the data that viewer.py writes.
 import { readHash, writeHash } from "viewer/camera.js";
-import { number, showLegend } from "viewer/colors.js";
+import { css, number, showLegend } from "viewer/colors.js";
 import { loadData, place } from "viewer/data.js";
 import { Editor } from "viewer/editor.js";
 import { openPhoto } from "viewer/photos.js";
@@ -39,18 +39,20 @@ class Viewer {
     const { box, scene, data } = this;
     this.fillSelect("points", scene.colors.points);
     this.fillSelect("skeleton", scene.colors.nodes);
-    for (const { id, name, color } of data.classes) {
-      const label = document.createElement("label"), check = document.createElement("input"), chip = document.createElement("span");
-      Object.assign(check, { type: "checkbox", name: "class", value: id, checked: true });
-      chip.className = "chip";
-      chip.style.background = `rgb(${color.join(",")})`;
-      label.append(check, chip, name);
-      this.part("classes").append(label);
-    }
+    for (const { id, name, color } of data.cloud ? data.classes : []) this.part("classes").append(checkBox("class", id, name, color));
+    if (scene.layers.length > 1) for (const layer of scene.layers) this.part("classes").append(this.checkFor(layer));
+    for (const name of data.cloud ? [] : ["show-cloud", "points", "size"]) box.querySelector(`[name=${name}]`).parentElement.hidden = true;
     if (!data.cameras.length) box.querySelector("[name=show-cameras]").parentElement.hidden = true;
     if (!this.editor) box.querySelector("[name=tool][value=edit]").parentElement.hidden = true;
     box.addEventListener("input", (e) => this.change(e.target));
     box.addEventListener("click", (e) => { const act = e.target.dataset.act; if (act) this[act](); });
+  }
+
+  // Shows or hides one of several skeletons.
+  checkFor(layer) {
+    const label = checkBox("layer", "", layer.skeleton.name, layer.skeleton.tint || [128, 128, 128]);
+    label.addEventListener("input", (e) => { layer.shown = e.target.checked; this.scene.redraw(); });
+    return label;
   }
 
   fillSelect(name, schemes) {
@@ -265,4 +267,13 @@ class Viewer {
     this.recolor();
     this.pickBranch(/^\d+$/.test(held.branch || "") ? Number(held.branch) : null);
   }
+}
+
+function checkBox(name, value, title, color) {
+  const label = document.createElement("label"), check = document.createElement("input"), chip = document.createElement("span");
+  Object.assign(check, { type: "checkbox", name, value, checked: true });
+  chip.className = "chip";
+  chip.style.background = css(color);
+  label.append(check, chip, title);
+  return label;
 }

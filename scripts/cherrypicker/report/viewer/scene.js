@@ -24,6 +24,7 @@ export class Scene {
     this.hidden = new Set(); // classes
     this.clip = null; // [nx, ny, nz, limit]
     this.picked = null; // {skeleton, axis}
+    this.lit = null; // 1 for each node of the first skeleton that an edit is about to move
     this.marks = []; // {at: [x, y, z], color}, and {from, to, color}
     this.schemes = { points: data.cloud ? (data.cloud.hasColor ? "photo" : "class") : "", skeleton: "order" };
     this.afterDraw = [];
@@ -103,12 +104,12 @@ export class Scene {
   }
 
   drawSkeleton({ skeleton, state, screen, colors }) {
-    const { raster, focal, picked } = this, solid = this.show.thick;
+    const { raster, focal, picked } = this, solid = this.show.thick, isFirst = skeleton === this.data.skeletons[0];
     const off = pack(OFF_COLOR), fresh = pack(NEW_COLOR), chosen = pack(PICKED_COLOR);
     for (let node = 1; node < skeleton.n; node++) {
       const parent = skeleton.parent[node], from = 4 * parent, to = 4 * node;
       if (parent < 0 || state[node] === GONE || !screen[from + 2] || !screen[to + 2]) continue;
-      const isPicked = picked && picked.skeleton === skeleton && skeleton.axis[node] === picked.axis;
+      const isPicked = (picked?.skeleton === skeleton && skeleton.axis[node] === picked.axis) || (isFirst && this.lit?.[node]);
       const color = state[node] === OFF ? off : isPicked ? chosen : state[node] === NEW ? fresh : colors[node];
       // A junction's radius is the thicker axis's
       const own = skeleton.axis[parent] === skeleton.axis[node] ? skeleton.radius[parent] : skeleton.radius[node];
@@ -156,7 +157,7 @@ export class Scene {
     const low = [0, 1, 2].map((k) => Math.min(...places.map((p) => p[k])));
     const high = [0, 1, 2].map((k) => Math.max(...places.map((p) => p[k])));
     const reach = Math.max(Math.hypot(...high.map((v, k) => v - low[k])) / 2, 0.08 * data.home.reach);
-    const goal = [camera.azimuth, camera.elevation, 2.6 * reach, ...low.map((v, k) => (v + high[k]) / 2)];
+    const goal = [camera.azimuth, camera.elevation, 3.2 * reach, ...low.map((v, k) => (v + high[k]) / 2)];
     const start = camera.state(), began = performance.now();
     if (matchMedia("(prefers-reduced-motion: reduce)").matches) return this.moveTo(goal);
     const flight = (this.flight = () => {

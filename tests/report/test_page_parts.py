@@ -1,0 +1,85 @@
+"""Parts of the page that need no browser: advice, the file of corrections, cameras, facts."""
+
+import re
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from cherrypicker.poses import Poses
+from cherrypicker.report.advice import ADVICE, ANY, advice_for
+from cherrypicker.report.branches import branch_facts, branch_table
+from cherrypicker.report.cameras import camera_views
+from cherrypicker.report.edit_file import edit_file
+
+LINE = "- delete: {at: [1, 2, 3]}\n"
+
+
+def test_every_warning_of_the_traits_has_its_advice(project):
+    sources = [
+        project / "scripts/cherrypicker" / name for name in ("traits/flags.py", "wood/target.py")
+    ]
+    text = "".join(source.read_text(encoding="utf-8") for source in sources)
+    flags = set(re.findall(r'f?"([a-z]+_[a-z_]+|unscaled): ', text))
+    assert len(flags) > 20
+    assert flags == set(ADVICE)
+    assert advice_for("unscaled: the scan has no scale") == ADVICE["unscaled"]
+    assert advice_for("a stage's own words: 3") == ANY
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "edits:\n  - cut: {at: [0, 0, 1]}  # by hand\n    note: why\n",
+        "edits:\n- cut:\n    at:\n    - 0\n    - 0\n    - 1",
+        "edits: [{cut: {at: [0, 0, 1]}}]\n",
+        "# nothing yet\nedits: []\n",
+        "",
+    ],
+)
+def test_lines_follow_a_file_of_corrections(text):
+    about = edit_file("cherry", text)
+    before = (yaml.safe_load(text) or {}).get("edits") or []
+    after = yaml.safe_load(about["text"] + about["indent"] + LINE)["edits"]
+    assert after == [*before, {"delete": {"at": [1, 2, 3]}}]
+    assert about["n"] == len(before) and about["name"] == "cherry.yaml"
+    if "#" in text and before:
+        assert about["text"] == text  # comments stay
+
+
+def test_a_camera_sees_its_picture_where_the_poses_say(tmp_path):
+    r = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along +y
+    K = np.array([[800.0, 0, 500], [0, 800, 300], [0, 0, 1]])
+    poses = Poses(
+        ["a.jpg", "b.jpg"],
+        [np.column_stack([r, -r @ [0, -2.0, 1.0]])] * 2,
+        [K] * 2,
+        [1000] * 2,
+        [600] * 2,
+    )
+    Image.new("RGB", (1000, 600)).save(tmp_path / "a.jpg")
+    (tmp_path / "b.jpg").write_bytes(b"no image")
+    first, second = camera_views(poses, tmp_path, {"a.jpg": "worst_photo"})
+    assert first["photo"].startswith("data:image/jpeg;base64,") and second["photo"] == ""
+    assert (first["picture"], second["picture"]) == ("worst_photo", "")
+    u, v, w = first["matrix"] @ [0.25, 0.0, 1.0, 1.0]
+    assert (u / w, v / w) == pytest.approx((0.42 * 600, 0.42 * 300))
+    corner = np.array(first["rays"][0])
+    assert corner @ [0.625, -1, -0.375] < 0 < corner[2] and corner[0] < 0
+
+
+def test_what_is_said_of_a_branch():
+    row = {"branch_id": 1, "parent_id": 0, "order": 1, "length_m": 0.5, "tip_diameter_m": 0.01}
+    row |= {"base_diameter_m": 0.02, "base_diameter_low_m": 0.019, "base_diameter_high_m": 0.022}
+    row |= {"insertion_angle_deg": 40.0, "insertion_angle_low_deg": None, "base_height_m": 0.4}
+    row |= {"flags": "low_arc <b>", "base_n_points": 1200, "base_arc_deg": 120.0}
+    none, facts = branch_facts([row], "arbitrary")
+    assert none == []
+    told = dict(facts)
+    assert told["diameter at the base"] == "0.0200 units (0.0190 to 0.0220)"
+    assert told["angle"] == "40.0°"
+    assert told["flags"] == "points on under half of its girth; <b>"
+    table = branch_table([row], "arbitrary")
+    assert [head["text"] for head in table["heads"]][3] == "length [units]"
+    assert table["rows"][0]["cells"][3] == ("0.500", "0.5")
