@@ -105,7 +105,7 @@ def code(script):
 
 def viewer_modules():
     """Return the scripts of the report's 3D view."""
-    return sorted(map(str, LIBRARY.glob("cherrypicker/report/viewer/*.js")))
+    return sorted(map(str, LIBRARY.glob("cherrypicker/report/viewer_js/*.js")))
 
 
 def resource(path):

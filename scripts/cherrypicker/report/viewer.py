@@ -1,7 +1,7 @@
 """The interactive 3D view: its data as text for the page, and its scripts.
 
 Positions are 16-bit steps of the cloud's box (0.1 mm in a box of 6 m), colours and labels bytes,
-so that 150 thousand points take 2 MB in the page. The scripts are ES modules of ``viewer/``, which
+so that 150 thousand points take 2 MB in the page. The scripts are ES modules of ``viewer_js/``, which
 the page carries as an import map: no build step, no network.
 """
 
@@ -31,7 +31,7 @@ _STEPS = np.iinfo(np.uint16).max
 _N_NEAR = 8  # nodes around a point among which its wood is looked for (guess)
 _OFF_WOOD_M = 0.03  # farther from a node's surface a point belongs to no node (guess)
 _N_CELLS = 64  # across the cloud, in whose order the points stand: neighbours share memory
-_MODULES = Path(__file__).resolve().parent / "viewer"
+_MODULES = Path(__file__).resolve().parent / "viewer_js"
 
 
 def pick_points(labels: np.ndarray, n_most: int, rng: np.random.Generator) -> np.ndarray:
