@@ -1,8 +1,8 @@
 """The interactive 3D view: its data as text for the page, and its scripts.
 
 Positions are 16-bit steps of the cloud's box (0.1 mm in a box of 6 m), colours and labels bytes,
-so that 150 thousand points take 2 MB in the page. The scripts are ES modules of ``viewer_js/``, which
-the page carries as an import map: no build step, no network.
+so that 150 thousand points take 3 MB in the page. The scripts are ES modules of ``viewer_js/``,
+which the page carries as an import map: no build step, no network.
 """
 
 from __future__ import annotations
@@ -188,8 +188,11 @@ def _moved(camera: dict, origin: np.ndarray) -> dict:
     """A camera whose places are relative to the origin."""
     matrix = np.asarray(camera["matrix"])
     offset = matrix[:, 3] + matrix[:, :3] @ origin
-    matrix = np.column_stack([matrix[:, :3], offset]).ravel().tolist()
-    return camera | {"center": (np.asarray(camera["center"]) - origin).tolist(), "matrix": matrix}
+    moved = {
+        "center": (np.asarray(camera["center"]) - origin).tolist(),
+        "matrix": np.column_stack([matrix[:, :3], offset]).ravel().tolist(),
+    }
+    return camera | moved
 
 
 def page_text(data: dict) -> str:
