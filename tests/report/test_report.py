@@ -12,7 +12,6 @@ from PIL import Image
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
-from cherrypicker.report.branches import read_branches
 from cherrypicker.report.marker_figure import marker_crops, marker_figure
 from cherrypicker.report.page import ReportOptions
 from cherrypicker.report.raster import View, side_views, splat
@@ -27,7 +26,7 @@ from cherrypicker.skeleton import (
     write_skeleton_graphml,
     write_topology_graphml,
 )
-from cherrypicker.traits.branches import branch_rows, branches_csv
+from cherrypicker.traits.branches import branch_rows, branches_csv, read_branches
 from cherrypicker.traits.table import BRANCH_COLUMNS, Trait
 
 READ = {"traits": "traits.json", "branches": "branches.csv", "skeleton": "skeleton.graphml"}

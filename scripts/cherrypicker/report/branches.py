@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import os
-
-from cherrypicker.errors import StageError
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
 from cherrypicker.units import unit_name
 
@@ -14,29 +10,6 @@ _FLAGS = {
     "few_points": "few points at its base",
     "gap": "bridges gaps in the points",
 }
-
-
-def read_branches(path: str | os.PathLike) -> list:
-    """Read ``branches.csv``.
-
-    Returns
-    -------
-    list of dict
-        A row an axis, cells as `cherrypicker.traits.table.BranchColumn` reads them.
-
-    Raises
-    ------
-    StageError
-        If the file is missing or a cell is no number.
-    """
-    try:
-        with open(path, encoding="utf-8", newline="") as stream:
-            return [
-                {name: BRANCH_COLUMNS[name].read(text) for name, text in row.items()}
-                for row in csv.DictReader(stream)
-            ]
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise StageError(f"not a readable table of branches ({error})", file=path) from error
 
 
 def branch_table(rows: list, unit: str) -> dict:

@@ -14,10 +14,10 @@ from cherrypicker.files import read_json, write_text
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.report import figures as draw
-from cherrypicker.report.branches import read_branches
 from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.style import LAYOUT
 from cherrypicker.skeleton import read_skeleton, read_topology
+from cherrypicker.traits.branches import read_branches
 
 logger = logging.getLogger(__name__)
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 
 import numpy as np
 
+from cherrypicker.errors import StageError
 from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.branch_intervals import (
@@ -172,6 +174,29 @@ def _cell(name: str, value: float | str | None) -> int | str:
     if isinstance(value, int | str):
         return value
     return f"{value:.{BRANCH_COLUMNS[name].decimals_in_file}f}"
+
+
+def read_branches(path: str | os.PathLike) -> list:
+    """Read ``branches.csv``.
+
+    Returns
+    -------
+    list of dict
+        A row an axis, cells as `cherrypicker.traits.table.BranchColumn` reads them.
+
+    Raises
+    ------
+    StageError
+        If the file is missing or a cell is no number.
+    """
+    try:
+        with open(path, encoding="utf-8", newline="") as stream:
+            return [
+                {name: BRANCH_COLUMNS[name].read(text) for name, text in row.items()}
+                for row in csv.DictReader(stream)
+            ]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise StageError(f"not a readable table of branches ({error})", file=path) from error
 
 
 def totals_by_order(rows: list[dict]) -> dict[int, dict]:
