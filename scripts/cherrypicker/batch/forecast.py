@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import logging
-import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cherrypicker.batch.benchmarks import read_benchmarks
 from cherrypicker.batch.resources import (
     MEMORY_MARGIN,
     ScanSize,
@@ -23,8 +21,6 @@ from cherrypicker.batch.resources import (
 from cherrypicker.batch.schedule import Job, Machine, wall_seconds
 from cherrypicker.batch.stage_costs import CLOUD_STAGES, PHOTO_STAGES
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
-
-logger = logging.getLogger(__name__)
 
 # Benchmarks of a stage from which on they count for more than the shipped rates
 ENOUGH_BENCHMARKS = 3
@@ -174,22 +170,16 @@ def read_corrections(
         Sizes of the scans that were run, by id; files of other scans are left out.
     """
     corrections = {}
-    for folder in sorted(Path(benchmarks).glob("*/")):
+    for rule, jobs in read_benchmarks(benchmarks, scans.keys()).items():
         ratios = []
-        for path in sorted(folder.glob("*.tsv")):
-            scan = scans.get(path.stem)
-            if scan is None or folder.name not in scan.stages:
-                continue
-            measured = _read_benchmark(path)
-            if measured is not None:
-                stage = scan.stages[folder.name]
-                cpu_s, rss_mb = measured
-                expected_s = max(cpu_seconds(stage, scan), _LEAST_CPU_S)
-                ratios.append(
-                    (max(cpu_s, _LEAST_CPU_S) / expected_s, rss_mb / memory_mb(stage, scan))
-                )
+        for name, job in jobs.items():
+            stage = scans[name].stages.get(rule)
+            if stage is not None:
+                expected_s = max(cpu_seconds(stage, scans[name]), _LEAST_CPU_S)
+                memory = job.memory_mb / memory_mb(stage, scans[name])
+                ratios.append((max(job.cpu_s, _LEAST_CPU_S) / expected_s, memory))
         if len(ratios) >= ENOUGH_BENCHMARKS:
-            corrections[folder.name] = Correction(
+            corrections[rule] = Correction(
                 cpu=statistics.median(cpu for cpu, _ in ratios),
                 memory=max(1.0, max(memory for _, memory in ratios) / MEMORY_MARGIN),
                 n_benchmarks=len(ratios),
@@ -260,18 +250,6 @@ def _befores(scan: ScanSize, rule: str, place: Mapping[str, int]) -> tuple[int, 
     for before in scan.stages[rule].after:
         found += [place[before]] if before in place else _befores(scan, before, place)
     return tuple(found)
-
-
-def _read_benchmark(path: Path) -> tuple[float, float] | None:
-    """CPU seconds and peak memory in MB of a benchmark file, None if it holds no numbers."""
-    try:
-        with open(path, newline="", encoding="utf-8") as stream:
-            row = list(csv.DictReader(stream, delimiter="\t"))[-1]
-        cpu_s, rss_mb = float(row["cpu_time"]), float(row["max_rss"])
-    except (OSError, UnicodeDecodeError, IndexError, KeyError, TypeError, ValueError) as error:
-        logger.warning("%s is left out: %s", path, error or type(error).__name__)
-        return None
-    return (cpu_s, rss_mb) if math.isfinite(cpu_s) and math.isfinite(rss_mb) else None
 
 
 def _duration(hours: float) -> str:
