@@ -18,8 +18,8 @@ LAYERS = [
     *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "capture", "skeleton"),
     "wood",
     "limbs",
-    *("segmentation", "contraction", "graph", "traits", "formats", "photo_check", "report"),
-    *("batch", "command", "api"),
+    *("segmentation", "contraction", "graph", "traits", "formats", "photo_check", "accuracy"),
+    *("report", "batch", "command", "api"),
 ]
 LAB_LAYERS = [
     *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "training"),
@@ -31,6 +31,7 @@ STAGES = [
     *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
     *("edit_graph", "check_photos", "measure_traits", "report_tree", "summarise_batch"),
     "import_cloud",
+    "compare_measures",
 ]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 from snakemake.io import contains_wildcard
+from snakemake.logging import logger
 from snakemake.pathvars import PATHVAR_REGEX
 
 PROJECT = Path(workflow.basedir)
@@ -66,7 +67,15 @@ def edits_of(tree):
 EDITED_TREES = [
     name for name in TREES if edits_of(name) and Path(edits_of(name)).is_file()
 ]
+MEASURED_TREES = [
+    name for name in TREES if any(row.tree == name for row in BATCH.measures)
+]
 UNEDITED_TREES = [name for name in TREES if name not in EDITED_TREES]
+
+
+def measures_of(tree):
+    """Return a tree's hand measurements as text, so that a change of one of them is seen."""
+    return [str(row) for row in BATCH.measures if row.tree == tree]
 
 
 def any_of(names):
@@ -221,6 +230,8 @@ def more_at_each_attempt(mem_mb):
 def prepare_run():
     """Let the next run start, now that Snakemake holds its lock; refuse what cannot be written."""
     end_start()
+    for line in BATCH.strangers():
+        logger.warning(line)
     try:
         check_writable(
             ["results", "logs", "benchmarks", *(f"results/{tree}" for tree in TREES)]

@@ -1,4 +1,4 @@
-# Traits of a tree from its graphs and its labelled cloud.
+# Traits of a tree from its graphs and its labelled cloud, and hand measurements beside them.
 
 
 rule measure_traits:
@@ -39,3 +39,35 @@ rule measure_traits:
         "{wildcards.tree}: measure the traits"
     script:
         "../../scripts/measure_traits.py"
+
+
+rule compare_measures:
+    input:
+        # Who measured another tree reruns this one neither by the file's time nor by its rows.
+        table=ancient(SETTINGS["measures"]) if MEASURED_TREES else [],
+        traits="results/{tree}/traits.json",
+        branches="results/{tree}/branches.csv",
+        skeleton="results/{tree}/skeleton.graphml",
+        scale=photo_only("results/{tree}/scale.json"),
+        photo_check=photo_only("results/{tree}/photo_check.json"),
+        code=code("compare_measures"),
+    output:
+        measures=ensure("results/{tree}/measures.json", non_empty=True),
+    log:
+        "logs/compare_measures/{tree}.log",
+    benchmark:
+        "benchmarks/compare_measures/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(1000),
+        runtime=10,
+        gpu=0,
+    params:
+        tree=row("tree"),
+        rows=lambda wildcards: measures_of(wildcards.tree),
+    message:
+        "{wildcards.tree}: compare with hand measurements"
+    script:
+        "../../scripts/compare_measures.py"

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import cherrypicker
+from cherrypicker.report.accuracy import accuracy_section
 from cherrypicker.report.advice import advice_for
 from cherrypicker.report.branches import branch_facts, branch_table
 from cherrypicker.report.cameras import camera_views
@@ -88,6 +89,7 @@ def render_report(
         date=about["date"],
         seed=seed,
     )
+    measured = data["measures"]["measures"] if data["measures"] else ()
     return page_template("report.html.j2").render(
         tree=about["tree"],
         lead=_lead(about, unit, data),
@@ -106,6 +108,7 @@ def render_report(
         n_points=f"{len(cloud):,}",
         figures=[_embedded(width_px, *figure) for figure in figures],
         verdict=verdict,
+        accuracy=accuracy_section([("", "", pair) for pair in measured]),
         stages=sections,
         files=_FILES,
         version=cherrypicker.__version__,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +15,9 @@ if TYPE_CHECKING:
     import jinja2
 
 
+_THUMBNAIL_PX, _THUMBNAIL_COLORS = (120, 120), 32  # some 3 kB a tree
+
+
 def page_template(name: str) -> jinja2.Template:
     """Return a page's template; all text that goes into it is escaped."""
     import jinja2  # every run of Snakemake imports this module, and few write a page
@@ -20,6 +25,22 @@ def page_template(name: str) -> jinja2.Template:
     loader = jinja2.FileSystemLoader(Path(__file__).resolve().parent)
     pages = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
     return pages.get_template(name)
+
+
+def thumbnail_url(path: Path) -> str:
+    """Return a picture as a small data URL; empty where there is none to be read."""
+    if not path.is_file():
+        return ""
+    from PIL import Image  # as above
+
+    try:
+        with Image.open(path) as picture:
+            picture.thumbnail(_THUMBNAIL_PX, Image.Resampling.BOX, reducing_gap=1.0)
+            stream = io.BytesIO()
+            picture.convert("RGB").quantize(_THUMBNAIL_COLORS).save(stream, "PNG")
+    except OSError:
+        return ""
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
 def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> str:
@@ -46,3 +67,11 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
         return f"{value:,.{decimals}f} {name}"
     digits = max(decimals, min(decimals + 1, 1 - math.floor(math.log10(spread))))
     return f"{value:,.{digits}f} ± {spread:,.{digits}f} {name}"
+
+
+def axis_ticks(low: float, high: float, most: int = 6) -> list[float]:
+    """Return round numbers between two ends, at most so many."""
+    step = 10.0 ** math.floor(math.log10((high - low) / most))
+    step *= next(each for each in (1, 2, 5, 10) if (high - low) / (each * step) <= most)
+    first, last = math.ceil(low / step), math.floor(high / step)
+    return [round(index * step, 12) for index in range(first, last + 1)]

@@ -71,6 +71,7 @@ FILES = {
     "coverage": _File(read_json, "dense/coverage.json"),
     "edits": _File(_text, "hand corrections that the skeleton holds"),
     "photo_check": _File(read_json, "photo_check.json"),
+    "measures": _File(read_json, "measures.json of a tree that was measured by hand"),
     "worst_photo": _File(_bytes, "photo_check/worst.jpg"),
     "best_photo": _File(_bytes, "photo_check/best.jpg"),
 }

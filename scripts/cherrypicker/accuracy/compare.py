@@ -1,0 +1,194 @@
+"""A tree's hand measurements, each beside what we measured there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cherrypicker.accuracy.measures import Measure
+from cherrypicker.accuracy.places import TOLERANCE_M, Place, Places
+from cherrypicker.files import rounded
+from cherrypicker.skeleton import Skeleton, axes
+from cherrypicker.traits.branch_intervals import Z90, diameter_interval, typical_scatter
+
+# A trunk diameter was measured at the height of a section if it lies this close, m
+_SAME_HEIGHT_M = 0.005
+# A value is told as one of another unit, or as a girth, where it is off by more than half and
+# would be off by less than a fifth there (guesses)
+_FAR_OFF, _CLOSE = 0.5, 0.2
+# A level half-line that runs through more of a branch than this, m, does not tell the place (guess)
+_LONG_M = 0.2
+_NUMBERS = ("ours", "low", "high")
+_NO_SCALE = "the scan has no scale"
+
+
+class MeasuredTree:
+    """What a tree's own files say, for its hand measurements."""
+
+    def __init__(
+        self,
+        traits: Mapping,
+        branches: Sequence[Mapping],
+        skeleton: Skeleton,
+        *,
+        scale: Mapping | None = None,
+        photo_check: Mapping | None = None,
+    ) -> None:
+        """Take in the files.
+
+        Parameters
+        ----------
+        traits, branches
+            ``traits.json`` and the rows of ``branches.csv``.
+        skeleton : Skeleton
+            That both were measured on.
+        scale, photo_check : mapping, optional
+            ``scale.json`` and ``photo_check.json`` of a scan from photos.
+        """
+        self.traits, self.branches, self.skeleton = traits, branches, skeleton
+        foot = traits.get("foot") or skeleton.points[0].tolist()
+        self.places = Places(skeleton, axes(skeleton), foot[2])
+        self.typical = typical_scatter(skeleton)
+        self.scale_error = 0.0
+        if scale and scale.get("scale") and scale.get("scale_std"):
+            self.scale_error = scale["scale_std"] / scale["scale"]
+        # Photos that were surer than the points scaled the whole branch (`traits.branches`)
+        self.by_photos = {
+            row["branch_id"]: row["diameter"] / row["tube_diameter"]
+            for row in (photo_check or {}).get("branches", ())
+            if branches[row["branch_id"]].get("photo_diameter_m") is not None
+        }
+
+    def pair(self, measure: Measure) -> dict:
+        """Return one hand measurement beside ours.
+
+        Returns
+        -------
+        dict
+            ``trait``, ``unit``, ``hand``, ``given``, ``who``, ``note``, ``line``, ``place`` (in
+            words) and what `_ours` found: ``ours``, ``low`` and ``high`` (its 90 % interval) or
+            None, ``branch_id`` or None; ``problem`` where there is none of ours, ``doubts``.
+        """
+        quantity = measure.quantity
+        found: dict[str, Any] = dict.fromkeys((*_NUMBERS, "branch_id"))
+        found |= {"problem": "", "doubts": []} | self._ours(measure)
+        found |= {name: rounded(found[name]) for name in _NUMBERS if found[name] is not None}
+        found["doubts"] = [*found["doubts"], *_unit_doubts(measure, found["ours"])]
+        return {
+            "trait": quantity.name,
+            "unit": quantity.unit,
+            "hand": rounded(measure.value),
+            "given": measure.given,
+            "who": measure.who,
+            "note": measure.note,
+            "line": measure.line,
+            "place": _place_text(measure),
+            **found,
+        }
+
+    def _ours(self, measure: Measure) -> dict:
+        quantity = measure.quantity
+        if self.skeleton.unit != "m" and quantity.unit not in ("1", "deg"):
+            return {"problem": _NO_SCALE}
+        if quantity.is_on_branch:
+            return self._on_branch(measure)
+        if quantity.name == "trunk_diameter_m" and "height_m" in measure.place:
+            return self._trunk_at(measure.place["height_m"])
+        return self._trait(quantity.name)
+
+    def _trait(self, name: str) -> dict:
+        value = self.traits.get(name)
+        if value is None:
+            return {"problem": "this tree has no such trait"}
+        low, high = self.traits.get(f"{name}_ci90") or (None, None)
+        return {"ours": value, "low": low, "high": high}
+
+    def _trunk_at(self, height: float) -> dict:
+        """The section at that height where one was measured, else the skeleton's trunk there."""
+        if abs(height - self.traits["trunk_height_m"]) <= _SAME_HEIGHT_M:
+            return self._trait("trunk_diameter_m")
+        for at, value in self.traits.get("trunk_diameters", {}).items():
+            if abs(height - float(at)) <= _SAME_HEIGHT_M:
+                error = self.traits.get("trunk_diameters_se", {}).get(at)
+                half = Z90 * error if error else None
+                return {"ours": value} | ({} if half is None else _around(value, half))
+        place = self.places.on_trunk(height)
+        if place is None:
+            return {"problem": f"the trunk ends below {height:g} m"}
+        return self._diameter(place)
+
+    def _on_branch(self, measure: Measure) -> dict:
+        place = self._place(measure)
+        if place is None:
+            return {"problem": f"no branch within {100 * TOLERANCE_M:.0f} cm of the place"}
+        doubts = []
+        if place.rivals:
+            others = ", ".join(map(str, place.rivals))
+            doubts.append(f"it may be on branch {others} as well; give distance_m, or a point")
+        quantity = measure.quantity
+        if place.stretch > _LONG_M and quantity.at_place:
+            doubts.append("the branch runs along that azimuth; give distance_m, or a point")
+        if quantity.at_place:
+            return self._diameter(place) | {"doubts": doubts}
+        row = self.branches[place.branch]
+        stem = quantity.column.rpartition("_")
+        low, high = (row.get(f"{stem[0]}_{end}_{stem[2]}") for end in ("low", "high"))
+        found = {"ours": row[quantity.column], "low": low, "high": high}
+        return found | {"branch_id": place.branch, "doubts": doubts}
+
+    def _place(self, measure: Measure) -> Place | None:
+        if measure.point is not None:
+            return self.places.at_point(np.array(measure.point))
+        height, azimuth = measure.place["height_m"], measure.place["azimuth_deg"]
+        if "distance_m" not in measure.place:
+            return self.places.towards(height, azimuth)
+        distance = measure.place["distance_m"]
+        return self.places.at_point(self.places.point_of(height, azimuth, distance))
+
+    def _diameter(self, place: Place) -> dict:
+        """The skeleton's diameter at a place, as the photos scaled it, with its 90 % interval."""
+        factor = self.by_photos.get(place.branch)
+        value = place.diameter * (factor or 1.0)
+        found = {"ours": value, "branch_id": place.branch}
+        row = self.branches[place.branch]
+        if factor is not None and row["base_diameter_high_m"] is not None:
+            half = (row["base_diameter_high_m"] - row["base_diameter_m"]) / row["base_diameter_m"]
+            return found | _around(value, half * value)
+        if self.typical is None:
+            return found
+        fields, node = self.skeleton.fields, place.node
+        scatter = float(fields["residual"][node]) or self.typical
+        error = float(fields["radius_error"][node])
+        low, high = diameter_interval(value, error, scatter, self.scale_error)
+        return found | {"low": float(low), "high": float(high)}
+
+
+def _around(value: float, half: float) -> dict:
+    return {"low": max(value - half, 0.0), "high": value + half}
+
+
+def _unit_doubts(measure: Measure, ours: float | None) -> list[str]:
+    """What else a value that is far off would fit: another unit, or a girth."""
+    if not ours or not measure.value or abs(measure.value / ours - 1.0) <= _FAR_OFF:
+        return []
+    fits = [
+        unit
+        for unit, factor in measure.quantity.units.items()
+        if abs(measure.number * factor / ours - 1.0) < _CLOSE
+    ]
+    doubts = [f"{measure.given} would fit in {unit}: check the unit" for unit in fits]
+    if "diameter" in measure.quantity.name and abs(measure.value / np.pi / ours - 1.0) < _CLOSE:
+        doubts.append(f"{measure.given} would fit as a girth: divide it by pi")
+    return doubts
+
+
+def _place_text(measure: Measure) -> str:
+    place = measure.place
+    if measure.point is not None:
+        return "at ({:.2f}, {:.2f}, {:.2f})".format(*measure.point)
+    parts = [f"{place['height_m']:g} m high"] if "height_m" in place else []
+    parts += [f"towards {place['azimuth_deg']:g}°"] if "azimuth_deg" in place else []
+    parts += [f"{place['distance_m']:g} m out"] if "distance_m" in place else []
+    return ", ".join(parts)

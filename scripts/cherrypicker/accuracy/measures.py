@@ -1,0 +1,175 @@
+"""The table of hand measurements, ``config/measures.csv``: one row a measurement.
+
+Read by Snakemake's main process at every start, so nothing heavy is imported.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import io
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from cherrypicker.accuracy.quantities import NAMES, QUANTITIES, Quantity, known_unit, sensible_units
+from cherrypicker.errors import StageError
+
+CONFIG_KEY = "measures"
+_NEEDED = ("tree", "trait", "value", "unit")
+_POINT = ("x_m", "y_m", "z_m")
+_PLACE = ("height_m", "azimuth_deg", "distance_m", *_POINT)
+COLUMNS = (*_NEEDED, "who", *_PLACE, "date", "note")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One row of the table."""
+
+    tree: str
+    quantity: Quantity
+    number: float  # as it stands in the table
+    unit: str  # there, as `cherrypicker.accuracy.quantities.UNITS` spells it
+    who: str
+    note: str
+    # height_m, azimuth_deg, distance_m, x_m, y_m, z_m: those that are given
+    place: Mapping[str, float]
+    line: int  # of the file
+
+    @property
+    def value(self) -> float:
+        """The measured value in the quantity's own unit."""
+        return self.number * self.quantity.units[self.unit]
+
+    @property
+    def given(self) -> str:
+        """Number and unit, for people."""
+        return f"{self.number:g}" if self.unit == "1" else f"{self.number:g} {self.unit}"
+
+    @property
+    def point(self) -> tuple[float, float, float] | None:
+        """The place as a point of ``segmented.ply``; None where it is told otherwise."""
+        if not set(_POINT) <= self.place.keys():
+            return None
+        x, y, z = (self.place[name] for name in _POINT)
+        return x, y, z
+
+
+def read_measures(path: str | os.PathLike, *, may_miss: bool = False) -> list[Measure]:
+    """Read and check the table of hand measurements.
+
+    Columns are separated by commas, semicolons or tabs; with the latter two a decimal comma is
+    allowed. A byte order mark, blank lines and lines that start with ``#`` are allowed.
+
+    Parameters
+    ----------
+    may_miss : bool, default False
+        Take a file that is not there as one without rows.
+
+    Raises
+    ------
+    StageError
+        For an unknown or missing column, trait or unit, a value that is no number or makes sense
+        in another unit only, or a place that is not whole; the message names the line.
+    """
+    if may_miss and not Path(path).exists():
+        return []
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        cause = f"the table of hand measurements cannot be read ({error.strerror})"
+        raise StageError(cause, file=path, key=CONFIG_KEY) from error
+    except UnicodeDecodeError as error:
+        cause = "the table of hand measurements is not UTF-8"
+        raise StageError(cause, file=path, key=CONFIG_KEY) from error
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip(" \t,;") and not line.startswith("#")
+    ]
+    if not lines:
+        return []
+    separator = max(",;\t", key=lines[0][1].count)
+    rows = list(csv.reader(io.StringIO("\n".join(line for _, line in lines)), delimiter=separator))
+    header = [name.strip() for name in rows[0]]
+    _check_header(header, path)
+    found = []
+    for (number, _), cells in zip(lines[1:], rows[1:], strict=True):
+        row = dict.fromkeys(COLUMNS, "") | {
+            name: cell.strip() for name, cell in zip(header, cells, strict=False)
+        }
+        try:
+            found.append(_measure(row, number, has_comma=separator != ","))
+        except _RowError as error:
+            cause = f"line {number}, tree {row['tree']!r}: {error}"
+            raise StageError(cause, file=path, key=error.column) from None
+    return found
+
+
+class _RowError(Exception):
+    """What is wrong with a row, and in which column."""
+
+    def __init__(self, column: str, reason: str) -> None:
+        super().__init__(reason)
+        self.column = column
+
+
+def _check_header(header: list[str], path: str | os.PathLike) -> None:
+    for name in header:
+        if name not in COLUMNS:
+            near = difflib.get_close_matches(name, COLUMNS, n=1, cutoff=0.0)[0]
+            cause = f"unknown column {name!r}; did you mean {near!r}?"
+            raise StageError(cause, file=path, key=name)
+    for name in _NEEDED:
+        if name not in header:
+            raise StageError(f"the column {name!r} is missing", file=path, key=name)
+
+
+def _measure(row: dict[str, str], line: int, *, has_comma: bool) -> Measure:
+    if not row["tree"]:
+        raise _RowError("tree", "no tree is named")
+    quantity = _quantity(row["trait"])
+    number, unit = _number(row, "value", has_comma), known_unit(row["unit"])
+    if unit not in quantity.units:
+        known = ", ".join(quantity.units)
+        reason = f"{row['unit']!r} is no unit of {quantity.name}; it may be in {known}"
+        raise _RowError("unit", reason)
+    place = {name: _number(row, name, has_comma) for name in _PLACE if row[name]}
+    _check_place(quantity, place)
+    measure = Measure(row["tree"], quantity, number, unit, row["who"], row["note"], place, line)
+    if not quantity.low <= measure.value <= quantity.high:
+        better = " or ".join(sensible_units(quantity, number))
+        hint = f"; was it measured in {better}?" if better else ""
+        reason = f"{measure.given} makes no sense as {quantity.title.lower()}{hint}"
+        raise _RowError("unit" if better else "value", reason)
+    return measure
+
+
+def _quantity(name: str) -> Quantity:
+    if name in NAMES:
+        return NAMES[name]
+    near = difflib.get_close_matches(name, QUANTITIES, n=1, cutoff=0.0)[0]
+    raise _RowError("trait", f"unknown trait {name!r}; did you mean {near!r}?")
+
+
+def _number(row: dict[str, str], column: str, has_comma: bool) -> float:
+    text = row[column].replace(",", ".") if has_comma else row[column]
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise _RowError(column, f"{column} is {row[column]!r}, which is no number")
+    return value
+
+
+def _check_place(quantity: Quantity, place: Mapping[str, float]) -> None:
+    given = [name for name in _POINT if name in place]
+    if given and len(given) < len(_POINT):
+        raise _RowError(given[0], "a point needs x_m, y_m and z_m")
+    by_direction = "height_m" in place and "azimuth_deg" in place
+    if quantity.is_on_branch and not given and not by_direction:
+        reason = f"{quantity.name} needs its place: x_m, y_m and z_m, or height_m and azimuth_deg"
+        raise _RowError("height_m", reason)

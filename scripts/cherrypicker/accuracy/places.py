@@ -1,0 +1,125 @@
+"""Which branch a hand measurement was taken on, and how thick the skeleton is there.
+
+A place is a point on the bark, or the height over the stem's foot and the azimuth, seen from the
+stem, where the calliper was put (with its distance from the stem, that is a point).
+
+- A point belongs to the branch whose surface is nearest to it, inside or outside.
+- A height and an azimuth are a level half-line from the stem's axis outwards. Of the branches
+  whose surface comes within the tolerance to it, it means those of the lowest order, of these the
+  nearest.
+
+The diameter is the skeleton's at the foot of the perpendicular, between its nodes linear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cherrypicker.skeleton import Axis, Skeleton, axis_of_node
+
+#: Farthest that a branch's surface may lie from a place, m: what an azimuth told to 5 degrees and a
+#: height told to a decimetre leave open on a limb 1 m from the stem (a guess).
+TOLERANCE_M = 0.10
+_LEVEL_M = 1e-6  # of rounding
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a measurement lies on the skeleton."""
+
+    branch: int  # number of the axis
+    gap: float  # between the place and the branch's surface, m; negative inside
+    diameter: float
+    node: int  # outer end of the edge that it lies on
+    rivals: tuple[int, ...] = ()  # branches of the same order that the place may mean as well
+    stretch: float = 0.0  # how much of the branch a half-line runs through, m
+
+
+class Places:
+    """A skeleton that places are looked up on."""
+
+    def __init__(self, skeleton: Skeleton, axis_list: list[Axis], foot_z: float) -> None:
+        self.skeleton, self.foot_z, self.trunk = skeleton, foot_z, axis_list[0]
+        self.stem_radius = float(np.median(skeleton.radius[self.trunk.nodes]))
+        self.order = np.array([axis.order for axis in axis_list])
+        owner, parent = axis_of_node(skeleton, axis_list), skeleton.parent
+        inner = parent[1:]
+        self.branch = owner[1:]
+        self.start = skeleton.points[inner]
+        self.step = skeleton.points[1:] - self.start
+        # Where a branch begins its parent's radius is not its own
+        is_first = owner[inner] != self.branch
+        self.radius_start = np.where(is_first, skeleton.radius[1:], skeleton.radius[inner])
+        self.radius_step = skeleton.radius[1:] - self.radius_start
+
+    def at_point(self, point: np.ndarray) -> Place | None:
+        """Return the place nearest to a point, (3,); None beyond the tolerance."""
+        square = np.maximum(np.einsum("ij,ij->i", self.step, self.step), 1e-18)
+        share = np.einsum("ij,ij->i", point - self.start, self.step) / square
+        share = np.clip(share, 0.0, 1.0)
+        offset = point - self.start - share[:, None] * self.step
+        gap = np.linalg.norm(offset, axis=1) - self._radius(share)
+        edge = np.argmin(gap)
+        return self._place(edge, share, gap) if gap[edge] <= TOLERANCE_M else None
+
+    def towards(self, height: float, azimuth_deg: float) -> Place | None:
+        """Return the place on a level half-line from the stem outwards; None beyond the tolerance.
+
+        Parameters
+        ----------
+        height : float
+            Over the stem's foot, m.
+        azimuth_deg : float
+            From +x towards +y.
+        """
+        origin, outwards = self._half_line(height, azimuth_deg)
+        share = self._level_share(origin[2])
+        offset = self.start + share[:, None] * self.step - origin
+        along = offset @ outwards
+        gap = np.linalg.norm(offset - along[:, None] * outwards, axis=1) - self._radius(share)
+        order = self.order[self.branch]
+        near = np.flatnonzero((gap <= TOLERANCE_M) & (along > self.stem_radius) & (order > 0))
+        if not len(near):
+            return None
+        near = near[order[near] == order[near].min()]
+        edge = near[np.argmin(gap[near])]
+        rivals = set(self.branch[near].tolist()) - {int(self.branch[edge])}
+        touched = along[(self.branch == self.branch[edge]) & (gap <= 0)]
+        place = self._place(edge, share, gap)
+        stretch = float(np.ptp(touched)) if len(touched) else 0.0
+        return replace(place, rivals=tuple(sorted(rivals)), stretch=stretch)
+
+    def on_trunk(self, height: float) -> Place | None:
+        """Return the place on the trunk at a height over its foot; None where it ends below."""
+        share = self._level_share(self.foot_z + height)
+        rise = np.abs(self.start[:, 2] + share * self.step[:, 2] - self.foot_z - height)
+        rise[self.order[self.branch] > 0] = np.inf
+        edge = np.argmin(rise)
+        return self._place(edge, share, np.zeros(len(share))) if rise[edge] < _LEVEL_M else None
+
+    def point_of(self, height: float, azimuth_deg: float, distance: float) -> np.ndarray:
+        """Return the point, (3,), at a height, azimuth and level distance from the stem's axis."""
+        origin, outwards = self._half_line(height, azimuth_deg)
+        return origin + distance * outwards
+
+    def _half_line(self, height: float, azimuth_deg: float) -> tuple[np.ndarray, np.ndarray]:
+        """Start on the trunk's axis (above its end, over the end) and direction."""
+        points = self.skeleton.points[self.trunk.nodes]
+        z = self.foot_z + height
+        at = points[np.argmin(np.abs(points[:, 2] - z))]
+        angle = np.radians(azimuth_deg)
+        return np.array([at[0], at[1], z]), np.array([np.cos(angle), np.sin(angle), 0.0])
+
+    def _level_share(self, z: float) -> np.ndarray:
+        """How far along each edge it is nearest to a height, (n_edges,) in [0, 1]."""
+        rise = np.where(np.abs(self.step[:, 2]) < 1e-9, 1e-9, self.step[:, 2])
+        return np.clip((z - self.start[:, 2]) / rise, 0.0, 1.0)
+
+    def _radius(self, share: np.ndarray) -> np.ndarray:
+        return self.radius_start + share * self.radius_step
+
+    def _place(self, edge: np.integer, share: np.ndarray, gap: np.ndarray) -> Place:
+        diameter = 2.0 * float(self._radius(share)[edge])
+        return Place(int(self.branch[edge]), float(gap[edge]), diameter, int(edge) + 1)
