@@ -17,45 +17,168 @@ class Trait:
     title: str  # its name on the pages
     power: int | None = 1  # of the length unit; None for a count or a share
     decimals: int = 3  # shown at least, in metric units; a small error adds some
-    # is_shown, is_charted: a row of the report and a column of the batch; a chart over a series'
-    # dates
-    is_shown: bool = False
-    is_charted: bool = False
+    is_shown: bool = False  # a row of the report, a column and a chart of the batch
     has_error: bool = False  # with a standard error and a 90 % interval where they can be had
     has_error_column: bool = False  # the standard error is a column of ``traits.csv`` as well
+    definition: str = ""  # for the dictionary of ``traits.csv``; docs/traits.md says more
 
     @property
     def is_cm2(self) -> bool:
         """In square centimetres where there is a scale, else in 1e-4 square units."""
         return self.name.endswith("_cm2")
 
+    @property
+    def unit(self) -> str:
+        """Its unit in a scan with a scale, as the tables spell it; "1" for a count or a share."""
+        return "cm2" if self.is_cm2 else {None: "1", 1: "m", 2: "m2", 3: "m3"}[self.power]
+
+    @property
+    def is_count(self) -> bool:
+        """Whether it is a whole number."""
+        return self.power is None and self.decimals == 0
+
 
 _SHOWN = {"is_shown": True}
 _SURE = {"is_shown": True, "has_error": True}
 _ROWS = (
-    Trait("height_m", "Height", is_charted=True, has_error_column=True, **_SURE),
     Trait(
-        "trunk_diameter_m", "Trunk diameter", 1, 4, is_charted=True, has_error_column=True, **_SURE
+        "height_m",
+        "Height",
+        **_SURE,
+        has_error_column=True,
+        definition="third highest wood point that the skeleton supports, or the likely end of a "
+        "shoot that reaches higher, over the stem's foot",
     ),
-    Trait("trunk_height_m", "Height of that diameter", 1, 2, **_SHOWN),
-    Trait("tcsa_cm2", "Trunk cross-section area", 2, 1, has_error_column=True, **_SURE),
-    Trait("crown_width_m", "Crown width", **_SURE),
-    Trait("crown_volume_m3", "Crown volume", 3, 3, is_charted=True, **_SURE),
-    Trait("crown_projected_area_m2", "Projected area of the crown", 2),
-    Trait("crown_alpha_m", "Widest hollow of the alpha volume"),
-    Trait("crown_alpha_volume_m3", "Alpha volume of the crown", 3),
-    Trait("total_length_m", "Total length of wood", 1, 2, is_charted=True, **_SHOWN),
-    Trait("n_junctions", "Junctions", None, 0, **_SHOWN),
-    Trait("n_tips", "Tips", None, 0, **_SHOWN),
-    Trait("wood_volume_m3", "Volume of wood", 3),
-    Trait("n_shoots", "Shoots", None, 0),
-    Trait("mean_shoot_length_m", "Mean length of shoots"),
-    Trait("lateral_spacing_m", "Spacing of laterals"),
-    Trait("trunk_end_height_m", "Height of the trunk's end", 1, 2),
-    Trait("photo_precision", "Skeleton that the photos do not refute, share", None, 3, **_SHOWN),
-    Trait("photo_recall", "Thin wood of the photos in the skeleton, share", None, 3, **_SHOWN),
-    Trait("photo_sky_share", "Skeleton with sky behind it in the photos, share", None, 2),
-    Trait("n_photos", "Photos that judge the skeleton", None, 0),
+    Trait(
+        "trunk_diameter_m",
+        "Trunk diameter",
+        decimals=4,
+        **_SURE,
+        has_error_column=True,
+        definition="diameter of the circle of the area that the outline of the stem's points "
+        "encloses in a slab across its axis, at trunk_height_m",
+    ),
+    Trait(
+        "trunk_height_m",
+        "Height of that diameter",
+        decimals=2,
+        **_SHOWN,
+        definition="height over the stem's foot at which the trunk diameter is measured",
+    ),
+    Trait(
+        "tcsa_cm2",
+        "Trunk cross-section area",
+        2,
+        1,
+        **_SURE,
+        has_error_column=True,
+        definition="pi / 4 times the square of the trunk diameter",
+    ),
+    Trait(
+        "crown_width_m",
+        "Crown width",
+        **_SURE,
+        definition="mean of the crown's widest horizontal extent and the one across it, with the "
+        "likely ends of its shoots",
+    ),
+    Trait(
+        "crown_volume_m3",
+        "Crown volume",
+        3,
+        **_SURE,
+        definition="convex hull of the crown's points (all but the stem below its first fork), "
+        "with the likely ends of its shoots",
+    ),
+    Trait(
+        "crown_projected_area_m2",
+        "Projected area of the crown",
+        2,
+        definition="convex hull of the crown's points seen from above",
+    ),
+    Trait(
+        "crown_alpha_m",
+        "Widest hollow of the alpha volume",
+        definition="largest circumsphere's radius of the tetrahedra of the alpha volume",
+    ),
+    Trait(
+        "crown_alpha_volume_m3",
+        "Alpha volume of the crown",
+        3,
+        definition="tetrahedra of the crown's Delaunay mesh whose circumspheres' radius is at most "
+        "crown_alpha_m",
+    ),
+    Trait(
+        "total_length_m",
+        "Total length of wood",
+        decimals=2,
+        **_SHOWN,
+        definition="length of the skeleton",
+    ),
+    Trait(
+        "n_junctions",
+        "Junctions",
+        None,
+        0,
+        **_SHOWN,
+        definition="nodes of the skeleton above its root where branches part",
+    ),
+    Trait("n_tips", "Tips", None, 0, **_SHOWN, definition="ends of the skeleton"),
+    Trait(
+        "wood_volume_m3",
+        "Volume of wood",
+        3,
+        definition="sum of the cone frusta between the nodes of each axis",
+    ),
+    Trait("n_shoots", "Shoots", None, 0, definition="side axes"),
+    Trait(
+        "mean_shoot_length_m",
+        "Mean length of shoots",
+        definition="mean way of the side axes from their last lateral to their tip",
+    ),
+    Trait(
+        "lateral_spacing_m",
+        "Spacing of laterals",
+        definition="median over the axes of the median way between successive laterals",
+    ),
+    Trait(
+        "trunk_end_height_m",
+        "Height of the trunk's end",
+        decimals=2,
+        definition="where the trunk's axis ends, over the stem's foot",
+    ),
+    Trait(
+        "photo_precision",
+        "Skeleton that the photos do not refute, share",
+        None,
+        3,
+        **_SHOWN,
+        definition="share of the skeleton's judged length that the photos do not refute; scans "
+        "from photos alone",
+    ),
+    Trait(
+        "photo_recall",
+        "Thin wood of the photos in the skeleton, share",
+        None,
+        3,
+        **_SHOWN,
+        definition="length of skeleton that the photos confirm, over that and the length of thin "
+        "wood that they show before the sky and it lacks; scans from photos alone",
+    ),
+    Trait(
+        "photo_sky_share",
+        "Skeleton with sky behind it in the photos, share",
+        None,
+        2,
+        definition="share of the skeleton's length that stands before the sky in the photos, where "
+        "they can judge it; scans from photos alone",
+    ),
+    Trait(
+        "n_photos",
+        "Photos that judge the skeleton",
+        None,
+        0,
+        definition="photos that judge the skeleton; scans from photos alone",
+    ),
 )
 #: Name to trait, in the pages' order.
 TRAITS = {trait.name: trait for trait in _ROWS}
