@@ -1,7 +1,8 @@
-"""Write the table and the page over all trees of the batch.
+"""Write the tables and the page over all trees of the batch.
 
-Reads every tree's traits.json below the results folder and the failures below the logs folder,
-writes traits.csv and summary.html. Example:
+Reads every tree's traits.json and measures.json below the results folder, the failures below the
+logs folder and what jobs took below the benchmarks folder; writes traits.csv, beside it
+measures.csv, accuracy.csv and datapackage.json, and summary.html. Example:
 
     python scripts/summarise_batch.py --trees cherry_1 cherry_2 --table results/traits.csv \\
         --page results/summary.html
@@ -23,6 +24,7 @@ def main(
     series: Annotated[Sequence[str], "series of each tree's scan"] = (),
     results: Annotated[str, "folder of the results"] = "results",
     logs: Annotated[str, "folder of the logs"] = "logs",
+    benchmarks: Annotated[str, "folder of the benchmarks"] = "benchmarks",
 ) -> None:
     dates, series = dates or [""] * len(trees), series or [""] * len(trees)
     if not len(trees) == len(dates) == len(series):
@@ -31,7 +33,7 @@ def main(
         {"tree": tree, "date": date, "series": name}
         for tree, date, name in zip(trees, dates, series, strict=True)
     ]
-    summarise(rows, results, logs, table, page)
+    summarise(rows, results, logs, table, page, benchmarks)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from cherrypicker.batch.summary import collect_results, summarise
+from cherrypicker.traits.table import TRAITS as TABLE
 
 TRAITS = {"unit": "m", "height_m": 3.1234, "height_m_se": 0.01, "n_tips": 31, "flags": ["low: x"]}
 
@@ -32,12 +33,17 @@ def batch(tmp_path):
     def run(*trees):
         rows = [tree if isinstance(tree, dict) else {"tree": tree} for tree in trees]
         out = tmp_path / "traits.csv", tmp_path / "summary.html"
-        summarise(rows, results, logs, *out)
+        summarise(rows, results, logs, *out, tmp_path / "benchmarks")
         with open(out[0], newline="") as stream:
             return list(csv.DictReader(stream)), out[1].read_text()
 
     run.add_traits, run.add_failure, run.root = add_traits, add_failure, tmp_path
     return run
+
+
+def island(page):
+    """The numbers behind the page's charts."""
+    return json.loads(page.partition('id="batch">')[2].partition("</script>")[0])
 
 
 def test_done_failed_and_not_run(batch):
@@ -61,9 +67,12 @@ def test_done_failed_and_not_run(batch):
 
 def test_data_is_escaped(batch):
     batch.add_failure("bad", "estimate_scale", cause="<script>alert(1)</script>", file="<b>.jpg")
-    _, page = batch("bad")
-    assert "<script>" not in page
-    assert "&lt;script&gt;" in page
+    hostile = "</script><img src=x onerror=alert(2)>"
+    _, page = batch("bad", {"tree": hostile, "series": hostile})
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert" in page
+    assert "<img src=x" not in page
+    assert island(page)["trees"][1]["tree"] == hostile
 
 
 def test_numbers_of_a_tree_that_failed_again_are_not_shown(batch):
@@ -108,8 +117,14 @@ def test_unscaled_tree_has_units_and_no_metres(batch):
     rows, page = batch("tree")
     assert rows[0]["unit"] == "arbitrary"
     assert "3.123 ± 0.010 units" in page
-    assert "cm²" not in page
-    assert " m<" not in page
+    table = page[page.index("<tbody>") : page.index("</tbody>")]
+    assert "cm²" not in table
+    assert " m<" not in table
+    charted = island(page)
+    names = [trait["name"] for trait in charted["traits"]]
+    values = dict(zip(names, charted["trees"][0]["values"], strict=True))
+    assert values["height_m"] is None
+    assert values["n_tips"] == 31
 
 
 def test_series_over_dates(batch):
@@ -120,8 +135,64 @@ def test_series_over_dates(batch):
         {"tree": "spring", "date": "2026-03-01", "series": "row <1>"},
     )
     assert "row &lt;1&gt;" in page
-    assert "<svg" in page
-    assert page.index("2026-03-01: 3.123") < page.index("2026-10-01: 3.600")
+    autumn, spring = island(page)["trees"]
+    assert (autumn["date"], spring["date"]) == ("2026-10-01", "2026-03-01")
+    assert (autumn["values"][0], spring["values"][0]) == (3.6, 3.1234)
+    assert autumn["series"] == spring["series"] == "row <1>"
+
+
+def test_the_dictionary_names_every_column_with_its_unit(batch):
+    batch.add_traits("tree", tcsa_cm2=52.0, height_m_ci90=[3.1, 3.2])
+    rows, _ = batch("tree", "new")
+    package = json.loads((batch.root / "datapackage.json").read_text())
+    resource = package["resources"][0]
+    fields = {field["name"]: field for field in resource["schema"]["fields"]}
+    assert resource["path"] == "traits.csv"
+    assert list(fields) == list(rows[0])
+    assert (rows[0]["height_m_ci90_low"], rows[0]["height_m_ci90_high"]) == ("3.1", "3.2")
+    for name, trait in TABLE.items():
+        assert fields[name]["title"] == trait.title
+        assert fields[name]["unit"] == trait.unit
+        assert trait.unit == "1" or name.endswith(f"_{trait.unit}")
+        assert fields[name]["description"] == trait.definition != ""
+
+
+def test_the_columns_of_earlier_versions_keep_their_places(batch):
+    batch.add_traits("tree")
+    rows, _ = batch("tree")
+    before = "tree,status,failed_stage,cause,change,date,series,unit,height_m,trunk_diameter_m,"
+    before += "trunk_height_m,tcsa_cm2,crown_width_m,crown_volume_m3,total_length_m,n_junctions,"
+    before += (
+        "n_tips,photo_precision,photo_recall,height_m_se,trunk_diameter_m_se,tcsa_cm2_se,flags"
+    )
+    assert ",".join(rows[0]).startswith(before + ",")
+
+
+def test_jobs_are_summed_by_stage_in_the_order_of_the_stages(batch):
+    batch.add_traits("tree")
+    batch.add_traits("other")
+    for rule, tree, seconds in (("measure_traits", "tree", 30), ("fuse_depth", "tree", 90)):
+        folder = batch.root / "benchmarks" / rule
+        folder.mkdir(parents=True)
+        head = "s\tmax_rss\tcpu_time\n"
+        (folder / f"{tree}.tsv").write_text(f"{head}{seconds}\t2000\t60\n")
+        (folder / "stranger.tsv").write_text(f"{head}9999\t2000\t60\n")
+        (folder / "other.tsv").write_text(f"{head}NA\tNA\tNA\n")
+    _, page = batch("tree", "other")
+    jobs = {stage["rule"]: stage["jobs"] for stage in island(page)["stages"]}
+    assert jobs == {"fuse_depth": [[0, 90.0, 2.0]], "measure_traits": [[0, 30.0, 2.0]]}
+    assert list(jobs) == ["fuse_depth", "measure_traits"]
+    assert "1.5 min" in page
+    assert "9999" not in page
+
+
+def test_hand_measurements_that_cannot_be_read_hide_nothing(batch):
+    batch.add_traits("tree")
+    (batch.root / "results/tree/measures.json").write_text("[")
+    rows, page = batch("tree")
+    assert rows[0]["status"] == "done"
+    assert "Against hand measurements" not in page
+    assert len((batch.root / "accuracy.csv").read_text().splitlines()) == 1
 
 
 def test_second_writing_touches_nothing(batch):

@@ -85,6 +85,24 @@ def test_a_single_stage_can_be_forced(finished):
     assert set(re.findall(r"(?m)^(\w+) +(\d+)$", printed)) == {(stage, "2"), ("total", "2")}
 
 
+def test_hand_measurements_concern_their_tree_alone(finished):
+    table = finished.folder / "config/measures.csv"
+    one = "tree,trait,value,unit,who\na,height,118,cm,AB\n"
+    table.write_text(one + "elsewhere,height,2,m,AB\n")
+    assert finished.ran() == {*of_tree("a", "compare_measures", "report_tree"), SUMMARY}
+    assert "line 3 of config/measures.csv: no tree 'elsewhere'" in finished.printed
+    with open(finished.folder / "results/accuracy.csv", newline="") as stream:
+        ours = next(csv.DictReader(stream))
+    assert (ours["trait"], ours["n"]) == ("height_m", "1")
+    assert abs(float(ours["bias"])) < 0.1
+    assert "118 cm" in (finished.folder / "results/a/report.html").read_text()
+    table.write_text(one + "b,height,1.2,m,AB\n")
+    assert finished.planned() == {*of_tree("b", "compare_measures", "report_tree"), SUMMARY}
+    table.write_text(one + "b,height,1.2,kg,AB\n")
+    assert "line 3, tree 'b': 'kg' is no unit of height_m" in finished.run(fails=True)
+    table.write_text(one)
+
+
 def test_a_bad_tree_is_told_and_the_others_stay(finished):
     (finished.folder / "broken.ply").write_text("not a cloud")
     finished.table(*PAIR, "broken | broken.ply | ", "gone | gone.ply | ")

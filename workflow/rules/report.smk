@@ -29,6 +29,9 @@ rule report_tree:
         photo_check=photo_only("results/{tree}/photo_check.json"),
         worst_photo=photo_only("results/{tree}/photo_check/worst.jpg"),
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
+        measures=lambda wildcards: (
+            "results/{tree}/measures.json" if wildcards.tree in MEASURED_TREES else []
+        ),
         photos=lambda wildcards: (
             photos_of(wildcards) if TREES[wildcards.tree].is_photo_scan else []
         ),
@@ -40,6 +43,7 @@ rule report_tree:
             str(PROJECT / "scripts/cherrypicker/report/report.html.j2"),
             str(PROJECT / "scripts/cherrypicker/report/viewer.html.j2"),
             str(PROJECT / "scripts/cherrypicker/report/viewer.css"),
+            str(PROJECT / "scripts/cherrypicker/report/accuracy.html.j2"),
             str(PROJECT / "scripts/cherrypicker/report/style.css"),
             *viewer_modules(),
         ],
@@ -107,9 +111,13 @@ rule summarise_batch:
     input:
         traits=expand("results/{tree}/traits.json", tree=TREES),
         reports=expand("results/{tree}/report.html", tree=TREES),
+        measures=expand("results/{tree}/measures.json", tree=MEASURED_TREES),
         code=code("summarise_batch"),
         template=[
             str(PROJECT / "scripts/cherrypicker/report/summary.html.j2"),
+            str(PROJECT / "scripts/cherrypicker/report/summary.css"),
+            str(PROJECT / "scripts/cherrypicker/report/summary.js"),
+            str(PROJECT / "scripts/cherrypicker/report/accuracy.html.j2"),
             str(PROJECT / "scripts/cherrypicker/report/style.css"),
         ],
     output:
@@ -125,6 +133,9 @@ rule summarise_batch:
             category="Batch",
             labels={"what": "summary"},
         ),
+        measures="results/measures.csv",
+        accuracy="results/accuracy.csv",
+        dictionary="results/datapackage.json",
     log:
         "logs/summarise_batch.log",
     benchmark:

@@ -1,4 +1,4 @@
-"""The batch's table and page: every tree with its traits, or with the stage and cause of failure.
+"""The batch's tables and page: every tree with its traits, or with the stage and cause of failure.
 
 Called by Snakemake's ``onsuccess`` and ``onerror`` handlers inside the main process, so nothing
 heavy is imported here and no single broken file may keep the other trees from being listed.
@@ -6,25 +6,33 @@ heavy is imported here and no single broken file may keep the other trees from b
 
 from __future__ import annotations
 
-import csv
-import io
 import json
+import logging
 import os
 from datetime import datetime
 from pathlib import Path
 
+from cherrypicker.batch.benchmarks import read_benchmarks
+from cherrypicker.batch.stage_costs import PHOTO_STAGES
+from cherrypicker.batch.tables import (
+    ACCURACY_COLUMNS,
+    MEASURE_COLUMNS,
+    TRAIT_COLUMNS,
+    accuracy_rows,
+    csv_text,
+    data_package,
+    trait_row,
+)
 from cherrypicker.files import write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
-from cherrypicker.traits.table import TRAITS
+from cherrypicker.report.text import thumbnail_url
 
-_TRAIT_COLUMNS = (
-    *(trait.name for trait in TRAITS.values() if trait.is_shown),
-    *(f"{trait.name}_se" for trait in TRAITS.values() if trait.has_error_column),
-)
-_ABOUT = ("tree", "status", "failed_stage", "cause", "change", "date", "series", "unit")
-_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+logger = logging.getLogger(__name__)
+
 # Their failure says nothing against traits.json, which was finished before they started.
-_AFTER_TRAITS = frozenset({"report_tree", "summarise_batch"})
+_AFTER_TRAITS = frozenset({"compare_measures", "report_tree", "summarise_batch"})
+# Stages in the order in which a tree goes through them
+_ORDER = {rule: place for place, rule in enumerate(["import_cloud", *PHOTO_STAGES])}
 
 
 def summarise(
@@ -33,8 +41,12 @@ def summarise(
     logs_dir: str | os.PathLike,
     out_csv: str | os.PathLike,
     out_html: str | os.PathLike,
+    benchmarks_dir: str | os.PathLike = "benchmarks",
 ) -> None:
-    """Write the table and the page over all trees of the batch.
+    """Write the tables and the page over all trees of the batch.
+
+    Beside the table of traits lie ``measures.csv`` and ``accuracy.csv``, of hand measurements, and
+    ``datapackage.json``, which says what the columns of all three are.
 
     Files are only touched when their content changes, so that writing them after every run does
     not make anything out of date.
@@ -43,14 +55,26 @@ def summarise(
     ----------
     trees : list of dict
         Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used.
-    results_dir, logs_dir : path-like
-        ``results`` and ``logs`` of the run.
+    results_dir, logs_dir, benchmarks_dir : path-like
+        ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
-        Table and page to write.
+        Table of traits and page to write.
     """
     results = collect_results(trees, results_dir, logs_dir)
-    _write_if_changed(out_csv, summary_csv(results))
-    _write_if_changed(out_html, summary_html(results))
+    pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
+    tables = {
+        Path(out_csv).name: (TRAIT_COLUMNS, map(trait_row, results)),
+        "measures.csv": (MEASURE_COLUMNS, pairs),
+        "accuracy.csv": (ACCURACY_COLUMNS, accuracy_rows(pairs)),
+    }
+    for name, (columns, rows) in tables.items():
+        _write_if_changed(Path(out_csv).with_name(name), csv_text(columns, rows))
+    dictionary = data_package({name: columns for name, (columns, _) in tables.items()})
+    _write_if_changed(Path(out_csv).with_name("datapackage.json"), dictionary)
+    costs = read_benchmarks(benchmarks_dir, {result.tree for result in results})
+    stages = sorted(costs, key=lambda rule: _ORDER.get(rule, len(_ORDER)))
+    page = summary_html(results, {rule: costs[rule] for rule in stages})
+    _write_if_changed(out_html, page)
 
 
 def collect_results(
@@ -61,32 +85,13 @@ def collect_results(
     return [_result_of(row, results_dir, logs_dir) for row in trees]
 
 
-def summary_csv(results: list[TreeResult]) -> str:
-    """Return the batch's table as CSV with a header, one row a tree in the table's order."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([*_ABOUT, *_TRAIT_COLUMNS, "flags"])
-    for result in results:
-        numbers = [_number(result.traits.get(name)) for name in _TRAIT_COLUMNS]
-        row = [result.tree, result.status, result.stage, _inert(result.cause), _inert(result.key)]
-        row += [result.date, _inert(result.series), result.unit, *numbers]
-        row += [_inert("; ".join(result.flags))]
-        writer.writerow(row)
-    return stream.getvalue()
-
-
-def _inert(text: str) -> str:
-    """Return a text that no spreadsheet takes for a formula."""
-    return f"'{text}" if text.startswith(_FORMULA_STARTS) else text
-
-
 def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
     tree = str(row["tree"])
     result = TreeResult(tree, str(row.get("date") or ""), str(row.get("series") or ""))
     folder = results_dir / tree
-    for name, path in (("report", "report.html"), ("thumbnail", "figures/thumbnail.png")):
-        if (folder / path).is_file():
-            setattr(result, name, f"{tree}/{path}")
+    if (folder / "report.html").is_file():
+        result.report = f"{tree}/report.html"
+    result.thumbnail = thumbnail_url(folder / "figures/thumbnail.png")
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
     record = _failure(logs_dir / "status" / tree, traits_path if traits else None)
@@ -95,6 +100,7 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
     if record is None:
         if traits:
             result.status, result.traits = "done", traits
+            result.measures = _measures(folder / "measures.json")
         return result
     result.status = "interrupted" if record.get("state") == "running" else "failed"
     result.stage = str(record.get("rule") or "")
@@ -106,6 +112,14 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
     if result.stage in _AFTER_TRAITS and traits:
         result.traits = traits
     return result
+
+
+def _measures(path: Path) -> list[dict]:
+    """Return a tree's hand measurements beside ours; none where there is no such file."""
+    content, problem = _read_object(path)
+    if problem:
+        logger.warning("%s: %s", path, problem)
+    return content.get("measures", [])
 
 
 def _failure(status_dir: Path, traits_path: Path | None) -> dict | None:
@@ -143,12 +157,6 @@ def _read_object(path: Path) -> tuple[dict, str]:
     if not isinstance(content, dict) or not content:
         return {}, f"{path.name} holds no JSON object"
     return content, ""
-
-
-def _number(value: object) -> str:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return ""
-    return str(value) if isinstance(value, int) else f"{value:.6g}"
 
 
 def _write_if_changed(path: str | os.PathLike, text: str) -> None:

@@ -1,22 +1,39 @@
-"""The batch page: failures first, then the trees with their numbers, then series over dates.
+"""The batch page: failures, a table of all trees, outliers, charts, hand measurements, costs.
 
-Within each part the trees stand in the order of ``config/trees.tsv``.
+The table, the outliers and what follows are in the page as written; the charts are drawn in it from
+the same numbers by ``summary.js``, so that they follow the table's filter.
 """
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import date
+from pathlib import Path
+from statistics import median
+from typing import Any
+from urllib.parse import quote
 
+from cherrypicker.report.accuracy import accuracy_section
+from cherrypicker.report.outliers import (
+    FEWEST,
+    LIMIT,
+    Outlier,
+    line_through,
+    off_the_line,
+    outliers,
+)
 from cherrypicker.report.text import page_template, with_uncertainty
 from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_name
 
 _SHOWN = [t for t in TRAITS.values() if t.is_shown and t.name != "trunk_height_m"]
+# One size over another: wood and crown follow the stem (the allometry of a planting)
+_PAIRS = (("tcsa_cm2", "total_length_m"), ("tcsa_cm2", "crown_volume_m3"))
 _MANY_FLAGS = 6  # of a tree: more make the table hard to read
-# Of a chart, px: the plot, the line of dates below it, half a letter's height
-_LEFT, _TOP, _PLOT_WIDTH, _PLOT_HEIGHT, _DATES, _HALF_LETTER = 58, 26, 286, 118, 18, 4
-_PAD = 0.1  # of its range of values, left free above and below
+_DIGITS = 5  # significant, of the numbers behind the charts
+_STATUSES = ("failed", "interrupted", "not run", "done")  # as the table has them
 
 
 @dataclass
@@ -31,15 +48,16 @@ class TreeResult:
     status: str = "not run"
     # Content of ``traits.json``; empty where there is none or where it is out of date
     traits: dict = field(default_factory=dict)
+    # Hand measurements beside ours: the pairs of ``measures.json``
+    measures: list[dict] = field(default_factory=list)
     # stage, cause, file, key, log: of the failure; empty without one
     stage: str = ""
     cause: str = ""
     file: str = ""
     key: str = ""
     log: str = ""
-    # report, thumbnail: paths below the results folder; empty where the file is missing
-    report: str = ""
-    thumbnail: str = ""
+    report: str = ""  # path below the results folder; empty where the file is missing
+    thumbnail: str = ""  # picture as a data URL; empty where there is none
 
     @property
     def unit(self) -> str:
@@ -52,103 +70,199 @@ class TreeResult:
         flags = self.traits.get("flags", [])
         return [str(flag) for flag in flags] if isinstance(flags, list) else [str(flags)]
 
+    @property
+    def href(self) -> str:
+        """Link to the tree's page; empty where there is none."""
+        return quote(self.report)
 
-def summary_html(results: list[TreeResult]) -> str:
+    def number(self, trait: Trait) -> float | None:
+        """Return a trait that can stand beside other trees'; None without a scale."""
+        value = self.traits.get(trait.name)
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
+            return None
+        return value if self.unit == "m" or trait.power is None else None
+
+
+def summary_html(
+    results: Sequence[TreeResult], costs: Mapping[str, Mapping[str, Any]] | None = None
+) -> str:
     """Return the page over all trees.
+
+    Parameters
+    ----------
+    costs : mapping, optional
+        What jobs took, by stage and tree: each has ``wall_s``, ``cpu_s`` and ``memory_mb``.
 
     Returns
     -------
     str
-        HTML that needs no network; it links to the trees' reports beside it.
+        HTML that needs no other file; it links to the trees' reports beside it.
     """
-    failed = [r for r in results if r.status in ("failed", "interrupted")]
-    waiting = [r for r in results if r.status == "not run"]
-    done = [r for r in results if r.status == "done"]
-    counts = [f"{len(done)} of {len(results)} trees done"]
-    counts += [f"{len(failed)} failed"] if failed else []
-    counts += [f"{len(waiting)} not run"] if waiting else []
+    ordered = sorted(results, key=lambda result: _STATUSES.index(result.status))
+    count = {status: sum(r.status == status for r in results) for status in _STATUSES}
+    counts = [f"{count['done']} of {len(results)} trees done"]
+    counts += [f"{count[status]} {status}" for status in _STATUSES[:3] if count[status]]
+    measured = [(r.tree, r.href, pair) for r in results for pair in r.measures]
     page = page_template("summary.html.j2").render(
         counts=", ".join(counts),
-        failed=failed,
-        waiting=waiting,
-        titles=[trait.title for trait in _SHOWN],
-        done=[(result, [_cell(result, trait) for trait in _SHOWN]) for result in done],
+        failed=[result for result in ordered if result.status in ("failed", "interrupted")],
+        titles=[(trait.name, trait.title) for trait in _SHOWN],
+        rows=[(result, [_cell(result, trait) for trait in _SHOWN]) for result in ordered],
         most_flags=_MANY_FLAGS,
-        series=_series(results),
+        outliers=_outlier_rows(results),
+        fewest=FEWEST,
+        limit=LIMIT,
+        accuracy=accuracy_section(measured),
+        stages=_stage_rows(costs or {}),
+        data=_for_script(_data(ordered, costs or {})),
+        script=(Path(__file__).parent / "summary.js").read_text(encoding="utf-8"),
     )
     return page + "\n"
 
 
-def _cell(result: TreeResult, trait: Trait) -> str:
+def _cell(result: TreeResult, trait: Trait) -> tuple[str, str]:
+    """A trait as it is sorted and as it is shown."""
     value, error = result.traits.get(trait.name), result.traits.get(f"{trait.name}_se")
-    return with_uncertainty(value, error, trait, result.unit)
+    number = result.number(trait)
+    return "" if number is None else f"{number:g}", with_uncertainty(
+        value, error, trait, result.unit
+    )
 
 
-def _series(results: list[TreeResult]) -> list[tuple[str, list[dict]]]:
-    """Charts of the series with two dates or more; scans without a scale have no place on them."""
-    by_name: dict[str, list] = {}
-    for result in results:
-        when = _day(result.date)
-        if result.series and when is not None and result.unit == "m":
-            by_name.setdefault(result.series, []).append((when, result))
-    found = []
-    for name, scans in sorted(by_name.items()):
-        scans.sort(key=lambda scan: (scan[0], scan[1].tree))
-        if len({when for when, _ in scans}) < 2:
-            continue
-        charts = [_chart(scans, trait) for trait in TRAITS.values() if trait.is_charted]
-        found.append((name, [chart for chart in charts if chart]))
-    return found
+def _outlier_rows(results: Sequence[TreeResult]) -> list[dict]:
+    """Who stands apart in what, the farthest first."""
+    href = {result.tree: result.href for result in results}
+    sizes = {trait.name: _numbers(results, trait) for trait in _SHOWN if _is_size(trait)}
+    rows = [
+        _outlier_row(TRAITS[name], "", each)
+        for name, values in sizes.items()
+        for each in outliers(values)
+    ]
+    rows += [
+        _outlier_row(TRAITS[y], f" for its {TRAITS[x].title.lower()}", each)
+        for x, y in _PAIRS
+        for each in off_the_line(sizes[x], sizes[y])
+    ]
+    rows.sort(key=lambda row: -abs(row["score"]))
+    return [row | {"href": href[row["tree"]]} for row in rows]
 
 
-def _day(text: str) -> int | None:
-    try:
-        return date.fromisoformat(text).toordinal()
-    except ValueError:
-        return None
-
-
-def _chart(scans: list, trait: Trait) -> dict:
-    """One trait over the dates of a series, as numbers of an SVG; empty with fewer than two."""
-    name, decimals = trait.name, trait.decimals
-    unit, data = unit_name("m", trait.power or 1), []
-    for when, result in scans:
-        value, error = result.traits.get(name), result.traits.get(f"{name}_se")
-        if isinstance(value, int | float):
-            label = f"{result.tree}, {result.date}: {value:.{decimals}f} {unit}"
-            data.append((when, float(value), float(error or 0.0), label))
-    if len({item[0] for item in data}) < 2:
-        return {}
-    first, last = data[0][0], data[-1][0]
-    low = min(value - error for _, value, error, _ in data)
-    high = max(value + error for _, value, error, _ in data)
-    pad = _PAD * (high - low) or _PAD * abs(high) or 1.0
-
-    def x_of(when: int) -> float:
-        return _LEFT + (when - first) / (last - first) * _PLOT_WIDTH
-
-    def y_of(value: float) -> float:
-        return _TOP + (high + pad - value) / (high - low + 2 * pad) * _PLOT_HEIGHT
-
-    marks = []
-    for when, value, error, label in data:
-        x, y, bar = x_of(when), y_of(value), y_of(value - error) - y_of(value)
-        path = f"M{x:.1f},{y - bar:.1f}V{y + bar:.1f}" if bar else ""
-        marks.append({"x": f"{x:.1f}", "y": f"{y:.1f}", "bar": path, "label": label})
+def _outlier_row(trait: Trait, told: str, item: Outlier) -> dict:
     return {
-        "title": f"{trait.title} [{unit}]",
-        "left": _LEFT,
-        "top": _TOP,
-        "width": _PLOT_WIDTH,
-        "height": _PLOT_HEIGHT,
-        "right": _LEFT + _PLOT_WIDTH,
-        "under": _TOP + _PLOT_HEIGHT + _DATES,
-        "line": " ".join(f"{mark['x']},{mark['y']}" for mark in marks),
-        "marks": marks,
-        "ticks": [
-            (f"{y_of(value) + _HALF_LETTER:.1f}", f"{value:.{decimals}f}")
-            for value in dict.fromkeys((low, high))
-        ],
-        "first": date.fromordinal(first).isoformat(),
-        "last": date.fromordinal(last).isoformat(),
+        "tree": item.tree,
+        "what": trait.title + told,
+        "value": with_uncertainty(item.value, None, trait, "m"),
+        "usual": with_uncertainty(item.usual, None, trait, "m"),
+        "score": item.score,
     }
+
+
+def _is_size(trait: Trait) -> bool:
+    """Whether trees can stand apart in it; shares have their own warnings."""
+    return trait.power is not None or trait.is_count
+
+
+def _numbers(results: Sequence[TreeResult], trait: Trait) -> dict[str, float]:
+    found = {result.tree: result.number(trait) for result in results}
+    return {tree: value for tree, value in found.items() if value is not None}
+
+
+def _stage_rows(costs: Mapping[str, Mapping[str, Any]]) -> list[dict]:
+    """What each stage took over all trees."""
+    rows = []
+    for rule, jobs in costs.items():
+        slowest = max(jobs, key=lambda tree: jobs[tree].wall_s)
+        largest = max(jobs, key=lambda tree: jobs[tree].memory_mb)
+        rows.append(
+            {
+                "rule": rule,
+                "n": len(jobs),
+                "cpu": _duration(sum(job.cpu_s for job in jobs.values())),
+                "usual": _duration(median(job.wall_s for job in jobs.values())),
+                "longest": _duration(jobs[slowest].wall_s),
+                "slowest": slowest,
+                "memory": f"{jobs[largest].memory_mb / 1000:.2f} GB",
+                "largest": largest,
+            }
+        )
+    return rows
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 3600 else f"{seconds / 3600:.1f} h"
+
+
+def _data(results: Sequence[TreeResult], costs: Mapping[str, Mapping[str, Any]]) -> dict:
+    """What the charts are drawn from."""
+    place = {result.tree: index for index, result in enumerate(results)}
+    return {
+        "traits": [
+            {
+                "name": trait.name,
+                "title": trait.title,
+                "unit": _unit(trait),
+                "apart": [place[each.tree] for each in outliers(_numbers(results, trait))]
+                if _is_size(trait)
+                else [],
+            }
+            for trait in _SHOWN
+        ],
+        "trees": [
+            {
+                "tree": result.tree,
+                "href": result.href,
+                "date": result.date,
+                "series": result.series,
+                "values": [_short(result.number(trait)) for trait in _SHOWN],
+                "errors": [_short(result.traits.get(f"{trait.name}_se")) for trait in _SHOWN],
+            }
+            for result in results
+        ],
+        "pairs": [_pair(results, x, y, place) for x, y in _PAIRS],
+        "stages": [
+            {
+                "rule": rule,
+                "jobs": [
+                    [place[tree], _short(job.wall_s), _short(job.memory_mb / 1000)]
+                    for tree, job in jobs.items()
+                ],
+            }
+            for rule, jobs in costs.items()
+        ],
+    }
+
+
+def _pair(results: Sequence[TreeResult], x: str, y: str, place: Mapping[str, int]) -> dict:
+    sizes, others = _numbers(results, TRAITS[x]), _numbers(results, TRAITS[y])
+    both = [tree for tree in sizes if tree in others]
+    line = line_through([sizes[tree] for tree in both], [others[tree] for tree in both])
+    return {
+        "x": x,
+        "y": y,
+        "line": None if line is None else [line.factor, line.power],
+        "apart": [place[each.tree] for each in off_the_line(sizes, others)],
+    }
+
+
+def _unit(trait: Trait) -> str:
+    if trait.power is None:
+        return ""
+    return "cm²" if trait.is_cm2 else unit_name("m", trait.power)
+
+
+def _short(value: object) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def _for_script(content: dict) -> str:
+    """Return JSON that cannot end the element that it stands in."""
+    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
