@@ -9,12 +9,13 @@ import pytest
 
 from cherrypicker.accuracy.compare import MeasuredTree
 from cherrypicker.accuracy.measures import read_measures
+from cherrypicker.accuracy.places import Places
 from cherrypicker.batch.summary import summarise
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker.traits.interval_factors import FACTORS
 
-HEAD = "tree,trait,value,unit,who,height_m,azimuth_deg,distance_m,x_m,y_m,z_m\n"
+HEAD = "tree,trait,value,unit,who,height_m,azimuth_deg,distance_m,x_m,y_m,z_m,order\n"
 FOOT_Z, STEP, N_STEPS = 0.2, 0.02, 40
 RADIUS_ERROR, SCATTER, SCALE_ERROR = 0.0004, 0.001, 0.01
 LIMB_HEIGHTS = (0.5, 0.8, 1.1, 1.4)
@@ -112,6 +113,26 @@ def test_height_and_azimuth_find_the_branch_that_the_level_line_meets(orchard, p
     angle = pair(f"branch_angle,44,deg,,{0.8 + 0.3},{azimuth}")
     assert angle["ours"] == pytest.approx(45.0, abs=0.5)
     assert angle["low"] < angle["ours"] < angle["high"]
+
+
+def test_the_order_of_a_branch_keeps_its_parent_and_its_laterals_out():
+    limb = [[0.05 * i, 0, 0.5] for i in range(1, 15)]
+    lateral = [[0.35, 0.05 * i, 0.5] for i in range(1, 6)]
+    skeleton = Skeleton(
+        [[0, 0, 0.1 * i] for i in range(11)] + limb + lateral,
+        [-1, *range(10), 5, *range(11, 24), 17, *range(25, 29)],
+        [0.03] * 11 + [0.012] * 14 + [0.004] * 5,
+        [1] * 11 + [2] * 19,
+    )
+    axis_list = axes(skeleton)
+    places = Places(skeleton, axis_list, 0.0)
+    at = {"height": 0.5, "azimuth_deg": 10.0, "distance": 0.36}
+    assert axis_list[places.towards(**at).branch].order == 1
+    assert axis_list[places.towards(**at, order=2).branch].order == 2
+    assert places.towards(**at, order=3) is None
+    inside_the_limb = np.array([0.35, 0.0, 0.5])
+    assert axis_list[places.at_point(inside_the_limb).branch].order == 1
+    assert axis_list[places.at_point(inside_the_limb, order=2).branch].order == 2
 
 
 def test_a_level_line_between_two_limbs_is_told_as_doubtful(pair):

@@ -6,7 +6,7 @@ from cherrypicker.accuracy.measures import read_measures
 from cherrypicker.accuracy.quantities import QUANTITIES, known_unit
 from cherrypicker.errors import StageError
 
-HEAD = "tree,trait,value,unit,who,height_m,azimuth_deg,x_m,y_m,z_m\n"
+HEAD = "tree,trait,value,unit,who,height_m,azimuth_deg,x_m,y_m,z_m,order\n"
 
 
 @pytest.fixture
@@ -58,6 +58,7 @@ def test_spreadsheets_with_semicolons_write_decimal_commas(read):
         ("a,height,2m30,m", "value", "'2m30', which is no number"),
         ("a,branch_diameter,20,mm", "height_m", "needs its place"),
         ("a,branch_diameter,20,mm,,,,0.1,0.2", "x_m", "a point needs x_m, y_m and z_m"),
+        ("a,branch_diameter,20,mm,,1,90,,,,1.5", "order", "an order is 0 for the trunk"),
         (",height,2.3,m", "tree", "no tree is named"),
     ],
 )

@@ -139,13 +139,11 @@ class MeasuredTree:
         return found | {"branch_id": place.branch, "doubts": doubts}
 
     def _place(self, measure: Measure) -> Place | None:
+        place, order = measure.place, measure.order
         if measure.point is not None:
-            return self.places.at_point(np.array(measure.point))
-        height, azimuth = measure.place["height_m"], measure.place["azimuth_deg"]
-        if "distance_m" not in measure.place:
-            return self.places.towards(height, azimuth)
-        distance = measure.place["distance_m"]
-        return self.places.at_point(self.places.point_of(height, azimuth, distance))
+            return self.places.at_point(np.array(measure.point), order)
+        distance = place.get("distance_m")
+        return self.places.towards(place["height_m"], place["azimuth_deg"], distance, order)
 
     def _diameter(self, place: Place) -> dict:
         """The skeleton's diameter at a place, as the photos scaled it, with its 90 % interval."""
@@ -191,4 +189,5 @@ def _place_text(measure: Measure) -> str:
     parts = [f"{place['height_m']:g} m high"] if "height_m" in place else []
     parts += [f"towards {place['azimuth_deg']:g}°"] if "azimuth_deg" in place else []
     parts += [f"{place['distance_m']:g} m out"] if "distance_m" in place else []
+    parts += [f"order {measure.order}"] if measure.order is not None else []
     return ", ".join(parts)

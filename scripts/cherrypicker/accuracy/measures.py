@@ -20,7 +20,7 @@ from cherrypicker.errors import StageError
 CONFIG_KEY = "measures"
 _NEEDED = ("tree", "trait", "value", "unit")
 _POINT = ("x_m", "y_m", "z_m")
-_PLACE = ("height_m", "azimuth_deg", "distance_m", *_POINT)
+_PLACE = ("height_m", "azimuth_deg", "distance_m", *_POINT, "order")
 COLUMNS = (*_NEEDED, "who", *_PLACE, "date", "note")
 
 
@@ -34,7 +34,7 @@ class Measure:
     unit: str  # there, as `cherrypicker.accuracy.quantities.UNITS` spells it
     who: str
     note: str
-    # height_m, azimuth_deg, distance_m, x_m, y_m, z_m: those that are given
+    # height_m, azimuth_deg, distance_m, x_m, y_m, z_m, order: those that are given
     place: Mapping[str, float]
     line: int  # of the file
 
@@ -47,6 +47,11 @@ class Measure:
     def given(self) -> str:
         """Number and unit, for people."""
         return f"{self.number:g}" if self.unit == "1" else f"{self.number:g} {self.unit}"
+
+    @property
+    def order(self) -> int | None:
+        """Order of the branch that it was taken on, where that was noted."""
+        return int(self.place["order"]) if "order" in self.place else None
 
     @property
     def point(self) -> tuple[float, float, float] | None:
@@ -166,6 +171,8 @@ def _number(row: dict[str, str], column: str, has_comma: bool) -> float:
 
 
 def _check_place(quantity: Quantity, place: Mapping[str, float]) -> None:
+    if place.get("order", 0) % 1 or place.get("order", 0) < 0:
+        raise _RowError("order", "an order is 0 for the trunk, 1 for its branches, and so on")
     given = [name for name in _POINT if name in place]
     if given and len(given) < len(_POINT):
         raise _RowError(given[0], "a point needs x_m, y_m and z_m")

@@ -1,12 +1,14 @@
 """Which branch a hand measurement was taken on, and how thick the skeleton is there.
 
-A place is a point on the bark, or the height over the stem's foot and the azimuth, seen from the
-stem, where the calliper was put (with its distance from the stem, that is a point).
+A place is a point on the bark in the cloud's frame, or where the calliper was put as told from the
+stem: height over its foot, azimuth and, where it was measured, distance.
 
 - A point belongs to the branch whose surface is nearest to it, inside or outside.
-- A height and an azimuth are a level half-line from the stem's axis outwards. Of the branches
-  whose surface comes within the tolerance to it, it means those of the lowest order, of these the
-  nearest.
+- What is told from the stem is known to some centimetres alone: a level half-line from the stem's
+  axis outwards, or a place on it. Of the branches whose surface comes within the tolerance to it,
+  it means those of the lowest order, of these the nearest.
+
+A branch's order, where it was noted, leaves no other.
 
 The diameter is the skeleton's at the foot of the perpendicular, between its nodes linear.
 """
@@ -54,18 +56,27 @@ class Places:
         self.radius_start = np.where(is_first, skeleton.radius[1:], skeleton.radius[inner])
         self.radius_step = skeleton.radius[1:] - self.radius_start
 
-    def at_point(self, point: np.ndarray) -> Place | None:
-        """Return the place nearest to a point, (3,); None beyond the tolerance."""
-        square = np.maximum(np.einsum("ij,ij->i", self.step, self.step), 1e-18)
-        share = np.einsum("ij,ij->i", point - self.start, self.step) / square
-        share = np.clip(share, 0.0, 1.0)
-        offset = point - self.start - share[:, None] * self.step
-        gap = np.linalg.norm(offset, axis=1) - self._radius(share)
+    def at_point(self, point: np.ndarray, order: int | None = None) -> Place | None:
+        """Return the place nearest to a point, (3,); None beyond the tolerance.
+
+        Parameters
+        ----------
+        order : int, optional
+            Of the branch that it is known to be on.
+        """
+        share, gap = self._from_point(point)
+        gap[~self._is_of(order)] = np.inf
         edge = np.argmin(gap)
         return self._place(edge, share, gap) if gap[edge] <= TOLERANCE_M else None
 
-    def towards(self, height: float, azimuth_deg: float) -> Place | None:
-        """Return the place on a level half-line from the stem outwards; None beyond the tolerance.
+    def towards(
+        self,
+        height: float,
+        azimuth_deg: float,
+        distance: float | None = None,
+        order: int | None = None,
+    ) -> Place | None:
+        """Return the place in a direction from the stem; None beyond the tolerance.
 
         Parameters
         ----------
@@ -73,23 +84,32 @@ class Places:
             Over the stem's foot, m.
         azimuth_deg : float
             From +x towards +y.
+        distance : float, optional
+            From the stem's axis, level, m; anywhere on the half-line without it.
+        order : int, optional
+            As for `at_point`.
         """
         origin, outwards = self._half_line(height, azimuth_deg)
         share = self._level_share(origin[2])
         offset = self.start + share[:, None] * self.step - origin
         along = offset @ outwards
         gap = np.linalg.norm(offset - along[:, None] * outwards, axis=1) - self._radius(share)
-        order = self.order[self.branch]
-        near = np.flatnonzero((gap <= TOLERANCE_M) & (along > self.stem_radius) & (order > 0))
+        touched = gap <= 0
+        if distance is not None:
+            share, gap = self._from_point(origin + distance * outwards)
+        is_meant = self._is_of(order) & (along > self.stem_radius) & (gap <= TOLERANCE_M)
+        near = np.flatnonzero(is_meant & (self.order[self.branch] > 0))
         if not len(near):
             return None
-        near = near[order[near] == order[near].min()]
+        orders = self.order[self.branch[near]]
+        near = near[orders == orders.min()]
         edge = near[np.argmin(gap[near])]
+        if distance is not None:
+            return self._place(edge, share, gap)
         rivals = set(self.branch[near].tolist()) - {int(self.branch[edge])}
-        touched = along[(self.branch == self.branch[edge]) & (gap <= 0)]
-        place = self._place(edge, share, gap)
-        stretch = float(np.ptp(touched)) if len(touched) else 0.0
-        return replace(place, rivals=tuple(sorted(rivals)), stretch=stretch)
+        touched &= self.branch == self.branch[edge]
+        stretch = float(np.ptp(along[touched])) if touched.any() else 0.0
+        return replace(self._place(edge, share, gap), rivals=tuple(sorted(rivals)), stretch=stretch)
 
     def on_trunk(self, height: float) -> Place | None:
         """Return the place on the trunk at a height over its foot; None where it ends below."""
@@ -99,10 +119,18 @@ class Places:
         edge = np.argmin(rise)
         return self._place(edge, share, np.zeros(len(share))) if rise[edge] < _LEVEL_M else None
 
-    def point_of(self, height: float, azimuth_deg: float, distance: float) -> np.ndarray:
-        """Return the point, (3,), at a height, azimuth and level distance from the stem's axis."""
-        origin, outwards = self._half_line(height, azimuth_deg)
-        return origin + distance * outwards
+    def _is_of(self, order: int | None) -> np.ndarray:
+        return (
+            np.full(len(self.branch), True) if order is None else self.order[self.branch] == order
+        )
+
+    def _from_point(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where each edge is nearest to a point, and how far its surface is, (n_edges,) each."""
+        square = np.maximum(np.einsum("ij,ij->i", self.step, self.step), 1e-18)
+        share = np.einsum("ij,ij->i", point - self.start, self.step) / square
+        share = np.clip(share, 0.0, 1.0)
+        offset = point - self.start - share[:, None] * self.step
+        return share, np.linalg.norm(offset, axis=1) - self._radius(share)
 
     def _half_line(self, height: float, azimuth_deg: float) -> tuple[np.ndarray, np.ndarray]:
         """Start on the trunk's axis (above its end, over the end) and direction."""
