@@ -11,7 +11,7 @@ for a scan from photos scale.json and photo_check.json; writes measures.json. Ex
 import logging
 from typing import Annotated
 
-from cherrypicker.accuracy.compare import MeasuredTree
+from cherrypicker.accuracy.compare import ComparedTree
 from cherrypicker.accuracy.measures import read_measures
 from cherrypicker.files import read_json, write_json
 from cherrypicker.runner import run, stage_parser
@@ -31,7 +31,7 @@ def main(
     scale: Annotated[str | None, "scale.json of a scan from photos"] = None,
     photo_check: Annotated[str | None, "photo_check.json of a scan from photos"] = None,
 ) -> None:
-    ours = MeasuredTree(
+    ours = ComparedTree(
         read_json(traits),
         read_branches(branches),
         read_skeleton(skeleton),

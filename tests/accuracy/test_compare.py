@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cherrypicker.accuracy.compare import MeasuredTree
+from cherrypicker.accuracy.compare import ComparedTree
 from cherrypicker.accuracy.measures import read_measures
 from cherrypicker.accuracy.places import Places
 from cherrypicker.batch.summary import summarise
@@ -70,7 +70,7 @@ class Orchard:
     def measured(self, tree, **changes):
         parts = {"scale": {"scale": 2.0, "scale_std": 2.0 * SCALE_ERROR}} | changes
         own = self.trees[tree]
-        return MeasuredTree(own["traits"], own["rows"], own["skeleton"], **parts)
+        return ComparedTree(own["traits"], own["rows"], own["skeleton"], **parts)
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +145,7 @@ def test_a_level_line_between_two_limbs_is_told_as_doubtful(pair):
     )
     rows = branch_rows(skeleton, axes(skeleton), 0.0)
     traits = {"unit": "m", "foot": [0, 0, 0]}
-    tree = MeasuredTree(traits, rows, skeleton)
+    tree = ComparedTree(traits, rows, skeleton)
     place = tree.places.towards(0.5, 1.0)
     assert {place.branch, *place.rivals} == {1, 2}
 
@@ -196,7 +196,7 @@ def test_a_scan_without_a_scale_has_no_lengths_to_compare(orchard, tmp_path):
         own["skeleton"].label,
         unit="arbitrary",
     )
-    found = MeasuredTree(own["traits"], own["rows"], free).pair(read_measures(path)[0])
+    found = ComparedTree(own["traits"], own["rows"], free).pair(read_measures(path)[0])
     assert (found["ours"], found["problem"]) == (None, "the scan has no scale")
 
 

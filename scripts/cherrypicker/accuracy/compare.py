@@ -24,7 +24,7 @@ _NUMBERS = ("ours", "low", "high")
 _NO_SCALE = "the scan has no scale"
 
 
-class MeasuredTree:
+class ComparedTree:
     """What a tree's own files say, for its hand measurements."""
 
     def __init__(
