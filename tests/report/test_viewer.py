@@ -14,6 +14,7 @@ from test_report import scan, traits
 from cherrypicker.poses import Poses
 from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.text import page_template
+from cherrypicker.report.tree import FILES
 from cherrypicker.report.viewer import ShownSkeleton, module_map, page_text, viewer_data
 from cherrypicker.skeleton import axes, axis_of_node, fold
 from cherrypicker.skeleton.edits import apply_edits, read_edits
@@ -79,9 +80,7 @@ def render(skeleton, tmp_path, *, tree_id="cherry", edits=None, flags="", poses=
     rows = branch_rows(skeleton, axis_list, 0.0)
     rows[1]["flags"] = flags
     cloud = scan(skeleton)
-    names = ["sparse", "align_report", "crop_report", "scale", "contract_report", "target"]
-    names += ["depth", "coverage", "denoise_report", "photo_check", "metric_poses"]
-    data = dict.fromkeys(names) | {
+    data = dict.fromkeys(FILES) | {
         "traits": traits(),
         "branches": rows,
         "skeleton": skeleton,
