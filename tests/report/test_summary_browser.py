@@ -1,27 +1,13 @@
 """The batch page in a browser: sorting, filtering, charts, links, print; nothing foreign runs."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cherrypicker.batch.summary import summarise
 
-CHROMIUM = "/usr/bin/chromium"  # Debian's; the pages are tested in it
 HOSTILE = "</script><img src=x onerror=document.title='owned'>"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """Headless Chromium; skips where it is missing."""
-    if not Path(CHROMIUM).exists():
-        pytest.skip(f"CHROMIUM MISSING: {CHROMIUM} (Debian's package chromium)")
-    playwright = pytest.importorskip("playwright.sync_api", reason="PLAYWRIGHT MISSING")
-    with playwright.sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield started
-        started.close()
 
 
 @pytest.fixture(scope="module")
