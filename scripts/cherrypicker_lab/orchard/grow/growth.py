@@ -67,7 +67,7 @@ def _side(tangent, azimuth):
     return np.cos(azimuth) * u + np.sin(azimuth) * np.cross(tangent, u)
 
 
-def _curve(rng, start, direction, length, *, wiggle, upturn):
+def curve(rng, start, direction, length, *, wiggle, upturn):
     """Integrate a smooth random curve; `upturn` (1/m) bends it towards the sky."""
     n = max(int(round(length / NODE_STEP_M)), 3)
     step = length / n
@@ -96,7 +96,7 @@ def _child(rng, tree, parent, node, *, azimuth, angle_deg, length, base, tip, wi
     tangent, thick = mother.tangents[node], mother.radii[node]
     angle = np.radians(angle_deg)
     direction = np.cos(angle) * tangent + np.sin(angle) * _side(tangent, azimuth)
-    points = _curve(rng, mother.points[node], direction, length, wiggle=wiggle, upturn=upturn)
+    points = curve(rng, mother.points[node], direction, length, wiggle=wiggle, upturn=upturn)
     base = min(base, 0.72 * thick)
     tip = min(tip, 0.9 * base)
     axis = Axis(points, np.empty(len(points)), mother.order + 1, parent, node)
@@ -147,7 +147,7 @@ def _grow_trunk(rng, habit, height, radius, fork):
     """The trunk: to the top for a leader, to the main fork for a vase."""
     length = fork if habit.forked else height
     lean = np.append(rng.normal(size=2) * 0.02, 1.0)
-    points = _curve(rng, np.zeros(3), lean, length, wiggle=0.10, upturn=0.12)
+    points = curve(rng, np.zeros(3), lean, length, wiggle=0.10, upturn=0.12)
     axis = Axis(points, np.empty(len(points)), 0)
     s = axis.arclength
     if habit.forked:
