@@ -20,6 +20,7 @@ include: "workflow/rules/skeleton.smk"
 include: "workflow/rules/photo_check.smk"
 include: "workflow/rules/traits.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/series.smk"
 include: "workflow/rules/lab/training.smk"
 include: "workflow/rules/lab/orchard.smk"
 include: "workflow/rules/lab/benchmark_common.smk"
@@ -36,6 +37,7 @@ rule all:
     default_target: True
     input:
         expand("results/{tree}/report.html", tree=TREES),
+        expand("results/series/{series}/report.html", series=SERIES),
         "results/traits.csv",
         "results/summary.html",
 
@@ -49,4 +51,5 @@ onsuccess:
 
 
 onerror:
+    compare_finished()
     write_summary()

@@ -18,11 +18,12 @@ LAYERS = [
     *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "capture", "skeleton"),
     "wood",
     "limbs",
-    *("segmentation", "contraction", "graph", "traits", "formats", "photo_check", "accuracy"),
+    *("segmentation", "contraction", "graph", "traits", "series", "formats", "photo_check"),
+    "accuracy",
     *("report", "batch", "command", "api"),
 ]
 LAB_LAYERS = [
-    *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "training"),
+    *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "series", "training"),
     *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts", "real_photos"),
 ]
 STAGES = [
@@ -30,8 +31,7 @@ STAGES = [
     *("estimate_depth", "fuse_depth", "align_cloud", "crop_roi", "segment_sky", "denoise_cloud"),
     *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
     *("edit_graph", "check_photos", "measure_traits", "report_tree", "summarise_batch"),
-    "import_cloud",
-    "compare_measures",
+    *("compare_series", "import_cloud", "compare_measures"),
 ]
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from cherrypicker.batch.trees import read_trees
+from cherrypicker.batch.trees import Tree, read_trees, series_of
 from cherrypicker.errors import StageError
 
 
@@ -55,3 +55,13 @@ def test_a_header_alone_is_an_empty_batch(table):
 def test_a_bad_table_is_refused(table, text, reason):
     with pytest.raises(StageError, match=reason):
         read_trees(table(text))
+
+
+def test_a_series_has_two_scans_and_a_folder_of_its_own():
+    rows = [Tree(name, series=series) for name, series in (("a", "row <1>"), ("b", ""), ("c", "x"))]
+    assert series_of(rows) == {}
+    again = Tree("d", series="row <1>")
+    assert series_of([*rows, again]) == {"row__1_": [rows[0], again]}
+    with pytest.raises(StageError, match="share the folder 'row__1_'"):
+        series_of([*rows, again, Tree("e", series="row (1)")])
+    assert list(series_of([Tree("a", series=".."), Tree("b", series="..")])) == ["_"]

@@ -126,3 +126,16 @@ def test_a_new_or_mended_tree_is_computed_alone(finished):
     assert finished.ran() == {*of_tree("broken", *STAGES), SUMMARY}
     assert finished.planned() == set()
     assert "not a PLY" not in (finished.folder / "results/traits.csv").read_text()
+
+
+def test_a_series_of_two_scans_is_compared_and_one_of_one_is_not(finished):
+    assert "compare_series" not in finished.run("--dry-run", "--quiet")
+    finished.table(
+        "tree | cloud | config | series | date",
+        "a | a.ply | | row 1 | 2025-02-01",
+        "b | b.ply | config/b.yaml | row 1 | 2026-02-01",
+        "broken | broken.ply | | row 2 | 2026-02-01",
+    )
+    printed = finished.run("--dry-run")
+    assert "row_1: compare the dates of the tree" in printed
+    assert "row_2" not in printed

@@ -25,8 +25,9 @@ from cherrypicker.batch.resources import (
     threads_to_ask,
 )
 from cherrypicker.batch.stale_lock import begin_start, claim_lock, end_start
+from cherrypicker.batch.series import compare_rest
 from cherrypicker.batch.summary import summarise
-from cherrypicker.batch.trees import TREE_PATTERN
+from cherrypicker.batch.trees import TREE_PATTERN, series_of
 from cherrypicker.batch.watched_modules import imported_modules
 from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
@@ -38,6 +39,7 @@ from cherrypicker.runner import keys_of_stage
 
 wildcard_constraints:
     tree=TREE_PATTERN,
+    series=TREE_PATTERN,
 
 
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
@@ -46,12 +48,13 @@ SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
 def load_batch():
     """Read the config and the table of trees; what is wrong there stops the run at once."""
     try:
-        return read_batch(SCHEMA, config, workflow.config_settings.config)
+        batch = read_batch(SCHEMA, config, workflow.config_settings.config)
+        return batch, series_of(batch.trees.values())
     except StageError as error:
         raise WorkflowError(error.describe())
 
 
-BATCH = load_batch()
+BATCH, SERIES = load_batch()
 SETTINGS, TREES, SETTINGS_OF = BATCH.settings, BATCH.trees, BATCH.settings_of
 LATE_TREES = [name for name, row in TREES.items() if not row.is_photo_scan]
 LABELLED_TREES = [name for name in LATE_TREES if TREES[name].has_labelled_cloud()]
@@ -161,6 +164,20 @@ def photo_only(*paths):
     return inputs
 
 
+def series_column(series, column):
+    """Return a column of the table of trees for the scans of a series."""
+    return [getattr(row, column) for row in SERIES.get(series, ())]
+
+
+def files_of_series(name, photo_scans=False):
+    """Return an input function: a file of each scan of a series, or of those from photos alone."""
+    return lambda wildcards: [
+        f"results/{row.tree}/{name}"
+        for row in SERIES.get(wildcards.series, ())
+        if row.is_photo_scan or not photo_scans
+    ]
+
+
 def problem_of(wildcards, input):
     """Return what is wrong with a scan from photos, for its first stages to refuse it; {} if nothing.
 
@@ -254,6 +271,13 @@ def write_summary():
         )
     except OSError as error:
         raise WorkflowError(f"the summary of the batch cannot be written: {error}")
+
+
+def compare_finished():
+    """Compare the scans that are finished of each series that waits for one that is not."""
+    jobs = [job for job in workflow.dag.jobs if job.rule.name == "compare_series"]
+    for series in sorted({job.wildcards.series for job in jobs}):
+        compare_rest(series, SERIES[series], LIBRARY / "compare_series.py")
 
 
 if workflow.is_main_process:

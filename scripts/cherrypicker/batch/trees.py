@@ -9,6 +9,7 @@ import io
 import math
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -94,6 +95,31 @@ def read_trees(path: str | os.PathLike) -> list[Tree]:
         trees.append(row)
     _check_duplicates(trees, path)
     return trees
+
+
+def series_of(trees: Iterable[Tree]) -> dict[str, list[Tree]]:
+    """Return the series with two scans or more, by the name of their folder of results.
+
+    What a folder's name cannot have is an underscore there.
+
+    Raises
+    ------
+    StageError
+        If two series share a folder.
+    """
+    found: dict[str, list[Tree]] = {}
+    for row in trees:
+        if row.series:
+            folder = re.sub(rf"(?!{TREE_PATTERN}).", "_", row.series).lstrip(".") or "_"
+            found.setdefault(folder, []).append(row)
+    for folder, rows in found.items():
+        names = sorted({row.series for row in rows})
+        if len(names) > 1:
+            raise StageError(
+                f"the series {names[0]!r} and {names[1]!r} share the folder {folder!r}",
+                key="series in trees.tsv",
+            )
+    return {folder: rows for folder, rows in found.items() if len(rows) > 1}
 
 
 def _no_id(header: list[str], cells: list[str]) -> dict:

@@ -1,0 +1,161 @@
+"""What of a tree's wood is gone at another date, told from what the other scan did not see.
+
+Wood that the other date lacks was cut, or its scan missed it. Each centimetre weighs: where the
+other scan has no wood, by the logarithm of how seldom a scan misses wood of this radius, where it
+has, by how seldom other wood stands in the place of what is gone. A cut takes all beyond it; cuts
+are where the weights beyond add up to the most, less what a cut must bring to be believed (the best
+closed set of a tree, by one walk from the tips). How often wood of a radius is missed is counted on
+the pair itself, on what is not gone, and the search repeated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.series.wood import Wood
+
+PIECE_M = 0.12  # wood is missed in pieces of about this length (guess)
+# Upper ends of classes of radius; the share of their wood that a scan misses before any was counted
+# (measured on generated pairs, docs/series.md) and the length that this is worth
+CLASSES_M = np.array([0.002, 0.003, 0.004, 0.006, 0.010])
+USUALLY_MISSED = np.array([0.20, 0.08, 0.04, 0.02, 0.01, 0.01])
+WORTH_M = 3.0
+MISSED = (0.005, 0.5)  # bounds of that share
+STANDS_THERE = 0.03  # share of gone wood in whose place is other wood (measured, as above)
+CROSSING_M = 0.05  # in pieces of about this length: a limb that crosses, the end of a stub (guess)
+ODDS = 200.0  # that must speak for a cut, to one: some hundreds of twigs could be missed (guess)
+# That must speak, to one, for wood that hung on what is gone in the earlier skeleton alone, which
+# joined it to a wrong limb (guess)
+REHUNG = 1000.0
+ROUNDS = 4
+BEHIND = -0.5  # cosine from which on points lie behind wood (guess)
+
+
+@dataclass
+class Gone:
+    """Wood that the other date lacks.
+
+    Attributes
+    ----------
+    first : ndarray of shape (n_cuts,), int64
+        The samples that the gone pieces start with.
+    piece : ndarray of shape (n,), int64
+        Which of them a sample belongs to, -1 for what is there.
+    """
+
+    first: np.ndarray
+    piece: np.ndarray
+
+
+def seen_by(wood: Wood, places: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:
+    """Whether a scan has points of wood near where samples are, (n,) bool.
+
+    Parameters
+    ----------
+    wood : Wood
+    places : ndarray of shape (n, 3), float64
+        Of its samples in the scan's frame.
+    cloud : ndarray of shape (m, 3), float64
+        The scan's points of wood.
+    reach : float
+        How far off they may lie, besides the wood's radius, metres.
+    """
+    if not len(cloud):
+        return np.zeros(len(wood), dtype=bool)
+    distance, _ = cKDTree(cloud).query(places, distance_upper_bound=reach + wood.radius.max())
+    return distance <= reach + wood.radius
+
+
+def find_gone(wood: Wood, is_there: np.ndarray) -> Gone:
+    """Find what was cut off.
+
+    Parameters
+    ----------
+    wood : Wood
+    is_there : ndarray of shape (n,), bool
+        Whether the other date has wood in a sample's place.
+    """
+    row = np.searchsorted(CLASSES_M, wood.radius)
+    missed = USUALLY_MISSED
+    for _ in range(ROUNDS):
+        gone = _best_cuts(wood, _weights(wood, is_there, missed[row]), np.log(ODDS), np.log(REHUNG))
+        left = wood.length * (gone.piece < 0)
+        total = np.bincount(row, left, len(missed))
+        unseen = np.bincount(row, left * ~is_there, len(missed))
+        missed = (USUALLY_MISSED * WORTH_M + unseen) / (WORTH_M + total)
+        missed = missed.clip(*MISSED)
+    return gone
+
+
+def reach_back(wood: Wood, gone: Gone, places: np.ndarray, cloud: np.ndarray, most: float) -> Gone:
+    """Bring cuts back to where the other scan's wood ends.
+
+    What lies a little beyond the end of a stub has the stub's points near it. Such wood has its
+    nearest points behind it, wood that is there has them at its sides.
+
+    Parameters
+    ----------
+    wood : Wood
+    gone : Gone
+    places : ndarray of shape (n, 3), float64
+        Of the wood's samples in the other scan's frame.
+    cloud : ndarray of shape (m, 3), float64
+        The other scan's points of wood.
+    most : float
+        How far a cut may be brought back, besides the wood's radius, metres.
+    """
+    if not len(cloud):
+        return gone
+    points = cKDTree(cloud)
+    first, piece = gone.first.copy(), gone.piece.copy()
+    for number, start in enumerate(gone.first):
+        row = wood.parent[start]
+        while wood.axis[row] == wood.axis[start] and piece[row] < 0 and wood.parent[row] >= 0:
+            distance, nearest = points.query(places[row])
+            ahead = (cloud[nearest] - places[row]) @ wood.tangent[row]
+            if ahead > BEHIND * distance or distance > most + wood.radius[row]:
+                break
+            first[number], piece[row] = row, number
+            row = wood.parent[row]
+    return Gone(first, piece)
+
+
+def find_new(wood: Wood, was_there: np.ndarray, least_length: float) -> Gone:
+    """Find what has grown: wood that the earlier date lacks, up to the tips.
+
+    Every tip grows in a year, so that no odds are asked for, only a length.
+    """
+    weights = _weights(wood, was_there, np.full(len(wood), STANDS_THERE))
+    return _best_cuts(wood, weights, least_length / PIECE_M * -np.log(STANDS_THERE))
+
+
+def _weights(wood: Wood, is_there: np.ndarray, missed: np.ndarray) -> np.ndarray:
+    """By how much each sample speaks for being gone, (n,) float64."""
+    there, gone = np.log(STANDS_THERE) / CROSSING_M, -np.log(missed) / PIECE_M
+    return wood.length * np.where(is_there, there, gone)
+
+
+def _best_cuts(wood: Wood, weights: np.ndarray, least: float, back: float = np.inf) -> Gone:
+    """Tell what is gone: what weighs most, less `least` a cut and `back` a return to what is there.
+
+    Viterbi's recursion on a tree: the best sums over what is beyond a sample, for both of its
+    states, from the tips down; then the states, from the root up.
+    """
+    n, parent = len(wood), wood.parent
+    there, gone = np.zeros(n), weights.copy()
+    for row in range(n - 1, 0, -1):  # the tree's first sample stays
+        there[parent[row]] += max(there[row], gone[row] - least)
+        gone[parent[row]] += max(gone[row], there[row] - back)
+    piece = np.full(n, -1)
+    first: list[int] = []
+    for row in range(1, n):
+        below = piece[parent[row]]
+        if below >= 0:
+            piece[row] = below if gone[row] >= there[row] - back else -1
+        elif gone[row] - least > there[row]:
+            piece[row] = len(first)
+            first.append(row)
+    return Gone(np.array(first, dtype=np.int64), piece)

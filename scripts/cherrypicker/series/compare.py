@@ -1,0 +1,207 @@
+"""The scans of one series beside one another: one frame, lasting ids of branches, and what changed.
+
+Each scan is compared with the one before it; all are brought into the frame of the first.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.errors import StageError
+from cherrypicker.series.changes import Gone, find_gone, find_new, reach_back, seen_by
+from cherrypicker.series.frame import FrameFit, find_frame
+from cherrypicker.series.marker_frames import marker_starts, moved_by
+from cherrypicker.series.match import Match, match_wood
+from cherrypicker.series.wood import Wood
+
+logger = logging.getLogger(__name__)
+
+# Of a frame's score, counted once more by how far it is above the runner-up's: the same tree has
+# 1.2 and more, after pruning and a year too, another one at most 0.43 (generated trees)
+LEAST_FIT = 0.75
+DOUBTED_RUNNER_UP = 0.8  # of the score: another frame fits nearly as well (guess)
+ODD_SCALE = 0.02  # by which the later wood may seem stretched (guess)
+LEAST_NEW_M = 0.02  # of a new piece of wood (guess)
+
+
+@dataclass
+class Scan:
+    """A scan of the series.
+
+    Attributes
+    ----------
+    tree, date : str
+        Its row in the table of trees.
+    wood : Wood
+        Its skeleton in its own frame, metres; in the frame of the first scan once it is compared.
+    branches : list of dict
+        Rows of its ``branches.csv``, by axis.
+    cloud : ndarray of shape (n, 3), float64
+        Its points of wood, as `wood`.
+    markers : dict of tuple to ndarray of shape (4, 3)
+        See `marker_frames.marker_corners`.
+    """
+
+    tree: str
+    date: str
+    wood: Wood
+    branches: list[dict]
+    cloud: np.ndarray
+    markers: dict = field(default_factory=dict)
+
+    def moved(self, frame: np.ndarray) -> Scan:
+        """The same scan in another frame; `frame` has shape (4, 4)."""
+
+        def there(points: np.ndarray) -> np.ndarray:
+            return points @ frame[:3, :3].T + frame[:3, 3]
+
+        markers = {name: there(corners) for name, corners in self.markers.items()}
+        wood, cloud = self.wood.moved(frame), there(self.cloud)
+        return Scan(self.tree, self.date, wood, self.branches, cloud, markers)
+
+
+@dataclass
+class Step:
+    """What happened from one scan to the next, both in the frame of the series.
+
+    Attributes
+    ----------
+    earlier, later : Scan
+    fit : FrameFit
+        Of the later scan's own frame.
+    match : Match
+    is_there : ndarray of shape (n_earlier,), bool
+        Whether the later scan has wood where the earlier has.
+    gone, new : Gone
+        Pieces of the earlier wood that were removed, and of the later that have grown.
+    moved_markers : dict of str to float
+        How far markers lie from where they were, metres.
+    """
+
+    earlier: Scan
+    later: Scan
+    fit: FrameFit
+    match: Match
+    is_there: np.ndarray
+    gone: Gone
+    new: Gone
+    moved_markers: dict[str, float]
+
+    @property
+    def is_unseen(self) -> np.ndarray:
+        """Earlier wood that the later scan lacks, but that was hardly cut, (n_earlier,) bool."""
+        return ~self.is_there & (self.gone.piece < 0)
+
+    @property
+    def scale_ratio(self) -> float:
+        """By how much the later tree would have to be stretched for its forks to fit best.
+
+        Forks are places; along an axis wood fits at any scale. Each is as far from the middle of
+        all as at the other date; the median of the ratios is taken.
+        """
+        pairs = np.array(list(self.match.axes.items()))
+        before = self.earlier.wood.feet[pairs[:, 0]]
+        after = self.later.wood.feet[pairs[:, 1]]
+        far = np.linalg.norm(before - np.median(before, axis=0), axis=1)
+        far_after = np.linalg.norm(after - np.median(after, axis=0), axis=1)
+        return float(np.median(np.maximum(far, 1e-9) / np.maximum(far_after, 1e-9)))
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is to be doubted."""
+        fit, found = self.fit, []
+        if fit.runner_up > DOUBTED_RUNNER_UP * fit.score:
+            found.append("frame_unsure: another turn of the tree fits nearly as well")
+        ratio = self.scale_ratio
+        if abs(ratio - 1.0) > ODD_SCALE:
+            found.append(
+                f"scale_differs: the later wood fits best when stretched by {ratio:.3f};"
+                " is one of the scans' scales wrong?"
+            )
+        return found
+
+
+@dataclass
+class Comparison:
+    """A series.
+
+    Attributes
+    ----------
+    scans : list of Scan
+        By date, in the frame of the first; those that were left out are not among them.
+    steps : list of Step
+        One less.
+    ids : list of ndarray of shape (n_axes,), int64
+        Per scan the lasting id of each axis: the first scan's own numbers, then new ones.
+    left_out : dict of str to str
+        Trees that could not be compared, and why.
+    """
+
+    scans: list[Scan]
+    steps: list[Step]
+    ids: list[np.ndarray]
+    left_out: dict[str, str]
+
+
+def compare_scans(scans: list[Scan]) -> Comparison:
+    """Compare the scans of a series.
+
+    Parameters
+    ----------
+    scans : list of Scan
+        At least two.
+
+    Raises
+    ------
+    StageError
+        If no two of them are scans of one tree.
+    """
+    ordered = sorted(scans, key=lambda scan: scan.date)
+    kept, steps, left_out = ordered[:1], [], {}
+    ids = [np.arange(kept[0].wood.axis.max() + 1)]
+    next_id = len(ids[0])
+    for scan in ordered[1:]:
+        fit = find_frame(kept[-1].wood, scan.wood, marker_starts(kept[-1].markers, scan.markers))
+        if 2 * fit.score - fit.runner_up < LEAST_FIT:
+            left_out[scan.tree] = (
+                f"its wood does not fit that of {kept[-1].tree} ({100 * fit.score:.0f} % of it): "
+                "is it another tree, or wrong scale or up axis?"
+            )
+            logger.warning("%s is left out: %s", scan.tree, left_out[scan.tree])
+            continue
+        step = compare_two(kept[-1], scan.moved(fit.matrix), fit)
+        lasting = np.full(scan.wood.axis.max() + 1, -1)
+        for before, after in step.match.axes.items():
+            lasting[after] = ids[-1][before]
+        fresh = np.flatnonzero(lasting < 0)
+        lasting[fresh] = next_id + np.arange(len(fresh))
+        next_id += len(fresh)
+        steps.append(step)
+        kept.append(step.later)
+        ids.append(lasting)
+    if not steps:
+        raise StageError(
+            "no two scans of the series fit one another: " + "; ".join(left_out.values()),
+            key="series in trees.tsv",
+        )
+    return Comparison(kept, steps, ids, left_out)
+
+
+def compare_two(earlier: Scan, later: Scan, fit: FrameFit) -> Step:
+    """Compare two scans in one frame."""
+    wood, other = earlier.wood, later.wood
+    match = match_wood(wood, other)
+    reach = match.tolerance
+    is_there = (match.to_later >= 0) | seen_by(wood, match.bent, later.cloud, reach)
+    # Where later wood would have been at the earlier date: as far off as the wood next to it
+    _, nearest = cKDTree(match.bent).query(other.points)
+    before = other.points + (wood.points - match.bent)[nearest]
+    was_there = (match.to_earlier >= 0) | seen_by(other, before, earlier.cloud, reach)
+    gone = reach_back(wood, find_gone(wood, is_there), match.bent, later.cloud, reach)
+    new = reach_back(other, find_new(other, was_there, LEAST_NEW_M), before, earlier.cloud, reach)
+    moved = moved_by(earlier.markers, later.markers, np.eye(4))
+    return Step(earlier, later, fit, match, is_there, gone, new, moved)

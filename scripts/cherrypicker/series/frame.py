@@ -1,0 +1,132 @@
+"""Where a later scan stands in the frame of an earlier one: a turn and a shift of the whole tree.
+
+A scan's frame has z up and its stem somewhere, so all turns about the vertical through the foot are
+tried, and what the markers say where they are seen at both dates. The wood decides: starts are
+refined by ICP (Besl and McKay 1992) on the skeletons' samples. Wood weighs by its radius, since
+thick wood neither bends nor grows much, and by a Gaussian of its distance, which narrows: what has
+no counterpart counts for nothing (the weights of Chetverikov's trimmed ICP, 2002, made soft).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.series.wood import Wood
+
+N_TURNS = 72  # about the vertical that are tried
+N_REFINED = 6  # best of these that are refined
+SEARCH_M = 0.08  # width of the Gaussian while turns are compared
+WIDTHS_M = (0.08, 0.05, 0.03, 0.03, 0.02, 0.02, 0.02, 0.02)  # while they are refined
+N_SAMPLES = 2000  # of the wood that are looked up, the thickest stretches first
+
+
+@dataclass(frozen=True)
+class FrameFit:
+    """A frame and how sure it is.
+
+    Attributes
+    ----------
+    matrix : ndarray of shape (4, 4), float64
+        Brings points of the later scan into the earlier one's frame.
+    score, runner_up : float
+        Share of the earlier wood, by its surface, that has wood of the later one near it; the same
+        for the best frame that is another one.
+    source : str
+        ``wood`` or ``markers``: the start that led there.
+    """
+
+    matrix: np.ndarray
+    score: float
+    runner_up: float
+    source: str
+
+
+def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()) -> FrameFit:
+    """Find the frame of a later scan of the same tree.
+
+    Parameters
+    ----------
+    earlier, later : Wood
+        Metres, z up.
+    by_markers : sequence of ndarray of shape (4, 4)
+        What markers say, see `cherrypicker.series.marker_frames`.
+    """
+    search = _Search(earlier, later)
+    turns = 2 * np.pi * np.arange(N_TURNS) / N_TURNS
+    starts = [_about_the_foot(turn, later.points[0], earlier.points[0]) for turn in turns]
+    scores = np.array([search.score(start, SEARCH_M) for start in starts])
+    best = [("wood", starts[row]) for row in np.argsort(-scores, kind="stable")[:N_REFINED]]
+    best = [("markers", start) for start in by_markers] + best
+    refined = [(source, search.refined(start)) for source, start in best]
+    found = [search.score(matrix, WIDTHS_M[-1]) for _, matrix in refined]
+    top = int(np.argmax(found))
+    source, matrix = refined[top]
+    others = [
+        score
+        for score, (_, other) in zip(found, refined, strict=True)
+        if _turn_between(matrix, other) > 2 * np.pi / N_TURNS
+    ]
+    return FrameFit(matrix, found[top], max(others, default=0.0), source)
+
+
+class _Search:
+    """Samples of both dates, and a look-up of the later one's."""
+
+    def __init__(self, earlier: Wood, later: Wood) -> None:
+        weight = earlier.radius * earlier.length
+        rows = np.sort(np.argsort(-weight, kind="stable")[:N_SAMPLES])
+        self.points, self.weight = earlier.points[rows], weight[rows] / weight[rows].sum()
+        self.later = later.points
+        self.tree = cKDTree(later.points)
+
+    def nearest(self, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance of each sample to the later wood under a frame, and that wood's own place."""
+        back = (self.points - matrix[:3, 3]) @ matrix[:3, :3]
+        distance, row = self.tree.query(back)
+        return distance, self.later[row]
+
+    def score(self, matrix: np.ndarray, width: float) -> float:
+        distance, _ = self.nearest(matrix)
+        return float(self.weight @ np.exp(-0.5 * (distance / width) ** 2))
+
+    def refined(self, matrix: np.ndarray) -> np.ndarray:
+        for width in WIDTHS_M:
+            distance, place = self.nearest(matrix)
+            weight = self.weight * np.exp(-0.5 * (distance / width) ** 2)
+            matrix = fit_rigid(place, self.points, weight)
+        return matrix
+
+
+def fit_rigid(source: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Turn and shift that bring points onto others with the least weighted squares (Kabsch 1976).
+
+    Returns
+    -------
+    ndarray of shape (4, 4), float64
+    """
+    weight = weight / max(weight.sum(), 1e-12)
+    here, there = weight @ source, weight @ target
+    left, _, right = np.linalg.svd((target - there).T @ (weight[:, None] * (source - here)))
+    keep_hand = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    matrix = np.eye(4)
+    matrix[:3, :3] = left @ keep_hand @ right
+    matrix[:3, 3] = there - matrix[:3, :3] @ here
+    return matrix
+
+
+def _about_the_foot(turn: float, foot: np.ndarray, onto: np.ndarray) -> np.ndarray:
+    """A turn about the vertical that brings one foot onto the other, (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    matrix[:3, 3] = onto - matrix[:3, :3] @ foot
+    return matrix
+
+
+def _turn_between(one: np.ndarray, other: np.ndarray) -> float:
+    """Angle between two frames, radians."""
+    cosine = (np.trace(one[:3, :3].T @ other[:3, :3]) - 1.0) / 2.0
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))

@@ -1,0 +1,91 @@
+"""Which wood of two dates is the same, and so which axes.
+
+Wood is matched first, sample by sample: the earlier wood is bent onto the later
+(`cherrypicker.series.bend`), so that children are looked for where their parents went. Two samples
+are the same wood where they lie within a tolerance and run the same way. The tolerance follows from
+how far matched wood lies apart, which is the noise of both scans together. Axes are then matched
+one to one so that as much length as possible is the same wood.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from cherrypicker.series.bend import TURN_M, bend_onto, directed_tree
+from cherrypicker.series.wood import STEP_M, Wood
+
+NOISE_REACH_M = 0.045  # wood farther apart than this says nothing of the noise (of `bend.WIDTHS_M`)
+# The tolerance in medians of the distances. These have heavy tails: 97 % of the wood that two
+# scans of an unchanged tree share lies within it (measured on generated pairs, docs/series.md)
+TAIL = 6.0
+SAME_WAY = 0.5  # least cosine between directions of the same wood (guess)
+AXIS_SHARE = 0.5  # least share of the shorter axis's matched length that a pair of axes has
+
+
+@dataclass
+class Match:
+    """The wood that two dates share.
+
+    Attributes
+    ----------
+    tolerance : float
+        Within which two samples are the same wood, metres.
+    bent : ndarray of shape (n_earlier, 3), float64
+        Places of the earlier samples at the later date.
+    to_later : ndarray of shape (n_earlier,), int64
+        The later sample that an earlier one is, -1 for none.
+    to_earlier : ndarray of shape (n_later,), int64
+        The same the other way.
+    axes : dict of int to int
+        Earlier axis to later axis.
+    """
+
+    tolerance: float
+    bent: np.ndarray
+    to_later: np.ndarray
+    to_earlier: np.ndarray
+    axes: dict[int, int]
+
+
+def match_wood(earlier: Wood, later: Wood) -> Match:
+    """Match the wood of two dates, both in one frame."""
+    bent = bend_onto(earlier, later)
+    to_later, apart = _nearest(bent, earlier.tangent, later.points, later.tangent)
+    near = apart[apart < NOISE_REACH_M]
+    # between samples nothing is told
+    tolerance = max(TAIL * float(np.median(near)) if len(near) else 0.0, STEP_M)
+    to_earlier, apart_back = _nearest(later.points, later.tangent, bent, earlier.tangent)
+    to_later[apart > tolerance] = -1
+    to_earlier[apart_back > tolerance] = -1
+    found = _match_axes(earlier, later, to_later, to_earlier)
+    return Match(tolerance, bent, to_later, to_earlier, found)
+
+
+def _nearest(
+    points: np.ndarray, tangent: np.ndarray, others: np.ndarray, other_tangent: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest other wood that runs the same way, and how far it is; infinitely if it turns off."""
+    _, row = directed_tree(others, other_tangent).query(np.hstack([points, TURN_M * tangent]))
+    apart = np.linalg.norm(others[row] - points, axis=1)
+    apart[(other_tangent[row] * tangent).sum(axis=1) < SAME_WAY] = np.inf
+    return row, apart
+
+
+def _match_axes(
+    earlier: Wood, later: Wood, to_later: np.ndarray, to_earlier: np.ndarray
+) -> dict[int, int]:
+    """Match axes one to one by the length of wood that they share."""
+    shape = earlier.axis.max() + 1, later.axis.max() + 1
+    shared = np.zeros(shape)
+    here, there = to_later >= 0, to_earlier >= 0
+    ahead = earlier.axis[here], later.axis[to_later[here]]
+    back = earlier.axis[to_earlier[there]], later.axis[there]
+    np.add.at(shared, ahead, 0.5 * earlier.length[here])
+    np.add.at(shared, back, 0.5 * later.length[there])
+    rows, columns = linear_sum_assignment(-shared)
+    least = AXIS_SHARE * np.minimum(shared.sum(axis=1)[rows], shared.sum(axis=0)[columns])
+    good = (shared[rows, columns] > 0) & (shared[rows, columns] >= least)
+    return {int(a): int(b) for a, b in zip(rows[good], columns[good], strict=True)}

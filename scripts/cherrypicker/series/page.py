@@ -1,0 +1,213 @@
+"""The page of a series: both skeletons of each step in one view, and the tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.series.compare import Comparison, Step
+from cherrypicker.series.tables import TABLES, is_shoot, totals
+from cherrypicker.series.wood import Wood
+
+#: What wood can be, from the bottom of the drawing up, and what it is called there.
+STATES = {
+    "kept": "there at both dates",
+    "unseen": "not seen at the later date",
+    "removed": "removed",
+    "grown": "grown at its end",
+    "shoot": "new shoot",
+}
+VIEWS = {"seen along y": 0, "seen along x": 1}  # and the coordinate that runs to the right
+HEIGHT_PX, MARGIN_PX = 620, 22
+LEAST_WIDTH_PX, LEAST_STROKE_PX = 300, 1.1
+THIN, PIECE = 3, 12  # of the samples, so many make a stretch, and a line of one width
+BAR_M = 0.5
+_SHOWN = {
+    "cuts": ("Removed wood", ("series_branch_id", "on_series_branch_id", "height_m", "azimuth_deg",
+                              "diameter_m", "length_m", "volume_m3", "n_branches")),
+    "shoots": ("New shoots", ("series_branch_id", "on_series_branch_id", "height_m", "azimuth_deg",
+                              "length_m", "base_diameter_m")),
+    "growth": ("Growth by branch", ("series_branch_id", "order", "length_before_m",
+                                    "length_after_m", "tip_growth_m", "removed_m",
+                                    "base_diameter_before_m", "base_diameter_after_m")),
+}  # fmt: skip
+
+
+def series_page(series: str, comparison: Comparison, tables: dict[str, list[dict]]) -> str:
+    """Render the page.
+
+    Parameters
+    ----------
+    series : str
+        Its name.
+    comparison : Comparison
+    tables : dict of str to list of dict
+        Rows by the names of `tables.TABLES`.
+
+    Returns
+    -------
+    str
+        HTML that needs no network; all text from data is escaped.
+    """
+    import jinja2
+
+    loader = jinja2.FileSystemLoader(Path(__file__).resolve().parent)
+    pages = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+    numbers = totals(comparison)["steps"]
+    steps = [
+        _step(step, comparison.ids[index : index + 2], numbers[index], tables)
+        for index, step in enumerate(comparison.steps)
+    ]
+    page = pages.get_template("series.html.j2").render(
+        series=series,
+        scans=[f"{scan.tree} ({scan.date})" for scan in comparison.scans],
+        left_out=comparison.left_out,
+        files=[*(f"{name}.csv" for name in TABLES), "series.json"],
+        states=list(STATES),
+        legend=list(STATES.items()),
+        steps=steps,
+    )
+    return page + "\n"
+
+
+def _step(step: Step, ids: list[np.ndarray], numbers: dict, tables: dict) -> dict:
+    between = {name: numbers[name] for name in ("from_tree", "to_tree")}
+    parts = {
+        name: [row for row in rows if between.items() <= row.items()]
+        for name, rows in tables.items()
+        if name in _SHOWN
+    }
+    return {
+        "title": f"{numbers['from_date']} to {numbers['to_date']}",
+        "warnings": numbers["warnings"],
+        "numbers": _numbers(numbers),
+        "views": _views(step, ids, parts["cuts"]),
+        "tables": [_table(*_SHOWN[name], parts[name]) for name in _SHOWN],
+    }
+
+
+def _numbers(numbers: dict) -> list[tuple[str, str]]:
+    moved = numbers["markers_moved_m"]
+    rows = [
+        ("Wood before", f"{numbers['length_before_m']:.2f} m"),
+        ("Wood after", f"{numbers['length_after_m']:.2f} m"),
+        ("Branches found again", f"{numbers['n_matched_branches']}"),
+        ("Removed", f"{numbers['removed_length_m']:.2f} m, "
+         f"{1e6 * numbers['removed_volume_m3']:.0f} cm³, {numbers['n_cuts']} cuts"),
+        ("Grown at the ends", f"{numbers['tip_growth_m']:.2f} m"),
+        ("New shoots", f"{numbers['n_shoots']}"),
+        ("New wood in all", f"{numbers['new_length_m']:.2f} m"),
+        ("Not seen at the later date", f"{numbers['unseen_length_m']:.2f} m"),
+        ("Same wood lies within", f"{1e3 * numbers['tolerance_m']:.0f} mm"),
+    ]  # fmt: skip
+    rows += [(f"Marker {name} moved by", f"{1e3 * far:.0f} mm") for name, far in moved.items()]
+    return rows
+
+
+def _table(title: str, columns: tuple, rows: list[dict]) -> dict:
+    made = [[_shown(name, row[name]) for name in columns] for row in rows]
+    return {"title": title, "head": [_head(name) for name in columns], "rows": made}
+
+
+def _factor(name: str) -> tuple[str, float, int]:
+    """Words, factor and decimals of a column: diameters in mm, volumes in cm³."""
+    stem, _, unit = name.rpartition("_")
+    if unit == "m" and "diameter" in stem:
+        unit = "mm"
+    known = {"m": ("m", 1.0, 2), "mm": ("mm", 1e3, 1), "m3": ("cm³", 1e6, 1), "deg": ("°", 1.0, 0)}
+    if unit not in known:
+        return name.replace("series_branch_id", "branch").replace("_", " "), 1.0, 0
+    shown, factor, decimals = known[unit]
+    return f"{stem.replace('_', ' ')}, {shown}", factor, decimals
+
+
+def _head(name: str) -> str:
+    return _factor(name)[0]
+
+
+def _shown(name: str, value: float | int | str | None) -> str:
+    _, factor, decimals = _factor(name)
+    return f"{factor * value:.{decimals}f}" if isinstance(value, float) else str(value)
+
+
+def _views(step: Step, ids: list[np.ndarray], cuts: list[dict]) -> list[dict]:
+    """Both skeletons seen from two sides, as paths of SVGs of one size and one scale."""
+    points = np.concatenate([step.earlier.wood.points, step.later.wood.points])
+    low, high = points.min(axis=0), points.max(axis=0)
+    factor = (HEIGHT_PX - 2 * MARGIN_PX) / max(high[2] - low[2], 1e-6)
+    width = max(factor * max(high[:2] - low[:2]) + 2 * MARGIN_PX, LEAST_WIDTH_PX)
+    middle = 0.5 * (low + high)
+    lines = _lines(step, ids)
+    made = []
+    for title, side in VIEWS.items():
+
+        def place(at: np.ndarray, side: int = side) -> np.ndarray:
+            x = 0.5 * width + factor * (at[:, side] - middle[side])
+            return np.column_stack([x, HEIGHT_PX - MARGIN_PX - factor * (at[:, 2] - low[2])])
+
+        paths = [
+            {
+                "state": state,
+                "d": "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in place(line)),
+                "width": f"{max(2 * radius * factor, LEAST_STROKE_PX):.1f}",
+                "title": f"branch {lasting}, {STATES[state]}",
+            }
+            for state, line, radius, lasting in lines
+        ]
+        marks = []
+        for cut in cuts:
+            ((x, y),) = place(np.array([[cut["x_m"], cut["y_m"], cut["z_m"]]]))
+            words = f"{1e3 * cut['diameter_m']:.0f} mm, {cut['length_m']:.2f} m removed"
+            marks.append({"x": f"{x:.1f}", "y": f"{y:.1f}", "title": words})
+        made.append({"title": title, "paths": paths, "cuts": marks})
+    frame = {
+        "width": round(width),
+        "height": HEIGHT_PX,
+        "bar": f"M16,{HEIGHT_PX - 12}h{factor * BAR_M:.1f}",
+        "bar_length": f"{BAR_M:g} m",
+    }
+    return [view | frame for view in made]
+
+
+def _lines(step: Step, ids: list[np.ndarray]) -> list[tuple[str, np.ndarray, float, int]]:
+    """Lines of both skeletons: their state, points, radius and lasting id, `STATES` in order."""
+    found = [
+        (state, line, radius, int(lasting[axis]))
+        for wood, states, lasting in zip(
+            (step.earlier.wood, step.later.wood), _states(step), ids, strict=True
+        )
+        for state, line, radius, axis in _runs(wood, states)
+    ]
+    return sorted(found, key=lambda each: list(STATES).index(each[0]))
+
+
+def _states(step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """State of each sample of the earlier and of the later wood; empty where it is not drawn.
+
+    Wood that is there at both dates is drawn where it is at the later one.
+    """
+    earlier = np.full(len(step.earlier.wood), "", dtype="<U8")
+    earlier[step.is_unseen] = "unseen"
+    earlier[step.gone.piece >= 0] = "removed"
+    later = np.full(len(step.later.wood), "kept", dtype="<U8")
+    kinds = np.array(["shoot" if is_shoot(step, row) else "grown" for row in step.new.first])
+    is_new = step.new.piece >= 0
+    later[is_new] = kinds[step.new.piece[is_new]] if len(kinds) else ""
+    return earlier, later
+
+
+def _runs(wood: Wood, state: np.ndarray) -> list[tuple[str, np.ndarray, float, int]]:
+    """Short lines of one state along one axis: the state, its points, mean radius and axis."""
+    is_first = (np.diff(wood.axis, prepend=-1) != 0) | np.append(False, state[1:] != state[:-1])
+    starts = np.flatnonzero(is_first)
+    runs = []
+    for start, end in zip(starts, np.append(starts[1:], len(wood)), strict=True):
+        for first in range(start, end, PIECE) if state[start] else ():
+            last = min(first + PIECE, end) - 1
+            rows = np.unique(np.append(np.arange(first, last, THIN), last))
+            if wood.parent[first] >= 0:
+                rows = np.append(wood.parent[first], rows)
+            radius = wood.radius[first : last + 1].mean()
+            runs.append((str(state[start]), wood.points[rows], float(radius), wood.axis[start]))
+    return runs

@@ -1,0 +1,269 @@
+"""What a comparison says, as rows of tables and as numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+
+import numpy as np
+
+from cherrypicker.series.changes import Gone
+from cherrypicker.series.compare import Comparison, Scan, Step
+from cherrypicker.series.wood import Wood
+
+AT_CUT_M = 0.03  # of wood beyond a cut whose median radius is the cut's (guess)
+_DECIMALS = {"_m": 4, "_m3": 8, "_deg": 1}
+_ENDS = ("base_diameter_low_m", "base_diameter_high_m")
+
+
+def branch_table(comparison: Comparison) -> list[dict]:
+    """A row an axis and scan: its lasting id beside the id that it has in its own tree."""
+    rows = []
+    known: set[int] = set()
+    for scan, ids in zip(comparison.scans, comparison.ids, strict=True):
+        for number, branch in enumerate(scan.branches):
+            parent = int(branch["parent_id"])
+            lasting = int(ids[number])
+            rows.append(
+                {
+                    "series_branch_id": lasting,
+                    "tree": scan.tree,
+                    "date": scan.date,
+                    "branch_id": number,
+                    "series_parent_id": int(ids[parent]) if parent >= 0 else -1,
+                    "order": int(branch["order"]),
+                    "seen_before": lasting in known,
+                    "length_m": branch["length_m"],
+                    "base_diameter_m": branch["base_diameter_m"],
+                    "base_height_m": branch["base_height_m"],
+                }
+            )
+        known |= set(ids.tolist())
+    return rows
+
+
+def growth_table(comparison: Comparison) -> list[dict]:
+    """A row for each axis that a step found again."""
+    rows = []
+    for number, step in enumerate(comparison.steps):
+        ids = comparison.ids[number]
+        at_tip = _tip_growth(step)
+        gone = step.gone.piece >= 0
+        cut = np.bincount(step.earlier.wood.axis, step.earlier.wood.length * gone)
+        for before, after in sorted(step.match.axes.items()):
+            was, now = step.earlier.branches[before], step.later.branches[after]
+            grown = now["base_diameter_m"] - was["base_diameter_m"]
+            rows.append(
+                {
+                    "series_branch_id": int(ids[before]),
+                    **_between(step),
+                    "order": int(was["order"]),
+                    "length_before_m": was["length_m"],
+                    "length_after_m": now["length_m"],
+                    "tip_growth_m": float(at_tip[after]),
+                    "removed_m": float(cut[before]),
+                    "base_diameter_before_m": was["base_diameter_m"],
+                    "base_diameter_after_m": now["base_diameter_m"],
+                    "base_diameter_growth_m": grown,
+                    **_interval(was, now, grown),
+                }
+            )
+    return rows
+
+
+def shoot_table(comparison: Comparison) -> list[dict]:
+    """A row for each new shoot: wood that hangs on an axis that was there."""
+    rows = []
+    for number, step in enumerate(comparison.steps):
+        ids, wood = comparison.ids[number + 1], step.later.wood
+        pieces = _pieces(wood, step.new)
+        for row, piece in zip(step.new.first, pieces, strict=True):
+            if not is_shoot(step, row):
+                continue
+            rows.append(
+                {
+                    "series_branch_id": int(ids[wood.axis[row]]),
+                    **_between(step),
+                    "on_series_branch_id": _bearer(step.later, ids, wood.axis[row]),
+                    **_place(step, wood, row),
+                    # with its foot, which lies in the wood that was there
+                    "length_m": float(
+                        wood.length[piece].sum() + wood.along[row] - wood.length[row]
+                    ),
+                    "base_diameter_m": _diameter(wood, row, piece),
+                }
+            )
+    return rows
+
+
+def cut_table(comparison: Comparison) -> list[dict]:
+    """A row for each cut: its place in the frame of the first scan, and what it took away."""
+    rows = []
+    for number, step in enumerate(comparison.steps):
+        ids, wood = comparison.ids[number], step.earlier.wood
+        for row, piece in zip(step.gone.first, _pieces(wood, step.gone), strict=True):
+            rows.append(
+                {
+                    "series_branch_id": int(ids[wood.axis[row]]),
+                    **_between(step),
+                    "on_series_branch_id": _bearer(step.earlier, ids, wood.axis[row]),
+                    **_place(step, wood, row),
+                    "left_m": float(wood.along[row] - wood.length[row]),
+                    "diameter_m": _diameter(wood, row, piece),
+                    "length_m": float(wood.length[piece].sum()),
+                    "volume_m3": float(wood.volume[piece].sum()),
+                    "n_branches": len(np.unique(wood.axis[piece])),
+                }
+            )
+    return rows
+
+
+def totals(comparison: Comparison) -> dict:
+    """The numbers of the series as a whole."""
+    steps = []
+    for step in comparison.steps:
+        wood, other = step.earlier.wood, step.later.wood
+        gone, new = step.gone.piece >= 0, step.new.piece >= 0
+        at_tips = float(_tip_growth(step).sum())
+        steps.append(
+            {
+                **_between(step),
+                "n_matched_branches": len(step.match.axes),
+                "n_cuts": len(step.gone.first),
+                "removed_length_m": float(wood.length[gone].sum()),
+                "removed_volume_m3": float(wood.volume[gone].sum()),
+                "n_shoots": sum(is_shoot(step, row) for row in step.new.first),
+                "new_length_m": float(other.length[new].sum()),
+                "tip_growth_m": at_tips,
+                "unseen_length_m": float(wood.length[step.is_unseen].sum()),
+                "length_before_m": float(wood.length.sum()),
+                "length_after_m": float(other.length.sum()),
+                "tolerance_m": step.match.tolerance,
+                "frame": step.fit.matrix.tolist(),
+                "frame_source": step.fit.source,
+                "frame_score": step.fit.score,
+                "frame_runner_up": step.fit.runner_up,
+                "scale_ratio": step.scale_ratio,
+                "markers_moved_m": step.moved_markers,
+                "warnings": step.warnings,
+            }
+        )
+    return {
+        "scans": [{"tree": scan.tree, "date": scan.date} for scan in comparison.scans],
+        "steps": steps,
+        "left_out": comparison.left_out,
+    }
+
+
+def as_csv(rows: list[dict], columns: tuple[str, ...]) -> str:
+    """Rows as CSV with a header; metres to 0.1 mm."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([_cell(name, row[name]) for name in columns] for row in rows)
+    return stream.getvalue()
+
+
+_STEP = ("from_tree", "to_tree", "from_date", "to_date")
+_WHERE = ("on_series_branch_id", "x_m", "y_m", "z_m", "height_m", "azimuth_deg")
+BRANCH_COLUMNS = (
+    *("series_branch_id", "tree", "date", "branch_id", "series_parent_id", "order"),
+    *("seen_before", "length_m", "base_diameter_m", "base_height_m"),
+)
+GROWTH_COLUMNS = (
+    *("series_branch_id", *_STEP, "order", "length_before_m", "length_after_m", "tip_growth_m"),
+    *("removed_m", "base_diameter_before_m", "base_diameter_after_m", "base_diameter_growth_m"),
+    *("base_diameter_growth_low_m", "base_diameter_growth_high_m"),
+)
+SHOOT_COLUMNS = ("series_branch_id", *_STEP, *_WHERE, "length_m", "base_diameter_m")
+CUT_COLUMNS = (
+    *(
+        "series_branch_id",
+        *_STEP,
+        *_WHERE,
+        "left_m",
+        "diameter_m",
+        "length_m",
+        "volume_m3",
+        "n_branches",
+    ),
+)
+
+
+def _between(step: Step) -> dict[str, str]:
+    values = step.earlier.tree, step.later.tree, step.earlier.date, step.later.date
+    return dict(zip(_STEP, values, strict=True))
+
+
+def _bearer(scan: Scan, ids: np.ndarray, axis: int) -> int:
+    """Lasting id of the axis that an axis hangs on, -1 for the trunk's."""
+    parent = int(scan.branches[axis]["parent_id"])
+    return int(ids[parent]) if parent >= 0 else -1
+
+
+def _pieces(wood: Wood, gone: Gone) -> list[np.ndarray]:
+    """Samples of each piece."""
+    return [np.flatnonzero(gone.piece == piece) for piece in range(len(gone.first))]
+
+
+def is_shoot(step: Step, row: int) -> bool:
+    """Whether a new piece of wood is a shoot, not the end of an axis that went on."""
+    return int(step.later.wood.axis[row]) not in step.match.axes.values()
+
+
+def _tip_growth(step: Step) -> np.ndarray:
+    """New wood at the end of each later axis that was there, metres, (n_axes,)."""
+    wood = step.later.wood
+    is_new = step.new.piece >= 0
+    grown = np.bincount(wood.axis, wood.length * is_new)
+    grown[[axis not in step.match.axes.values() for axis in range(len(grown))]] = 0.0
+    return grown
+
+
+def _place(step: Step, wood: Wood, row: int) -> dict[str, object]:
+    """Where a piece of wood starts; heights are above the stem's foot of its own scan."""
+    scan = step.earlier if wood is step.earlier.wood else step.later
+    foot = wood.points[0, 2] - scan.branches[0]["base_height_m"]
+    x, y, z = wood.points[wood.parent[row]]
+    out = x - wood.points[0, 0], y - wood.points[0, 1]
+    azimuth = math.degrees(math.atan2(out[1], out[0])) % 360.0
+    return dict(zip(_WHERE[1:], (x, y, z, z - foot, azimuth), strict=True))
+
+
+def _diameter(wood: Wood, row: int, piece: np.ndarray) -> float:
+    """Diameter where a piece of wood starts."""
+    near = (wood.axis[piece] == wood.axis[row]) & (wood.along[piece] <= wood.along[row] + AT_CUT_M)
+    return 2.0 * float(np.median(wood.radius[piece[near]]))
+
+
+def _interval(was: dict, now: dict, grown: float) -> dict[str, float | None]:
+    """90 % interval of a growth in diameter: the scans' own intervals, which are independent."""
+    ends = [(row[_ENDS[0]], row["base_diameter_m"], row[_ENDS[1]]) for row in (was, now)]
+    names = "base_diameter_growth_low_m", "base_diameter_growth_high_m"
+    if any(value is None for row in ends for value in row):
+        return dict.fromkeys(names)
+    (low_was, mid_was, high_was), (low_now, mid_now, high_now) = ends
+    down = math.hypot(mid_now - low_now, high_was - mid_was)
+    up = math.hypot(high_now - mid_now, mid_was - low_was)
+    return dict(zip(names, (grown - down, grown + up), strict=True))
+
+
+def _cell(name: str, value: object) -> object:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return int(value)
+    if isinstance(value, float):
+        ends = [decimals for end, decimals in _DECIMALS.items() if name.endswith(end)]
+        return f"{value:.{ends[-1] if ends else 4}f}"
+    return value
+
+
+#: Name of a table's file to what makes its rows, and its columns.
+TABLES = {
+    "branches": (branch_table, BRANCH_COLUMNS),
+    "growth": (growth_table, GROWTH_COLUMNS),
+    "shoots": (shoot_table, SHOOT_COLUMNS),
+    "cuts": (cut_table, CUT_COLUMNS),
+}

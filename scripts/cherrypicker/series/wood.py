@@ -1,0 +1,113 @@
+"""A skeleton as even samples of its wood: what two dates are compared by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline
+
+STEP_M = 0.01  # of the samples, as the graph stage sets its nodes
+TURN_STEPS = 3  # a direction is taken over so many samples on either side (guess)
+
+
+@dataclass
+class Wood:
+    """Samples of a skeleton, parents before children.
+
+    Attributes
+    ----------
+    points, tangent : ndarray of shape (n, 3), float64
+        Metres; unit directions away from the root.
+    radius, length : ndarray of shape (n,), float64
+        Of the wood, and of the stretch from the parent to the sample; metres.
+    parent, axis : ndarray of shape (n,), int64
+        Sample towards the root, -1 for the first; axis of the sample, as `skeleton.axes` lists it.
+    along : ndarray of shape (n,), float64
+        Way along its axis from what it hangs on, metres.
+    """
+
+    points: np.ndarray
+    tangent: np.ndarray
+    radius: np.ndarray
+    length: np.ndarray
+    parent: np.ndarray
+    axis: np.ndarray
+    along: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def moved(self, frame: np.ndarray) -> Wood:
+        """The same wood in another frame; `frame` has shape (4, 4)."""
+        turn = frame[:3, :3]
+        points, tangent = self.points @ turn.T + frame[:3, 3], self.tangent @ turn.T
+        rest = self.radius, self.length, self.parent, self.axis, self.along
+        return Wood(points, tangent, *rest)
+
+    @property
+    def feet(self) -> np.ndarray:
+        """Place that each axis hangs on, (n_axes, 3), for the trunk its foot."""
+        first = np.flatnonzero(np.diff(self.axis, prepend=-1))
+        return self.points[np.maximum(self.parent[first], 0)]
+
+    @property
+    def volume(self) -> np.ndarray:
+        """Volume of each sample's stretch, (n,) float64, cubic metres."""
+        return np.pi * self.radius**2 * self.length
+
+
+def sample_wood(skeleton: Skeleton, axis_list: list[Axis] | None = None) -> Wood:
+    """Sample a skeleton evenly along its axes.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    axis_list : list of Axis, optional
+        From `cherrypicker.skeleton.axes`, found here when left out.
+    """
+    axis_list = axes(skeleton) if axis_list is None else axis_list
+    parts: list[tuple] = []
+    nearest = np.zeros(len(skeleton), dtype=np.int64)  # the sample at a node of the skeleton
+    n_samples = 0
+    for number, axis in enumerate(axis_list):
+        line = axis_polyline(axis)
+        points = skeleton.points[line]
+        way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+        n_steps = max(round(way[-1] / STEP_M), 1)
+        first = 0 if axis.attach < 0 else 1  # what it hangs on is another axis's
+        at = way[-1] * np.arange(n_steps + 1) / n_steps
+        line_points = np.column_stack([np.interp(at, way, column) for column in points.T])
+        radius = skeleton.radius[line].copy()
+        if first:
+            radius[0] = radius[1]
+        parent = n_samples + np.arange(n_steps + 1) - first - 1
+        parent[first] = nearest[axis.attach] if first else -1
+        nearest[axis.nodes] = (
+            n_samples - first + np.rint(way[first:] / way[-1] * n_steps).clip(first)
+            if way[-1] > 0
+            else n_samples
+        )
+        parts.append(
+            (
+                line_points[first:],
+                _tangents(line_points)[first:],
+                np.interp(at, way, radius)[first:],
+                np.append(0.0, np.diff(at))[first:],
+                parent[first:],
+                np.full(n_steps + 1 - first, number),
+                at[first:],
+            )
+        )
+        n_samples += n_steps + 1 - first
+    return Wood(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _tangents(points: np.ndarray) -> np.ndarray:
+    """Unit direction at each point of an even polyline, (n, 3)."""
+    last = len(points) - 1
+    place = np.arange(last + 1)
+    ahead, behind = np.minimum(place + TURN_STEPS, last), np.maximum(place - TURN_STEPS, 0)
+    direction = points[ahead] - points[behind]
+    return direction / np.maximum(np.linalg.norm(direction, axis=1), 1e-12)[:, None]

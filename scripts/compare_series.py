@@ -1,0 +1,59 @@
+"""Compare the scans of one tree on several dates: growth, new shoots, removed wood.
+
+Reads skeleton.graphml, branches.csv, segmented.ply and, of scans from photos, scale.json and both
+files of poses below each tree's results folder; writes tables and a page. A scan that cannot be
+compared is told and left out. Example:
+
+    python scripts/compare_series.py --series row3_tree4 --trees t4_2025 t4_2026 \\
+        --dates 2025-02-11 2026-02-14 --folder results/series/row3_tree4
+"""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import write_json, write_text
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.series.compare import compare_scans
+from cherrypicker.series.page import series_page
+from cherrypicker.series.scan_files import read_scan
+from cherrypicker.series.tables import TABLES, as_csv, totals
+
+logger = logging.getLogger(__name__)
+
+
+def main(
+    series: Annotated[str, "name of the series"],
+    trees: Annotated[list[str], "ids of its trees"],
+    dates: Annotated[list[str], "ISO date of each tree's scan"],
+    folder: Annotated[str, "folder to write to"],
+    results: Annotated[str, "folder of the results"] = "results",
+    unfinished: Annotated[Sequence[str], "ids of its trees that failed, to be named"] = (),
+) -> None:
+    if len(trees) != len(dates):
+        raise StageError(f"{len(trees)} trees and {len(dates)} dates given")
+    scans, left_out = [], dict.fromkeys(unfinished, "it is not finished")
+    for tree, date in zip(trees, dates, strict=True):
+        try:
+            scans.append(read_scan(Path(results) / tree, tree, date))
+        except StageError as error:
+            left_out[tree] = error.describe()
+            logger.warning("%s is left out: %s", tree, left_out[tree])
+    if len(scans) < 2:
+        raise StageError(
+            f"series {series} has fewer than two scans to compare: " + "; ".join(left_out.values()),
+            key="series in trees.tsv",
+        )
+    comparison = compare_scans(scans)
+    comparison.left_out |= left_out
+    tables = {name: (make(comparison), columns) for name, (make, columns) in TABLES.items()}
+    for name, (rows, columns) in tables.items():
+        write_text(Path(folder) / f"{name}.csv", as_csv(rows, columns))
+    write_json(Path(folder) / "series.json", {"series": series, **totals(comparison)})
+    page = series_page(series, comparison, {name: rows for name, (rows, _) in tables.items()})
+    write_text(Path(folder) / "report.html", page)
+
+
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -1,0 +1,288 @@
+"""Two dates of one tree: its frame, its branches' ids, what was cut and what grew."""
+
+import csv
+import importlib.util
+import io
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cherrypicker.batch.series import compare_rest
+from cherrypicker.batch.trees import Tree
+from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud, write_cloud
+from cherrypicker.poses import Poses
+from cherrypicker.series.changes import find_gone
+from cherrypicker.series.compare import compare_scans
+from cherrypicker.series.frame import fit_rigid
+from cherrypicker.series.marker_frames import marker_corners, marker_starts, moved_by
+from cherrypicker.series.page import series_page
+from cherrypicker.series.scan_files import read_scan
+from cherrypicker.series.tables import TABLES, as_csv, totals
+from cherrypicker.series.wood import Wood, sample_wood
+from cherrypicker.skeleton import Skeleton, axes, write_skeleton_graphml
+from cherrypicker.traits.branches import branch_rows, branches_csv
+from cherrypicker_lab.series.judge import judge_step
+
+
+@pytest.fixture(scope="module")
+def series(dates):
+    return compare_scans([dates.grown.scan, dates.first.scan, dates.pruned.scan])
+
+
+@pytest.fixture(scope="module")
+def pruned(dates):
+    comparison = compare_scans([dates.first.scan, dates.pruned.scan])
+    return judge_step(
+        comparison,
+        dates.first.dated,
+        dates.pruned.dated,
+        dates.pruned.scan.wood,
+        dates.pruned.frame,
+    )
+
+
+def test_scans_stand_by_date_in_the_frame_of_the_first(series, dates):
+    assert [scan.tree for scan in series.scans] == ["first", "pruned", "grown"]
+    back = np.linalg.inv(dates.pruned.frame)
+    assert_allclose(series.steps[0].fit.matrix, back, atol=0.004)
+
+
+def test_the_cuts_are_found_and_nothing_else(pruned):
+    cuts = pruned["cuts"]
+    assert cuts["n_true"] >= 5
+    assert cuts["n_right"] == cuts["n_found"] == cuts["n_true"]
+    assert pruned["removed_length_m"] == pytest.approx(pruned["true_removed_length_m"], rel=0.05)
+    assert pruned["removed_volume_m3"] == pytest.approx(pruned["true_removed_volume_m3"], rel=0.1)
+    assert pruned["false_removed_length_m"] < 0.01 * pruned["length_m"]
+    assert pruned["new_length_m"] < 0.01 * pruned["length_m"]
+
+
+def test_branches_keep_their_ids_over_pruning_and_a_year_of_growth(dates):
+    grown = dates.grown
+    comparison = compare_scans([dates.first.scan, grown.scan])
+    judged = judge_step(comparison, dates.first.dated, grown.dated, grown.scan.wood, grown.frame)
+    counts = judged["axes_10cm"]
+    assert counts["n_right"] >= 0.95 * max(counts["n_true"], counts["n_found"]) > 10
+    assert judged["cuts"]["n_right"] == judged["cuts"]["n_true"]
+    assert judged["new_length_m"] == pytest.approx(judged["true_new_length_m"], rel=0.1)
+    assert judged["false_removed_length_m"] < 0.01 * judged["length_m"]
+
+
+def test_an_unchanged_tree_has_neither_cuts_nor_shoots(dates):
+    (step,) = compare_scans([dates.first.scan, dates.again.scan]).steps
+    assert len(step.gone.first) == 0
+    assert step.later.wood.length[step.new.piece >= 0].sum() < 0.01 * step.later.wood.length.sum()
+    assert step.scale_ratio == pytest.approx(1.0, abs=0.005)
+    assert step.warnings == []
+
+
+def test_ids_last_and_are_never_used_twice(series):
+    first, pruned, grown = series.ids
+    assert_allclose(first, np.arange(len(first)))
+    for ids in series.ids:
+        assert len(np.unique(ids)) == len(ids)
+    removed = set(first) - set(pruned)
+    assert removed and not removed & set(grown)
+    assert min(set(grown) - set(pruned)) > max(first.max(), pruned.max())
+
+
+def test_another_tree_is_left_out_and_the_others_go_on(dates):
+    twin = dates.again.scan
+    wood = twin.wood.moved(np.diag([1.0, 1.0, -1.0, 1.0]))  # upside down
+    other = type(twin)("other", "2024-02-15", wood, twin.branches, twin.cloud)
+    comparison = compare_scans([dates.first.scan, other, twin])
+    assert [scan.tree for scan in comparison.scans] == ["first", "again"]
+    assert "is it another tree" in comparison.left_out["other"]
+    with pytest.raises(StageError, match="no two scans"):
+        compare_scans([dates.first.scan, other])
+
+
+def test_a_wrong_scale_is_warned_of(dates):
+    again = dates.again.scan
+    wood = Wood(1.03 * again.wood.points, *list(vars(again.wood).values())[1:])
+    scan = type(again)("again", again.date, wood, again.branches, 1.03 * again.cloud)
+    (step,) = compare_scans([dates.first.scan, scan]).steps
+    assert any(line.startswith("scale_differs") for line in step.warnings)
+
+
+def stem_with_limbs(n_limbs=3, thin=0.004):
+    """Wood: a stem of 2 m and limbs of 0.5 m on it, of samples a centimetre apart."""
+    parts = [(np.column_stack([np.zeros((201, 2)), np.arange(201) / 100]), 0.03, -1)]
+    for limb in range(n_limbs):
+        out = np.column_stack([np.arange(1, 51) / 100, np.zeros(50), np.full(50, 0.5 * (limb + 1))])
+        parts.append((out, thin, 50 * (limb + 1)))
+    parent, axis, n = [], [], 0
+    for number, (points, _, foot) in enumerate(parts):
+        parent.append(np.append(foot, n + np.arange(len(points) - 1)))
+        axis.append(np.full(len(points), number))
+        n += len(points)
+    length = np.full(n, 0.01)
+    radius = np.concatenate([np.full(len(points), thick) for points, thick, _ in parts])
+    points = np.concatenate([points for points, _, _ in parts])
+    none = np.zeros(n)
+    return Wood(points, points, radius, length, np.concatenate(parent), np.concatenate(axis), none)
+
+
+def test_a_limb_that_is_not_there_was_cut_a_short_twig_was_missed():
+    wood = stem_with_limbs()
+    is_there = wood.axis != 2
+    gone = find_gone(wood, is_there)
+    assert_allclose(gone.piece >= 0, ~is_there)
+    assert wood.axis[gone.first] == [2]
+    short = np.ones(len(wood), dtype=bool)
+    short[np.flatnonzero(wood.axis == 1)[-6:]] = False  # 6 cm at its tip
+    assert (find_gone(wood, short).piece < 0).all()
+
+
+def test_a_gap_in_what_goes_on_is_no_cut():
+    wood = stem_with_limbs()
+    is_there = np.ones(len(wood), dtype=bool)
+    is_there[np.flatnonzero(wood.axis == 1)[10:22]] = False
+    assert (find_gone(wood, is_there).piece < 0).all()
+
+
+def test_wood_that_hung_on_a_removed_limb_by_a_wrong_joint_stays():
+    wood = stem_with_limbs()
+    wood.parent[np.flatnonzero(wood.axis == 3)[0]] = np.flatnonzero(wood.axis == 2)[-1]
+    gone = find_gone(wood, wood.axis != 2)
+    assert_allclose(gone.piece >= 0, wood.axis == 2)
+
+
+def test_samples_are_even_and_hang_on_their_parents(dates):
+    wood = dates.first.scan.wood
+    step = np.linalg.norm(wood.points[1:] - wood.points[wood.parent[1:]], axis=1)
+    # noisy nodes make the polylines longer than the chords between samples
+    assert np.quantile(step, 0.99) < 0.02
+    assert (wood.parent[1:] < np.arange(1, len(wood))).all()
+    skeleton = dates.first.skeleton
+    assert wood.length.sum() == pytest.approx(skeleton.edge_length.sum(), rel=0.01)
+
+
+def test_markers_give_the_frame_where_they_stayed():
+    rng = np.random.default_rng(0)
+    corners = rng.normal(size=(4, 3))
+    centers = rng.normal(size=(8, 3))
+    turn = fit_rigid(centers, centers[:, [1, 2, 0]], np.ones(8))  # a turn of the axes
+    k = np.tile(np.eye(3), (8, 1, 1))
+    names = [f"{i}.jpg" for i in range(8)]
+
+    def poses(centers):
+        cams = np.concatenate([np.tile(np.eye(3), (8, 1, 1)), -centers[:, :, None]], axis=2)
+        return Poses(names, cams, k, np.full(8, 10), np.full(8, 10))
+
+    there = 0.5 * centers @ turn[:3, :3].T + [1.0, 2.0, 3.0]
+    marker = {"id": 7, "used": True, "corners": corners.tolist()}
+    scale = {"dictionary": "DICT", "markers": [marker, {"id": 8, "used": False}]}
+    found = marker_corners(scale, poses(centers), poses(there))
+    assert list(found) == [("DICT", 7)]
+    assert_allclose(found["DICT", 7], 0.5 * corners @ turn[:3, :3].T + [1.0, 2.0, 3.0], atol=1e-9)
+    later = {("DICT", 7): found["DICT", 7] + [0.1, 0.0, 0.0], ("DICT", 9): corners}
+    (start,) = marker_starts(found, later)
+    assert_allclose(start[:3, 3], [-0.1, 0.0, 0.0], atol=1e-9)
+    assert moved_by(found, later, np.eye(4)) == {"DICT 7": pytest.approx(0.1)}
+
+
+def test_the_tables_and_the_page_say_what_changed(series):
+    tables = {name: make(series) for name, (make, _) in TABLES.items()}
+    for name, (_, columns) in TABLES.items():
+        rows = list(csv.DictReader(io.StringIO(as_csv(tables[name], columns))))
+        assert len(rows) == len(tables[name]) > 0
+    numbers = totals(series)
+    json.dumps(numbers, allow_nan=False)
+    first, second = numbers["steps"]
+    cuts = [row for row in tables["cuts"] if row["to_tree"] == "pruned"]
+    assert first["n_cuts"] == len(cuts)
+    assert sum(row["length_m"] for row in cuts) == pytest.approx(first["removed_length_m"])
+    assert second["n_shoots"] == sum(row["to_tree"] == "grown" for row in tables["shoots"])
+    before = {row["series_branch_id"] for row in tables["branches"] if row["tree"] == "first"}
+    assert {row["series_branch_id"] for row in cuts} <= before
+    trunk = tables["growth"][0]
+    assert trunk["series_branch_id"] == 0
+    assert trunk["base_diameter_growth_m"] == pytest.approx(0.0, abs=0.005)
+    page = series_page("row <1>", series, tables)
+    assert "row &lt;1&gt;" in page and "row <1>" not in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert page.count('class="cut"') == 2 * (first["n_cuts"] + second["n_cuts"])
+
+
+def write_results(folder, found):
+    folder.mkdir(parents=True)
+    write_skeleton_graphml(folder / "skeleton.graphml", found.skeleton)
+    rows = branch_rows(found.skeleton, axes(found.skeleton), 0.0)
+    (folder / "branches.csv").write_text(branches_csv(rows))
+    label = np.ones(len(found.scan.cloud), dtype=np.uint8)
+    write_cloud(folder / "segmented.ply", PointCloud(found.scan.cloud, fields={"label": label}))
+
+
+@pytest.fixture(scope="module")
+def results(dates, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("series") / "results"
+    write_results(folder / "a", dates.first)
+    write_results(folder / "b", dates.pruned)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def stage(project):
+    spec = importlib.util.spec_from_file_location("stage", project / "scripts/compare_series.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.main
+
+
+def test_the_stage_names_a_broken_scan_and_compares_the_others(stage, results, tmp_path):
+    (results / "c").mkdir()
+    days = ["2024-02-01", "2025-02-01", "2026-02-01"]
+    stage("row 1", ["a", "b", "c"], days, str(tmp_path), str(results), unfinished=["d"])
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"report.html", "series.json", *(f"{name}.csv" for name in TABLES)}
+    numbers = json.loads((tmp_path / "series.json").read_text())
+    assert numbers["left_out"].keys() == {"c", "d"}
+    assert numbers["steps"][0]["n_cuts"] >= 5
+    with pytest.raises(StageError, match="fewer than two"):
+        stage("row 1", ["a", "c"], days[:2], str(tmp_path), str(results))
+
+
+def test_the_finished_scans_of_a_series_are_compared_though_one_failed(
+    results, project, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results").mkdir()
+    for tree in "ab":
+        (tmp_path / "results" / tree).symlink_to(results / tree)
+        (results / tree / "traits.json").write_text('{"unit": "m"}')
+    rows = [Tree(tree, series="row 1", date=f"202{n}-02-01") for n, tree in enumerate("abc")]
+    compare_rest("row_1", rows[:2], project / "scripts/compare_series.py")
+    assert not (tmp_path / "results/series").exists()  # its rule has done that
+    compare_rest("row_1", rows, project / "scripts/compare_series.py")
+    assert "c not finished, the others are compared" in capfd.readouterr().err
+    page = tmp_path / "results/series/row_1/report.html"
+    assert "it is not finished" in page.read_text()
+    assert page.stat().st_mtime < (results / "a/branches.csv").stat().st_mtime  # not the last word
+
+
+def test_a_scan_without_date_or_scale_is_refused(results, tmp_path):
+    with pytest.raises(StageError, match="tree a .* no date") as refused:
+        read_scan(results / "a", "a", "")
+    assert refused.value.key == "date in trees.tsv"
+    arbitrary = Skeleton(np.eye(3), [-1, 0, 1], np.ones(3), np.ones(3), unit="arbitrary")
+    write_skeleton_graphml(tmp_path / "skeleton.graphml", arbitrary)
+    with pytest.raises(StageError, match="tree t has no scale"):
+        read_scan(tmp_path, "t", "2026-01-01")
+
+
+def test_what_photos_say_of_diameters_counts_in_volumes(results, dates, tmp_path):
+    scan = read_scan(results / "a", "a", "2026-01-01")
+    assert_allclose(scan.wood.radius, sample_wood(dates.first.skeleton).radius, rtol=0.06)
+    rows = (results / "a/branches.csv").read_text().splitlines()
+    column = rows[0].split(",").index("mean_diameter_m")
+    cells = rows[2].split(",")
+    cells[column] = str(2 * float(cells[column]))
+    for name in ("skeleton.graphml", "segmented.ply"):
+        (tmp_path / name).write_bytes((results / "a" / name).read_bytes())
+    (tmp_path / "branches.csv").write_text("\n".join([*rows[:2], ",".join(cells), *rows[3:]]))
+    wider = read_scan(tmp_path, "a", "2026-01-01").wood.radius / scan.wood.radius
+    assert_allclose(wider, np.where(scan.wood.axis == 1, 2.0, 1.0), rtol=1e-3)

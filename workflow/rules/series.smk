@@ -1,0 +1,46 @@
+# Two dates of one tree, see docs/series.md. Only a series with two scans or more has such a page.
+
+
+rule compare_series:
+    input:
+        skeletons=files_of_series("skeleton.graphml"),
+        branches=files_of_series("branches.csv"),
+        traits=files_of_series("traits.json"),
+        segmented=files_of_series("segmented.ply"),
+        scales=files_of_series("scale.json", photo_scans=True),
+        poses=files_of_series("poses.npz", photo_scans=True),
+        metric_poses=files_of_series("metric_poses.npz", photo_scans=True),
+        code=code("compare_series"),
+        template=str(PROJECT / "scripts/cherrypicker/series/series.html.j2"),
+    output:
+        page=report(
+            ensure("results/series/{series}/report.html", non_empty=True),
+            caption="../report/series.rst",
+            category="Series",
+            labels={"series": "{series}"},
+        ),
+        numbers="results/series/{series}/series.json",
+        branch_table="results/series/{series}/branches.csv",
+        growth="results/series/{series}/growth.csv",
+        shoots="results/series/{series}/shoots.csv",
+        cuts="results/series/{series}/cuts.csv",
+    log:
+        "logs/compare_series/{series}.log",
+    benchmark:
+        "benchmarks/compare_series/{series}.tsv"
+    conda:
+        "../../envs/report.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=20,
+        gpu=0,
+    params:
+        series=lambda wildcards: "".join(series_column(wildcards.series, "series")[:1]),
+        trees=lambda wildcards: series_column(wildcards.series, "tree"),
+        dates=lambda wildcards: series_column(wildcards.series, "date"),
+        folder=lambda wildcards: f"results/series/{wildcards.series}",
+    message:
+        "{wildcards.series}: compare the dates of the tree"
+    script:
+        "../../scripts/compare_series.py"
