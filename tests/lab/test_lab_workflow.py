@@ -4,7 +4,7 @@ from workspace import Workspace
 
 TARGETS = [
     *("orchard", "orchard_skeletons", "benchmark_dense", "benchmark_skeleton", "benchmark_traits"),
-    *("benchmark_trunks", "error_budget", "train_sky", "train_segmentation"),
+    *("benchmark_trunks", "benchmark_series", "error_budget", "train_sky", "train_segmentation"),
 ]
 
 

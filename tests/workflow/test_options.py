@@ -41,6 +41,7 @@ ELSEWHERE = {
     "benchmark.sizes_mp": "benchmark_dense: which runs there are",
     "benchmark.skeleton": "benchmark_skeleton: which trees, sizes and methods are measured",
     "benchmark.traits": "benchmark_traits: which trees are measured",
+    "benchmark.series": "benchmark_series: which trees are measured, and how they are seen",
 }
 # Whose default differs from the schema's.
 OTHER_DEFAULT = {
@@ -57,6 +58,8 @@ WILDCARDS = {
     "backend": "cpu",
     "scene_seed": "0",
     "tree_seed": "9000",
+    "walk": "seen",
+    "series": "row_1",
     "number": "00",
     "kind": "default",
     "n": "10000",

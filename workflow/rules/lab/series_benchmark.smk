@@ -1,0 +1,68 @@
+# The benchmark of two dates of one tree, see docs/series.md. Only `snakemake benchmark_series` runs it.
+
+SERIES_BENCHMARK = SETTINGS["benchmark"]["series"]
+
+
+wildcard_constraints:
+    walk="noise|seen|poor",
+
+
+rule benchmark_series:
+    input:
+        "results/benchmark/series/table.md",
+
+
+rule measure_series_benchmark:
+    input:
+        code=code("lab/measure_series_benchmark"),
+    output:
+        pairs=ensure(
+            "results/benchmark/series/{walk}/{tree_seed}/pairs.json", non_empty=True
+        ),
+    log:
+        "logs/measure_series_benchmark/{walk}/{tree_seed}.log",
+    benchmark:
+        "benchmarks/measure_series_benchmark/{walk}/{tree_seed}.tsv"
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=30,
+        gpu=0,
+    params:
+        tree_seed=lambda wildcards: int(wildcards.tree_seed),
+        walk=lambda wildcards: wildcards.walk,
+        n_points=SERIES_BENCHMARK["n_points"],
+    message:
+        "generated tree {wildcards.tree_seed}, {wildcards.walk}: two dates beside their truth"
+    script:
+        "../../../scripts/lab/measure_series_benchmark.py"
+
+
+rule report_series_benchmark:
+    input:
+        pairs=expand(
+            "results/benchmark/series/{walk}/{tree_seed}/pairs.json",
+            walk=SERIES_BENCHMARK["walks"],
+            tree_seed=range(
+                SERIES_BENCHMARK["first_seed"],
+                SERIES_BENCHMARK["first_seed"] + SERIES_BENCHMARK["n_trees"],
+            ),
+        ),
+        code=code("lab/report_series_benchmark"),
+    output:
+        table=ensure("results/benchmark/series/table.md", non_empty=True),
+    log:
+        "logs/report_series_benchmark.log",
+    conda:
+        "../../../envs/report.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(1000),
+        runtime=10,
+        gpu=0,
+    message:
+        "table of the benchmark of two dates"
+    script:
+        "../../../scripts/lab/report_series_benchmark.py"
