@@ -100,6 +100,15 @@ def test_another_tree_is_left_out_and_the_others_go_on(dates):
         compare_scans([dates.first.scan, other])
 
 
+def test_a_foot_that_was_found_too_low_does_not_hide_the_frame(dates):
+    again = dates.again.scan
+    wood = Wood(**{name: values.copy() for name, values in vars(again.wood).items()})
+    wood.points[0] -= [0.0, 0.0, 0.12]
+    scan = type(again)("again", again.date, wood, again.branches, again.cloud)
+    (step,) = compare_scans([dates.first.scan, scan]).steps
+    assert_allclose(step.fit.matrix, np.linalg.inv(dates.again.frame), atol=0.004)
+
+
 def test_a_wrong_scale_is_warned_of(dates):
     again = dates.again.scan
     wood = Wood(1.03 * again.wood.points, *list(vars(again.wood).values())[1:])

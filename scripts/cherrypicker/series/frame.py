@@ -1,10 +1,11 @@
 """Where a later scan stands in the frame of an earlier one: a turn and a shift of the whole tree.
 
 A scan's frame has z up and its stem somewhere, so all turns about the vertical through the foot are
-tried, and what the markers say where they are seen at both dates. The wood decides: starts are
-refined by ICP (Besl and McKay 1992) on the skeletons' samples. Wood weighs by its radius, since
-thick wood neither bends nor grows much, and by a Gaussian of its distance, which narrows: what has
-no counterpart counts for nothing (the weights of Chetverikov's trimmed ICP, 2002, made soft).
+tried, at some heights, and what the markers say where they are seen at both dates. The wood
+decides: starts are refined by ICP (Besl and McKay 1992) on the skeletons' samples. Wood weighs by
+its radius, since thick wood neither bends nor grows much, and by a Gaussian of its distance, which
+narrows: what has no counterpart counts for nothing (the weights of Chetverikov's trimmed ICP, 2002,
+made soft).
 """
 
 from __future__ import annotations
@@ -18,10 +19,13 @@ from scipy.spatial import cKDTree
 from cherrypicker.series.wood import Wood
 
 N_TURNS = 72  # about the vertical that are tried
+# By which feet are found too high or too low, one against the other (10 cm was seen)
+HEIGHTS_M = np.arange(-0.20, 0.21, 0.05)
 N_REFINED = 6  # best of these that are refined
 SEARCH_M = 0.08  # width of the Gaussian while turns are compared
 WIDTHS_M = (0.08, 0.05, 0.03, 0.03, 0.02, 0.02, 0.02, 0.02)  # while they are refined
-N_SAMPLES = 2000  # of the wood that are looked up, the thickest stretches first
+# Of the wood that are looked up, the thickest stretches first; some of these while turns are tried
+N_SAMPLES, N_SEARCHED = 2000, 300
 
 
 @dataclass(frozen=True)
@@ -55,11 +59,17 @@ def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()
     by_markers : sequence of ndarray of shape (4, 4)
         What markers say, see `cherrypicker.series.marker_frames`.
     """
-    search = _Search(earlier, later)
-    turns = 2 * np.pi * np.arange(N_TURNS) / N_TURNS
-    starts = [_about_the_foot(turn, later.points[0], earlier.points[0]) for turn in turns]
-    scores = np.array([search.score(start, SEARCH_M) for start in starts])
-    best = [("wood", starts[row]) for row in np.argsort(-scores, kind="stable")[:N_REFINED]]
+    search, coarse = _Search(earlier, later, N_SAMPLES), _Search(earlier, later, N_SEARCHED)
+    starts, scores = [], []
+    for turn in 2 * np.pi * np.arange(N_TURNS) / N_TURNS:
+        onto = [earlier.points[0] + [0.0, 0.0, height] for height in HEIGHTS_M]
+        tried = [_about_the_foot(turn, later.points[0], place) for place in onto]
+        reached = [coarse.score(start, SEARCH_M) for start in tried]
+        starts.append(tried[int(np.argmax(reached))])
+        scores.append(max(reached))
+    best = [
+        ("wood", starts[row]) for row in np.argsort(-np.array(scores), kind="stable")[:N_REFINED]
+    ]
     best = [("markers", start) for start in by_markers] + best
     refined = [(source, search.refined(start)) for source, start in best]
     found = [search.score(matrix, WIDTHS_M[-1]) for _, matrix in refined]
@@ -76,9 +86,10 @@ def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()
 class _Search:
     """Samples of both dates, and a look-up of the later one's."""
 
-    def __init__(self, earlier: Wood, later: Wood) -> None:
+    def __init__(self, earlier: Wood, later: Wood, n_samples: int) -> None:
         weight = earlier.radius * earlier.length
         rows = np.sort(np.argsort(-weight, kind="stable")[:N_SAMPLES])
+        rows = rows[:: max(len(rows) // n_samples, 1)]
         self.points, self.weight = earlier.points[rows], weight[rows] / weight[rows].sum()
         self.later = later.points
         self.tree = cKDTree(later.points)
