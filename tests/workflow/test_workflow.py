@@ -132,9 +132,9 @@ def test_a_series_of_two_scans_is_compared_and_one_of_one_is_not(finished):
     assert "compare_series" not in finished.run("--dry-run", "--quiet")
     finished.table(
         "tree | cloud | config | series | date",
-        "a | a.ply | | row 1 | 2025-02-01",
+        "a | a.ply |  | row 1 | 2025-02-01",
         "b | b.ply | config/b.yaml | row 1 | 2026-02-01",
-        "broken | broken.ply | | row 2 | 2026-02-01",
+        "broken | broken.ply |  | row 2 | 2026-02-01",
     )
     printed = finished.run("--dry-run")
     assert "row_1: compare the dates of the tree" in printed
