@@ -10,7 +10,8 @@ from sky_scene import BARK, Rod
 from cherrypicker.classes import Label
 from cherrypicker.photo_check.check import CheckOptions, check_photos
 from cherrypicker.photo_check.pictures import quarter_turns, write_picture
-from cherrypicker.photo_check.places import MetricWorkspace
+from cherrypicker.photo_check.places import MetricWorkspace, places_along
+from cherrypicker.photo_check.widths import branch_diameters
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.report.stages import photo_section
@@ -106,6 +107,15 @@ def test_silhouettes_tell_how_thick_twigs_are(judged):
         assert each["n_photos"] > 8 and each["length"] > 0.05
         true = 2 * _radius_of(skeleton, each["branch_id"])
         assert abs(each["diameter"] - true) < max(3 * each["diameter_se"], 0.0005)
+
+
+def test_a_branch_that_takes_no_light_has_no_diameter():
+    skeleton = skeleton_of((STEM,))
+    places = places_along(skeleton, 0.01)
+    width = np.full((6, len(places.points)), 0.01)
+    pixel = np.full_like(width, 0.001)
+    assert [each["diameter"] for each in branch_diameters(skeleton, places, width, pixel)] == [0.01]
+    assert branch_diameters(skeleton, places, 0 * width, pixel) == []
 
 
 def _radius_of(skeleton, branch):

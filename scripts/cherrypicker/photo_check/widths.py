@@ -34,6 +34,8 @@ LEAST_FULL = 20
 # diameter of 89 % of 149 branches on the demo's two trees and a scene of another generator
 LEAST_PHOTOS = 4
 SHARED, SHARED_PX = 0.1, 0.3
+# Thinner, in the skeleton's unit, half the photos see no light taken: there is no silhouette
+LEAST_WIDTH = 1e-6
 # Rows that OpenCV samples at a time
 MOST_ROWS = 30_000
 # A branch that comes towards the camera shows no side
@@ -112,13 +114,16 @@ def branch_diameters(
         they share.
     """
     enough = np.isfinite(width).sum(axis=0) >= LEAST_PHOTOS
+    typical = np.full(len(enough), np.nan)
+    typical[enough] = np.nanmedian(width[:, enough], axis=0)
+    enough &= typical > LEAST_WIDTH
     axis = axis_of_node(skeleton, axes(skeleton))[places.node]
     found = []
     for one in np.unique(axis[enough]):
         rows = np.flatnonzero(enough & (axis == one))
         own, length = width[:, rows], places.length[rows]
         own = own[np.isfinite(own).any(axis=1)]
-        middle = np.maximum(np.nanmedian(own, axis=0), 1e-9)
+        middle = typical[rows]
         diameter = float(np.average(middle, weights=length))
         share = np.nanmedian(own / middle, axis=1)  # of the whole, by photo
         size = float(np.nanmedian(pixel[:, rows]))
