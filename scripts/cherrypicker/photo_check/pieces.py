@@ -27,7 +27,8 @@ def pieces_of(points: np.ndarray, length: np.ndarray, step: float) -> list[dict]
     Returns
     -------
     list of dict
-        ``length`` and ``at``, the middle of the place's points, of pieces long enough to be listed.
+        ``length``, ``at``, the middle of the place's points, and ``low`` and ``high``, the corners
+        of their box, of pieces long enough to be listed.
     """
     if len(points) < 2:
         return []
@@ -35,10 +36,10 @@ def pieces_of(points: np.ndarray, length: np.ndarray, step: float) -> list[dict]
     member = components(len(points), edges)[0]
     total = np.bincount(member, length)
     order = [one for one in np.argsort(-total, kind="stable") if total[one] >= LEAST_STEPS * step]
-    return [
-        {
-            "length": round(float(total[one]), 6),
-            "at": [round(float(value), 6) for value in np.median(points[member == one], axis=0)],
-        }
-        for one in order
-    ]
+    found = []
+    for one in order:
+        own = points[member == one]
+        ways = {"at": np.median(own, axis=0), "low": own.min(axis=0), "high": own.max(axis=0)}
+        length_of_piece = {"length": round(float(total[one]), 6)}
+        found.append(length_of_piece | {k: v.round(6).tolist() for k, v in ways.items()})
+    return found

@@ -15,13 +15,8 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.branch_intervals import (
-    Z90,
-    angle_interval,
-    diameter_interval,
-    typical_scatter,
-)
 from cherrypicker.traits.branch_shapes import axis_shapes
+from cherrypicker.traits.intervals import Z90, branch_terms, interval, typical_scatter
 from cherrypicker.traits.table import BRANCH_COLUMNS
 
 _INTERVALS = tuple(name for name in BRANCH_COLUMNS if "_low_" in name or "_high_" in name)
@@ -70,7 +65,7 @@ def branch_rows(
     """
     shape = axis_shapes(skeleton, axis_list)
     count = np.rint(shape["base_n_points"]).astype(np.int64)
-    intervals = _intervals(shape, count, typical_scatter(skeleton), scale_error)
+    intervals = _intervals(shape, typical_scatter(skeleton), scale_error)
     by_photos = _use_photos(shape, intervals, photo_check, scale_error)
     columns = {
         "branch_id": range(len(axis_list)),
@@ -115,16 +110,13 @@ def _flags(skeleton: Skeleton, shape: dict) -> list[str]:
     return [" ".join(word for word, is_so in zip(weak, row, strict=True) if is_so) for row in rows]
 
 
-def _intervals(shape: dict, count: np.ndarray, typical: float | None, scale_error: float) -> dict:
+def _intervals(shape: dict, typical: float | None, scale_error: float) -> dict:
     """The columns of the 90 % intervals, None without a scatter."""
-    n_axes = len(count)
     if typical is None:
-        return {name: [None] * n_axes for name in _INTERVALS}
-    scatter = np.where(shape["base_residual"] > 0, shape["base_residual"], typical)
-    ends = [
-        *diameter_interval(shape["base_diameter"], shape["base_error"], scatter, scale_error),
-        *angle_interval(shape["insertion_angle"], scatter, count, shape["stretch"]),
-    ]
+        return {name: [None] * len(shape["length"]) for name in _INTERVALS}
+    terms = branch_terms(shape, typical, scale_error)
+    low, high = interval(shape["insertion_angle"], terms["insertion_angle_deg"])
+    ends = *interval(shape["base_diameter"], terms["base_diameter_m"]), low, np.minimum(high, 180.0)
     return dict(zip(_INTERVALS, ends, strict=True))
 
 

@@ -144,15 +144,12 @@ def measure_crown(
     losses = draw_losses(ends, n_samples, rng)
     spread = FACTORS["overshoot_spread"] * rng.standard_normal(n_samples)
     over = scatter * (FACTORS["overshoot"] + spread)
-    errors = reach * rng.standard_normal((n_samples, 3))
     tops = np.full((n_samples, 1), plain.top)
     grown = ends.points[:, 2] + losses * ends.directions[:, 2]
     samples = np.zeros((n_samples, 3))
-    samples[:, 0] = np.hstack([tops, grown]).max(axis=1) + FACTORS["top_error"] * errors[:, 0]
+    samples[:, 0] = np.hstack([tops, grown]).max(axis=1)
     if hull is not None:
         samples[:, 1:] = grow_hull(hull, ends, losses, over)
-        samples[:, 1] += FACTORS["width_error"] * errors[:, 1]
-        samples[:, 2] += FACTORS["hull_error"] * errors[:, 2] * hull.areas.sum()
     return Crown(*(float(value) for value in np.median(samples, axis=0))), samples
 
 

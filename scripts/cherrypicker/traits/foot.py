@@ -9,7 +9,7 @@ import numpy as np
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.interval_factors import FACTORS
+from cherrypicker.traits.intervals import Terms
 
 # Guesses, for stems of 2 to 30 cm
 _GROUND_REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
@@ -33,10 +33,10 @@ class Foot:
     # where no ground was seen) or ``root`` (the skeleton's root, where neither was)
     source: str
     gap: float  # height of the lowest wood at the stem over the foot, in the cloud's unit
-    # Standard error of the foot's height. The ground under the stem is not seen: it may lie as far
-    # off the plane as the ground around it does. Without ground, how far the lowest points lie from
-    # the skeleton's root; without either, the stem's radius.
-    error: float
+    # What the error of the foot's height follows. The ground under the stem is not seen: it may lie
+    # as far off the plane as the ground around it does. Without ground, how far the lowest points
+    # lie from the skeleton's root; without either, the stem's radius.
+    terms: Terms
 
 
 def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foot:
@@ -63,10 +63,10 @@ def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foo
     if level is None or (beside.any() and abs(level - low) > _MAX_FOOT_STEP_M):
         foot = np.array([root[0], root[1], low])
         if beside.any():
-            return Foot(foot, "wood", 0.0, abs(low - float(root[2])))
-        return Foot(foot, "root", 0.0, radius)
+            return Foot(foot, "wood", 0.0, {"fit": abs(low - float(root[2]))})
+        return Foot(foot, "root", 0.0, {"fit": radius})
     foot = np.array([root[0], root[1], level])
-    return Foot(foot, "ground", max(low - level, 0.0), FACTORS["foot_over_ground"] * scatter)
+    return Foot(foot, "ground", max(low - level, 0.0), {"foot_over_ground": scatter})
 
 
 def _ground_level(ground: np.ndarray, at: np.ndarray) -> tuple:

@@ -17,12 +17,13 @@ from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import Topology
-from cherrypicker.traits.branch_intervals import typical_scatter
+from cherrypicker.traits.beyond import at_least, growth_by, missing_wood
 from cherrypicker.traits.branches import branch_rows, totals_by_order
 from cherrypicker.traits.crown import alpha_volume, crown_of, hull_of, measure_crown, projected_area
 from cherrypicker.traits.flags import quality_flags, scan_flags
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.frame_edges import frame_edges
+from cherrypicker.traits.intervals import CI90, Terms, interval, spread, typical_scatter
 from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
@@ -36,7 +37,6 @@ _ALPHA_SHARE = 0.15  # of the crown's width: hollows wider than this are outside
 _ALPHA_CELLS = 5.0  # cells of the thinned points across such a hollow
 _END_M = 0.02  # so far below its end a trunk is no longer measured (guess)
 _FEWEST_SAMPLES = 20  # that a spread is told from
-_CI90 = (0.05, 0.95)
 _CM2 = 1e4  # of a square metre
 
 
@@ -102,7 +102,6 @@ def measure_traits(
         If the skeleton has no edge or the cloud no wood.
     """
     settings = options or TraitOptions()
-    n_bootstrap = settings.n_bootstrap
     is_wood = _checked_wood(skeleton, cloud)
     wood = cloud.points[is_wood]
     rng = np.random.default_rng(seed)
@@ -132,40 +131,47 @@ def measure_traits(
         "half_height": settings.slab_half_height_m,
         "min_points": settings.min_points,
         "min_arc_deg": settings.min_arc_deg,
-        "n_bootstrap": n_bootstrap,
         "rng": rng,
     }
     stem = stem_of(skeleton, axis_list[0].nodes, foot)
     trunk = measure_near(stem, wood, settings.trunk_height_m, **fit)
     heights = sorted(settings.trunk_heights_m)
     further = {height: _measured(stem, wood, height, fit) for height in heights}
+    tree_points = wood[support.point]
     crown_points = wood[crown_of(skeleton, axis_of_node(skeleton, axis_list), wood, support)]
     hull = hull_of(crown_points) if len(crown_points) else None
     crown, samples = measure_crown(
-        wood[support.point],
+        tree_points,
         hull,
         find_shoot_ends(skeleton, support.node, tree, reach),
         typical_scatter(skeleton) or 0.0,
         reach,
-        n_samples=n_bootstrap,
+        n_samples=settings.n_bootstrap,
         rng=rng,
     )
     scale_error = _scale_error(scale, cloud.unit)
-    error = 1.0 + scale_error * rng.standard_normal(n_bootstrap)
     rows = branch_rows(
         skeleton, axis_list, foot.point[2], scale_error=scale_error, photo_check=photo_check
     )
     confidence = float(np.median(cloud["confidence"][is_wood])) if "confidence" in cloud else None
 
+    top = None
+    if poses is not None and sky_masks is not None:
+        top = find_missing_top(poses, sky_masks, tree_points, foot.point)
+    missing = missing_wood(support.missed_boxes, photo_check, top, foot.point)
+
     traits: dict[str, Any] = {"unit": cloud.unit}
-    heights = samples[:, 0] - foot.point[2] + foot.error * rng.standard_normal(n_bootstrap)
-    _add(traits, "height_m", crown.top - foot.point[2], heights, error)
-    _add(traits, "trunk_diameter_m", trunk.diameter, trunk.samples, error)
+    grown = growth_by(missing, crown, hull)
+    off = samples - [crown.top, crown.width, crown.volume]
+    over_foot: Terms = {**foot.terms, "top_error": reach}
+    hull_terms = {"hull_error": reach * (0.0 if hull is None else hull.areas.sum())}
+    _add(traits, "height_m", crown.top - foot.point[2], over_foot, scale_error, off[:, 0], grown[0])
+    _add(traits, "trunk_diameter_m", trunk.diameter, trunk.terms, scale_error)
+    width_terms = {"width_error": reach}
+    _add(traits, "crown_width_m", crown.width, width_terms, scale_error, off[:, 1], grown[1])
+    _add(traits, "crown_volume_m3", crown.volume, hull_terms, scale_error, off[:, 2], grown[2])
     traits["trunk_height_m"] = rounded(trunk.height)
-    area = np.pi / 4 * _CM2
-    _add(traits, "tcsa_cm2", area * trunk.diameter**2, area * trunk.samples**2, error)
-    _add(traits, "crown_width_m", crown.width, samples[:, 1], error)
-    _add(traits, "crown_volume_m3", crown.volume, samples[:, 2], error)
+    traits |= _section_area(traits)
     traits["crown_projected_area_m2"] = rounded(
         projected_area(crown_points if hull is None else hull.points)
     )
@@ -176,12 +182,14 @@ def measure_traits(
     )
     traits |= _counts(skeleton, topology, rows)
     traits |= _shoots(rows)
-    traits |= _sections(trunk, further, error)
+    traits |= _sections(trunk, further, scale_error)
     traits["foot"] = [rounded(value) for value in foot.point]
     traits["crown_volume_method"] = "convex hull"
     traits["trunk_end_height_m"] = rounded(stem.height[-1])
     traits |= _photo_shares(photo_check)
-    missing = [h for h, item in further.items() if item is None and h <= stem.height[-1] - _END_M]
+    unmeasured = [
+        h for h, item in further.items() if item is None and h <= stem.height[-1] - _END_M
+    ]
     traits["flags"] = scan_flags(
         cloud.unit,
         height=traits["height_m"],
@@ -190,13 +198,19 @@ def measure_traits(
         target=target,
         edits=edits,
         photo_check=photo_check,
-        edges=() if poses is None else frame_edges(poses, wood[support.point]),
-        missing_top=None
-        if sky_masks is None or poses is None
-        else find_missing_top(poses, sky_masks, wood[support.point], foot.point),
+        edges=() if poses is None else frame_edges(poses, tree_points),
+        missing_top=top,
     ) + quality_flags(
-        trunk, settings.trunk_height_m, missing, foot, support, crown.width, confidence, cloud.unit
+        trunk,
+        settings.trunk_height_m,
+        unmeasured,
+        foot,
+        support,
+        crown.width,
+        confidence,
+        cloud.unit,
     )
+    traits["at_least"] = at_least(traits["flags"])
     for flag in traits["flags"]:
         logger.info("flag: %s", flag)
     return traits, rows
@@ -269,31 +283,63 @@ def _scale_error(scale: dict | None, unit: str) -> float:
     return scale["scale_std"] / scale["scale"]
 
 
-def _add(traits: dict, name: str, value: float, samples: np.ndarray, error: np.ndarray) -> None:
-    """Enter a trait with its standard error and 90 % interval, where there are samples."""
-    traits[name] = rounded(float(value))
-    if len(samples) < _FEWEST_SAMPLES:
+def _add(
+    traits: dict,
+    name: str,
+    value: float,
+    terms: Terms,
+    scale_error: float,
+    drawn: np.ndarray | None = None,
+    missing: float = 0.0,
+) -> None:
+    """Enter a trait with its standard error and 90 % interval, where they are known.
+
+    Parameters
+    ----------
+    terms : Terms
+        What its error follows, but for the scale's; none for a trait without an error.
+    drawn : ndarray of shape (n_samples,), float64, optional
+        How far drawn values lie off `value`.
+    missing : float, default 0
+        How much larger it is with the wood that is known to be missing.
+    """
+    traits[name] = rounded(value)
+    if not terms or (drawn is not None and len(drawn) < _FEWEST_SAMPLES):
         return
-    spread = samples * error[: len(samples)] ** TRAITS[name].power
-    traits[f"{name}_se"] = rounded(float(spread.std(ddof=1)))
-    low, high = np.quantile(spread, _CI90)
-    traits[f"{name}_ci90"] = [rounded(float(min(low, value))), rounded(float(max(high, value)))]
+    terms = {**terms, "scale": (TRAITS[name].power or 0) * scale_error * value}
+    arms, sd = (0.0, 0.0), spread(terms)
+    if drawn is not None:
+        low, high = np.quantile(drawn, CI90)
+        arms, sd = (max(-low, 0.0), max(high, missing, 0.0)), np.hypot(sd, drawn.std(ddof=1))
+    traits[f"{name}_se"] = rounded(sd)
+    traits[f"{name}_ci90"] = [rounded(end) for end in interval(value, terms, arms)]
+    told = {"drawn_low": arms[0], "drawn_high": arms[1], **terms}
+    traits.setdefault("interval_terms", {})[name] = {k: rounded(v) for k, v in told.items()}
 
 
-def _spread(item: TrunkDiameter, error: np.ndarray) -> float:
-    if len(item.samples) < _FEWEST_SAMPLES:
-        return 0.0
-    return float((item.samples * error[: len(item.samples)]).std(ddof=1))
+def _section_area(traits: dict) -> dict:
+    """The trunk's cross-section area as a circle's of its diameter, with the diameter's error."""
+    name, diameter = "tcsa_cm2", traits["trunk_diameter_m"]
+    area = {name: rounded(np.pi / 4 * _CM2 * diameter**2)}
+    if "trunk_diameter_m_ci90" in traits:
+        error, ends = traits["trunk_diameter_m_se"], traits["trunk_diameter_m_ci90"]
+        area[f"{name}_se"] = rounded(np.pi / 2 * _CM2 * diameter * error)
+        area[f"{name}_ci90"] = [rounded(np.pi / 4 * _CM2 * end**2) for end in ends]
+    return area
 
 
 def _sections(
-    trunk: TrunkDiameter, further: dict[float, TrunkDiameter | None], error: np.ndarray
+    trunk: TrunkDiameter, further: dict[float, TrunkDiameter | None], scale_error: float
 ) -> dict:
     """Diameters at the further heights, and what each diameter rests on."""
     found = {height: item for height, item in further.items() if item is not None}
+    errors = {
+        height: spread({**item.terms, "scale": scale_error * item.diameter})
+        for height, item in found.items()
+    }
     return {
         "trunk_diameters": {f"{h:.2f}": rounded(item.diameter) for h, item in found.items()},
-        "trunk_diameters_se": {f"{h:.2f}": rounded(_spread(i, error)) for h, i in found.items()},
+        "trunk_diameters_se": {f"{h:.2f}": rounded(error) for h, error in errors.items()},
         "trunk_sections": [_section(item) for item in (trunk, *found.values())],
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numba
 import numpy as np
@@ -45,6 +45,8 @@ class Support:
     # the extent of the largest cluster of them, see `missed_wood`
     missed_share: float = 0.0
     missed_length: float = 0.0
+    # (n_clusters, 2, 3) float64: lower and upper corners of the boxes around these clusters
+    missed_boxes: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
 
 
 def quick_tree(points: np.ndarray) -> cKDTree:
@@ -176,7 +178,7 @@ def _gaps(
 
 def missed_wood(
     wood: np.ndarray, supported: np.ndarray, is_far: np.ndarray, reach: float
-) -> tuple[float, float]:
+) -> tuple[float, float, np.ndarray]:
     """Wood that a skeleton leaves out: clusters of points far from it that lie beside its own.
 
     Parameters
@@ -193,24 +195,28 @@ def missed_wood(
         Of all the skeleton's and left-out points. A neighbour's wood beside the tree counts too.
     length : float
         Diagonal of the box around the largest cluster, in the unit of `wood`.
+    boxes : ndarray of shape (n_clusters, 2, 3), float64
+        Lower and upper corners of all such boxes.
     """
+    none = 0.0, 0.0, np.empty((0, 2, 3))
     if not is_far.any() or not supported.any():
-        return 0.0, 0.0
+        return none
     sites, _, member = voxel_thin(wood[is_far], reach)
     pairs = cKDTree(sites).query_pairs(2 * reach, output_type="ndarray")
     cluster, n_clusters = components(len(sites), pairs)
     count = np.bincount(cluster, np.bincount(member, minlength=len(sites)), n_clusters)
     large = (count >= _MIN_MISSED_POINTS)[cluster]
     if not large.any():
-        return 0.0, 0.0
+        return none
     beside = max(2 * reach, _BESIDE_M)
     is_beside = quick_tree(wood[supported]).query(sites[large])[0] <= beside
     touches = np.bincount(cluster[large], is_beside, n_clusters) > 0
     if not touches.any():
-        return 0.0, 0.0
+        return none
     low, high = np.full((n_clusters, 3), np.inf), np.full((n_clusters, 3), -np.inf)
     np.minimum.at(low, cluster, sites)
     np.maximum.at(high, cluster, sites)
     n_missed = float(count[touches].sum())
-    length = np.linalg.norm((high - low)[touches], axis=1).max()
-    return n_missed / (n_missed + np.count_nonzero(supported)), float(length)
+    boxes = np.stack([low, high], axis=1)[touches]
+    length = np.linalg.norm(boxes[:, 1] - boxes[:, 0], axis=1).max()
+    return n_missed / (n_missed + np.count_nonzero(supported)), float(length), boxes

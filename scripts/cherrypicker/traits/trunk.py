@@ -19,6 +19,7 @@ from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.sections import Section, fit_section
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.foot import Foot
+from cherrypicker.traits.intervals import Terms
 from cherrypicker.traits.stem_fit import search_circle, sector_weights, steady_levels
 
 __all__ = ["Stem", "TrunkDiameter", "measure_diameter", "stem_of"]
@@ -28,8 +29,6 @@ logger = logging.getLogger(__name__)
 _MAX_POINTS = 4000
 _LYING_DEG = 60.0
 _RECUT_DEG = 2.0
-_SHARED_ERROR = 0.7  # error of the diameter over the scatter of the points; docs/traits.md
-_HIDDEN_ERROR = 0.006  # of the diameter: what smooth surfaces are off by all the same
 
 
 @dataclass
@@ -84,8 +83,8 @@ class TrunkDiameter:
     height : float
         Height over the foot at which it was measured.
     diameter : float
-    samples : ndarray of shape (n_bootstrap,), float64
-        Bootstrap diameters; empty when the skeleton's radius had to stand in.
+    terms : Terms
+        What its error follows; empty when the skeleton's radius had to stand in.
     center, axis : ndarray of shape (3,)
         Centre of the section and unit direction of the stem there.
     arc_deg, residual, n_points : float, float, int
@@ -96,7 +95,7 @@ class TrunkDiameter:
 
     height: float
     diameter: float
-    samples: np.ndarray
+    terms: Terms
     center: np.ndarray
     axis: np.ndarray
     arc_deg: float
@@ -129,7 +128,6 @@ def measure_diameter(
     half_height: float,
     min_points: int,
     min_arc_deg: float,
-    n_bootstrap: int,
     rng: np.random.Generator,
 ) -> TrunkDiameter:
     """Measure the stem's diameter at a height on the points around it.
@@ -145,7 +143,6 @@ def measure_diameter(
         Half the height of the slab of points used.
     min_points, min_arc_deg : int, float
         Fewer points or less arc than this make no measurement.
-    n_bootstrap : int
     rng : numpy.random.Generator
 
     Returns
@@ -177,7 +174,7 @@ def measure_diameter(
     return TrunkDiameter(
         height,
         2.0 * fit.radius,
-        _diameter_samples(fit, n_bootstrap, rng),
+        _terms(fit),
         center + fit.parameters[:2] @ frame[:2],
         axis,
         fit.arc_deg,
@@ -187,14 +184,17 @@ def measure_diameter(
     )
 
 
-def _diameter_samples(fit: Section, n_samples: int, rng: np.random.Generator) -> np.ndarray:
-    """Diameters as the fit's standard error and the error that all points share spread them.
+def _terms(fit: Section) -> Terms:
+    """What the diameter's error follows, beside the fit's own.
 
-    Photogrammetry moves a whole surface outwards or inwards by a part of the scatter that it shows;
-    no fit sees that.
+    Photogrammetry moves a whole surface outwards or inwards by a part of the scatter that it shows,
+    and a smooth one is off by a part of its diameter all the same; no fit sees that.
     """
-    shared = np.hypot(_SHARED_ERROR * fit.noise, _HIDDEN_ERROR * 2.0 * fit.radius)
-    return 2.0 * fit.radius + np.hypot(2.0 * fit.error, shared) * rng.standard_normal(n_samples)
+    return {
+        "fit": 2.0 * fit.error,
+        "trunk_shared": fit.noise,
+        "trunk_hidden": 2.0 * fit.radius,
+    }
 
 
 def _fit_slab(
@@ -242,7 +242,7 @@ def diameter_from_skeleton(stem: Stem, height: float) -> TrunkDiameter:
     return TrunkDiameter(
         height,
         2.0 * stem.radius_around(height),
-        np.zeros(0),
+        {},
         stem.at(height),
         stem.direction(height, 0.1),
         0.0,

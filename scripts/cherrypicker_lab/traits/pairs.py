@@ -150,19 +150,34 @@ def axis_pairs(truth, skeleton, rows, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
     pairs : dict of str to list of dict
     n_axes, n_matched : int
     """
+    matched, n_axes = matched_rows(truth, skeleton, rows, near_m=near_m, base_m=base_m)
+    pairs = {"base_diameter_m": [], "insertion_angle_deg": []}
+    for true, got in matched:
+        if true["base_diameter_m"] >= LEAST_DIAMETER_M:
+            pairs["base_diameter_m"].append(branch_pair(true, got, "base_diameter_m"))
+        pairs["insertion_angle_deg"].append(branch_pair(true, got, "insertion_angle_deg"))
+    return pairs, n_axes, len(matched)
+
+
+def matched_rows(truth, skeleton, rows, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
+    """Rows of the true axes that were found, each with the row of its axis of `skeleton`.
+
+    Parameters as of `axis_pairs`.
+
+    Returns
+    -------
+    list of tuple of dict
+        A row of the truth and the found one.
+    n_axes : int
+        True axes of 10 cm and more.
+    """
     true_axes = axes(truth)
     true_rows = branch_rows(truth, true_axes, 0.0)
     wanted = [i for i, row in enumerate(true_rows) if i and row["length_m"] >= LEAST_LENGTH_M]
     lines = [truth.points[axis_polyline(true_axes[i])] for i in wanted]
     found = [skeleton.points[axis_polyline(axis)] for axis in axes(skeleton)[1:]]
     matched = match_axes(lines, found, near_m=near_m, base_m=base_m)
-    pairs = {"base_diameter_m": [], "insertion_angle_deg": []}
-    for i, j in matched:
-        true, got = true_rows[wanted[i]], rows[j + 1]
-        if true["base_diameter_m"] >= LEAST_DIAMETER_M:
-            pairs["base_diameter_m"].append(_branch_pair(true, got, "base_diameter_m"))
-        pairs["insertion_angle_deg"].append(_branch_pair(true, got, "insertion_angle_deg"))
-    return pairs, len(wanted), len(matched)
+    return [(true_rows[wanted[i]], rows[j + 1]) for i, j in matched], len(wanted)
 
 
 def match_axes(true_lines, found_lines, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
@@ -205,7 +220,7 @@ def _dense(line):
     return np.array([np.interp(at, along, axis) for axis in line.T]).T
 
 
-def _branch_pair(true, found, name):
+def branch_pair(true, found, name):
     """Pair of one column; its interval's columns are named after it."""
     stem, unit = name.rsplit("_", 1)
     low, high = found.get(f"{stem}_low_{unit}"), found.get(f"{stem}_high_{unit}")

@@ -30,9 +30,8 @@ class Judged:
     truth: Callable | None = None
 
 
-def _true_volume(tree):
+def true_volume(skeleton):
     """Volume of the convex hull of the wood's surface beyond the stem's first fork."""
-    skeleton = true_skeleton(tree.skeleton())
     height, turn = np.radians(np.mgrid[-90:91:30, 0:360:30].reshape(2, -1))
     around = np.column_stack(
         [np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)]
@@ -42,6 +41,10 @@ def _true_volume(tree):
         return 0.0
     surface = skeleton.points[rows, None] + skeleton.radius[rows, None, None] * around
     return hull_of(surface.reshape(-1, 3)).volume
+
+
+def _true_volume(tree):
+    return true_volume(true_skeleton(tree.skeleton()))
 
 
 def _whole(name, unit, factor, bar=None, *, words="", truth=None):

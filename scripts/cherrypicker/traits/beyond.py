@@ -1,0 +1,72 @@
+"""Wood that is known to be missing, and how much larger it makes a tree.
+
+Photos show wood that the skeleton lacks, and the cloud may hold some that it left out. What lies
+beyond the outermost wood widens the intervals of height and crown upwards; the values stay those
+of the wood that was found. Where the photos end before the tree does nobody knows how far it goes
+on, and a value is told to be the least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cherrypicker.traits.crown import Crown, horizontal_width, hull_of
+from cherrypicker.traits.missing_top import MissingTop
+from cherrypicker.traits.shoot_ends import Hull
+
+#: Flag to the traits of which more is there than was found.
+AT_LEAST = {
+    "top_not_in_cloud": ("height_m", "crown_volume_m3", "total_length_m"),
+    "top_outside_photos": ("height_m", "crown_volume_m3", "total_length_m"),
+    "side_outside_photos": ("crown_width_m", "crown_volume_m3", "total_length_m"),
+    "wood_missing": ("total_length_m",),
+    "wood_left_out": ("total_length_m",),
+}
+
+
+def at_least(flags: Sequence[str]) -> list[str]:
+    """Names of the traits whose value is the least that it can be, by a tree's flags."""
+    told = {name for flag in flags for name in AT_LEAST.get(flag.partition(":")[0], ())}
+    return sorted(told)
+
+
+def missing_wood(
+    left_out: np.ndarray,
+    photo_check: dict | None,
+    top: MissingTop | None,
+    foot: np.ndarray,
+) -> np.ndarray:
+    """Corners of the boxes around what is known to be missing, (n, 3) float64.
+
+    Parameters
+    ----------
+    left_out : ndarray of shape (n_boxes, 2, 3), float64
+        Lower and upper corners around wood points that the skeleton left out.
+    photo_check : dict, optional
+        ``photo_check.json``, with pieces of thin wood that photos show and the skeleton lacks.
+    top : MissingTop, optional
+        Above the foot.
+    foot : ndarray of shape (3,), float64
+    """
+    pieces = (photo_check or {}).get("missing_pieces", ())
+    boxes = np.array([[piece["low"], piece["high"]] for piece in pieces if "low" in piece])
+    boxes = np.concatenate([left_out, boxes.reshape(-1, 2, 3)])
+    which = np.indices((2, 2, 2)).reshape(3, -1).T  # lower or upper end along each axis
+    corners = boxes[:, which, np.arange(3)].reshape(-1, 3)
+    if top is None:
+        return corners
+    return np.vstack([corners, [*foot[:2], foot[2] + top.height]])
+
+
+def growth_by(missing: np.ndarray, crown: Crown, hull: Hull | None) -> np.ndarray:
+    """By how much missing wood (n, 3) raises a crown's top, width and volume, (3,) float64."""
+    grown = np.zeros(3)
+    if len(missing):
+        grown[0] = missing[:, 2].max() - crown.top
+    if len(missing) and hull is not None:
+        larger = hull_of(np.vstack([hull.points, missing]))
+        grown[1] = horizontal_width(larger.points[:, :2]) - crown.width
+        grown[2] = larger.volume - crown.volume
+    return np.maximum(grown, 0.0)

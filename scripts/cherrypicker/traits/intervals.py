@@ -1,0 +1,100 @@
+"""90 % intervals of traits: independent errors, each a factor times something that was measured.
+
+A fit tells the standard error of its own. What it cannot see (photogrammetry moves whole surfaces,
+the contraction bends whole stretches, the ground under a stem is hidden) follows quantities that
+the scan knows: the scatter of points, the distance at which they have company. What an error is of
+such a quantity is a factor of ``interval_factors.yaml``, fitted to trees whose truth is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.interval_factors import FACTORS
+
+Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
+CI90 = (0.05, 0.95)
+#: Name of a factor to what it multiplies, in the trait's unit; ``fit`` and ``scale`` are standard
+#: errors that a fit and the markers tell, and need no factor.
+Terms = Mapping[str, float | np.ndarray]
+KNOWN = ("fit", "scale")
+_FEWEST_POINTS = 3  # behind a direction
+
+
+def spread(terms: Terms) -> float | np.ndarray:
+    """Standard deviation of a trait's error, the root of the sum of its terms' squares."""
+    parts = [(1.0 if name in KNOWN else FACTORS[name]) * term for name, term in terms.items()]
+    return np.sqrt(sum(part**2 for part in parts))
+
+
+def interval(
+    value: float | np.ndarray, terms: Terms, drawn: tuple[float, float] = (0.0, 0.0)
+) -> tuple:
+    """90 % interval of a trait.
+
+    Parameters
+    ----------
+    value : float or ndarray of shape (n,), float64
+    terms : Terms
+    drawn : tuple of float
+        How far the 5 % and the 95 % quantile of drawn values lie below and above it, as of a crown
+        whose shoots have lost their ends.
+
+    Returns
+    -------
+    low, high : float or ndarray of shape (n,), float64
+        Not below 0.
+    """
+    half = Z90 * spread(terms)
+    return np.maximum(value - np.hypot(half, drawn[0]), 0.0), value + np.hypot(half, drawn[1])
+
+
+def typical_scatter(skeleton: Skeleton) -> float | None:
+    """Median scatter of the points around the skeleton's radii; None where that is not known.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        With the field ``residual``, 0 where no radius was fitted.
+    """
+    scatter = skeleton.fields.get("residual", np.zeros(0))
+    scatter = scatter[scatter > 0]
+    return float(np.median(scatter)) if len(scatter) else None
+
+
+def branch_terms(
+    shape: Mapping[str, np.ndarray], typical: float, scale_error: float = 0.0
+) -> dict[str, Terms]:
+    """What the errors of branches' base diameters and insertion angles follow.
+
+    Parameters
+    ----------
+    shape : mapping of str to ndarray of shape (n_axes,)
+        From `cherrypicker.traits.branch_shapes.axis_shapes`.
+    typical : float
+        Scatter of the points where an axis has none of its own.
+    scale_error : float, default 0
+        Relative standard error of the scan's scale.
+
+    Returns
+    -------
+    dict
+        Terms of ``base_diameter_m`` and of ``insertion_angle_deg``, arrays of shape (n_axes,).
+    """
+    scatter = np.where(shape["base_residual"] > 0, shape["base_residual"], typical)
+    lean = np.degrees(scatter / np.maximum(shape["stretch"], 1e-9))
+    return {
+        "base_diameter_m": {
+            "fit": 2.0 * shape["base_error"],
+            "diameter_shared": scatter,
+            "scale": scale_error * shape["base_diameter"],
+        },
+        "insertion_angle_deg": {
+            "angle_least_deg": np.ones(len(lean)),
+            "angle_shared": lean,
+            "angle_bend": lean / np.sqrt(np.maximum(shape["base_n_points"], _FEWEST_POINTS)),
+        },
+    }

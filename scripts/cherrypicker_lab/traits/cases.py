@@ -1,0 +1,151 @@
+"""Cases that the intervals of traits are fitted to: found values beside true ones.
+
+A case is one trait of one tree, or of one of its branches: what was found, the truth, the 90 %
+interval given, and what its error follows (the terms of `cherrypicker.traits.intervals`).
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from cherrypicker.files import read_json, read_table
+from cherrypicker.poses import read_poses
+from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
+from cherrypicker.traits.branch_shapes import axis_shapes
+from cherrypicker.traits.intervals import branch_terms, typical_scatter
+from cherrypicker.traits.measure import measure_traits
+from cherrypicker.traits.table import BRANCH_COLUMNS
+from cherrypicker_lab.evaluation import compare_cameras
+from cherrypicker_lab.orchard.truth import TRUNK_HEIGHT_M, width_of_wood
+from cherrypicker_lab.skeletons.set_tree import load_set_tree, true_skeleton
+from cherrypicker_lab.traits.pairs import (
+    LEAST_DIAMETER_M,
+    branch_pair,
+    make_tree,
+    matched_rows,
+    skeleton_of,
+)
+from cherrypicker_lab.traits.table import true_volume
+
+BRANCH_TRAITS = ("base_diameter_m", "insertion_angle_deg")
+#: Trees that are grown for the fit.
+GROWN = ("thin", "bearing", "conifer")
+
+
+def scan_cases(source, results, truth):
+    """Cases of a finished scan from photos.
+
+    Parameters
+    ----------
+    source : str
+        Name of the set of scans that it belongs to.
+    results, truth : path-like
+        ``results/{tree}``, and the scene's truth with ``poses.npz`` and ``skeleton.csv``.
+
+    Returns
+    -------
+    list of dict
+        See `_cases`.
+    """
+    results, truth = Path(results), Path(truth)
+    skeleton, traits = (
+        read_skeleton(results / "skeleton.graphml"),
+        read_json(results / "traits.json"),
+    )
+    rows = [
+        {name: BRANCH_COLUMNS[name].read(cell) for name, cell in row.items()}
+        for _, row in read_table(results / "branches.csv", ("branch_id",))
+    ]
+    true = read_skeleton_csv(truth / "skeleton.csv")
+    whole = whole_truth(true)
+    found = read_poses(results / "metric_poses.npz")
+    moved = compare_cameras(found, read_poses(truth / "poses.npz"))
+    true.points = (true.points - moved["translation"]) @ moved["rotation"]
+    scale = read_json(results / "scale.json")
+    error = scale["scale_std"] / scale["scale"] if scale.get("scale_std") else 0.0
+    return _cases(source, results.name, whole, true, skeleton, traits, rows, error)
+
+
+def grown_cases(source, number, n_points):
+    """Cases of a grown tree, measured by the functions that the workflow's stages call.
+
+    Parameters
+    ----------
+    source : str
+        ``thin`` and ``bearing`` trees of the orchard as cameras see them, or ``conifer``: a fir,
+        larch or pine of the paper's set, its points noisy and one a voxel, with holes in the stem
+        where `number` is odd.
+    number : int
+        Seed of a tree of the orchard, number of a conifer.
+    n_points : int
+        Of a cloud of the orchard.
+    """
+    if source == "conifer":
+        _, _, clouds, truth = load_set_tree(0, number)
+        cloud, true = clouds["holes" if number % 2 else "noise"], truth.skeleton
+    else:
+        tree, cloud = make_tree(number, n_points, bearing=source == "bearing")
+        true = true_skeleton(tree.skeleton())
+    skeleton = skeleton_of(cloud)
+    traits, rows = measure_traits(skeleton, cloud)
+    return _cases(source, str(number), whole_truth(true), true, skeleton, traits, rows, 0.0)
+
+
+def whole_truth(skeleton):
+    """True traits of a whole tree from its skeleton, whose root is the stem's foot, z up."""
+    points, radius, foot = skeleton.points, skeleton.radius, skeleton.points[0, 2]
+    stem = axes(skeleton)[0].nodes
+    up = np.maximum.accumulate(points[stem, 2]) - foot
+    return {
+        "height_m": float((points[:, 2] + radius).max() - foot),
+        "trunk_diameter_m": float(2 * np.interp(TRUNK_HEIGHT_M, up, radius[stem])),
+        "crown_width_m": width_of_wood(points, radius),
+        "crown_volume_m3": true_volume(skeleton),
+    }
+
+
+def _cases(source, name, whole, truth, skeleton, traits, rows, scale_error):
+    """All cases of a tree.
+
+    Parameters
+    ----------
+    whole : dict of str to float
+        Of `whole_truth`.
+    truth, skeleton : Skeleton
+        In one frame.
+    traits, rows
+        From `measure_traits`, or its files.
+    scale_error : float
+
+    Returns
+    -------
+    list of dict
+        `source`, `tree`, `trait`, `true`, `found`, `low`, `high`, and `terms`: name to what the
+        error follows, `drawn_low` and `drawn_high` among them; None where the photos gave the
+        interval of a branch.
+    """
+    cases = []
+    for trait, true in whole.items():
+        if f"{trait}_ci90" in traits:
+            low, high = traits[f"{trait}_ci90"]
+            terms = traits["interval_terms"][trait]
+            cases.append((trait, true, traits[trait], low, high, terms))
+    typical = typical_scatter(skeleton)
+    if typical is None:
+        return [_named(source, name, case) for case in cases]
+    terms = branch_terms(axis_shapes(skeleton, axes(skeleton)), typical, scale_error)
+    for true, found in matched_rows(truth, skeleton, rows)[0]:
+        for trait in BRANCH_TRAITS:
+            if trait == "base_diameter_m" and true[trait] < LEAST_DIAMETER_M:
+                continue
+            pair = branch_pair(true, found, trait)
+            own = {k: float(v[found["branch_id"]]) for k, v in terms[trait].items()}
+            if trait == "base_diameter_m" and found["photo_diameter_m"] is not None:
+                own = None
+            cases.append((trait, *pair.values(), own))
+    return [_named(source, name, case) for case in cases]
+
+
+def _named(source, name, case):
+    names = ("trait", "true", "found", "low", "high", "terms")
+    return {"source": source, "tree": name, **dict(zip(names, case, strict=True))}
