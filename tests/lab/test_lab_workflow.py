@@ -4,7 +4,8 @@ from workspace import Workspace
 
 TARGETS = [
     *("orchard", "orchard_skeletons", "benchmark_dense", "benchmark_skeleton", "benchmark_traits"),
-    *("benchmark_trunks", "benchmark_series", "error_budget", "train_sky", "train_segmentation"),
+    *("benchmark_trunks", "benchmark_series", "error_budget", "fit_intervals", "train_sky"),
+    "train_segmentation",
 ]
 
 

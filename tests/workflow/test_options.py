@@ -42,6 +42,7 @@ ELSEWHERE = {
     "benchmark.skeleton": "benchmark_skeleton: which trees, sizes and methods are measured",
     "benchmark.traits": "benchmark_traits: which trees are measured",
     "benchmark.series": "benchmark_series: which trees are measured, and how they are seen",
+    "benchmark.intervals": "fit_intervals: which trees and scans are measured",
 }
 # Whose default differs from the schema's.
 OTHER_DEFAULT = {
@@ -60,6 +61,7 @@ WILDCARDS = {
     "tree_seed": "9000",
     "walk": "seen",
     "series": "row_1",
+    "grown": "thin",
     "number": "00",
     "kind": "default",
     "n": "10000",

@@ -121,15 +121,15 @@ def _cases(source, name, whole, truth, skeleton, traits, rows, scale_error):
     -------
     list of dict
         `source`, `tree`, `trait`, `true`, `found`, `low`, `high`, and `terms`: name to what the
-        error follows, `drawn_low` and `drawn_high` among them; None where the photos gave the
-        interval of a branch.
+        error follows, `drawn_low` and `drawn_high` among them (None where the photos gave the
+        interval of a branch), and `at_least`, where more is known to be missing.
     """
     cases = []
     for trait, true in whole.items():
         if f"{trait}_ci90" in traits:
             low, high = traits[f"{trait}_ci90"]
-            terms = traits["interval_terms"][trait]
-            cases.append((trait, true, traits[trait], low, high, terms))
+            terms, least = traits["interval_terms"][trait], trait in traits["at_least"]
+            cases.append((trait, true, traits[trait], low, high, terms, least))
     typical = typical_scatter(skeleton)
     if typical is None:
         return [_named(source, name, case) for case in cases]
@@ -142,10 +142,10 @@ def _cases(source, name, whole, truth, skeleton, traits, rows, scale_error):
             own = {k: float(v[found["branch_id"]]) for k, v in terms[trait].items()}
             if trait == "base_diameter_m" and found["photo_diameter_m"] is not None:
                 own = None
-            cases.append((trait, *pair.values(), own))
+            cases.append((trait, *pair.values(), own, False))
     return [_named(source, name, case) for case in cases]
 
 
 def _named(source, name, case):
-    names = ("trait", "true", "found", "low", "high", "terms")
+    names = ("trait", "true", "found", "low", "high", "terms", "at_least")
     return {"source": source, "tree": name, **dict(zip(names, case, strict=True))}

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from cherrypicker.traits.intervals import KNOWN, Z90
+from cherrypicker_lab.traits.table import JUDGED
 
 MISSED = 0.1  # share of the truths that may lie outside
 DRAWN = ("drawn_low", "drawn_high")
@@ -29,6 +30,7 @@ class TraitCases:
     """
 
     def __init__(self, cases):
+        self.cases = cases
         self.source = np.array([case["source"] for case in cases])
         self.tree = np.array([f"{case['source']} {case['tree']}" for case in cases])
         self.true, self.found, self.low, self.high = (
@@ -36,7 +38,9 @@ class TraitCases:
             for key in ("true", "found", "low", "high")
         )
         terms = [case["terms"] or {} for case in cases]
-        self.is_fitted = np.array([bool(each) for each in terms])
+        self.is_least = np.array([case["at_least"] for case in cases], dtype=bool)
+        self.has_terms = np.array([bool(each) for each in terms])
+        self.is_fitted = self.has_terms & ~self.is_least
         self.names = sorted({name for each in terms for name in each} - {*KNOWN, *DRAWN})
         self.terms = {
             name: np.array([each.get(name, 0.0) for each in terms])
@@ -47,20 +51,19 @@ class TraitCases:
 
     def select(self, rows):
         """The cases of some rows, (n,) bool."""
-        part = object.__new__(TraitCases)
-        part.names, part.terms = self.names, {k: v[rows] for k, v in self.terms.items()}
-        for name in ("source", "tree", "true", "found", "low", "high", "is_fitted", "weight"):
-            setattr(part, name, getattr(self, name)[rows])
-        return part
+        return TraitCases([case for case, is_in in zip(self.cases, rows, strict=True) if is_in])
 
     def interval(self, factors):
-        """Lower and upper ends with other factors; as given where the photos gave them."""
+        """Lower and upper ends with other factors; as given where the photos gave them.
+
+        A value that is the least has no upper end.
+        """
         parts = [factors[name] * self.terms[name] for name in self.names]
         half = Z90 * np.sqrt(sum(part**2 for part in [*parts, *(self.terms[k] for k in KNOWN)]))
         low, high = (np.hypot(half, self.terms[name]) for name in DRAWN)
         return (
-            np.where(self.is_fitted, np.maximum(self.found - low, 0.0), self.low),
-            np.where(self.is_fitted, self.found + high, self.high),
+            np.where(self.has_terms, np.maximum(self.found - low, 0.0), self.low),
+            np.where(self.is_least, np.inf, np.where(self.has_terms, self.found + high, self.high)),
         )
 
     def loss(self, factors):
@@ -73,13 +76,13 @@ class TraitCases:
         return float(np.average(loss[self.is_fitted], weights=self.weight[self.is_fitted]))
 
     def cover(self, factors):
-        """Share of the truths that the intervals hold, and their median width."""
+        """Share of the truths that the intervals hold, and their median width where it ends."""
         low, high = self.interval(factors)
         return float(np.mean((low <= self.true) & (self.true <= high))), np.median(high - low)
 
 
 def fit(cases, start):
-    """Factors of the least score.
+    """Factors of the least loss.
 
     Parameters
     ----------
@@ -108,3 +111,69 @@ def fit(cases, start):
         for shift in (0.0, _STEP)
     ]
     return factors_of(min(runs, key=lambda run: run.fun).x)
+
+
+def fit_all(cases, present, checked=()):
+    """Fit the factors of every trait.
+
+    Parameters
+    ----------
+    cases : list of dict
+        Of all trees.
+    present : dict of str to dict
+        Content of ``interval_factors.yaml``.
+    checked : sequence of str
+        Sources that are not fitted to, only measured.
+
+    Returns
+    -------
+    factors : dict of str to dict
+        The same with new values, and what each was fitted on.
+    lines : list of str
+        A Markdown table of the cover by trait and source: as measured, with the new factors, and
+        with those that are fitted without that source.
+    """
+    values = {name: entry["value"] for name, entry in present.items()}
+    new, parts = dict(present), []
+    for trait in dict.fromkeys(case["trait"] for case in cases):
+        own = TraitCases([case for case in cases if case["trait"] == trait])
+        used = own.select(~np.isin(own.source, checked))
+        factors = fit(used, values)
+        for name in own.names:
+            told = {"value": _short(factors[name]), "fitted_on": _told(used)}
+            new[name] = present[name] | told
+        parts.append((trait, own, used, factors))
+    lines = [
+        "| trait | source | trees | n | bias | MAE | before | with these factors | median width "
+        "| without its source |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    for trait, own, used, factors in parts:
+        for source in np.unique(own.source):
+            rest = used.select(used.source != source)
+            other = factors if source in checked or not len(rest.true) else fit(rest, values)
+            lines.append(_row(trait, source, own.select(own.source == source), factors, other))
+    return new, lines
+
+
+def _row(trait, source, cases, factors, other):
+    """Line of the table; the interval before is the one that was measured."""
+    judged = JUDGED[trait]
+    before = np.mean((cases.low <= cases.true) & ((cases.true <= cases.high) | cases.is_least))
+    cover, width = cases.cover(factors)
+    off = judged.factor * (cases.found - cases.true)
+    cells = [f"{judged.words}, {judged.unit}", source, str(len(np.unique(cases.tree)))]
+    cells += [str(len(off)), f"{off.mean():+.2f}", f"{np.abs(off).mean():.2f}"]
+    cells += [f"{100 * before:.0f} %", f"{100 * cover:.0f} %", f"{judged.factor * width:.1f}"]
+    return "| " + " | ".join([*cells, f"{100 * cases.cover(other)[0]:.0f} %"]) + " |"
+
+
+def _told(cases):
+    """What a factor was fitted on, in words."""
+    names, n = np.unique([tree.split(" ")[0] for tree in np.unique(cases.tree)], return_counts=True)
+    trees = ", ".join(f"{count} {name}" for name, count in zip(names, n, strict=True))
+    return f"{np.count_nonzero(cases.is_fitted)} values of {n.sum()} trees: {trees}"
+
+
+def _short(value):
+    return float(f"{value:.3g}")

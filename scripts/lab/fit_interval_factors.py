@@ -1,0 +1,41 @@
+"""Fit the factors of the traits' 90 % intervals to trees whose truth is known.
+
+Reads JSONs of measure_interval_cases.py; writes the factors as scripts/cherrypicker/traits/
+interval_factors.yaml has them, with what each was fitted on, and a table of how many truths the
+intervals hold, by source, also with factors that are fitted without that source. Example:
+
+    python scripts/lab/fit_interval_factors.py --cases cases/*.json --checked foreign \\
+        --factors scripts/cherrypicker/traits/interval_factors.yaml --table table.md
+"""
+
+import logging
+
+import yaml
+
+import lab_path  # noqa: F401
+from cherrypicker.files import read_json, write_text
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.traits.interval_factors import FACTORS_FILE
+from cherrypicker_lab.traits.interval_fit import fit_all
+
+logger = logging.getLogger("cherrypicker")
+
+
+def main(cases, factors, table, *, checked=()):
+    text = FACTORS_FILE.read_text(encoding="utf-8")
+    present = yaml.safe_load(text)
+    head = "".join(line for line in text.splitlines(True) if line.startswith("#"))
+    found, lines = fit_all([case for path in cases for case in read_json(path)], present, checked)
+    for name, entry in found.items():
+        logger.info("%s: %g, before %g", name, entry["value"], present[name]["value"])
+    write_text(factors, head + yaml.safe_dump(found, sort_keys=False, width=100))
+    write_text(table, "\n".join(lines) + "\n")
+    logger.info("%s", "\n".join(lines), extra={"console": True})
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--cases", required=True, nargs="+", help="cases of trees, JSON")
+parser.add_argument("--checked", nargs="*", default=(), help="sources that are not fitted to")
+parser.add_argument("--factors", required=True, help="YAML to write")
+parser.add_argument("--table", required=True, help="Markdown to write")
+run(main, parser, globals().get("snakemake"))

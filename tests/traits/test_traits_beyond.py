@@ -1,0 +1,51 @@
+"""Wood that is known to be missing widens intervals upwards, and values become the least."""
+
+import numpy as np
+import pytest
+
+from cherrypicker.traits.beyond import AT_LEAST, at_least, growth_by, missing_wood
+from cherrypicker.traits.crown import Crown, horizontal_width, hull_of
+from cherrypicker.traits.missing_top import MissingTop
+from cherrypicker.traits.table import TRAITS
+
+FOOT = np.array([0.1, 0.2, -0.5])
+CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (1.0, 2.0)])
+
+
+def crown_and_hull():
+    hull = hull_of(CORNERS)
+    return Crown(2.0, horizontal_width(hull.points[:, :2]), hull.volume), hull
+
+
+def test_nothing_missing_adds_nothing():
+    none = missing_wood(np.empty((0, 2, 3)), None, None, FOOT)
+    assert none.shape == (0, 3)
+    assert growth_by(none, *crown_and_hull()).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_wood_within_the_crown_adds_nothing_and_wood_beyond_does():
+    inside = {"missing_pieces": [{"length": 0.2, "low": [0.2, 0.2, 1.2], "high": [0.4, 0.3, 1.5]}]}
+    assert growth_by(
+        missing_wood(np.empty((0, 2, 3)), inside, None, FOOT), *crown_and_hull()
+    ) == pytest.approx([0.0, 0.0, 0.0])
+    left_out = np.array([[[0.5, 0.5, 1.5], [0.6, 0.6, 2.3]]])
+    top, width, volume = growth_by(missing_wood(left_out, inside, None, FOOT), *crown_and_hull())
+    assert (top, width) == (pytest.approx(0.3), 0.0)
+    assert 0.09 < volume < 0.15
+    beside = np.array([[[1.0, 0.0, 1.0], [3.0, 0.1, 1.1]]])
+    assert growth_by(missing_wood(beside, None, None, FOOT), *crown_and_hull())[1] > 0.5
+
+
+def test_a_top_that_the_photos_show_counts_from_the_foot():
+    shown = missing_wood(np.empty((0, 2, 3)), None, MissingTop(2.9, 2.5, 12), FOOT)
+    assert shown.tolist() == [[0.1, 0.2, pytest.approx(2.4)]]
+    assert growth_by(shown, *crown_and_hull())[0] == pytest.approx(0.4)
+    assert growth_by(shown, crown_and_hull()[0], None) == pytest.approx([0.4, 0.0, 0.0])
+
+
+def test_flags_tell_which_values_are_the_least():
+    assert at_least(["unscaled: no scale", "low_arc: few"]) == []
+    assert at_least(["side_outside_photos: towards azimuth 270 degrees"]) == [
+        "crown_volume_m3", "crown_width_m", "total_length_m",
+    ]  # fmt: skip
+    assert {name for names in AT_LEAST.values() for name in names} <= TRAITS.keys()

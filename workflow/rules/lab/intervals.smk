@@ -1,0 +1,93 @@
+# The fit of the factors of the traits' 90 % intervals, see docs/traits.md. Only `snakemake
+# fit_intervals` runs it.
+
+
+wildcard_constraints:
+    grown="thin|bearing|conifer",
+
+
+rule fit_intervals:
+    input:
+        "results/benchmark/intervals/table.md",
+
+
+rule measure_grown_intervals:
+    input:
+        code=code("lab/measure_interval_cases"),
+    output:
+        cases=ensure(
+            "results/benchmark/intervals/{grown}/{tree_seed}.json", non_empty=True
+        ),
+    log:
+        "logs/measure_grown_intervals/{grown}_{tree_seed}.log",
+    benchmark:
+        "benchmarks/measure_grown_intervals/{grown}_{tree_seed}.tsv"
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=30,
+        gpu=0,
+    params:
+        source=lambda wildcards: wildcards.grown,
+        number=lambda wildcards: int(wildcards.tree_seed),
+        n_points=INTERVALS["n_points"],
+    message:
+        "{wildcards.grown} tree {wildcards.tree_seed}: traits beside their truth"
+    script:
+        "../../../scripts/lab/measure_interval_cases.py"
+
+
+rule measure_scan_intervals:
+    input:
+        traits=of_scan("results", "/traits.json"),
+        code=code("lab/measure_interval_cases"),
+    output:
+        cases=ensure(
+            "results/benchmark/intervals/scans/{tree_seed}.json", non_empty=True
+        ),
+    log:
+        "logs/measure_scan_intervals/{tree_seed}.log",
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=30,
+        gpu=0,
+    params:
+        source=of_scan("source"),
+        results=of_scan("results"),
+        truth=of_scan("truth"),
+    message:
+        "scan {wildcards.tree_seed}: traits beside their truth"
+    script:
+        "../../../scripts/lab/measure_interval_cases.py"
+
+
+rule fit_interval_factors:
+    input:
+        cases=interval_cases(),
+        code=code("lab/fit_interval_factors"),
+        present=str(PROJECT / "scripts/cherrypicker/traits/interval_factors.yaml"),
+    output:
+        factors=ensure(
+            "results/benchmark/intervals/interval_factors.yaml", non_empty=True
+        ),
+        table=ensure("results/benchmark/intervals/table.md", non_empty=True),
+    log:
+        "logs/fit_interval_factors.log",
+    conda:
+        "../../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=more_at_each_attempt(2000),
+        runtime=10,
+        gpu=0,
+    params:
+        checked=INTERVALS["checked"],
+    message:
+        "factors of the traits' intervals"
+    script:
+        "../../../scripts/lab/fit_interval_factors.py"

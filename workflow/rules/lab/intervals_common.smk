@@ -1,0 +1,47 @@
+# Trees that the factors of the traits' intervals are fitted to.
+
+import csv
+
+INTERVALS = SETTINGS["benchmark"]["intervals"]
+
+
+def read_interval_scans(path):
+    """Rows of the table of scans by their number, none without a table."""
+    if not path:
+        return {}
+    with open(path, newline="", encoding="utf-8") as handle:
+        return {
+            str(number): row
+            for number, row in enumerate(csv.DictReader(handle, delimiter="\t"))
+        }
+
+
+INTERVAL_SCANS = read_interval_scans(INTERVALS["scans"])
+
+
+def of_scan(column, end=""):
+    """A function of a rule's wildcards: the cell of its scan, and an end."""
+    return (
+        lambda wildcards: INTERVAL_SCANS.get(wildcards.tree_seed, {}).get(column, "")
+        + end
+    )
+
+
+def interval_cases():
+    """Files of cases of all grown trees and scans."""
+    numbers = {
+        "thin": range(
+            INTERVALS["first_seed"], INTERVALS["first_seed"] + INTERVALS["n_thin"]
+        ),
+        "bearing": range(
+            INTERVALS["first_bearing_seed"],
+            INTERVALS["first_bearing_seed"] + INTERVALS["n_bearing"],
+        ),
+        "conifer": range(INTERVALS["n_conifers"]),
+        "scans": INTERVAL_SCANS,
+    }
+    return [
+        f"results/benchmark/intervals/{source}/{number}.json"
+        for source, own in numbers.items()
+        for number in own
+    ]
