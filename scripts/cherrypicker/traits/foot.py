@@ -9,7 +9,6 @@ import numpy as np
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.intervals import Terms
 
 # Guesses, for stems of 2 to 30 cm
 _GROUND_REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
@@ -33,10 +32,10 @@ class Foot:
     # where no ground was seen) or ``root`` (the skeleton's root, where neither was)
     source: str
     gap: float  # height of the lowest wood at the stem over the foot, in the cloud's unit
-    # What the error of the foot's height follows. The ground under the stem is not seen: it may lie
-    # as far off the plane as the ground around it does. Without ground, how far the lowest points
-    # lie from the skeleton's root; without either, the stem's radius.
-    terms: Terms
+    # Standard error of the foot's height: none over ground, whose error the height's own holds (on
+    # trees whose truth is known it does not follow how rough the ground is); without ground, how
+    # far the lowest points lie from the skeleton's root; without either, the stem's radius.
+    error: float
 
 
 def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foot:
@@ -59,30 +58,26 @@ def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foo
     away = np.hypot(*(ground[:, :2] - root[:2]).T)
     reach = max(_GROUND_REACH_M, _GROUND_REACH_RADII * radius)
     ground = ground[(away > _BARE_RADII * radius) & (away < reach)]
-    level, scatter = _ground_level(ground, root[:2])
+    level = _ground_level(ground, root[:2])
     if level is None or (beside.any() and abs(level - low) > _MAX_FOOT_STEP_M):
         foot = np.array([root[0], root[1], low])
         if beside.any():
-            return Foot(foot, "wood", 0.0, {"fit": abs(low - float(root[2]))})
-        return Foot(foot, "root", 0.0, {"fit": radius})
+            return Foot(foot, "wood", 0.0, abs(low - float(root[2])))
+        return Foot(foot, "root", 0.0, radius)
     foot = np.array([root[0], root[1], level])
-    return Foot(foot, "ground", max(low - level, 0.0), {"foot_over_ground": scatter})
+    return Foot(foot, "ground", max(low - level, 0.0), 0.0)
 
 
-def _ground_level(ground: np.ndarray, at: np.ndarray) -> tuple:
-    """Height of a robust plane through the ground points at `at`, and their scatter around it.
-
-    The height is None with too few points.
-    """
+def _ground_level(ground: np.ndarray, at: np.ndarray) -> float | None:
+    """Height of a robust plane through the ground points at `at`; None with too few points."""
     if len(ground) < _MIN_GROUND_POINTS:
-        return None, 0.0
+        return None
     offset = ground[:, :2] - at
     turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
     sector = (turn * _N_SECTORS).astype(int) % _N_SECTORS
     count = np.bincount(sector, minlength=_N_SECTORS)
     if (count > 0).sum() < _FEWEST_SECTORS:
-        middle = np.median(ground[:, 2])
-        return float(middle), robust_sigma(ground[:, 2] - middle)
+        return float(np.median(ground[:, 2]))
     design = np.column_stack([np.ones(len(ground)), offset])
     balance = 1.0 / np.sqrt(count[sector])
     weights, plane = balance, np.zeros(3)
@@ -94,4 +89,4 @@ def _ground_level(ground: np.ndarray, at: np.ndarray) -> tuple:
         residual = ground[:, 2] - design @ plane
         sigma = max(robust_sigma(residual), _LEAST_SIGMA_M)
         weights = balance * (1.0 - np.clip(np.abs(residual) / (TUKEY * sigma), 0, 1) ** 2) ** 2
-    return float(plane[0]), float(sigma)
+    return float(plane[0])

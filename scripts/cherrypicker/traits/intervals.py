@@ -1,8 +1,8 @@
 """90 % intervals of traits: independent errors, each a factor times something that was measured.
 
 A fit tells the standard error of its own. What it cannot see (photogrammetry moves whole surfaces,
-the contraction bends whole stretches, the ground under a stem is hidden) follows quantities that
-the scan knows: the scatter of points, the distance at which they have company. What an error is of
+the contraction bends whole stretches) follows quantities that the scan knows: the scatter of
+points, the distance at which they have company. What an error is of
 such a quantity is a factor of ``interval_factors.yaml``, fitted to trees whose truth is known.
 """
 
@@ -21,7 +21,6 @@ CI90 = (0.05, 0.95)
 #: errors that a fit and the markers tell, and need no factor.
 Terms = Mapping[str, float | np.ndarray]
 KNOWN = ("fit", "scale")
-_FEWEST_POINTS = 3  # behind a direction
 
 
 def spread(terms: Terms) -> float | np.ndarray:
@@ -85,7 +84,6 @@ def branch_terms(
         Terms of ``base_diameter_m`` and of ``insertion_angle_deg``, arrays of shape (n_axes,).
     """
     scatter = np.where(shape["base_residual"] > 0, shape["base_residual"], typical)
-    lean = np.degrees(scatter / np.maximum(shape["stretch"], 1e-9))
     return {
         "base_diameter_m": {
             "fit": 2.0 * shape["base_error"],
@@ -93,8 +91,7 @@ def branch_terms(
             "scale": scale_error * shape["base_diameter"],
         },
         "insertion_angle_deg": {
-            "angle_least_deg": np.ones(len(lean)),
-            "angle_shared": lean,
-            "angle_bend": lean / np.sqrt(np.maximum(shape["base_n_points"], _FEWEST_POINTS)),
+            "angle_least_deg": np.ones(len(scatter)),
+            "angle_shared": np.degrees(scatter / np.maximum(shape["stretch"], 1e-9)),
         },
     }

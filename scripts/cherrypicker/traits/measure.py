@@ -163,7 +163,7 @@ def measure_traits(
     traits: dict[str, Any] = {"unit": cloud.unit}
     grown = growth_by(missing, crown, hull)
     off = samples - [crown.top, crown.width, crown.volume]
-    over_foot: Terms = {**foot.terms, "top_error": reach}
+    over_foot: Terms = {"fit": foot.error, "top_error": reach}
     hull_terms = {"hull_error": reach * (0.0 if hull is None else hull.areas.sum())}
     _add(traits, "height_m", crown.top - foot.point[2], over_foot, scale_error, off[:, 0], grown[0])
     _add(traits, "trunk_diameter_m", trunk.diameter, trunk.terms, scale_error)

@@ -4,7 +4,8 @@ Quantile regression (Koenker and Bassett 1978) of the logarithm of the error on 
 interval: of all factors of a trait those are taken whose intervals have the least mean of log width
 and, for truths outside, ten times the log of how many times too far off they lie. At the least of
 it a tenth lies outside; the unit and the size of a tree do not matter, and one gross error counts
-little more than a small one. Every tree weighs the same, however many branches of it were found.
+little more than a small one. Every source weighs the same, and every tree of it, however many
+branches of it were found.
 """
 
 import numpy as np
@@ -46,8 +47,11 @@ class TraitCases:
             name: np.array([each.get(name, 0.0) for each in terms])
             for name in (*self.names, *KNOWN, *DRAWN)
         }
-        _, tree, count = np.unique(self.tree, return_inverse=True, return_counts=True)
-        self.weight = 1.0 / count[tree]
+        trees, tree, n_cases = np.unique(self.tree, return_inverse=True, return_counts=True)
+        _, of_tree, n_trees = np.unique(
+            [each.split(" ")[0] for each in trees], return_inverse=True, return_counts=True
+        )
+        self.weight = 1.0 / (n_cases * n_trees[of_tree])[tree]
 
     def select(self, rows):
         """The cases of some rows, (n,) bool."""
@@ -67,7 +71,7 @@ class TraitCases:
         )
 
     def loss(self, factors):
-        """Mean loss of the cases that factors decide, every tree weighing the same."""
+        """Mean loss of the cases that factors decide, every source weighing the same."""
         low, high = self.interval(factors)
         off = self.true - self.found
         arm = np.maximum(np.where(off > 0, high - self.found, self.found - low), _TINY)

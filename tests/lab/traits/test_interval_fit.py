@@ -35,11 +35,11 @@ def test_factors_are_found_again_whatever_a_few_gross_errors_say():
     assert TraitCases(cases).cover(found)[0] == pytest.approx(0.9, abs=0.01)
 
 
-def test_every_tree_weighs_the_same_and_the_least_has_no_upper_end():
+def test_every_source_weighs_the_same_and_the_least_has_no_upper_end():
     rng = np.random.default_rng(1)
     few, many = drawn_cases("few", 8, rng), drawn_cases("many", 800, rng)
     cases = TraitCases(few + many)
-    assert [cases.weight[:8].sum(), cases.weight[8:].sum()] == pytest.approx([8, 8])
+    assert [cases.weight[:8].sum(), cases.weight[8:].sum()] == pytest.approx([1, 1])
     for case in few:
         case |= {"found": 30.0, "low": 25.0, "high": 31.0, "at_least": True}
     cases, factors = TraitCases(few), {"angle_least_deg": 1.0, "angle_shared": 0.1}
