@@ -9,6 +9,7 @@ from sky_scene import BARK, Rod
 
 from cherrypicker.classes import Label
 from cherrypicker.photo_check.check import CheckOptions, check_photos
+from cherrypicker.photo_check.missing import hang_together
 from cherrypicker.photo_check.pictures import quarter_turns, write_picture
 from cherrypicker.photo_check.places import MetricWorkspace, places_along
 from cherrypicker.photo_check.widths import branch_diameters
@@ -95,6 +96,14 @@ def test_what_stands_nearer_to_a_sign_is_not_missing(judged):
     kept = (STEM, *TWIGS[1:])
     sign = skeleton_of((STEM, TWIGS[0])).points[76:]
     assert judged(skeleton_of(kept), beside=sign)[0]["missing_length"] < 0.05
+
+
+def test_only_what_joins_the_tree_is_missing_from_it():
+    patches = np.linspace([0.2, 0, 1], [0.9, 0, 1], 8)  # a limb in patches 10 cm apart
+    row = np.linspace([2.0, 0, 1], [2.5, 0, 1], 50)  # a twig of the next row
+    points = np.vstack([patches, row])
+    joined = hang_together(points, points[:, 0], 0.25)
+    assert joined.tolist() == [True] * 8 + [False] * 50
 
 
 def test_silhouettes_tell_how_thick_twigs_are(judged):

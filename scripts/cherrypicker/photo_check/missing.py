@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.neighbors import components
+from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.mvs.kernels.compiled import in_parallel, kernel
 from cherrypicker.mvs.lines.lines import EXPLAINS_PX, Lines, explain, project_place
 from cherrypicker.mvs.silhouettes import follow_lines
@@ -24,6 +26,9 @@ from cherrypicker.poses import Poses
 
 # Twigs seen more from their ends than this, a sine, count no longer
 LEAST_SINE = 0.3
+# Patches of missing wood this far apart, in the radius of the region, hang together (guess: 0.2 to
+# 0.3 m; on a walk through rows the next row's twigs lie 2 m off)
+JOINED = 0.1
 
 
 class Missing(NamedTuple):
@@ -66,7 +71,7 @@ def find_missing(
         Where wood is looked for.
     others : ndarray of shape (n_others, 3)
         What is there and no wood of this tree: a place nearer to it than to the tree is not
-        missing.
+        missing, nor is one that does not join the tree.
     threads : int
     """
     poses = workspace.poses
@@ -75,9 +80,11 @@ def find_missing(
     parts = follow_lines(workspace, lines, region, threads)
     found = np.concatenate([part.points for part in parts])
     length = np.concatenate([_lengths(part, poses, i) for i, part in enumerate(parts)])
-    if len(others) and len(found):
+    if len(found):
         own = cKDTree(places.points).query(found)[0]
-        kept = own <= cKDTree(others).query(found)[0]
+        kept = hang_together(found, own, JOINED * region.radius)
+        if len(others):
+            kept &= own <= cKDTree(others).query(found)[0]
         found, length = found[kept], length[kept]
     lines.explained[:] = by_tubes
     explain(lines, found, threads)
@@ -90,6 +97,26 @@ def find_missing(
         shown=np.bincount(lines.owner, np.where(is_tube, size, 0.0), minlength=n_photos),
         lacking=np.bincount(lines.owner, np.where(is_tube, 0.0, size), minlength=n_photos),
     )
+
+
+def hang_together(points: np.ndarray, own: np.ndarray, gap: float) -> np.ndarray:
+    """Which places join a tree, over one another, across no more than a gap: (n,) bool.
+
+    A tree of the next row may stand before the sky within the region as well, and no point of it
+    need be in the cloud.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3), float64
+    own : ndarray of shape (n,), float64
+        Their distances from the tree.
+    gap : float
+    """
+    sites, _, member = voxel_thin(points, gap / 2)
+    group, n_groups = components(len(sites), cKDTree(sites).query_pairs(gap, output_type="ndarray"))
+    joins = np.zeros(n_groups, dtype=bool)
+    joins[group[member[own <= gap]]] = True
+    return joins[group[member]]
 
 
 def _lengths(twigs: PointCloud, poses: Poses, i: int) -> np.ndarray:
