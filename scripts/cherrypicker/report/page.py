@@ -179,7 +179,10 @@ def _trait_rows(traits: dict, unit: str) -> list:
         interval = traits.get(f"{name}_ci90") or ()
         ends = [with_uncertainty(end, None, trait, unit).split(" ")[0] for end in interval]
         shown = with_uncertainty(traits.get(name), traits.get(f"{name}_se"), trait, unit)
-        rows.append({"name": trait.title, "value": shown, "interval": " to ".join(ends)})
+        told = " to ".join(ends)
+        if name in traits.get("at_least", ()):
+            shown, told = f"at least {shown}", f"{ends[0]} and more" if ends else ""
+        rows.append({"name": trait.title, "value": shown, "interval": told})
     return rows
 
 
