@@ -38,9 +38,9 @@ def test_wood_within_the_crown_adds_nothing_and_wood_beyond_does():
 
 def test_a_top_that_the_photos_show_counts_from_the_foot():
     shown = missing_wood(np.empty((0, 2, 3)), None, MissingTop(2.9, 2.5, 12), FOOT)
-    assert shown.tolist() == [[0.1, 0.2, pytest.approx(2.4)]]
-    assert growth_by(shown, *crown_and_hull())[0] == pytest.approx(0.4)
-    assert growth_by(shown, crown_and_hull()[0], None) == pytest.approx([0.4, 0.0, 0.0])
+    assert shown.tolist() == [[0.1, 0.2, pytest.approx(2.45)]]  # 2.9 - 0.5, and a voxel of 5 cm
+    assert growth_by(shown, *crown_and_hull())[0] == pytest.approx(0.45)
+    assert growth_by(shown, crown_and_hull()[0], None) == pytest.approx([0.45, 0.0, 0.0])
 
 
 def test_flags_tell_which_values_are_the_least():

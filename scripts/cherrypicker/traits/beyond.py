@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cherrypicker.traits.crown import Crown, horizontal_width, hull_of
-from cherrypicker.traits.missing_top import MissingTop
+from cherrypicker.traits.missing_top import VOXEL, MissingTop
 from cherrypicker.traits.shoot_ends import Hull
 
 #: Flag to the traits of which more is there than was found.
@@ -47,7 +47,7 @@ def missing_wood(
     photo_check : dict, optional
         ``photo_check.json``, with pieces of thin wood that photos show and the skeleton lacks.
     top : MissingTop, optional
-        Above the foot.
+        Above the foot; told to a voxel, one of which it may be taller.
     foot : ndarray of shape (3,), float64
     """
     pieces = (photo_check or {}).get("missing_pieces", ())
@@ -57,7 +57,7 @@ def missing_wood(
     corners = boxes[:, which, np.arange(3)].reshape(-1, 3)
     if top is None:
         return corners
-    return np.vstack([corners, [*foot[:2], foot[2] + top.height]])
+    return np.vstack([corners, [*foot[:2], foot[2] + top.height + VOXEL * top.found]])
 
 
 def growth_by(missing: np.ndarray, crown: Crown, hull: Hull | None) -> np.ndarray:
