@@ -26,7 +26,7 @@ from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
 from cherrypicker_lab.spoilt_skeletons import Spoilt
 
 TOLERANCE_M, SAMPLE_M = 0.01, 0.002
-COLUMNS = ("precision", "photo_precision", "recall", "photo_recall", "told")
+COLUMNS = ("precision", "photo_precision", "recall", "photo_recall", "photo_confirmed", "told")
 COLUMNS += ("precision_after", "recall_after", "dropped_m")
 
 
@@ -86,6 +86,7 @@ class FinishedScan:
             "photo_precision": report["photo_precision"],
             "recall": before["skeleton_recall_all"],
             "photo_recall": report["photo_recall"],
+            "photo_confirmed": report["photo_confirmed"],
             "told": [flag.partition(":")[0] for flag in flags],
             "precision_after": after["skeleton_precision_all"],
             "recall_after": after["skeleton_recall_all"],
@@ -114,11 +115,12 @@ def markdown(reports: list[dict[str, Any]]) -> str:
             name = row["kind"] + (f" {row['size']:g}" if row["size"] else "")
             lines.append(f"| {name} | {' | '.join(_text(row[column]) for column in COLUMNS)} |")
     rows = [row for report in reports for row in report["rows"]]
-    for name in ("precision", "recall"):
-        pairs = [(row[name], row[f"photo_{name}"]) for row in rows if row[f"photo_{name}"]]
+    for name, by in (("precision", "precision"), ("recall", "recall"), ("recall", "confirmed")):
+        pairs = [(row[name], row[f"photo_{by}"]) for row in rows if row[f"photo_{by}"]]
         if len(pairs) > 2:
             rank = spearmanr(*zip(*pairs, strict=True)).statistic
-            lines += ["", f"rank correlation of {name} over {len(pairs)} scans: {rank:.2f}"]
+            told = f"photo_{by} with {name} over {len(pairs)} scans"
+            lines += ["", f"rank correlation of {told}: {rank:.2f}"]
     return "\n".join(lines)
 
 

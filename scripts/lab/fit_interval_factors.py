@@ -25,7 +25,8 @@ def main(cases, factors, table, *, checked=()):
     text = FACTORS_FILE.read_text(encoding="utf-8")
     present = yaml.safe_load(text)
     head = "".join(line for line in text.splitlines(True) if line.startswith("#"))
-    found, lines = fit_all([case for path in cases for case in read_json(path)], present, checked)
+    known = [case for path in cases for case in read_json(path)["cases"]]
+    found, lines = fit_all(known, present, checked)
     for name, entry in found.items():
         logger.info("%s: %g, before %g", name, entry["value"], present[name]["value"])
     write_text(factors, head + yaml.safe_dump(found, sort_keys=False, width=100))

@@ -19,7 +19,7 @@ def main(cases, *, source, number=0, n_points=100_000, results="", truth=""):
         found = scan_cases(source, results, truth)
     else:
         found = grown_cases(source, number, n_points)
-    write_json(cases, found, indent=None)
+    write_json(cases, {"cases": found}, indent=None)
 
 
 parser = stage_parser(__doc__)

@@ -172,6 +172,7 @@ def _report(skeleton: Skeleton, places: Places, verdict: Verdict, missing: Missi
         "unit": skeleton.unit,
         "photo_precision": _share(right, judged),
         "photo_recall": _share(right, right + lacking),
+        "photo_confirmed": _share(right, float(length.sum()) + lacking),
         "n_photos": len(missing.shown),
         "photo_sky_share": rounded(judged / length.sum()),
         "length": rounded(length.sum()),
