@@ -82,7 +82,9 @@ class TraitCases:
     def cover(self, factors):
         """Share of the truths that the intervals hold, and their median width where it ends."""
         low, high = self.interval(factors)
-        return float(np.mean((low <= self.true) & (self.true <= high))), np.median(high - low)
+        width = (high - low)[~self.is_least]
+        held = float(np.mean((low <= self.true) & (self.true <= high)))
+        return held, float(np.median(width)) if len(width) else np.inf
 
 
 def fit(cases, start):
