@@ -311,16 +311,16 @@ def _add(
     if drawn is not None:
         low, high = np.quantile(drawn, CI90)
         arms, sd = (max(-low, 0.0), max(high, missing, 0.0)), np.hypot(sd, drawn.std(ddof=1))
-    traits[f"{name}_se"] = rounded(sd)
+    traits[f"{name}_se"] = rounded(float(sd))
     traits[f"{name}_ci90"] = [rounded(end) for end in interval(value, terms, arms)]
     told = {"drawn_low": arms[0], "drawn_high": arms[1], **terms}
-    traits.setdefault("interval_terms", {})[name] = {k: rounded(v) for k, v in told.items()}
+    traits.setdefault("interval_terms", {})[name] = {k: rounded(float(v)) for k, v in told.items()}
 
 
 def _section_area(traits: dict) -> dict:
     """The trunk's cross-section area as a circle's of its diameter, with the diameter's error."""
     name, diameter = "tcsa_cm2", traits["trunk_diameter_m"]
-    area = {name: rounded(np.pi / 4 * _CM2 * diameter**2)}
+    area: dict[str, Any] = {name: rounded(np.pi / 4 * _CM2 * diameter**2)}
     if "trunk_diameter_m_ci90" in traits:
         error, ends = traits["trunk_diameter_m_se"], traits["trunk_diameter_m_ci90"]
         area[f"{name}_se"] = rounded(np.pi / 2 * _CM2 * diameter * error)
@@ -339,7 +339,7 @@ def _sections(
     }
     return {
         "trunk_diameters": {f"{h:.2f}": rounded(item.diameter) for h, item in found.items()},
-        "trunk_diameters_se": {f"{h:.2f}": rounded(error) for h, error in errors.items()},
+        "trunk_diameters_se": {f"{h:.2f}": rounded(float(error)) for h, error in errors.items()},
         "trunk_sections": [_section(item) for item in (trunk, *found.values())],
     }
 
