@@ -11,7 +11,7 @@ from cherrypicker.accuracy.measures import Measure
 from cherrypicker.accuracy.places import TOLERANCE_M, Place, Places
 from cherrypicker.files import rounded
 from cherrypicker.skeleton import Skeleton, axes
-from cherrypicker.traits.branch_intervals import Z90, diameter_interval, typical_scatter
+from cherrypicker.traits.intervals import Z90, diameter_terms, interval, typical_scatter
 
 # A trunk diameter was measured at the height of a section if it lies this close, m
 _SAME_HEIGHT_M = 0.005
@@ -159,7 +159,7 @@ class ComparedTree:
         fields, node = self.skeleton.fields, place.node
         scatter = float(fields["residual"][node]) or self.typical
         error = float(fields["radius_error"][node])
-        low, high = diameter_interval(value, error, scatter, self.scale_error)
+        low, high = interval(value, diameter_terms(value, error, scatter, self.scale_error))
         return found | {"low": float(low), "high": float(high)}
 
 

@@ -64,6 +64,25 @@ def typical_scatter(skeleton: Skeleton) -> float | None:
     return float(np.median(scatter)) if len(scatter) else None
 
 
+def diameter_terms(
+    diameter: float | np.ndarray,
+    error: float | np.ndarray,
+    scatter: float | np.ndarray,
+    scale_error: float = 0.0,
+) -> dict[str, float | np.ndarray]:
+    """What the error of a branch's diameter follows.
+
+    Parameters
+    ----------
+    diameter, error, scatter : float or ndarray of shape (n,), float64
+        The diameter, the standard error of the radius by its fit and the standard deviation of the
+        points around it, in one unit.
+    scale_error : float, default 0
+        Relative standard error of the scan's scale.
+    """
+    return {"fit": 2.0 * error, "diameter_shared": scatter, "scale": scale_error * diameter}
+
+
 def branch_terms(
     shape: Mapping[str, np.ndarray], typical: float, scale_error: float = 0.0
 ) -> dict[str, Terms]:
@@ -85,11 +104,9 @@ def branch_terms(
     """
     scatter = np.where(shape["base_residual"] > 0, shape["base_residual"], typical)
     return {
-        "base_diameter_m": {
-            "fit": 2.0 * shape["base_error"],
-            "diameter_shared": scatter,
-            "scale": scale_error * shape["base_diameter"],
-        },
+        "base_diameter_m": diameter_terms(
+            shape["base_diameter"], shape["base_error"], scatter, scale_error
+        ),
         "insertion_angle_deg": {
             "angle_least_deg": np.ones(len(scatter)),
             "angle_shared": np.degrees(scatter / np.maximum(shape["stretch"], 1e-9)),
