@@ -37,7 +37,7 @@ def main(scores, table, *, times=(), notes=()):
                 if f"{setting}_{name}" in arrays
             }
             if f"{setting}_slbc_default_tree" in arrays:
-                shown["tree solver"] = arrays[f"{setting}_slbc_default_tree"]
+                shown["limbs"] = arrays[f"{setting}_slbc_default_tree"]
             figure = skeleton_figure(
                 f"{tree}, {setting}", arrays[f"{setting}_cloud"], arrays["truth"], shown
             )

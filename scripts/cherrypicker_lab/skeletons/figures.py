@@ -10,7 +10,7 @@ from cherrypicker_lab.skeletons.tables import METHOD_NAMES, SETTING_NAMES
 COLORS = {
     "lbc_paper": "#8fb8a8",
     "slbc_paper": "#1b7f5c",
-    "lbc_default": "#9db2dd",
+    "bare_default": "#9db2dd",
     "slbc_default": "#3b5bab",
     "peer_lbc": "#e8b48c",
     "peer_slbc": "#c2571a",

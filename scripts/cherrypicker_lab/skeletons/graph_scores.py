@@ -18,6 +18,7 @@ WAY_TOLERANCE = 0.10
 SLACK_M = 0.005  # a place may stand for any wood this much farther than the nearest
 DETOUR_FACTOR, DETOUR_M = 2.0, 0.05
 AWAY_M = 0.02
+THICK_M = {"below_4mm": (0.0, 0.004), "4_to_12mm": (0.004, 0.012), "above_12mm": (0.012, np.inf)}
 
 
 @dataclass
@@ -225,6 +226,26 @@ def axes_found(samples, truth, thick):
     length = np.bincount(truth.axis[1:], counted, minlength=n_axes)
     first = np.unique(truth.axis, return_index=True)[1]
     return length, share, truth.skeleton.fields["order"][first]
+
+
+def radius_errors(skeleton, truth):
+    """Median error of the radius by the true one, metres, of nodes within 2 cm of the truth.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    truth : TrueTree
+
+    Returns
+    -------
+    dict of str to float
+        By `THICK_M`; what no node has is left out.
+    """
+    distance, nearest = truth.tree.query(skeleton.points)
+    near, true = distance <= AWAY_M, truth.fine.radius[nearest]
+    error = skeleton.radius - true
+    rows = {name: near & (true >= low) & (true < high) for name, (low, high) in THICK_M.items()}
+    return {name: float(np.median(error[own])) for name, own in rows.items() if own.any()}
 
 
 def _axes_summary(found, chosen=True):

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from cherrypicker.contraction.contract_tree import contract_tree
 from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
-from cherrypicker_lab.skeletons.graph_scores import graph_of, score_graph
+from cherrypicker_lab.skeletons.graph_scores import graph_of, radius_errors, score_graph
 from cherrypicker_lab.skeletons.point_scores import score_points
 
 logger = logging.getLogger(__name__)
@@ -21,16 +22,17 @@ SETTINGS = ("noise", "holes")
 OURS = {
     "lbc_paper": ("lbc", "paper"),
     "slbc_paper": ("slbc", "paper"),
-    "lbc_default": ("lbc", "default"),
+    "bare_default": ("slbc", "default"),
     "slbc_default": ("slbc", "default"),
 }
-GRAPHS = ("mst", "tree")
-GRAPHS_OF = ("slbc_default",)
+GRAPHS_OF = {"bare_default": ("tree",), "slbc_default": ("mst", "tree")}
 TRUNK_WEIGHT = 10.0
 
 
 def measure_cloud(cloud, truth, methods, *, keep=None):
     """Run our contractions, and the graphs of the default one, on a cloud and score them.
+
+    "bare_default" gets the cloud with all of its wood labelled branch.
 
     Parameters
     ----------
@@ -45,17 +47,18 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
     Returns
     -------
     dict
-        By method: ``cpu_s``, ``points`` (`score_points`) and, for the default S-LBC, ``graphs`` by
-        `GRAPHS` (`score_graph` and ``cpu_s``).
+        By method: ``cpu_s``, ``points`` (`score_points`) and, for the default preset, ``graphs``
+        of `GRAPHS_OF` (`score_graph`, `radius_errors` as ``radius``, ``cpu_s``).
     """
     report = {}
     for name in methods:
         method, preset = OURS[name]
+        given = _as_branches(cloud) if name == "bare_default" else cloud
         start = time.process_time()
         if preset == "paper":
             contracted = contract_as_published(cloud, method)
         else:
-            contracted, details = contract_wood(cloud, WoodOptions(method=method))
+            contracted, details = contract_wood(given, WoodOptions(method=method))
         found = {
             "cpu_s": time.process_time() - start,
             "points": score_points(contracted.points, truth.skeleton),
@@ -64,8 +67,8 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
             keep[name] = contracted.points
         if name in GRAPHS_OF:
             found["graphs"] = {}
-            for graph in GRAPHS:
-                scores = _measure_graph(contracted, cloud, truth, graph, details)
+            for graph in GRAPHS_OF[name]:
+                scores = _measure_graph(contracted, given, truth, graph, details)
                 if keep is not None:
                     keep[f"{name}_{graph}"] = scores.pop("segments")
                 else:
@@ -74,6 +77,12 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
         report[name] = found
         logger.info("%s: Chamfer %.2f cm2", name, found["points"]["chamfer_cm2"])
     return report
+
+
+def _as_branches(cloud):
+    """The cloud with all of its points labelled branch."""
+    fields = {**cloud.fields, "label": np.full(len(cloud), Label.BRANCH, np.uint8)}
+    return replace(cloud, fields=fields)
 
 
 def contract_as_published(cloud, method, *, callback=None, **constants):
@@ -101,4 +110,5 @@ def _measure_graph(contracted, cloud, truth, method, details):
     if not len(graph.edges):
         raise StageError(f"the {method} graph has no edges", key="graph.method")
     segments = np.asarray(graph.points)[graph.edges]
-    return {"cpu_s": cpu_s, **score_graph(graph, truth), "segments": segments}
+    scores = score_graph(graph, truth) | {"radius": radius_errors(skeleton, truth)}
+    return {"cpu_s": cpu_s, **scores, "segments": segments}

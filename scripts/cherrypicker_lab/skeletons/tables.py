@@ -6,18 +6,19 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
-from cherrypicker_lab.skeletons.methods import GRAPHS, SETTINGS
+from cherrypicker_lab.skeletons.graph_scores import THICK_M
+from cherrypicker_lab.skeletons.methods import SETTINGS
 from cherrypicker_lab.skeletons.timing import growth_exponent
 
 METHOD_NAMES = {
     "lbc_paper": "LBC, preset paper",
     "slbc_paper": "S-LBC, preset paper",
-    "lbc_default": "LBC, preset default",
-    "slbc_default": "S-LBC, preset default",
+    "bare_default": "preset default, all branch",
+    "slbc_default": "preset default",
     "peer_lbc": "pc-skeletor LBC",
     "peer_slbc": "pc-skeletor S-LBC",
 }
-GRAPH_NAMES = {"mst": "spanning tree", "tree": "tree solver", "own": "its own"}
+GRAPH_NAMES = {"mst": "spanning tree", "tree": "limbs", "own": "its own"}
 PAPER_RATIO = {"noise": 25.349 / 37.555, "holes": 26.353 / 51.072}
 SETTING_NAMES = {"noise": "noise", "holes": "noise and holes"}
 
@@ -121,7 +122,6 @@ def _ratio_table(table):
     pairs = {
         "ours, preset paper": ("lbc_paper", "slbc_paper"),
         "pc-skeletor": ("peer_lbc", "peer_slbc"),
-        "ours, preset default": ("lbc_default", "slbc_default"),
     }
     lines = [["the paper", *(f"{PAPER_RATIO[setting]:.3f}" for setting in SETTINGS), "50"]]
     for label, (plain, semantic) in pairs.items():
@@ -182,7 +182,7 @@ def _with_graphs(table):
     """(setting, method, graph) of every graph that was measured, with its reports by tree."""
     for setting in SETTINGS:
         for name in _methods(table, setting):
-            for graph in (*GRAPHS, "own"):
+            for graph in GRAPH_NAMES:
                 found = {
                     tree: report["graphs"][graph]
                     for tree, report in table[setting, name].items()
@@ -214,13 +214,24 @@ def _graph_table(table):
                 f"{100 * _mean(found, lambda r: r['axes']['share_found']):.1f} %",
                 f"{_mean(found, lambda r: r['samples']['2cm']['precision']):.3f}",
                 f"{_mean(found, lambda r: r['samples']['2cm']['recall']):.3f}",
+                *_radius_cells(found),
                 f"{_mean(found, lambda r: r['cpu_s']):.1f}",
             ]
         )
     header = ["cloud", "contraction", "graph", "trees", "junction F1", "tip F1", "components",
               "cycles", "false edges", "false joins", "false length", "length error, absolute",
-              "signed", "ways within 10 %", "axes found", "P 2 cm", "R 2 cm", "CPU s"]  # fmt: skip
+              "signed", "ways within 10 %", "axes found", "P 2 cm", "R 2 cm",
+              *(f"radius off by, mm, {name.replace('_', ' ')}" for name in THICK_M),
+              "CPU s"]  # fmt: skip
     return "### Graphs\n\n" + table_rows(header, lines, 3) if lines else ""
+
+
+def _radius_cells(found):
+    """Mean over trees of `radius_errors`, millimetres, by `THICK_M`."""
+    errors = [report.get("radius", {}) for report in found.values()]
+    for name in THICK_M:
+        values = [error[name] for error in errors if name in error]
+        yield f"{1e3 * np.mean(values):+.2f}" if values else "–"
 
 
 def _order_table(table):

@@ -15,6 +15,7 @@ from cherrypicker_lab.skeletons.graph_scores import (
     Graph,
     false_edges,
     graph_of,
+    radius_errors,
     score_graph,
     ways_to_root,
 )
@@ -159,6 +160,15 @@ def test_thin_wood_need_not_be_found(truth):
     whole = score_graph(graph_of(skeleton), truth, min_radius=0.004)
     assert whole["samples"]["1cm"]["precision"] == 1  # thin wood is wood
     assert whole["length_error"] == pytest.approx(0.2 / 1.6)
+
+
+def test_errors_of_the_radius_by_thickness(truth):
+    found = fork()
+    found.radius[:11] += 0.002
+    found.radius[[13, 17]] -= 0.001  # the 6 mm of both branches
+    found.points[[14, 18]] += [0, 0.1, 0]  # their tips, which are thinner than 4 mm
+    errors = radius_errors(found, truth)
+    assert errors == pytest.approx({"4_to_12mm": 0.0, "above_12mm": 0.002})
 
 
 def test_points_beside_the_truth():

@@ -47,7 +47,7 @@ def scene():
 @pytest.fixture(scope="module")
 def measured(scene):
     keep = {}
-    return measure_cloud(*scene, ["slbc_default"], keep=keep), keep
+    return measure_cloud(*scene, ["bare_default", "slbc_default"], keep=keep), keep
 
 
 def test_a_cloud_is_contracted_connected_and_scored(measured):
@@ -57,6 +57,9 @@ def test_a_cloud_is_contracted_connected_and_scored(measured):
     assert set(found["graphs"]) == {"mst", "tree"}
     assert found["graphs"]["tree"]["n_components"] == 1
     assert found["graphs"]["tree"]["samples"]["2cm"]["f1"] > 0.9
+    assert abs(found["graphs"]["tree"]["radius"]["above_12mm"]) < 0.001
+    bare = report["bare_default"]["graphs"]
+    assert set(bare) == {"tree"} and bare["tree"]["samples"]["2cm"]["f1"] > 0.9
     assert keep["slbc_default_tree"].shape[1:] == (2, 3)
     json.dumps(report)
 
@@ -87,9 +90,9 @@ def test_tables_hold_means_ratios_and_what_is_missing(tmp_path, measured):
     assert "| ours, preset paper | 0.500 | – | 2 |" in text
     # two trees of the published LBC, one of them common to all methods
     assert "| noise | LBC, preset paper | 2 | 5.000 | 4.000 |" in text
-    assert "| noise | S-LBC, preset default | 1 | 0.500 | 0.500 |" in text
-    assert "| noise | S-LBC, preset default | 0.500 | – | – |" in text
-    assert "tree solver" in text and "spanning tree" in text
+    assert "| noise | preset default | 1 | 0.500 | 0.500 |" in text
+    assert "| noise | preset default | 0.500 | – | – |" in text
+    assert "| limbs |" in text and "spanning tree" in text
     with pytest.raises(StageError, match="nothing was measured"):
         gather([])
 

@@ -45,7 +45,9 @@ def methods_of_kind(wildcards):
     """Return the methods of one kind of run; none stands for the peer."""
     if wildcards.kind == "peer":
         return []
-    return [f"lbc_{wildcards.kind}", f"slbc_{wildcards.kind}"]
+    if wildcards.kind == "paper":
+        return ["lbc_paper", "slbc_paper"]
+    return ["bare_default", "slbc_default"]
 
 
 def peer_of_kind(wildcards):
