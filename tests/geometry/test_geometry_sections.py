@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import i0e, i1e
 
-from cherrypicker.geometry.sections import bessel_ratio, circles_through, fit_section, rice
+from cherrypicker.geometry.rice import bessel_ratio, rice
+from cherrypicker.geometry.sections import circles_through, fit_section
 
 RADIUS = 0.05
 N_DRAWS, N_POINTS = 200, 1500

@@ -1,14 +1,6 @@
 """Sections of wood: the circle, cone or freer outline that points across an axis lie on (compiled).
 
-A point on a surface of radius r, seen with noise of standard deviation s, lies at a distance q from
-the axis that has Rice's distribution ("Mathematical analysis of random noise", 1945):
-
-    -log p = (q^2 + r^2) / (2 s^2) - log I0(q r / s^2)
-
-For thick wood the distance to the surface counts, less the s^2 / 2r by which noise moves points
-outwards (the essential bias of a geometric fit, Al-Sharadqah and Chernov, Electronic Journal of
-Statistics 2009); for wood thinner than the noise the distance to the axis; in between some of both.
-`rice` says how strongly a point pulls, here and in the tubes of limbs.
+How strongly a point pulls is said in `cherrypicker.geometry.rice`.
 
 Outliers lose their say (Tukey's weights). The covariance is that of an M-estimator whose points err
 together within a cell of the surface: it holds for sections seen from one side, for bark, and for
@@ -23,6 +15,7 @@ import numba
 import numpy as np
 
 from cherrypicker.geometry.ordering import median
+from cherrypicker.geometry.rice import rice
 from cherrypicker.geometry.robust import MAD_TO_SIGMA, TUKEY
 
 __all__ = [
@@ -32,71 +25,17 @@ __all__ = [
     "fit_section",
     "iterate",
     "judge",
-    "rice",
 ]
 
-THICK_IN_NOISES = 2.0, 4.0  # from here to there points are taken to lie on what was seen; a guess
 LEAST_NOISE = 1e-4  # of the radius: what a perfect cloud is taken to have
 ORDERS = (2, 3, 4, 5, 6)  # of an outline's waves: from an oval to six flutes
 WAVE = 0.05  # of the radius, over the order: a wave's expected standard deviation; a guess
 TILT, TAPER = 0.2, 0.1  # the same of the axis to the given one, and of the radius along it; guesses
 N_SECTORS, N_LEVELS = 24, 4  # cells whose points err together
+N_CELLS = N_SECTORS * N_LEVELS
 FEWEST_POINTS = 6
 N_ROUNDS, SETTLED = 30, 1e-5
 FIRST_SCATTER = 0.15  # of the radius: of points around the first guess
-
-
-@numba.njit(cache=True)
-def bessel_ratio(kappa: float) -> float:
-    """I1 / I0, by its asymptotic series or its continued fraction from Amos's bound; to 3e-8."""
-    if kappa > 16.0:
-        x = 1.0 / kappa
-        rest = 25 / 128 + x * (13 / 32 + x * 1073 / 1024)
-        return 1.0 - x * (0.5 + x * (0.125 + x * (0.125 + x * rest)))
-    ratio = kappa / (15.0 + np.sqrt(225.0 + kappa * kappa))
-    for order in range(14, 0, -1):
-        ratio = kappa / (2.0 * order + kappa * ratio)
-    return ratio
-
-
-@numba.njit(cache=True)
-def rice(away: float, radius: float, noise: float, swell: float) -> tuple:
-    """Derivatives of Rice's -log p, times noise^2, by a point's distance and by the radius.
-
-    Rice's points lie all around. Those of a limb seen from one side do not, and the density on a
-    smaller circle would make up for a worse fit: for limbs thicker than the noise the centre
-    follows the distances to the surface alone. For thinner ones it does not, else any line of
-    points would do as the flank of a thick limb.
-
-    Parameters
-    ----------
-    away, radius, noise : float
-        Distance from the axis, radius there and standard deviation, in one unit.
-    swell : float
-        1 where the points of thick wood lie as far outwards as the noise moves them, 0 where they
-        lie on its surface: the noise is not this section's own.
-
-    Returns
-    -------
-    by_away, by_radius : float
-        First derivatives.
-    out, side, own, cross : float
-        Second ones: by a move of the axis along the point's direction and across it, by the radius,
-        and by both; kept positive definite, and for thick wood those of Gauss and Newton.
-    """
-    kappa = away * radius / noise**2
-    ratio = bessel_ratio(kappa)
-    slope = 0.5 if kappa < 1e-6 else 1.0 - ratio / kappa - ratio * ratio
-    low, high = THICK_IN_NOISES
-    seen = min(max((radius / noise - low) / (high - low), 0.0), 1.0)
-    pull = (1.0 - seen) * radius * ratio + seen * np.sqrt(radius**2 + swell * noise**2)
-    inwards = ratio + (1.0 - swell) * seen * kappa / (2.0 * (1.0 + kappa * kappa))
-    out = min(max(1.0 - (radius / noise) ** 2 * slope, 0.1), 1.0)
-    own = min(max(1.0 - (away / noise) ** 2 * slope, 0.1), 1.0)
-    cross = min(ratio + kappa * slope, 0.999 * np.sqrt(out * own))
-    side = (1 - seen) * min(max(1.0 - pull / max(away, 1e-12), 0.0), 1.0)
-    out, own, cross = seen + (1 - seen) * out, seen + (1 - seen) * own, seen + (1 - seen) * cross
-    return away - pull, radius - away * inwards, out, side, own, -cross
 
 
 @dataclass(frozen=True)
@@ -205,9 +144,11 @@ def _fit(
     may not come back from Numba's cache.
     """
     scatter, found = FIRST_SCATTER * start[2], start.copy()
-    found[:6], scatter = iterate(
+    circular, scatter = iterate(
         local, start[:6], start[:6], expected[:6], balance, scatter, noise, SETTLED
     )
+    for i in range(6):  # a slice's error message, which Numba compiles as well, takes seconds
+        found[i] = circular[i]
     if len(start) > 6 and np.isfinite(found[2]):
         found, scatter = iterate(local, found, start, expected, balance, scatter, noise, SETTLED)
     if not np.isfinite(found[2]):
@@ -255,9 +196,10 @@ def iterate(
     found, n = start.copy(), len(start)
     least = max(noise, LEAST_NOISE * start[2], 1e-12)
     scatter, near = max(scatter, least), np.empty(len(local))
+    normals, scores = np.empty((1, n, n)), np.empty((1, n))
+    normal, gradient = normals[0], scores[0]
     for _ in range(N_ROUNDS):
-        _, _, normals, scores = _sums(local, found, balance, scatter, False)
-        normal, gradient = normals[0], scores[0]
+        _sums(local, found, balance, scatter, normals, scores)
         for i in range(n):
             if expected[i] > 0.0:
                 gradient[i] += (scatter / expected[i]) ** 2 * (found[i] - mean[i])
@@ -316,17 +258,23 @@ def _seen(local: np.ndarray, row: int, section: np.ndarray, scatter: float) -> t
 
 @numba.njit(cache=True)
 def _sums(
-    local: np.ndarray, section: np.ndarray, balance: np.ndarray, scatter: float, is_last: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Weights and offsets of the points, normal matrices and gradients of the cells.
+    local: np.ndarray,
+    section: np.ndarray,
+    balance: np.ndarray,
+    scatter: float,
+    normals: np.ndarray,
+    scores: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weights and offsets of the points; writes normal matrices and gradients of the cells.
 
-    All points make one cell but in the `is_last` call, for the covariance, whose matrix is weighed
-    by the slope of Tukey's function.
+    All points make one cell, or `N_CELLS` for the covariance, whose matrices are
+    weighed by the slope of Tukey's function. Who calls makes the arrays: a flag instead, which
+    Numba takes for a type, would have this compiled twice.
     """
-    n = len(section)
+    n, is_last = len(section), len(scores) > 1
     weights, offset = np.empty(len(local)), np.empty((len(local), 2))
-    n_cells = N_SECTORS * N_LEVELS if is_last else 1
-    normals, scores = np.zeros((n_cells, n, n)), np.zeros((n_cells, n))
+    normals.fill(0.0)
+    scores.fill(0.0)
     low, high = np.inf, -np.inf
     for row in range(len(local)):
         low, high = min(low, local[row, 2]), max(high, local[row, 2])
@@ -367,7 +315,7 @@ def _sums(
             for j in range(n):
                 both = ahead * by_axis[j] + own_i * by_radius[j]
                 normals[cell, i, j] += slope * (both + side * by_side[i] * by_side[j])
-    return weights, offset, normals, scores
+    return weights, offset
 
 
 @numba.njit(cache=True)
@@ -423,8 +371,9 @@ def judge(
     moves the parameters by its gradient over what the others tell. What is known beforehand errs by
     as much as it was expected to.
     """
-    weights, offset, normals, scores = _sums(local, section, balance, scatter, True)
     n, n_told = len(section), 0
+    normals, scores = np.empty((N_CELLS, n, n)), np.empty((N_CELLS, n))
+    weights, offset = _sums(local, section, balance, scatter, normals, scores)
     total, covariance = np.zeros((n, n)), np.zeros((n, n))
     for cell in range(len(scores)):
         for i in range(n):

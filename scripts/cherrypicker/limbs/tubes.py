@@ -1,8 +1,8 @@
 """A tube through points: axis and radius by robust least squares, for wood of any thickness.
 
-Points lie around a limb as around its sections (`cherrypicker.geometry.sections`). Their likelihood
-is minimised over all nodes of an axis and their radii at once by Newton's steps on a banded system;
-a limb bends in proportion to its thickness and its radius changes slowly.
+Points lie around a limb as Rice says (`cherrypicker.geometry.rice`). Their likelihood is minimised
+over all nodes of an axis and their radii at once by Newton's steps on a banded system; a limb bends
+in proportion to its thickness and its radius changes slowly.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
 
+from cherrypicker.geometry.rice import rice
 from cherrypicker.geometry.robust import TUKEY
-from cherrypicker.geometry.sections import rice
 
 __all__ = ["Limb", "Seen", "Tube", "fit_tube", "place_on_axis", "resample", "seen_from", "smooth"]
 
