@@ -18,7 +18,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import BAND, ring_forest
-from cherrypicker.limbs.tubes import Limb, Seen, Tube, fit_tube, resample, seen_from
+from cherrypicker.limbs.tubes import Limb, Seen, Tube, fit_tube, resample, seen_from, stretch
 
 __all__ = ["Limbs", "chains_of", "grow_limbs", "limbs_of_wood", "spacing_of"]
 
@@ -208,11 +208,16 @@ class _Growth:
         parent = self._owner_before(run[0])
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, spacing)
-        inside = self.free(self._near(tube, NEAR_SURFACE * spacing, ROUGHNESS)[0])
+        inside, seen = self._near(tube, NEAR_SURFACE * spacing, ROUGHNESS)
+        is_free = self.owner[inside] < 0
+        inside, way = inside[is_free], seen.way[is_free]
         if len(inside) < LEAST_POINTS:
             return
+        start = way.min() if parent < 0 else 0.0
+        if way.max() <= start:
+            return
         self.owner[inside] = len(self.limbs)
-        tube = _to_its_tip(tube, self.points[inside])
+        tube = stretch(tube, start, way.max())  # an axis ends where its points do
         self.limbs.append(Limb(tube, max(parent, 0) if self.limbs else -1))
 
     def finish(self, base: np.ndarray) -> Limbs:
@@ -338,16 +343,6 @@ class _Growth:
         return member
 
 
-def _to_its_tip(tube: Tube, own: np.ndarray) -> Tube:
-    """The axis up to its last point: the middle of the last ring lies before the tip."""
-    beyond = seen_from(tube, own).way.max() - tube.length
-    if beyond <= 0:
-        return tube
-    step = tube.nodes[-1] - tube.nodes[-2]
-    tip = tube.nodes[-1] + beyond * step / np.linalg.norm(step)
-    return Tube(np.vstack([tube.nodes, tip]), np.append(tube.radius, tube.radius[-1]))
-
-
 def _outside(tube: Tube, parent: Tube) -> Tube | None:
     """A limb from where its axis leaves its parent for good: inside it has no surface of its own.
 
@@ -362,7 +357,5 @@ def _outside(tube: Tube, parent: Tube) -> Tube | None:
     if last == len(tube.nodes) - 1:
         return None
     share = -out[last] / (out[last + 1] - out[last])
-    start = tube.nodes[last] + share * (tube.nodes[last + 1] - tube.nodes[last])
-    radius = tube.radius[last] + share * (tube.radius[last + 1] - tube.radius[last])
-    nodes = np.vstack([start, tube.nodes[last + 1 :]])
-    return Tube(nodes, np.append(radius, tube.radius[last + 1 :]))
+    way = tube.way
+    return stretch(tube, way[last] + share * (way[last + 1] - way[last]), tube.length)

@@ -17,7 +17,17 @@ from scipy.linalg import solveh_banded
 from cherrypicker.geometry.rice import rice
 from cherrypicker.geometry.robust import TUKEY
 
-__all__ = ["Limb", "Seen", "Tube", "fit_tube", "place_on_axis", "resample", "seen_from", "smooth"]
+__all__ = [
+    "Limb",
+    "Seen",
+    "Tube",
+    "fit_tube",
+    "place_on_axis",
+    "resample",
+    "seen_from",
+    "smooth",
+    "stretch",
+]
 
 BANDWIDTH = 11  # nodes of four unknowns, coupled with the next two
 BEND = 5.0  # a limb bends no more than in an arc of this many (radii + spacings); a guess
@@ -27,7 +37,8 @@ INDEPENDENT = 10.0  # points between two nodes that tell as much as more would: 
 HOLD = 1e4  # points: how firmly a node keeps its place along the axis, which nothing else tells
 MOST_STEP = 0.5  # of the cutoff: a longer step leaves the points that told it
 N_ROUNDS = 12
-LEAST_STEP = 1e-6  # of the spacing: nodes that fall together are taken to be so far apart
+LEAST_STEP = 0.01  # of the spacing: nodes that fall together are taken to be so far apart
+LEAST_PIECE = 1e-6  # of an axis: a node nearer to its new end is that end
 LEAST_RADIUS_SHARE = 0.5  # of the noise: thinner wood does not tell its radius
 
 
@@ -90,6 +101,17 @@ def resample(tube: Tube, least: float, in_radii: float) -> Tube | None:
     at = np.interp(np.linspace(0.0, count[-1], max(2, round(count[-1]) + 1)), count, way)
     new = np.stack([np.interp(at, way, column) for column in nodes.T], axis=1)
     return Tube(new, np.interp(at, way, radius))
+
+
+def stretch(tube: Tube, start: float, end: float) -> Tube:
+    """The tube between two ways along its axis, gone straight on where they lie beyond it."""
+    way, least = tube.way, LEAST_PIECE * (end - start)
+    inner = way[(way > start + least) & (way < end - least)]
+    at = np.concatenate([[start], inner, [end]])
+    segment = np.clip(np.searchsorted(way, at) - 1, 0, len(way) - 2)
+    step = np.diff(tube.nodes, axis=0)[segment] / np.maximum(np.diff(way), 1e-300)[segment, None]
+    nodes = tube.nodes[segment] + (at - way[segment])[:, None] * step
+    return Tube(nodes, np.interp(at, way, tube.radius))
 
 
 def smooth(tube: Tube, step: float) -> Tube:
@@ -334,14 +356,18 @@ def _add_priors(
 ) -> None:
     """Bends, tapers, and nodes that do not slide along the axis: nothing else would hold them."""
     n = len(nodes)
-    turn = (1.0, -2.0, 1.0)
+    turn = np.empty(3)
     for k in range(n - 2):
+        turn[0], turn[2] = 1 / length[k], 1 / length[k + 1]
+        turn[1] = -turn[0] - turn[2]
         reach = (length[k] + length[k + 1]) / 2
-        bend = (BEND * (radius[k + 1] + spacing) / reach**2) ** 2
+        bend = (BEND * (radius[k + 1] + spacing) / reach) ** 2
         for c in range(3):
-            second = nodes[k, c] - 2 * nodes[k + 1, c] + nodes[k + 2, c]
+            change = 0.0
             for a in range(3):
-                gradient[k + a, c] += turn[a] * bend * second
+                change += turn[a] * nodes[k + a, c]
+            for a in range(3):
+                gradient[k + a, c] += turn[a] * bend * change
                 for b in range(a, 3):
                     band[BANDWIDTH - 4 * (b - a), 4 * (k + b) + c] += turn[a] * turn[b] * bend
     for k in range(n - 1):
