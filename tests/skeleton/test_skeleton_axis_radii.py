@@ -9,7 +9,7 @@ from cherrypicker.skeleton.model import Skeleton
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])
-def test_radii_and_centres_of_a_tapered_stem(noise):
+def test_radii_of_a_tapered_stem(noise):
     rng = np.random.default_rng(8)
     surface = tube((0, 0, 0), (0, 0, 1), 0.03, end_radius=0.015, rng=rng, noise=noise)
     z = np.linspace(0, 1, 67)
@@ -18,7 +18,6 @@ def test_radii_and_centres_of_a_tapered_stem(noise):
     fitted = fit_axis_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
     inner = slice(3, -3)
     np.testing.assert_allclose(fitted.radius[inner], (0.03 - 0.015 * z)[inner], atol=0.0012)
-    assert np.abs(fitted.points[inner, :2]).max() < 0.0015
     assert (fitted.fields["arc_deg"][inner] > 300).all()
     assert (fitted.fields["n_points"][inner] > 20).all()
 
@@ -45,7 +44,6 @@ def test_thin_wood_takes_the_noise_that_a_thick_stem_shows(radius):
     parent[67] = 0
     nodes = np.vstack([axis, axis + [1, 0.001, 0]])
     skeleton = Skeleton(nodes, parent, np.zeros(134), np.ones(134))
-    options = {"spacing": 0.015, "max_radius": 0.08, "recentre": False}
-    fitted = fit_axis_radii(skeleton, surface, **options)
+    fitted = fit_axis_radii(skeleton, surface, spacing=0.015, max_radius=0.08)
     assert np.median(fitted.radius[70:131]) == pytest.approx(radius, abs=0.001)
     assert np.median(fitted.radius[3:64]) == pytest.approx(0.04, abs=0.0005)

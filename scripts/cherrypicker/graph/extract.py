@@ -88,7 +88,6 @@ def extract_skeleton(
         surface,
         spacing=spacing,
         max_radius=max(3 * spacing, widest),
-        recentre=False,
     )
     if settings.method == "mst":
         return fitted

@@ -25,6 +25,7 @@ __all__ = ["fit_axis_radii"]
 MOST_POINTS = 300  # of a section
 SETTLED = 1e-3  # share of its radius that a section moves less than in its last round
 FEWEST_POINTS = 5
+LEAST_RADIUS_M = 0.001  # thinner wood is not seen; a guess
 OFF_AXIS = 0.5  # of the points' distance: what the axis is off by, one standard deviation; a guess
 ARC_SECTORS = 24
 CLEAR_ARC, CLEAR_NOISES, FEWEST_CLEAR = 240.0, 4.0, 10  # sections that tell the noise
@@ -78,10 +79,8 @@ def fit_axis_radii(
     *,
     spacing: float,
     max_radius: float,
-    least_radius: float = 0.001,
-    recentre: bool = True,
 ) -> Skeleton:
-    """Radius of each node, and its place on the axis, from the surface points around it.
+    """Radius of each node from the surface points around it.
 
     The points nearest to the node and its neighbours within a radius along the axis are projected
     along the axis's direction and a circle is fitted. Where they cover little of the circumference,
@@ -97,9 +96,6 @@ def fit_axis_radii(
         Distance between nodes.
     max_radius : float
         Surface points farther than this from the skeleton are left out.
-    least_radius : float, default 0.001
-    recentre : bool, default True
-        Move nodes to the centre of their circles.
 
     Returns
     -------
@@ -118,16 +114,15 @@ def fit_axis_radii(
     tree = skeleton.parent, skeleton.edge_length, *child_rows(skeleton.parent)
     along = _local_tangents(skeleton, 2 * reach)
     arrays = surface[order], start, tree, reach, skeleton.points, along
-    fits, centres, n_points = _fit_nodes(*arrays, 0.0, CLEAR_NOISES)
+    fits, n_points = _fit_nodes(*arrays, 0.0, CLEAR_NOISES)
     clear = (fits[:, 1] >= CLEAR_ARC) & (fits[:, 0] > CLEAR_NOISES * fits[:, 2])
     is_told = np.count_nonzero(clear) >= FEWEST_CLEAR
     noise = float(np.quantile(fits[clear, 2], CLEAR_QUANTILE)) if is_told else 0.0
-    fits, centres, n_points = _fit_nodes(*arrays, noise, 0.0)
-    radius = np.maximum(_fill_along_paths(skeleton, fits[:, 0]), least_radius)
+    fits, n_points = _fit_nodes(*arrays, noise, 0.0)
+    radius = np.maximum(_fill_along_paths(skeleton, fits[:, 0]), LEAST_RADIUS_M)
     arc, residual, error = np.nan_to_num(fits[:, 1:]).T
     fields = {"n_points": n_points, "arc_deg": arc, "residual": residual, "radius_error": error}
-    points = centres if recentre else skeleton.points
-    return replace(skeleton, points=points, radius=radius, fields=skeleton.fields | fields)
+    return replace(skeleton, radius=radius, fields=skeleton.fields | fields)
 
 
 @numba.njit(cache=True)
@@ -140,7 +135,7 @@ def _fit_nodes(
     along: np.ndarray,
     noise: float,
     least: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Circles across an axis at every node of a skeleton, from the surface points around it.
 
     Parameters
@@ -165,13 +160,12 @@ def _fit_nodes(
     fits : ndarray of shape (n_nodes, 4), float64
         Radius, covered arc in degrees, scatter, standard error of the radius; NaN where there are
         too few points.
-    centres : ndarray of shape (n_nodes, 3), float64
     counts : ndarray of shape (n_nodes,), int64
     """
     parent, length, child_start, child = tree
     n_nodes = len(nodes)
-    fits, centres = np.full((n_nodes, 4), np.nan), nodes.copy()
-    counts, near = np.zeros(n_nodes, dtype=np.int64), np.empty(n_nodes, dtype=np.int64)
+    fits, counts = np.full((n_nodes, 4), np.nan), np.zeros(n_nodes, dtype=np.int64)
+    near = np.empty(n_nodes, dtype=np.int64)
     u, v, local, away, even = np.empty(3), np.empty(3), np.zeros((1, 3)), np.zeros(1), np.ones(1)
     first, expected = np.zeros(3), np.full(3, np.inf)
     for node in range(n_nodes):
@@ -208,11 +202,9 @@ def _fit_nodes(
             _, offsets, covariance = judge(own, found, expected, alike, spread)
             fits[node, 1] = arc_deg(offsets, ARC_SECTORS)
             fits[node, 3] = np.sqrt(max(covariance[2, 2], 0.0))
-            for axis in range(3):
-                centres[node, axis] += found[0] * u[axis] + found[1] * v[axis]
         fits[node, 0] = found[2] if np.isfinite(found[2]) else first[2]
         fits[node, 2] = spread
-    return fits, centres, counts
+    return fits, counts
 
 
 @numba.njit(cache=True)
