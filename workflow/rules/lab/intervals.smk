@@ -41,7 +41,7 @@ rule measure_grown_intervals:
 
 rule measure_scan_intervals:
     input:
-        traits=of_scan("results", "/traits.json"),
+        traits=of_scan("results", file="traits.json"),
         code=code("lab/measure_interval_cases"),
     output:
         cases=ensure(

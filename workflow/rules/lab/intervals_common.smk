@@ -19,12 +19,14 @@ def read_interval_scans(path):
 INTERVAL_SCANS = read_interval_scans(INTERVALS["scans"])
 
 
-def of_scan(column, end=""):
-    """A function of a rule's wildcards: the cell of its scan, and an end."""
-    return (
-        lambda wildcards: INTERVAL_SCANS.get(wildcards.tree_seed, {}).get(column, "")
-        + end
-    )
+def of_scan(column, file=""):
+    """A function of a rule's wildcards: the cell of its scan, or a file in the folder it names."""
+
+    def cell(wildcards):
+        text = INTERVAL_SCANS.get(wildcards.tree_seed, {}).get(column, "")
+        return f"{text}/{file}" if file else text
+
+    return cell
 
 
 def interval_cases():
