@@ -30,6 +30,7 @@ from cherrypicker.command.time_left import TimeLeft, duration, seconds_of_stages
 from cherrypicker.command.work_folder import PROJECT, batch_here, enter, folder_parser
 
 TRAITS_TABLE = Path("results/traits.csv")
+FILE_WIDTH = 120  # of the closing table where no terminal is
 SHOWN = ("tree", "status", "height_m", "trunk_diameter_m", "total_length_m", "n_tips")
 
 parser = folder_parser(__doc__)
@@ -42,7 +43,8 @@ def main(arguments: Sequence[str]) -> int:
     enter(args.directory)
     batch = batch_here()
     command = snakemake_command(options)
-    console = Console(soft_wrap=True, highlight=False, markup=False)
+    width = None if sys.stdout.isatty() else FILE_WIDTH
+    console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
     console.print(f"running: {shlex.join(command)}")
     if args.plain:
         return subprocess.run(command, check=False).returncode
@@ -191,7 +193,7 @@ def closing_table(path: Path) -> Table:
     with open(path, newline="", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     names = [name for name in SHOWN if rows and name in rows[0]]
-    table = Table(*names, "")
+    table = Table(*(name.replace("_", " ") for name in names), "")
     for row in rows:
         cause = f"{row['failed_stage']}: {row['cause']}" if row.get("failed_stage") else ""
         table.add_row(*(row[name] for name in names), cause)
