@@ -148,7 +148,7 @@ def test_the_trunk_is_as_unsure_as_its_points_are_rough():
 
 
 def test_losses_are_short_for_most_and_long_for_some():
-    ends = ShootEnds(np.zeros((1, 3)), np.eye(3)[:1], np.array([0.02]), 0.003)
+    ends = ShootEnds(np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[:1], np.array([0.02]), 0.003)
     losses = draw_losses(ends, 100_000, np.random.default_rng(0)) + 0.003
     assert losses.min() >= 0
     assert losses.mean() == pytest.approx(0.02 * (0.8 * 0.3 + 0.2 * 3.0), rel=0.02)
@@ -170,7 +170,8 @@ def test_a_lost_end_widens_the_crown_and_noise_narrows_it():
     hull = hull_of(corners)
     assert hull.volume == pytest.approx(2.0)
     assert hull.areas.sum() == pytest.approx(10.0)
-    end = ShootEnds(np.array([[0.9, 0.0, 0.5]]), np.eye(3)[:1], np.array([0.01]), 0.0)
+    tip = np.array([[0.9, 0.0, 0.5]])
+    end = ShootEnds(np.zeros(1, int), tip, np.eye(3)[:1], np.array([0.01]), 0.0)
     losses, over = np.array([[0.0], [0.1], [0.4], [0.0]]), np.array([0.0, 0.0, 0.0, 0.01])
     width, volume = grow_hull(hull, end, losses, over).T
     way = np.radians(27.0)  # of the diagonal, to whole degrees
@@ -180,6 +181,17 @@ def test_a_lost_end_widens_the_crown_and_noise_narrows_it():
     longer = np.vstack([corners[:, :2], [1.3, 0.0]])
     assert width[2] == pytest.approx(horizontal_width(longer)) != width[0]
     np.testing.assert_allclose(volume, [2.0, 2.0, 2.0 + 0.3 / 3, 2.0 - 10.0 * 0.01], rtol=1e-9)
+
+
+def test_two_ends_side_by_side_widen_the_crown_once():
+    corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+    tips, ways = np.array([[1.0, 0.5, 0.5], [1.0, 0.5, 0.51]]), np.eye(3)[[0, 0]]
+    ends = ShootEnds(np.zeros(2, int), tips, ways, np.full(2, 0.01), 0.0)
+    losses = np.full((1, 2), 0.3)
+    one = grow_hull(hull_of(corners), ends.select(np.array([0])), losses[:, :1], np.zeros(1))[0, 1]
+    both = grow_hull(hull_of(corners), ends, losses, np.zeros(1))[0, 1]
+    assert one == pytest.approx(1.0 + 0.3 / 3)
+    assert one < both < one + 0.01
 
 
 def test_an_uncertain_crown_holds_its_estimate():

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.interval_factors import FACTORS
@@ -26,12 +26,18 @@ _ASIDE_RADII = 1.5  # as far aside where the shoot is thick
 class ShootEnds:
     """Where shoots end in a skeleton."""
 
+    nodes: np.ndarray  # (n_ends,) int64
     # points, directions: (n_ends, 3) float64: tips, and the way that each shoot runs there
     points: np.ndarray
     directions: np.ndarray
     # (n_ends,) float64: scale of what each has likely lost, in the skeleton's unit
     scale: np.ndarray
     beyond: float  # length that a tip may reach beyond the wood, by the noise of its points
+
+    def select(self, rows: np.ndarray) -> ShootEnds:
+        """Some of them, (n_ends,) bool."""
+        nodes, points = self.nodes[rows], self.points[rows]
+        return ShootEnds(nodes, points, self.directions[rows], self.scale[rows], self.beyond)
 
 
 def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, wood: cKDTree, reach: float) -> ShootEnds:
@@ -57,7 +63,7 @@ def find_shoot_ends(skeleton: Skeleton, kept: np.ndarray, wood: cKDTree, reach: 
     n_points = _count_along(wood, points, directions, stretch, _AHEAD * reach, aside)
     spacing = stretch / np.maximum(n_points, 1)
     scale = np.minimum(FACTORS["loss_spacings"] * spacing, FACTORS["largest_loss"] * reach)
-    return ShootEnds(points, directions, scale, FACTORS["tip_beyond"] * reach)
+    return ShootEnds(tips, points, directions, scale, FACTORS["tip_beyond"] * reach)
 
 
 def draw_losses(ends: ShootEnds, n_samples: int, rng: np.random.Generator) -> np.ndarray:
@@ -100,22 +106,22 @@ def grow_hull(hull: Hull, ends: ShootEnds, losses: np.ndarray, overshoot: np.nda
     Returns
     -------
     ndarray of shape (n_samples, 2), float64
-        Width (mean of the widest horizontal extent and that across it) and volume, to which each
-        end that sticks out adds the pyramids over the faces that it sees.
+        Width (mean of the widest horizontal extent and that across it) and volume.
     """
     ways = np.radians(np.arange(len(hull.reach)) * 360.0 / len(hull.reach))
     ways = np.vstack([np.cos(ways), np.sin(ways)])
-    height = hull.normals @ ends.points.T + hull.offsets[:, None]  # of each end over each face
-    rise = hull.normals @ ends.directions.T
     half = len(hull.reach) // 2
     grown = np.empty((len(losses), 2))
     for sample, (loss, over) in enumerate(zip(losses, overshoot, strict=True)):
-        tips = ends.points[:, :2] + loss[:, None] * ends.directions[:, :2]
-        reach = np.maximum(hull.reach - over, (tips @ ways).max(axis=0, initial=-np.inf))
+        tips = ends.points + loss[:, None] * ends.directions
+        reach = np.maximum(hull.reach - over, (tips[:, :2] @ ways).max(axis=0, initial=-np.inf))
         extent = reach[:half] + reach[half:]
         widest = int(np.argmax(extent))
-        above = np.maximum(height + loss * rise + over, 0.0)
-        volume = hull.volume - hull.areas.sum() * over + hull.areas @ above.sum(axis=1) / 3
+        is_out = (hull.normals @ tips.T + hull.offsets[:, None]).max(axis=0, initial=-np.inf) > 0.0
+        volume = hull.volume
+        if is_out.any():
+            volume = ConvexHull(np.vstack([hull.points, tips[is_out]])).volume
+        volume -= hull.areas.sum() * over
         grown[sample] = (extent[widest] + extent[(widest + half // 2) % half]) / 2, max(volume, 0.0)
     return grown
 
