@@ -2,11 +2,11 @@
 
 Reads skeleton.graphml, topology.graphml, segmented.ply and target.json, and for a scan from photos
 scale.json, metric_poses.npz, sfm/report.json, photo_check.json, the sky masks and the sparse
-model's cameras (with hand corrections edits.json); writes traits.json, branches.csv and, where a
-path is given, branches.ply, the wood with the branch of each point. Example:
+model's cameras (with hand corrections edits.json); writes traits.json, branches.csv, limbs.csv and,
+where a path is given, branches.ply, the wood with the branch of each point. Example:
 
     python scripts/measure_traits.py --skeleton skeleton.graphml --topology topology.graphml \\
-        --segmented segmented.ply --traits traits.json --branches branches.csv
+        --segmented segmented.ply --traits traits.json --branches branches.csv --limbs limbs.csv
 """
 
 from pathlib import Path
@@ -21,6 +21,7 @@ from cherrypicker.skeleton import axes, read_skeleton, read_topology
 from cherrypicker.traits.branch_points import branch_cloud
 from cherrypicker.traits.branches import branches_csv
 from cherrypicker.traits.measure import TraitOptions, measure_traits
+from cherrypicker.traits.table import LIMB_COLUMNS
 
 
 def main(
@@ -28,7 +29,8 @@ def main(
     topology: Annotated[str, "topology.graphml"],
     segmented: Annotated[str, "labelled cloud"],
     traits: Annotated[str, "JSON to write"],
-    branches: Annotated[str, "CSV to write"],
+    branches: Annotated[str, "CSV of all axes to write"],
+    limbs: Annotated[str, "CSV of the limbs to write"],
     branch_points: Annotated[str | None, "branches.ply: the wood, with a branch_id a point"] = None,
     scale: Annotated[str | None, "scale.json of a scan from photos"] = None,
     sparse: Annotated[str | None, "sfm/report.json of a scan from photos"] = None,
@@ -48,7 +50,7 @@ def main(
     if sky_masks and cameras and poses:
         masks = SkyMasks(sky_masks, Path(cameras).parent, poses.names)
     tree = read_skeleton(skeleton)
-    numbers, rows = measure_traits(
+    numbers, tables = measure_traits(
         tree,
         cloud,
         read_topology(topology),
@@ -64,7 +66,8 @@ def main(
     )
     if branch_points:
         write_cloud(branch_points, branch_cloud(cloud, tree, axes(tree)))
-    write_text(branches, branches_csv(rows))
+    write_text(branches, branches_csv(tables["branches"]))
+    write_text(limbs, branches_csv(tables["limbs"], LIMB_COLUMNS))
     write_json(traits, numbers)
 
 

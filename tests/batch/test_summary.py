@@ -153,7 +153,8 @@ def test_the_dictionary_names_every_column_with_its_unit(batch):
     for name, trait in TABLE.items():
         assert fields[name]["title"] == trait.title
         assert fields[name]["unit"] == trait.unit
-        assert trait.unit == "1" or name.endswith(f"_{trait.unit}")
+        spelled = trait.unit.replace("1/", "per_").replace("/", "_")
+        assert trait.unit == "1" or name.endswith(f"_{spelled}")
         assert fields[name]["description"] == trait.definition != ""
 
 

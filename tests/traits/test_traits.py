@@ -17,7 +17,7 @@ from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.measure import TraitOptions, measure_traits
 from cherrypicker.traits.stem_fit import search_circle
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
-from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
+from cherrypicker.traits.table import BRANCH_COLUMNS, LIMB_COLUMNS, TRAITS
 
 
 def surface(start, end, r_start, r_end, n, rng, noise=0.0, arc=(0.0, 2 * np.pi)):
@@ -114,11 +114,12 @@ def y_tree():
 @pytest.fixture(scope="module")
 def y_traits(y_tree):
     skeleton = y_tree.skeleton()
-    return measure_traits(skeleton, y_tree.scan(), fold(skeleton), options=draws(60))
+    options = TraitOptions(n_bootstrap=60, row_distance_m=4.0)
+    return measure_traits(skeleton, y_tree.scan(), fold(skeleton), options=options)
 
 
 def test_plain_tree(y_tree, y_traits):
-    traits, rows = y_traits
+    traits, tables = y_traits
     assert traits["unit"] == "m"
     assert traits["height_m"] == pytest.approx(2.0, abs=0.01)
     assert traits["trunk_height_m"] == 0.30
@@ -131,7 +132,8 @@ def test_plain_tree(y_tree, y_traits):
     assert traits["n_branches_by_order"] == {"0": 1, "1": 2}
     assert traits["length_by_order_m"]["1"] == pytest.approx(1.4, abs=1e-6)
     assert traits["trunk_diameters"]["1.00"] == pytest.approx(y_tree.diameter_at(1.0), abs=0.002)
-    assert sum(row["length_m"] for row in rows) == pytest.approx(traits["total_length_m"], abs=1e-5)
+    lengths = [row["length_m"] for row in tables["branches"]]
+    assert sum(lengths) == pytest.approx(traits["total_length_m"], abs=1e-5)
     assert traits["flags"] == []
 
 
@@ -140,7 +142,8 @@ def test_intervals_hold_the_estimate(y_traits):
     for name in (name for name, trait in TRAITS.items() if trait.has_error):
         low, high = traits[f"{name}_ci90"]
         assert low <= traits[name] <= high
-        assert 0 < traits[f"{name}_se"] < 0.1 * TRAITS[name].power * traits[name]
+        power = TRAITS[name].power or 2  # the ratio is one of squares
+        assert 0 < traits[f"{name}_se"] < 0.1 * power * traits[name]
 
 
 def test_every_trait_is_a_row_of_the_table(y_traits):
@@ -153,15 +156,17 @@ def test_every_trait_is_a_row_of_the_table(y_traits):
 
 
 def test_the_docs_list_every_trait_and_column(y_traits, project):
-    _, whole, branches, *_ = re.split(r"^## ", (project / "docs/traits.md").read_text(), flags=re.M)
+    page = (project / "docs/traits.md").read_text()
+    _, whole, branches, limbs, *_ = re.split(r"^## ", page, flags=re.M)
     rows = [line.split("|")[1:-1] for line in whole.splitlines() if line.startswith("| `")]
     told = {name: row[2] for row in rows for name in re.findall("`(.*?)`", row[0])}
     objects = {name for name, value in y_traits[0].items() if isinstance(value, dict)}
     assert told.keys() == TRAITS.keys() | objects - {"trunk_diameters_se"}
     sure = {name for name in TRAITS if told[name].strip() != "none"}
     assert sure == {name for name, trait in TRAITS.items() if trait.has_error}
-    columns = re.findall("`([a-z0-9_]+)`", "".join(re.findall(r"^\| (`.*?) \|", branches, re.M)))
-    assert columns == list(BRANCH_COLUMNS)
+    for section, columns in ((branches, BRANCH_COLUMNS), (limbs, LIMB_COLUMNS)):
+        cells = "".join(re.findall(r"^\| (`.*?) \|", section, re.M))
+        assert re.findall("`([a-z0-9_]+)`", cells) == list(columns)
 
 
 def test_branch_angles(y_tree):
@@ -297,7 +302,8 @@ def test_unsure_cameras_are_flagged(y_tree):
 
 def test_same_seed_same_traits(y_tree, y_traits):
     skeleton = y_tree.skeleton()
-    again = measure_traits(skeleton, y_tree.scan(), fold(skeleton), options=draws(60))
+    options = TraitOptions(n_bootstrap=60, row_distance_m=4.0)
+    again = measure_traits(skeleton, y_tree.scan(), fold(skeleton), options=options)
     assert again == y_traits
 
 

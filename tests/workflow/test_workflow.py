@@ -44,7 +44,7 @@ def test_a_batch_elsewhere_runs_whole(finished):
     for tree in "ab":
         folder = finished.folder / "results" / tree
         names = "segmented.ply contracted.ply skeleton.graphml skeleton.ply topology.graphml "
-        names += "skeleton.swc traits.json branches.csv report.html"
+        names += "skeleton.swc traits.json branches.csv limbs.csv report.html"
         for name in names.split():
             assert (folder / name).stat().st_size > 0, name
         for stage in STAGES:

@@ -22,6 +22,7 @@ rule measure_traits:
         traits=ensure("results/{tree}/traits.json", non_empty=True),
         branches=ensure("results/{tree}/branches.csv", non_empty=True),
         branch_points=ensure("results/{tree}/branches.ply", non_empty=True),
+        limbs=ensure("results/{tree}/limbs.csv", non_empty=True),
     log:
         "logs/measure_traits/{tree}.log",
     benchmark:

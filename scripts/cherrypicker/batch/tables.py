@@ -62,6 +62,9 @@ _ARBITRARY = (
     "m, or arbitrary for a scan without a scale: then all lengths, areas and volumes of the row "
     "are in a unit of its own, whatever their columns are called"
 )
+_SINCE = ("n_limbs", "limb_trunk_ratio")  # shown, and in no version up to 0.1.0
+_FIRST = [trait for trait in TRAITS.values() if trait.is_shown and trait.name not in _SINCE]
+_LAST = [trait for trait in TRAITS.values() if trait not in _FIRST]
 #: Of ``traits.csv``. Programs may count on the order: a new column comes last.
 TRAIT_COLUMNS = [
     Column("tree", "string", "Tree", "id in the table of trees"),
@@ -72,10 +75,10 @@ TRAIT_COLUMNS = [
     Column("date", "date", "Date", "of the scan"),
     Column("series", "string", "Series", "shared by the scans of one tree"),
     Column("unit", "string", "Unit of length", _ARBITRARY),
-    *(_value(trait) for trait in TRAITS.values() if trait.is_shown),
+    *(_value(trait) for trait in _FIRST),
     *(_error(trait) for trait in _SURE if trait.has_error_column),
     Column("flags", "string", "Warnings", "joined by '; '"),
-    *(_value(trait) for trait in TRAITS.values() if not trait.is_shown),
+    *(_value(trait) for trait in _LAST),
     *(_error(trait) for trait in _SURE if not trait.has_error_column),
     *(column for trait in _SURE for column in _interval(trait)),
 ]

@@ -84,7 +84,7 @@ class TreeResult:
             or not math.isfinite(value)
         ):
             return None
-        return value if self.unit == "m" or trait.power is None else None
+        return value if self.unit == "m" or not trait.power else None
 
 
 def summary_html(

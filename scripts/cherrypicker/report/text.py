@@ -63,10 +63,12 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
         name = "cm²"
     elif trait.is_cm2:
         value, spread, decimals = value / 1e4, spread / 1e4, 5
+    elif trait.is_per_hectare:
+        name = "m³/ha"
     if spread <= 0:
-        return f"{value:,.{decimals}f} {name}"
+        return f"{value:,.{decimals}f} {name}".rstrip()
     digits = max(decimals, min(decimals + 1, 1 - math.floor(math.log10(spread))))
-    return f"{value:,.{digits}f} ± {spread:,.{digits}f} {name}"
+    return f"{value:,.{digits}f} ± {spread:,.{digits}f} {name}".rstrip()
 
 
 def axis_ticks(low: float, high: float, most: int = 6) -> list[float]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.branch_shapes import axis_shapes
 from cherrypicker.traits.intervals import Z90, branch_terms, interval, typical_scatter
-from cherrypicker.traits.table import BRANCH_COLUMNS
+from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
 
 _INTERVALS = tuple(name for name in BRANCH_COLUMNS if "_low_" in name or "_high_" in name)
 _PHOTO = ("photo_diameter_m", "photo_diameter_se_m")
@@ -149,23 +150,23 @@ def _use_photos(
     return found
 
 
-def branches_csv(rows: list[dict]) -> str:
-    """Return rows as CSV text with a header; lengths to 0.01 mm, angles to 0.01 degrees."""
+def branches_csv(rows: list[dict], columns: Mapping[str, BranchColumn] = BRANCH_COLUMNS) -> str:
+    """Return rows as CSV text with a header, the cells as rough as the columns say."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(BRANCH_COLUMNS)
+    writer.writerow(columns)
     for row in rows:
-        writer.writerow([_cell(name, row[name]) for name in BRANCH_COLUMNS])
+        writer.writerow([_cell(column, row[name]) for name, column in columns.items()])
     return stream.getvalue()
 
 
-def _cell(name: str, value: float | str | None) -> int | str:
+def _cell(column: BranchColumn, value: float | str | None) -> int | str:
     """Text of a cell; empty where there is no such number."""
     if value is None:
         return ""
     if isinstance(value, int | str):
         return value
-    return f"{value:.{BRANCH_COLUMNS[name].decimals_in_file}f}"
+    return f"{value:.{column.decimals_in_file}f}"
 
 
 def read_branches(path: str | os.PathLike) -> list:

@@ -61,28 +61,15 @@ def robust_top(z: np.ndarray) -> float:
     return float(np.partition(z, len(z) - rank)[len(z) - rank])
 
 
-def clear_stem(skeleton: Skeleton, axis_owner: np.ndarray) -> np.ndarray:
-    """Nodes of the trunk up to its first junction, (n_nodes,) bool; all where there is none."""
-    junctions = np.flatnonzero((skeleton.n_children > 1) & (axis_owner == 0))
-    if not len(junctions):
-        return np.ones(len(skeleton), dtype=bool)
-    is_clear_stem = np.zeros(len(skeleton), dtype=bool)
-    node = junctions.min()  # parents come before children: the lowest along the trunk
-    while node >= 0:
-        is_clear_stem[node] = True
-        node = skeleton.parent[node]
-    return is_clear_stem
-
-
 def crown_of(
-    skeleton: Skeleton, axis_owner: np.ndarray, wood: np.ndarray, support: Support
+    skeleton: Skeleton, is_clear_stem: np.ndarray, wood: np.ndarray, support: Support
 ) -> np.ndarray:
-    """Wood points of the crown: everything but the trunk below its first junction.
+    """Wood points of the crown: everything but the stem below its lowest limb.
 
     Parameters
     ----------
-    axis_owner : ndarray of shape (n_nodes,), int64
-        Axis of each node, 0 is the trunk.
+    is_clear_stem : ndarray of shape (n_nodes,), bool
+        From `cherrypicker.traits.scaffold.clear_stem`.
     wood : ndarray of shape (n_wood, 3), float64
     support : Support
         Of these points.
@@ -90,9 +77,8 @@ def crown_of(
     Returns
     -------
     ndarray of shape (n_wood,), bool
-        None set where the tree has no junction.
+        None set where the tree has no limb.
     """
-    is_clear_stem = clear_stem(skeleton, axis_owner)
     if is_clear_stem.all():
         return np.zeros(len(wood), dtype=bool)
     # Only points beside the clear stem can have one of its nodes as the nearest.
@@ -112,6 +98,7 @@ def measure_crown(
     scatter: float,
     reach: float,
     *,
+    in_crown: np.ndarray | None = None,
     n_samples: int,
     rng: np.random.Generator,
 ) -> tuple[Crown, np.ndarray]:
@@ -127,6 +114,8 @@ def measure_crown(
         Of the points around the skeleton's radii; 0 where it is not known.
     reach : float
         Distance within which wood points have company.
+    in_crown : ndarray of shape (n_nodes,), bool, optional
+        Nodes of the crown, all without it: the others' ends do not widen it.
     n_samples : int
         With 0 the points' own extent is taken.
 
@@ -149,7 +138,8 @@ def measure_crown(
     samples = np.zeros((n_samples, 3))
     samples[:, 0] = np.hstack([tops, grown]).max(axis=1)
     if hull is not None:
-        samples[:, 1:] = grow_hull(hull, ends, losses, over)
+        own = np.ones(len(ends.nodes), dtype=bool) if in_crown is None else in_crown[ends.nodes]
+        samples[:, 1:] = grow_hull(hull, ends.select(own), losses[:, own], over)
     return Crown(*(float(value) for value in np.median(samples, axis=0))), samples
 
 

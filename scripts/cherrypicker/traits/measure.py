@@ -14,17 +14,26 @@ from cherrypicker.files import rounded
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
-from cherrypicker.skeleton import axes, axis_of_node
+from cherrypicker.skeleton import axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import Topology
 from cherrypicker.traits.beyond import at_least, growth_by, missing_wood
 from cherrypicker.traits.branches import branch_rows, totals_by_order
 from cherrypicker.traits.crown import alpha_volume, crown_of, hull_of, measure_crown, projected_area
+from cherrypicker.traits.crown_forms import (
+    cone_volume,
+    contour_volume,
+    ellipsoid_volume,
+    tree_row_volume,
+)
 from cherrypicker.traits.flags import quality_flags, scan_flags
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.intervals import CI90, Terms, interval, spread, typical_scatter
+from cherrypicker.traits.limb_sections import measure_limbs
+from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, squares_terms
 from cherrypicker.traits.missing_top import find_missing_top
+from cherrypicker.traits.scaffold import Limb, StemSurface, clear_stem, find_limbs
 from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import TRAITS
@@ -38,6 +47,8 @@ _ALPHA_CELLS = 5.0  # cells of the thinned points across such a hollow
 _END_M = 0.02  # so far below its end a trunk is no longer measured (guess)
 _FEWEST_SAMPLES = 20  # that a spread is told from
 _CM2 = 1e4  # of a square metre
+_OVER_GRAFT_M = 0.30  # where the stem is measured for the limb-to-trunk ratio (Schupp 2017)
+_LIMB_DRAWS = 25  # limbs have a stream of draws of their own
 
 
 @dataclass(frozen=True)
@@ -51,6 +62,10 @@ class TraitOptions:
     min_arc_deg: float = 120.0
     max_gap_m: float = 0.10
     min_stray_m: float = 0.30
+    min_limb_m: float = 0.10
+    limb_classes_m: tuple[float, ...] = (0.01, 0.02, 0.03, 0.05)
+    graft_height_m: float | None = None
+    row_distance_m: float | None = None
     n_bootstrap: int = 200
 
 
@@ -68,7 +83,7 @@ def measure_traits(
     sky_masks: SkyMasks | None = None,
     options: TraitOptions | None = None,
     seed: int = 0,
-) -> tuple[dict, list[dict]]:
+) -> tuple[dict, dict[str, list[dict]]]:
     """Measure a tree's traits on its skeleton and its original points.
 
     Parameters
@@ -93,8 +108,8 @@ def measure_traits(
     -------
     traits : dict
         Content of ``traits.json``.
-    rows : list of dict
-        Content of ``branches.csv``.
+    tables : dict of str to list of dict
+        ``branches`` and ``limbs``: the rows of ``branches.csv`` and ``limbs.csv``.
 
     Raises
     ------
@@ -138,7 +153,15 @@ def measure_traits(
     heights = sorted(settings.trunk_heights_m)
     further = {height: _measured(stem, wood, height, fit) for height in heights}
     tree_points = wood[support.point]
-    crown_points = wood[crown_of(skeleton, axis_of_node(skeleton, axis_list), wood, support)]
+    surface = StemSurface(skeleton, axis_list)
+    limbs = find_limbs(skeleton, axis_list, surface, least=settings.min_limb_m, kept=support.node)
+    clear = clear_stem(skeleton, axis_list, limbs, surface)
+    draws = np.random.default_rng([seed, _LIMB_DRAWS])
+    limbs = measure_limbs(skeleton, axis_list, limbs, surface, tree, draws)
+    below = trunk
+    if settings.graft_height_m is not None:
+        below = measure_near(stem, wood, settings.graft_height_m + _OVER_GRAFT_M, **fit)
+    crown_points = wood[crown_of(skeleton, clear, wood, support)]
     hull = hull_of(crown_points) if len(crown_points) else None
     crown, samples = measure_crown(
         tree_points,
@@ -146,6 +169,7 @@ def measure_traits(
         find_shoot_ends(skeleton, support.node, tree, reach),
         typical_scatter(skeleton) or 0.0,
         reach,
+        in_crown=~clear,
         n_samples=settings.n_bootstrap,
         rng=rng,
     )
@@ -175,11 +199,15 @@ def measure_traits(
     traits["crown_projected_area_m2"] = rounded(
         projected_area(crown_points if hull is None else hull.points)
     )
+    base = skeleton.points[min((limb.stem_node for limb in limbs), default=0)]
+    traits |= _crown_forms(traits, crown_points, base, foot.point[2], settings.row_distance_m)
     alpha = _ALPHA_SHARE * max(crown.width, 1e-9)
     traits["crown_alpha_m"] = rounded(alpha)
     traits["crown_alpha_volume_m3"] = rounded(
         alpha_volume(crown_points, alpha, alpha / _ALPHA_CELLS)
     )
+    _add_limbs(traits, limbs, below, scale_error)
+    traits["n_limbs_by_diameter"] = by_diameter(limbs, settings.limb_classes_m)
     traits |= _counts(skeleton, topology, rows)
     traits |= _shoots(rows)
     traits |= _sections(trunk, further, scale_error)
@@ -213,7 +241,10 @@ def measure_traits(
     traits["at_least"] = at_least(traits["flags"])
     for flag in traits["flags"]:
         logger.info("flag: %s", flag)
-    return traits, rows
+    pruners = limb_rows(
+        skeleton, axis_list, limbs, rows, below.diameter, foot.point[2], scale_error=scale_error
+    )
+    return traits, {"branches": rows, "limbs": pruners}
 
 
 def _checked_wood(skeleton: Skeleton, cloud: PointCloud) -> np.ndarray:
@@ -238,15 +269,45 @@ def _measured(stem: Stem, wood: np.ndarray, height: float, options: dict) -> Tru
     return found if found.source == "points" else None
 
 
+def _crown_forms(
+    traits: dict, points: np.ndarray, base: np.ndarray, foot_z: float, row_distance: float | None
+) -> dict:
+    """Where the crown begins, and its volumes by the field's formulas."""
+    height, width = traits["height_m"], traits["crown_width_m"]
+    depth = max(height - (base[2] - foot_z), 0.0) if len(points) else 0.0
+    return {
+        "crown_base_height_m": rounded(base[2] - foot_z) if len(points) else None,
+        "crown_cone_volume_m3": rounded(cone_volume(width, depth)),
+        "crown_ellipsoid_volume_m3": rounded(ellipsoid_volume(width, depth)),
+        "crown_contour_volume_m3": rounded(contour_volume(points, base[:2])),
+        "tree_row_volume_m3_ha": round(tree_row_volume(height, width, row_distance), 1)
+        if row_distance is not None and traits["unit"] == "m"
+        else None,
+    }
+
+
+def _add_limbs(traits: dict, limbs: list[Limb], below: TrunkDiameter, scale_error: float) -> None:
+    """Enter the limbs' number and area, and what that is to the stem's."""
+    squares, terms = sum(limb.diameter**2 for limb in limbs), squares_terms(limbs)
+    area, ratio = np.pi / 4 * _CM2, squares / below.diameter**2
+    traits["n_limbs"] = len(limbs)
+    of_area = {name: area * term for name, term in terms.items()}
+    _add(traits, "limb_area_cm2", area * squares, of_area, scale_error)
+    of_ratio = ratio_terms(terms, ratio, below.diameter, below.terms)
+    _add(traits, "limb_trunk_ratio", ratio, of_ratio, scale_error)
+    traits["limb_trunk_height_m"] = rounded(below.height)
+
+
 def _counts(skeleton: Skeleton, topology: Topology | None, rows: list) -> dict:
     n_children = skeleton.n_children
-    totals = totals_by_order(rows)
+    totals, length = totals_by_order(rows), float(skeleton.edge_length.sum())
     n_junctions = int((n_children[1:] > 1).sum())
     n_tips = int((n_children == 0).sum())
     return {
-        "total_length_m": rounded(float(skeleton.edge_length.sum())),
+        "total_length_m": rounded(length),
         "n_junctions": n_junctions if topology is None else topology.n_junctions,
         "n_tips": n_tips if topology is None else topology.n_tips,
+        "branching_index_per_m": rounded((len(rows) - 1) / length),
         "length_by_order_m": {str(k): rounded(v["length"]) for k, v in totals.items()},
         "n_branches_by_order": {str(k): v["n"] for k, v in totals.items()},
         "volume_by_order_m3": {str(k): round(v["volume"], 8) for k, v in totals.items()},

@@ -1,4 +1,5 @@
-"""Every trait and every column of ``branches.csv``, once: files, pages, batch and docs follow it.
+"""Every trait and every column of ``branches.csv`` and ``limbs.csv``, once: files, pages, batch and
+docs follow it.
 
 A new trait is a row here and a value in `cherrypicker.traits.measure`; what its truth is stands in
 the laboratory (`cherrypicker_lab.traits.table`). Nothing heavy is imported: the batch reads it.
@@ -15,7 +16,7 @@ class Trait:
 
     name: str  # its key there
     title: str  # its name on the pages
-    power: int | None = 1  # of the length unit; None for a count or a share
+    power: int | None = 1  # of the length unit; None for a count or a share, 0 for a ratio
     decimals: int = 3  # shown at least, in metric units; a small error adds some
     is_shown: bool = False  # a row of the report, a column and a chart of the batch
     has_error: bool = False  # with a standard error and a 90 % interval where they can be had
@@ -29,13 +30,22 @@ class Trait:
 
     @property
     def unit(self) -> str:
-        """Its unit in a scan with a scale, as the tables spell it; "1" for a count or a share."""
-        return "cm2" if self.is_cm2 else {None: "1", 1: "m", 2: "m2", 3: "m3"}[self.power]
+        """Its unit in a scan with a scale, as the tables spell it; "1" for a number without."""
+        if self.is_cm2:
+            return "cm2"
+        if self.is_per_hectare:
+            return "m3/ha"
+        return {None: "1", 0: "1", -1: "1/m", 1: "m", 2: "m2", 3: "m3"}[self.power]
 
     @property
     def is_count(self) -> bool:
         """Whether it is a whole number."""
         return self.power is None and self.decimals == 0
+
+    @property
+    def is_per_hectare(self) -> bool:
+        """In cubic metres a hectare, of trees with a scale alone."""
+        return self.name.endswith("_m3_ha")
 
 
 _SHOWN = {"is_shown": True}
@@ -86,8 +96,14 @@ _ROWS = (
         "Crown volume",
         3,
         **_SURE,
-        definition="convex hull of the crown's points (all but the stem below its first fork), "
+        definition="convex hull of the crown's points (all but the stem below its lowest limb), "
         "with the likely ends of its shoots",
+    ),
+    Trait(
+        "crown_base_height_m",
+        "Height of the crown's base",
+        decimals=2,
+        definition="where the lowest limb leaves the stem, over the stem's foot",
     ),
     Trait(
         "crown_projected_area_m2",
@@ -106,6 +122,72 @@ _ROWS = (
         3,
         definition="tetrahedra of the crown's Delaunay mesh whose circumspheres' radius is at most "
         "crown_alpha_m",
+    ),
+    Trait(
+        "crown_cone_volume_m3",
+        "Crown volume by the cone's formula",
+        3,
+        definition="pi / 12 times the square of the crown's width times its depth, from its base "
+        "to the tree's height",
+    ),
+    Trait(
+        "crown_ellipsoid_volume_m3",
+        "Crown volume by the ellipsoid's formula",
+        3,
+        definition="pi / 6 times the square of the crown's width times its depth, from its base to "
+        "the tree's height",
+    ),
+    Trait(
+        "crown_contour_volume_m3",
+        "Crown volume by its contour",
+        3,
+        definition="eight sectors around the stem at each of five levels, each as wide as the "
+        "farthest crown point in it",
+    ),
+    Trait(
+        "tree_row_volume_m3_ha",
+        "Tree row volume",
+        decimals=0,
+        definition="height times crown width times 10,000 m2 over the distance of the rows; "
+        "configs with traits.row_distance_m alone",
+    ),
+    Trait(
+        "n_limbs",
+        "Limbs",
+        None,
+        0,
+        **_SHOWN,
+        definition="axes that leave the stem and come traits.min_limb_m clear of its surface",
+    ),
+    Trait(
+        "limb_area_cm2",
+        "Limbs' cross-section area",
+        2,
+        1,
+        has_error=True,
+        definition="sum of the cross-sections of the limbs 2.5 cm beyond the stem's surface",
+    ),
+    Trait(
+        "limb_trunk_ratio",
+        "Limb-to-trunk ratio",
+        0,
+        2,
+        **_SURE,
+        definition="limbs' cross-section area over the stem's at limb_trunk_height_m",
+    ),
+    Trait(
+        "limb_trunk_height_m",
+        "Height of the trunk's area of that ratio",
+        decimals=2,
+        definition="0.30 m over the graft union where traits.graft_height_m tells it, else the "
+        "height of the trunk diameter",
+    ),
+    Trait(
+        "branching_index_per_m",
+        "Branching index",
+        -1,
+        2,
+        definition="side axes over the total length of wood",
     ),
     Trait(
         "total_length_m",
@@ -186,7 +268,7 @@ TRAITS = {trait.name: trait for trait in _ROWS}
 
 @dataclass(frozen=True)
 class BranchColumn:
-    """A column of ``branches.csv``."""
+    """A column of ``branches.csv`` or ``limbs.csv``."""
 
     name: str
     kind: str = "number"  # {"number", "maybe", "whole", "text"}: ``maybe`` is a number or empty
@@ -195,9 +277,11 @@ class BranchColumn:
 
     @property
     def decimals_in_file(self) -> int:
-        """Lengths to 0.01 mm, angles to 0.01 degrees."""
+        """Lengths to 0.01 mm, angles to 0.01 degrees, areas to 0.1 mm²."""
         if self.name.endswith(("_deg", "_per_m")):
             return 2
+        if self.name.endswith("_cm2"):
+            return 3
         return 8 if self.name.endswith("_m3") else 5
 
     def read(self, text: str) -> float | int | str | None:
@@ -237,3 +321,23 @@ _COLUMNS = (
 )
 #: Name to column, in the file's order.
 BRANCH_COLUMNS = {column.name: column for column in _COLUMNS}
+_LIMB_COLUMNS = (
+    BranchColumn("rank", "whole", "rank"),
+    BranchColumn("branch_id", "whole", "axis"),
+    BranchColumn("area_cm2", title="area", decimals=1),
+    BranchColumn("diameter_m", title="diameter", decimals=4),
+    BranchColumn("diameter_low_m", "maybe"),
+    BranchColumn("diameter_high_m", "maybe"),
+    BranchColumn("height_m", title="height", decimals=2),
+    BranchColumn("azimuth_deg", title="azimuth", decimals=0),
+    BranchColumn("crotch_angle_deg", title="crotch angle", decimals=0),
+    BranchColumn("crotch_angle_low_deg", "maybe"),
+    BranchColumn("crotch_angle_high_deg", "maybe"),
+    BranchColumn("wood_length_m", title="wood on it", decimals=2),
+    BranchColumn("wood_volume_m3"),
+    BranchColumn("area_share"),
+    BranchColumn("ratio_without", title="ratio without", decimals=2),
+    BranchColumn("flags", "text", "flags"),
+)
+#: The same of ``limbs.csv``.
+LIMB_COLUMNS = {column.name: column for column in _LIMB_COLUMNS}

@@ -22,7 +22,7 @@ from cherrypicker.traits.foot import Foot
 from cherrypicker.traits.intervals import Terms
 from cherrypicker.traits.stem_fit import search_circle, sector_weights, steady_levels
 
-__all__ = ["Stem", "TrunkDiameter", "measure_diameter", "stem_of"]
+__all__ = ["Stem", "TrunkDiameter", "cut_slab", "measure_diameter", "section_of", "stem_of"]
 
 logger = logging.getLogger(__name__)
 
@@ -207,19 +207,19 @@ def _fit_slab(
     rng: np.random.Generator,
 ) -> tuple[Section, np.ndarray]:
     """Fit a section to the slab of wood across `axis` at `center`: fit and frame."""
-    local, frame = _slab(wood, center, axis, half_height, 3.0 * guess + 0.03)
+    local, frame = cut_slab(wood, center, axis, half_height, 3.0 * guess + 0.03)
     if len(local) < min_points:
         raise StageError(f"{len(local)} stem points around z = {center[2]:.2f}, not {min_points}")
     if len(local) > _MAX_POINTS:
         local = local[rng.choice(len(local), _MAX_POINTS, replace=False)]
     tolerance = np.clip(0.15 * guess, 0.002, 0.02)
     radius_range = (0.3 * guess, 2.5 * guess + 0.01)
-    fit = _section(local, tolerance, radius_range, rng, waves=False)
+    fit = section_of(local, tolerance, radius_range, rng, waves=False)
     local = local[steady_levels(local, fit)]
-    return _section(local, tolerance, radius_range, rng, waves=True), frame
+    return section_of(local, tolerance, radius_range, rng, waves=True), frame
 
 
-def _section(
+def section_of(
     local: np.ndarray,
     tolerance: float,
     radius_range: tuple[float, float],
@@ -284,7 +284,7 @@ def measure_near(
     return diameter_from_skeleton(stem, wanted)
 
 
-def _slab(
+def cut_slab(
     points: np.ndarray, center: np.ndarray, axis: np.ndarray, half_height: float, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of a slab across `axis` in its frame (u, v, w), and the frame's rows in the world."""

@@ -21,12 +21,16 @@ from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 from cherrypicker_lab.skeletons.set_tree import true_skeleton
-from cherrypicker_lab.traits.table import JUDGED, SCALARS
+from cherrypicker_lab.traits.table import JUDGED, SCALARS, true_limbs
 
 LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
 LEAST_DIAMETER_M = 0.010  # thinner bases do not count for the diameter
 NEAR_M, NEAR_SHARE = 0.02, 0.7  # an axis is found where this share of it has a match this near
 NEAR_BASE_M = 0.05
+# Limbs: how near they run over their start, and how near they begin: one that hangs on another at a
+# fork begins some way off
+NEAR_LIMB_M, NEAR_LIMB_BASE_M, LIMB_START_M = 0.03, 0.15, 0.3
+N_TOP, SAME_M = 3, 0.002  # limbs that count, and what a calliper cannot tell of their diameters
 STEM_M, RELIEF = (0.10, 0.20), (0.5, 1.0)  # diameter, and depth of the bark, of bearing trees
 _STEP_M = 0.005
 
@@ -77,9 +81,9 @@ def measure_tree(seed, n_points, *, bearing=False):
     """
     tree, cloud = make_tree(seed, n_points, bearing=bearing)
     skeleton = skeleton_of(cloud)
-    traits, rows = measure_traits(skeleton, cloud)
+    traits, tables = measure_traits(skeleton, cloud)
     pairs = tree_pairs(tree, traits)
-    branches, n_axes, n_matched = branch_pairs(tree, skeleton, rows)
+    branches, n_axes, n_matched = branch_pairs(tree, skeleton, tables["branches"])
     return {
         "seed": int(seed),
         "habit": tree.habit,
@@ -88,7 +92,59 @@ def measure_tree(seed, n_points, *, bearing=False):
         "traits": pairs | branches,
         "n_axes": n_axes,
         "n_matched": n_matched,
+        "limbs": judge_limbs(tree, skeleton, tables["limbs"]),
     }
+
+
+def judge_limbs(tree, skeleton, rows):
+    """Whether the three thickest limbs are the true three, and how many limbs there are.
+
+    Limbs are told by where they run over their first decimetres, which is surer than their bases.
+
+    Parameters
+    ----------
+    tree : growth.Tree
+    skeleton : Skeleton
+        As found.
+    rows : list of dict
+        Of ``limbs.csv``, the thickest first.
+
+    Returns
+    -------
+    dict
+        `n_true`, `n_found`; `are_three` whether the three thickest found are the three thickest
+        true ones, `are_three_to_2mm` whether they are three that no true limb outdoes by more than
+        2 mm; `diameters`, a list of the pairs of the limbs that were matched.
+    """
+    truth = true_skeleton(tree.skeleton())
+    true_axes, _, limbs = true_limbs(truth)
+    limbs = sorted(limbs, key=lambda limb: -limb.diameter)
+    found_axes = axes(skeleton)
+    true_lines = [_start(truth, true_axes[limb.axis]) for limb in limbs]
+    found_lines = [_start(skeleton, found_axes[row["branch_id"]]) for row in rows]
+    matched = match_axes(true_lines, found_lines, near_m=NEAR_LIMB_M, base_m=NEAR_LIMB_BASE_M)
+    true_of = {j: i for i, j in matched}
+    top = [true_of.get(j) for j in range(min(N_TOP, len(rows)))]
+    n_top = min(N_TOP, len(limbs))
+    least = limbs[n_top - 1].diameter - SAME_M if n_top else 0.0
+    low_high = ("diameter_m", "diameter_low_m", "diameter_high_m")
+    return {
+        "n_true": len(limbs),
+        "n_found": len(rows),
+        "are_three": sorted(top, key=str) == sorted(range(n_top), key=str),
+        "are_three_to_2mm": len(top) == n_top
+        and all(i is not None and limbs[i].diameter >= least for i in top),
+        "diameters": [
+            as_pair(limbs[i].diameter, *(rows[j][name] for name in low_high)) for i, j in matched
+        ],
+    }
+
+
+def _start(skeleton, axis):
+    """The first nodes of an axis, over some decimetres."""
+    nodes = axis_polyline(axis)
+    along = np.cumsum(skeleton.edge_length[nodes]) - skeleton.edge_length[nodes[0]]
+    return skeleton.points[nodes[along <= max(LIMB_START_M, along[1])]]
 
 
 def tree_pairs(tree, traits):
@@ -107,8 +163,10 @@ def tree_pairs(tree, traits):
     """
     pairs = {}
     for name in SCALARS:
-        low, high = traits.get(f"{name}_ci90", (None, None))
-        pairs[name] = [as_pair(JUDGED[name].truth(tree), traits[name], low, high)]
+        values = JUDGED[name].truth(tree), traits[name], *traits.get(f"{name}_ci90", (None, None))
+        if JUDGED[name].is_share:
+            values = [None if value is None else value / values[0] for value in values]
+        pairs[name] = [as_pair(*values)]
     return pairs
 
 

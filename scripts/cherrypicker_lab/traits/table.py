@@ -9,8 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker.skeleton import axes, axis_of_node
-from cherrypicker.traits.crown import clear_stem, hull_of
+from cherrypicker.skeleton import axes
+from cherrypicker.traits.crown import hull_of
+from cherrypicker.traits.measure import TraitOptions
+from cherrypicker.traits.scaffold import StemSurface, clear_stem, find_limbs
 from cherrypicker.traits.table import TRAITS
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.skeletons.set_tree import true_skeleton
@@ -28,15 +30,32 @@ class Judged:
     # From a `growth.Tree`; None for columns of ``branches.csv``, whose truth is what `branch_rows`
     # says of the true skeleton
     truth: Callable | None = None
+    is_share: bool = False  # told as a share of the truth, in per cent
+
+
+def true_limbs(skeleton):
+    """The axes of a true skeleton, its stem's surface and its limbs."""
+    axis_list = axes(skeleton)
+    stem = StemSurface(skeleton, axis_list)
+    limbs = find_limbs(skeleton, axis_list, stem, least=TraitOptions().min_limb_m)
+    return axis_list, stem, limbs
+
+
+def _true_ratio(tree):
+    """Sum of the limbs' sections over the stem's, by the generator's radii."""
+    limbs = true_limbs(true_skeleton(tree.skeleton()))[-1]
+    stem = tree_traits(tree)["trunk_diameter_m"]
+    return sum(limb.diameter**2 for limb in limbs) / stem**2
 
 
 def true_volume(skeleton):
-    """Volume of the convex hull of the wood's surface beyond the stem's first fork."""
+    """Volume of the convex hull of the wood's surface beyond the stem's lowest limb."""
+    axis_list, stem, limbs = true_limbs(skeleton)
     height, turn = np.radians(np.mgrid[-90:91:30, 0:360:30].reshape(2, -1))
     around = np.column_stack(
         [np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)]
     )
-    rows = ~clear_stem(skeleton, axis_of_node(skeleton, axes(skeleton)))
+    rows = ~clear_stem(skeleton, axis_list, limbs, stem)
     if not rows.any():
         return 0.0
     surface = skeleton.points[rows, None] + skeleton.radius[rows, None, None] * around
@@ -47,10 +66,10 @@ def _true_volume(tree):
     return true_volume(true_skeleton(tree.skeleton()))
 
 
-def _whole(name, unit, factor, bar=None, *, words="", truth=None):
+def _whole(name, unit, factor, bar=None, *, words="", truth=None, is_share=False):
     """A trait of a whole tree; its truth is the generator's where nothing else is given."""
-    words = words or TRAITS[name].title.lower()
-    return name, Judged(words, unit, factor, bar, truth or (lambda tree: tree_traits(tree)[name]))
+    words, truth = words or TRAITS[name].title.lower(), truth or (lambda t: tree_traits(t)[name])
+    return name, Judged(words, unit, factor, bar, truth, is_share)
 
 
 #: Trait to how it is judged, in the order of the tables.
@@ -63,6 +82,7 @@ JUDGED = dict(
         _whole("crown_width_m", "cm", 1e2),
         _whole("crown_volume_m3", "dm3", 1e3, truth=_true_volume),
         _whole("total_length_m", "m", 1.0, words="total length"),
+        _whole("limb_trunk_ratio", "%", 1e2, 10.0, truth=_true_ratio, is_share=True),
     ]
 )
 #: Those of a whole tree.

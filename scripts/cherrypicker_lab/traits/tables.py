@@ -95,7 +95,26 @@ def _table_of(reports):
         cells += ["" if trait.bar is None else f"{trait.bar:g}"]
         cells += [_number(score["bias"], trait.factor, "+"), covered]
         lines.append("| " + " | ".join([*cells, _number(score["width"], trait.factor)]) + " |")
-    return "\n".join([*lines, *_by_form(reports)]) + "\n"
+    return "\n".join([*lines, *_limbs(reports), *_by_form(reports)]) + "\n"
+
+
+def _limbs(reports):
+    """Lines on the limbs of the trees; none where they were not judged."""
+    judged = [report["limbs"] for report in reports if "limbs" in report]
+    if not judged:
+        return []
+    n_true, n_found = (sum(each[name] for each in judged) for name in ("n_true", "n_found"))
+    exact, near = (sum(each[name] for each in judged) for name in ("are_three", "are_three_to_2mm"))
+    pairs = [pair for each in judged for pair in each["diameters"]]
+    keys = ("true", "found", "low", "high")
+    score = score_pairs({key: np.array([p[key] for p in pairs], dtype=float) for key in keys})
+    return [
+        "",
+        f"{n_found} limbs were found, {n_true} are true, {len(pairs)} were matched: diameter's MAE "
+        f"{_number(score['mae'], 1e3)} mm, bias {_number(score['bias'], 1e3, '+')} mm, "
+        f"{_covered(score)} intervals hold it. The three thickest are the true three on {exact} of "
+        f"{len(judged)} trees; on {near} no true limb is more than 2 mm thicker.",
+    ]
 
 
 def _covered(score):

@@ -62,7 +62,7 @@ def test_traits_of_the_whole_tree_beside_the_truth():
     true = tree_traits(tree)
     width = horizontal_width(tree.skeleton().points[:, :2])
     found = true | {"crown_width_m": width + 0.1, "height_m_ci90": [1.0, 3.0]}
-    found["crown_volume_m3"] = 1.0
+    found |= {"crown_volume_m3": 1.0, "limb_trunk_ratio": 1.0}
     pairs = tree_pairs(tree, found)
     assert pairs["height_m"] == [
         {"true": true["height_m"], "found": true["height_m"], "low": 1.0, "high": 3.0}
@@ -103,7 +103,7 @@ def pair(true, found, low=None, high=None):
 
 def report(seed):
     names = ("trunk_diameter_m", "base_diameter_m", "insertion_angle_deg", "crown_width_m")
-    names = (*names, "crown_volume_m3", "total_length_m")
+    names = (*names, "crown_volume_m3", "total_length_m", "limb_trunk_ratio")
     traits = {name: [pair(0.100, 0.102)] for name in names}
     traits["height_m"] = [pair(2.00, 1.98, 1.97, 1.99), pair(2.00, 2.01, 1.99, 2.03)]
     return {"seed": seed, "n_points": 1000, "traits": traits, "n_axes": 10, "n_matched": 8}
@@ -127,7 +127,7 @@ def test_table_and_figure():
     assert "| height | cm | 4 | 1.50 | 2 | -0.50 | 2 of 4 (50 %) | 3.00 |" in text
     assert "| crown width | cm | 2 | 0.20 |  | +0.20 | none given |  |" in text
     assert "By form" not in text
-    assert len(traits_figure(reports).axes) == 7
+    assert len(traits_figure(reports).axes) == 8
     forms = [report(1) | {"habit": "vase"}, report(2) | {"habit": "leader"}]
     by_form = write_table(forms).split("By form")[1].splitlines()
     assert by_form[2] == "| form | trees | height, cm |"

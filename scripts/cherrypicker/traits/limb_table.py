@@ -1,0 +1,134 @@
+"""The pruner's table of a tree: its limbs by size, and what their wood is to the stem's.
+
+The limb-to-trunk ratio is the sum of the limbs' cross-sections 2.5 cm beyond the stem's surface
+over the stem's (Schupp et al., HortScience 52(9):1233-1240, 2017). Pruning to a ratio takes the
+largest limbs first, so every row tells what is left when it and all larger ones go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cherrypicker.skeleton.axes import Axis
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.intervals import Terms, diameter_terms, interval
+from cherrypicker.traits.limb_sections import limb_of_axis
+from cherrypicker.traits.scaffold import Limb
+
+_CM2 = 1e4  # of a square metre
+_AREA = np.pi / 4  # of a square diameter
+
+
+def squares_terms(limbs: list[Limb]) -> dict[str, float]:
+    """What the error of the sum of the limbs' squared diameters follows.
+
+    Each fit errs for itself; surfaces that are moved as a whole move all limbs alike. None where it
+    is not known how a limb's points scatter.
+    """
+    if not limbs or not all(limb.scatter for limb in limbs):
+        return {}
+    each = np.array([(limb.diameter, limb.error, limb.scatter) for limb in limbs])
+    terms = diameter_terms(*each.T)
+    slope = 2.0 * each[:, 0]
+    return {
+        "fit": float(np.linalg.norm(slope * terms["fit"])),
+        "diameter_shared": float(slope @ terms["diameter_shared"]),
+    }
+
+
+def ratio_terms(
+    squares: Mapping[str, float], ratio: float, stem_diameter: float, stem: Terms
+) -> dict[str, float]:
+    """What the error of the limb-to-trunk ratio follows; none where a part of it is not known.
+
+    Parameters
+    ----------
+    squares : mapping of str to float
+        From `squares_terms`.
+    ratio, stem_diameter : float
+    stem : Terms
+        What the error of the stem's diameter follows.
+    """
+    if not squares or not stem:
+        return {}
+    slope = 2.0 * ratio / stem_diameter
+    terms = {name: float(slope * term) for name, term in stem.items()}
+    for name, term in squares.items():
+        terms[name] = float(np.hypot(terms.get(name, 0.0), term / stem_diameter**2))
+    return terms
+
+
+def by_diameter(limbs: list[Limb], bounds: Sequence[float]) -> dict[str, int]:
+    """Number of limbs by class of diameter; `bounds` part the classes."""
+    ends = [f"{bound:g}" for bound in sorted(bounds)]
+    names = [f"{low}-{high}" for low, high in zip(["0", *ends], [*ends, ""], strict=True)]
+    at = np.searchsorted(sorted(bounds), [limb.diameter for limb in limbs], side="right")
+    count = np.bincount(at.astype(np.int64), minlength=len(names))
+    return dict(zip(names, count.tolist(), strict=True))
+
+
+def limb_rows(
+    skeleton: Skeleton,
+    axis_list: list[Axis],
+    limbs: list[Limb],
+    branches: list[dict],
+    stem_diameter: float,
+    foot_z: float,
+    *,
+    scale_error: float = 0.0,
+) -> list[dict]:
+    """The rows of ``limbs.csv``, the thickest limb first.
+
+    Parameters
+    ----------
+    branches : list of dict
+        Rows of ``branches.csv``, one an axis.
+    stem_diameter : float
+        That limbs are compared with.
+    foot_z : float
+        Height of the stem's foot in the skeleton's frame.
+    scale_error : float, default 0
+        Relative standard error of the scan's scale, for the intervals.
+
+    Returns
+    -------
+    list of dict
+        Keys as in `cherrypicker.traits.table.LIMB_COLUMNS`.
+    """
+    carried = limb_of_axis([axis.parent for axis in axis_list], [limb.axis for limb in limbs])
+    stem_area = _AREA * stem_diameter**2
+    left = total = sum(_AREA * limb.diameter**2 for limb in limbs)
+    rows = []
+    order = sorted(limbs, key=lambda limb: (-limb.diameter, limb.axis))
+    for rank, limb in enumerate(order, start=1):
+        branch = branches[limb.axis]
+        own = [branches[axis] for axis in np.flatnonzero(carried == limb.axis)]
+        area = _AREA * limb.diameter**2
+        left -= area
+        low, high = None, None
+        if limb.scatter:
+            terms = diameter_terms(limb.diameter, limb.error, limb.scatter, scale_error)
+            low, high = (float(end) for end in interval(limb.diameter, terms))
+        rows.append(
+            {
+                "rank": rank,
+                "branch_id": limb.axis,
+                "area_cm2": _CM2 * area,
+                "diameter_m": limb.diameter,
+                "diameter_low_m": low,
+                "diameter_high_m": high,
+                "height_m": skeleton.points[limb.stem_node, 2] - foot_z,
+                "azimuth_deg": branch["azimuth_deg"],
+                "crotch_angle_deg": branch["insertion_angle_deg"],
+                "crotch_angle_low_deg": branch["insertion_angle_low_deg"],
+                "crotch_angle_high_deg": branch["insertion_angle_high_deg"],
+                "wood_length_m": sum(row["length_m"] for row in own),
+                "wood_volume_m3": sum(row["volume_m3"] for row in own),
+                "area_share": area / total,
+                "ratio_without": max(left, 0.0) / stem_area,
+                "flags": branch["flags"],
+            }
+        )
+    return rows
