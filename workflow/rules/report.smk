@@ -5,6 +5,7 @@ rule report_tree:
     input:
         traits="results/{tree}/traits.json",
         branches="results/{tree}/branches.csv",
+        limbs="results/{tree}/limbs.csv",
         skeleton="results/{tree}/skeleton.graphml",
         topology="results/{tree}/topology.graphml",
         segmented="results/{tree}/segmented.ply",
@@ -44,6 +45,8 @@ rule report_tree:
             str(PROJECT / "scripts/cherrypicker/report/viewer.html.j2"),
             str(PROJECT / "scripts/cherrypicker/report/viewer.css"),
             str(PROJECT / "scripts/cherrypicker/report/accuracy.html.j2"),
+            str(PROJECT / "scripts/cherrypicker/report/scaffold.html.j2"),
+            str(PROJECT / "scripts/cherrypicker/report/scaffold.js"),
             str(PROJECT / "scripts/cherrypicker/report/style.css"),
             *viewer_modules(),
         ],

@@ -17,6 +17,7 @@ from cherrypicker.report.branches import branch_facts, branch_table
 from cherrypicker.report.cameras import camera_views
 from cherrypicker.report.edit_file import edit_file
 from cherrypicker.report.figures import order_color, write_png
+from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
 from cherrypicker.report.text import page_template, with_uncertainty
@@ -30,6 +31,7 @@ _JPEG = b"\xff\xd8"  # how such a file begins
 _FILES = (
     "traits.json",
     "branches.csv",
+    "limbs.csv",
     "skeleton.graphml",
     "topology.graphml",
     "skeleton.swc",
@@ -107,6 +109,7 @@ def render_report(
         n_shown=f"{min(len(cloud), options.viewer_points):,}",
         n_points=f"{len(cloud):,}",
         figures=[_embedded(width_px, *figure) for figure in figures],
+        scaffold=limb_section(traits, data["limbs"], data["skeleton"]),
         verdict=verdict,
         accuracy=accuracy_section([("", "", pair) for pair in measured]),
         stages=sections,

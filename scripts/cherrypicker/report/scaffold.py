@@ -1,0 +1,155 @@
+"""The limbs' section of a tree's page: the pruner's table, and what is left when limbs go."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.report.text import with_uncertainty
+from cherrypicker.skeleton import axes, axis_of_node
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.crown import hull_of
+from cherrypicker.traits.limb_sections import limb_of_axis
+from cherrypicker.traits.table import LIMB_COLUMNS, TRAITS, BranchColumn
+from cherrypicker.units import unit_name
+
+_DECIMALS = 3  # of coordinates on the page
+_FORMS = (
+    "crown_volume_m3",
+    "crown_alpha_volume_m3",
+    "crown_contour_volume_m3",
+    "crown_ellipsoid_volume_m3",
+    "crown_cone_volume_m3",
+    "crown_base_height_m",
+    "tree_row_volume_m3_ha",
+    "branching_index_per_m",
+)
+
+
+def read_limbs(path: str | os.PathLike) -> list[dict]:
+    """Read ``limbs.csv``: a row a limb, cells as `BranchColumn` reads them."""
+    try:
+        with open(path, encoding="utf-8", newline="") as stream:
+            return [
+                {name: LIMB_COLUMNS[name].read(text) for name, text in row.items()}
+                for row in csv.DictReader(stream)
+            ]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise StageError(f"not a readable table of limbs ({error})", file=path) from error
+
+
+def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> dict | None:
+    """What the template ``scaffold.html.j2`` shows; None for a tree without limbs.
+
+    Parameters
+    ----------
+    traits : dict
+        ``traits.json``.
+    rows : list of dict or None
+        From `read_limbs`.
+    skeleton : Skeleton
+        Whose axes the rows number.
+    """
+    if not rows:
+        return None
+    unit = traits.get("unit", "m")
+    columns = [column for column in LIMB_COLUMNS.values() if column.title]
+    ratio = traits.get("limb_trunk_ratio_ci90")
+    return {
+        "ratio": _told(traits, "limb_trunk_ratio", unit),
+        "interval": " to ".join(f"{end:.2f}" for end in ratio) if ratio else "",
+        "trunk_height": _told(traits, "limb_trunk_height_m", unit),
+        "classes": [
+            (_class_name(name, unit), count)
+            for name, count in traits.get("n_limbs_by_diameter", {}).items()
+        ],
+        "forms": [(TRAITS[name].title, _told(traits, name, unit)) for name in _FORMS],
+        "head": [_head(column, unit) for column in columns],
+        "rows": [(row["branch_id"], [_cell(column, row) for column in columns]) for row in rows],
+        "what_if": json.dumps(_what_if(traits, rows, skeleton, unit), separators=(",", ":")),
+    }
+
+
+def _told(traits: dict, name: str, unit: str) -> str:
+    return with_uncertainty(traits.get(name), traits.get(f"{name}_se"), TRAITS[name], unit)
+
+
+def _class_name(name: str, unit: str) -> str:
+    """The words of a class of diameters: "20 to 30 mm"."""
+    low, _, high = name.partition("-")
+    factor, word = (1e3, "mm") if unit == "m" else (1.0, unit_name(unit))
+    if not high:
+        return f"{float(low) * factor:g} {word} and more"
+    return f"{float(low) * factor:g} to {float(high) * factor:g} {word}"
+
+
+def _head(column: BranchColumn, unit: str) -> str:
+    if column.name.endswith("_deg"):
+        return f"{column.title} [°]"
+    if column.name.endswith("_cm2"):
+        return f"{column.title} [{'cm²' if unit == 'm' else '1e-4 ' + unit_name(unit, 2)}]"
+    return f"{column.title} [{unit_name(unit)}]" if column.name.endswith("_m") else column.title
+
+
+def _cell(column: BranchColumn, row: dict) -> int | str:
+    value = row[column.name]
+    if column.kind == "text":
+        return ", ".join(value.split()).replace("_", " ")
+    return value if column.kind == "whole" else f"{value:.{column.decimals}f}"
+
+
+def _what_if(traits: dict, rows: list[dict], skeleton: Skeleton, unit: str) -> dict:
+    """What the page's script reckons with: of each limb and of the stem what they add to the tree.
+
+    The crown's width and volume are those of the hulls of the skeleton's nodes, told as a share of
+    the traits.
+    """
+    axis_list = axes(skeleton)
+    limbs = [row["branch_id"] for row in rows]
+    carried = limb_of_axis([axis.parent for axis in axis_list], limbs)
+    carrier = carried[axis_of_node(skeleton, axis_list)]
+    is_wood = skeleton.fields.get("gap", np.zeros(len(skeleton))) == 0
+    foot_z = traits.get("foot", skeleton.points[0])[2]
+    base_z = foot_z + (traits.get("crown_base_height_m") or 0.0)
+    of_stem = (carrier < 0) & (skeleton.points[:, 2] >= base_z) & is_wood
+    middle = np.append(skeleton.points[0, :2], foot_z)
+    length, volume = (
+        sum(row[name] for row in rows) for name in ("wood_length_m", "wood_volume_m3")
+    )
+    return {
+        "unit": unit_name(unit),
+        "ratio": traits["limb_trunk_ratio"],
+        "area": sum(row["area_cm2"] for row in rows),
+        "crown_volume": traits["crown_volume_m3"],
+        "crown_width": traits["crown_width_m"],
+        "stem": {
+            "length": traits["total_length_m"] - length,
+            "volume": traits["wood_volume_m3"] - volume,
+            "hull": _corners(skeleton.points[of_stem] - middle),
+        },
+        "limbs": [
+            {
+                "id": row["branch_id"],
+                "rank": row["rank"],
+                "area": row["area_cm2"],
+                "diameter": row["diameter_m"],
+                "height": row["height_m"],
+                "azimuth": row["azimuth_deg"],
+                "length": row["wood_length_m"],
+                "volume": row["wood_volume_m3"],
+                "hull": _corners(skeleton.points[(carrier == row["branch_id"]) & is_wood] - middle),
+            }
+            for row in rows
+        ],
+    }
+
+
+def _corners(points: np.ndarray) -> list[list[float]]:
+    """The points that the hull of all has for corners, rounded."""
+    if not len(points):
+        return []
+    return np.round(np.unique(hull_of(points).points, axis=0), _DECIMALS).tolist()
