@@ -2,8 +2,8 @@
 
 Reads skeleton.graphml, topology.graphml, segmented.ply and target.json, and for a scan from photos
 scale.json, metric_poses.npz, sfm/report.json, photo_check.json, the sky masks and the sparse
-model's cameras (with hand corrections edits.json); writes traits.json, branches.csv, limbs.csv and,
-where a path is given, branches.ply, the wood with the branch of each point. Example:
+model's cameras (with hand corrections edits.json); writes traits.json, branches.csv and, where a
+path is given, limbs.csv and branches.ply, the wood with the branch of each point. Example:
 
     python scripts/measure_traits.py --skeleton skeleton.graphml --topology topology.graphml \\
         --segmented segmented.ply --traits traits.json --branches branches.csv --limbs limbs.csv
@@ -30,7 +30,7 @@ def main(
     segmented: Annotated[str, "labelled cloud"],
     traits: Annotated[str, "JSON to write"],
     branches: Annotated[str, "CSV of all axes to write"],
-    limbs: Annotated[str, "CSV of the limbs to write"],
+    limbs: Annotated[str | None, "limbs.csv: the limbs on the stem"] = None,
     branch_points: Annotated[str | None, "branches.ply: the wood, with a branch_id a point"] = None,
     scale: Annotated[str | None, "scale.json of a scan from photos"] = None,
     sparse: Annotated[str | None, "sfm/report.json of a scan from photos"] = None,
@@ -67,7 +67,8 @@ def main(
     if branch_points:
         write_cloud(branch_points, branch_cloud(cloud, tree, axes(tree)))
     write_text(branches, branches_csv(tables["branches"]))
-    write_text(limbs, branches_csv(tables["limbs"], LIMB_COLUMNS))
+    if limbs:
+        write_text(limbs, branches_csv(tables["limbs"], LIMB_COLUMNS))
     write_json(traits, numbers)
 
 
