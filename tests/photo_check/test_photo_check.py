@@ -140,7 +140,7 @@ def test_the_report_shows_what_the_photos_say(whole, tmp_path):
     section = photo_section(data)
     facts = dict(section["facts"])
     assert facts["Precision by the photos"] == f"{report['photo_precision']:.3f}"
-    assert [figure[:2] for figure, _ in section["figures"]] == [b"\xff\xd8"] * 2
+    assert [figure[:2] for figure, *_ in section["figures"]] == [b"\xff\xd8"] * 2
     assert [len(table["rows"]) for table in section["tables"]] == [2, 4, 10]
 
 
