@@ -1,5 +1,7 @@
 """The check of photos: what it tells of sharpness, light, markers and the walk round the tree."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -61,6 +63,12 @@ def test_photos_that_hang_on_no_others_are_a_group_of_their_own():
     ring = find_ring(8, turns(cameras(true), neighbours(true), rng))
     assert ring.group[:5].tolist() == [0] * 5 and ring.group[5] == ring.group[6] > 0
     assert np.isfinite(ring.azimuth_deg[:5]).all() and np.isnan(ring.azimuth_deg[5:]).all()
+
+
+def test_a_walk_of_blurred_photos_alone_is_no_go(monkeypatch):
+    monkeypatch.setattr("cherrypicker.capture.verdict.find_overlaps", lambda *_: [])
+    looks = [Look(Path(f"{i:02d}.jpg"), blur=0.6) for i in range(20)]
+    assert any(each.is_stop and "blurred" in each.text for each in judge(looks, (), 1).findings)
 
 
 def test_blur_hardly_depends_on_the_scene():

@@ -87,9 +87,9 @@ def judge(looks: Sequence[Look], marker_ids: Collection[int], threads: int) -> V
     blurred = _blurred(looks)
     findings = [*_files(looks), *_exposure(looks), *_markers(looks, marker_ids)]
     if blurred:
-        findings.append(
-            Finding(f"blurred: {_names(looks, blurred)}; they count as missing", blurred)
-        )
+        n_sharp = sum(not look.problem for look in looks) - len(blurred)
+        text = f"blurred: {_names(looks, blurred)}; they count as missing"
+        findings.append(Finding(text, blurred, n_sharp < MIN_PHOTOS))
     azimuth = ring.azimuth_deg.copy()
     azimuth[blurred] = np.nan
     around, gaps = _around(looks, ring, azimuth)
