@@ -96,6 +96,10 @@ def test_another_tree_is_left_out_and_the_others_go_on(dates):
     comparison = compare_scans([dates.first.scan, other, twin])
     assert [scan.tree for scan in comparison.scans] == ["first", "again"]
     assert "is it another tree" in comparison.left_out["other"]
+    other = type(twin)("other", "2019-02-15", wood, twin.branches, twin.cloud)  # and comes first
+    comparison = compare_scans([dates.first.scan, other, twin])
+    assert [scan.tree for scan in comparison.scans] == ["first", "again"]
+    assert "is it another tree" in comparison.left_out["other"]
     with pytest.raises(StageError, match="no two scans"):
         compare_scans([dates.first.scan, other])
 

@@ -6,7 +6,7 @@ Each scan is compared with the one before it; all are brought into the frame of 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -26,6 +26,7 @@ LEAST_FIT = 0.75
 DOUBTED_RUNNER_UP = 0.8  # of the score: another frame fits nearly as well (guess)
 ODD_SCALE = 0.02  # by which the later wood may seem stretched (guess)
 LEAST_NEW_M = 0.02  # of a new piece of wood (guess)
+_WHY = "is it another tree, or wrong scale or up axis?"
 
 
 @dataclass
@@ -161,7 +162,22 @@ def compare_scans(scans: list[Scan]) -> Comparison:
         If no two of them are scans of one tree.
     """
     ordered = sorted(scans, key=lambda scan: scan.date)
-    kept, steps, left_out = ordered[:1], [], {}
+    left_out, reasons = dict[str, str](), list[str]()
+    for first in range(len(ordered) - 1):  # a first scan of another tree does not sink the rest
+        found = _compare_from(ordered[first:])
+        if found.steps:
+            return replace(found, left_out=left_out | found.left_out)
+        left_out[ordered[first].tree] = f"its wood fits that of no later scan: {_WHY}"
+        reasons += found.left_out.values()
+    raise StageError(
+        "no two scans of the series fit one another: " + "; ".join(reasons),
+        key="series in trees.tsv",
+    )
+
+
+def _compare_from(ordered: list[Scan]) -> Comparison:
+    """Compare scans in the order of their dates, each with the last that fits the first."""
+    kept, steps, left_out = ordered[:1], list[Step](), {}
     ids = [np.arange(kept[0].wood.axis.max() + 1)]
     next_id = len(ids[0])
     for scan in ordered[1:]:
@@ -169,7 +185,7 @@ def compare_scans(scans: list[Scan]) -> Comparison:
         if 2 * fit.score - fit.runner_up < LEAST_FIT:
             left_out[scan.tree] = (
                 f"its wood does not fit that of {kept[-1].tree} ({100 * fit.score:.0f} % of it): "
-                "is it another tree, or wrong scale or up axis?"
+                f"{_WHY}"
             )
             logger.warning("%s is left out: %s", scan.tree, left_out[scan.tree])
             continue
@@ -183,11 +199,6 @@ def compare_scans(scans: list[Scan]) -> Comparison:
         steps.append(step)
         kept.append(step.later)
         ids.append(lasting)
-    if not steps:
-        raise StageError(
-            "no two scans of the series fit one another: " + "; ".join(left_out.values()),
-            key="series in trees.tsv",
-        )
     return Comparison(kept, steps, ids, left_out)
 
 
