@@ -105,7 +105,7 @@ def _shape_flags(
             "height, crown and lengths may be too small"
         )
     if crown_width == 0:
-        flags.append("no_crown: the tree has no junction, crown width and volume are 0")
+        flags.append("no_crown: nothing leaves the stem, crown width and volume are 0")
     if confidence is not None and confidence < _LOW_CONFIDENCE:
         flags.append(f"labels_uncertain: the median confidence of the wood is {confidence:.2f}")
     return flags

@@ -33,7 +33,7 @@ from cherrypicker.traits.intervals import CI90, Terms, interval, spread, typical
 from cherrypicker.traits.limb_sections import measure_limbs
 from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, squares_terms
 from cherrypicker.traits.missing_top import find_missing_top
-from cherrypicker.traits.scaffold import Limb, StemSurface, clear_stem, find_limbs
+from cherrypicker.traits.scaffold import Limb, StemSurface, clear_stem, crown_start, find_limbs
 from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import TRAITS
@@ -199,7 +199,7 @@ def measure_traits(
     traits["crown_projected_area_m2"] = rounded(
         projected_area(crown_points if hull is None else hull.points)
     )
-    base = skeleton.points[min((limb.stem_node for limb in limbs), default=0)]
+    base = skeleton.points[max(crown_start(axis_list, limbs, surface), 0)]
     traits |= _crown_forms(traits, crown_points, base, foot.point[2], settings.row_distance_m)
     alpha = _ALPHA_SHARE * max(crown.width, 1e-9)
     traits["crown_alpha_m"] = rounded(alpha)

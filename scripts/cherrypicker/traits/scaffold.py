@@ -171,20 +171,33 @@ def _limb(
     return limb, int((place < at).sum())
 
 
+def crown_start(axis_list: list[Axis], limbs: list[Limb], stem: StemSurface) -> int:
+    """Node of the stem from which the crown begins, -1 where nothing leaves the stem.
+
+    There its lowest limb comes out of it; without limbs, as on a young tree, its lowest side axis.
+    """
+    if limbs:
+        return min(limb.stem_node for limb in limbs)  # parents come before children
+    trunk = {int(node) for axis in stem.axes for node in axis_list[axis].nodes}
+    sides = (axis for index, axis in enumerate(axis_list) if index not in stem.axes)
+    return min((axis.attach for axis in sides if axis.attach in trunk), default=-1)
+
+
 def clear_stem(
     skeleton: Skeleton, axis_list: list[Axis], limbs: list[Limb], stem: StemSurface
 ) -> np.ndarray:
     """Nodes below the crown, (n_nodes,) bool: the stem up to its lowest limb, and stubs on it.
 
-    All nodes where there is no limb. What of a limb lies within the stem's surface is the stem's.
+    All nodes where nothing leaves the stem. What of a limb lies within the stem's surface is the
+    stem's.
     """
-    if not limbs:
+    base = crown_start(axis_list, limbs, stem)
+    if base < 0:
         return np.ones(len(skeleton), dtype=bool)
     trunk = np.concatenate([axis_list[axis].nodes for axis in stem.axes])
-    base = min(limb.stem_node for limb in limbs)  # parents come before children
     is_clear = np.zeros(len(skeleton), dtype=bool)
     is_clear[trunk[trunk <= base]] = True
-    goes_up = np.zeros(len(axis_list), dtype=bool)
+    goes_up = np.full(len(axis_list), not limbs)
     goes_up[[*stem.axes, *(limb.axis for limb in limbs)]] = True
     for index, axis in enumerate(axis_list):
         if not goes_up[index] and is_clear[axis.attach]:
