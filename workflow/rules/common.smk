@@ -78,7 +78,8 @@ UNEDITED_TREES = [name for name in TREES if name not in EDITED_TREES]
 
 def measures_of(tree):
     """Return a tree's hand measurements as text, so that a change of one of them is seen."""
-    return [str(row) for row in BATCH.measures if row.tree == tree]
+    own = [row for row in BATCH.measures if row.tree == tree]
+    return [str(dataclasses.replace(row, line=0)) for row in own]  # wherever it stands in the table
 
 
 def any_of(names):

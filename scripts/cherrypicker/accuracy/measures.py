@@ -98,6 +98,9 @@ def read_measures(path: str | os.PathLike, *, may_miss: bool = False) -> list[Me
         return []
     separator = max(",;\t", key=lines[0][1].count)
     rows = list(csv.reader(io.StringIO("\n".join(line for _, line in lines)), delimiter=separator))
+    if len(rows) != len(lines):
+        cause = "a cell of the table of hand measurements spans several lines: a quote too many?"
+        raise StageError(cause, file=path, key=CONFIG_KEY)
     header = [name.strip() for name in rows[0]]
     _check_header(header, path)
     found = []
