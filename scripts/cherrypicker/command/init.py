@@ -31,7 +31,7 @@ from cherrypicker.sfm.photo_files import MIN_PHOTOS
 TABLE_FILE = "config/trees.tsv"
 COLUMNS = ("tree", "photos", "cloud", "marker_dictionary", "marker_sides_m", "scale", "date")
 _CLOUD_SUFFIXES = (".ply", ".las", ".laz")
-_OWN_FOLDERS = ("config", "results", "logs", "benchmarks")
+_OWN_FOLDERS = ("config", "results", "logs", "benchmarks", "check")
 _TABLE_HEAD = """\
 # One row a scan, columns separated by tabs; an empty cell means the default.
 # tree: its id. photos: a folder of photos, or cloud: a ready point cloud instead.
@@ -63,6 +63,8 @@ def main(arguments: Sequence[str]) -> int:
     for name in (TABLE_FILE, CONFIG_FILE):
         if (folder / name).exists():
             raise StageError("there is one already, nothing was written", file=folder / name)
+    if args.photos and not Path(args.photos).is_dir():
+        raise StageError("no such folder, nothing was written", file=args.photos, key="--photos")
     rows = []
     for row in find_scans(Path(args.photos) if args.photos else folder, folder):
         if row["photos"]:

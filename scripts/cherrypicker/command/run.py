@@ -28,6 +28,7 @@ from rich.table import Table
 from cherrypicker.command.snakemake_lines import FIRST_JOBS, LAST_JOBS, Event, read_events
 from cherrypicker.command.time_left import TimeLeft, duration, seconds_of_stages
 from cherrypicker.command.work_folder import PROJECT, batch_here, enter, folder_parser
+from cherrypicker.errors import StageError
 
 TRAITS_TABLE = Path("results/traits.csv")
 FILE_WIDTH = 120  # of the closing table where no terminal is
@@ -41,14 +42,13 @@ def main(arguments: Sequence[str]) -> int:
     """Run Snakemake; return its exit status."""
     args, options = parser.parse_known_args(arguments)
     enter(args.directory)
-    batch = batch_here()
     command = snakemake_command(options)
     width = None if sys.stdout.isatty() else FILE_WIDTH
     console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
     console.print(f"running: {shlex.join(command)}")
     if args.plain:
         return subprocess.run(command, check=False).returncode
-    view = _View(console, TimeLeft(seconds_of_stages(batch)))
+    view = _View(console, TimeLeft(_forecast()))
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
     ) as process:
@@ -61,6 +61,14 @@ def main(arguments: Sequence[str]) -> int:
         console.print(closing_table(TRAITS_TABLE))
         console.print(f"pages: {Path('results/summary.html').resolve()}")
     return process.returncode
+
+
+def _forecast() -> dict[str, float]:
+    """Seconds of the stages; none where Snakemake's options name another table or config."""
+    try:
+        return seconds_of_stages(batch_here())
+    except (StageError, OSError):
+        return {}
 
 
 def snakemake_command(options: Sequence[str]) -> list[str]:
@@ -170,7 +178,7 @@ class _View:
         tree, text, _, task = self._jobs.pop(event.job, ("", "", 0.0, None))
         if task is not None:
             self.progress.remove_task(task)
-        if (tree or "_batch", event.rule) not in self._told:
+        if not {(tree, event.rule), ("_batch", event.rule)} & self._told:
             log = f"logs/{event.rule}/{tree}.log" if tree else f"logs/{event.rule}.log"
             self.console.print(
                 f"FAILED {tree} {event.rule}: it ended without a word (killed, or out of memory?); "
