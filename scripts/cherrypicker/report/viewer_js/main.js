@@ -99,6 +99,7 @@ class Viewer {
     this.box.querySelector(`[name=tool][value=${tool}]`).checked = true;
     this.box.dataset.tool = tool;
     this.measured = [];
+    this.editor?.setFirst(null);
     this.scene.marks = [];
     this.say(tool === "measure" ? "click two places" : "");
     this.scene.redraw();
