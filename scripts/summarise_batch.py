@@ -25,12 +25,18 @@ def main(
     results: Annotated[str, "folder of the results"] = "results",
     logs: Annotated[str, "folder of the logs"] = "logs",
     benchmarks: Annotated[str, "folder of the benchmarks"] = "benchmarks",
+    measured: Annotated[
+        Sequence[str] | None, "trees with hand measurements; else all that have a measures.json"
+    ] = None,
 ) -> None:
     dates, series = dates or [""] * len(trees), series or [""] * len(trees)
     if not len(trees) == len(dates) == len(series):
         raise StageError(f"{len(trees)} trees, {len(dates)} dates and {len(series)} series given")
     rows = [
-        {"tree": tree, "date": date, "series": name}
+        {
+            **{"tree": tree, "date": date, "series": name},
+            "is_measured": measured is None or tree in measured,
+        }
         for tree, date, name in zip(trees, dates, series, strict=True)
     ]
     summarise(rows, results, logs, table, page, benchmarks)

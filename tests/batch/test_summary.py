@@ -196,6 +196,16 @@ def test_hand_measurements_that_cannot_be_read_hide_nothing(batch):
     assert len((batch.root / "accuracy.csv").read_text().splitlines()) == 1
 
 
+def test_measurements_that_are_gone_from_the_table_do_not_count(batch):
+    batch.add_traits("a")
+    pair = {"trait": "height_m", "found": 3.1, "measured": 3.0}
+    (batch.root / "results/a/measures.json").write_text(json.dumps({"measures": [pair]}))
+    batch.add_failure("a", "compare_measures", time="2099-03-01T10:00:00+0000")
+    (row,), _ = batch({"tree": "a", "is_measured": False})
+    assert row["status"] == "done"
+    assert "3.0" not in (batch.root / "measures.csv").read_text()
+
+
 def test_second_writing_touches_nothing(batch):
     batch.add_traits("tree")
     batch("tree")

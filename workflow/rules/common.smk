@@ -79,7 +79,9 @@ UNEDITED_TREES = [name for name in TREES if name not in EDITED_TREES]
 def measures_of(tree):
     """Return a tree's hand measurements as text, so that a change of one of them is seen."""
     own = [row for row in BATCH.measures if row.tree == tree]
-    return [str(dataclasses.replace(row, line=0)) for row in own]  # wherever it stands in the table
+    return [
+        str(dataclasses.replace(row, line=0)) for row in own
+    ]  # wherever it stands in the table
 
 
 def any_of(names):
@@ -264,7 +266,10 @@ def write_summary():
         return
     try:
         summarise(
-            [dataclasses.asdict(tree) for tree in TREES.values()],
+            [
+                {**dataclasses.asdict(row), "is_measured": name in MEASURED_TREES}
+                for name, row in TREES.items()
+            ],
             "results",
             "logs",
             "results/traits.csv",

@@ -154,6 +154,7 @@ rule summarise_batch:
         trees=list(TREES),
         dates=[TREES[tree].date for tree in TREES],
         series=[TREES[tree].series for tree in TREES],
+        measured=MEASURED_TREES,
     message:
         "Summarise the batch"
     script:

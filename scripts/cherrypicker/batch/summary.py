@@ -54,7 +54,8 @@ def summarise(
     Parameters
     ----------
     trees : list of dict
-        Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used.
+        Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used. Where
+        ``is_measured`` is there and false, what is left of hand measurements does not count.
     results_dir, logs_dir, benchmarks_dir : path-like
         ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
@@ -94,13 +95,14 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
     result.thumbnail = thumbnail_url(folder / "figures/thumbnail.png")
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
-    record = _failure(logs_dir / "status" / tree, traits_path if traits else None)
+    is_measured = row.get("is_measured", True)
+    record = _failure(logs_dir / "status" / tree, traits_path if traits else None, is_measured)
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
     if record is None:
         if traits:
             result.status, result.traits = "done", traits
-            result.measures = _measures(folder / "measures.json")
+            result.measures = _measures(folder / "measures.json") if is_measured else []
         return result
     result.status = "interrupted" if record.get("state") == "running" else "failed"
     result.stage = str(record.get("rule") or "")
@@ -122,7 +124,7 @@ def _measures(path: Path) -> list[dict]:
     return content.get("measures", [])
 
 
-def _failure(status_dir: Path, traits_path: Path | None) -> dict | None:
+def _failure(status_dir: Path, traits_path: Path | None, is_measured: bool) -> dict | None:
     """Return the record of the stage that keeps this tree from being done, the earliest failed.
 
     A record that is older than the tree's traits belongs to a stage that the tree no longer needs.
@@ -133,6 +135,8 @@ def _failure(status_dir: Path, traits_path: Path | None) -> dict | None:
         if problem:
             record = {"rule": path.stem, "state": "failed", "cause": problem, "file": str(path)}
         record.setdefault("rule", path.stem)
+        if record["rule"] == "compare_measures" and not is_measured:
+            continue
         is_later = traits_path is None or path.stat().st_mtime >= traits_path.stat().st_mtime
         if is_later or record["rule"] in _AFTER_TRAITS:
             records.append((record.get("state") == "running", _time(record, path), record))
