@@ -7,11 +7,11 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_json, read_table
 from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
+from cherrypicker.traits.intervals import Z90
 from cherrypicker_lab.orchard.truth import width_of_wood
 from cherrypicker_lab.traits.pairs import NEAR_BASE_M, NEAR_M, as_pair, axis_pairs
 from cherrypicker_lab.traits.table import JUDGED, SCALARS
 
-NORMAL_90 = 1.645  # standard deviations from the middle of a normal 90 % interval to its ends
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 TABLE_COLUMNS = ("name", "trait", "value", "unit")
 
@@ -148,7 +148,7 @@ def _trunk_diameters(found):
     """
     table = {}
     for height, diameter in found["trunk_diameters"].items():
-        reach = NORMAL_90 * found["trunk_diameters_se"][height]
+        reach = Z90 * found["trunk_diameters_se"][height]
         table[float(height)] = (diameter, diameter - reach, diameter + reach)
     low, high = found.get("trunk_diameter_m_ci90") or (None, None)
     table[found["trunk_height_m"]] = (found["trunk_diameter_m"], low, high)
