@@ -13,9 +13,9 @@ from test_report import scan, traits
 
 from cherrypicker.poses import Poses
 from cherrypicker.report.page import ReportOptions, render_report
-from cherrypicker.report.text import page_template
+from cherrypicker.report.text import page_template, script_json
 from cherrypicker.report.tree import FILES
-from cherrypicker.report.viewer import ShownSkeleton, module_map, page_text, viewer_data
+from cherrypicker.report.viewer import ShownSkeleton, module_map, viewer_data
 from cherrypicker.skeleton import axes, axis_of_node, fold
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 from cherrypicker.skeleton.model import Skeleton, rooted_order
@@ -364,7 +364,7 @@ def test_a_page_of_its_own_shows_two_skeletons(opened, spoilt, true, tmp_path):
         ShownSkeleton(spoilt, name="2025", tint="#888888"),
         ShownSkeleton(true, name="2026 <b>", tint="#00aa00"),
     ]
-    data = page_text(viewer_data(shown))
+    data = script_json(viewer_data(shown))
     template = page_template("viewer.html.j2").module
     page = template.viewer_box("two") + template.viewer_scripts("two", data, module_map())
     path = tmp_path / "two.html"

@@ -20,8 +20,8 @@ from cherrypicker.report.figures import order_color, write_png
 from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
-from cherrypicker.report.text import page_template, with_uncertainty
-from cherrypicker.report.viewer import ShownSkeleton, module_map, page_text, viewer_data
+from cherrypicker.report.text import page_template, script_json, with_uncertainty
+from cherrypicker.report.viewer import ShownSkeleton, module_map, viewer_data
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.units import unit_name
 
@@ -103,7 +103,7 @@ def render_report(
         foot_source=_foot_source(traits),
         scale_note=_scale_note(unit, data),
         unit=unit_name(unit),
-        viewer=page_text(viewer),
+        viewer=script_json(viewer),
         modules=module_map(),
         branches=branch_table(data["branches"], unit),
         n_shown=f"{min(len(cloud), options.viewer_points):,}",

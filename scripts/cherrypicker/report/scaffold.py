@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import json
-import os
-
 import numpy as np
 
-from cherrypicker.errors import StageError
-from cherrypicker.report.text import with_uncertainty
+from cherrypicker.report.text import script_json, with_uncertainty
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.crown import hull_of
@@ -30,18 +25,6 @@ _FORMS = (
 )
 
 
-def read_limbs(path: str | os.PathLike) -> list[dict]:
-    """Read ``limbs.csv``: a row a limb, cells as `BranchColumn` reads them."""
-    try:
-        with open(path, encoding="utf-8", newline="") as stream:
-            return [
-                {name: LIMB_COLUMNS[name].read(text) for name, text in row.items()}
-                for row in csv.DictReader(stream)
-            ]
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise StageError(f"not a readable table of limbs ({error})", file=path) from error
-
-
 def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> dict | None:
     """What the template ``scaffold.html.j2`` shows; None for a tree without limbs.
 
@@ -50,7 +33,7 @@ def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> d
     traits : dict
         ``traits.json``.
     rows : list of dict or None
-        From `read_limbs`.
+        From `cherrypicker.traits.branches.read_limb_rows`.
     skeleton : Skeleton
         Whose axes the rows number.
     """
@@ -70,7 +53,7 @@ def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> d
         "forms": [(TRAITS[name].title, _told(traits, name, unit)) for name in _FORMS],
         "head": [_head(column, unit) for column in columns],
         "rows": [(row["branch_id"], [_cell(column, row) for column in columns]) for row in rows],
-        "what_if": json.dumps(_what_if(traits, rows, skeleton, unit), separators=(",", ":")),
+        "what_if": script_json(_what_if(traits, rows, skeleton, unit)),
     }
 
 

@@ -6,7 +6,6 @@ the same numbers by ``summary.js``, so that they follow the table's filter.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,7 +23,7 @@ from cherrypicker.report.outliers import (
     off_the_line,
     outliers,
 )
-from cherrypicker.report.text import page_template, with_uncertainty
+from cherrypicker.report.text import page_template, script_json, with_uncertainty
 from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_name
 
@@ -118,7 +117,7 @@ def summary_html(
         limit=LIMIT,
         accuracy=accuracy_section(measured),
         stages=_stage_rows(costs or {}),
-        data=_for_script(_data(ordered, costs or {})),
+        data=script_json(_data(ordered, costs or {})),
         script=(Path(__file__).parent / "summary.js").read_text(encoding="utf-8"),
     )
     return page + "\n"
@@ -260,9 +259,3 @@ def _short(value: object) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return None
     return float(f"{value:.{_DIGITS}g}")
-
-
-def _for_script(content: dict) -> str:
-    """Return JSON that cannot end the element that it stands in."""
-    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,11 @@ def page_template(name: str) -> jinja2.Template:
     loader = jinja2.FileSystemLoader(Path(__file__).resolve().parent)
     pages = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
     return pages.get_template(name)
+
+
+def script_json(content: dict) -> str:
+    """Return JSON that cannot end the script element that it stands in."""
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def thumbnail_url(path: Path) -> str:

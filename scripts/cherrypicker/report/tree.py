@@ -15,10 +15,9 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.report import figures as draw
 from cherrypicker.report.page import ReportOptions, render_report
-from cherrypicker.report.scaffold import read_limbs
 from cherrypicker.report.style import LAYOUT
 from cherrypicker.skeleton import read_skeleton, read_topology
-from cherrypicker.traits.branches import read_branches
+from cherrypicker.traits.branches import read_branches, read_limb_rows
 
 logger = logging.getLogger(__name__)
 
@@ -47,7 +46,7 @@ def _bytes(path: str) -> bytes:
 FILES = {
     "traits": _File(read_json, "traits.json", True),
     "branches": _File(read_branches, "branches.csv", True),
-    "limbs": _File(read_limbs, "limbs.csv"),
+    "limbs": _File(read_limb_rows, "limbs.csv"),
     "skeleton": _File(read_skeleton, "skeleton.graphml", True),
     "topology": _File(read_topology, "topology.graphml", True),
     "segmented": _File(_labelled, "labelled cloud", True),

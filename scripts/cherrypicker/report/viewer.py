@@ -87,7 +87,8 @@ def viewer_data(
     Returns
     -------
     dict
-        For `page_text`. Places are relative to ``origin``; arrays are base64.
+        For `cherrypicker.report.text.script_json`. Places are relative to ``origin``; arrays are
+        base64.
     """
     points = np.vstack([item.skeleton.points for item in shown])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -193,11 +194,6 @@ def _moved(camera: dict, origin: np.ndarray) -> dict:
         "matrix": np.column_stack([matrix[:, :3], offset]).ravel().tolist(),
     }
     return camera | moved
-
-
-def page_text(data: dict) -> str:
-    """The view's data as JSON that is safe inside a script element."""
-    return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def module_map() -> str:

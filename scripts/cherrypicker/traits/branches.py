@@ -18,7 +18,7 @@ from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.branch_shapes import axis_shapes
 from cherrypicker.traits.intervals import Z90, branch_terms, interval, typical_scatter
-from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
+from cherrypicker.traits.table import BRANCH_COLUMNS, LIMB_COLUMNS, BranchColumn
 
 _INTERVALS = tuple(name for name in BRANCH_COLUMNS if "_low_" in name or "_high_" in name)
 _PHOTO = ("photo_diameter_m", "photo_diameter_se_m")
@@ -182,14 +182,23 @@ def read_branches(path: str | os.PathLike) -> list:
     StageError
         If the file is missing or a cell is no number.
     """
+    return _read_rows(path, BRANCH_COLUMNS, "branches")
+
+
+def read_limb_rows(path: str | os.PathLike) -> list:
+    """Read ``limbs.csv`` as `read_branches` reads ``branches.csv``: a row a limb."""
+    return _read_rows(path, LIMB_COLUMNS, "limbs")
+
+
+def _read_rows(path: str | os.PathLike, columns: Mapping[str, BranchColumn], what: str) -> list:
     try:
         with open(path, encoding="utf-8", newline="") as stream:
             return [
-                {name: BRANCH_COLUMNS[name].read(text) for name, text in row.items()}
+                {name: columns[name].read(text) for name, text in row.items()}
                 for row in csv.DictReader(stream)
             ]
     except (OSError, ValueError, TypeError, KeyError) as error:
-        raise StageError(f"not a readable table of branches ({error})", file=path) from error
+        raise StageError(f"not a readable table of {what} ({error})", file=path) from error
 
 
 def totals_by_order(rows: list[dict]) -> dict[int, dict]:
