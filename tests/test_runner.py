@@ -48,7 +48,7 @@ parser = stage_parser("Demo.")
 for name in ("--cloud", "--out", "--k"):
     parser.add_argument(name, required=True)
 snakemake = SimpleNamespace(
-    rule="segment_cloud", wildcards=dict(tree="T1"), log=["logs/x.log"], threads=2,
+    rule="segment_cloud", wildcards=dict({wildcards}), log=["logs/x.log"], threads=2,
     resources=dict(gpu=0), input=Named(cloud="a.ply", code=["b.py"]), output=Named(out="o.txt"),
     params=Named(k={k}, least=None, most=[2.0]),
 )
@@ -58,9 +58,10 @@ run(main, parser, snakemake)
 
 @pytest.fixture
 def run_script(project, tmp_path):
-    def run(k):
+    def run(k, wildcards="tree='T1'"):
         script = tmp_path / "script.py"
-        script.write_text(textwrap.dedent(SCRIPT.format(library=str(project / "scripts"), k=k)))
+        given = {"library": str(project / "scripts"), "k": k, "wildcards": wildcards}
+        script.write_text(textwrap.dedent(SCRIPT.format(**given)))
         return subprocess.run(
             [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False
         )
@@ -87,6 +88,16 @@ def test_a_stage_error_is_one_line_and_a_status(run_script, tmp_path):
     assert status["state"] == "failed"
     assert (status["cause"], status["file"]) == ("no wood found", "a.ply")
     assert "Traceback" in (tmp_path / "logs/x.log").read_text()
+
+
+def test_the_failures_of_two_series_are_two_records(run_script, tmp_path):
+    assert (
+        "ERROR series=row3 rule=segment_cloud: no wood found"
+        in run_script(1, "series='row3'").stderr
+    )
+    assert run_script(0, "series='row4'").returncode == 0
+    (left,) = (tmp_path / "logs/status").rglob("*.json")
+    assert json.loads(left.read_text())["series"] == "row3"
 
 
 def test_a_bug_is_one_line_too_and_keeps_its_traceback(run_script, tmp_path):

@@ -225,9 +225,12 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
     rule = snakemake.rule
     tree = snakemake.wildcards.get("tree", NO_TREE)
     log_path = str(snakemake.log[0]) if len(snakemake.log) else os.devnull
-    console = _redirect_output(log_path, f"[{tree} {rule}]" if tree != NO_TREE else f"[{rule}]")
-    status = STATUS_DIR / tree / f"{rule}.json"
-    record = {"state": "running", "rule": rule, "tree": tree, "log": log_path, "time": _now()}
+    wildcards = dict(snakemake.wildcards.items())
+    console = _redirect_output(log_path, f"[{' '.join([*wildcards.values(), rule])}]")
+    others = [str(each).replace("/", "_") for name, each in wildcards.items() if name != "tree"]
+    status = STATUS_DIR / tree / (".".join([rule, *others]) + ".json")
+    record = {"state": "running", "rule": rule, "tree": tree} | wildcards
+    record |= {"log": log_path, "time": _now()}
     try:
         write_json(status, record)
         _refuse_bad_row(snakemake.params)
@@ -239,13 +242,14 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
         status.unlink(missing_ok=True)
         return
     line = StageError(**failure).describe()
+    whose = " ".join(f"{name}={value}" for name, value in wildcards.items()) or f"tree={tree}"
     # The console first: on a full disk it is all that is left to tell the reason.
-    console.write(f"ERROR tree={tree} rule={rule}: {line}; log: {log_path}\n")
+    console.write(f"ERROR {whose} rule={rule}: {line}; log: {log_path}\n")
     console.flush()
     try:
         write_json(status, record | failure | {"state": "failed", "time": _now()})
     except OSError as error:
-        console.write(f"ERROR tree={tree} rule={rule}: cannot note the failure ({error})\n")
+        console.write(f"ERROR {whose} rule={rule}: cannot note the failure ({error})\n")
         console.flush()
     raise SystemExit(1)
 

@@ -15,7 +15,7 @@ _LINES = {
     "started": rf"(?:local)?[Jj]ob (?P<job>\d+): (?:(?P<tree>{_TREE}): )?(?P<text>.*)",
     "finished": r"Finished jobid: (?P<job>\d+) \(Rule: (?P<rule>\w+)\)",
     "steps": r"(?P<n_done>\d+) of (?P<n_all>\d+) steps \(",
-    "failed": r"ERROR tree=(?P<tree>\S+) rule=(?P<rule>\w+): (?P<text>.*)",
+    "failed": r"ERROR \w+=(?P<tree>\S+)(?: \w+=\S+)* rule=(?P<rule>\w+): (?P<text>.*)",
     "error": r"Error in (?:rule|group) (?P<rule>[\w-]+)",
     "broken": r" +jobid: (?P<job>\d+)",
     "detail": rf"\[(?:(?P<tree>{_TREE}) )?(?P<rule>\w+)\] (?P<text>.*)",
