@@ -236,3 +236,23 @@ def test_summary_is_light_to_import():
         [sys.executable, "-c", code], cwd=scripts, capture_output=True, text=True, check=True
     )
     assert out.stdout.strip() == "[]"
+
+
+def test_a_series_links_to_its_page_and_its_failure_is_told(batch):
+    rows = [
+        {"tree": tree, "date": date, "series": "row 3"}
+        for tree, date in (("a", "2025-02-11"), ("b", "2026-02-14"))
+    ]
+    for row in rows:
+        batch.add_traits(row["tree"])
+    (batch.root / "results/series/row_3").mkdir(parents=True)
+    (batch.root / "results/series/row_3/report.html").write_text("page")
+    _, page = batch(*rows)
+    assert page.count('<a href="series/row_3/report.html">row 3</a>') == 2
+    assert "<h2>Failed</h2>" not in page
+    batch.add_failure("_batch", "compare_series.row_3", cause="no two dates")
+    _, page = batch(*rows)
+    failed = page.partition("<h2>Failed</h2>")[2].partition("</table>")[0]
+    assert "series row 3" in failed and "no two dates" in failed
+    _, page = batch({"tree": "a"}, {"tree": "b"})  # the series has left the table
+    assert "<h2>Failed</h2>" not in page

@@ -23,6 +23,7 @@ from cherrypicker.batch.tables import (
     data_package,
     trait_row,
 )
+from cherrypicker.batch.trees import folder_name
 from cherrypicker.files import write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.report.text import thumbnail_url
@@ -62,6 +63,7 @@ def summarise(
         Table of traits and page to write.
     """
     results = collect_results(trees, results_dir, logs_dir)
+    series = _failed_series({result.series for result in results}, Path(logs_dir))
     pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
     tables = {
         Path(out_csv).name: (TRAIT_COLUMNS, map(trait_row, results)),
@@ -74,7 +76,7 @@ def summarise(
     _write_if_changed(Path(out_csv).with_name("datapackage.json"), dictionary)
     costs = read_benchmarks(benchmarks_dir, {result.tree for result in results})
     stages = sorted(costs, key=lambda rule: _ORDER.get(rule, len(_ORDER)))
-    page = summary_html(results, {rule: costs[rule] for rule in stages})
+    page = summary_html(results, {rule: costs[rule] for rule in stages}, series)
     _write_if_changed(out_html, page)
 
 
@@ -92,6 +94,9 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
     folder = results_dir / tree
     if (folder / "report.html").is_file():
         result.report = f"{tree}/report.html"
+    series_page = f"series/{folder_name(result.series)}/report.html"
+    if result.series and (results_dir / series_page).is_file():
+        result.series_page = series_page
     result.thumbnail = thumbnail_url(folder / "figures/thumbnail.png")
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
@@ -104,6 +109,13 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
             result.status, result.traits = "done", traits
             result.measures = _measures(folder / "measures.json") if is_measured else []
         return result
+    _note_failure(result, record)
+    if result.stage in _AFTER_TRAITS and traits:
+        result.traits = traits
+    return result
+
+
+def _note_failure(result: TreeResult, record: dict) -> None:
     result.status = "interrupted" if record.get("state") == "running" else "failed"
     result.stage = str(record.get("rule") or "")
     result.cause = str(record.get("cause") or "")
@@ -111,9 +123,18 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
         result.cause = "the stage was stopped before it finished (killed, or out of memory)"
     for name in ("file", "key", "log"):
         setattr(result, name, str(record.get(name) or ""))
-    if result.stage in _AFTER_TRAITS and traits:
-        result.traits = traits
-    return result
+
+
+def _failed_series(names: set[str], logs_dir: Path) -> list[TreeResult]:
+    """Return the comparisons that failed, of the series that the table still has."""
+    failed = []
+    for name in sorted(names - {""}):
+        folder = folder_name(name)
+        record, _ = _read_object(logs_dir / "status/_batch" / f"compare_series.{folder}.json")
+        if record:
+            failed.append(TreeResult(f"series {name}"))
+            _note_failure(failed[-1], record)
+    return failed
 
 
 def _measures(path: Path) -> list[dict]:

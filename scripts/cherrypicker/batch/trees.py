@@ -97,10 +97,13 @@ def read_trees(path: str | os.PathLike) -> list[Tree]:
     return trees
 
 
+def folder_name(name: str, empty: str = "_") -> str:
+    """Return a name as that of a folder of results: what one cannot have is an underscore."""
+    return re.sub(rf"(?!{TREE_PATTERN}).", "_", name).lstrip(".") or empty
+
+
 def series_of(trees: Iterable[Tree]) -> dict[str, list[Tree]]:
     """Return the series with two scans or more, by the name of their folder of results.
-
-    What a folder's name cannot have is an underscore there.
 
     Raises
     ------
@@ -110,8 +113,7 @@ def series_of(trees: Iterable[Tree]) -> dict[str, list[Tree]]:
     found: dict[str, list[Tree]] = {}
     for row in trees:
         if row.series:
-            folder = re.sub(rf"(?!{TREE_PATTERN}).", "_", row.series).lstrip(".") or "_"
-            found.setdefault(folder, []).append(row)
+            found.setdefault(folder_name(row.series), []).append(row)
     for folder, rows in found.items():
         names = sorted({row.series for row in rows})
         if len(names) > 1:

@@ -13,14 +13,13 @@ from __future__ import annotations
 import argparse
 import datetime
 import os
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from PIL import ExifTags, Image
 
 from cherrypicker.batch.batch import CONFIG_FILE
-from cherrypicker.batch.trees import TREE_PATTERN, read_trees
+from cherrypicker.batch.trees import folder_name, read_trees
 from cherrypicker.command.work_folder import PROJECT
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_text
@@ -115,7 +114,7 @@ def _id_of(path: Path, root: Path, seen: set[str]) -> str:
     """Id of a scan: its folder's name, with those above it where that is taken."""
     parts = [part for part in path.relative_to(root).parts if part != "photos"] or [root.name]
     for count in range(1, len(parts) + 1):
-        name = re.sub(f"(?!{TREE_PATTERN}).", "_", "_".join(parts[-count:])).lstrip(".") or "tree"
+        name = folder_name("_".join(parts[-count:]), empty="tree")
         if name.casefold() not in seen:
             break
     while name.casefold() in seen:

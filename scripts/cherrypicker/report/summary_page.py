@@ -55,7 +55,9 @@ class TreeResult:
     file: str = ""
     key: str = ""
     log: str = ""
-    report: str = ""  # path below the results folder; empty where the file is missing
+    # report, series_page: paths below the results folder; empty where the file is missing
+    report: str = ""
+    series_page: str = ""
     thumbnail: str = ""  # picture as a data URL; empty where there is none
 
     @property
@@ -87,7 +89,9 @@ class TreeResult:
 
 
 def summary_html(
-    results: Sequence[TreeResult], costs: Mapping[str, Mapping[str, Any]] | None = None
+    results: Sequence[TreeResult],
+    costs: Mapping[str, Mapping[str, Any]] | None = None,
+    failed_series: Sequence[TreeResult] = (),
 ) -> str:
     """Return the page over all trees.
 
@@ -95,6 +99,8 @@ def summary_html(
     ----------
     costs : mapping, optional
         What jobs took, by stage and tree: each has ``wall_s``, ``cpu_s`` and ``memory_mb``.
+    failed_series : sequence of TreeResult, optional
+        Comparisons of two dates that failed; they stand with the failed trees.
 
     Returns
     -------
@@ -108,7 +114,7 @@ def summary_html(
     measured = [(r.tree, r.href, pair) for r in results for pair in r.measures]
     page = page_template("summary.html.j2").render(
         counts=", ".join(counts),
-        failed=[result for result in ordered if result.status in ("failed", "interrupted")],
+        failed=[*(r for r in ordered if r.status in ("failed", "interrupted")), *failed_series],
         titles=[(trait.name, trait.title) for trait in _SHOWN],
         rows=[(result, [_cell(result, trait) for trait in _SHOWN]) for result in ordered],
         most_flags=_MANY_FLAGS,
