@@ -1,5 +1,6 @@
 """The server of the pages: what it serves, what it writes, and all that it refuses."""
 
+import dataclasses
 import http.client
 import json
 import threading
@@ -12,6 +13,7 @@ from finished_tree import write_finished_tree
 from cherrypicker.command.server import API, LARGEST_BODY, make_server
 from cherrypicker.command.work_folder import batch_here
 from cherrypicker.errors import StageError
+from cherrypicker.skeleton import read_skeleton, write_skeleton_graphml
 from cherrypicker.skeleton.edits import read_edits
 
 SAVE = {"X-CherryPicker": "edit", "Content-Type": "text/yaml"}
@@ -104,6 +106,19 @@ def test_edits_are_saved_and_told_again(ask, work, tip):
     (one,) = read_edits(work / "config/edits/small.yaml")
     assert one.kind == "delete"
     assert put(ask, edits(tip, "cut"), Origin=f"http://localhost:{ask.port}")[0] == 200
+
+
+def test_a_solved_skeleton_of_an_earlier_run_is_not_looked_at(ask, work, tip):
+    folder = work / "results/small"
+    shown = read_skeleton(folder / "skeleton.graphml")
+    stale = dataclasses.replace(shown, points=shown.points + [9.0, 0.0, 0.0])
+    write_skeleton_graphml(folder / "solved.graphml", stale)
+    for _ in range(2):  # the second time there are edits already
+        assert put(ask, edits(tip))[1]["lost"] == []
+    (folder / "edits.json").write_text("{}")  # the skeleton is made of solved.graphml
+    assert "another tree" in put(ask, edits(tip))[1]["error"]
+    (folder / "edits.json").unlink()
+    (folder / "solved.graphml").unlink()
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8321", "127.0.0.1", ""])

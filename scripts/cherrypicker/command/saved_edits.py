@@ -63,7 +63,7 @@ def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
         temporary.write_bytes(body)
         try:
             edits = read_edits(temporary)
-            _, report = apply_edits(read_skeleton(_edited_skeleton(tree, path)), edits)
+            _, report = apply_edits(read_skeleton(_edited_skeleton(tree)), edits)
         except StageError as error:
             raise StageError(error.cause, file=path, key=error.key) from error
         if edits and not report["n_applied"]:
@@ -71,10 +71,17 @@ def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
     return {"path": str(path), "lost": report["lost"]}
 
 
-def _edited_skeleton(tree: str, edits: Path) -> Path:
-    """Return the skeleton that edits apply to: the solver's, where there are edits already."""
-    solved = results_of(tree) / "solved.graphml"
-    return solved if edits.is_file() and solved.is_file() else results_of(tree) / "skeleton.graphml"
+def _edited_skeleton(tree: str) -> Path:
+    """Return the skeleton that edits apply to: the one on the page, before its own edits.
+
+    ``edit_graph`` writes ``edits.json`` after the skeleton. A skeleton that is younger is the
+    solver's own, and a ``solved.graphml`` beside it is of an earlier run.
+    """
+    skeleton, solved, report = (
+        results_of(tree) / name for name in ("skeleton.graphml", "solved.graphml", "edits.json")
+    )
+    is_edited = report.is_file() and report.stat().st_mtime_ns >= skeleton.stat().st_mtime_ns
+    return solved if is_edited and solved.is_file() else skeleton
 
 
 def _refuse_odd_yaml(body: bytes, tree: str, path: Path) -> None:
