@@ -8,6 +8,8 @@ import time
 
 logger = logging.getLogger(__name__)
 
+_DAY_S = 86400.0
+
 
 class Progress:
     """Report about every ten percent of a loop of known length.
@@ -37,7 +39,7 @@ class Progress:
     def __exit__(self, *exception: object) -> None:
         if exception[0] is None:
             took = time.monotonic() - self._start
-            logger.info("%s: %d done in %s", self.what, self.done, _duration(took))
+            logger.info("%s: %d done in %s", self.what, self.done, duration(took))
 
     def step(self, n: int = 1) -> None:
         """Count ``n`` further steps as done."""
@@ -57,11 +59,17 @@ class Progress:
             self.done,
             self.total,
             100 * self.done // self.total,
-            _duration(left),
+            duration(left),
             extra={"console": True},
         )
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Return a span of time as people say it."""
+    if seconds > _DAY_S:
+        return f"{seconds / _DAY_S:.1f} days"
     minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -183,7 +183,7 @@ def test_jobs_are_summed_by_stage_in_the_order_of_the_stages(batch):
     jobs = {stage["rule"]: stage["jobs"] for stage in island(page)["stages"]}
     assert jobs == {"fuse_depth": [[0, 90.0, 2.0]], "measure_traits": [[0, 30.0, 2.0]]}
     assert list(jobs) == ["fuse_depth", "measure_traits"]
-    assert "1.5 min" in page
+    assert "1 min 30 s" in page
     assert "9999" not in page
 
 

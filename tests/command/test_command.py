@@ -15,8 +15,9 @@ from cherrypicker.batch.trees import read_trees
 from cherrypicker.command import doctor, run
 from cherrypicker.command.main import SUBCOMMANDS, main
 from cherrypicker.command.snakemake_lines import read_events
-from cherrypicker.command.time_left import TimeLeft, duration
+from cherrypicker.command.time_left import TimeLeft
 from cherrypicker.formats.table import FORMATS
+from cherrypicker.progress import duration
 from cherrypicker.runner import SCHEMA_FILE
 
 

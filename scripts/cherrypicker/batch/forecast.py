@@ -21,6 +21,7 @@ from cherrypicker.batch.resources import (
 from cherrypicker.batch.schedule import Job, Machine, wall_seconds
 from cherrypicker.batch.stage_costs import CLOUD_STAGES, PHOTO_STAGES
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
+from cherrypicker.progress import duration
 
 # Benchmarks of a stage from which on they count for more than the shipped rates
 ENOUGH_BENCHMARKS = 3
@@ -217,7 +218,7 @@ def forecast_text(
         f"{sum(row.disk_gb for row in stages):9.1f}"
     )
     for name, value in hours.items():
-        lines.append(f"{name}: {value if isinstance(value, str) else _duration(value)}")
+        lines.append(f"{name}: {value if isinstance(value, str) else duration(3600.0 * value)}")
     return "\n".join(lines)
 
 
@@ -250,9 +251,3 @@ def _befores(scan: ScanSize, rule: str, place: Mapping[str, int]) -> tuple[int, 
     for before in scan.stages[rule].after:
         found += [place[before]] if before in place else _befores(scan, before, place)
     return tuple(found)
-
-
-def _duration(hours: float) -> str:
-    if hours < 1.0:
-        return f"{60 * hours:.0f} min"
-    return f"{hours:.1f} h"

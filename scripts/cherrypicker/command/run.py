@@ -26,9 +26,10 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Table
 
 from cherrypicker.command.snakemake_lines import FIRST_JOBS, LAST_JOBS, Event, read_events
-from cherrypicker.command.time_left import TimeLeft, duration, seconds_of_stages
+from cherrypicker.command.time_left import TimeLeft, seconds_of_stages
 from cherrypicker.command.work_folder import PROJECT, batch_here, enter, folder_parser
 from cherrypicker.errors import StageError
+from cherrypicker.progress import duration
 
 TRAITS_TABLE = Path("results/traits.csv")
 FILE_WIDTH = 120  # of the closing table where no terminal is

@@ -21,7 +21,6 @@ _SAME = {
 _UNKNOWN_S = 5.0  # of a rule that the forecast has not: the start of Python and little work (guess)
 # The pace counts from this share of the work on, or a first short stage would tell it (guess)
 _ENOUGH_DONE = 0.05
-_DAY_S = 86400.0
 
 
 def seconds_of_stages(batch: Batch) -> dict[str, float]:
@@ -78,14 +77,3 @@ class TimeLeft:
 
     def _of(self, rule: str) -> float:
         return 0.0 if rule == "all" else self._seconds.get(_SAME.get(rule, rule), _UNKNOWN_S)
-
-
-def duration(seconds: float) -> str:
-    """Return a time span as people say it."""
-    if seconds > _DAY_S:
-        return f"{seconds / _DAY_S:.1f} days"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours} h {minutes:02d} min"
-    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -14,6 +14,7 @@ from statistics import median
 from typing import Any
 from urllib.parse import quote
 
+from cherrypicker.progress import duration
 from cherrypicker.report.accuracy import accuracy_section
 from cherrypicker.report.outliers import (
     FEWEST,
@@ -186,21 +187,15 @@ def _stage_rows(costs: Mapping[str, Mapping[str, Any]]) -> list[dict]:
             {
                 "rule": rule,
                 "n": len(jobs),
-                "cpu": _duration(sum(job.cpu_s for job in jobs.values())),
-                "usual": _duration(median(job.wall_s for job in jobs.values())),
-                "longest": _duration(jobs[slowest].wall_s),
+                "cpu": duration(sum(job.cpu_s for job in jobs.values())),
+                "usual": duration(median(job.wall_s for job in jobs.values())),
+                "longest": duration(jobs[slowest].wall_s),
                 "slowest": slowest,
                 "memory": f"{jobs[largest].memory_mb / 1000:.2f} GB",
                 "largest": largest,
             }
         )
     return rows
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    return f"{seconds / 60:.1f} min" if seconds < 3600 else f"{seconds / 3600:.1f} h"
 
 
 def _data(results: Sequence[TreeResult], costs: Mapping[str, Mapping[str, Any]]) -> dict:
