@@ -15,9 +15,9 @@ from typing import Annotated
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json, write_text
+from cherrypicker.report.series_page import series_page
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.series.compare import compare_scans
-from cherrypicker.series.page import series_page
 from cherrypicker.series.scan_files import read_scan
 from cherrypicker.series.tables import TABLES, as_csv, totals
 

@@ -35,6 +35,9 @@ STAGES = [
 ]
 
 
+PAGES = {"report_tree", "summarise_batch", "compare_series"}
+
+
 @pytest.fixture(scope="module")
 def scripts(project):
     return project / "scripts"
@@ -144,12 +147,12 @@ def test_the_colours_of_the_report_rerun_the_report_alone(scripts, module):
 
 
 def test_the_style_of_the_pages_reruns_the_pages_alone(scripts):
-    assert _watching(scripts, "report/text.py") == {"report_tree", "summarise_batch"}
+    assert _watching(scripts, "report/text.py") == PAGES
 
 
 def test_no_module_of_the_report_is_watched_by_another_stage(scripts):
     for path in sorted((scripts / PRODUCT / "report").glob("[!_]*.py")):
-        assert _watching(scripts, f"report/{path.name}") <= {"report_tree", "summarise_batch"}
+        assert _watching(scripts, f"report/{path.name}") <= PAGES
 
 
 def test_a_radius_of_the_graph_does_not_relabel_clouds(scripts):

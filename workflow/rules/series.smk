@@ -11,7 +11,10 @@ rule compare_series:
         poses=files_of_series("poses.npz", photo_scans=True),
         metric_poses=files_of_series("metric_poses.npz", photo_scans=True),
         code=code("compare_series"),
-        template=str(PROJECT / "scripts/cherrypicker/series/series.html.j2"),
+        template=[
+            str(PROJECT / "scripts/cherrypicker/report/series.html.j2"),
+            str(PROJECT / "scripts/cherrypicker/report/style.css"),
+        ],
     output:
         page=report(
             ensure("results/series/{series}/report.html", non_empty=True),

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
+from cherrypicker.report.text import page_template
 from cherrypicker.series.compare import Comparison, Step
 from cherrypicker.series.tables import TABLES, is_shoot, totals
 from cherrypicker.series.wood import Wood
@@ -50,16 +49,12 @@ def series_page(series: str, comparison: Comparison, tables: dict[str, list[dict
     str
         HTML that needs no network; all text from data is escaped.
     """
-    import jinja2
-
-    loader = jinja2.FileSystemLoader(Path(__file__).resolve().parent)
-    pages = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
     numbers = totals(comparison)["steps"]
     steps = [
         _step(step, comparison.ids[index : index + 2], numbers[index], tables)
         for index, step in enumerate(comparison.steps)
     ]
-    page = pages.get_template("series.html.j2").render(
+    page = page_template("series.html.j2").render(
         series=series,
         scans=[f"{scan.tree} ({scan.date})" for scan in comparison.scans],
         left_out=comparison.left_out,
