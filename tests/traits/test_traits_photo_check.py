@@ -13,6 +13,7 @@ GOOD = {
     "photo_recall": 0.98,
     "photo_sky_share": 0.8,
     "n_photos": 40,
+    "photo_confirmed": 0.78,
     "judged_length": 40.0,
     "refuted_length": 0.4,
     "missing_length": 0.3,

@@ -333,7 +333,7 @@ def _photo_shares(photo_check: dict | None) -> dict:
     """What the photos say of the skeleton as a whole; nothing without photos."""
     if photo_check is None:
         return {}
-    names = ("photo_precision", "photo_recall", "photo_sky_share", "n_photos")
+    names = ("photo_precision", "photo_recall", "photo_sky_share", "n_photos", "photo_confirmed")
     return {name: photo_check[name] for name in names}
 
 

@@ -261,6 +261,15 @@ _ROWS = (
         0,
         definition="photos that judge the skeleton; scans from photos alone",
     ),
+    Trait(
+        "photo_confirmed",
+        "Wood that photos confirm, share",
+        None,
+        2,
+        definition="share of the length of the skeleton and of the wood that it lacks that photos "
+        "confirm: where it is low, much is refuted, missing or out of sight; scans from photos "
+        "alone",
+    ),
 )
 #: Name to trait, in the pages' order.
 TRAITS = {trait.name: trait for trait in _ROWS}
