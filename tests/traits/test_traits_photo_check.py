@@ -46,14 +46,14 @@ def test_a_small_share_or_a_long_piece_is_flagged(change, flag):
 
 
 @pytest.mark.parametrize(
-    "precision, length, is_told", [(0.99, 0.1, 0), (0.9, 0.1, 1), (0.99, 0.3, 1)]
+    "total, longest, is_told", [(0.0, 0.0, 0), (0.1, 0.1, 0), (2.5, 0.1, 1), (0.3, 0.3, 1)]
 )
-def test_what_was_dropped_is_told_where_it_is_much(precision, length, is_told):
+def test_what_was_dropped_is_told_where_it_is_much(total, longest, is_told):
     before = {
-        "photo_precision": precision,
+        "photo_precision": 0.9,  # what is refuted and left is told by another flag
         "length": 40.0,
-        "dropped_length": length,
-        "dropped_pieces": [{"length": length, "at": [0, 0, 1]}],
+        "dropped_length": total,
+        "dropped_pieces": [{"length": longest, "at": [0, 0, 1]}],
     }
     assert names(GOOD | {"before": before}) == ["dropped_by_photos"] * is_told
 

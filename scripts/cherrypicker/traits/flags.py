@@ -187,9 +187,9 @@ def _photo_flags(check: dict, length: str) -> list:
         for name in ("refuted", "missing")
     }
     precision, recall = check.get("photo_precision"), check.get("photo_recall")
-    before = check.get("before") or {"photo_precision": None, "dropped_pieces": ()}
+    before = check.get("before") or {"dropped_length": 0.0, "length": 1.0, "dropped_pieces": ()}
     dropped = max((piece["length"] for piece in before["dropped_pieces"]), default=0.0)
-    if _is_doubtful(before["photo_precision"], dropped):
+    if _is_doubtful(1.0 - before["dropped_length"] / before["length"], dropped):
         flags.append(
             f"dropped_by_photos: {before['dropped_length']:.2f} of {before['length']:.2f} {length} "
             f"of skeleton lay before clear sky and were dropped, the longest piece {dropped:.2f} "
