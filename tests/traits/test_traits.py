@@ -216,6 +216,19 @@ def test_ring_post_and_noise_do_not_fool_the_trunk(lean):
     assert traits["trunk_diameter_m"] == pytest.approx(tree.diameter_at(0.30), abs=0.003)
 
 
+def test_a_stem_hidden_at_the_height_is_measured_where_it_is_seen():
+    tree = Tree(noise=0.001)
+    points = tree.cloud[0]
+    seen = np.abs(points[:, 2] - 0.33) > 0.11  # the slab holds points of its lowest 2 cm
+    tree.cloud, tree.labels = [points[seen]], [tree.labels[0][seen]]
+    tree.add_ground()
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
+    assert any(flag.startswith("trunk_height_moved") for flag in traits["flags"])
+    height = traits["trunk_height_m"]
+    assert height < 0.22 or height > 0.44
+    assert traits["trunk_diameter_m"] == pytest.approx(tree.diameter_at(height), abs=0.001)
+
+
 def test_half_a_trunk_is_flagged():
     tree = Tree(noise=0.002)
     kept = (tree.cloud[0] - tree.foot) @ [1.0, 0.0, 0.0] > 0.01

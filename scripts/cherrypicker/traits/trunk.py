@@ -216,7 +216,20 @@ def _fit_slab(
     radius_range = (0.3 * guess, 2.5 * guess + 0.01)
     fit = section_of(local, tolerance, radius_range, rng, waves=False)
     local = local[steady_levels(local, fit)]
-    return section_of(local, tolerance, radius_range, rng, waves=True), frame
+    fit = section_of(local, tolerance, radius_range, rng, waves=True)
+    if _ends_before(local[fit.weights > 0, 2]):
+        raise StageError(f"the stem points around z = {center[2]:.2f} end above or below it")
+    return fit, frame
+
+
+def _ends_before(along: np.ndarray) -> bool:
+    """Whether points at heights about a slab's middle leave the middle out.
+
+    A stem that is hidden there leaves points at one end of the slab, from which a tapering section
+    would be carried on over the gap. Points spread evenly reach sqrt(3) standard deviations from
+    their mean.
+    """
+    return bool(abs(along.mean()) > np.sqrt(3.0) * along.std())
 
 
 def section_of(
