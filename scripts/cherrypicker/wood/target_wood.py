@@ -31,7 +31,9 @@ logger = logging.getLogger(__name__)
 N_NEIGHBORS = 10
 REACH_IN_SPACINGS = 3.5  # neighbours within this many point spacings touch each other
 LOCAL_REACH = 2.0  # or, where points lie farther apart than elsewhere, within this many local ones
-LEAST_GAP_IN_SPACINGS = 8.0
+# From one gap to so many points on gaps are usual, and so many times the one that is exceeded as
+# often is bridged (guesses; looked at on coarse laser scans)
+POINTS_A_GAP, IN_USUAL_GAPS = 200, 3.0
 GAP_HEIGHT_M = 4.0  # gaps are meant for trees up to this tall, and grow with taller ones
 GAP_COST = 3.0  # a metre of missing data counts as this many of wood
 BORDER_IN_SPACINGS = 3.0
@@ -168,8 +170,8 @@ def share_wood(
     SharedWood
     """
     edges, spacing = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS, LOCAL_REACH)
-    gap_m *= max(1.0, float(np.ptp(points[:, 2])) / GAP_HEIGHT_M)
-    gap_m = max(gap_m, LEAST_GAP_IN_SPACINGS * spacing)  # of a coarse scan of a big tree
+    gap_m *= _growth(points)
+    gap_m = max(gap_m, IN_USUAL_GAPS * _usual_gap(points, edges))
     links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
     stems = find_stems(points, ground, labels) or [lowest_base(points, labels)]
     border = _border_seeds(points, region, spacing)
@@ -184,6 +186,21 @@ def share_wood(
 
 def lowest_base(points: np.ndarray, labels: np.ndarray) -> Stem:
     """The base of a cloud without a clear stem: its lowest trunk (or else wood) points."""
+def _usual_gap(points: np.ndarray, edges: np.ndarray) -> float:
+    """Gap between pieces of wood that is usual in a cloud, 0 where pieces are few."""
+    piece, _ = components(len(points), edges)
+    rows = np.flatnonzero((np.bincount(piece) >= FEWEST_IN_LINE)[piece])  # fewer are stray points
+    links = rows[component_links(points[rows], _edges_among(rows, edges, len(points)))]
+    length = np.sort(np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1))
+    n_longer = len(points) // POINTS_A_GAP
+    return float(length[-1 - n_longer]) if len(length) > n_longer else 0.0
+
+
+def _growth(points: np.ndarray) -> float:
+    """By how much the gaps of a cloud of wood are longer than those of a small tree."""
+    return max(1.0, float(np.ptp(points[:, 2])) / GAP_HEIGHT_M)
+
+
     rows = np.flatnonzero(labels == Label.TRUNK)
     rows = rows if len(rows) >= 3 else np.arange(len(points))
     height = points[rows, 2]
