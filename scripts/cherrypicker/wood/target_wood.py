@@ -38,7 +38,6 @@ GAP_HEIGHT_M = 4.0  # gaps are meant for trees up to this tall, and grow with ta
 GAP_COST = 3.0  # a metre of missing data counts as this many of wood
 BORDER_IN_SPACINGS = 3.0
 ANY_DIRECTION_SHARE = 0.4  # of the longest gap: a shorter one is bridged in any direction
-LONG_IN_GAPS = 3.0  # a piece this much longer than its gap is bridged in any direction as well
 FEWEST_IN_LINE = 5
 END_SHARE = 0.6  # of the longest gap: the length of an end that tells its direction
 LINE_SHARE = 0.75  # share of the variance along its axis from which a piece has a direction
@@ -98,7 +97,7 @@ def select_target_wood(
         Of the region of interest; left out, nothing comes in from outside.
     gap_m : float, default 0.25
         Longest gap along the direction of a branch that is still bridged; 0.4 of it in any
-        other direction, all of it for a piece three times as long as its gap. In a tree taller
+        other direction, all of it for a piece that is longer than its gap. In a tree taller
         than 4 m it grows with the height.
     stem_gap_m : float, default 0.6
         Longest gap between two pieces of trunk.
@@ -231,7 +230,7 @@ def _bridges(
 
 
 def _links_of_long(points: np.ndarray, edges: np.ndarray, gap_m: float) -> np.ndarray:
-    """Shortest links of pieces much longer than their gap: no stray points, whatever they point to.
+    """Shortest links of pieces longer than their gap: no stray points, whatever they point to.
 
     A limb whose lower end no photo shows has several ends, and none need point to the stem.
     """
@@ -243,13 +242,13 @@ def _links_of_long(points: np.ndarray, edges: np.ndarray, gap_m: float) -> np.nd
     np.maximum.at(high, piece, points)
     extent = np.linalg.norm(high - low, axis=1)
     # shorter pieces have no gap left that they are long beside, and would lie between long ones
-    rows = np.flatnonzero((extent >= LONG_IN_GAPS * ANY_DIRECTION_SHARE * gap_m)[piece])
+    rows = np.flatnonzero((extent >= ANY_DIRECTION_SHARE * gap_m)[piece])
     if not len(rows):
         return np.empty((0, 2), dtype=np.int64)
     own_edges = _edges_among(rows, edges, len(points))
     links = rows[component_links(points[rows], own_edges, gap_m)]
     gap = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
-    return links[extent[piece[links]].min(axis=1) >= LONG_IN_GAPS * gap]
+    return links[extent[piece[links]].min(axis=1) >= gap]
 
 
 def _links_along(
