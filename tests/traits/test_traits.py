@@ -258,7 +258,7 @@ def test_gap_in_the_stem_is_reported_not_cut():
     away = np.abs((tree.cloud[0] - tree.foot)[:, 2] - 0.8) > 0.1
     tree.cloud, tree.labels = [tree.cloud[0][away]], [tree.labels[0][away]]
     wood = quick_tree(np.vstack(tree.cloud))
-    support = find_support(tree.skeleton(), wood, 0.03, max_gap=0.05, min_stray=0.3)
+    support = find_support(tree.skeleton(), wood, 0.03, max_gap=0.05)
     assert len(support.gaps) == 1
     assert 0.05 < support.gaps[0] < 0.21
     assert support.node.all()

@@ -95,8 +95,9 @@ def _shape_flags(
         )
     if support.n_stray:
         flags.append(
-            f"stray_pieces: {support.n_stray} piece(s) of skeleton beyond gaps, "
-            f"{support.stray_length:.2f} {length} in all, do not count for height and crown"
+            f"stray_pieces: {support.n_stray} piece(s) of skeleton, {support.stray_length:.2f} "
+            f"{length} in all, are shorter than the gaps that they hang on and do not count for "
+            "height and crown"
         )
     if support.missed_share > _MISSED_SHARE or support.missed_length > _MISSED_LENGTH_M:
         flags.append(

@@ -61,7 +61,6 @@ class TraitOptions:
     min_points: int = 60
     min_arc_deg: float = 120.0
     max_gap_m: float = 0.10
-    min_stray_m: float = 0.30
     min_limb_m: float = 0.10
     limb_classes_m: tuple[float, ...] = (0.01, 0.02, 0.03, 0.05)
     graft_height_m: float | None = None
@@ -129,7 +128,6 @@ def measure_traits(
         tree,
         reach,
         max_gap=settings.max_gap_m,
-        min_stray=settings.min_stray_m,
     )
     if not support.point.any():
         raise StageError("no wood point lies near the skeleton", key="graph")

@@ -29,7 +29,7 @@ _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
 class Support:
     """Which parts of a skeleton, and which wood points, belong to the tree beyond doubt."""
 
-    # (n_nodes,) bool: false for pieces that hang on a bridged gap and are too small to be a branch
+    # (n_nodes,) bool: false for pieces that are shorter than the gap that they hang on
     node: np.ndarray
     # (n_wood,) bool: wood points on a supported node's piece of skeleton, and those near it that do
     # not float alone
@@ -45,7 +45,8 @@ class Support:
     # the extent of the largest cluster of them, see `missed_wood`
     missed_share: float = 0.0
     missed_length: float = 0.0
-    # (n_clusters, 2, 3) float64: lower and upper corners of the boxes around these clusters
+    # (n_boxes, 2, 3) float64: lower and upper corners around these clusters, and around pieces left
+    # out
     missed_boxes: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
 
 
@@ -112,9 +113,10 @@ def find_support(
     reach: float,
     *,
     max_gap: float,
-    min_stray: float,
 ) -> Support:
     """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
+
+    A piece beyond a gap is the tree's where more of it follows wood than the gap is long.
 
     Parameters
     ----------
@@ -124,17 +126,13 @@ def find_support(
         A wood point supports the skeleton within 1.5 radii or this distance.
     max_gap : float
         Stretches without wood points longer than this are gaps; in the skeleton's unit.
-    min_stray : float
-        Pieces of skeleton beyond a gap shorter than this in all do not count as the tree's.
     """
     samples, owner, radius, spacing = densify(skeleton, _SAMPLE_M)
     near = wood.query(samples)[0] <= np.maximum(_NEAR_RADII * radius, reach)
     bare = np.bincount(owner[~near], spacing[~near], len(skeleton))  # length of each node's edge
-    run, is_gap, beyond, kept = _gaps(
-        skeleton.parent, skeleton.edge_length, bare, float(max_gap), float(min_stray)
-    )
-    n_stray = np.count_nonzero(is_gap & (beyond < min_stray))
-    stray_length = float(beyond[is_gap & (beyond < min_stray)].sum())
+    run, is_gap, beyond, kept = _gaps(skeleton.parent, skeleton.edge_length, bare, float(max_gap))
+    is_stray = is_gap & (beyond < run) & (beyond < beyond[0] / 2)
+    n_stray, stray_length = int(np.count_nonzero(is_stray)), float(beyond[is_stray].sum())
     close, sample = cKDTree(samples).query(wood.data)
     allowed = np.maximum(OWN_RADII * radius, reach)
     point = kept[owner[sample]] & (close <= allowed[sample])
@@ -145,18 +143,34 @@ def find_support(
     company, _ = wood.query(wood.data[rows], k=[_COMPANY + 1], distance_upper_bound=reach)
     point[rows] = np.isfinite(company[:, 0])
     is_far = close > np.maximum(OWN_RADII * radius[sample], _MISSED_M)
-    missed = missed_wood(wood.data, point, is_far, reach)
-    return Support(kept, point, allowed.max(), run[is_gap], int(n_stray), stray_length, *missed)
+    share, length, boxes = missed_wood(wood.data, point, is_far, reach)
+    left_out = near & ~kept[owner]
+    boxes = np.concatenate([boxes, _boxes(samples[left_out], owner[left_out], skeleton, kept)])
+    gaps = run[is_gap]
+    return Support(kept, point, allowed.max(), gaps, n_stray, stray_length, share, length, boxes)
+
+
+def _boxes(
+    samples: np.ndarray, owner: np.ndarray, skeleton: Skeleton, kept: np.ndarray
+) -> np.ndarray:
+    """Boxes around what follows wood of each piece that is left out, (n_pieces, 2, 3) float64."""
+    piece = np.arange(len(skeleton))
+    for node in np.flatnonzero(~kept):
+        if not kept[skeleton.parent[node]]:
+            piece[node] = piece[skeleton.parent[node]]
+    own = [samples[piece[owner] == number] for number in np.unique(piece[owner])]
+    boxes = [[some.min(axis=0), some.max(axis=0)] for some in own]
+    return np.array(boxes).reshape(-1, 2, 3)
 
 
 @numba.njit(cache=True)
 def _gaps(
-    parent: np.ndarray, length: np.ndarray, bare: np.ndarray, max_gap: float, min_stray: float
+    parent: np.ndarray, length: np.ndarray, bare: np.ndarray, max_gap: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Gaps of a skeleton whose edges are bare over some length, and what small lies beyond them.
+    """Gaps of a skeleton whose edges are bare over some length, and what short lies beyond them.
 
     Returns the bare length that ends at each node, whether a gap ends there, the length of
-    skeleton from there upwards without its bare parts, and which nodes are no such small piece.
+    skeleton from there upwards without its bare parts, and which nodes are no shorter piece.
     """
     n = len(parent)
     run, beyond = np.zeros(n), np.zeros(n)
@@ -170,7 +184,8 @@ def _gaps(
         beyond[parent[node]] += beyond[node] + length[node] - bare[node]
     for node in range(n):
         is_gap[node] = run[node] > max_gap and not goes_on[node]
-        kept[node] = not (is_gap[node] and beyond[node] < min_stray)
+        is_rest = beyond[node] < beyond[0] / 2  # else the foot is what was not seen
+        kept[node] = not (is_gap[node] and beyond[node] < run[node] and is_rest)
         if node:
             kept[node] &= kept[parent[node]]
     return run, is_gap, beyond, kept
