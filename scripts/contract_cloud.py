@@ -51,6 +51,7 @@ def main(
     grown = details.pop("limbs")
     if limbs:
         write_limbs(limbs, grown)
+    scan["loose"] = details["wood"].pop("loose")
     write_json(target, target_report(details.pop("choice"), **scan))
     write_json(report, {"preset": options.preset, **details})
 

@@ -251,6 +251,19 @@ def test_floaters_do_not_raise_the_tree(y_tree):
     assert traits["height_m"] == pytest.approx(2.0, abs=0.02)
     assert any(flag.startswith("stray_pieces") for flag in traits["flags"])
     assert any(flag.startswith("gaps_bridged") for flag in traits["flags"])
+    # but what they are nobody knows
+    assert "height_m" in traits["at_least"] and traits["height_m_ci90"][1] > 2.48
+
+
+@pytest.mark.parametrize("gap, height", [(0.2, 2.0), (0.5, 1.3)])
+def test_wood_longer_than_the_gap_below_it_belongs_to_the_tree(gap, height):
+    tree = Tree()
+    away = np.abs(tree.cloud[0][:, 2] - 1.3 - gap / 2) > gap / 2
+    shorter = tree.cloud[0][:, 2] < (2.0 if height == 2.0 else 1.3 + gap + 0.1)
+    tree.cloud, tree.labels = [tree.cloud[0][away & shorter]], [tree.labels[0][away & shorter]]
+    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
+    assert traits["height_m"] == pytest.approx(height, abs=0.02)
+    assert ("height_m" in traits["at_least"]) == (height < 2.0)
 
 
 def test_gap_in_the_stem_is_reported_not_cut():

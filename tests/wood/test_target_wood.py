@@ -164,6 +164,36 @@ def test_long_piece_is_kept_over_a_gap_that_it_does_not_point_across():
     assert not keep[source >= top.sum() + len(limb)].any()
 
 
+@pytest.mark.parametrize(("length", "is_kept"), [(0.25, True), (0.12, False)])
+def test_a_piece_longer_than_its_gap_is_kept_and_a_shorter_one_is_on_record(length, is_kept):
+    points, labels, _ = small_tree(0)
+    aside = points[points[:, 2].argmax()] + [0.0, 0.0, 0.17]  # it points past the tree
+    shoot = tube(aside, aside + [0, length, 0.0], 0.004, rng=np.random.default_rng(3))
+    everything = np.vstack([points, shoot])
+    _, source, _ = voxel_thin(everything, 0.008)
+    label = np.concatenate([labels, np.full(len(shoot), 2)])[source]
+    wood = select_target_wood(everything[source], label)
+    assert wood.keep[source >= len(points)].all() == is_kept
+    loose = wood.report["loose"]
+    assert len(loose) == (0 if is_kept else 1)
+    if loose:
+        assert loose[0]["gap"] == pytest.approx(0.17, abs=0.02)
+        assert loose[0]["high"][1] - loose[0]["low"][1] == pytest.approx(length, abs=0.02)
+
+
+def test_where_gaps_are_usual_longer_ones_are_bridged():
+    """Stretches of a stem, all parted by gaps, the last by a longer one."""
+    rng = np.random.default_rng(2)
+    starts = np.append(np.arange(24) * 0.30, 23 * 0.30 + 0.33)
+    stretches = [(0, 0, z) + rng.uniform(-0.01, 0.01, (20, 3)) for z in starts]
+    points = np.vstack(stretches)
+    far = select_target_wood(points, np.full(len(points), 2), gap_m=0.01, stem_gap_m=0.01)
+    assert far.keep.all()
+    dense = np.vstack([points, (0, 0, 1.0) * rng.uniform(0, 7.0, (6000, 1))])
+    kept = select_target_wood(dense, np.full(len(dense), 2), gap_m=0.01, stem_gap_m=0.01).keep
+    assert not kept[480:500].any()
+
+
 @pytest.mark.parametrize(("size", "is_bridged"), [(3.5, True), (1.0, False)])
 def test_a_cut_through_a_tall_tree_is_bridged_as_its_height_allows(size, is_bridged):
     """A scan that lacks the 50 cm between two heights, with crumbs of wood in between."""

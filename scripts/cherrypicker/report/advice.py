@@ -23,6 +23,8 @@ ADVICE = {
     "stray_pieces": "In the view, connect the pieces that are the tree's and delete the others.",
     "wood_left_out": "In the view, look for wood without a line. Is it the tree's? Then "
     "photograph it from nearer. Is it not? Then crop closer.",
+    "wood_loose": "In the view, look for wood beside the skeleton. Is it the tree's? Then raise "
+    "contract.gap_m over its distance, or photograph what lies between from nearer.",
     "no_crown": "Is this the tree? Set crop.target_xy to its place, or look at the classes.",
     "labels_uncertain": "Colour the points by confidence in the view, and correct by editing what "
     "follows from a wrong class.",

@@ -171,7 +171,7 @@ def scan_flags(
             "mvs.max_image_size_px and the depth maps"
         )
     flags += _photo_flags(photo_check or {}, unit_name(unit))
-    flags += _target_flags(target or {})
+    flags += _target_flags(target or {}, unit_name(unit))
     if edits and edits["lost"]:
         flags.append(
             f"edits_lost: {len(edits['lost'])} of {edits['n_edits']} hand corrections no longer "
@@ -215,7 +215,7 @@ def _is_doubtful(share: float | None, longest: float) -> bool:
     return share is not None and (share < _PHOTOS_AGREE or longest > _MISSED_LENGTH_M)
 
 
-def _target_flags(target: dict) -> list:
+def _target_flags(target: dict, length: str) -> list:
     """What ``target.json`` doubts, and which other trees it saw."""
     flags = list(target.get("warnings") or [])
     others = target.get("other_stems_xy") or []
@@ -223,6 +223,15 @@ def _target_flags(target: dict) -> list:
         flags.append(
             f"second_tree: {len(others)} other tree(s) stand beside the target; "
             "crop.target_xy chooses between them"
+        )
+    loose = target.get("loose") or []
+    spans = [np.linalg.norm(np.subtract(piece["high"], piece["low"])) for piece in loose]
+    if sum(spans) > _MISSED_LENGTH_M:
+        flags.append(
+            f"wood_loose: {len(loose)} piece(s) of wood near the tree hang on nothing and are not "
+            f"in the skeleton, {sum(spans):.2f} {length} in all, the largest {max(spans):.2f} "
+            f"{length} long and {loose[int(np.argmax(spans))]['gap']:.2f} off; height, crown and "
+            "lengths may be too small"
         )
     return flags
 

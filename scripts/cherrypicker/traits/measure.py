@@ -180,7 +180,7 @@ def measure_traits(
     top = None
     if poses is not None and sky_masks is not None:
         top = find_missing_top(poses, sky_masks, tree_points, foot.point)
-    missing = missing_wood(support.missed_boxes, photo_check, top, foot.point)
+    missing = missing_wood(support.missed_boxes, target, photo_check, top, foot.point)
 
     traits: dict[str, Any] = {"unit": cloud.unit}
     grown = growth_by(missing, crown, hull)
@@ -236,7 +236,7 @@ def measure_traits(
         confidence,
         cloud.unit,
     )
-    traits["at_least"] = at_least(traits["flags"])
+    traits["at_least"] = at_least(traits["flags"], traits.get("at_least", ()))
     for flag in traits["flags"]:
         logger.info("flag: %s", flag)
     pruners = limb_rows(
@@ -360,7 +360,8 @@ def _add(
     drawn : ndarray of shape (n_samples,), float64, optional
         How far drawn values lie off `value`.
     missing : float, default 0
-        How much larger it is with the wood that is known to be missing.
+        How much larger it is with the wood that is known to be missing; where the found wood's
+        interval does not reach as far, the value is the least.
     """
     traits[name] = rounded(value)
     if not terms or (drawn is not None and len(drawn) < _FEWEST_SAMPLES):
@@ -368,8 +369,10 @@ def _add(
     terms = {**terms, "scale": (TRAITS[name].power or 0) * scale_error * value}
     arms, sd = (0.0, 0.0), spread(terms)
     if drawn is not None:
-        low, high = np.quantile(drawn, CI90)
-        arms, sd = (max(-low, 0.0), max(high, missing, 0.0)), np.hypot(sd, drawn.std(ddof=1))
+        low, high = np.maximum(np.quantile(drawn, CI90) * [-1, 1], 0.0)
+        if value + missing > interval(value, terms, (low, high))[1]:
+            traits.setdefault("at_least", []).append(name)
+        arms, sd = (low, max(high, missing)), np.hypot(sd, drawn.std(ddof=1))
     traits[f"{name}_se"] = rounded(float(sd))
     traits[f"{name}_ci90"] = [rounded(end) for end in interval(value, terms, arms)]
     told = {"drawn_low": arms[0], "drawn_high": arms[1], **terms}

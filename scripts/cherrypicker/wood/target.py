@@ -233,15 +233,16 @@ def target_report(
         Length of the unit of ``crop.target_xy`` (the aligned frame; a ready cloud's own) in that
         of segmented.ply.
     **scan
-        What else of the scan stands in the file: ``unit``, ``scale_mode``, ``camera_distance``.
+        What else of the scan stands in the file: ``unit``, ``scale_mode``, ``camera_distance``,
+        ``loose``.
 
     Returns
     -------
     dict
         ``target_xy``, ``source``, ``region``, ``unit``, ``factor``, ``scale_mode``,
         ``camera_distance``, ``candidates`` (best first), ``runner_up``, ``margin``,
-        ``other_stems_xy``, ``warnings`` ("name: sentence"). Each candidate has the
-        ``crop_target_xy`` that would choose it.
+        ``other_stems_xy``, ``loose`` (wood near the target that hangs on no stem), ``warnings``
+        ("name: sentence"). Each candidate has the ``crop_target_xy`` that would choose it.
     """
 
     def shown(one: Candidate) -> dict:
@@ -277,5 +278,6 @@ def target_report(
         "runner_up": None if runner_up is None else shown(runner_up),
         "margin": choice.margin,
         "other_stems_xy": [one.base[:2] for one in choice.other_trees],
+        "loose": scan.get("loose", []),
         "warnings": warnings,
     }

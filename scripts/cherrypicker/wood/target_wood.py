@@ -55,7 +55,8 @@ class TargetWood:
     base : ndarray of shape (3,), float64
         Base of the target's stem.
     report : dict
-        Counts: ``n_stems``, ``n_wood``, ``n_kept``, ``n_neighbors_cut``, ``n_floating``.
+        Counts: ``n_stems``, ``n_wood``, ``n_kept``, ``n_neighbors_cut``, ``n_floating``; and
+        ``loose``, see `_loose`.
     choice : Choice
         Why this tree, and what else stands there.
     """
@@ -121,7 +122,9 @@ def select_target_wood(
         points, bases, owner, spacing=shared.spacing, region=region, target_xy=target_xy
     )
     keep = owner == choice.target.stem
+    stem_gap_m *= _growth(points)
     report = _report(owner, len(bases), keep)
+    report["loose"] = _loose(points, owner, keep, shared.spacing, max(gap_m, stem_gap_m))
     logger.info(
         "kept %s of %s wood points (%.1f %%): %s on neighbours, %s loose",
         f"{report['n_kept']:,}",
@@ -183,8 +186,6 @@ def share_wood(
     return SharedWood(stems, owner, spacing)
 
 
-def lowest_base(points: np.ndarray, labels: np.ndarray) -> Stem:
-    """The base of a cloud without a clear stem: its lowest trunk (or else wood) points."""
 def _usual_gap(points: np.ndarray, edges: np.ndarray) -> float:
     """Gap between pieces of wood that is usual in a cloud, 0 where pieces are few."""
     piece, _ = components(len(points), edges)
@@ -200,6 +201,8 @@ def _growth(points: np.ndarray) -> float:
     return max(1.0, float(np.ptp(points[:, 2])) / GAP_HEIGHT_M)
 
 
+def lowest_base(points: np.ndarray, labels: np.ndarray) -> Stem:
+    """The base of a cloud without a clear stem: its lowest trunk (or else wood) points."""
     rows = np.flatnonzero(labels == Label.TRUNK)
     rows = rows if len(rows) >= 3 else np.arange(len(points))
     height = points[rows, 2]
@@ -372,3 +375,31 @@ def _report(owner: np.ndarray, n_stems: int, keep: np.ndarray) -> dict:
         "n_neighbors_cut": int(np.count_nonzero((owner >= 0) & ~keep)),
         "n_floating": int(np.count_nonzero(owner < 0)),
     }
+
+
+def _loose(
+    points: np.ndarray, owner: np.ndarray, keep: np.ndarray, spacing: float, reach: float
+) -> list:
+    """Pieces of wood on no stem, with none nearer than the target's and that within `reach`.
+
+    They may be the target's beyond a gap that no rule bridges. Each has its box (``low``,
+    ``high``), ``n_points`` and its ``gap``; the highest first.
+    """
+    rows = np.flatnonzero(owner < 0)
+    if not len(rows):
+        return []
+    touching = cKDTree(points[rows]).query_pairs(REACH_IN_SPACINGS * spacing, output_type="ndarray")
+    piece, n_pieces = components(len(rows), touching)
+    nearest = {True: cKDTree(points[keep])}
+    others = points[(owner >= 0) & ~keep]
+    if len(others):
+        nearest[False] = cKDTree(others)
+    found = []
+    for number in range(n_pieces):
+        own = points[rows[piece == number]]
+        gap = {is_own: float(tree.query(own)[0].min()) for is_own, tree in nearest.items()}
+        if len(own) >= FEWEST_IN_LINE and gap[True] <= min(reach, gap.get(False, np.inf)):
+            box = {"low": own.min(axis=0), "high": own.max(axis=0)}
+            corners = {name: np.round(corner, 4).tolist() for name, corner in box.items()}
+            found.append({**corners, "n_points": len(own), "gap": round(gap[True], 4)})
+    return sorted(found, key=lambda piece: -piece["high"][2])

@@ -86,8 +86,8 @@ def grown_cases(source, number, n_points):
     else:
         tree, cloud = make_tree(number, n_points, bearing=source == "bearing")
         true = true_skeleton(tree.skeleton())
-    skeleton = skeleton_of(cloud)
-    traits, tables = measure_traits(skeleton, cloud)
+    skeleton, target = skeleton_of(cloud)
+    traits, tables = measure_traits(skeleton, cloud, target=target)
     rows = tables["branches"]
     return _cases(source, str(number), whole_truth(true), true, skeleton, traits, rows, 0.0)
 

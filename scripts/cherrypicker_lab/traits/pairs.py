@@ -65,9 +65,17 @@ def make_tree(seed, n_points, *, bearing=False):
 
 
 def skeleton_of(cloud):
-    """Contract a labelled cloud and make its graph, with the default options."""
+    """Contract a labelled cloud and make its graph, with the default options.
+
+    Returns
+    -------
+    skeleton : Skeleton
+    target : dict
+        Of ``target.json``, the ``loose`` pieces.
+    """
     contracted, report = contract_wood(cloud, options=ContractionOptions(), target_xy=np.zeros(2))
-    return extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
+    skeleton = extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
+    return skeleton, {"loose": report["wood"]["loose"]}
 
 
 def measure_tree(seed, n_points, *, bearing=False):
@@ -80,8 +88,8 @@ def measure_tree(seed, n_points, *, bearing=False):
         `tree_pairs`), `n_axes` and `n_matched` (true axes of 10 cm and more, and those found).
     """
     tree, cloud = make_tree(seed, n_points, bearing=bearing)
-    skeleton = skeleton_of(cloud)
-    traits, tables = measure_traits(skeleton, cloud)
+    skeleton, target = skeleton_of(cloud)
+    traits, tables = measure_traits(skeleton, cloud, target=target)
     pairs = tree_pairs(tree, traits)
     branches, n_axes, n_matched = branch_pairs(tree, skeleton, tables["branches"])
     return {
