@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated
 
 from cherrypicker.files import write_json
-from cherrypicker.photos import exif_orientation
+from cherrypicker.photos import exif_orientation, photo_files
 from cherrypicker.placement.align import AlignOptions, align
 from cherrypicker.placement.camera_geometry import turns_from_exif
 from cherrypicker.pointcloud import read_cloud, write_cloud
@@ -34,7 +34,7 @@ def main(
 ) -> None:
     """Load, align, save."""
     dense, cameras = read_cloud(cloud), read_poses(poses)
-    files = {Path(path).name: path for path in photos or []}
+    files = {path.name: path for path in photo_files(photos or [])}
     names = [Path(str(name)).name for name in cameras.names]
     orientations = [exif_orientation(files[name]) if name in files else 1 for name in names]
     result = align(

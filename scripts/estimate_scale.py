@@ -13,6 +13,7 @@ from typing import Annotated
 from cherrypicker.files import write_json
 from cherrypicker.lens import read_model
 from cherrypicker.markers.estimate_scale import estimate_scale
+from cherrypicker.photos import photo_files
 from cherrypicker.runner import run, stage_parser
 
 
@@ -32,7 +33,7 @@ def main(
 ) -> None:
     """Load, estimate, save."""
     report = estimate_scale(
-        photos or [],
+        photo_files(photos or []),
         read_model(Path(cameras).parent),
         cell=cell,
         mode=mode,

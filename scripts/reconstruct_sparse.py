@@ -10,6 +10,7 @@ and poses.npz (undistorted pinholes). Example:
 from pathlib import Path
 from typing import Annotated
 
+from cherrypicker.photos import photo_files
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.sfm.mapping import MappingOptions
 from cherrypicker.sfm.rematch import RefineOptions
@@ -31,7 +32,7 @@ def main(
 ) -> None:
     reconstruct_sparse(
         database,
-        photos,
+        photo_files(photos),
         listing,
         Path(images).parent,
         report,

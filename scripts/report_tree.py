@@ -14,6 +14,7 @@ writes report.html and PNG figures. Example (a ready cloud; a scan from photos a
 from collections.abc import Sequence
 from typing import Annotated
 
+from cherrypicker.photos import photo_files
 from cherrypicker.report.page import ReportOptions
 from cherrypicker.report.tree import CAPTIONS, FILES, report_tree
 from cherrypicker.runner import run, stage_parser
@@ -31,7 +32,7 @@ def main(
     **files: str,
 ) -> None:
     about = {"tree": tree, "date": date, "series": series}
-    report_tree(about, report, files, options, photos=photos or (), seed=seed)
+    report_tree(about, report, files, options, photos=photo_files(photos or []), seed=seed)
 
 
 parser = stage_parser(__doc__, main)

@@ -12,6 +12,7 @@ from typing import Annotated
 
 from cherrypicker.files import write_json
 from cherrypicker.mvs.undistort import undistort
+from cherrypicker.photos import photo_files
 from cherrypicker.runner import run, stage_parser
 
 
@@ -25,7 +26,11 @@ def main(
 ) -> None:
     """Undistort, then write the manifest, whose folder is the workspace."""
     manifest = undistort(
-        Path(model).parent, photos, Path(undistorted).parent, max_image_size_px, threads=threads
+        Path(model).parent,
+        photo_files(photos),
+        Path(undistorted).parent,
+        max_image_size_px,
+        threads=threads,
     )
     write_json(undistorted, manifest)
 

@@ -15,6 +15,7 @@ VOCABULARY = [
 # From the bottom up: a room imports itself and what stands before it.
 LAYERS = [
     *VOCABULARY,
+    "intake",
     *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "capture", "skeleton"),
     "wood",
     "limbs",
@@ -27,6 +28,7 @@ LAB_LAYERS = [
     *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts", "real_photos"),
 ]
 STAGES = [
+    "prepare_photos",
     *("extract_features", "match_features", "reconstruct_sparse", "undistort_photos"),
     *("estimate_depth", "fuse_depth", "align_cloud", "crop_roi", "segment_sky", "denoise_cloud"),
     *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),

@@ -1,8 +1,9 @@
-"""Photos on disk, in the pixel grid that COLMAP reads."""
+"""Photos on disk, in the pixel grid that COLMAP reads: the sensor's, whatever way it was held."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,20 @@ from PIL import Image, UnidentifiedImageError
 from cherrypicker.errors import StageError
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-_ORIENTATION = 0x0112
+ORIENTATION = 0x0112
+
+# EXIF orientation -> what brings the stored pixels upright: (mirror left-right first, quarter turns
+# counter-clockwise as np.rot90 counts).
+_UPRIGHT = {
+    1: (False, 0),
+    2: (True, 0),
+    3: (False, 2),
+    4: (True, 2),
+    5: (True, 1),
+    6: (False, 3),
+    7: (True, 3),
+    8: (False, 1),
+}
 
 
 def photos_in(folder: str | os.PathLike) -> list[Path]:
@@ -47,6 +61,20 @@ def list_photos(folder: str | os.PathLike) -> list[Path]:
     return photos
 
 
+def photo_files(paths: Sequence[str | os.PathLike]) -> list[Path]:
+    """Return photo files as paths; a folder stands for the photos in it.
+
+    Raises
+    ------
+    StageError
+        If a folder holds no photo.
+    """
+    found: list[Path] = []
+    for path in map(Path, paths):
+        found += list_photos(path) if path.is_dir() else [path]
+    return found
+
+
 def read_photo(path: str | os.PathLike) -> np.ndarray:
     """Read a photo as COLMAP does: (height, width, 3) uint8, RGB, the EXIF orientation not applied.
 
@@ -58,7 +86,7 @@ def read_photo(path: str | os.PathLike) -> np.ndarray:
     try:
         with Image.open(path) as image:
             if image.format == "TIFF":  # Pillow would turn its pixels on loading
-                image.getexif().pop(_ORIENTATION, None)
+                image.getexif().pop(ORIENTATION, None)
             if image.mode in ("I;16", "I;16B", "I;16L", "I"):
                 grey = np.asarray(image).astype(np.float64) / 257.0
                 return np.repeat(
@@ -77,7 +105,20 @@ def exif_orientation(path: str | os.PathLike) -> int:
     """Return the EXIF orientation, 1 (upright) to 8; 1 where none is given."""
     try:
         with Image.open(path) as image:
-            orientation = int(image.getexif().get(_ORIENTATION, 1))
+            orientation = int(image.getexif().get(ORIENTATION, 1))
     except (OSError, UnidentifiedImageError, ValueError, TypeError):
         return 1
     return orientation if 1 <= orientation <= 8 else 1
+
+
+def upright(image: np.ndarray, orientation: int) -> np.ndarray:
+    """Turn stored pixels upright, as EXIF orientation 1 to 8 says."""
+    mirror, turns = _UPRIGHT[orientation]
+    return np.rot90(image[:, ::-1] if mirror else image, turns)
+
+
+def as_stored(image: np.ndarray, orientation: int) -> np.ndarray:
+    """Undo `upright`."""
+    mirror, turns = _UPRIGHT[orientation]
+    image = np.rot90(image, -turns)
+    return image[:, ::-1] if mirror else image

@@ -3,6 +3,7 @@
 import json
 import os
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +25,9 @@ from cherrypicker.batch.resources import (
     size_of_photos,
     threads_to_ask,
 )
+from cherrypicker.batch.scans import size_of_photo_scan
 from cherrypicker.batch.stage_costs import CLOUD_STAGES, ENLARGED_BELOW_MP, PHOTO_STAGES
+from cherrypicker.batch.trees import Tree
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.sfm.features import PLAIN_FIRST_MP
 
@@ -101,6 +104,25 @@ MEASURED_MB = {
 
 def scan(n_photos=48, size=(800, 1200), **options):
     return size_of_photos([size] * n_photos, SETTINGS, **options)
+
+
+def test_a_scan_that_needs_it_has_its_photos_prepared(tmp_path):
+    plain, tree = tmp_path / "plain", Tree("a", photos=str(tmp_path / "plain"))
+    plain.mkdir()
+    for i in range(3):
+        Image.new("RGB", (400, 300)).save(plain / f"{i}.png")
+
+    def size(row=tree, **photos):
+        settings = {**SETTINGS, "photos": {**SETTINGS["photos"], **photos}}
+        return size_of_photo_scan(row, settings, PhotoSizes(tmp_path / "cache.json"))
+
+    assert "prepare_photos" not in size().stages
+    reduced = size(max_size_px=200)
+    assert reduced.stages["extract_features"].after == ("prepare_photos",)
+    assert reduced.photo_mp == pytest.approx(0.25 * size().photo_mp)
+    assert size(replace(tree, masks="own")).is_prepared
+    (plain / "walk.mp4").touch()
+    assert size().is_prepared and size().n_photos == 3, "a film that does not open is none"
 
 
 @pytest.mark.parametrize("key", MEASURED_MB, ids=str)

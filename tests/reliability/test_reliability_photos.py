@@ -9,6 +9,8 @@ from PIL import Image
 from sfm_scene import FOCAL, HEIGHT, WIDTH, box_quads, centers_of, orbit, render, similarity_errors
 
 from cherrypicker.errors import StageError
+from cherrypicker.intake.kinds import list_captures
+from cherrypicker.intake.prepare import PrepareOptions, prepare_photos
 from cherrypicker.photos import list_photos
 from cherrypicker.poses import read_poses
 from cherrypicker.sfm.features import FeatureOptions, extract_features
@@ -107,6 +109,36 @@ def test_all_kinds_of_photos_in_one_folder(tmp_path):
     assert sizes["05 turned.jpg"][0] > sizes["05 turned.jpg"][1]
 
 
+def test_a_video_and_photos_of_a_phone_in_one_folder(tmp_path):
+    """A film of the walk, HEIC photos held both ways: all cameras where they stood."""
+    heif = pytest.importorskip("pillow_heif")
+    heif.register_heif_opener()
+    folder, ready = tmp_path / "photos", tmp_path / "ready"
+    folder.mkdir()
+    images, poses = rendered(40)
+    film = cv2.VideoWriter(
+        str(folder / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (WIDTH, HEIGHT)
+    )
+    for image in images:
+        film.write(np.ascontiguousarray(np.asarray(image)[..., ::-1]))
+    film.release()
+    truth = {f"walk_{i:06d}.jpg": pose for i, pose in enumerate(poses)}
+    for i in (0, 10, 20):
+        tags = exif(model="Phone", orientation=(1, 6)[i % 20 // 10])
+        images[i].save(folder / f"{i:02d}.HEIC", quality=95, exif=tags.tobytes())
+        truth[f"{i:02d}.jpg"] = poses[i]
+    options = PrepareOptions(video_step=0.15)
+    made = prepare_photos(list_captures(folder), ready, tmp_path / "masks", options)
+    n_frames = len(made["photos"]) - 3
+    assert 5 <= n_frames <= 15
+    _, found = reconstruct(ready, list_photos(ready))
+    assert len(found) == n_frames + 3
+    assert center_errors(found, truth).max() < 0.03 * RADIUS
+    focal = dict(zip((str(name) for name in found.names), found.K[:, 0, 0]))
+    assert focal["00.jpg"] == focal["10.jpg"], "a turn of the hand makes no other camera"
+    assert all(value == pytest.approx(FOCAL, rel=0.08) for value in focal.values())
+
+
 def test_ten_blurred_photos_among_good_ones(tmp_path):
     folder = tmp_path / "photos"
     folder.mkdir()
@@ -152,11 +184,11 @@ def test_one_photo_is_not_enough_and_its_copies_do_not_help(tmp_path):
     assert "trees.tsv" in caught.value.key
 
 
-@pytest.mark.parametrize("suffix", [".heic", ".cr2", ".txt", ".jpg.part"])
+@pytest.mark.parametrize("suffix", [".svg", ".gif", ".txt", ".jpg.part"])
 def test_a_folder_without_a_readable_kind_of_photo(tmp_path, suffix):
     (tmp_path / f"IMG{suffix}").write_bytes(b"anything")
     with pytest.raises(StageError, match="holds no photo") as caught:
-        list_photos(tmp_path)
+        list_captures(tmp_path)
     assert caught.value.file == str(tmp_path)
 
 

@@ -28,7 +28,6 @@ SCRIPTS = {
 ELSEWHERE = {
     "trees": "the batch: which trees there are",
     "measures": "the batch: what was measured by hand on which trees",
-    "mvs.use_sky_masks": "estimate_depth and measure_stereo: whether the masks are an input",
     "graph.edits": "edit_graph: its input, and which rule makes a tree's skeleton",
     "orchard.n_scenes": "orchard: which scenes are made",
     "orchard.seed": "orchard, make_skeleton_set: which scenes and trees are made",

@@ -21,9 +21,9 @@ from cherrypicker.batch.resources import (
     mb_to_ask,
     minutes_to_ask,
     size_of_cloud,
-    size_of_photos,
     threads_to_ask,
 )
+from cherrypicker.batch.scans import size_of_photo_scan
 from cherrypicker.batch.stale_lock import begin_start, claim_lock, end_start
 from cherrypicker.batch.series import compare_rest
 from cherrypicker.batch.summary import summarise
@@ -31,6 +31,7 @@ from cherrypicker.batch.trees import TREE_PATTERN, series_of
 from cherrypicker.batch.watched_modules import imported_modules
 from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
+from cherrypicker.intake.kinds import captures_in
 from cherrypicker.markers.columns import check_scale_columns
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.photos import photos_in
@@ -143,10 +144,35 @@ def is_plain(path):
     return not (contains_wildcard(path) or PATHVAR_REGEX.search(path))
 
 
+def captures_of(wildcards):
+    """Return what lies in the tree's folder of photos; none where it is missing, which the stage reports."""
+    captures = map(str, captures_in(TREES[wildcards.tree].photos))
+    return [path for path in captures if is_plain(path)]
+
+
 def photos_of(wildcards):
-    """Return the tree's photos; none where the folder is missing, which the stage reports."""
-    photos = map(str, photos_in(TREES[wildcards.tree].photos))
-    return [path for path in photos if is_plain(path)]
+    """Return the photos that stages read: those in the tree's folder, or the folder of prepared ones."""
+    if scan_of(wildcards.tree).is_prepared:
+        return ["results/{tree}/photos"]
+    return captures_of(wildcards)
+
+
+def photo_folder(wildcards):
+    """Return the folder that the photos lie in."""
+    if scan_of(wildcards.tree).is_prepared:
+        return f"results/{wildcards.tree}/photos"
+    return TREES[wildcards.tree].photos
+
+
+def photo_masks_of(wildcards):
+    """Return the folder of prepared masks of a tree whose photos have masks, else nothing."""
+    return "results/{tree}/photo_masks" if TREES[wildcards.tree].masks else []
+
+
+def user_masks_of(wildcards):
+    """Return a tree's own masks; none where the folder is missing, which the stage reports."""
+    masks = map(str, sorted(Path(TREES[wildcards.tree].masks or "-").glob("*.png")))
+    return [path for path in masks if is_plain(path)]
 
 
 def cloud_of(wildcards):
@@ -187,7 +213,7 @@ def problem_of(wildcards, input):
     Taking ``input`` keeps Snakemake from comparing it with the last run: a tree that is finished up
     to its scale keeps all that, and the stage that finds the scale reports the problem.
     """
-    for path in photos_in(row("photos")(wildcards)):
+    for path in captures_in(row("photos")(wildcards)):
         if not is_plain(str(path)):
             cause = "Snakemake cannot take a path with {name} or <name> in it; rename the photo"
             return {"cause": cause, "file": str(path), "key": "photos in trees.tsv"}
@@ -202,8 +228,9 @@ def problem_of(wildcards, input):
 
 
 def sky_masks_for_stereo(wildcards):
-    """Return the tree's sky masks where the stereo shall leave the sky out, else nothing."""
-    return "results/{tree}/sky" if cfg("mvs.use_sky_masks")(wildcards) else []
+    """Return the tree's sky masks where the stereo shall leave out the sky, or what a user hides."""
+    is_used = cfg("mvs.use_sky_masks")(wildcards) or TREES[wildcards.tree].masks
+    return "results/{tree}/sky" if is_used else []
 
 
 def stereo_gpus(wildcards):
@@ -216,11 +243,13 @@ def scan_of(tree):
     """Return how large a tree's scan is, from the headers of its photos or of its cloud."""
     if not TREES[tree].is_photo_scan:
         return size_of_cloud(TREES[tree].cloud)
-    sizes = PHOTO_SIZES.of(photos_in(TREES[tree].photos))
+    backend = first_choice(cfg("mvs.backend")({"tree": tree}))
+    scan = size_of_photo_scan(
+        TREES[tree], SETTINGS_OF[tree], PHOTO_SIZES, stereo=backend
+    )
     if workflow.is_main_process:
         PHOTO_SIZES.save()
-    backend = first_choice(cfg("mvs.backend")({"tree": tree}))
-    return size_of_photos(sizes, SETTINGS_OF[tree], stereo=backend)
+    return scan
 
 
 def threads_for(stage):

@@ -26,7 +26,7 @@ rule denoise_cloud:
         gpu=0,
     params:
         **options("denoise_cloud"),
-        photo_folder=row("photos"),
+        photo_folder=photo_folder,
     message:
         "{wildcards.tree}: remove outliers and sky silhouettes"
     script:

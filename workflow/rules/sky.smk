@@ -4,6 +4,7 @@
 rule segment_sky:
     input:
         photos=photos_of,
+        photo_masks=photo_masks_of,
         weights_file=weights_of("sky.weights", "weights/sky_unet.npz"),
         code=code("segment_sky"),
     output:
@@ -23,7 +24,7 @@ rule segment_sky:
     params:
         **options("segment_sky"),
         problem=problem_of,
-        photo_folder=row("photos"),
+        photo_folder=photo_folder,
     message:
         "{wildcards.tree}: tell sky from everything else in the photos"
     script:

@@ -1,9 +1,42 @@
 # Structure from motion in three steps, so that a change of one reruns no more than it must.
 
 
+# For a scan whose photos are not all plain files of a usable size without masks (docs/photos.md).
+rule prepare_photos:
+    input:
+        captures=captures_of,
+        user_masks=user_masks_of,
+        code=code("prepare_photos"),
+    output:
+        photos=directory("results/{tree}/photos"),
+        photo_masks=directory("results/{tree}/photo_masks"),
+        listing=ensure("results/{tree}/photos.json", non_empty=True),
+    log:
+        "logs/prepare_photos/{tree}.log",
+    benchmark:
+        "benchmarks/prepare_photos/{tree}.tsv"
+    conda:
+        "../../envs/photogrammetry.yaml"
+    threads: threads_for("prepare_photos")
+    resources:
+        mem_mb=mb_for("prepare_photos"),
+        runtime=minutes_for("prepare_photos"),
+        gpu=0,
+    params:
+        **options("prepare_photos"),
+        problem=problem_of,
+        folder=row("photos"),
+        masks=row("masks"),
+    message:
+        "{wildcards.tree}: make the photos that every stage reads"
+    script:
+        "../../scripts/prepare_photos.py"
+
+
 rule extract_features:
     input:
         photos=photos_of,
+        photo_masks=photo_masks_of,
         code=code("extract_features"),
     output:
         database=ensure("results/{tree}/sfm/features.db", non_empty=True),
@@ -22,7 +55,7 @@ rule extract_features:
     params:
         **options("extract_features"),
         problem=problem_of,
-        folder=row("photos"),
+        folder=photo_folder,
     message:
         "{wildcards.tree}: extract features of the photos"
     script:

@@ -8,12 +8,16 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
+from cherrypicker.errors import StageError
 from cherrypicker.files import write_text
+from cherrypicker.intake.prepare import size_of_capture
 
 logger = logging.getLogger(__name__)
 
+# Photos that a second of film gives: a slow walk round a tree takes 40 s and gives 40 (guess)
+FRAMES_PER_S = 1.0
 CACHE_FILE = Path(".snakemake/photo_sizes.json")
 
 
@@ -35,11 +39,17 @@ class PhotoSizes:
         self._has_news = False
 
     def of(self, photos: Iterable[str | os.PathLike]) -> list[tuple[int, int]]:
-        """Return (width, height) in px of every photo whose header can be read.
+        """Return (width, height) in of all photos whose header can be read, and of a film's frames.
 
         A photo that is missing or no image is left out: to report it is the first stage's work.
         """
-        return [size for photo in photos if (size := self._size_of(photo)) is not None]
+        found: list[tuple[int, int]] = []
+        for photo in photos:
+            if entry := self._entry_of(photo):
+                width, height, seconds = entry[2:]
+                n_frames = max(round(FRAMES_PER_S * seconds), 1)
+                found += [(int(width), int(height))] * n_frames
+        return found
 
     def save(self) -> None:
         """Write what was learnt; a folder that takes no file only loses the cache."""
@@ -51,28 +61,21 @@ class PhotoSizes:
         except OSError as error:
             logger.info("photo sizes are not remembered: %s", error)
 
-    def _size_of(self, photo: str | os.PathLike) -> tuple[int, int] | None:
+    def _entry_of(self, photo: str | os.PathLike) -> list | None:
         try:
             stat = os.stat(photo)
             key = os.path.abspath(photo)
             stamp = [stat.st_mtime_ns, stat.st_size]
             entry = self._known.get(key)
             if not entry or entry[:2] != stamp:
-                with Image.open(photo) as image:
-                    entry = [*stamp, *image.size]
+                entry = [*stamp, *size_of_capture(photo)]
                 self._known[key] = entry
                 self._has_news = True
-            return entry[2], entry[3]
-        except (
-            OSError,
-            UnidentifiedImageError,
-            SyntaxError,
-            ValueError,
-            Image.DecompressionBombError,
-        ):
+            return entry
+        except (OSError, StageError, SyntaxError, ValueError, Image.DecompressionBombError):
             return None
 
-    def _load(self) -> dict[str, list[int]]:
+    def _load(self) -> dict[str, list]:
         try:
             known = json.loads(self._cache_file.read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -83,4 +86,9 @@ class PhotoSizes:
 
 
 def _is_entry(entry: object) -> bool:
-    return isinstance(entry, list) and len(entry) == 4 and all(type(i) is int for i in entry)
+    return (
+        isinstance(entry, list)
+        and len(entry) == 5
+        and all(type(value) is int for value in entry[:4])
+        and isinstance(entry[4], float)
+    )

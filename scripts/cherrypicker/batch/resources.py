@@ -10,7 +10,7 @@ import math
 import os
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from cherrypicker.batch.stage_costs import (
@@ -21,6 +21,7 @@ from cherrypicker.batch.stage_costs import (
     MOST_POINTS_PER_PIXEL,
     PHOTO_STAGES,
     POINTS_PER_PIXEL,
+    PREPARED,
     StageCost,
     stereo_stage,
 )
@@ -52,6 +53,7 @@ class ScanSize:
 
     is_photo_scan: bool = False
     stereo: str = "cpu"  # the backend of its depth maps
+    is_prepared: bool = False  # whether stages read prepared photos
     n_photos: int = 0
     n_pairs: int = 0  # of photos to match
     n_sources: int = 0  # source photos of each depth map
@@ -74,7 +76,14 @@ class ScanSize:
         """The stages that a scan like this goes through."""
         if not self.is_photo_scan:
             return CLOUD_STAGES
-        return PHOTO_STAGES | {"estimate_depth": stereo_stage(BACKENDS[self.stereo])}
+        stages = PHOTO_STAGES | {"estimate_depth": stereo_stage(BACKENDS[self.stereo])}
+        if not self.is_prepared:
+            return stages
+        first = tuple(PREPARED)
+        return PREPARED | {
+            rule: stage if stage.after else replace(stage, after=first)
+            for rule, stage in stages.items()
+        }
 
     def quantities(self, points_m: float, cropped_share: float) -> dict[str, float]:
         """Return what the factors of :class:`StageCost` multiply.
@@ -101,7 +110,11 @@ class ScanSize:
 
 
 def size_of_photos(
-    sizes: Sequence[tuple[int, int]], settings: Mapping, *, stereo: str = "cpu"
+    sizes: Sequence[tuple[int, int]],
+    settings: Mapping,
+    *,
+    stereo: str = "cpu",
+    is_prepared: bool = False,
 ) -> ScanSize:
     """Return the size of a scan from photos.
 
@@ -113,13 +126,19 @@ def size_of_photos(
         The tree's whole config; the sections ``sfm`` and ``mvs`` are read.
     stereo : str, default "cpu"
         The backend of the depth maps.
+    is_prepared : bool, default False
+        Whether stages read prepared photos.
     """
     sfm, mvs = settings["sfm"], settings["mvs"]
-    as_is = _megapixels(sizes, 0)
-    features = _megapixels(sizes, sfm["max_image_size_px"])
+    limit_px = settings["photos"]["max_size_px"]
+    as_is = _megapixels(sizes, limit_px)
+    features = _megapixels(
+        sizes, min(sfm["max_image_size_px"] or limit_px, limit_px or sfm["max_image_size_px"])
+    )
     dense = _megapixels(sizes, mvs["max_image_size_px"])
     return ScanSize(
         is_photo_scan=True,
+        is_prepared=is_prepared,
         stereo=stereo,
         n_photos=len(sizes),
         n_pairs=count_pairs(len(sizes), sfm),

@@ -57,6 +57,16 @@ def stereo_stage(backend: Backend) -> StageCost:
     )
 
 
+# Of scans that need it alone
+PREPARED = {
+    "prepare_photos": StageCost(
+        cpu_s={"base": 2.0, "photo_mp": 0.2},
+        memory_mb={"base": 200.0},
+        thread_memory_mb={"largest_photo_mp": 20.0},
+        disk_mb={"photo_mp": 0.8},
+        max_threads=4,
+    )
+}
 PHOTO_STAGES = {
     "extract_features": StageCost(
         cpu_s={"base": 2.0, "sift_mp": 0.24, "photo_mp": 0.18},

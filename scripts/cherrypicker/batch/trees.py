@@ -27,6 +27,7 @@ class Tree:
 
     tree: str
     photos: str = ""
+    masks: str = ""
     cloud: str = ""
     cloud_unit: str = ""
     cloud_up: str = ""
@@ -154,6 +155,8 @@ def _check_row(row: Tree, number: int, path: str | os.PathLike) -> None:
         refuse("tree", "an id has letters, digits, '-', '_' and '.', and does not start with '.'")
     if bool(row.photos) == bool(row.cloud):
         refuse("photos", "give exactly one of 'photos' and 'cloud'")
+    if row.masks and row.cloud:
+        refuse("masks", "a ready cloud has no photos to mask")
     if row.cloud_unit and row.cloud_unit not in UNITS_M and _positive(row.cloud_unit) is None:
         refuse(
             "cloud_unit", f"{row.cloud_unit!r} is none of {', '.join(UNITS_M)} nor metres per unit"

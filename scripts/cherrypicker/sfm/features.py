@@ -54,6 +54,7 @@ def extract_features(
     options: FeatureOptions | None = None,
     *,
     folder: str | os.PathLike = "",
+    masks: str | os.PathLike | None = None,
     seed: int = 0,
     threads: int = 1,
 ) -> dict:
@@ -67,6 +68,8 @@ def extract_features(
         JSON to write: per photo its size, EXIF camera, camera group, features, or its problem.
     folder : path-like
         Folder named in errors.
+    masks : path-like, optional
+        Folder of prepared masks, ``{name}.png``: what is black gives no features.
 
     Returns
     -------
@@ -96,7 +99,7 @@ def extract_features(
         pycolmap.Database.open(working).close()
         for group in groups:
             _import_group(working, group, options.camera_model)
-        _extract(working, groups, options, threads)
+        _extract(working, groups, options, threads, masks)
         counts = feature_counts(working)
         if not any(counts.values()):
             raise StageError(
@@ -124,19 +127,23 @@ def _import_group(database: Path, group: Sequence[PhotoInfo], camera_model: str)
 
 
 def _extract(
-    database: Path, groups: Sequence[Sequence[PhotoInfo]], options: FeatureOptions, threads: int
+    database: Path,
+    groups: Sequence[Sequence[PhotoInfo]],
+    options: FeatureOptions,
+    threads: int,
+    masks: str | os.PathLike | None,
 ) -> None:
     """Search all photos; large ones enlarged only where they show too few features without."""
     infos = [info for group in groups for info in group]
     large = [
         info for info in infos if _searched_mp(info, options.max_image_size_px) >= PLAIN_FIRST_MP
     ]
-    _search(database, large, _PLAIN, options, threads)
+    _search(database, large, _PLAIN, options, threads, masks)
     counts = feature_counts(database)
     enough = {info.name for info in large if counts.get(info.name, 0) > options.max_features}
     rest = [info for info in infos if info.name not in enough]
     _forget_features(database, [info.name for info in rest])
-    _search(database, rest, _ENLARGED, options, threads)
+    _search(database, rest, _ENLARGED, options, threads, masks)
 
 
 def _searched_mp(info: PhotoInfo, max_image_size_px: int) -> float:
@@ -152,6 +159,7 @@ def _search(
     first_octave: int,
     options: FeatureOptions,
     threads: int,
+    masks: str | os.PathLike | None,
 ) -> None:
     if not infos:
         return
@@ -163,12 +171,16 @@ def _search(
     wanted.sift.max_num_features = options.max_features
     # A second orientation of the same spot costs as much as a new spot and matches no better.
     wanted.sift.max_num_orientations = 1
+    reader = pycolmap.ImageReaderOptions()
+    if masks is not None:
+        reader.mask_path = masks
     with watched_table(database, "descriptors", len(infos), "features of photos"):
         pycolmap.extract_features(
             database,
             infos[0].path.parent,
             image_names=[info.name for info in infos],
             camera_mode=pycolmap.CameraMode.PER_IMAGE,  # not heeded: the photos have cameras
+            reader_options=reader,
             extraction_options=wanted,
             device=pycolmap.Device.cpu,
         )

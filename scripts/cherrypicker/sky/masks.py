@@ -25,6 +25,7 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
+from cherrypicker.photos import as_stored, upright
 from cherrypicker.sky.likeness import tell_thin_things
 from cherrypicker.sky.sizes import enlarge, in_strips, reduce_photo
 from cherrypicker.sky.unet import SkyUNet, to_tensor
@@ -56,19 +57,6 @@ EVEN_REACH, EDGE_CONTRAST = 0.15, 0.3
 #: iterations of the domain transform (both guesses, the second as in [3]_).
 CALM_PX, N_ITERATIONS = 0.6, 3
 
-# EXIF orientation -> what brings the stored pixels upright: (mirror left-right first, quarter turns
-# counter-clockwise as np.rot90 counts).
-_UPRIGHT = {
-    1: (False, 0),
-    2: (True, 0),
-    3: (False, 2),
-    4: (True, 2),
-    5: (True, 1),
-    6: (False, 3),
-    7: (True, 3),
-    8: (False, 1),
-}
-
 
 @dataclass(frozen=True)
 class MaskOptions:
@@ -80,19 +68,6 @@ class MaskOptions:
     guide_epsilon: float = 3e-4
     color_weight: float = 0.5
     twig_contrast: float = 0.08
-
-
-def upright(image: np.ndarray, orientation: int) -> np.ndarray:
-    """Turn stored pixels upright, as EXIF orientation 1 to 8 says."""
-    mirror, turns = _UPRIGHT[orientation]
-    return np.rot90(image[:, ::-1] if mirror else image, turns)
-
-
-def as_stored(image: np.ndarray, orientation: int) -> np.ndarray:
-    """Undo `upright`."""
-    mirror, turns = _UPRIGHT[orientation]
-    image = np.rot90(image, -turns)
-    return image[:, ::-1] if mirror else image
 
 
 def sky_probability(net: SkyUNet, image: np.ndarray, working_side: int) -> np.ndarray:

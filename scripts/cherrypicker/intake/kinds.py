@@ -1,0 +1,104 @@
+"""Which files of a folder are pictures, of which kind, and which of them show the same."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from enum import IntEnum
+from pathlib import Path
+
+from cherrypicker.errors import StageError
+from cherrypicker.photos import PHOTO_SUFFIXES
+
+PHOTOS_COLUMN = "photos in trees.tsv"
+
+
+class Kind(IntEnum):
+    """Kinds of picture files; of files of one name the lowest is taken."""
+
+    PLAIN = 0  # what COLMAP reads itself
+    HEIF = 1
+    RAW = 2
+    VIDEO = 3
+
+
+SUFFIXES = {
+    Kind.PLAIN: PHOTO_SUFFIXES,
+    Kind.HEIF: (".heic", ".heif", ".hif"),
+    Kind.RAW: (
+        *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw"),
+        ".raw",
+    ),
+    Kind.VIDEO: (".mp4", ".mov", ".m4v", ".avi", ".mkv"),
+}
+_KIND_OF = {suffix: kind for kind, suffixes in SUFFIXES.items() for suffix in suffixes}
+
+
+def kind_of(path: str | os.PathLike) -> Kind | None:
+    """Return the kind of a picture file by its suffix; None for other files."""
+    return _KIND_OF.get(Path(path).suffix.lower())
+
+
+def captures_in(folder: str | os.PathLike) -> list[Path]:
+    """Return a folder's pictures and videos, sorted by name; none if it is missing.
+
+    Hidden files are left out, and so is the twin of a picture: of files that share a name but for
+    the suffix, a raw beside its JPEG or the film of a phone's live photo, the plainest is taken.
+    Plain photos of one name are all kept, for the stages to refuse.
+    """
+    return [path for path, taken in _with_twins(folder) if taken is None]
+
+
+def twins_in(folder: str | os.PathLike) -> dict[str, str]:
+    """Return the names of pictures that are left out, each with that of its plainer twin."""
+    return {path.name: taken.name for path, taken in _with_twins(folder) if taken is not None}
+
+
+def list_captures(folder: str | os.PathLike) -> list[Path]:
+    """Return what `captures_in` does.
+
+    Raises
+    ------
+    StageError
+        If the folder is missing or holds neither photo nor video.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise StageError("the folder of photos is missing", file=folder, key=PHOTOS_COLUMN)
+    captures = captures_in(folder)
+    if not captures:
+        kinds = ", ".join(
+            SUFFIXES[Kind.PLAIN] + SUFFIXES[Kind.HEIF] + SUFFIXES[Kind.VIDEO] + (".dng",)
+        )
+        raise StageError(
+            f"the folder holds no photo and no video ({kinds} or another raw)",
+            file=folder,
+            key=PHOTOS_COLUMN,
+        )
+    return captures
+
+
+def are_plain(captures: Iterable[Path]) -> bool:
+    """Whether every stage can read these as they are, but for their size."""
+    return all(kind_of(path) is Kind.PLAIN for path in captures)
+
+
+def _with_twins(folder: str | os.PathLike) -> list[tuple[Path, Path | None]]:
+    """Pictures of a folder by name, each with the plainer one of its name, if there is one."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        return []
+    found = sorted(
+        path
+        for path in folder.iterdir()
+        if kind_of(path) is not None and not path.name.startswith(".")
+    )
+    plainest: dict[str, Path] = {}
+    for path in sorted(found, key=lambda one: (_KIND_OF[one.suffix.lower()], one.name)):
+        plainest.setdefault(path.stem.lower(), path)
+    pairs: list[tuple[Path, Path | None]] = []
+    for path in found:
+        best = plainest[path.stem.lower()]
+        is_twin = _KIND_OF[path.suffix.lower()] > _KIND_OF[best.suffix.lower()]
+        pairs.append((path, best if is_twin else None))
+    return pairs

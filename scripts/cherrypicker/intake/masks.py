@@ -1,0 +1,139 @@
+"""A user's own masks beside the photos: what they paint black is not to be looked at.
+
+A mask belongs to the photo of its name, ``IMG_1.png`` or, as COLMAP has it, ``IMG_1.jpg.png``. It
+is laid over the photo as one sees it, each turned upright by its own EXIF orientation.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import atomic_path
+from cherrypicker.photos import as_stored, exif_orientation, upright
+
+MASKS_COLUMN = "masks in trees.tsv"
+
+
+class UserMasks:
+    """The masks of a folder, by the photos that they belong to.
+
+    Parameters
+    ----------
+    folder : path-like
+    photos : collection of str
+        File names of the photos.
+
+    Attributes
+    ----------
+    without : list of str
+        Photos that have no mask, and are used whole.
+
+    Raises
+    ------
+    StageError
+        If the folder is missing or empty, or a mask belongs to no photo or to one that has another.
+    """
+
+    def __init__(self, folder: str | os.PathLike, photos: Collection[str]) -> None:
+        folder = Path(folder)
+        if not folder.is_dir():
+            raise StageError("the folder of masks is missing", file=folder, key=MASKS_COLUMN)
+        masks = sorted(
+            path
+            for path in folder.iterdir()
+            if path.suffix.lower() == ".png" and not path.name.startswith(".")
+        )
+        if not masks:
+            raise StageError("the folder holds no mask (.png)", file=folder, key=MASKS_COLUMN)
+        by_name = {name: name for name in photos} | {Path(name).stem: name for name in photos}
+        self._masks: dict[str, Path] = {}
+        for mask in masks:
+            photo = by_name.get(mask.stem)
+            if photo is None:
+                raise StageError(
+                    "the mask belongs to no photo: its name is that of the photo with .png",
+                    file=mask,
+                    key=MASKS_COLUMN,
+                )
+            if photo in self._masks:
+                raise StageError(
+                    f"{photo} has two masks, {self._masks[photo].name} the other",
+                    file=mask,
+                    key=MASKS_COLUMN,
+                )
+            self._masks[photo] = mask
+        self.without = sorted(name for name in photos if name not in self._masks)
+
+    def hidden(self, photo: str, shape: tuple[int, int], orientation: int) -> np.ndarray:
+        """Return what the user hides of a photo, bool, in its stored pixels.
+
+        Parameters
+        ----------
+        photo : str
+        shape : (int, int)
+            Height and width of the photo as it came, stored.
+        orientation : int
+            Its EXIF orientation.
+
+        Raises
+        ------
+        StageError
+            If the mask cannot be read or has another size than the photo.
+        """
+        if photo not in self._masks:
+            return np.zeros(shape, bool)
+        path = self._masks[photo]
+        try:
+            with Image.open(path) as image:
+                stored = np.asarray(image.convert("L"))
+        except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
+            raise StageError(
+                f"the mask cannot be read ({error})", file=path, key=MASKS_COLUMN
+            ) from error
+        mask = upright(stored, exif_orientation(path))
+        wanted = shape if orientation <= 4 else shape[::-1]
+        if mask.shape != wanted:
+            raise StageError(
+                f"the mask has {mask.shape[1]} x {mask.shape[0]} pixels, {photo} as one sees it "
+                f"{wanted[1]} x {wanted[0]}",
+                file=path,
+                key=MASKS_COLUMN,
+            )
+        return as_stored(mask, orientation) == 0
+
+
+def write_hidden(path: str | os.PathLike, hidden: np.ndarray, size: tuple[int, int]) -> None:
+    """Write what is hidden (height, width) bool as COLMAP has it, black, at a size (w, h)."""
+    seen = np.where(hidden, 0, 255).astype(np.uint8)
+    if seen.shape != size[::-1]:
+        seen = cv2.resize(seen, size, interpolation=cv2.INTER_NEAREST).astype(np.uint8)
+    with atomic_path(path) as temporary:
+        Image.fromarray(seen).save(temporary, format="PNG")
+
+
+def read_hidden(folder: str | os.PathLike | None, photo: str, shape: tuple[int, int]) -> np.ndarray:
+    """Return what is hidden of a prepared photo, (height, width) bool; nothing without a folder.
+
+    Raises
+    ------
+    StageError
+        If the mask is missing, unreadable or of another size.
+    """
+    if folder is None:
+        return np.zeros(shape, bool)
+    path = Path(folder) / f"{photo}.png"
+    seen = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if seen is None or seen.shape != shape:
+        raise StageError(
+            "the prepared mask is missing or of another size than its photo",
+            file=path,
+            key=MASKS_COLUMN,
+        )
+    return seen == 0

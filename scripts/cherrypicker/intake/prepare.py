@@ -1,0 +1,259 @@
+"""The photos that every stage reads, from whatever lies in the tree's folder.
+
+Plain photos are linked as they are; HEIF and raw photos, frames of videos and photos larger than
+any stage uses become JPEG files with the tags that tell camera, place and orientation. A scan whose
+photos are plain and small enough needs none of this.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from PIL import ExifTags, Image
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import atomic_path
+from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of, twins_in
+from cherrypicker.intake.masks import UserMasks, write_hidden
+from cherrypicker.intake.stills import Still, read_still, still_size
+from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
+from cherrypicker.photos import ORIENTATION, exif_orientation
+from cherrypicker.progress import Progress
+
+logger = logging.getLogger(__name__)
+
+# As the undistorted photos: quality and full colour, for the colour of twigs before the sky (guess)
+JPEG_QUALITY = 96
+# A film of so few frames shows no walk
+LEAST_FRAMES = 3
+
+
+@dataclass(frozen=True)
+class PrepareOptions:
+    """How photos are prepared; the fields are config keys of ``photos`` and ``sfm``."""
+
+    max_size_px: int = 6000
+    video_step: float = 0.05
+    skip_unreadable: bool = False
+
+
+def size_of_capture(path: str | os.PathLike) -> tuple[int, int, float]:
+    """Return width and height of a photo or film from its header, and its seconds, 0 for a photo.
+
+    Raises
+    ------
+    StageError, OSError, ValueError, SyntaxError
+        If it cannot be read.
+    """
+    kind = kind_of(path)
+    if kind is Kind.VIDEO:
+        film = film_header(path)
+        return film.width, film.height, film.n_frames / (film.per_second or 30.0)
+    if kind in (Kind.HEIF, Kind.RAW):
+        return *still_size(path), 0.0
+    with Image.open(path) as image:
+        return *image.size, 0.0
+
+
+def prepare_photos(
+    captures: Sequence[str | os.PathLike],
+    folder: str | os.PathLike,
+    mask_folder: str | os.PathLike,
+    options: PrepareOptions,
+    *,
+    user_masks: str | os.PathLike = "",
+    threads: int = 1,
+) -> dict:
+    """Prepare the photos of one scan.
+
+    Parameters
+    ----------
+    captures : sequence of path-like
+        Photos and videos of one folder.
+    folder : path-like
+        Takes the prepared photos, named as they came but for the suffix, frames with their number.
+    mask_folder : path-like
+        Takes a mask for each where ``user_masks``, a folder, is given; stays empty otherwise.
+    threads : int
+        Photos at a time.
+
+    Returns
+    -------
+    dict
+        ``photos``: of each prepared one its ``source``, size, EXIF orientation, whether it is the
+        file as it came, and the share that is ``hidden``; ``left_out``: why each other one is not
+        there; ``without_mask``.
+
+    Raises
+    ------
+    StageError
+        If a file cannot be read (unless ``skip_unreadable``), a film is too short or too still, or
+        a mask does not fit.
+    """
+    paths = sorted(map(Path, captures))
+    folder, mask_folder = Path(folder), Path(mask_folder)
+    for place in (folder, mask_folder):
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir(parents=True)
+    left_out = {
+        name: f"the same photo as {other}" for name, other in twins_in(paths[0].parent).items()
+    }
+    done: dict[str, dict] = {}
+
+    def work(path: Path) -> dict[str, dict] | str:
+        try:
+            return _prepare(path, folder, options)
+        except StageError as error:
+            if not options.skip_unreadable:
+                raise
+            return error.cause
+
+    with Progress(len(paths), "photos prepared") as bar, ThreadPoolExecutor(threads) as pool:
+        for path, made in zip(paths, pool.map(work, paths), strict=True):
+            if isinstance(made, str):
+                left_out[path.name] = made
+            else:
+                _refuse_clash(path, made, done)
+                done |= made
+            bar.step()
+    for name, reason in left_out.items():
+        logger.warning("%s is left out: %s", name, reason)
+    without = _apply_masks(user_masks, done, folder, mask_folder) if user_masks else []
+    n_linked = sum(entry["is_as_it_came"] for entry in done.values())
+    logger.info("%d photos, %d of them as they came", len(done), n_linked)
+    return {"photos": done, "left_out": left_out, "without_mask": without}
+
+
+def _refuse_clash(path: Path, made: dict[str, dict], done: dict[str, dict]) -> None:
+    for name in made.keys() & done.keys():
+        raise StageError(
+            f"{path.name} and {done[name]['source']} would both become {name}; rename one",
+            file=path,
+            key=PHOTOS_COLUMN,
+        )
+
+
+def _prepare(path: Path, folder: Path, options: PrepareOptions) -> dict[str, dict]:
+    """Prepare one file; return what its photos are, by their names."""
+    if kind_of(path) is Kind.VIDEO:
+        return _prepare_film(path, folder, options)
+    if kind_of(path) is Kind.PLAIN:
+        size = _plain_size(path)
+        if size is None or not is_too_large(size, options.max_size_px):
+            # What is no photo is for the next stage to refuse
+            _link(path, folder / path.name)
+            return {path.name: _entry(path, size or (0, 0), exif_orientation(path), size, True)}
+    still = read_still(path)
+    name = path.with_suffix(".jpg").name
+    height, width = still.pixels.shape[:2]
+    size = write_still(folder / name, still, options.max_size_px)
+    entry = _entry(path, size, still.exif[ORIENTATION], (width, height), False)
+    return {name: entry}
+
+
+def _prepare_film(path: Path, folder: Path, options: PrepareOptions) -> dict[str, dict]:
+    header = film_header(path)
+    exif = Image.Exif()
+    exif[ORIENTATION] = header.orientation
+    # Films are cropped and scaled otherwise than photos: no photo shares their calibration
+    exif[ExifTags.Base.Model] = "video"
+    made: dict[str, dict] = {}
+    for frame in choose_frames(path, options.video_step):
+        name = f"{path.stem}_{frame.number:06d}.jpg"
+        height, width = frame.pixels.shape[:2]
+        size = write_still(folder / name, Still(frame.pixels, exif), options.max_size_px)
+        entry = _entry(path, size, header.orientation, (width, height), False)
+        made[name] = entry | {"frame": frame.number}
+    if len(made) < LEAST_FRAMES:
+        raise StageError(
+            f"the video of {header.n_frames} frames gives {len(made)} photos, since the picture "
+            f"hardly moves in it; at least {LEAST_FRAMES} are needed",
+            file=path,
+            key=STEP_KEY,
+        )
+    logger.info("%s: %d of %d frames are taken", path.name, len(made), header.n_frames)
+    return made
+
+
+def _entry(
+    path: Path, size: tuple[int, int], orientation: int, source_size: Any, as_it_came: bool
+) -> dict:
+    return {
+        "source": path.name,
+        "width": size[0],
+        "height": size[1],
+        "source_width": (source_size or size)[0],
+        "source_height": (source_size or size)[1],
+        "exif_orientation": int(orientation),
+        "is_as_it_came": as_it_came,
+    }
+
+
+def is_too_large(size: tuple[int, int], max_size_px: int) -> bool:
+    """Whether a photo of a size (width, height) is larger than it is used."""
+    return 0 < max_size_px < max(size)
+
+
+def write_still(path: Path, still: Still, max_size_px: int) -> tuple[int, int]:
+    """Write a photo as JPEG, reduced where it is too large; return its width and height."""
+    pixels = still.pixels
+    if is_too_large(pixels.shape[:2], max_size_px):
+        shrink = max_size_px / max(pixels.shape[:2])
+        pixels = cv2.resize(pixels, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    with atomic_path(path) as temporary:
+        Image.fromarray(np.ascontiguousarray(pixels)).save(
+            temporary, format="JPEG", quality=JPEG_QUALITY, subsampling=0, exif=still.exif
+        )
+    return pixels.shape[1], pixels.shape[0]
+
+
+def _plain_size(path: Path) -> tuple[int, int] | None:
+    try:
+        with Image.open(path) as image:
+            return image.size
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        return None
+
+
+def _link(path: Path, to: Path) -> None:
+    """Give a photo a second name; copy it where that cannot be done."""
+    try:
+        os.link(path.resolve(), to)
+    except OSError:
+        shutil.copyfile(path, to)
+
+
+def _apply_masks(
+    user_masks: str | os.PathLike, done: dict[str, dict], folder: Path, mask_folder: Path
+) -> list[str]:
+    """Write the mask of every photo, enter its hidden share; return the photos that have none."""
+    names = {_mask_name(name, entry): name for name, entry in done.items()}
+    masks = UserMasks(user_masks, list(names))
+    for own, name in names.items():
+        entry = done[name]
+        came = (entry["source_height"], entry["source_width"])
+        hidden = masks.hidden(own, came, entry["exif_orientation"])
+        write_hidden(mask_folder / f"{name}.png", hidden, (entry["width"], entry["height"]))
+        entry["hidden"] = round(float(hidden.mean()), 4)
+    if masks.without:
+        logger.warning(
+            "%d of %d photos have no mask and are used whole: %s",
+            len(masks.without),
+            len(done),
+            ", ".join(masks.without[:4]),
+        )
+    return masks.without
+
+
+def _mask_name(name: str, entry: dict) -> str:
+    """The name that a photo's mask goes by: that of its file, of a frame that of the frame."""
+    return name if "frame" in entry else entry["source"]

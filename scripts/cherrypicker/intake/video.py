@@ -1,0 +1,217 @@
+"""Frames of a video that stand for photos: far enough apart, and each the sharpest around.
+
+Corners of a frame are followed to the next ones (Lucas and Kanade). While they have moved by less
+than half a step, a share of the picture, all frames show one place, and the sharpest of them is
+taken; from there it is half a step to where the next place begins. Who stands still gives one
+photo, who walks fast gives no gaps.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.intake.kinds import PHOTOS_COLUMN
+
+STEP_KEY = "photos.video_step"
+# Longer side at which corners are followed and sharpness is measured, px (guess)
+LOOK_PX = 640
+# Corners followed, their least quality and distance, px: OpenCV's own of its example
+N_CORNERS, QUALITY, APART_PX = 300, 0.01, 7
+# Below this share of the corners that are left a step is over, however far they moved (guess)
+LEAST_LEFT = 0.5
+# A corner counts that is followed there and back to within so many px (guess)
+BACK_PX = 1.0
+# Frames that a header may promise and the film lack: encoders leave the last ones out
+FEW_FRAMES_SHARE = 0.05
+# cv2's rotation of a film's frames to be upright, degrees clockwise, as EXIF orientations
+_ORIENTATION_OF_DEGREES = {0: 1, 90: 6, 180: 3, 270: 8}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a video that was taken for a photo."""
+
+    number: int  # from 0
+    pixels: np.ndarray  # (height, width, 3) uint8, RGB, the sensor's grid
+
+
+@dataclass(frozen=True)
+class FilmHeader:
+    """What the header of a video says."""
+
+    width: int
+    height: int
+    n_frames: int  # 0 where it does not say
+    per_second: float
+    orientation: int  # as EXIF's
+
+
+def film_header(path: str | os.PathLike) -> FilmHeader:
+    """Read the header of a video.
+
+    Raises
+    ------
+    StageError
+        If it does not open.
+    """
+    film = _opened(path)
+    try:
+        return _header_of(film)
+    finally:
+        film.release()
+
+
+def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
+    """Yield the frames of a video that stand for photos, in their order.
+
+    Parameters
+    ----------
+    step : float
+        How far the picture moves from one to the next, a share of its longer side.
+
+    Raises
+    ------
+    StageError
+        If the video does not open, holds no frame or ends long before its header says.
+    """
+    film = _opened(path)
+    try:
+        header = _header_of(film)
+        n_read = 0
+        steps = _Steps(step)
+        while True:
+            is_there, frame = film.read()
+            if not is_there:
+                break
+            yield from steps.take(n_read, frame)
+            n_read += 1
+        if n_read < (1.0 - FEW_FRAMES_SHARE) * header.n_frames - 1:
+            raise StageError(
+                f"the video ends after {n_read} of {header.n_frames} frames: it is damaged",
+                file=path,
+                key=PHOTOS_COLUMN,
+            )
+        if not n_read:
+            raise StageError("the video holds no frame", file=path, key=PHOTOS_COLUMN)
+        yield from steps.rest()
+    finally:
+        film.release()
+
+
+def _opened(path: str | os.PathLike) -> cv2.VideoCapture:
+    film = cv2.VideoCapture(os.fspath(path), cv2.CAP_FFMPEG)
+    if not film.isOpened():
+        raise StageError("the video cannot be opened", file=path, key=PHOTOS_COLUMN)
+    film.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    return film
+
+
+def _header_of(film: cv2.VideoCapture) -> FilmHeader:
+    value = {
+        name: film.get(getattr(cv2, f"CAP_PROP_{name}"))
+        for name in ("FRAME_WIDTH", "FRAME_HEIGHT", "FRAME_COUNT", "FPS", "ORIENTATION_META")
+    }
+    return FilmHeader(
+        width=int(value["FRAME_WIDTH"]),
+        height=int(value["FRAME_HEIGHT"]),
+        n_frames=max(int(value["FRAME_COUNT"]), 0),
+        per_second=max(value["FPS"], 0.0),
+        orientation=_ORIENTATION_OF_DEGREES.get(round(value["ORIENTATION_META"]) % 360, 1),
+    )
+
+
+class _Steps:
+    """Follows corners from frame to frame, and keeps the sharpest of the place at hand."""
+
+    def __init__(self, step: float) -> None:
+        self._half = 0.5 * step
+        self._last: np.ndarray = np.empty((0, 0), np.uint8)  # grey and reduced
+        self._best_grey = self._last
+        # Corners where a place, or the way to the next, begins, and in the last frame
+        self._start: np.ndarray = np.empty((0, 1, 2), np.float32)
+        self._now = self._start
+        self._n_start = 0
+        self._best: tuple[float, Frame] | None = None  # none on the way to the next place
+
+    def take(self, number: int, frame: np.ndarray) -> Iterator[Frame]:
+        """Look at one frame (height, width, 3) uint8, BGR; yield one where its place is left."""
+        grey = _reduced(frame)
+        has_left = self._has_left(grey)
+        if self._best is not None:
+            if not has_left:
+                self._consider(number, frame, grey)
+                return
+            yield self._best[1]
+            self._best = None
+            self._begin(self._best_grey)
+            has_left = self._has_left(grey)
+        if has_left:
+            self._begin(grey)
+            if self._n_start:  # a black frame is no place: nothing in it could be followed
+                self._consider(number, frame, grey)
+
+    def rest(self) -> Iterator[Frame]:
+        """Yield the sharpest frame of the last place."""
+        if self._best is not None:
+            yield self._best[1]
+
+    def _consider(self, number: int, frame: np.ndarray, grey: np.ndarray) -> None:
+        sharp = sharpness(grey)
+        if self._best is None or sharp > self._best[0]:
+            self._best = (sharp, Frame(number, frame[:, :, ::-1].copy()))
+            self._best_grey = grey
+
+    def _begin(self, grey: np.ndarray) -> None:
+        corners = cv2.goodFeaturesToTrack(grey, N_CORNERS, QUALITY, APART_PX)
+        self._start = np.empty((0, 1, 2), np.float32) if corners is None else corners
+        self._now, self._n_start = self._start, len(self._start)
+        self._last = grey
+
+    def _has_left(self, grey: np.ndarray) -> bool:
+        """Whether the picture has moved half a step since the last beginning."""
+        left, moved = self._follow(grey) if self._n_start else (0.0, 0.0)
+        return left < LEAST_LEFT or moved >= self._half
+
+    def _follow(self, grey: np.ndarray) -> tuple[float, float]:
+        """Share of corners that are left, and how far half of them moved, of the longer side."""
+        if len(self._now):
+            there, back = _tracked(self._last, grey, self._now)
+            self._start, self._now = self._start[back], there[back]
+        self._last = grey
+        if not len(self._now):
+            return 0.0, 0.0
+        away = np.linalg.norm((self._now - self._start).reshape(-1, 2), axis=1)
+        return len(self._now) / self._n_start, float(np.median(away)) / max(grey.shape)
+
+
+def _tracked(
+    before: np.ndarray, after: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 1, 2) of points in the next frame, and which of them are found back, (n,) bool."""
+    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, points, None)  # type: ignore[call-overload]
+    again, back, _ = cv2.calcOpticalFlowPyrLK(after, before, there, None)  # type: ignore[call-overload]
+    off = np.linalg.norm((again - points).reshape(-1, 2), axis=1)
+    inside = (there.reshape(-1, 2) >= 0).all(axis=1)
+    inside &= (there.reshape(-1, 2) < after.shape[::-1]).all(axis=1)
+    return there, (found.ravel() > 0) & (back.ravel() > 0) & (off <= BACK_PX) & inside
+
+
+def _reduced(frame: np.ndarray) -> np.ndarray:
+    """A frame in grey, (height, width) uint8, small enough to look at."""
+    shrink = min(LOOK_PX / max(frame.shape[:2]), 1.0)
+    small = cv2.resize(frame, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def sharpness(grey: np.ndarray) -> float:
+    """Return how sharp a frame (height, width) uint8 is beside others of the same scene.
+
+    The variance of the Laplacian: what it shows matters too, but frames of one step show the same.
+    """
+    return float(cv2.Laplacian(grey, cv2.CV_32F).var())
