@@ -24,13 +24,14 @@ def main(
     *,
     options: StereoOptions,
     backend: str = "auto",
+    use_sky_masks: bool = True,
     threads: int = 2,
 ) -> None:
     """Estimate the maps, then write the manifest."""
     masks = None
     if sky_masks and cameras:
         names = [photo["name"] for photo in read_json(undistorted)["photos"]]
-        masks = SkyMasks(sky_masks, Path(cameras).parent, names)
+        masks = SkyMasks(sky_masks, Path(cameras).parent, names, with_sky=use_sky_masks)
     manifest = estimate_workspace(
         Path(undistorted).parent,
         options,

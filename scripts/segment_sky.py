@@ -29,6 +29,7 @@ def main(
     photo_folder: Annotated[str, "folder of photos"],
     masks: Annotated[str, "folder of masks to write"],
     colors: Annotated[str, "sky colours to write (NPZ)"],
+    photo_masks: Annotated[str | None, "folder of the photos' masks by a user"] = None,
     *,
     weights: str = "",
     options: MaskOptions,
@@ -46,6 +47,7 @@ def main(
         options,
         n_samples=clustering.n_color_samples,
         seed=seed,
+        photo_masks=Path(photo_masks) if photo_masks else None,
     )
     sky = cluster_sky_colors(samples, clustering, seed=seed)
     if sky.n_clusters == 0:

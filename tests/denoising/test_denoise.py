@@ -76,7 +76,7 @@ def photo_of_pole(i):
     image[off_pole] = 0.1
     image[(HEIGHT + 80) // 2 :][~off_pole[(HEIGHT + 80) // 2 :]] = WHITE
     image[sky] = WHITE
-    return np.rint(image * 255).astype(np.uint8), sky
+    return np.rint(image * 255).astype(np.uint8), sky, np.zeros_like(sky)
 
 
 def evidence_of(poses, look=photo_of_pole):
@@ -124,8 +124,11 @@ def test_a_dark_pixel_with_sky_aside_speaks_for_the_point():
     sky = np.ones((HEIGHT, WIDTH), bool)
     sky[:, WIDTH // 2 - 1 : WIDTH // 2 + 1] = False
     dark = np.full((HEIGHT, WIDTH, 3), 20, np.uint8)
-    seen = evidence_of(ring(5), lambda i: (dark, sky))(np.array([[0.0, 0.0, 1.0]]))
+    nothing, point = np.zeros_like(sky), np.array([[0.0, 0.0, 1.0]])
+    seen = evidence_of(ring(5), lambda i: (dark, sky, nothing))(point)
     assert seen.n_solid[0] == 5 and seen.n_clear[0] == 0
+    hidden = evidence_of(ring(5), lambda i: (dark, sky, ~nothing if i else nothing))(point)
+    assert hidden.n_solid[0] == 1 and hidden.n_clear[0] == 0, "hidden pixels say nothing"
 
 
 def test_points_out_of_every_frame_stay():

@@ -38,7 +38,7 @@ def share(cloud, sky, mask="exact", options=OPTIONS, rods=(TWIG, STEM)):
 
     def look(i):
         image, free = photo(i, rods, sky)
-        return image, MASKS[mask](free)
+        return image, MASKS[mask](free), np.zeros_like(free)
 
     seen = sky_evidence(cloud.points, POSES, pinhole(POSES), look, options)
     n_seen = seen.n_solid + seen.n_clear
@@ -93,11 +93,11 @@ def test_larger_photos_say_the_same():
     points = np.vstack([TWIG.surface(200, rng), TWIG.surface(200, rng, off=0.012)])
 
     def look(i):
-        return photo(i, (TWIG, STEM), "overcast")
+        image, free = photo(i, (TWIG, STEM), "overcast")
+        return image, free, np.zeros_like(free)
 
     def large(i):
-        image, free = look(i)
-        return np.repeat(np.repeat(image, 3, 0), 3, 1), np.repeat(np.repeat(free, 3, 0), 3, 1)
+        return tuple(np.repeat(np.repeat(each, 3, 0), 3, 1) for each in look(i))
 
     flat = pinhole(POSES)
     small = sky_evidence(points, POSES, flat, look, OPTIONS)

@@ -10,8 +10,10 @@ from cherrypicker.mvs.backends.choice import estimate_workspace
 from cherrypicker.mvs.clear_sky import SkyMasks, clear_sky
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.sky.mask_files import HIDDEN
 
 # A cylinder about four pixels wide before plain grey
+WALL = [Surface(seed=5)]
 TWIG = [Surface(center=(0.1, 0.0, 3.5), radius=0.045, seed=3)]
 
 
@@ -81,6 +83,26 @@ def test_another_mask_computes_its_photo_again_and_no_photo_that_it_does_not_tou
     before = times()
     cv2.imwrite(str(tmp_path / "sky" / "view3.png"), np.zeros(depths[3].shape, np.uint8))
     assert [a == b for a, b in zip(times(), before)] == [True, True, True, False, True]
+
+
+@pytest.mark.parametrize("with_sky", [True, False])
+def test_what_a_user_hides_gets_no_depth(tmp_path, with_sky):
+    scene = tmp_path / "scene"
+    _, _, depths = write_scene(scene, WALL, n_points=3000)
+    kinds = np.zeros(depths[2].shape, np.uint8)
+    kinds[:, :40], kinds[:, 120:] = HIDDEN, 255
+    write_masks(tmp_path / "sky", [np.zeros(d.shape, bool) for d in depths])
+    cv2.imwrite(str(tmp_path / "sky" / "view2.png"), kinds)
+    workspace = Workspace(scene)
+    names = [view.name for view in workspace.views]
+    masks = SkyMasks(tmp_path / "sky", scene / "sparse", names, with_sky=with_sky)
+    estimate_workspace(scene, StereoOptions(), backend="cpu", sky_masks=masks)
+    for kind in ("photometric", "geometric"):
+        found = workspace.read_depth(workspace.views[2], kind) > 0
+        assert not found[:, :40].any()
+        assert found[20:100, 45:115].mean() > 0.7
+        # Texture is no clear sky, whatever the mask
+        assert found[20:100, 125:150].any()
 
 
 def test_a_missing_mask_is_told(tmp_path):

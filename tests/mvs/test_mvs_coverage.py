@@ -21,11 +21,16 @@ SIZE, FOCAL = (300, 400), 300.0
 class Masks:
     """Sky masks in memory, by photo."""
 
-    def __init__(self, skies):
-        self._skies = skies
+    def __init__(self, skies, hidden_rows=0):
+        self._skies, self._hidden_rows = skies, hidden_rows
 
     def of(self, view):
         return self._skies[view.name]
+
+    def both(self, view):
+        hidden = np.zeros_like(self.of(view))
+        hidden[: self._hidden_rows] = True
+        return self.of(view) & ~hidden, hidden
 
 
 class Maps:
@@ -65,6 +70,16 @@ def test_voxels_of_the_pole_are_wood_and_the_sky_beside_it_is_not(scan):
     beside = look_for_wood(poses, masks, upper + [0.4, 0.3, 0.0], 0.05)
     assert not beside.is_wood.any()
     assert (beside.clear > 0.8 * beside.framing).all()
+
+
+def test_what_a_user_hides_is_framed_by_no_photo(scan):
+    """Its edge before the sky is nothing thin, and what lies behind it is not wood."""
+    poses, masks, pole, _ = scan
+    skies = {name: masks.of(view_of(poses, i)) for i, name in enumerate(poses.names)}
+    hidden = Masks(skies, hidden_rows=SIZE[1])
+    upper = pole[(pole[:, 2] > 0.6) & (pole[:, 2] < 2.3)][::50]
+    shown = look_for_wood(poses, hidden, upper, 0.05)
+    assert not shown.framing.any() and not shown.thin.any() and not shown.clear.any()
 
 
 def test_coverage_counts_photos_and_maps_and_goes_through_json(scan, tmp_path):

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from cherrypicker.mvs.lines.lines import seen_lines
 from cherrypicker.mvs.lines.sky_lines import find_sky_lines
 from cherrypicker.mvs.silhouettes import add_silhouettes
 from cherrypicker.mvs.workspace import view_of
@@ -72,8 +73,9 @@ class Photos:
     def photo_path(self, view):
         return self.folder / view.name
 
-    def of(self, view):
-        return np.full((view.height, view.width), int(Path(view.name).stem) in self.before_sky)
+    def both(self, view):
+        shape = (view.height, view.width)
+        return np.full(shape, int(Path(view.name).stem) in self.before_sky), np.zeros(shape, bool)
 
 
 def added(folder, n_photos, twigs_of, *, before_sky=range(99), points=((9.0, 9.0, 9.0),)):
@@ -95,6 +97,17 @@ def distance_to(twig, points):
     along = (twig[1] - twig[0]) / np.linalg.norm(twig[1] - twig[0])
     share = np.clip((points - twig[0]) @ along, 0.0, np.linalg.norm(twig[1] - twig[0]))
     return np.linalg.norm(points - twig[0] - share[:, None] * along, axis=1)
+
+
+def test_lines_on_or_beside_what_a_user_hides_are_none():
+    found = find_sky_lines(draw(ring(8), 0, [TWIG]), np.ones((SIDE, SIDE), bool), 1.0)
+    row = int(np.median(found.uv[:, 1]))
+    hidden = np.zeros((SIDE, SIDE), bool)
+    hidden[row:] = True
+    left = seen_lines(found, hidden)
+    assert 0.2 * len(found.uv) < len(left.uv) < 0.6 * len(found.uv)
+    assert left.uv[:, 1].max() < row and not left.clear[row:].any()
+    assert len(left.across) == len(left.share) == len(left.uv)
 
 
 def test_ridges_lie_on_the_line():

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from checked_scene import STEM, TWIGS, open_scan, skeleton_of, write_scan
@@ -12,7 +13,8 @@ from cherrypicker.photo_check.check import CheckOptions, check_photos
 from cherrypicker.photo_check.missing import hang_together
 from cherrypicker.photo_check.pictures import quarter_turns, write_picture
 from cherrypicker.photo_check.places import MetricWorkspace, places_along
-from cherrypicker.photo_check.widths import branch_diameters
+from cherrypicker.photo_check.votes import Shown, vote
+from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.report.stages import photo_section
@@ -60,6 +62,24 @@ def test_a_strand_through_the_air_is_refuted(judged, whole):
     assert report["photo_precision"] < 0.9
     assert len(report["refuted_pieces"]) == 1
     assert report["photo_recall"] == pytest.approx(whole[0]["photo_recall"], abs=0.02)
+
+
+def test_a_photo_says_nothing_of_what_its_user_hides(scan):
+    """A hidden strip before clear sky is no twig that covers the places behind it."""
+    poses = scan[0].poses
+    places = places_along(skeleton_of((TWIGS[0],)), 0.01)
+    size = (int(poses.height[0]), int(poses.width[0]))
+    uv, _ = poses.project(places.points, 0)
+    strip = np.zeros(size, np.uint8)
+    cv2.polylines(strip, [np.rint(uv).astype(np.int32)[:, None]], False, 1, thickness=5)
+    photo = np.where(strip[..., None] > 0, 20, 220).astype(np.uint8).repeat(3, axis=2)
+    nothing = np.zeros(size, bool)
+    _, solid = vote(Shown(strip == 0, nothing), poses, 0, places)
+    assert solid.mean() > 0.9
+    hidden = Shown(strip == 0, strip > 0)
+    clear, solid = vote(hidden, poses, 0, places)
+    assert not clear.any() and solid.mean() < 0.1
+    assert np.isnan(silhouette_widths(photo, hidden, poses, 0, places)[0]).all()
 
 
 @pytest.mark.parametrize("gone", [1, 2, 4])

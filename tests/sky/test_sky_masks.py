@@ -9,9 +9,10 @@ import torch
 from PIL import Image, ImageOps
 
 from cherrypicker.errors import StageError
+from cherrypicker.photos import as_stored, upright
 from cherrypicker.sky import masks, sizes
-from cherrypicker.sky.mask_files import read_mask
-from cherrypicker.sky.masks import MaskOptions, as_stored, sky_mask, upright
+from cherrypicker.sky.mask_files import read_mask, read_masks
+from cherrypicker.sky.masks import MaskOptions, sky_mask
 from cherrypicker.sky.scan import mask_photos, photos_by_stem
 from cherrypicker.sky.unet import SkyUNet, load_weights, save_weights
 from cherrypicker_lab.training.sky.metrics import Confusion
@@ -175,6 +176,30 @@ def test_folder_of_photos_gives_a_mask_each(tmp_path):
     assert np.abs(samples.mean(axis=0) - (190, 215, 240)).max() < 5
     with pytest.raises(StageError, match="320 x 240"):
         read_mask(tmp_path / "sky/one.png", (10, 10))
+
+
+def test_what_a_user_hides_is_neither_sky_nor_a_sample_of_its_colours(tmp_path):
+    image, sky = scene()
+    image[:60] = (250, 20, 20)  # what the user hides, and the network would call sky
+    hidden = np.zeros(sky.shape, bool)
+    hidden[:60] = True
+    for name in ("photos", "own"):
+        (tmp_path / name).mkdir()
+    Image.fromarray(image).save(tmp_path / "photos/a.png")
+    Image.fromarray(np.where(hidden, 0, 255).astype(np.uint8)).save(tmp_path / "own/a.png.png")
+    samples = mask_photos(
+        BrightTop(),
+        tmp_path / "photos",
+        tmp_path / "sky",
+        MaskOptions(),
+        n_samples=300,
+        seed=1,
+        photo_masks=tmp_path / "own",
+    )
+    told, kept = read_masks(tmp_path / "sky/a.png")
+    assert np.array_equal(kept, hidden) and not told[hidden].any()
+    assert told[70:110].mean() > 0.95
+    assert samples[:, 1].min() > 150
 
 
 def test_shipped_weights_find_drawn_skies_and_spare_twigs():

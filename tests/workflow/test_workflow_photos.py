@@ -8,6 +8,8 @@ import pytest
 from sfm_scene import texture, write_orbit
 from workspace import Workspace
 
+from cherrypicker.mvs.workspace import Workspace as DenseWorkspace
+
 SPARSE = ["extract_features", "match_features", "reconstruct_sparse"]
 DENSE = ["undistort_photos", "estimate_depth", "fuse_depth"]
 CONFIG = {"sfm": {"max_features": 1000}, "mvs": {"backend": "cpu"}}
@@ -55,6 +57,27 @@ def test_a_changed_step_is_run_with_what_follows(box):
     assert "Nothing to be done" in box.run(CLOUD)
 
 
+def test_prepared_photos_are_read_by_every_stage(box):
+    """Half of each photo hidden by the user's masks: a stage more, and nothing of that half."""
+    (box.folder / "own").mkdir()
+    for path in sorted((box.folder / "photos").iterdir()):
+        mask = np.full(cv2.imread(str(path)).shape[:2], 255, np.uint8)
+        mask[:, :100] = 0
+        cv2.imwrite(str(box.folder / f"own/{path.stem}.png"), mask)
+    box.configure(CONFIG)
+    box.table("tree | photos | scale | masks", "half | photos | none | own")
+    cloud = "results/half/cloud.ply"
+    stages = {"prepare_photos", *SPARSE, "segment_sky", *DENSE}
+    assert box.ran(cloud) == {(stage, "half") for stage in stages}
+    assert "Nothing to be done" in box.run(cloud)
+    results = box.folder / "results/half"
+    assert (results / "photos/photo 00.jpg").samefile(box.folder / "photos/photo 00.jpg")
+    workspace = DenseWorkspace(results / "dense")
+    for view in workspace.views:
+        shown = workspace.read_depth(view, "geometric") > 0
+        assert not shown[:, :90].any() and shown[:, 110:].any()
+
+
 def test_bad_scans_end_with_one_line_each_and_the_batch_goes_on(box):
     folder = box.folder
     (folder / "none").mkdir()
@@ -62,18 +85,24 @@ def test_bad_scans_end_with_one_line_each_and_the_batch_goes_on(box):
     (folder / "strangers").mkdir()
     for i in range(4):
         cv2.imwrite(str(folder / f"strangers/{i}.jpg"), texture(rng, 320)[:240])
+    (folder / "phone").mkdir()
+    (folder / "phone/IMG_1.HEIC").write_bytes(b"no photo")
     box.table(
-        "tree | photos | scale | marker_dictionary | marker_sides_m",
-        "none | none | none |  | ",
-        "gone | nowhere | none |  | ",
-        "strangers | strangers | none |  | ",
-        "box | photos |  | DICT_4X4_50 | 7:0.2",
+        "tree | photos | scale | marker_dictionary | marker_sides_m | masks",
+        "none | none | none |  |  | ",
+        "gone | nowhere | none |  |  | ",
+        "phone | phone | none |  |  | ",
+        "masked | photos | none |  |  | nowhere",
+        "strangers | strangers | none |  |  | ",
+        "box | photos |  | DICT_4X4_50 | 7:0.2 | ",
     )
     printed = box.run("--until", "estimate_scale", fails=True)
     errors = [line for line in printed.splitlines() if line.startswith("ERROR ")]
     expected = {
         "none": ("extract_features", "none", "photos"),
         "gone": ("extract_features", "nowhere", "photos"),
+        "phone": ("prepare_photos", "IMG_1.HEIC", "photos"),
+        "masked": ("prepare_photos", "nowhere", "masks"),
         "strangers": ("match_features", "strangers", "photos"),
         "box": ("estimate_scale", "photos", "marker"),
     }

@@ -146,7 +146,7 @@ def sky_evidence(
     asked: np.ndarray,
     poses: Poses,
     to_photo: Callable[[int, np.ndarray], np.ndarray],
-    look: Callable[[int], tuple[np.ndarray, np.ndarray]],
+    look: Callable[[int], tuple[np.ndarray, np.ndarray, np.ndarray]],
     options: EvidenceOptions,
 ) -> SkyEvidence:
     """Ask all photos about some points.
@@ -160,7 +160,8 @@ def sky_evidence(
         ``to_photo(i, in_camera)`` projects camera coordinates (m, 3) to the pixels (m, 2) of the
         photo as stored, lens distortion included.
     look : callable
-        ``look(i)`` returns the photo, (H, W, 3) uint8, and its sky mask, (H, W) bool.
+        ``look(i)`` returns the photo, (H, W, 3) uint8, its sky mask and what a user hides of it,
+        each (H, W) bool.
     """
     counts = np.zeros((2, len(asked)), np.int32)
     with Progress(len(poses), "photos asked about sky silhouettes") as bar:
@@ -169,10 +170,13 @@ def sky_evidence(
             size = np.array([poses.width[i], poses.height[i]])
             rows = np.flatnonzero((depth > 0) & ((pixels >= 0) & (pixels < size)).all(axis=1))
             if len(rows):
-                photo, sky = look(i)
+                photo, sky, hidden = look(i)
                 uv = to_photo(i, asked[rows] @ poses.rotations[i].T + poses.cam_from_world[i, :, 3])
                 with np.errstate(invalid="ignore"):
-                    inside = (uv >= 0).all(axis=1) & (uv < sky.shape[::-1]).all(axis=1)
+                    within = np.logical_and(uv >= 0, uv < np.array(sky.shape[::-1]))
+                inside: np.ndarray = np.asarray(within.all(axis=1))
+                column, line = np.where(inside[:, None], uv, 0).astype(np.int64).T
+                inside = inside & ~hidden[line, column]
                 kind, _ = photo_evidence(photo, sky, options)
                 ratio = np.divide(kind.shape[::-1], sky.shape[::-1])
                 column, line = (uv[inside] * ratio).astype(np.int64).T

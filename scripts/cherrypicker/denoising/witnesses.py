@@ -12,7 +12,7 @@ from cherrypicker.denoising.evidence import EvidenceOptions, SkyEvidence, sky_ev
 from cherrypicker.lens import PhotoLenses
 from cherrypicker.photos import read_photo
 from cherrypicker.poses import Poses
-from cherrypicker.sky.mask_files import read_mask
+from cherrypicker.sky.mask_files import read_masks
 
 
 def photos_as_witnesses(
@@ -42,9 +42,9 @@ def photos_as_witnesses(
     """
     lenses = PhotoLenses(model, poses.names)
 
-    def look(i: int) -> tuple[np.ndarray, np.ndarray]:
+    def look(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         name = str(poses.names[i])
-        mask = read_mask(Path(masks) / f"{Path(name).stem}.png", lenses.shape(i))
-        return read_photo(Path(photo_folder) / name), mask
+        sky, hidden = read_masks(Path(masks) / f"{Path(name).stem}.png", lenses.shape(i))
+        return read_photo(Path(photo_folder) / name), sky, hidden
 
     return partial(sky_evidence, poses=poses, to_photo=lenses.to_photo, look=look, options=options)

@@ -19,7 +19,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.lens import PhotoLenses
 from cherrypicker.mvs.workspace import View
-from cherrypicker.sky.mask_files import read_mask
+from cherrypicker.sky.mask_files import read_masks
 
 # Structures narrower than this share of the photo's longer side count as thin (guess)
 THIN_SHARE = 0.0075
@@ -63,12 +63,16 @@ def clear_sky(photo: np.ndarray, sky: np.ndarray) -> np.ndarray:
 class SkyMasks:
     """The sky masks of the photos as stored, seen through the undistorted cameras.
 
+    They also hold what a user hides, which is neither sky nor anything else.
+
     Parameters
     ----------
     folder : path-like
         One mask per photo, ``{stem}.png``, in the pixels of the photo as stored.
     model : path-like
         Sparse model of the photos as stored, for the lenses.
+    with_sky : bool, default True
+        Whether sky counts; else only what a user hides does.
 
     Raises
     ------
@@ -82,10 +86,13 @@ class SkyMasks:
         folder: str | os.PathLike,
         model: str | os.PathLike,
         names: Sequence[str] | np.ndarray,
+        *,
+        with_sky: bool = True,
     ):
         self._folder = Path(folder)
         self._index = {str(name): i for i, name in enumerate(names)}
         self._lenses = PhotoLenses(model, names)
+        self._with_sky = with_sky
         self._maps: tuple[tuple, np.ndarray] | None = None
 
     def path(self, view: View) -> Path:
@@ -93,9 +100,10 @@ class SkyMasks:
         return self._folder / f"{Path(view.name).stem}.png"
 
     def digest(self, view: View) -> str:
-        """Return a digest of a view's mask."""
+        """Return a digest of a view's mask and of how it is used."""
         try:
-            return hashlib.sha256(self.path(view).read_bytes()).hexdigest()
+            content = self.path(view).read_bytes()
+            return hashlib.sha256(content + (b"" if self._with_sky else b"no sky")).hexdigest()
         except OSError as error:
             raise StageError(
                 "the sky mask is missing or unreadable", file=self.path(view)
@@ -106,11 +114,16 @@ class SkyMasks:
 
         What lies outside the photo as stored is no sky.
         """
+        return self.both(view)[0]
+
+    def both(self, view: View) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is sky in a view and what a user hides, each (height, width) bool."""
         i = self._index[view.name]
-        mask = read_mask(self.path(view), self._lenses.shape(i)).astype(np.uint8)
+        sky, hidden = read_masks(self.path(view), self._lenses.shape(i))
+        kinds = (sky & self._with_sky).astype(np.uint8) + 2 * hidden.astype(np.uint8)
         at = self._photo_pixels(i, view)
-        seen = cv2.remap(mask, at, None, cv2.INTER_NEAREST, borderValue=0)  # type: ignore[call-overload]
-        return seen > 0
+        seen = cv2.remap(kinds, at, None, cv2.INTER_NEAREST, borderValue=0)  # type: ignore[call-overload]
+        return seen == 1, seen == 2
 
     def _photo_pixels(self, i: int, view: View) -> np.ndarray:
         """Pixel (x, y) of the photo as stored for each undistorted one, (height, width, 2)."""

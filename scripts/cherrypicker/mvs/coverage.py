@@ -111,7 +111,9 @@ def look_for_wood(poses: Poses, masks: SkyMasks, centers: np.ndarray, size: floa
     n_framing, n_thin, n_clear = (np.zeros(len(centers), dtype=int) for _ in range(3))
     for i in range(len(poses)):
         own = np.flatnonzero(frames(poses, i, centers, size))
-        thin, clear = _before_sky(poses, i, centers[own], size, masks.of(view_of(poses, i)))
+        sky, hidden = masks.both(view_of(poses, i))
+        own = own[~_covers(hidden, poses, i, centers[own], size)]
+        thin, clear = _before_sky(poses, i, centers[own], size, sky)
         n_framing[own] += 1
         n_thin[own] += thin
         n_clear[own] += clear
@@ -171,6 +173,18 @@ def _before_sky(
     x, y = (np.minimum(uv[:, k] / STEP_PX, solid.shape[1 - k] - 1).astype(int) for k in (0, 1))
     reach = 0.5 * np.sqrt(3.0) * size * poses.K[i, 0, 0] / depth / STEP_PX
     return _distance_to(thin)[y, x] <= reach, _distance_to(solid)[y, x] > reach
+
+
+def _covers(
+    hidden: np.ndarray, poses: Poses, i: int, centers: np.ndarray, size: float
+) -> np.ndarray:
+    """Whether what a user hides (height, width) of photo ``i`` touches voxels, (n_voxels,) bool."""
+    if not hidden.any():
+        return np.zeros(len(centers), bool)
+    uv, depth = poses.project(centers, i)
+    x, y = (np.clip(uv[:, k], 0, hidden.shape[1 - k] - 1).astype(int) for k in (0, 1))
+    reach = 0.5 * np.sqrt(3.0) * size * poses.K[i, 0, 0] / depth
+    return _distance_to(hidden.astype(np.uint8))[y, x] <= reach
 
 
 def _distance_to(mask: np.ndarray) -> np.ndarray:

@@ -138,9 +138,9 @@ def _look(
     poses, n_places = workspace.poses, len(places.points)
     votes = Votes(*np.zeros((2, len(poses), n_places), dtype=bool))
     width, pixel = np.empty((2, len(poses), n_places), dtype=np.float32)
-    for i, photo, is_clear in clear_skies(workspace, masks):
-        votes.clear[i], votes.solid[i] = vote(is_clear, poses, i, places)
-        width[i], pixel[i] = silhouette_widths(photo, is_clear, poses, i, places)
+    for i, photo, shown in clear_skies(workspace, masks):
+        votes.clear[i], votes.solid[i] = vote(shown, poses, i, places)
+        width[i], pixel[i] = silhouette_widths(photo, shown, poses, i, places)
     return votes, width, pixel
 
 

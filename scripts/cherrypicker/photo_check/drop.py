@@ -68,8 +68,8 @@ def drop_refuted(
     poses = workspace.poses
     places = places_along(skeleton, step_of(skeleton, poses))
     votes = Votes(*np.zeros((2, len(poses), len(places.points)), dtype=bool))
-    for i, _, is_clear in clear_skies(workspace, masks):
-        votes.clear[i], votes.solid[i] = vote(is_clear, poses, i, places)
+    for i, _, shown in clear_skies(workspace, masks):
+        votes.clear[i], votes.solid[i] = vote(shown, poses, i, places)
     is_refuted = stands_out(votes, places.radius, least_photos)
     is_kept = _kept(skeleton, places, is_refuted)
     pieces = _pieces(skeleton, places, is_refuted, votes.clear.sum(axis=0), is_kept)

@@ -53,6 +53,21 @@ class Votes(NamedTuple):
     solid: np.ndarray
 
 
+class Shown(NamedTuple):
+    """What a photo shows, each ndarray of shape (height, width), bool.
+
+    Attributes
+    ----------
+    clear : ndarray
+        Clear sky.
+    hidden : ndarray
+        What a user's mask hides.
+    """
+
+    clear: np.ndarray
+    hidden: np.ndarray
+
+
 class Verdict(NamedTuple):
     """What all photos say of places, each ndarray of shape (n_places,), bool.
 
@@ -114,28 +129,30 @@ def stands_out(votes: Votes, radius: np.ndarray, least_photos: int) -> np.ndarra
 
 def clear_skies(
     workspace: MetricWorkspace, masks: SkyMasks
-) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Yield the row of each photo, the photo (height, width, 3) and its clear sky, bool."""
+) -> Iterator[tuple[int, np.ndarray, Shown]]:
+    """Yield the row of each photo, the photo (height, width, 3) and what of it is to be asked."""
     with Progress(len(workspace.views), "photos asked about the skeleton") as bar:
         for i, view in enumerate(workspace.views):
             photo = read_photo(workspace.photo_path(view))
-            yield i, photo, photo_evidence(photo, masks.of(view), AS_THEY_ARE)[0] == CLEAR
+            sky, hidden = masks.both(view)
+            yield i, photo, Shown(photo_evidence(photo, sky, AS_THEY_ARE)[0] == CLEAR, hidden)
             bar.step()
 
 
-def vote(is_clear: np.ndarray, poses: Poses, i: int, places: Places) -> tuple:
-    """Ask photo ``i``, whose clear sky is ``is_clear`` (height, width), about every place.
+def vote(shown: Shown, poses: Poses, i: int, places: Places) -> tuple:
+    """Ask photo ``i``, which shows ``shown``, about every place that its user does not hide.
 
     Returns
     -------
     clear, solid : ndarray of shape (n_places,), bool
         A row of `Votes`.
     """
-    pixels = is_clear.astype(np.uint8)
+    pixels = shown.clear.astype(np.uint8)
     to_solid = cv2.distanceTransform(pixels, cv2.DIST_L2, 5)
     to_clear = cv2.distanceTransform(1 - pixels, cv2.DIST_L2, 5)
     uv, depth = poses.project(places.points, i)
     framed = (depth > 0) & ((uv >= 0) & (uv < pixels.shape[::-1])).all(axis=1)
+    framed[framed] = ~shown.hidden[tuple(uv[framed].astype(int).T[::-1])]
     x, y = uv[framed].astype(int).T
     radius = places.radius[framed] * poses.K[i, 0, 0] / depth[framed]
     clear, solid = np.zeros((2, len(framed)), dtype=bool)

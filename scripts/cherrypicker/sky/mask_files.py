@@ -1,4 +1,7 @@
-"""Sky masks as files: PNG with one channel, 255 = sky, in the pixels of the photo as stored."""
+"""Sky masks as files: PNG with one channel, in the pixels of the photo as stored.
+
+255 is sky, 0 is not, and `HIDDEN` is what a user's mask keeps from being looked at: neither.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,9 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
+
+#: Value of a pixel that the user hides: below half, so that who asks for sky alone gets none
+HIDDEN = 64
 
 
 def write_mask(path: Path, mask: np.ndarray) -> None:
@@ -21,6 +27,14 @@ def write_mask(path: Path, mask: np.ndarray) -> None:
 
 def read_mask(path: Path, shape: tuple[int, int] | None = None) -> np.ndarray:
     """Read a sky mask, (H, W) bool, True = sky.
+
+    See `read_masks`.
+    """
+    return read_masks(path, shape)[0]
+
+
+def read_masks(path: Path, shape: tuple[int, int] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Read what of a photo is sky and what the user hides, each (H, W) bool.
 
     Raises
     ------
@@ -36,4 +50,4 @@ def read_mask(path: Path, shape: tuple[int, int] | None = None) -> np.ndarray:
             f"{shape[1]} x {shape[0]}",
             file=path,
         )
-    return mask > 127
+    return mask > 127, mask == HIDDEN

@@ -10,12 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.intake.masks import read_hidden
 from cherrypicker.photos import exif_orientation, list_photos, read_photo
 from cherrypicker.progress import Progress
 from cherrypicker.sky.colors import sample_sky_pixels
-from cherrypicker.sky.mask_files import write_mask
+from cherrypicker.sky.mask_files import HIDDEN, write_mask
 from cherrypicker.sky.masks import MaskOptions, sky_mask
 from cherrypicker.sky.unet import SkyUNet
+
+SKY = 255
 
 logger = logging.getLogger(__name__)
 
@@ -48,6 +51,7 @@ def mask_photos(
     *,
     n_samples: int,
     seed: int,
+    photo_masks: Path | None = None,
 ) -> np.ndarray:
     """Write one mask per photo of a folder and sample the colours of the sky.
 
@@ -59,6 +63,8 @@ def mask_photos(
         Photos; ``{stem}.png`` per photo is written to ``mask_folder``.
     n_samples : int
         Sky pixels sampled over all photos, at most; each photo gives at most its share.
+    photo_masks : Path, optional
+        Folder of the prepared masks of a user: what they hide is neither sky nor anything else.
 
     Returns
     -------
@@ -87,10 +93,12 @@ def mask_photos(
             if index + 1 < len(paths):  # decode the next photo while this one is worked on
                 pending = reader.submit(load, paths[index + 1])
             mask = sky_mask(net, image, options, orientation)
+            mask[read_hidden(photo_masks, paths[index].name, mask.shape)] = HIDDEN
             write_mask(mask_folder / f"{stem}.png", mask)
             rng = np.random.default_rng(seeds[index])
-            samples.append(sample_sky_pixels(image, mask, share, rng))
-            fractions.append(float(np.count_nonzero(mask)) / mask.size)
+            is_sky = np.where(mask == SKY, mask, 0)
+            samples.append(sample_sky_pixels(image, is_sky, share, rng))
+            fractions.append(float(np.count_nonzero(is_sky)) / mask.size)
             logger.info("%s: %.1f %% sky", paths[index].name, 100 * fractions[-1])
             bar.step()
     logger.info(

@@ -257,7 +257,8 @@ def run_sgbm(
             view = workspace.views[problem.view]
             if sky_masks is not None:
                 photo = read_photo(workspace.photo_path(view))
-                inverse[clear_sky(photo, sky_masks.of(view))] = 0.0
+                sky, hidden = sky_masks.both(view)
+                inverse[clear_sky(photo, sky) | hidden] = 0.0
             field = np.dstack([inverse, slopes(inverse), np.zeros_like(inverse)])
             workspace.write_maps(view, GEOMETRIC, *field_to_maps(field, view.K))
             names.add(view.name)

@@ -66,7 +66,8 @@ def run_cpu(
         lines = {i: lines_of(i) for i in problem.photos}
         skip = None
         if sky_masks is not None:
-            skip = clear_sky(photos[problem.view][0], sky_masks.of(views[problem.view]))
+            sky, hidden = sky_masks.both(views[problem.view])
+            skip = clear_sky(photos[problem.view][0], sky) | hidden
         return estimate.estimate_photometric(problem, views, photos, lines, options, threads, skip)
 
     settings = {

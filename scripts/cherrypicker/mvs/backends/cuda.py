@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import hashlib
 
+import numpy as np
 import pycolmap
 
 from cherrypicker.mvs.backends.map_keys import GEOMETRIC, PHOTOMETRIC, MapKeys
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.workspace import View, Workspace
 
 
 def run_cuda(
     workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
 ) -> set[str]:
-    """COLMAP's own PatchMatch, which itself skips maps that exist; it knows no masks."""
+    """COLMAP's own PatchMatch, which itself skips maps that exist.
+
+    It knows no masks: what a user hides loses its depth afterwards.
+    """
     keys = MapKeys(workspace)
     key = hashlib.sha256(f"cuda:{options.n_sources}".encode()).hexdigest()
     for view in workspace.views:
@@ -30,4 +34,19 @@ def run_cuda(
     settings = pycolmap.PatchMatchOptions()
     settings.filter_min_num_consistent = options.min_consistent
     pycolmap.patch_match_stereo(workspace.folder, options=settings)
-    return {view.name for view in workspace.views if workspace.has_maps(view, GEOMETRIC)}
+    made = [view for view in workspace.views if workspace.has_maps(view, GEOMETRIC)]
+    if sky_masks is not None:
+        for view in made:
+            _forget_hidden(workspace, view, sky_masks.both(view)[1])
+    return {view.name for view in made}
+
+
+def _forget_hidden(workspace: Workspace, view: View, hidden: np.ndarray) -> None:
+    """Take the depth of hidden pixels (height, width) out of a view's last maps."""
+    if hidden.any():
+        depth, normals = (
+            workspace.read_depth(view, GEOMETRIC),
+            workspace.read_normals(view, GEOMETRIC),
+        )
+        depth[hidden], normals[hidden] = 0.0, 0.0
+        workspace.write_maps(view, GEOMETRIC, depth, normals)
