@@ -1,5 +1,6 @@
 """The check of photos: what it tells of sharpness, light, markers and the walk round the tree."""
 
+import re
 from pathlib import Path
 
 import cv2
@@ -159,6 +160,38 @@ def test_check_tells_what_to_photograph_again(walk, monkeypatch, capsys):
     for tree in ("whole", "thin", "spoilt"):
         with Image.open(walk / f"check/{tree}.jpg") as sheet:
             assert sheet.width > 1000 and sheet.height > 1000
+
+
+def test_check_looks_at_what_the_run_would_read(tmp_path, monkeypatch, capsys):
+    """HEIC photos, frames of a film and masks: prepared beside the sheet, and gone afterwards."""
+    heif = pytest.importorskip("pillow_heif")
+    heif.register_heif_opener()
+    dots = bark(np.random.default_rng(1))
+    writer = cv2.VideoWriter(
+        str(tmp_path / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (SIZE, SIZE)
+    )
+    (tmp_path / "heic").mkdir()
+    for number, pose in enumerate(cameras(np.arange(0, 60, 3))):
+        picture = cv2.cvtColor(rendered(pose, *dots), cv2.COLOR_GRAY2BGR)
+        writer.write(picture)
+        if number % 5 == 0:
+            Image.fromarray(picture).save(tmp_path / f"heic/{number}.heic", quality=90)
+    writer.release()
+    (tmp_path / "film").mkdir()
+    (tmp_path / "walk.avi").rename(tmp_path / "film/walk.avi")
+    (tmp_path / "own").mkdir()
+    Image.new("L", (SIZE, SIZE - 1), 255).save(tmp_path / "own/0.png")
+    (tmp_path / "config").mkdir()
+    rows = ["tree\tphotos\tscale\tmasks", "film\tfilm\tnone\t", "heic\theic\tnone\t"]
+    (tmp_path / "config/trees.tsv").write_text("\n".join([*rows, "masked\theic\tnone\town"]) + "\n")
+    monkeypatch.chdir(tmp_path)
+    assert main(["check", "--cores", "1"]) == 1
+    told = capsys.readouterr().out
+    film = re.search(r"film: .*, (\d+) photos", told)
+    assert film and 5 <= int(film[1]) <= 20, told
+    assert re.search(r"heic: .*, 4 photos", told)
+    assert re.search(rf"masked: cannot run\n.*{SIZE} x {SIZE - 1} pixels.*masks in trees.tsv", told)
+    assert sorted(path.name for path in (tmp_path / "check").iterdir()) == ["film.jpg", "heic.jpg"]
 
 
 def test_markers_of_another_id_are_named(tmp_path):

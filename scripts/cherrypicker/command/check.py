@@ -1,8 +1,9 @@
 """Look at the table and the photos of a work folder before the run: go, or what to do again.
 
 Tells unreadable and blurred photos, exposure, markers, photos that do not overlap and gaps in the
-walk round the tree, with a picture of where: check/TREE.jpg. Takes a minute or two a tree; nothing
-else is written. The exit status is 1 where a tree has to be photographed again. Examples:
+walk round the tree, with a picture of where: check/TREE.jpg; of a video the frames are judged that
+the run would take. Takes a minute or two a tree; nothing else is written. The exit status is 1
+where a tree has to be photographed again. Examples:
 
     cherrypicker check
     cherrypicker check -d WORK row3_tree07
@@ -11,18 +12,22 @@ else is written. The exit status is 1 where a tree has to be photographed again.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch
+from cherrypicker.batch.trees import Tree
 from cherrypicker.capture.contact_sheet import write_contact_sheet
-from cherrypicker.capture.look import look_at
+from cherrypicker.capture.look import LOOK_PX, look_at
 from cherrypicker.capture.verdict import Verdict, judge
 from cherrypicker.command.work_folder import batch_here, enter, folder_parser
 from cherrypicker.errors import StageError
+from cherrypicker.files import temporary_folder
+from cherrypicker.intake.kinds import are_plain, list_captures
+from cherrypicker.intake.prepare import PrepareOptions, prepare_photos
 from cherrypicker.markers.columns import check_scale_columns
 from cherrypicker.markers.detection import marker_dictionary
-from cherrypicker.photos import list_photos
 
 parser = folder_parser(__doc__)
 parser.add_argument("trees", nargs="*", metavar="TREE", help="default all trees of the table")
@@ -60,12 +65,40 @@ def _check(batch: Batch, tree: str, cores: int) -> bool:
     mode = batch.settings_of[tree]["scale"]["mode"]
     sides = check_scale_columns(row.scale, mode, row.marker_dictionary, row.marker_sides_m)
     dictionary = marker_dictionary(row.marker_dictionary) if sides else None
-    looks = list(look_at(list_photos(row.photos), dictionary, cores))
+    with photos_to_look_at(row, batch.settings_of[tree], cores) as photos:
+        looks = list(look_at(photos, dictionary, cores))
     verdict = judge(looks, list(sides), cores)
     sheet = Path("check") / f"{tree}.jpg"
     write_contact_sheet(sheet, tree, verdict)
     print(report(tree, verdict, sheet), flush=True)
     return verdict.is_go
+
+
+@contextmanager
+def photos_to_look_at(row: Tree, settings: Mapping, cores: int) -> Iterator[list[Path]]:
+    """Give the photos that the run will read: prepared ones lie in a folder that goes afterwards.
+
+    Raises
+    ------
+    StageError
+        As :func:`cherrypicker.intake.prepare.prepare_photos`.
+    """
+    captures = list_captures(row.photos)
+    if are_plain(captures) and not row.masks:
+        yield captures
+        return
+    # Nothing is looked at in more pixels; a photo that cannot be read is told of as any other
+    options = PrepareOptions(LOOK_PX, settings["photos"]["video_step"])
+    with temporary_folder(Path("check"), ".prepared") as folder:
+        made = prepare_photos(
+            captures,
+            folder / "photos",
+            folder / "masks",
+            options,
+            user_masks=row.masks,
+            threads=cores,
+        )
+        yield [folder / "photos" / name for name in sorted(made["photos"])]
 
 
 def report(tree: str, verdict: Verdict, sheet: Path) -> str:

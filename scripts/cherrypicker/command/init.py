@@ -1,7 +1,8 @@
 """Make a work folder: a commented table and config, with photos found by sub-folder.
 
-Every sub-folder with three photos or more becomes a row of config/trees.tsv, every PLY, LAS or LAZ
-a row of its own; the date is that of the first photo. Nothing that is there is overwritten.
+Every sub-folder with three photos or more, or a video, becomes a row of config/trees.tsv, every
+PLY, LAS or LAZ a row of its own; the date is that of the first photo. Nothing that is there is
+overwritten.
 Examples:
 
     cherrypicker init MY_FOLDER
@@ -16,25 +17,36 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from PIL import ExifTags, Image
+from PIL import ExifTags
 
 from cherrypicker.batch.batch import CONFIG_FILE
 from cherrypicker.batch.trees import folder_name, read_trees
 from cherrypicker.command.work_folder import PROJECT
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_text
+from cherrypicker.intake.kinds import Kind, captures_in, kind_of
+from cherrypicker.intake.stills import tags_of
 from cherrypicker.markers.columns import check_scale_columns
-from cherrypicker.photos import photos_in
 from cherrypicker.sfm.photo_files import MIN_PHOTOS
 
 TABLE_FILE = "config/trees.tsv"
-COLUMNS = ("tree", "photos", "cloud", "marker_dictionary", "marker_sides_m", "scale", "date")
+COLUMNS = (
+    "tree",
+    "photos",
+    "masks",
+    "cloud",
+    "marker_dictionary",
+    "marker_sides_m",
+    "scale",
+    "date",
+)
 _CLOUD_SUFFIXES = (".ply", ".las", ".laz")
 _OWN_FOLDERS = ("config", "results", "logs", "benchmarks", "check")
 _TABLE_HEAD = """\
 # One row a scan, columns separated by tabs; an empty cell means the default.
 # tree: its id. photos: a folder of photos, or cloud: a ready point cloud instead.
 # marker_dictionary, marker_sides_m: the printed marker, such as DICT_4X4_50 and 7:0.20 (metres).
+# masks: a folder of masks for the photos, black where nothing is to be looked at.
 # scale: empty with a marker, else metres per unit, or none for results without metres.
 # date: of the scan. All columns: config/README.md of the project.
 """
@@ -99,8 +111,9 @@ def find_scans(root: Path, folder: Path) -> Iterator[dict[str, str]]:
         names[:] = sorted(
             name for name in names if not name.startswith(".") and name not in _OWN_FOLDERS
         )
-        photos = photos_in(place)
-        if len(photos) >= MIN_PHOTOS:
+        photos = captures_in(place)
+        has_film = any(kind_of(path) is Kind.VIDEO for path in photos)
+        if len(photos) >= MIN_PHOTOS or has_film:
             tree = _id_of(Path(place).resolve(), root.resolve(), seen)
             yield {"tree": tree, "photos": _as_seen(place, folder), "date": date_of(photos[0])}
         for name in sorted(files):
@@ -130,13 +143,12 @@ def _as_seen(path: str | Path, folder: Path) -> str:
 
 
 def date_of(photo: Path) -> str:
-    """Return the ISO date that a photo was taken on by its EXIF tags; empty where it has none."""
+    """Return the ISO date that a photo was taken on by its EXIF tags; empty where it tells none."""
     try:
-        with Image.open(photo) as image:
-            details = image.getexif().get_ifd(ExifTags.IFD.Exif)
-            text = str(details.get(ExifTags.Base.DateTimeOriginal, ""))
+        details = tags_of(photo).get_ifd(ExifTags.IFD.Exif)
+        text = str(details.get(ExifTags.Base.DateTimeOriginal, ""))
         return datetime.date.fromisoformat(text[:10].replace(":", "-")).isoformat()
-    except (OSError, ValueError, SyntaxError):
+    except ValueError:
         return ""
 
 
