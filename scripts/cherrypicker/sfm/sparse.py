@@ -16,6 +16,7 @@ from cherrypicker.poses import write_poses
 from cherrypicker.sfm.database import SCRATCH, copy_database
 from cherrypicker.sfm.diagnosis import diagnose_photos
 from cherrypicker.sfm.export import undistorted_poses, write_model
+from cherrypicker.sfm.gps import compare_places, stated_places
 from cherrypicker.sfm.mapping import Attempt, MappingOptions, map_photos
 from cherrypicker.sfm.rematch import RefineOptions
 from cherrypicker.sfm.uncertainty import camera_uncertainty
@@ -88,6 +89,13 @@ def reconstruct_sparse(
             working, found, best.model, best.other_models, min_inliers=options.min_inliers
         )
     content = _report(best, attempts, explained)
+    if best.model is not None:
+        centers = {
+            image.name: image.projection_center()
+            for image in best.model.images.values()
+            if image.has_pose
+        }
+        content["gps"] = compare_places(centers, stated_places(map(Path, photos)))
     write_json(report, content)
     _log_missing(explained)
     _enforce(content, options.min_registered_fraction, Path(photos[0]).parent)
