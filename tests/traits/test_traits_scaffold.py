@@ -118,6 +118,33 @@ def test_what_leaves_a_limb_at_the_stem_is_a_limb_of_its_own():
     assert sorted(round(limb.diameter, 4) for limb in limbs) == [0.024, 0.030]
 
 
+def vase(fork, *hung):
+    """A stem of 50 mm radius and limbs from z = 1, which a skeleton joins at a height of `fork`."""
+    away = np.array([[1, 0, 1.2], [-0.5, 0.87, 1.2], [-0.5, -0.87, 1.2]])
+    ends = away / np.linalg.norm(away, axis=1)[:, None]
+    n = round(fork / 0.02)
+    stem = (0, 0, line([0, 0, 0], [0, 0, fork], n + 1), 0.05)
+    lines = [line([0, 0, 1], [0, 0, 1] + end, 101)[1:] for end in ends]
+    return grown(stem, *((0, n, each, 0.03) for each in lines), *hung), lines
+
+
+def test_limbs_of_a_fork_are_measured_where_they_are_wherever_the_skeleton_forks():
+    low, high = (sorted(limbs_of(vase(fork)[0])[0], key=lambda b: b.axis) for fork in (0.96, 1.0))
+    assert len(low) == len(high) == 3
+    for one, other in zip(low, high, strict=True):
+        np.testing.assert_allclose(one.place, other.place, atol=0.004)
+        away = np.hypot(*one.place[:2])
+        assert away == pytest.approx(0.05 + 0.025 * np.sin(np.radians(39.8)), abs=0.006)
+
+
+def test_a_limb_of_the_fork_that_hangs_on_another_is_one_a_lateral_is_none():
+    _, lines = vase(1.0)
+    side = lines[0][7] + np.outer(np.linspace(0.01, 0.8, 80), [0.0, 0.8, 0.6])
+    twin, lateral = ((1, 7, side, radius) for radius in (0.026, 0.015))
+    assert len(limbs_of(vase(1.0, twin)[0])[0]) == 4
+    assert len(limbs_of(vase(1.0, lateral)[0])[0]) == 3
+
+
 def test_a_leader_above_a_burl_is_no_limb():
     burl = (0, 0, line([0, 0, 0], [0, 0, 1], 51), 0.05)
     leader = (0, 50, line([0, 0, 1.02], [0, 0, 2], 50), 0.03)  # under 0.8 of the trunk

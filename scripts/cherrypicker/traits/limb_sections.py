@@ -98,6 +98,9 @@ def _measured(limb: Limb, own: np.ndarray, rng: np.random.Generator) -> Limb:
         fit = section_of(local, tolerance, (low * guess, high * guess + _ROOM_M), rng, waves=False)
     except StageError:
         return fallback
-    if not fit.error < _SURE * fit.radius:
+    is_near = (
+        low * guess <= fit.radius <= high * guess + _ROOM_M
+    )  # a fit may leave what it began at
+    if not is_near or not fit.error < _SURE * fit.radius:
         return fallback
     return replace(limb, diameter=2.0 * fit.radius, error=fit.error, scatter=fit.noise)

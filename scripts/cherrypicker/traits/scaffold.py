@@ -3,7 +3,9 @@
 An axis leaves the stem inside the stem's wood, and may run along it for a while: it is followed to
 where it first is clear of the stem, and back to where it came out. A calliper is put on a limb
 2.5 cm beyond the stem's surface (Schupp et al., HortScience 52(9):1233-1240, 2017), so its diameter
-is taken there.
+is taken there. Where a fork ends the stem, as on a vase, its surface is drawn on as a cylinder: the
+limbs leave it sideways, about where they part from one another, and that place does not move with
+the node that a skeleton gives the fork.
 """
 
 from __future__ import annotations
@@ -23,6 +25,9 @@ _STEP_M = 0.005  # along a limb and along the stem
 # A leader's section is so many times those of all other axes of a fork (of two it is 1.4 times as
 # thick), between so many of the trunk's radii above it; guesses
 _LEADS, _FORK_RADII = 2.0, (2.0, 6.0)
+# A stem that a fork ends is drawn on over so many of its radii: what leans from it by 15 degrees
+# and more leaves its surface within them
+_DRAWN_ON = 4.0
 
 
 @dataclass(frozen=True)
@@ -50,13 +55,43 @@ class StemSurface:
         points, node, radius, _ = densify(skeleton, _STEP_M)
         self.axes = _stem_axes(skeleton, axis_list)
         of_stem = np.isin(node, np.concatenate([axis_list[axis].nodes for axis in self.axes]))
-        self._tree, self._node = cKDTree(points[of_stem]), node[of_stem]
-        self._radius = radius[of_stem]
+        end = axis_list[self.axes[-1]].nodes
+        further, wide = _drawn_on(skeleton, end)
+        self._tree = cKDTree(np.vstack([points[of_stem], further]))
+        self._node = np.append(node[of_stem], np.full(len(further), end[-1]))
+        self._radius = np.append(radius[of_stem], np.full(len(further), wide))
 
     def over(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far points (n, 3) lie outside it, and the stem's node beside each, (n,) both."""
         away, row = self._tree.query(points)
         return away - self._radius[row], self._node[row]
+
+
+def _drawn_on(skeleton: Skeleton, nodes: np.ndarray) -> tuple[np.ndarray, float]:
+    """Samples (n, 3) of a stem's axis beyond the fork that ends it, and its radius there.
+
+    None beyond a tip. The radius is the median of as long a stretch below: within a fork radii are
+    no one's own.
+    """
+    end = nodes[-1]
+    if not skeleton.n_children[end]:
+        return np.zeros((0, 3)), 0.0
+    points, reach = skeleton.points[nodes], _DRAWN_ON * skeleton.radius[end]
+    near = np.linalg.norm(points - points[-1], axis=1) <= reach
+    rise = points[-1] - points[near][0]
+    along = np.arange(_STEP_M, reach, _STEP_M)
+    further = points[-1] + along[:, None] * rise / max(float(np.linalg.norm(rise)), 1e-12)
+    return further, float(np.median(skeleton.radius[nodes[near]]))
+
+
+def _section_beyond(skeleton: Skeleton, nodes: np.ndarray, fork: int) -> float:
+    """Squared radius of the wood of `nodes`, which begin beyond a fork; 0 where it is a stub."""
+    low, high = (times * skeleton.radius[fork] for times in _FORK_RADII)
+    along = np.cumsum(skeleton.edge_length[nodes])
+    stretch = nodes[(along >= low) & (along <= high)]
+    if not len(stretch) or along[-1] < high:
+        return 0.0
+    return float(np.median(skeleton.radius[stretch]) ** 2)
 
 
 def _stem_axes(skeleton: Skeleton, axis_list: list[Axis]) -> list[int]:
@@ -66,16 +101,15 @@ def _stem_axes(skeleton: Skeleton, axis_list: list[Axis]) -> list[int]:
     other axes of the fork.
     """
     end = axis_list[0].nodes[-1]
-    low, high = (times * skeleton.radius[end] for times in _FORK_RADII)
-    length, fork, areas = skeleton.edge_length, {end}, {}
+    low = _FORK_RADII[0] * skeleton.radius[end]
+    fork, areas = {end}, {}
     for index, axis in enumerate(axis_list):
         if axis.attach not in fork:
             continue
-        along = np.cumsum(length[axis.nodes])
+        along = np.cumsum(skeleton.edge_length[axis.nodes])
         fork.update(axis.nodes[along < low].tolist())
-        stretch = axis.nodes[(along >= low) & (along <= high)]
-        if len(stretch) and along[-1] >= high:  # no stub
-            areas[index] = float(np.median(skeleton.radius[stretch]) ** 2)
+        if section := _section_beyond(skeleton, axis.nodes, end):
+            areas[index] = section
     leader = max(areas, key=areas.__getitem__, default=-1)
     if leader < 0 or areas[leader] <= _LEADS * (sum(areas.values()) - areas[leader]):
         return [0]
@@ -105,21 +139,42 @@ def find_limbs(
     Returns
     -------
     list of Limb
-        In the order of the axes.
+        In the order of the axes. What leaves the stem, or a stub on it, and comes clear of it; and
+        what hangs on such a limb, but parts from it at the stem and is no lateral of it.
     """
     kept = np.ones(len(skeleton), dtype=bool) if kept is None else kept
     of_stem = np.zeros(len(skeleton), dtype=bool)
     for index in stem.axes:
         of_stem[axis_list[index].nodes] = True
-    limbs = []
+    limbs: list[Limb] = []
     for index, axis in enumerate(axis_list):
-        if index in stem.axes or not of_stem[axis.attach]:
+        bearer = next((limb for limb in limbs if limb.axis == axis.parent), None)
+        if index in stem.axes or not (of_stem[axis.attach] or bearer is not None):
             continue
-        limb, n_stem = _limb(skeleton, axis, index, stem, least, kept)
-        of_stem[axis.nodes[:n_stem]] = True
-        if limb is not None:
+        if bearer is not None and not _parts_at_the_stem(skeleton, axis_list, axis, stem):
+            continue
+        limb = _limb(skeleton, axis, index, stem, least, kept)
+        if limb is None:
+            of_stem[axis.nodes] = True
+        else:
             limbs.append(limb)
     return limbs
+
+
+def _parts_at_the_stem(
+    skeleton: Skeleton, axis_list: list[Axis], axis: Axis, stem: StemSurface
+) -> bool:
+    """Whether an axis that hangs on a limb is a limb of the same fork and no lateral.
+
+    Its wood comes as near to the stem as where limbs are measured, and the limb does not lead it.
+    """
+    own = _section_beyond(skeleton, axis.nodes, axis.attach)
+    over, _ = stem.over(skeleton.points[[axis.attach]])
+    if over[0] - np.sqrt(own) > BEYOND_M:
+        return False
+    bearer = axis_list[axis.parent].nodes
+    further = bearer[np.flatnonzero(bearer == axis.attach)[0] + 1 :]
+    return _section_beyond(skeleton, further, axis.attach) <= _LEADS * own
 
 
 def _limb(
@@ -129,22 +184,19 @@ def _limb(
     stem: StemSurface,
     least: float,
     kept: np.ndarray,
-) -> tuple[Limb | None, int]:
-    """The limb that an axis is, None where it stays at the stem, and how many nodes are the stem's.
-
-    What leaves an axis below where it is measured, or leaves a stub, is a limb of its own.
-    """
+) -> Limb | None:
+    """The limb that an axis is, None where it stays at the stem."""
     way = axis_polyline(axis)
     way = way[kept[way]]
     if len(way) < 2:
-        return None, len(axis.nodes)
+        return None
     points = skeleton.points[way]
     place = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     along = np.arange(0.0, place[-1], _STEP_M)
     over, beside = stem.over(np.column_stack([np.interp(along, place, xyz) for xyz in points.T]))
     clear = np.flatnonzero(over >= least)
     if not len(clear):
-        return None, len(axis.nodes)
+        return None
     inside = np.flatnonzero(over[: clear[0]] <= 0.0)
     leaves = int(inside[-1]) if len(inside) else 0
     at = along[leaves] + BEYOND_M
@@ -158,7 +210,7 @@ def _limb(
         for each in (at - BEYOND_M, at, at + 2 * BEYOND_M)
     )
     none = np.zeros(len(skeleton))
-    limb = Limb(
+    return Limb(
         index,
         int(beside[leaves]),
         middle,
@@ -168,7 +220,6 @@ def _limb(
         float(np.median(skeleton.fields.get("radius_error", none)[stretch])),
         float(np.median(skeleton.fields.get("residual", none)[stretch])),
     )
-    return limb, int((place < at).sum())
 
 
 def crown_start(axis_list: list[Axis], limbs: list[Limb], stem: StemSurface) -> int:

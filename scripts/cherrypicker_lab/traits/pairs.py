@@ -27,9 +27,7 @@ LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
 LEAST_DIAMETER_M = 0.010  # thinner bases do not count for the diameter
 NEAR_M, NEAR_SHARE = 0.02, 0.7  # an axis is found where this share of it has a match this near
 NEAR_BASE_M = 0.05
-# Limbs: how near they run over their start, and how near they begin: one that hangs on another at a
-# fork begins some way off
-NEAR_LIMB_M, NEAR_LIMB_BASE_M, LIMB_START_M = 0.03, 0.15, 0.3
+NEAR_LIMB_M = 0.03  # and its diameter more: how far off a limb may be measured
 N_TOP, SAME_M = 3, 0.002  # limbs that count, and what a calliper cannot tell of their diameters
 STEM_M, RELIEF = (0.10, 0.20), (0.5, 1.0)  # diameter, and depth of the bark, of bearing trees
 _STEP_M = 0.005
@@ -107,7 +105,8 @@ def measure_tree(seed, n_points, *, bearing=False):
 def judge_limbs(tree, skeleton, rows):
     """Whether the three thickest limbs are the true three, and how many limbs there are.
 
-    Limbs are told by where they run over their first decimetres, which is surer than their bases.
+    A limb is the true one whose place of measure lies nearest, one to one: two measure the same
+    wood there, whatever way a skeleton makes to it from the stem.
 
     Parameters
     ----------
@@ -124,13 +123,11 @@ def judge_limbs(tree, skeleton, rows):
         true ones, `are_three_to_2mm` whether they are three that no true limb outdoes by more than
         2 mm; `diameters`, a list of the pairs of the limbs that were matched.
     """
-    truth = true_skeleton(tree.skeleton())
-    true_axes, _, limbs = true_limbs(truth)
+    limbs = true_limbs(true_skeleton(tree.skeleton()))[-1]
     limbs = sorted(limbs, key=lambda limb: -limb.diameter)
-    found_axes = axes(skeleton)
-    true_lines = [_start(truth, true_axes[limb.axis]) for limb in limbs]
-    found_lines = [_start(skeleton, found_axes[row["branch_id"]]) for row in rows]
-    matched = match_axes(true_lines, found_lines, near_m=NEAR_LIMB_M, base_m=NEAR_LIMB_BASE_M)
+    place_of = {limb.axis: limb.place for limb in true_limbs(skeleton)[-1]}
+    places = [place_of.get(row["branch_id"], np.full(3, np.inf)) for row in rows]
+    matched = _match_limbs(limbs, places)
     true_of = {j: i for i, j in matched}
     top = [true_of.get(j) for j in range(min(N_TOP, len(rows)))]
     n_top = min(N_TOP, len(limbs))
@@ -148,11 +145,15 @@ def judge_limbs(tree, skeleton, rows):
     }
 
 
-def _start(skeleton, axis):
-    """The first nodes of an axis, over some decimetres."""
-    nodes = axis_polyline(axis)
-    along = np.cumsum(skeleton.edge_length[nodes]) - skeleton.edge_length[nodes[0]]
-    return skeleton.points[nodes[along <= max(LIMB_START_M, along[1])]]
+def _match_limbs(limbs, places):
+    """Pairs of a true limb and a place of measure, by their rows."""
+    if not limbs or not places:
+        return []
+    far = np.linalg.norm([[limb.place - place for place in places] for limb in limbs], axis=2)
+    room = NEAR_LIMB_M + np.array([limb.diameter for limb in limbs])[:, None]
+    far = np.where(far <= room, far / room, len(far) + 1.0)  # no miss is worth a match
+    rows, columns = linear_sum_assignment(far)
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if far[i, j] <= 1.0]
 
 
 def tree_pairs(tree, traits):
