@@ -145,6 +145,13 @@ def test_a_limb_of_the_fork_that_hangs_on_another_is_one_a_lateral_is_none():
     assert len(limbs_of(vase(1.0, lateral)[0])[0]) == 3
 
 
+def test_an_axis_without_a_point_is_no_limb():
+    skeleton, _ = vase(1.0)
+    skeleton.fields["n_points"] = np.ones(len(skeleton))
+    skeleton.fields["n_points"][axes(skeleton)[2].nodes] = 0
+    assert sorted(limb.axis for limb in limbs_of(skeleton)[0]) == [1, 3]
+
+
 def test_a_leader_above_a_burl_is_no_limb():
     burl = (0, 0, line([0, 0, 0], [0, 0, 1], 51), 0.05)
     leader = (0, 50, line([0, 0, 1.02], [0, 0, 2], 50), 0.03)  # under 0.8 of the trunk

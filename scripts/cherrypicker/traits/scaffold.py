@@ -185,10 +185,11 @@ def _limb(
     least: float,
     kept: np.ndarray,
 ) -> Limb | None:
-    """The limb that an axis is, None where it stays at the stem."""
+    """The limb that an axis is, None where it stays at the stem or no point of it was seen."""
     way = axis_polyline(axis)
     way = way[kept[way]]
-    if len(way) < 2:
+    is_seen = skeleton.fields.get("n_points", np.ones(len(skeleton))) > 0
+    if not is_seen[way[1:]].any():
         return None
     points = skeleton.points[way]
     place = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
