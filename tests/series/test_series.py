@@ -4,6 +4,7 @@ import csv
 import importlib.util
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -219,6 +220,29 @@ def test_the_tables_and_the_page_say_what_changed(series):
     assert "row &lt;1&gt;" in page and "row <1>" not in page
     assert "http" not in page.replace("http://www.w3.org", "")
     assert page.count('class="cut"') == 2 * (first["n_cuts"] + second["n_cuts"])
+
+
+def test_a_removed_volume_ends_where_its_diameters_do(series, dates):
+    first = dates.first.scan
+    ends = [
+        {"base_diameter_low_m": mid - 0.001, "base_diameter_high_m": mid + 0.002}
+        for mid in (row["base_diameter_m"] for row in first.branches)
+    ]
+    told = [row | more for row, more in zip(first.branches, ends, strict=True)]
+    found = compare_scans([replace(first, branches=told), dates.pruned.scan])
+    (numbers,), (step,) = totals(found)["steps"], found.steps
+    wood, gone = step.earlier.wood, step.gone.piece >= 0
+    radius, length = wood.radius[gone], wood.length[gone]
+    low = np.pi * np.maximum(radius - 0.0005, 0.0) ** 2 @ length
+    high = np.pi * (radius + 0.001) ** 2 @ length
+    assert numbers["removed_volume_low_m3"] == pytest.approx(low)
+    assert numbers["removed_volume_high_m3"] == pytest.approx(high)
+    rows = TABLES["cuts"][0](found)
+    assert sum(row["volume_high_m3"] for row in rows) == pytest.approx(high)
+    assert f"({1e6 * low:.0f} to {1e6 * high:.0f})" in series_page("row", found, {
+        name: make(found) for name, (make, _) in TABLES.items()
+    })  # fmt: skip
+    assert totals(series)["steps"][0]["removed_volume_low_m3"] is None  # no radius has an error
 
 
 def write_results(folder, found):

@@ -89,7 +89,7 @@ def _numbers(numbers: dict) -> list[tuple[str, str]]:
         ("Wood after", f"{numbers['length_after_m']:.2f} m"),
         ("Branches found again", f"{numbers['n_matched_branches']}"),
         ("Removed", f"{numbers['removed_length_m']:.2f} m, "
-         f"{1e6 * numbers['removed_volume_m3']:.0f} cm³, {numbers['n_cuts']} cuts"),
+         f"{_volume(numbers)}, {numbers['n_cuts']} cuts"),
         ("Grown at the ends", f"{numbers['tip_growth_m']:.2f} m"),
         ("New shoots", f"{numbers['n_shoots']}"),
         ("New wood in all", f"{numbers['new_length_m']:.2f} m"),
@@ -98,6 +98,13 @@ def _numbers(numbers: dict) -> list[tuple[str, str]]:
     ]  # fmt: skip
     rows += [(f"Marker {name} moved by", f"{1e3 * far:.0f} mm") for name, far in moved.items()]
     return rows
+
+
+def _volume(numbers: dict) -> str:
+    """Removed volume with its interval, where that is known."""
+    low, value, high = (numbers[f"removed_volume_{end}m3"] for end in ("low_", "", "high_"))
+    told = "" if low is None else f" ({1e6 * low:.0f} to {1e6 * high:.0f})"
+    return f"{1e6 * value:.0f} cm³{told}"
 
 
 def _table(title: str, columns: tuple, rows: list[dict]) -> dict:

@@ -114,6 +114,7 @@ def cut_table(comparison: Comparison) -> list[dict]:
                     "length_m": float(wood.length[piece].sum()),
                     "volume_m3": float(wood.volume[piece].sum()),
                     "n_branches": len(np.unique(wood.axis[piece])),
+                    **_volume_ends("volume", step.earlier, piece),
                 }
             )
     return rows
@@ -133,6 +134,7 @@ def totals(comparison: Comparison) -> dict:
                 "n_cuts": len(step.gone.first),
                 "removed_length_m": float(wood.length[gone].sum()),
                 "removed_volume_m3": float(wood.volume[gone].sum()),
+                **_volume_ends("removed_volume", step.earlier, np.flatnonzero(gone)),
                 "n_shoots": sum(is_shoot(step, row) for row in step.new.first),
                 "new_length_m": float(other.length[new].sum()),
                 "tip_growth_m": at_tips,
@@ -187,6 +189,8 @@ CUT_COLUMNS = (
         "length_m",
         "volume_m3",
         "n_branches",
+        "volume_low_m3",
+        "volume_high_m3",
     ),
 )
 
@@ -235,6 +239,25 @@ def _diameter(wood: Wood, row: int, piece: np.ndarray) -> float:
     """Diameter where a piece of wood starts."""
     near = (wood.axis[piece] == wood.axis[row]) & (wood.along[piece] <= wood.along[row] + AT_CUT_M)
     return 2.0 * float(np.median(wood.radius[piece[near]]))
+
+
+def _volume_ends(name: str, scan: Scan, rows: np.ndarray) -> dict[str, float | None]:
+    """90 % interval of the volume of some samples of a scan's wood.
+
+    Its radii err together (docs/traits.md), each by as much as its axis's base may: so all lie at
+    the same end. None where an axis has no interval.
+    """
+    names, wood = (f"{name}_low_m3", f"{name}_high_m3"), scan.wood
+    ends = [
+        (branch[_ENDS[0]], branch["base_diameter_m"], branch[_ENDS[1]]) for branch in scan.branches
+    ]
+    if any(value is None for axis in np.unique(wood.axis[rows]) for value in ends[axis]):
+        return dict.fromkeys(names)
+    low, middle, high = np.array(ends, dtype=np.float64).T / 2.0
+    axis, radius, length = wood.axis[rows], wood.radius[rows], wood.length[rows]
+    thin = np.maximum(radius - (middle - low)[axis], 0.0)
+    thick = radius + (high - middle)[axis]
+    return {n: float(np.pi * r**2 @ length) for n, r in zip(names, (thin, thick), strict=True)}
 
 
 def _interval(was: dict, now: dict, grown: float) -> dict[str, float | None]:
