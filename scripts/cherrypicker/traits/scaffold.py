@@ -25,7 +25,7 @@ _STEP_M = 0.005  # along a limb and along the stem
 # A leader's section is so many times those of all other axes of a fork (of two it is 1.4 times as
 # thick), between so many of the trunk's radii above it; guesses
 _LEADS, _FORK_RADII = 2.0, (2.0, 6.0)
-# A stem that a fork ends is drawn on over so many of its radii: what leans from it by 15 degrees
+# A stem that a fork ends is drawn on over so many of its radii (guess): what leans by 15 degrees
 # and more leaves its surface within them
 _DRAWN_ON = 4.0
 
