@@ -185,11 +185,12 @@ def _limb(
     least: float,
     kept: np.ndarray,
 ) -> Limb | None:
-    """The limb that an axis is, None where it stays at the stem or no point of it was seen."""
+    """The limb that an axis is, None where it stays at the stem or was mostly not seen."""
     way = axis_polyline(axis)
     way = way[kept[way]]
+    # Its first nodes may have the stem's points: a bridge into empty air has no more than those
     is_seen = skeleton.fields.get("n_points", np.ones(len(skeleton))) > 0
-    if not is_seen[way[1:]].any():
+    if len(way) < 2 or not np.median(is_seen[way[1:]]):
         return None
     points = skeleton.points[way]
     place = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
