@@ -3,9 +3,10 @@
 Corner refinement on gradients places the border of a small marker up to 0.4 px inside: optical blur
 rounds the corners, and since photos are gamma encoded, half of the light is not half of the grey
 value, which moves every edge towards the dark side. So the marker's known pattern, seen through a
-homography and blurred by a Gaussian, is fitted to the grey values with a free tone curve. Its white
-cells and its black ones shift against each other under a wrong tone curve, which is what tells the
-curve from the marker's size.
+homography and blurred by a Gaussian, is encoded as sRGB and fitted to the grey values with a free
+tone curve for what a camera does beside it. Its white cells and its black ones shift against each
+other under a wrong tone curve, which is what tells the curve from the marker's size. Without sRGB's
+the free one is too smooth near black: edges of sharp photos came 0.06 px inside (`docs/scale.md`).
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ _DAMPING, _DAMPING_FACTOR, _LEAST_DAMPING, _N_TRIALS = 1e-3, 5, 1e-7, 8
 _LONGEST_MODULES, _SETTLED_PX, _SETTLED_FROM = 0.3, 1e-3, 3
 # Residuals beyond so many deviations do not count, from this round on
 _OUTLIER, _OUTLIERS_FROM = 6, 2
+# Percentiles of the grey values that stand for black and white, and their least difference (guess)
+_LEVELS, _LEAST_CONTRAST = (5, 95), 4.0
 _N_PARAMETERS = 16  # of a fit: corners, blur and tone curve, less one
 
 
@@ -177,7 +180,10 @@ def fit_marker(
         (start - middle).ravel(), np.clip(_START_BLUR_MODULES * side / len(grid), *_START_BLUR_PX)
     )
     pixels = pixels - middle
-    problem = _Problem(grid, pixels, values, side)
+    levels = np.percentile(values, _LEVELS)
+    if levels[1] - levels[0] < _LEAST_CONTRAST:
+        return None
+    problem = _Problem(grid, pixels, values, side, levels)
     fitted = _levenberg_marquardt(problem, model, max_iterations)
     if fitted is None:
         return None
@@ -188,6 +194,25 @@ def fit_marker(
     moved = np.linalg.norm(corners - start, axis=1).max()
     is_flat = covered >= _MIN_COVERED or moved < max(_STAYS_PX, _STAYS_SIDES * side)
     return MarkerFit(corners, std, float(model[8]), agreement, covered, bool(is_flat))
+
+
+def _light(grey: np.ndarray) -> np.ndarray:
+    """Linear light in [0, 1] of sRGB values of 0 to 255 (IEC 61966-2-1)."""
+    share = grey / 255
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
+def _grey(light: np.ndarray) -> np.ndarray:
+    """The inverse of `_light`."""
+    return 255 * np.where(
+        light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
+    )
+
+
+def _encoded(coverage: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """Share of the way from the grey of black to that of white, of a coverage by white light."""
+    black, white = _light(levels)
+    return (_grey(black + coverage * (white - black)) - levels[0]) / (levels[1] - levels[0])
 
 
 def _pixels_around(
@@ -222,8 +247,9 @@ def _photometric_residuals(
 ) -> np.ndarray:
     """What the best tone curve, with smooth shading, leaves unexplained for a coverage.
 
-    Grey is ``a(x, y) c + b(x, y) + q c (1 - c)``: shading linear in x and y for white, linear for
-    black, and a bow that stands for gamma and for the blooming of white into black.
+    With c the encoded coverage, grey is ``a(x, y) c + b(x, y) + q c (1 - c) + r c (1 - c) (1 - 2
+    c)``: shading linear in x and y for white, linear for black, and bows for what the camera's
+    curve has beside sRGB's and for the blooming of white into black.
     """
     x, y = pixels[:, 0] / side, pixels[:, 1] / side
     basis = np.stack(
@@ -252,9 +278,10 @@ class _Problem:
     pixels: np.ndarray
     values: np.ndarray
     side: float
+    levels: np.ndarray  # (2,): grey of black and of white
 
     def residuals(self, model: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        coverage = _render(model, self.grid, self.pixels)
+        coverage = _encoded(_render(model, self.grid, self.pixels), self.levels)
         return _photometric_residuals(coverage, self.pixels, self.values, weights, self.side)
 
     def jacobian(self, model: np.ndarray, residuals: np.ndarray, weights: np.ndarray) -> np.ndarray:
