@@ -10,12 +10,12 @@ import pytest
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sections import fit_section
+from cherrypicker.geometry.stem_slabs import search_circle
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Skeleton, axes, fold
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.measure import TraitOptions, measure_traits
-from cherrypicker.traits.stem_fit import search_circle
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import BRANCH_COLUMNS, LIMB_COLUMNS, TRAITS
 

@@ -151,6 +151,8 @@ def scan_flags(
         share = scale["scale_std"] / scale["scale"]
         if share > _LOOSE_SCALE:
             flags.append(f"scale_uncertain: the scale's standard error is {100 * share:.1f} %")
+    if scale and scale.get("doubts"):
+        flags.append(f"scale_doubtful: {'; '.join(scale['doubts'])}")
     if sparse:
         n_photos, n_registered = sparse.get("n_photos"), sparse.get("n_registered")
         if n_photos and n_registered is not None and n_registered < _FEW_PHOTOS * n_photos:

@@ -15,12 +15,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.stem_slabs import cut_slab, section_of
 from cherrypicker.skeleton.axes import Axis, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.intervals import typical_scatter
 from cherrypicker.traits.scaffold import Limb, StemSurface
 from cherrypicker.traits.support import densify
-from cherrypicker.traits.trunk import cut_slab, section_of
 
 _HALF_M = 0.03  # of the slab: 3 cm are surer than 2 (142 against 153 limbs off by a tenth and more)
 _CLEAR_M = 0.005  # outside the stem's surface: points nearer may be the stem's bark

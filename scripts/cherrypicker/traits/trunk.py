@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import rows_in_box
-from cherrypicker.geometry.sections import Section, fit_section
+from cherrypicker.geometry.sections import Section
+from cherrypicker.geometry.stem_slabs import cut_slab, section_of, steady_levels
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.foot import Foot
 from cherrypicker.traits.intervals import Terms
-from cherrypicker.traits.stem_fit import search_circle, sector_weights, steady_levels
 
-__all__ = ["Stem", "TrunkDiameter", "cut_slab", "measure_diameter", "section_of", "stem_of"]
+__all__ = ["Stem", "TrunkDiameter", "measure_diameter", "stem_of"]
 
 logger = logging.getLogger(__name__)
 
@@ -232,23 +231,6 @@ def _ends_before(along: np.ndarray) -> bool:
     return bool(abs(along.mean()) > np.sqrt(3.0) * along.std())
 
 
-def section_of(
-    local: np.ndarray,
-    tolerance: float,
-    radius_range: tuple[float, float],
-    rng: np.random.Generator,
-    *,
-    waves: bool,
-) -> Section:
-    """The section through points of a slab, from the circle that most of them lie on."""
-    circle = search_circle(local[:, :2], tolerance, radius_range, rng)
-    balance = sector_weights(local[:, :2] - circle[:2])
-    fit = fit_section(local, circle, balance=balance, waves=waves)
-    if fit is None:
-        raise StageError("no section fits the stem points", key="traits.trunk_height_m")
-    return fit
-
-
 def diameter_from_skeleton(stem: Stem, height: float) -> TrunkDiameter:
     """A diameter from the skeleton's radius, for a stem whose points allow no fit."""
     height = float(np.clip(height, stem.height[0], stem.height[-1]))
@@ -295,19 +277,3 @@ def measure_near(
         except StageError as error:
             logger.info("no trunk diameter: %s", error.cause)
     return diameter_from_skeleton(stem, wanted)
-
-
-def cut_slab(
-    points: np.ndarray, center: np.ndarray, axis: np.ndarray, half_height: float, reach: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a slab across `axis` in its frame (u, v, w), and the frame's rows in the world."""
-    helper = np.eye(3)[np.argmin(np.abs(axis))]
-    u = np.cross(axis, helper)
-    u /= np.linalg.norm(u)
-    frame = np.vstack([u, np.cross(axis, u), axis])
-    box = np.hypot(half_height, reach)
-    near = rows_in_box(points, center - box, center + box)
-    local = (points[near] - center) @ frame.T
-    inside = np.abs(local[:, 2]) <= half_height
-    inside &= np.hypot(local[:, 0], local[:, 1]) <= reach
-    return local[inside], frame

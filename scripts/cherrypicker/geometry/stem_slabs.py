@@ -1,4 +1,4 @@
-"""The circle in a slab of stem points from which its section is fitted, and the levels that fit.
+"""Slabs of stem points: cut across the axis, the circle to start from, the section, its levels.
 
 A slab of stem points is projected along the local axis and a circle is found in it by random
 sampling, so that a minority of foreign points (a calibration ring, a post, a twig, floaters) does
@@ -12,15 +12,49 @@ import numpy as np
 from scipy.stats import binned_statistic_2d, theilslopes
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.robust import robust_sigma
-from cherrypicker.geometry.sections import Section, circles_through
+from cherrypicker.geometry.sections import Section, circles_through, fit_section
 
-__all__ = ["search_circle", "sector_weights", "steady_levels"]
+__all__ = ["cut_slab", "search_circle", "section_of", "sector_weights", "steady_levels"]
 
 N_SECTORS = 36
 _MAX_BALANCE = 5.0
 _PROMISING = 40  # circles whose sectors are looked at
+
+
+def cut_slab(
+    points: np.ndarray, center: np.ndarray, axis: np.ndarray, half_height: float, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a slab across `axis` in its frame (u, v, w), and the frame's rows in the world."""
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    u = np.cross(axis, helper)
+    u /= np.linalg.norm(u)
+    frame = np.vstack([u, np.cross(axis, u), axis])
+    box = np.hypot(half_height, reach)
+    near = rows_in_box(points, center - box, center + box)
+    local = (points[near] - center) @ frame.T
+    inside = np.abs(local[:, 2]) <= half_height
+    inside &= np.hypot(local[:, 0], local[:, 1]) <= reach
+    return local[inside], frame
+
+
+def section_of(
+    local: np.ndarray,
+    tolerance: float,
+    radius_range: tuple[float, float],
+    rng: np.random.Generator,
+    *,
+    waves: bool,
+) -> Section:
+    """The section through points of a slab, from the circle that most of them lie on."""
+    circle = search_circle(local[:, :2], tolerance, radius_range, rng)
+    balance = sector_weights(local[:, :2] - circle[:2])
+    fit = fit_section(local, circle, balance=balance, waves=waves)
+    if fit is None:
+        raise StageError("no section fits the stem points", key="traits.trunk_height_m")
+    return fit
 
 
 def search_circle(
