@@ -1,9 +1,11 @@
-"""Find the scale of the reconstruction from printed markers, or take it as given.
+"""Find the scale of the reconstruction from markers and other known lengths, or take it as given.
 
-Reads the photos and the sparse model, writes scale.json. Example:
+Reads the photos and the sparse model, and where a trunk was taped denoised.ply; writes scale.json.
+Example:
 
     python scripts/estimate_scale.py --photos photos/*.jpg --cameras sfm/model/cameras.bin \
-        --dictionary DICT_4X4_50 --sides_m 7:0.20 --scale scale.json
+        --dictionary DICT_4X4_50 --sides_m 7:0.20 --scale scale.json \
+        --references '{kind: distance, markers: [7, 8], length_m: 1.0}'
 """
 
 from collections.abc import Sequence
@@ -14,6 +16,7 @@ from cherrypicker.files import write_json
 from cherrypicker.lens import read_model
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.photos import photo_files
+from cherrypicker.pointcloud import read_cloud
 from cherrypicker.runner import run, stage_parser
 
 
@@ -21,6 +24,7 @@ def main(
     cameras: Annotated[str, "cameras.bin of the sparse model's folder"],
     scale: Annotated[str, "scale.json to write"],
     photos: Annotated[Sequence[str], "photo files"] = (),
+    cloud: Annotated[Sequence[str], "denoised.ply, for a taped trunk"] = (),
     cell: Annotated[str, "marker, none, or metres per unit; wins over mode"] = "",
     dictionary: Annotated[str, "OpenCV's name of the marker dictionary"] = "",
     sides_m: Annotated[str, "id:side pairs in metres, 7:0.20,8:0.15"] = "",
@@ -28,6 +32,7 @@ def main(
     mode: str = "marker",
     min_images: int = 2,
     max_reprojection_px: float = 2.0,
+    references: Sequence[str] = (),
     threads: int = 2,
     seed: int = 0,
 ) -> None:
@@ -41,6 +46,8 @@ def main(
         sides_m=sides_m,
         min_images=min_images,
         max_reprojection_px=max_reprojection_px,
+        references=references or [],
+        cloud=read_cloud(cloud[0]).points if cloud else None,
         threads=threads,
         seed=seed,
     )

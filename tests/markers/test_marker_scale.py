@@ -13,10 +13,12 @@ from cherrypicker.markers.columns import (
     choose_mode,
     parse_marker_sides,
 )
+from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import find_markers, marker_dictionary, marker_pattern
-from cherrypicker.markers.estimate_scale import combine_markers, estimate_scale
+from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.fit import fit_marker
 from cherrypicker.markers.geometry import Observations, intersect_rays, locate_marker
+from cherrypicker.markers.marker_scales import marker_references
 from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.footprint import Footprint
@@ -207,13 +209,17 @@ def test_no_agreement_gives_none():
 def marker_entry(marker_id, scale, std=1e-4, is_square=True):
     return {
         "id": marker_id,
+        "side_m": 0.2,
         "scale": scale,
         "scale_std": std,
         "is_square": is_square,
         "used": True,
         "flags": [],
-        "off_square": 0.0,
     }
+
+
+def combine_markers(markers, warnings):
+    return combine(marker_references(markers, warnings), warnings)
 
 
 def test_markers_are_joined_and_a_wrong_one_is_left_out():
@@ -223,6 +229,13 @@ def test_markers_are_joined_and_a_wrong_one_is_left_out():
     assert scale == pytest.approx(2.001, abs=1e-3)
     assert 0 < std < 0.01
     assert not markers[2]["used"] and warnings
+
+
+def test_a_bent_marker_gives_way_to_a_square_one():
+    warnings = []
+    markers = [marker_entry(1, 2.0), marker_entry(2, 2.01, is_square=False)]
+    assert combine_markers(markers, warnings)[0] == 2.0
+    assert not markers[1]["used"] and "marker 2" in warnings[0]
 
 
 def test_two_contradicting_markers_are_an_error():

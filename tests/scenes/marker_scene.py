@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 import pycolmap
 
+from cherrypicker.markers.boards import charuco_board
+
 
 def pattern_of(dictionary, marker_id):
     """Cells of a marker with its border, 1 white."""
@@ -44,12 +46,10 @@ def paint_marker(
 
     `corners` (4, 2) are undistorted normalised coordinates with a camera, else pixels.
     """
-    n = len(pattern)
-    inverse = homography(corners, np.array([[0, 0], [n, 0], [n, n], [0, n]], float))
+    n = np.array(pattern.shape[::-1])  # cells across and down
+    inverse = homography(corners, np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * n)
     forward = np.linalg.inv(inverse)
-    edge = np.array(
-        [[-margin, -margin], [n + margin, -margin], [n + margin] * 2, [-margin, n + margin]]
-    )
+    edge = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (n + 2 * margin) - margin
     outline = np.column_stack([edge, np.ones(4)]) @ forward.T
     outline = outline[:, :2] / outline[:, 2:]
     if camera is not None:
@@ -95,12 +95,34 @@ def background(shape, seed=0):
     return cv2.resize(coarse, shape[1::-1], interpolation=cv2.INTER_CUBIC)
 
 
-def marker_scan(folder, markers, poses_from, *, size=(640, 480), focal=700.0, k=-0.08, gamma=2.2):
+def charuco_pattern(values, cells=9):
+    """Cells of a ChArUco board of a reference's values, `cells` a square, 1 white."""
+    board = charuco_board(values)
+    image = board.generateImage(tuple(cells * n for n in values["squares"]), marginSize=0)
+    return (image > 127).astype(float)
+
+
+def checker_pattern(cells):
+    """Cells of a cube's face, 1 white."""
+    return np.indices((cells, cells)).sum(axis=0) % 2.0
+
+
+def rectangle(corner, across, down):
+    """Corners (4, 3) of a board from its first corner and its two edges."""
+    corner, across, down = (np.asarray(each, float) for each in (corner, across, down))
+    return np.stack([corner, corner + across, corner + across + down, corner + down])
+
+
+def marker_scan(
+    folder, markers, poses_from, *, boards=(), size=(640, 480), focal=700.0, k=-0.08, gamma=2.2
+):
     """Render a scan of markers and return its sparse model.
 
     Parameters
     ----------
     markers : list of (dictionary, id, corners (4, 3))
+    boards : list of (pattern, corners (4, 3), margin in cells)
+        Boards that are no markers, seen from one side, as `rectangle` gives them.
     poses_from : Poses
         Cameras, their intrinsics are replaced by a SIMPLE_RADIAL camera.
     """
@@ -116,17 +138,14 @@ def marker_scan(folder, markers, poses_from, *, size=(640, 480), focal=700.0, k=
     photos = []
     for index, (name, matrix) in enumerate(zip(poses_from.names, poses_from.cam_from_world)):
         image = background((size[1], size[0]), seed=index)
-        for dictionary, marker_id, corners in markers:
+        things = [(pattern_of(name, marker_id), at, 1.0) for name, marker_id, at in markers]
+        for pattern, corners, margin in [*things, *boards]:
             inside = corners @ matrix[:, :3].T + matrix[:, 3]
-            if (inside[:, 2] < 0.1).any():
+            normal = np.cross(inside[1] - inside[0], inside[3] - inside[0])
+            if (inside[:, 2] < 0.1).any() or inside[0] @ normal < 0:
                 continue
-            paint_marker(
-                image,
-                pattern_of(dictionary, marker_id),
-                inside[:, :2] / inside[:, 2:],
-                camera=camera,
-                oversampling=5,
-            )
+            seen = inside[:, :2] / inside[:, 2:]
+            paint_marker(image, pattern, seen, camera=camera, margin=margin, oversampling=5)
         path = folder / str(name)
         grey = develop(image, gamma=gamma, seed=index)
         cv2.imwrite(str(path), cv2.merge([grey] * 3), [cv2.IMWRITE_JPEG_QUALITY, 95])

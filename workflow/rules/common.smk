@@ -32,7 +32,7 @@ from cherrypicker.batch.watched_modules import imported_modules
 from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import captures_in
-from cherrypicker.markers.columns import check_scale_columns
+from cherrypicker.markers.references import check_scale
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.photos import photos_in
 from cherrypicker.runner import keys_of_stage
@@ -219,12 +219,23 @@ def problem_of(wildcards, input):
             return {"cause": cause, "file": str(path), "key": "photos in trees.tsv"}
     columns = [row(name)(wildcards) for name in ("marker_dictionary", "marker_sides_m")]
     try:
-        check_scale_columns(
-            row("scale")(wildcards), cfg("scale.mode")(wildcards), *columns
+        check_scale(
+            row("scale")(wildcards),
+            cfg("scale.mode")(wildcards),
+            *columns,
+            cfg("scale.references")(wildcards),
         )
     except StageError as error:
-        return {"cause": error.cause, "file": SETTINGS["trees"], "key": error.key}
+        is_column = not str(error.key).startswith("scale.")
+        file = SETTINGS["trees"] if is_column else None
+        return {"cause": error.cause, "file": file, "key": error.key}
     return {}
+
+
+def cloud_of_taped(wildcards):
+    """Return the cloud without a scale of a tree whose trunk was taped, else nothing."""
+    kinds = [entry["kind"] for entry in cfg("scale.references")(wildcards)]
+    return ["results/{tree}/denoised.ply"] if "trunk" in kinds else []
 
 
 def sky_masks_for_stereo(wildcards):

@@ -6,6 +6,7 @@ rule estimate_scale:
         points="results/{tree}/sfm/model/points3D.bin",
         frames="results/{tree}/sfm/model/frames.bin",
         rigs="results/{tree}/sfm/model/rigs.bin",
+        cloud=cloud_of_taped,
         code=code("estimate_scale"),
     output:
         scale=ensure("results/{tree}/scale.json", non_empty=True),

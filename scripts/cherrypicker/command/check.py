@@ -26,8 +26,8 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
 from cherrypicker.intake.kinds import are_plain, list_captures
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos
-from cherrypicker.markers.columns import check_scale_columns
 from cherrypicker.markers.detection import marker_dictionary
+from cherrypicker.markers.references import check_scale
 
 parser = folder_parser(__doc__)
 parser.add_argument("trees", nargs="*", metavar="TREE", help="default all trees of the table")
@@ -62,8 +62,9 @@ def _check(batch: Batch, tree: str, cores: int) -> bool:
             raise StageError("the point cloud is missing", file=row.cloud, key="cloud in trees.tsv")
         print(f"{tree}: go, a ready cloud", flush=True)
         return True
-    mode = batch.settings_of[tree]["scale"]["mode"]
-    sides = check_scale_columns(row.scale, mode, row.marker_dictionary, row.marker_sides_m)
+    scale = batch.settings_of[tree]["scale"]
+    columns = row.marker_dictionary, row.marker_sides_m
+    sides, _ = check_scale(row.scale, scale["mode"], *columns, scale["references"])
     dictionary = marker_dictionary(row.marker_dictionary) if sides else None
     with photos_to_look_at(row, batch.settings_of[tree], cores) as photos:
         looks = list(look_at(photos, dictionary, cores))

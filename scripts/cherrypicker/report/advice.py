@@ -32,6 +32,8 @@ ADVICE = {
     "odd_height": "Check scale, marker_sides_m or cloud_unit in trees.tsv.",
     "scale_uncertain": "Photograph the markers from nearer and from more sides, or use larger "
     "ones.",
+    "scale_doubtful": "Compare the known lengths below: measure again the one that is named, and "
+    "look for it in the photos.",
     "few_photos": "See below which photos failed and why. Take more, with more overlap.",
     "cameras_uncertain": "Take the photos closer together, so that each part stands in more.",
     "top_outside_photos": "Photograph the tree from farther away, with its top in the picture.",

@@ -198,12 +198,32 @@ def _scaled(data: dict) -> dict:
     head = ["marker", "used", "side [m]", "sides in the model's units", "RMS error [px]"]
     head += ["sightings that agree", "remarks"]
     tables = [table(f"{len(rows)} marker(s)", head, rows, is_open=True)]
+    known = [_reference_row(one) for one in scale.get("references") or []]
+    heads = ["known length", "used", "length [m]", "scale [m per unit]", "off the others' scale"]
+    tables.append(table(f"{len(known)} known length(s)", [*heads, "remarks"], known, is_open=True))
     figures = []
     if data["poses"] is not None and data["cameras"] is not None:
         lenses = PhotoLenses(data["cameras"], data["poses"].names)
         figure = marker_figure(scale, data["poses"], lenses, data["photos"])
         figures.append((figure, "Markers with the corners in 3D drawn back into the photos (red)."))
     return section("Scale", facts, tables, figures)
+
+
+def _reference_row(one: dict) -> list:
+    """A known length, and what the others say about it."""
+    check, scale = one.get("check"), one.get("scale")
+    off = check and (
+        f"{100 * check['difference']:+.2f} ± {100 * check['difference_std']:.2f} % "
+        f"({', '.join(check['against'])})"
+    )
+    return [
+        one.get("name"),
+        "yes" if one.get("used") else "no",
+        _number(one.get("length_m"), 4) or "",
+        f"{scale:.6g} ± {one['scale_std']:.2g}" if scale else "",
+        off or "",
+        "; ".join(str(flag) for flag in one.get("flags") or []),
+    ]
 
 
 def _marker_row(marker: dict) -> list:

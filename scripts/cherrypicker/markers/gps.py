@@ -1,0 +1,85 @@
+"""Where the cameras stood by the GPS of their photos, and the scale that follows: a rough check."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+
+import numpy as np
+from PIL import ExifTags, Image
+
+# WGS 84: equatorial radius, m, and first eccentricity squared
+_RADIUS_M, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3
+_FEWEST = 3  # positions: fewer leave the turn open
+
+
+def photo_position(path: str | os.PathLike) -> tuple[float, float, float] | None:
+    """Latitude and longitude, degrees, and altitude, m, of a photo; None where EXIF has none.
+
+    The altitude is NaN where it is missing.
+    """
+    try:
+        with Image.open(path) as image:
+            tags = image.getexif().get_ifd(ExifTags.IFD.GPSInfo)
+        latitude = _degrees(tags[ExifTags.GPS.GPSLatitude], tags[ExifTags.GPS.GPSLatitudeRef], "S")
+        longitude = _degrees(
+            tags[ExifTags.GPS.GPSLongitude], tags[ExifTags.GPS.GPSLongitudeRef], "W"
+        )
+        altitude = float(tags.get(ExifTags.GPS.GPSAltitude, math.nan))
+        below = tags.get(ExifTags.GPS.GPSAltitudeRef, b"\0") in (1, b"\1")
+    except (OSError, KeyError, TypeError, ValueError, ZeroDivisionError):
+        return None
+    if not (math.isfinite(latitude) and math.isfinite(longitude)):
+        return None
+    return latitude, longitude, -altitude if below else altitude
+
+
+def _degrees(parts: Sequence, side: str, negative: str) -> float:
+    degrees = sum(float(part) / 60**power for power, part in enumerate(parts))
+    return -degrees if str(side).strip().upper() == negative else degrees
+
+
+def local_metres(positions: np.ndarray) -> np.ndarray:
+    """East, north and up, m, from the mean of (n, 3) latitudes, longitudes and altitudes."""
+    latitude, longitude = np.radians(positions[:, 0]), np.radians(positions[:, 1])
+    mean = latitude.mean()
+    bend = 1 - _ECCENTRICITY2 * np.sin(mean) ** 2
+    north = _RADIUS_M * (1 - _ECCENTRICITY2) / bend**1.5
+    east = _RADIUS_M / np.sqrt(bend) * np.cos(mean)
+    up = positions[:, 2] - np.mean(positions[:, 2])
+    return np.column_stack(
+        [east * (longitude - longitude.mean()), north * (latitude - mean), np.nan_to_num(up)]
+    )
+
+
+def scale_of_positions(
+    centers: np.ndarray, metres: np.ndarray, tolerance_m: float
+) -> tuple[float, float] | None:
+    """Scale that brings cameras onto their measured positions, and its relative standard error.
+
+    Parameters
+    ----------
+    centers, metres : ndarray of shape (n, 3)
+        Cameras in the model, and as measured.
+    tolerance_m : float
+        Standard error of a coordinate of a measured position; larger where they scatter more.
+
+    Returns
+    -------
+    (float, float) or None
+        None for fewer than three positions, or positions in one place.
+    """
+    if len(centers) < _FEWEST:
+        return None
+    source, target = centers - centers.mean(axis=0), metres - metres.mean(axis=0)
+    left, singular, right = np.linalg.svd(target.T @ source)
+    sign = np.ones(3)
+    sign[2] = np.sign(np.linalg.det(left @ right)) or 1.0
+    spread = float(np.square(source).sum())
+    scale = float(singular @ sign) / spread if spread > 0 else 0.0
+    if scale <= 0:
+        return None
+    residual = target - scale * source @ (left * sign @ right).T
+    scatter = np.sqrt(np.square(residual).sum() / max(3 * len(centers) - 7, 1))
+    return scale, float(max(tolerance_m, scatter) / np.sqrt(spread) / scale)

@@ -1,0 +1,191 @@
+"""What a reference that is no marker of known side says about the scale, kind by kind."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.markers.boards import (
+    Found,
+    charuco_finder,
+    charuco_layout,
+    cube_finder,
+    cube_layout,
+    joined,
+    name_faces,
+    sightings_of,
+)
+from cherrypicker.markers.gps import local_metres, photo_position, scale_of_positions
+from cherrypicker.markers.layouts import Sightings, scale_of_layout
+from cherrypicker.markers.marker_scales import DRIFT, marker_centers
+from cherrypicker.markers.references import Reference
+from cherrypicker.markers.tape import scale_of_trunk
+from cherrypicker.photos import read_photo
+from cherrypicker.progress import Progress
+
+logger = logging.getLogger(__name__)
+
+# Points may be off their layout by this share of its extent (guess: a wrong number of squares is by
+# far more)
+_MOST_MISFIT = 0.02
+# Where a tape is the only reference, the cameras are first taken to stand so far apart, m (guess)
+_STARTS_M = (3.0, 6.0, 1.5)
+
+
+class _NoScale(Exception):
+    """Why a reference says nothing."""
+
+
+@dataclass
+class Scan:
+    """The registered photos and what else a reference may be looked for in."""
+
+    photos: list[str | Path]
+    cameras: list[Any]  # pycolmap.Camera of each
+    cam_from_world: np.ndarray  # (n_photos, 3, 4)
+    cloud: np.ndarray | None = None  # (n, 3): denoised cloud, aligned frame
+    min_images: int = field(default=2, kw_only=True)
+    max_px: float = field(default=2.0, kw_only=True)
+    threads: int = field(default=1, kw_only=True)
+    seed: int = field(default=0, kw_only=True)
+
+    @property
+    def centers(self) -> np.ndarray:
+        """Camera centres, (n_photos, 3)."""
+        rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
+        return -np.einsum("nji,nj->ni", rotation, shift)
+
+    def search(self, find: Callable[[np.ndarray], list[Found]], what: str) -> list[Sightings]:
+        """Run a finder of boards on every photo."""
+
+        def search_photo(path: str | Path) -> list[Found]:
+            return find(cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY))
+
+        found = []
+        with (
+            ThreadPoolExecutor(max(1, self.threads)) as pool,
+            Progress(len(self.photos), f"photos searched for {what}") as bar,
+        ):
+            for boards in pool.map(search_photo, self.photos):
+                found.append(boards)
+                bar.step()
+        return sightings_of(found, self.cameras, self.cam_from_world)
+
+
+def measure_reference(
+    reference: Reference, scan: Scan, markers: dict[int, dict], guess: float | None
+) -> dict:
+    """Scale of one reference, as :func:`cherrypicker.markers.combine.combine` takes it.
+
+    Parameters
+    ----------
+    markers : dict of int to dict
+        Markers of the reference's dictionary by id, as of `measure_marker`.
+    guess : float or None
+        Scale by the references before it.
+    """
+    report: dict[str, Any] = {
+        "name": reference.name,
+        "kind": reference.kind,
+        "key": reference.key,
+        "length_m": reference.length_m if np.isfinite(reference.length_m) else None,
+        "slack": 0.0,
+        "used": False,
+        "flags": [],
+    }
+    try:
+        if reference.kind == "distance":
+            scale, error = _distance(reference, scan, markers)
+        elif reference.kind == "trunk":
+            scale, error = _trunk(reference, scan, guess)
+        elif reference.kind == "gps":
+            scale, error = _gps(reference, scan)
+        else:
+            scale, error = _board(reference, scan)
+    except _NoScale as reason:
+        report["flags"].append(str(reason))
+        return report
+    own = 0.0 if reference.kind == "gps" else reference.tolerance_m / reference.length_m
+    std = float(scale * np.sqrt(error**2 + own**2 + DRIFT**2))
+    logger.info("%s: %.6g +- %.2g metres per unit", reference.name, scale, std)
+    return report | {"used": True, "scale": scale, "scale_std": std}
+
+
+def _distance(reference: Reference, scan: Scan, markers: dict[int, dict]) -> tuple[float, float]:
+    """By the centres of two markers."""
+    ends = []
+    for point, marker_id in enumerate(reference.values["markers"]):
+        marker = markers[marker_id]
+        if "sightings" not in marker:
+            raise _NoScale(f"marker {marker_id} is {', '.join(marker['flags']) or 'not found'}")
+        ends.append(marker_centers(marker, point))
+    layout = np.array([[0.0, 0.0, 0.0], [reference.length_m, 0.0, 0.0]])
+    return _by_layout(joined(ends), layout, np.zeros(2, int), scan)
+
+
+def _board(reference: Reference, scan: Scan) -> tuple[float, float]:
+    """By the corners of a ChArUco board, or of a cube's faces."""
+    values = reference.values
+    if reference.kind == "charuco":
+        boards = scan.search(charuco_finder(values), "a ChArUco board")
+        layout, parts = charuco_layout(values)
+    else:
+        grids = scan.search(cube_finder(values), "the checker cube")
+        layout, parts = cube_layout(values)
+        n = values["cells"] - 1
+        boards = name_faces(grids, n, min_photos=scan.min_images, seed=scan.seed)
+    n_photos = len({int(photo) for board in boards for photo in board.photos})
+    if n_photos < scan.min_images:
+        raise _NoScale(f"seen in {n_photos} of {len(scan.photos)} photos")
+    return _by_layout(joined(boards), layout, parts, scan)
+
+
+def _by_layout(
+    sightings: Sightings, layout: np.ndarray, parts: np.ndarray, scan: Scan
+) -> tuple[float, float]:
+    found = scale_of_layout(sightings, layout, parts, max_error_px=scan.max_px)
+    if found is None or not np.isfinite(found.error):
+        raise _NoScale("too few photos agree on where it is")
+    if found.misfit > _MOST_MISFIT:
+        raise _NoScale(
+            f"its points are off the layout by {100 * found.misfit:.1f} %: is it bent, or another?"
+        )
+    return found.scale, found.error
+
+
+def _trunk(reference: Reference, scan: Scan, guess: float | None) -> tuple[float, float]:
+    """By a tape around the stem."""
+    if scan.cloud is None:
+        raise StageError("a trunk's diameter needs the denoised cloud", key=reference.key)
+    spread = float(np.median(np.linalg.norm(scan.centers - scan.centers.mean(axis=0), axis=1)))
+    starts = [guess] if guess else [start / spread for start in _STARTS_M]
+    reason = ""
+    for start in starts:
+        try:
+            return scale_of_trunk(
+                scan.cloud, reference.values["height_m"], reference.length_m, start, seed=scan.seed
+            )
+        except StageError as error:
+            reason = reason or error.cause
+    raise _NoScale(reason)
+
+
+def _gps(reference: Reference, scan: Scan) -> tuple[float, float]:
+    """By the positions that the photos' EXIF gives."""
+    positions = [photo_position(path) for path in scan.photos]
+    rows = [row for row, position in enumerate(positions) if position is not None]
+    if len(rows) < scan.min_images:
+        raise _NoScale(f"{len(rows)} of {len(scan.photos)} photos have a position in EXIF")
+    metres = local_metres(np.array([positions[row] for row in rows]))
+    found = scale_of_positions(scan.centers[rows], metres, reference.tolerance_m)
+    if found is None:
+        raise _NoScale("the photos' positions are too few, or one and the same")
+    return found
