@@ -14,7 +14,7 @@ from cherrypicker.series.wood import sample_wood
 from cherrypicker.skeleton import axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker_lab.orchard.grow.growth import HABITS
-from cherrypicker_lab.orchard.grow.seasons import first_date, grow_a_year, prune
+from cherrypicker_lab.orchard.grow.seasons import at_date
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.as_seen import AsSeen
@@ -45,12 +45,7 @@ def make_date(seed, kind):
     dated : DatedTree
     """
     scene = generate_scene(seed, habit=FORMS[seed % len(FORMS)], neighbours=0, markers=[])
-    dated = first_date(scene.target)
-    rng = np.random.default_rng([int(seed), 301])
-    if kind in ("pruned", "both"):
-        dated = prune(dated, rng)
-    if kind in ("grown", "both"):
-        dated = grow_a_year(dated, np.random.default_rng([int(seed), 302]))
+    dated = at_date(scene.target, kind, seed)
     return replace(scene, trees=[dated.tree, *scene.trees[1:]]), dated
 
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from cherrypicker_lab.orchard.grow.growth import curve
 from cherrypicker_lab.orchard.grow.tree import Axis, Tree
 
+SEASONS = ("first", "grown", "pruned", "both")
 NEW = -1  # number of a node that was not there at the first date
 LEAST_CUT_NODES = 5  # what a cut takes at least of its axis
 CHILD_SHARE = 0.95  # a child is at most so thick, of its parent where it starts
@@ -65,6 +66,29 @@ def first_date(tree):
     """Number the nodes of a tree."""
     ends = np.cumsum([len(axis.points) for axis in tree.axes])
     return DatedTree(tree, [np.arange(e - len(a.points), e) for e, a in zip(ends, tree.axes)])
+
+
+def at_date(tree, season, seed):
+    """The tree of a first date after a season.
+
+    Parameters
+    ----------
+    tree : Tree
+    season : {"first", "grown", "pruned", "both"}
+        Nothing, a year's growth, a pruning, or a pruning and a year's growth.
+    seed : int
+        Of the tree: equal seeds prune and grow alike.
+
+    Returns
+    -------
+    DatedTree
+    """
+    dated = first_date(tree)
+    if season in ("pruned", "both"):
+        dated = prune(dated, np.random.default_rng([int(seed), 301]))
+    if season in ("grown", "both"):
+        dated = grow_a_year(dated, np.random.default_rng([int(seed), 302]))
+    return dated
 
 
 def grow_a_year(dated, rng, season=Season()):
