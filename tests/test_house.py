@@ -10,7 +10,7 @@ from cherrypicker.batch.watched_modules import imported_modules
 PRODUCT, LABORATORY = "cherrypicker", "cherrypicker_lab"
 VOCABULARY = [
     *("errors", "classes", "units", "files", "lens", "ply", "pointcloud", "poses", "photos"),
-    *("progress", "runner"),
+    *("progress", "compiled", "runner"),
 ]
 # From the bottom up: a room imports itself and what stands before it.
 LAYERS = [
@@ -176,3 +176,9 @@ def test_the_page_of_the_architecture_names_files_that_exist(project):
     named = set(re.findall(r"`([\w/]+(?:\.py|\.yaml|/))", page))
     assert len(named) > 50
     assert not [name for name in named if not any((root / name).exists() for root in roots)]
+
+
+def test_every_compiled_function_is_cached_where_the_others_are(scripts):
+    for path in (scripts / PRODUCT).rglob("*.py"):
+        if path.name != "compiled.py":
+            assert "njit" not in path.read_text(encoding="utf-8"), f"{path}: take `compiled`"

@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pycolmap
@@ -19,7 +18,6 @@ from cherrypicker.mvs.backends.choice import choose_backend, estimate_workspace
 from cherrypicker.mvs.backends.table import BACKENDS, Backend, first_choice
 from cherrypicker.mvs.estimate import StereoOptions, field_to_maps, maps_to_field
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
-from cherrypicker.mvs.kernels import compiled
 from cherrypicker.mvs.views import plan_views
 from cherrypicker.mvs.workspace import Workspace
 
@@ -124,7 +122,7 @@ def test_equal_seed_gives_equal_bytes_and_whole_maps_are_kept(tmp_path, slanted)
     _assert_resumes(mine)
 
 
-def test_a_process_that_compiles_gives_the_bytes_of_one_that_loads(tmp_path, slanted):
+def test_a_process_that_compiles_gives_the_bytes_of_one_that_loads(tmp_path, slanted, project):
     """All but the first of a machine's runs find the kernels in the cache."""
     write_scene(tmp_path / "scene", [SLANTED])
     code = (
@@ -132,7 +130,7 @@ def test_a_process_that_compiles_gives_the_bytes_of_one_that_loads(tmp_path, sla
         "from cherrypicker.mvs.estimate import StereoOptions;"
         "estimate(sys.argv[1], StereoOptions(), backend='cpu')"
     )
-    scripts = Path(compiled.__file__).parents[3]
+    scripts = project / "scripts"
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(scripts)}
     call = [sys.executable, "-c", code, str(tmp_path / "scene")]
     subprocess.run(call, env=os.environ | cache, check=True)

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numba
 import numpy as np
+
+from cherrypicker.compiled import compiled
 
 __all__ = ["nearest_edges", "spatial_order"]
 
@@ -66,7 +67,7 @@ def _edges(skeleton: RootedTree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return start, step, 1 / np.maximum(np.einsum("ij,ij->i", step, step), TINY)
 
 
-@numba.njit(cache=True)
+@compiled
 def _cells(points: np.ndarray) -> np.ndarray:
     """Number of each point's cell on a Morton curve through its cloud's bounding cube."""
     n, side = len(points), 0.0
@@ -88,7 +89,7 @@ def _cells(points: np.ndarray) -> np.ndarray:
     return key
 
 
-@numba.njit(cache=True)
+@compiled
 def _boxes(start: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Boxes around runs of edges, then of boxes, low and high; first of a level."""
     n, first, n_levels = len(start), np.zeros(MOST_LEVELS, dtype=np.int64), 1
@@ -117,7 +118,7 @@ def _boxes(start: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return box, first[: n_levels + 1]
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _is_beyond(box: np.ndarray, row: int, x: float, y: float, z: float, limit: float) -> bool:
     """Whether a place lies farther than `limit` outside a box."""
     u = max(box[row, 0] - x, x - box[row, 3], 0.0)
@@ -126,7 +127,7 @@ def _is_beyond(box: np.ndarray, row: int, x: float, y: float, z: float, limit: f
     return u * u + v * v + w * w > limit * limit
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _to_edge(
     start: np.ndarray,
     step: np.ndarray,
@@ -144,7 +145,7 @@ def _to_edge(
     return u * u + v * v + w * w, share
 
 
-@numba.njit(cache=True)
+@compiled
 def _open(
     box: np.ndarray,
     first: np.ndarray,
@@ -167,7 +168,7 @@ def _open(
     return n_stack
 
 
-@numba.njit(cache=True)
+@compiled
 def _nearest(
     edges: tuple, places: np.ndarray, order: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

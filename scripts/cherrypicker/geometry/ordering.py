@@ -6,13 +6,14 @@ and take seconds on the first run of a machine.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from cherrypicker.compiled import compiled
 
 __all__ = ["first_not_below", "median"]
 
 
-@numba.njit(cache=True)
+@compiled
 def median(values: np.ndarray) -> float:
     """Median of values (one at least), NaN if one of them is; puts them in another order."""
     n = len(values)
@@ -45,7 +46,7 @@ def median(values: np.ndarray) -> float:
     return 0.5 * (below + values[middle])
 
 
-@numba.njit(cache=True)
+@compiled
 def first_not_below(values: np.ndarray, wanted: float) -> int:
     """First row of increasing values that is not below `wanted`; their number if all are."""
     low, high = 0, len(values)

@@ -13,15 +13,16 @@ Sections and the tubes of limbs are fitted by it.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from cherrypicker.compiled import compiled
 
 __all__ = ["bessel_ratio", "rice"]
 
 THICK_IN_NOISES = 2.0, 4.0  # from here to there points are taken to lie on what was seen; a guess
 
 
-@numba.njit(cache=True)
+@compiled
 def bessel_ratio(kappa: float) -> float:
     """I1 / I0, by its asymptotic series or its continued fraction from Amos's bound; to 3e-8."""
     if kappa > 16.0:
@@ -34,7 +35,7 @@ def bessel_ratio(kappa: float) -> float:
     return ratio
 
 
-@numba.njit(cache=True)
+@compiled
 def rice(away: float, radius: float, noise: float, swell: float) -> tuple:
     """Derivatives of Rice's -log p, times noise^2, by a point's distance and by the radius.
 

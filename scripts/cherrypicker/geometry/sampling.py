@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from scipy.spatial import cKDTree
+
+from cherrypicker.compiled import compiled
 
 __all__ = [
     "farthest_point_sample",
@@ -174,7 +175,7 @@ def _blocks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return order, np.append(start, len(points))
 
 
-@numba.njit(cache=True)
+@compiled
 def _farthest(
     points: np.ndarray,
     row_of: np.ndarray,

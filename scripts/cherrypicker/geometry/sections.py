@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from cherrypicker.compiled import compiled
 from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.rice import rice
 from cherrypicker.geometry.robust import MAD_TO_SIGMA, TUKEY
@@ -130,7 +130,7 @@ def fit_section(
     return Section(*fit) if np.isfinite(fit[0]).all() else None
 
 
-@numba.njit(cache=True)
+@compiled
 def _fit(
     local: np.ndarray,
     start: np.ndarray,
@@ -158,7 +158,7 @@ def _fit(
     return found, covariance, scatter, weights, offset
 
 
-@numba.njit(cache=True)
+@compiled
 def iterate(
     local: np.ndarray,
     start: np.ndarray,
@@ -230,7 +230,7 @@ def iterate(
     return found, scatter
 
 
-@numba.njit(cache=True)
+@compiled
 def _seen(local: np.ndarray, row: int, section: np.ndarray, scatter: float) -> tuple:
     """How a point stands to a section.
 
@@ -256,7 +256,7 @@ def _seen(local: np.ndarray, row: int, section: np.ndarray, scatter: float) -> t
     return off, x, y, lean, upright, base, wave, radius
 
 
-@numba.njit(cache=True)
+@compiled
 def _sums(
     local: np.ndarray,
     section: np.ndarray,
@@ -318,7 +318,7 @@ def _sums(
     return weights, offset
 
 
-@numba.njit(cache=True)
+@compiled
 def _hold(normal: np.ndarray, expected: np.ndarray, scatter: float) -> None:
     """Enter what is known beforehand into a normal matrix."""
     for i in range(len(normal)):
@@ -330,7 +330,7 @@ def _hold(normal: np.ndarray, expected: np.ndarray, scatter: float) -> None:
             normal[i, i] = 1.0
 
 
-@numba.njit(cache=True)
+@compiled
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solution of linear equations by elimination with pivots, NaN where they have none."""
     n, rest, found = len(right), matrix.copy(), right.copy()
@@ -357,7 +357,7 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return found
 
 
-@numba.njit(cache=True)
+@compiled
 def judge(
     local: np.ndarray,
     section: np.ndarray,
@@ -400,7 +400,7 @@ def judge(
     return weights, offset, covariance
 
 
-@numba.njit(cache=True)
+@compiled
 def _add_square(matrix: np.ndarray, vector: np.ndarray) -> None:
     """Add a vector's product with itself."""
     for i in range(len(vector)):
@@ -408,7 +408,7 @@ def _add_square(matrix: np.ndarray, vector: np.ndarray) -> None:
             matrix[i, j] += vector[i] * vector[j]
 
 
-@numba.njit(cache=True)
+@compiled
 def arc_deg(offset: np.ndarray, n_sectors: int) -> float:
     """Degrees of a circle whose sectors hold a point; `offset` (n, 2) is relative to the centre."""
     is_seen, n_seen = np.zeros(n_sectors), 0.0

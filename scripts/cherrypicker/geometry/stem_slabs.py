@@ -7,10 +7,10 @@ not lead the fit of `cherrypicker.geometry.sections` astray.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from scipy.stats import binned_statistic_2d, theilslopes
 
+from cherrypicker.compiled import compiled
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.ordering import median
@@ -108,7 +108,7 @@ def search_circle(
     return circles[_best_circle(np.ascontiguousarray(points), circles, tolerance)]
 
 
-@numba.njit(cache=True)
+@compiled
 def _best_circle(points: np.ndarray, circles: np.ndarray, tolerance: float) -> int:
     """Row of the circle that most points lie near, by sectors, of those with the least miss."""
     promising, missed, n = np.empty(_PROMISING, dtype=np.int64), np.empty(_PROMISING), 0
@@ -138,7 +138,7 @@ def _best_circle(points: np.ndarray, circles: np.ndarray, tolerance: float) -> i
     return best
 
 
-@numba.njit(cache=True)
+@compiled
 def _miss(points: np.ndarray, point: int, circles: np.ndarray, row: int, tolerance: float) -> float:
     """Squared distance of a point from a circle in tolerances, 1 at most."""
     x, y = points[point, 0] - circles[row, 0], points[point, 1] - circles[row, 1]
@@ -188,7 +188,7 @@ def steady_levels(
     return is_steady[level]
 
 
-@numba.njit(cache=True)
+@compiled
 def sector_weights(offset: np.ndarray) -> np.ndarray:
     """Weights that even out the number of points per sector, at most by `_MAX_BALANCE`."""
     sector, count = np.empty(len(offset), dtype=np.int64), np.zeros(N_SECTORS)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from cherrypicker.compiled import compiled
 
 __all__ = ["child_rows", "fill_reach", "longest_children", "sum_from_root", "tangents", "window"]
 
 
-@numba.njit(cache=True)
+@compiled
 def child_rows(parent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Children of each node as compressed rows.
 
@@ -37,7 +38,7 @@ def child_rows(parent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return start, child
 
 
-@numba.njit(cache=True)
+@compiled
 def fill_reach(parent: np.ndarray, length: np.ndarray) -> np.ndarray:
     """Length of the longest way from each node up to a tip, (n_nodes,) float64."""
     reach = np.zeros(len(parent))
@@ -46,7 +47,7 @@ def fill_reach(parent: np.ndarray, length: np.ndarray) -> np.ndarray:
     return reach
 
 
-@numba.njit(cache=True)
+@compiled
 def sum_from_root(parent: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Sum of a node's value and those of all nodes below it, (n_nodes,) float64."""
     total = values.copy()
@@ -55,7 +56,7 @@ def sum_from_root(parent: np.ndarray, values: np.ndarray) -> np.ndarray:
     return total
 
 
-@numba.njit(cache=True)
+@compiled
 def longest_children(parent: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     """Child of each node with the largest `ahead` (the later one on a tie), -1 at tips."""
     heir = np.full(len(parent), -1, dtype=np.int64)
@@ -66,7 +67,7 @@ def longest_children(parent: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     return heir
 
 
-@numba.njit(cache=True)
+@compiled
 def tangents(
     points: np.ndarray, parent: np.ndarray, length: np.ndarray, heir: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
@@ -95,7 +96,7 @@ def tangents(
     return found
 
 
-@numba.njit(cache=True)
+@compiled
 def window(
     node: int,
     parent: np.ndarray,

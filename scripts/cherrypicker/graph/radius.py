@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 
+from cherrypicker.compiled import compiled
 from cherrypicker.geometry.ordering import median
 from cherrypicker.skeleton.axes import axis_runs
 from cherrypicker.skeleton.model import Skeleton
@@ -37,7 +37,7 @@ def taper_skeleton(skeleton: Skeleton) -> Skeleton:
     return replace(skeleton, radius=_never_growing(skeleton.parent, smooth, trust))
 
 
-@numba.njit(cache=True)
+@compiled
 def _running_medians(nodes: np.ndarray, first: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Running medians of five along each run of nodes, ends repeated."""
     smooth = radius.copy()
@@ -52,7 +52,7 @@ def _running_medians(nodes: np.ndarray, first: np.ndarray, radius: np.ndarray) -
     return smooth
 
 
-@numba.njit(cache=True)
+@compiled
 def _never_growing(parent: np.ndarray, radius: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Weighted least-squares radii that are nowhere larger than their parent's.
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
 
+from cherrypicker.compiled import compiled
 from cherrypicker.geometry.rice import rice
 from cherrypicker.geometry.robust import TUKEY
 
@@ -142,7 +142,7 @@ def place_on_axis(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np
     return segment, share
 
 
-@numba.njit(cache=True)
+@compiled
 def _place(points: np.ndarray, nodes: np.ndarray, segment: np.ndarray, share: np.ndarray) -> None:
     last = len(nodes) - 2
     for i in range(len(points)):
@@ -299,7 +299,7 @@ def _newton_step(
     return step.reshape(gradient.shape)
 
 
-@numba.njit(cache=True)
+@compiled
 def _add_points(
     band: np.ndarray,
     gradient: np.ndarray,
@@ -343,7 +343,7 @@ def _add_points(
                 band[BANDWIDTH + a - b - 4, 4 * k + 4 + b] += one * two * value
 
 
-@numba.njit(cache=True)
+@compiled
 def _add_priors(
     band: np.ndarray,
     gradient: np.ndarray,

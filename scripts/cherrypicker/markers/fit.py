@@ -14,9 +14,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from cherrypicker.compiled import compiled
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sampling import thin_randomly
 
@@ -61,7 +61,7 @@ class MarkerFit:
     is_flat: bool
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _homography(corners: np.ndarray, n_modules: int) -> np.ndarray:
     """Homography from pixels to module coordinates, (0, 0) to (n, n), of four corners."""
     a = np.zeros((8, 8))
@@ -78,7 +78,7 @@ def _homography(corners: np.ndarray, n_modules: int) -> np.ndarray:
     return np.array([[h[0], h[1], h[2]], [h[3], h[4], h[5]], [h[6], h[7], 1.0]])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _soft_cell(grid: np.ndarray, u: float, v: float, half_u: float, half_v: float) -> float:
     """Pattern value at module coordinates, averaged over a box of the given half widths."""
     n = grid.shape[0]
@@ -97,7 +97,7 @@ def _soft_cell(grid: np.ndarray, u: float, v: float, half_u: float, half_v: floa
     return value
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _render(model: np.ndarray, grid: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """White coverage in [0, 1] of the blurred pattern at pixel positions."""
     h = _homography(model[:8].reshape(4, 2), grid.shape[0])

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from cherrypicker.compiled import in_parallel
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.map_keys import GEOMETRIC
-from cherrypicker.mvs.kernels.compiled import in_parallel
 from cherrypicker.mvs.kernels.fusion import Group, fuse_rows
 from cherrypicker.mvs.kernels.level import ROWS_AT_A_TIME
 from cherrypicker.mvs.kernels.projection import relative_projection

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cherrypicker.compiled import Num, in_parallel, inlined, kernel
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.fusion import joined
-from cherrypicker.mvs.kernels.compiled import Num, in_parallel, inlined, kernel
 from cherrypicker.mvs.kernels.projection import cross_ball
 from cherrypicker.mvs.lines.lines import (
     CLEAR,

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.compiled import in_parallel, kernel
 from cherrypicker.geometry.neighbors import components
 from cherrypicker.geometry.sampling import voxel_thin
-from cherrypicker.mvs.kernels.compiled import in_parallel, kernel
 from cherrypicker.mvs.lines.lines import EXPLAINS_PX, Lines, explain, project_place
 from cherrypicker.mvs.silhouettes import follow_lines
 from cherrypicker.photo_check.places import MetricWorkspace, Places

@@ -20,6 +20,7 @@ from torch import nn
 from torch_geometric.nn import EdgeConv
 
 from cherrypicker.classes import CHANNELS
+from cherrypicker.compiled import compiled
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 
@@ -53,7 +54,7 @@ def choose_device(threads: int, gpu: int) -> str:
     return "cuda" if gpu and torch.cuda.is_available() else "cpu"
 
 
-@numba.njit(parallel=True, cache=True)
+@compiled(parallel=True)
 def _gather_max(
     values: np.ndarray, neighbors: np.ndarray, out: np.ndarray, arg: np.ndarray
 ) -> None:
@@ -72,7 +73,7 @@ def _gather_max(
                 arg[i, c] = j if larger else arg[i, c]
 
 
-@numba.njit(parallel=True, cache=True)
+@compiled(parallel=True)
 def _scatter_max(grad: np.ndarray, arg: np.ndarray, out: np.ndarray, n_blocks: int) -> None:
     # Each thread owns a block of channels, so the sums have one fixed order.
     n_points, n_channels = grad.shape

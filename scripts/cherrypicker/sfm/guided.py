@@ -10,9 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 import pycolmap
+
+from cherrypicker.compiled import compiled
 
 _GEOMETRY = pycolmap.TwoViewGeometryConfiguration
 _PLANAR = (_GEOMETRY.PLANAR, _GEOMETRY.PANORAMIC, _GEOMETRY.PLANAR_OR_PANORAMIC)
@@ -148,7 +149,7 @@ def tight_guided_matches(
     return again
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _match(
     points1: np.ndarray,
     points2: np.ndarray,
@@ -196,7 +197,7 @@ def _match(
     return _mutual(best1, dots1, best2, dots2, ratio, distance)
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _near_line(
     a: float,
     b: float,
@@ -216,7 +217,7 @@ def _near_line(
         allowed[j] = residual * residual <= limit * (one + scale * back[j])
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _near_point(
     u: float, v: float, max_error: float, x: np.ndarray, y: np.ndarray, allowed: np.ndarray
 ) -> None:
@@ -226,7 +227,7 @@ def _near_point(
         allowed[j] = (x[j] - cx) * (x[j] - cx) + (y[j] - cy) * (y[j] - cy) <= limit
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _improves(dots: np.ndarray, i: int, dot: int) -> bool:
     """Enter a dot product among the two best of feature i; tell whether it is the best."""
     if dot > dots[i, 0]:
@@ -237,7 +238,7 @@ def _improves(dots: np.ndarray, i: int, dot: int) -> bool:
     return False
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _mutual(
     best1: np.ndarray,
     dots1: np.ndarray,

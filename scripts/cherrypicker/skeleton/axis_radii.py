@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 
+from cherrypicker.compiled import compiled
 from cherrypicker.geometry.edge_search import nearest_edges
 from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.robust import MAD_TO_SIGMA
@@ -125,7 +125,7 @@ def fit_axis_radii(
     return replace(skeleton, radius=radius, fields=skeleton.fields | fields)
 
 
-@numba.njit(cache=True)
+@compiled
 def _fit_nodes(
     surface: np.ndarray,
     start: np.ndarray,
@@ -207,7 +207,7 @@ def _fit_nodes(
     return fits, counts
 
 
-@numba.njit(cache=True)
+@compiled
 def _first_radii(distance: np.ndarray, start: np.ndarray, spacing: float) -> np.ndarray:
     """Median distance of the points that each node owns; the spacing where there are none.
 
@@ -229,7 +229,7 @@ def _fill_along_paths(skeleton: Skeleton, radius: np.ndarray) -> np.ndarray:
     return _filled(radius, known, skeleton.parent, skeleton.edge_length, skeleton.reach())
 
 
-@numba.njit(cache=True)
+@compiled
 def _filled(
     radius: np.ndarray, known: np.ndarray, parent: np.ndarray, length: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
@@ -259,7 +259,7 @@ def _filled(
     return filled
 
 
-@numba.njit(cache=True)
+@compiled
 def _across(x: float, y: float, z: float, u: np.ndarray, v: np.ndarray) -> None:
     """Two directions across a unit vector and one another, written to `u` and `v`."""
     if abs(x) <= abs(y) and abs(x) <= abs(z):  # its cross product with the axis it is farthest from

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.compiled import compiled
 from cherrypicker.geometry.neighbors import components
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.skeleton.model import Skeleton
@@ -163,7 +163,7 @@ def _boxes(
     return np.array(boxes).reshape(-1, 2, 3)
 
 
-@numba.njit(cache=True)
+@compiled
 def _gaps(
     parent: np.ndarray, length: np.ndarray, bare: np.ndarray, max_gap: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

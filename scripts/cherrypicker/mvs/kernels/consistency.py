@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import Num, in_parallel, kernel
+from cherrypicker.compiled import Num, in_parallel, kernel
 from cherrypicker.mvs.kernels.hypothesis import improve, load_top, store, store_top
 from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
 from cherrypicker.mvs.kernels.matching import geometric_error, prepare, source_cost

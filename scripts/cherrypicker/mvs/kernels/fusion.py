@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import Num, inlined, kernel
+from cherrypicker.compiled import Num, inlined, kernel
 from cherrypicker.mvs.kernels.projection import BEHIND, depth_in, pixel_in
 
 _0 = np.float32(0.0)

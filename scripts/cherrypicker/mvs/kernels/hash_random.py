@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.compiled import Num, inlined
 
 # Pixels take so many numbers each at most
 DRAWS_A_PIXEL = np.uint64(4096)

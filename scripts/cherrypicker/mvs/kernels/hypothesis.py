@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.compiled import Num, inlined
 from cherrypicker.mvs.kernels.level import Level, Scratch
 from cherrypicker.mvs.kernels.matching import INVALID_COST, geometric_error, source_cost
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.compiled import Num, inlined
 from cherrypicker.mvs.kernels.hash_random import DRAWS_A_PIXEL, uniform
 from cherrypicker.mvs.kernels.hypothesis import evaluate, improve, load_top, store, store_top
 from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows

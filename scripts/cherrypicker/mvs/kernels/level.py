@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import in_parallel, kernel
+from cherrypicker.compiled import in_parallel, kernel
 
 # Samples of a patch; a multiple of the vector width, unused ones get weight zero
 N_SAMPLES = 32

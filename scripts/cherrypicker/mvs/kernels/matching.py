@@ -17,7 +17,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.compiled import Num, inlined
 from cherrypicker.mvs.kernels.level import N_SAMPLES, Level, Scratch
 from cherrypicker.mvs.kernels.projection import BEHIND, depth_in, pixel_in
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.compiled import Num, inlined
 from cherrypicker.mvs.kernels.hash_random import DRAWS_A_PIXEL, uniform
 from cherrypicker.mvs.kernels.hypothesis import improve, is_plausible, load_top, store, store_top
 from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.compiled import Num, inlined
 
 # What projects nearer lies behind a photo, in depths of the photo that it comes from
 BEHIND = np.float32(1e-6)

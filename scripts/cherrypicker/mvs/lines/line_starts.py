@@ -15,7 +15,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from cherrypicker.mvs.kernels.compiled import Num, inlined
+from cherrypicker.compiled import Num, inlined
 from cherrypicker.mvs.kernels.hypothesis import evaluate, store, store_top
 from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
 from cherrypicker.mvs.kernels.matching import prepare

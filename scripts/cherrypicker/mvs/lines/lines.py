@@ -7,8 +7,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from cherrypicker.compiled import Num, in_parallel, inlined, kernel
 from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.mvs.kernels.compiled import Num, in_parallel, inlined, kernel
 from cherrypicker.mvs.lines.sky_lines import FLANK_PX, SkyLines, find_sky_lines
 from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker.photos import read_photo

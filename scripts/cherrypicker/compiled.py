@@ -1,13 +1,17 @@
-"""Numba with a cache that is never stale and that works in a read-only installation.
+"""Numba with a cache that is never stale, that works in a read-only installation, and that tells.
 
 Numba's own cache is invalidated by the file that holds a function, not by the modules of the
 functions it calls, and lies beside the source, which a shared installation may not allow. Here the
-cache folder carries a digest of all kernels of this package, in the first writable place.
+cache folder carries a digest of all compiled functions of the package, in the first writable place.
+Compiling takes tens of seconds, once for a version of the package on a machine: the first function
+that has to be compiled says so.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterable
@@ -16,18 +20,23 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numba
+from numba.core import event
+
+logger = logging.getLogger(__name__)
+
+PACKAGE = Path(__file__).parent
 
 
 def cache_folder() -> str:
-    """Return the folder of the compiled kernels of this very version of the package.
+    """Return the folder of the compiled functions of this very version of the package.
 
     The first writable one of ``$NUMBA_CACHE_DIR``, ``$XDG_CACHE_HOME`` (or ``~/.cache``) and the
     system's temporary folder.
     """
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
+    for source in sorted(PACKAGE.rglob("*.py")):
         content = source.read_bytes()
-        if b"kernel" in content or b"inlined" in content:
+        if b"cherrypicker.compiled" in content or source == Path(__file__):
             digest.update(content)
     name = Path("cherrypicker") / digest.hexdigest()[:16]
     user = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
@@ -50,6 +59,26 @@ def cache_folder() -> str:
 numba.config.CACHE_DIR = cache_folder()  # type: ignore[attr-defined]
 
 
+class _Teller(event.Listener):
+    """Says once a process that a function of ours is not in the cache and is being compiled."""
+
+    has_told = False
+
+    def on_start(self, event: event.Event) -> None:
+        module = event.data["dispatcher"].py_func.__module__
+        if not self.has_told and module.startswith("cherrypicker"):
+            self.has_told = True
+            logger.warning(
+                "compiling for this machine, once, which takes up to a minute; it is kept in %s",
+                numba.config.CACHE_DIR,  # type: ignore[attr-defined]
+            )
+
+    def on_end(self, event: event.Event) -> None:
+        """One function has been compiled; others may follow."""
+
+
+event.register("numba:compile", _Teller())
+
 # A number in a kernel: numba knows which
 Num: TypeAlias = Any
 
@@ -60,6 +89,9 @@ OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
     "_nrt": False,
 }
+
+# The decorator of every compiled function that is no kernel of the photos: numba's, cached
+compiled: Any = functools.partial(numba.njit, cache=True)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
