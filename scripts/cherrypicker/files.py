@@ -16,6 +16,11 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 
+# What an installed library carries of the project beside itself (envs/wheel.py)
+_CARRIED = Path(__file__).resolve().parent / "project"
+# The folder of Snakefile, schema, networks and so on: the clone's root, or what a wheel carries
+PROJECT = _CARRIED if _CARRIED.is_dir() else Path(__file__).resolve().parents[2]
+
 
 def rounded(value: float) -> float:
     """Return six decimals: a micrometre in metric results, and a file that people can read."""

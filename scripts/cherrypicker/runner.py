@@ -32,11 +32,11 @@ from typing import Any, NamedTuple, TextIO, Union, get_args, get_origin, get_typ
 import yaml
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import write_json
+from cherrypicker.files import PROJECT, write_json
 
 logger = logging.getLogger(__name__)
 
-SCHEMA_FILE = Path(__file__).resolve().parents[2] / "workflow/schemas/config.schema.yaml"
+SCHEMA_FILE = PROJECT / "workflow/schemas/config.schema.yaml"
 STATUS_DIR = Path("logs/status")
 NO_TREE = "_batch"
 _TEXT = {"threads": "Threads of the stage.", "gpu": "1 to use an NVIDIA GPU."}

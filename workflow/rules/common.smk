@@ -9,8 +9,11 @@ from snakemake.io import contains_wildcard
 from snakemake.logging import logger
 from snakemake.pathvars import PATHVAR_REGEX
 
-PROJECT = Path(workflow.basedir)
-LIBRARY = PROJECT / "scripts"
+# From this file, whichever Snakefile includes it or takes it as a module
+PROJECT = Path(str(workflow.current_basedir)).parents[1]
+SCRIPTS = PROJECT / "scripts"
+# Where the packages lie: in a clone beside the scripts; a wheel installs them as any others
+LIBRARY = SCRIPTS if (SCRIPTS / "cherrypicker").is_dir() else PROJECT.parents[1]
 if str(LIBRARY) not in sys.path:
     sys.path.insert(0, str(LIBRARY))
 
@@ -115,7 +118,7 @@ def code(script):
 
     They are looked for when a job of the stage is planned, not for the rules that are not needed.
     """
-    modules = cache(lambda: imported_modules(LIBRARY / f"{script}.py", LIBRARY))
+    modules = cache(lambda: imported_modules(SCRIPTS / f"{script}.py", LIBRARY))
     return lambda wildcards: modules()
 
 
@@ -323,7 +326,7 @@ def compare_finished():
     """Compare the scans that are finished of each series that waits for one that is not."""
     jobs = [job for job in workflow.dag.jobs if job.rule.name == "compare_series"]
     for series in sorted({job.wildcards.series for job in jobs}):
-        compare_rest(series, SERIES[series], LIBRARY / "compare_series.py")
+        compare_rest(series, SERIES[series], SCRIPTS / "compare_series.py")
 
 
 if workflow.is_main_process:

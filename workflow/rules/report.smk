@@ -41,13 +41,13 @@ rule report_tree:
         ),
         code=code("report_tree"),
         template=[
-            str(PROJECT / "scripts/cherrypicker/report/report.html.j2"),
-            str(PROJECT / "scripts/cherrypicker/report/viewer.html.j2"),
-            str(PROJECT / "scripts/cherrypicker/report/viewer.css"),
-            str(PROJECT / "scripts/cherrypicker/report/accuracy.html.j2"),
-            str(PROJECT / "scripts/cherrypicker/report/scaffold.html.j2"),
-            str(PROJECT / "scripts/cherrypicker/report/scaffold.js"),
-            str(PROJECT / "scripts/cherrypicker/report/style.css"),
+            str(LIBRARY / "cherrypicker/report/report.html.j2"),
+            str(LIBRARY / "cherrypicker/report/viewer.html.j2"),
+            str(LIBRARY / "cherrypicker/report/viewer.css"),
+            str(LIBRARY / "cherrypicker/report/accuracy.html.j2"),
+            str(LIBRARY / "cherrypicker/report/scaffold.html.j2"),
+            str(LIBRARY / "cherrypicker/report/scaffold.js"),
+            str(LIBRARY / "cherrypicker/report/style.css"),
             *viewer_modules(),
         ],
     output:
@@ -117,11 +117,11 @@ rule summarise_batch:
         measures=expand("results/{tree}/measures.json", tree=MEASURED_TREES),
         code=code("summarise_batch"),
         template=[
-            str(PROJECT / "scripts/cherrypicker/report/summary.html.j2"),
-            str(PROJECT / "scripts/cherrypicker/report/summary.css"),
-            str(PROJECT / "scripts/cherrypicker/report/summary.js"),
-            str(PROJECT / "scripts/cherrypicker/report/accuracy.html.j2"),
-            str(PROJECT / "scripts/cherrypicker/report/style.css"),
+            str(LIBRARY / "cherrypicker/report/summary.html.j2"),
+            str(LIBRARY / "cherrypicker/report/summary.css"),
+            str(LIBRARY / "cherrypicker/report/summary.js"),
+            str(LIBRARY / "cherrypicker/report/accuracy.html.j2"),
+            str(LIBRARY / "cherrypicker/report/style.css"),
         ],
     output:
         table=report(

@@ -12,8 +12,8 @@ rule compare_series:
         metric_poses=files_of_series("metric_poses.npz", photo_scans=True),
         code=code("compare_series"),
         template=[
-            str(PROJECT / "scripts/cherrypicker/report/series.html.j2"),
-            str(PROJECT / "scripts/cherrypicker/report/style.css"),
+            str(LIBRARY / "cherrypicker/report/series.html.j2"),
+            str(LIBRARY / "cherrypicker/report/style.css"),
         ],
     output:
         page=report(

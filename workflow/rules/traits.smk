@@ -17,7 +17,7 @@ rule measure_traits:
             "results/{tree}/edits.json" if wildcards.tree in EDITED_TREES else []
         ),
         code=code("measure_traits"),
-        factors=str(PROJECT / "scripts/cherrypicker/traits/interval_factors.yaml"),
+        factors=str(LIBRARY / "cherrypicker/traits/interval_factors.yaml"),
     output:
         traits=ensure("results/{tree}/traits.json", non_empty=True),
         branches=ensure("results/{tree}/branches.csv", non_empty=True),

@@ -25,8 +25,9 @@ from pathlib import Path
 import psutil
 
 from cherrypicker.batch.work_folder import check_writable
-from cherrypicker.command.work_folder import PROJECT, enter, folder_parser
+from cherrypicker.command.work_folder import enter, folder_parser
 from cherrypicker.errors import StageError
+from cherrypicker.files import PROJECT
 
 # The stereo of a tree of 100 photos of 12 megapixels, and its results (docs/cluster.md), GB
 ENOUGH_MEMORY_GB, ENOUGH_DISK_GB = 8.0, 10.0

@@ -21,9 +21,8 @@ from PIL import ExifTags
 
 from cherrypicker.batch.batch import CONFIG_FILE
 from cherrypicker.batch.trees import folder_name, read_trees
-from cherrypicker.command.work_folder import PROJECT
 from cherrypicker.errors import StageError
-from cherrypicker.files import write_text
+from cherrypicker.files import PROJECT, write_text
 from cherrypicker.intake.kinds import Kind, captures_in, kind_of
 from cherrypicker.intake.stills import tags_of
 from cherrypicker.markers.columns import check_scale_columns

@@ -27,8 +27,9 @@ from rich.table import Table
 
 from cherrypicker.command.snakemake_lines import FIRST_JOBS, LAST_JOBS, Event, read_events
 from cherrypicker.command.time_left import TimeLeft, seconds_of_stages
-from cherrypicker.command.work_folder import PROJECT, batch_here, enter, folder_parser
+from cherrypicker.command.work_folder import batch_here, enter, folder_parser
 from cherrypicker.errors import StageError
+from cherrypicker.files import PROJECT
 from cherrypicker.progress import duration
 
 TRAITS_TABLE = Path("results/traits.csv")

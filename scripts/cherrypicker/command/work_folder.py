@@ -1,4 +1,4 @@
-"""The work folder that a subcommand is about, and this clone of the project."""
+"""The work folder that a subcommand is about."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from cherrypicker.batch.batch import CONFIG_FILE, Batch, read_batch
 from cherrypicker.batch.config import load_schema, read_config_file
 from cherrypicker.errors import StageError
 from cherrypicker.runner import SCHEMA_FILE
-
-PROJECT = Path(__file__).resolve().parents[3]
 
 
 def folder_parser(doc: str | None) -> argparse.ArgumentParser:

@@ -70,7 +70,7 @@ rule fit_interval_factors:
     input:
         cases=interval_cases(),
         code=code("lab/fit_interval_factors"),
-        present=str(PROJECT / "scripts/cherrypicker/traits/interval_factors.yaml"),
+        present=str(LIBRARY / "cherrypicker/traits/interval_factors.yaml"),
     output:
         factors=ensure(
             "results/benchmark/intervals/interval_factors.yaml", non_empty=True

@@ -22,7 +22,7 @@ rule benchmark_trunks:
 rule measure_skeletons:
     input:
         code=code("lab/measure_skeletons"),
-        peer_code=str(LIBRARY / "lab/run_pc_skeletor.py"),
+        peer_code=str(SCRIPTS / "lab/run_pc_skeletor.py"),
     output:
         scores=ensure(
             "results/benchmark/skeleton/{number}/scores_{kind}.json", non_empty=True
@@ -127,7 +127,7 @@ rule report_skeletons:
 rule measure_trunk_ratio:
     input:
         code=code("lab/measure_trunk_ratio"),
-        peer_code=str(LIBRARY / "lab/run_pc_skeletor.py"),
+        peer_code=str(SCRIPTS / "lab/run_pc_skeletor.py"),
     output:
         scores=ensure(
             "results/benchmark/skeleton/trunks/{millimetres}/{number}/scores.json",
