@@ -1,4 +1,4 @@
-"""The workflow where others look for it: by path, as a module, in Snakemake's catalog and report."""
+"""The workflow by path, as a module, in the catalog of Snakemake and in its report."""
 
 import subprocess
 import sys
