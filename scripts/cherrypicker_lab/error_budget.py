@@ -97,7 +97,7 @@ def costs_of(ladder: Mapping[str, Mapping]) -> dict[str, dict[str, float]]:
 
 def dearest(costs: Mapping[str, Mapping], measure: str = "sum") -> str:
     """Return the stage that costs most in a measure; the earlier one of equals."""
-    return max(STAGES, key=lambda stage: costs[stage][measure])
+    return max(costs, key=lambda stage: costs[stage][measure])
 
 
 def climb(
@@ -205,30 +205,37 @@ def run_stages(snakefile: Path, folder: Path, target: str, threads: int) -> None
 
 
 def markdown(budgets: Mapping[str, Mapping]) -> str:
-    """Return the tables of several trees, `climb` by tree, as Markdown."""
+    """Return the tables of several trees, `climb` by tree, as Markdown.
+
+    A budget that is kept for long brings the names of its rungs and stages (``names``, ``stages``):
+    another version may have others.
+    """
     return "\n".join(_of_tree(tree, budget) for tree, budget in budgets.items())
 
 
 def _of_tree(tree: str, budget: Mapping) -> str:
+    names, stages = budget.get("names", NAMES), budget.get("stages", STAGES)
     lines = [
         f"### {tree}",
         "",
         "| | " + " | ".join(f"{what}, error %" for what in MEASURES.values()) + " |",
         "| --- |" + " ---: |" * len(MEASURES),
     ]
-    for rung in RUNGS:
-        cells = [f"{budget['ladder'][rung][name]:.2f}" for name in MEASURES]
-        lines.append(f"| {NAMES[rung]} | " + " | ".join(cells) + " |")
+    for rung, name in names.items():
+        cells = [f"{budget['ladder'][rung][measure]:.2f}" for measure in MEASURES]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
     lines += [
         "",
         "| stage | " + " | ".join(MEASURES.values()) + " | sum |",
         "| --- |" + " ---: |" * (len(MEASURES) + 1),
     ]
-    for stage, what in STAGES.items():
-        cells = [f"{budget['costs'][stage][name]:+.2f}" for name in (*MEASURES, "sum")]
+    for stage, what in stages.items():
+        cells = [f"{budget['costs'][stage][measure]:+.2f}" for measure in (*MEASURES, "sum")]
         is_dearest = stage == budget["dearest"]
         name = f"**{what}**" if is_dearest else what
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    most = [f"{what} {STAGES[dearest(budget['costs'], name)]}" for name, what in MEASURES.items()]
-    lines += ["", f"Costs most: {STAGES[budget['dearest']]}. By measure: {'; '.join(most)}.", ""]
+    most = [
+        f"{what} {stages[dearest(budget['costs'], measure)]}" for measure, what in MEASURES.items()
+    ]
+    lines += ["", f"Costs most: {stages[budget['dearest']]}. By measure: {'; '.join(most)}.", ""]
     return "\n".join(lines)

@@ -1,0 +1,162 @@
+"""Figures that pages show, in one committed file from which the pages' tables are rendered.
+
+``docs/figures.json`` holds what a run measured, a section a table, with the command that measured
+it. A table stands in its page between ``<!-- figures: SECTION TREE... -->`` and
+``<!-- end of figures -->``; nobody writes there by hand, and a test compares both.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json, rounded
+from cherrypicker_lab import error_budget
+from cherrypicker_lab.evaluation import evaluate
+
+#: Pages with rendered tables, from the project's root.
+PAGES = ("README.md", "docs/error_budget.md")
+FIGURES = "docs/figures.json"
+_BLOCK = re.compile(
+    r"(?P<head><!-- figures: (?P<section>\w+)(?P<tree>( \w+)?) -->\n)"
+    r".*?(?P<end><!-- end of figures -->)",
+    re.DOTALL,
+)
+
+
+def measure_demo(results: Path, tree: str, truth: Path) -> dict[str, Any]:
+    """What a finished demo tree is published with.
+
+    Parameters
+    ----------
+    results : Path
+        The batch's ``results``, with ``benchmarks`` beside it.
+    truth : Path
+        ``truth`` of the tree's scene.
+
+    Returns
+    -------
+    dict
+        Numbers of `cherrypicker_lab.evaluation.evaluate`, the photos' verdict of ``traits.json``
+        and ``cpu_s``, the CPU time of all stages, seconds.
+
+    Raises
+    ------
+    StageError
+        If the tree is not finished.
+    """
+    found = evaluate(results / tree, truth)
+    if "n_registered" not in found:
+        raise StageError("no poses: the demo is from photos", file=results / tree)
+    traits = read_json(results / tree / "traits.json")
+    found |= {name: traits[name] for name in ("photo_precision", "photo_recall")}
+    found["cpu_s"] = _cpu_seconds(results.parent / "benchmarks", tree)
+    return _rounded(found)
+
+
+def _cpu_seconds(benchmarks: Path, tree: str) -> float:
+    """CPU seconds of all stages of a tree; Snakemake's column ``cpu_time``."""
+    files = sorted(benchmarks.glob(f"*/{tree}.tsv"))
+    if not files:
+        raise StageError(f"no benchmark of {tree} to take the CPU time from", file=benchmarks)
+    total = 0.0
+    for file in files:
+        with open(file, newline="", encoding="utf-8") as stream:
+            total += float(next(csv.DictReader(stream, delimiter="\t"))["cpu_time"])
+    return total
+
+
+def measure_budget(folder: Path, tree: str) -> dict[str, Any]:
+    """The error budget of a tree, with the names of its rungs and stages as they were measured."""
+    budget = read_json(folder / tree / "budget.json")
+    kept = {name: budget[name] for name in ("ladder", "costs", "dearest")}
+    return _rounded(kept) | {"names": error_budget.NAMES, "stages": error_budget.STAGES}
+
+
+def _rounded(value: Any) -> Any:
+    """Six decimals everywhere: what a table can show, and a file that people can read."""
+    if isinstance(value, Mapping):
+        return {name: _rounded(each) for name, each in value.items()}
+    return rounded(value) if isinstance(value, float) else value
+
+
+#: Rows of the demo's table: title, bar, and how a tree's numbers are shown.
+_DEMO: tuple[tuple[str, str, Callable[[Mapping], str]], ...] = (
+    ("photos registered", "95 %", lambda f: f"{f['n_registered']} of {f['n_photos']}"),
+    ("scale error", "0.5 %", lambda f: f"{100 * f['scale_error']:.2f} %"),
+    ("up direction", "1 degree", lambda f: f"{f['up_error_deg']:.2f} degrees"),
+    (
+        "skeleton recall at 2 cm, wood of 5 mm radius and more",
+        "0.80",
+        lambda f: f"{f['skeleton_recall']:.2f}",
+    ),
+    (
+        "skeleton precision at 2 cm, same wood",
+        "0.80",
+        lambda f: f"{f['skeleton_precision']:.2f}",
+    ),
+    (
+        "trunk diameter error",
+        "6 mm",
+        lambda f: f"{1000 * f['trunk_diameter_error_m']:.1f} mm",
+    ),
+    ("height error", "3 %", lambda f: f"{100 * f['height_error']:.1f} %"),
+    (
+        "skeleton recall, all wood down to 2 mm radius",
+        "",
+        lambda f: f"{f['skeleton_recall_all']:.2f}",
+    ),
+    (
+        "tips / total length over the true",
+        "",
+        lambda f: f"{f['n_tips_ratio']:.2f} / {f['total_length_m_ratio']:.2f}",
+    ),
+    (
+        "what the photos say: precision / recall of the skeleton before the sky",
+        "",
+        lambda f: f"{f['photo_precision']:.2f} / {f['photo_recall']:.2f}",
+    ),
+    (
+        "F1 of trunk / branch points",
+        "0.90",
+        lambda f: f"{f['label_f1']['trunk']:.2f} / {f['label_f1']['branch']:.2f}",
+    ),
+    ("CPU time, all stages", "", lambda f: f"{f['cpu_s']:.0f} s"),
+)
+
+
+def demo_table(trees: Mapping[str, Mapping]) -> str:
+    """Return README's table of the demo as Markdown."""
+    lines = [f"| | {' | '.join(trees)} | asked |", f"|---|{'---|' * len(trees)}---|"]
+    for title, bar, shown in _DEMO:
+        cells = " | ".join(shown(figures) for figures in trees.values())
+        lines.append(f"| {title} | {cells} | {bar} |" if bar else f"| {title} | {cells} | |")
+    return "\n".join(lines) + "\n"
+
+
+def render(page: str, figures: Mapping[str, Any]) -> str:
+    """Return a page with its tables as the figures say; nothing else of it changes.
+
+    Raises
+    ------
+    StageError
+        If the page asks for a section or a tree that is not there.
+    """
+
+    def table(match: re.Match) -> str:
+        section, tree = match["section"], match["tree"].strip()
+        try:
+            trees = figures[section]["trees"]
+            if section == "demo":
+                text = demo_table(trees)
+            else:
+                text = error_budget.markdown({tree: trees[tree]})
+        except KeyError as error:
+            raise StageError(f"no figures of {error}", file=FIGURES) from error
+        return f"{match['head']}\n{text.rstrip()}\n\n{match['end']}"
+
+    return _BLOCK.sub(table, page)

@@ -1,0 +1,45 @@
+"""Take what was measured into docs/figures.json, and render the pages' tables from that file.
+
+Without options the tables alone are rendered. With --demo or --budget the figures of the trees
+that are finished there are taken first. Example:
+
+    python scripts/lab/render_figures.py --demo results --budget results/error_budget
+"""
+
+import datetime
+import logging
+from pathlib import Path
+
+import lab_path  # noqa: F401
+from cherrypicker.files import PROJECT, read_json, write_json, write_text
+from cherrypicker.runner import run, stage_parser
+from cherrypicker_lab.published import FIGURES, PAGES, measure_budget, measure_demo, render
+
+
+def main(demo=None, budget=None):
+    """Measure what is asked for, save it, render every page."""
+    figures = read_json(PROJECT / FIGURES)
+    today = datetime.date.today().isoformat()
+    for section, folder in (("demo", demo), ("error_budget", budget)):
+        if folder is None:
+            continue
+        for tree in figures[section]["trees"]:
+            truth = PROJECT / "resources/demo" / tree / "truth"
+            taken = (
+                measure_demo(Path(folder), tree, truth)
+                if section == "demo"
+                else measure_budget(Path(folder), tree)
+            )
+            figures[section]["trees"][tree] = taken
+        figures[section]["date"] = today
+    write_json(PROJECT / FIGURES, figures)
+    for page in PAGES:
+        text = (PROJECT / page).read_text(encoding="utf-8")
+        write_text(PROJECT / page, render(text, figures))
+        logging.getLogger("cherrypicker").info("%s is rendered", page)
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--demo", help="results of the demo, finished")
+parser.add_argument("--budget", help="results/error_budget of the demo")
+run(main, parser, globals().get("snakemake"))
