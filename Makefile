@@ -10,7 +10,7 @@ PYTEST_OPTIONS ?= -n 2 --dist loadfile --no-loadscope-reorder
 
 REQUIREMENTS := $(TORCH) envs/requirements.txt envs/constraints.txt
 
-.PHONY: install demo test check lint format clean
+.PHONY: install demo test check lint format docs screenshots clean
 
 install: $(VENV)/.installed
 
@@ -43,6 +43,16 @@ lint: install
 format: install
 	$(VENV)/bin/ruff format
 	$(VENV)/bin/snakefmt Snakefile workflow
+
+# The site of the documentation, in site/; a broken link fails.
+docs: install
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check $(PIP_OPTIONS) \
+		-r envs/requirements-docs.txt -c envs/constraints.txt
+	$(VENV)/bin/mkdocs build --strict --quiet
+
+# The pictures of pages in docs/images, after `make demo`; needs Debian's chromium.
+screenshots: install
+	$(VENV)/bin/python scripts/lab/photograph_pages.py --results results --images docs/images
 
 clean:
 	rm -rf results/* logs benchmarks .snakemake

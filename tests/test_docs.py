@@ -1,0 +1,71 @@
+"""The pages name what there is: keys, commands, scripts, one version."""
+
+import re
+import subprocess
+import tomllib
+
+import pytest
+import yaml
+
+import cherrypicker
+
+# Written from others, or told of the past
+NOT_READ = {"CHANGELOG.md"}
+
+
+@pytest.fixture(scope="module")
+def pages(project):
+    """Text of every page by its name."""
+    listed = subprocess.run(
+        ["git", "ls-files", "*.md", "--cached", "--others", "--exclude-standard"],
+        cwd=project,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    names = set(listed.stdout.split()) - NOT_READ
+    return {name: (project / name).read_text(encoding="utf-8") for name in names}
+
+
+def test_every_config_key_that_a_page_names_exists(project, pages):
+    schema = yaml.safe_load(
+        (project / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8")
+    )
+    keys = {
+        name: set(entry.get("properties", {}))
+        for name, entry in schema["properties"].items()
+        if entry.get("default") == {}
+    }
+    named = {
+        (page, section, key)
+        for page, text in pages.items()
+        for section, key in re.findall(r"`([a-z_]+)\.([a-z]\w+)`", text)
+        if section in keys
+    }
+    files = ("csv", "graphml", "html", "json", "md", "npy", "npz", "ply", "png", "py", "yaml")
+    missing = [each for each in named if each[2] not in keys[each[1]] and each[2] not in files]
+    assert len(named) > 60
+    assert missing == []
+
+
+def test_every_script_and_target_that_a_page_calls_exists(project, pages):
+    rules = {
+        name
+        for path in project.glob("workflow/rules/**/*.smk")
+        for name in re.findall(r"^rule (\w+):", path.read_text(encoding="utf-8"), re.M)
+    }
+    called, scripts = set(), set()
+    for text in pages.values():
+        scripts.update(re.findall(r"python (?:PROJECT/)?(scripts/[\w/]+\.py)", text))
+        called.update(re.findall(r"`snakemake (?:--[\w-]+ \w+ )?([a-z_]+)`", text))
+        called.update(re.findall(r"^snakemake (?:--cores \w+ )?([a-z_]+)\b(?![/.])", text, re.M))
+    assert len(called) > 8 and len(scripts) > 8
+    assert called <= rules
+    old = {"scripts/render_scene.py"}  # how the demo was made, with the code of its time
+    assert not [path for path in scripts - old if not (project / path).is_file()]
+
+
+def test_there_is_one_version(project):
+    described = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
+    cited = yaml.safe_load((project / "CITATION.cff").read_text(encoding="utf-8"))
+    assert described["project"]["version"] == cherrypicker.__version__ == cited["version"]
