@@ -1,7 +1,6 @@
 """The pages name what there is: keys, commands, scripts, one version."""
 
 import re
-import subprocess
 import tomllib
 
 import pytest
@@ -16,14 +15,11 @@ NOT_READ = {"CHANGELOG.md"}
 @pytest.fixture(scope="module")
 def pages(project):
     """Text of every page by its name."""
-    listed = subprocess.run(
-        ["git", "ls-files", "*.md", "--cached", "--others", "--exclude-standard"],
-        cwd=project,
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    names = set(listed.stdout.split()) - NOT_READ
+    found = [*project.glob("*.md"), *project.glob(".github/*.md")]
+    found += [
+        path for room in ("docs", "config", "resources") for path in project.glob(f"{room}/**/*.md")
+    ]
+    names = {path.relative_to(project).as_posix() for path in found} - NOT_READ
     return {name: (project / name).read_text(encoding="utf-8") for name in names}
 
 
