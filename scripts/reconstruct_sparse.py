@@ -24,6 +24,7 @@ def main(
     images: Annotated[str, "images.bin; its folder takes the model"],
     report: Annotated[str, "JSON report to write"],
     poses: Annotated[str, "NPZ of undistorted poses to write"],
+    photo_masks: Annotated[str | None, "folder of the photos' masks by a user"] = None,
     *,
     options: MappingOptions,
     refining: RefineOptions,
@@ -39,6 +40,7 @@ def main(
         poses,
         options,
         refining,
+        masks=photo_masks or None,
         seed=seed,
         threads=threads,
     )

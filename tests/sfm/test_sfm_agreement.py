@@ -54,7 +54,7 @@ def test_pairs_of_unregistered_photos_do_not_count(ring):
 
 def test_policies_follow_the_failure():
     missing = further_policies("incremental", 4.0, too_few=True, has_exif_focal=True)
-    assert missing[0].guided and missing[0].mapper == "incremental"
+    assert missing[0].affine and missing[0].guided and missing[0].mapper == "incremental"
     assert any(policy.mapper == "global" for policy in missing)
     assert missing[-1].trust_exif_focal is False
     assert any(policy.guided for policy in missing)

@@ -92,6 +92,7 @@ rule reconstruct_sparse:
         database="results/{tree}/sfm/database.db",
         listing="results/{tree}/sfm/photos.json",
         photos=photos_of,
+        photo_masks=photo_masks_of,
         code=code("reconstruct_sparse"),
     output:
         cameras=ensure("results/{tree}/sfm/model/cameras.bin", non_empty=True),

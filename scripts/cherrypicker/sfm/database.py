@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+import pycolmap
+
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.progress import Progress
@@ -114,6 +116,15 @@ def rename_images(database: Path, new_names: dict[str, str]) -> None:
             "UPDATE images SET name = ? WHERE name = ?",
             [(new, old) for old, new in new_names.items()],
         )
+
+
+def tried_pairs(database: Path) -> list[tuple[str, str]]:
+    """Return the names of the photos of each pair that was matched, whatever came of it."""
+    names = {image_id: name for name, image_id in image_ids(database).items()}
+    with closing(sqlite3.connect(_read_only(database), uri=True, timeout=5)) as connection:
+        rows = connection.execute("SELECT pair_id FROM matches ORDER BY pair_id").fetchall()
+    pairs = [pycolmap.pair_id_to_image_pair(pair_id) for (pair_id,) in rows]
+    return [(names[first], names[second]) for first, second in pairs]
 
 
 def image_ids(database: Path) -> dict[str, int]:

@@ -113,6 +113,34 @@ def extract_features(
     return content
 
 
+def extract_affine_features(
+    database: Path,
+    photos: Path,
+    options: FeatureOptions,
+    *,
+    masks: str | os.PathLike | None = None,
+    threads: int = 1,
+) -> None:
+    """Replace a database's features by affine-covariant, domain-size-pooled ones.
+
+    The shape of a spot is fitted to what it looks like (Mikolajczyk and Schmid 2004) and its
+    descriptor taken over several sizes (Dong and Soatto 2015), so that photos match which show it
+    from sides 24 degrees apart and more. It takes some ten times as long.
+
+    Parameters
+    ----------
+    database : Path
+        Changed in place; its matches stay and belong to features that are gone.
+    photos : Path
+        Folder of the photos.
+    masks : path-like, optional
+        As of :func:`extract_features`.
+    """
+    names = list(image_ids(database))
+    _forget_features(database, names)
+    _search(database, photos, names, _ENLARGED, options, threads, masks, affine=True)
+
+
 def _import_group(database: Path, group: Sequence[PhotoInfo], camera_model: str) -> None:
     """Enter a group's photos and camera in order: threads would number them as they finish."""
     reader = pycolmap.ImageReaderOptions()
@@ -138,12 +166,14 @@ def _extract(
     large = [
         info for info in infos if _searched_mp(info, options.max_image_size_px) >= PLAIN_FIRST_MP
     ]
-    _search(database, large, _PLAIN, options, threads, masks)
+    folder = infos[0].path.parent
+    _search(database, folder, [info.name for info in large], _PLAIN, options, threads, masks)
     counts = feature_counts(database)
     enough = {info.name for info in large if counts.get(info.name, 0) > options.max_features}
     rest = [info for info in infos if info.name not in enough]
-    _forget_features(database, [info.name for info in rest])
-    _search(database, rest, _ENLARGED, options, threads, masks)
+    names = [info.name for info in rest]
+    _forget_features(database, names)
+    _search(database, folder, names, _ENLARGED, options, threads, masks)
 
 
 def _searched_mp(info: PhotoInfo, max_image_size_px: int) -> float:
@@ -155,13 +185,16 @@ def _searched_mp(info: PhotoInfo, max_image_size_px: int) -> float:
 
 def _search(
     database: Path,
-    infos: Sequence[PhotoInfo],
+    photos: Path,
+    names: Sequence[str],
     first_octave: int,
     options: FeatureOptions,
     threads: int,
     masks: str | os.PathLike | None,
+    *,
+    affine: bool = False,
 ) -> None:
-    if not infos:
+    if not names:
         return
     wanted = pycolmap.FeatureExtractionOptions()
     wanted.use_gpu = False
@@ -171,14 +204,15 @@ def _search(
     wanted.sift.max_num_features = options.max_features
     # A second orientation of the same spot costs as much as a new spot and matches no better.
     wanted.sift.max_num_orientations = 1
+    wanted.sift.estimate_affine_shape = wanted.sift.domain_size_pooling = affine
     reader = pycolmap.ImageReaderOptions()
     if masks is not None:
         reader.mask_path = masks
-    with watched_table(database, "descriptors", len(infos), "features of photos"):
+    with watched_table(database, "descriptors", len(names), "features of photos"):
         pycolmap.extract_features(
             database,
-            infos[0].path.parent,
-            image_names=[info.name for info in infos],
+            photos,
+            image_names=list(names),
             camera_mode=pycolmap.CameraMode.PER_IMAGE,  # not heeded: the photos have cameras
             reader_options=reader,
             extraction_options=wanted,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,8 +17,9 @@ from cherrypicker.sfm.agreement import (
     measure_agreement,
     read_verified_pairs,
 )
-from cherrypicker.sfm.database import image_ids
-from cherrypicker.sfm.matching import PairOptions, add_guided_matches
+from cherrypicker.sfm.database import image_ids, publish_database
+from cherrypicker.sfm.features import FeatureOptions, extract_affine_features
+from cherrypicker.sfm.matching import PairOptions, add_guided_matches, match_again
 from cherrypicker.sfm.policies import (
     Policy,
     further_policies,
@@ -43,6 +45,9 @@ class MappingOptions(PairOptions):
     wanted_registered_fraction: float = 0.95
     wanted_pair_agreement: float = 0.9
     max_attempts: int = 5
+    # Of the affine features that some attempts look for
+    max_features: int = 4000
+    max_image_size_px: int = 2400
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,7 @@ def map_photos(
     options: MappingOptions,
     refining: RefineOptions,
     *,
+    masks: str | os.PathLike | None = None,
     seed: int = 0,
     threads: int = 1,
 ) -> list[Attempt]:
@@ -86,7 +92,9 @@ def map_photos(
     database : Path
         Database with verified matches. COLMAP changes it: pass a copy.
     photos : Path
-        Folder of the photos, for the colours of the points.
+        Folder of the photos, for affine features and the colours of the points.
+    masks : path-like, optional
+        Folder of prepared masks: what is black gives no features.
 
     Returns
     -------
@@ -94,7 +102,8 @@ def map_photos(
         The chosen one first, the others in the order tried.
     """
     mapper = _Mapper(
-        database, photos, scratch, options, refining, read_verified_pairs(database), seed, threads
+        *(database, photos, scratch, options, refining, read_verified_pairs(database), masks),
+        *(seed, threads),
     )
     attempts = [mapper.attempt(Policy(options.mapper, options.mapper, "as configured"))]
     further: list[Policy] = []
@@ -136,6 +145,7 @@ class _Mapper:
     options: MappingOptions
     refining: RefineOptions
     pairs: list[VerifiedPair]
+    masks: str | os.PathLike | None
     seed: int
     threads: int
 
@@ -145,7 +155,7 @@ class _Mapper:
         folder = self.scratch / policy.name
         folder.mkdir()
         working = folder / "database.db"
-        shutil.copyfile(self.database, working)
+        shutil.copyfile(self._features_of(policy), working)
         if not policy.trust_exif_focal:
             forget_focal_lengths(working)
         if policy.recheck_error_px > 0:
@@ -175,7 +185,7 @@ class _Mapper:
         adjust(adjusted, self.refining, threads=self.threads)
         before = self.judge(adjusted)
         model, limit = adjusted, self.options.max_epipolar_error_px
-        files = self.database, self.scratch
+        files = self._features_of(best.policy), self.scratch
         for _ in range(n_rounds):
             model = refine_model(
                 model, *files, limit, self.refining, seed=self.seed, threads=self.threads
@@ -186,6 +196,24 @@ class _Mapper:
             model, agreement = adjusted, before
         drop_short_tracks(model)
         return replace(best, model=model, agreement=agreement)
+
+    def _features_of(self, policy: Policy) -> Path:
+        """The database with the features and verified matches that a policy starts from."""
+        if not policy.affine:
+            return self.database
+        made = self.scratch / "affine.db"
+        if not made.is_file():
+            working = shutil.copyfile(self.database, self.scratch / "affine_working.db")
+            wanted = FeatureOptions(
+                max_features=self.options.max_features,
+                max_image_size_px=self.options.max_image_size_px,
+            )
+            extract_affine_features(
+                working, self.photos, wanted, masks=self.masks, threads=self.threads
+            )
+            match_again(working, self.options, seed=self.seed, threads=self.threads)
+            publish_database(working, made)
+        return made
 
     def _verify_again(self, database: Path, max_error_px: float) -> None:
         with pycolmap.Database.open(database) as opened:

@@ -21,6 +21,7 @@ from cherrypicker.sfm.database import (
     image_ids,
     publish_database,
     rename_images,
+    tried_pairs,
     watched_table,
 )
 from cherrypicker.sfm.guided import read_features, tight_guided_matches
@@ -119,6 +120,15 @@ def match_features(
     return {"pairing": pairing, "n_pairs": n_pairs, "n_verified": n_verified}
 
 
+def match_again(database: Path, options: PairOptions, *, seed: int = 0, threads: int = 1) -> None:
+    """Match the pairs of photos that a database tells to have been tried, in place."""
+    pairs = tried_pairs(database)
+    with pycolmap.Database.open(database) as opened:
+        opened.clear_matches()
+        opened.clear_two_view_geometries()
+    _match_pairs(database, pairs, options, seed, threads)
+
+
 def add_guided_matches(
     database: Path, options: PairOptions, *, seed: int = 0, threads: int = 1
 ) -> int:
@@ -214,7 +224,7 @@ def _match(
     database: Path,
     pairing: object,
     n_pairs: int,
-    options: MatchingOptions,
+    options: PairOptions,
     seed: int,
     threads: int,
 ) -> None:
@@ -229,7 +239,7 @@ def _match(
 
 
 def _match_pairs(
-    database: Path, pairs: list[tuple[str, str]], options: MatchingOptions, seed: int, threads: int
+    database: Path, pairs: list[tuple[str, str]], options: PairOptions, seed: int, threads: int
 ) -> None:
     """Match named pairs. COLMAP's list of pairs is split at blanks: names are numbers meanwhile."""
     names = list(image_ids(database))

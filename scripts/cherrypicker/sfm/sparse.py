@@ -38,6 +38,7 @@ def reconstruct_sparse(
     options: MappingOptions | None = None,
     refining: RefineOptions | None = None,
     *,
+    masks: str | os.PathLike | None = None,
     seed: int = 0,
     threads: int = 1,
 ) -> dict:
@@ -57,6 +58,8 @@ def reconstruct_sparse(
         JSON report, also written when too few photos register.
     poses : path-like
         NPZ of the registered photos' undistorted poses.
+    masks : path-like, optional
+        As of :func:`cherrypicker.sfm.features.extract_features`.
 
     Returns
     -------
@@ -81,6 +84,7 @@ def reconstruct_sparse(
             scratch,
             options,
             refining or RefineOptions(),
+            masks=masks,
             seed=seed,
             threads=threads,
         )
