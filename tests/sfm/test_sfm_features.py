@@ -34,9 +34,9 @@ def extract(photos, folder, monkeypatch, plain_first_mp):
     searched = []
     search = features._search
 
-    def watched(database, infos, first_octave, *limits):
-        searched.append((first_octave, [info.name for info in infos]))
-        search(database, infos, first_octave, *limits)
+    def watched(database, folder, names, first_octave, *limits):
+        searched.append((first_octave, names))
+        search(database, folder, names, first_octave, *limits)
 
     with monkeypatch.context() as patch:
         patch.setattr(features, "PLAIN_FIRST_MP", plain_first_mp)

@@ -10,7 +10,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.sfm import sparse
 from cherrypicker.sfm.refine import adjust
 from cherrypicker.sfm.rematch import RefineOptions
-from cherrypicker.sfm.uncertainty import camera_uncertainty
+from cherrypicker.sfm.uncertainty import camera_scatter, camera_uncertainty
 
 N_CAMERAS = 12
 NOISE_PX = 0.5
@@ -61,6 +61,23 @@ def test_the_error_foretold_is_the_error_found():
     assert 0.6 < ratio < 1.7
 
 
+def test_wrong_matches_scatter_where_the_covariance_is_sure():
+    groups = [range(i, i + 3) for i in range(N_CAMERAS - 2)]
+    model, centers = ring_model(groups, 0.1)
+    rng = np.random.default_rng(1)
+    for point in model.images[N_CAMERAS].points2D:  # of the ring's end, which two groups hold
+        if rng.random() < 0.4:
+            point.xy = point.xy + [3.0, 2.0]
+    adjust(model, RefineOptions())
+    at = np.array([model.images[i + 1].projection_center() for i in range(N_CAMERAS)])
+    size = np.median(np.linalg.norm(centers - centers.mean(axis=0), axis=1))
+    found = similarity_errors(at, centers) / size
+    sure, scatter = camera_uncertainty(model), camera_scatter(model, RefineOptions())
+    assert found.argmax() == N_CAMERAS - 1
+    assert max(scatter, key=lambda name: scatter[name]) == f"{N_CAMERAS - 1:02d}"
+    assert max(scatter.values()) > found.max() > 2 * max(sure.values())
+
+
 def test_parts_that_one_pair_of_photos_joins_have_no_common_scale():
     parts = [range(6), range(6, 12)]
     loose, _ = ring_model([*parts, (5, 6)], NOISE_PX)
@@ -68,7 +85,8 @@ def test_parts_that_one_pair_of_photos_joins_have_no_common_scale():
     assert np.median([*camera_uncertainty(joined).values()]) < 0.01
     errors = camera_uncertainty(loose)
     assert np.median([*errors.values()]) > sparse.UNDETERMINED
-    content = {"camera_std_fraction": sparse._describe_uncertainty(loose), "n_points": 180}
+    unsure = sparse.describe_uncertainty(loose, RefineOptions())
+    content = {"camera_std_fraction": unsure, "n_points": 180}
     with pytest.raises(StageError, match="no common scale") as refused:
         sparse._enforce_one_scale(content, "photos/a")
     assert "trees.tsv" in refused.value.key

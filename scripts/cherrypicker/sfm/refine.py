@@ -73,11 +73,11 @@ def adjust(
         most.
     """
     before = model.compute_num_observations()
-    _bundle(model, options, threads)
+    adjust_robustly(model, options, threads)
     error = max(model.compute_mean_reprojection_error(), LEAST_ERROR_PX)
     limit = min(options.filter_px, filter_errors * error)
     n_dropped = _drop_beyond(model, limit, options)
-    _bundle(model, options, threads)
+    adjust_robustly(model, options, threads)
     logger.info(
         "adjusted: dropped %s of %s observations (%.1f %%), beyond %.1f px",
         f"{n_dropped:,}",
@@ -95,7 +95,8 @@ def _drop_beyond(
     return manager.filter_all_points3D(max_error_px, options.min_ray_angle_deg)
 
 
-def _bundle(model: pycolmap.Reconstruction, options: RefineOptions, threads: int) -> None:
+def adjust_robustly(model: pycolmap.Reconstruction, options: RefineOptions, threads: int) -> None:
+    """Adjust poses, points and cameras in place, with a Cauchy loss."""
     wanted = pycolmap.BundleAdjustmentOptions()
     wanted.print_summary = False
     wanted.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY

@@ -19,7 +19,7 @@ from cherrypicker.sfm.export import undistorted_poses, write_model
 from cherrypicker.sfm.gps import compare_places, stated_places
 from cherrypicker.sfm.mapping import Attempt, MappingOptions, map_photos
 from cherrypicker.sfm.rematch import RefineOptions
-from cherrypicker.sfm.uncertainty import camera_uncertainty
+from cherrypicker.sfm.uncertainty import camera_scatter, camera_uncertainty
 
 logger = logging.getLogger(__name__)
 
@@ -75,7 +75,7 @@ def reconstruct_sparse(
     options = options or MappingOptions()
     if not photos:
         raise StageError("no photo found in the folder", key="photos in trees.tsv")
-    found = read_json(listing)
+    found, refining = read_json(listing), refining or RefineOptions()
     with temporary_folder(Path(model_folder).parent, SCRATCH) as scratch:
         working = copy_database(database, scratch / "database.db")
         attempts = map_photos(
@@ -83,7 +83,7 @@ def reconstruct_sparse(
             Path(photos[0]).parent,
             scratch,
             options,
-            refining or RefineOptions(),
+            refining,
             masks=masks,
             seed=seed,
             threads=threads,
@@ -92,7 +92,10 @@ def reconstruct_sparse(
         explained = diagnose_photos(
             working, found, best.model, best.other_models, min_inliers=options.min_inliers
         )
-    content = _report(best, attempts, explained)
+        unsure = None
+        if best.model is not None:
+            unsure = describe_uncertainty(best.model, refining, seed=seed, threads=threads)
+    content = _report(best, attempts, explained, unsure)
     if best.model is not None:
         centers = {
             image.name: image.projection_center()
@@ -118,7 +121,9 @@ def reconstruct_sparse(
     return content
 
 
-def _report(best: Attempt, attempts: Sequence[Attempt], explained: dict) -> dict:
+def _report(
+    best: Attempt, attempts: Sequence[Attempt], explained: dict, unsure: dict | None
+) -> dict:
     n_usable = best.n_photos
     report = {
         "n_photos": len(explained),
@@ -141,17 +146,21 @@ def _report(best: Attempt, attempts: Sequence[Attempt], explained: dict) -> dict
             "mean_reprojection_error_px": best.model.compute_mean_reprojection_error(),
             "pair_agreement": best.agreement.pairs,
             "match_agreement": best.agreement.matches,
-            "camera_std_fraction": _describe_uncertainty(best.model),
+            "camera_std_fraction": unsure,
             "cameras": _describe_cameras(best.model),
         }
     return report
 
 
-def _describe_uncertainty(model: pycolmap.Reconstruction) -> dict | None:
-    """Median and largest standard error of a camera, and whose that is."""
+def describe_uncertainty(
+    model: pycolmap.Reconstruction, options: RefineOptions, *, seed: int = 0, threads: int = 1
+) -> dict | None:
+    """Median and largest standard error of a camera, and whose that is; see `uncertainty`."""
     errors = camera_uncertainty(model)
     if not errors:
         return None
+    scatter = camera_scatter(model, options, seed=seed, threads=threads)
+    errors = {name: max(error, scatter[name]) for name, error in errors.items()}
     worst = max(errors, key=lambda name: errors[name])
     return {"median": float(np.median([*errors.values()])), "max": errors[worst], "worst": worst}
 
