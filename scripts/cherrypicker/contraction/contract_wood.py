@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CLASS_IDS, CLASS_NAMES, WOOD, Label
 from cherrypicker.contraction.contract_points import ContractionOptions
@@ -18,6 +17,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
+from cherrypicker.wood.density import dense_enough
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target_wood import TargetWood, select_target_wood
 
@@ -148,28 +148,6 @@ def _weights_by_id(weights: Mapping[str, float]) -> dict[int, float]:
     return {CLASS_IDS[name]: weight for name, weight in weights.items()}
 
 
-def _dense_enough(
-    points: np.ndarray, count: np.ndarray, size: float, min_density: float
-) -> np.ndarray:
-    """Which voxels hold enough points, with their neighbours, to be wood.
-
-    Stray points of a dense reconstruction float alone; the thinnest twig that it shows still has
-    a fair share of the points that thick wood has.
-    """
-    a, b = cKDTree(points).query_pairs(1.8 * size, output_type="ndarray").T
-    n = len(points)
-    support = count + np.bincount(a, count[b], n) + np.bincount(b, count[a], n)
-    keep = support >= min_density * np.median(support)
-    logger.info(
-        "kept %s of %s voxels of wood (%.1f %%), the rest too thin (under %.1f points around)",
-        f"{np.count_nonzero(keep):,}",
-        f"{len(keep):,}",
-        100 * keep.mean(),
-        min_density * np.median(support),
-    )
-    return keep
-
-
 def _target_rows(
     points: np.ndarray,
     labels: np.ndarray,
@@ -183,7 +161,7 @@ def _target_rows(
     most = SELECTION_FACTOR * max_points
     thin, _, member, used = thin_to_limit(points[rows], size, most)
     if min_density > 0:
-        dense = _dense_enough(thin, np.bincount(member), used, min_density)
+        dense = dense_enough(thin, np.bincount(member), used, min_density)
         rows = rows[dense[member]]
         thin, _, member, _ = thin_to_limit(points[rows], used, most)
     ground = points[labels == Label.GROUND]
