@@ -43,6 +43,8 @@ def main(
     threads: int = 2,
 ) -> None:
     """Load, judge, save."""
+    found = read_json(target)
+    others = found["other_stems_xy"] + found.get("neighbours_xy", [])
     workspace = MetricWorkspace(Path(undistorted).parent, read_poses(metric_poses))
     content, pictures = check_photos(
         read_skeleton(skeleton),
@@ -50,7 +52,7 @@ def main(
         workspace,
         SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names),
         options,
-        other_stems=np.array(read_json(target)["other_stems_xy"]).reshape(-1, 2),
+        other_stems=np.array(others).reshape(-1, 2),
         refuted=read_json(graph_report)["refuted"] if graph_report else None,
         threads=threads,
     )

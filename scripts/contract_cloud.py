@@ -1,8 +1,9 @@
 """Choose the target tree by its wood, and move it onto the axes of its limbs, or contract
 it as published (LBC or S-LBC).
 
-Reads segmented.ply (and, for a tree from photos, metric.json), writes target.json, contracted.ply,
-limbs.npz (which extract_graph joins) and contract.json. Example:
+Reads segmented.ply (and metric.json for a tree from photos, tree.json for one of several in a
+scan), writes target.json, contracted.ply, limbs.npz (which extract_graph joins) and contract.json.
+Example:
 
     python scripts/contract_cloud.py --segmented segmented.ply --contracted contracted.ply \
         --report contract.json --target target.json --limbs limbs.npz --method slbc
@@ -27,7 +28,7 @@ def main(
     contracted: Annotated[str, "contracted points, PLY"],
     report: Annotated[str, "what was cut, and how it went, JSON"],
     target: Annotated[str, "which tree it is, and the others, JSON"],
-    metric: Annotated[str | None, "metric.json of a tree from photos"] = None,
+    metric: Annotated[str | None, "metric.json of a tree from photos, or a row's tree.json"] = None,
     limbs: Annotated[str | None, "limbs that the points were moved to, NPZ"] = None,
     *,
     target_xy: tuple[float, float] | None = None,
@@ -39,12 +40,15 @@ def main(
     scan: dict[str, Any] = {"unit": cloud.unit, "factor": 1.0, "region": None}
     if metric:
         scan |= read_json(metric)
-        scan["region"] = Footprint.from_dict(scan["region"])
+        scan["region"] = Footprint.from_dict(scan["region"]) if scan["region"] else None
+    place = scan.pop("target_xy", None)  # of a tree that was found among others
+    if target_xy:
+        place = scan["factor"] * np.array(target_xy)
     points, details = contract_wood(
         cloud,
         wood,
         options=options,
-        target_xy=scan["factor"] * np.array(target_xy) if target_xy else None,
+        target_xy=place,
         region=scan["region"],
     )
     write_cloud(contracted, points)

@@ -34,7 +34,7 @@ STAGES = [
     *("estimate_depth", "fuse_depth", "align_cloud", "crop_roi", "segment_sky", "denoise_cloud"),
     *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
     *("edit_graph", "check_photos", "measure_traits", "report_tree", "summarise_batch"),
-    *("compare_series", "import_cloud", "compare_measures"),
+    *("compare_series", "import_cloud", "compare_measures", "find_trees", "split_scan"),
 ]
 
 

@@ -2,6 +2,7 @@ import dataclasses
 import re
 import sys
 from functools import cache
+from glob import glob
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -53,13 +54,29 @@ def load_batch():
     """Read the config and the table of trees; what is wrong there stops the run at once."""
     try:
         batch = read_batch(SCHEMA, config, workflow.config_settings.config)
-        return batch, series_of(batch.trees.values())
+        names = [
+            name
+            for scan in batch.trees
+            for name in batch.names(scan)
+            if batch.has(name)
+        ]
+        return batch, series_of(map(batch.row, names))
     except StageError as error:
         raise WorkflowError(error.describe())
 
 
 BATCH, SERIES = load_batch()
+# Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
 SETTINGS, TREES, SETTINGS_OF = BATCH.settings, BATCH.trees, BATCH.settings_of
+ROW_SCANS = list(
+    BATCH.places
+)  # of several trees, which have no results of a tree themselves
+SINGLE_TREES = [name for name in TREES if name not in ROW_SCANS]
+# Snakemake knows how many trees stand in such a scan when it has looked
+OPEN_SCANS = [name for name in ROW_SCANS if BATCH.places[name] == "all"]
+LISTED_TREES = [
+    name for scan in TREES if scan not in OPEN_SCANS for name in BATCH.names(scan)
+]
 LATE_TREES = [name for name, row in TREES.items() if not row.is_photo_scan]
 LABELLED_TREES = [name for name in LATE_TREES if TREES[name].has_labelled_cloud()]
 PHOTO_SIZES = PhotoSizes()
@@ -68,16 +85,23 @@ UNLABELLED_TREES = [name for name in LATE_TREES if name not in LABELLED_TREES]
 
 def edits_of(tree):
     """Return the file of a tree's hand corrections, whether it is there or not."""
-    return lookup_key(SETTINGS_OF[tree], "graph.edits").replace("{tree}", tree)
+    return lookup_key(BATCH.settings_for(tree), "graph.edits").replace("{tree}", tree)
 
 
-EDITED_TREES = [
-    name for name in TREES if edits_of(name) and Path(edits_of(name)).is_file()
-]
-MEASURED_TREES = [
-    name for name in TREES if any(row.tree == name for row in BATCH.measures)
-]
-UNEDITED_TREES = [name for name in TREES if name not in EDITED_TREES]
+def edited_trees():
+    """Return the trees that have a file of hand corrections."""
+    names = list(LISTED_TREES)
+    for scan in OPEN_SCANS:
+        files = glob(edits_of(f"{scan}_1").replace(f"{scan}_1", f"{scan}_*"))
+        found = [re.search(rf"{re.escape(scan)}_(\d+)", file) for file in files]
+        names += sorted({each[0] for each in found if each and BATCH.has(each[0])})
+    return [name for name in names if edits_of(name) and Path(edits_of(name)).is_file()]
+
+
+EDITED_TREES = edited_trees()
+MEASURED_TREES = list(
+    dict.fromkeys(row.tree for row in BATCH.measures if BATCH.has(row.tree))
+)
 
 
 def measures_of(tree):
@@ -93,11 +117,57 @@ def any_of(names):
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
+def none_of(names):
+    """Return a wildcard constraint that matches all trees but these."""
+    return rf"(?!(?:{any_of(names)})(?:/|$)){TREE_PATTERN}"
+
+
+# Names of the trees of scans of several
+ROW_TREES = rf"(?:{any_of(ROW_SCANS)})_[1-9][0-9]*"
+
+
+def trees_of_scan(scan):
+    """Return the trees of a scan that Snakemake waits for until somebody has looked."""
+    checkpoints.find_trees.get(tree=scan)
+    return BATCH.names(scan)
+
+
+def of_each_tree(path):
+    """Return inputs: a file of every tree; of a scan with ``all``, when its trees are found."""
+
+    def of_one(scan):
+        return lambda wildcards: [
+            path.format(tree=tree) for tree in trees_of_scan(scan)
+        ]
+
+    known = [path.format(tree=tree) for tree in LISTED_TREES]
+    return [*known, *map(of_one, OPEN_SCANS)]
+
+
+def known_trees():
+    """Return every tree of the batch as far as it is known, in the table's order."""
+    return [name for scan in TREES for name in BATCH.names(scan)]
+
+
+def of_known_trees(column):
+    """Return a params function: a column of the table for every tree that is known."""
+    return lambda wildcards: [
+        getattr(BATCH.row(tree), column) for tree in known_trees()
+    ]
+
+
+def measured_trees(wildcards=None):
+    """Return the trees with hand measurements, of those that are known."""
+    return [name for name in known_trees() if name in MEASURED_TREES]
+
+
 def cfg(key):
     """Return a params function: the value of one config key for the tree at hand."""
 
     def value_for(wildcards):
-        return lookup_key(SETTINGS_OF.get(wildcards.get("tree"), SETTINGS), key)
+        tree = wildcards.get("tree")
+        is_known = BATCH.scan_of(tree or "") in TREES
+        return lookup_key(BATCH.settings_for(tree) if is_known else SETTINGS, key)
 
     lookup_key(SETTINGS, key)
     return value_for
@@ -110,7 +180,7 @@ def options(stage):
 
 def row(column):
     """Return a params function: the tree's cell in ``trees.tsv``, empty where there is none."""
-    return lambda wildcards: getattr(TREES[wildcards.tree], column)
+    return lambda wildcards: getattr(BATCH.row(wildcards.tree), column)
 
 
 def code(script):
@@ -149,51 +219,71 @@ def is_plain(path):
 
 def captures_of(wildcards):
     """Return what lies in the tree's folder of photos; none where it is missing, which the stage reports."""
-    captures = map(str, captures_in(TREES[wildcards.tree].photos))
+    captures = map(str, captures_in(BATCH.row(wildcards.tree).photos))
     return [path for path in captures if is_plain(path)]
 
 
 def photos_of(wildcards):
     """Return the photos that stages read: those in the tree's folder, or the folder of prepared ones."""
-    if scan_of(wildcards.tree).is_prepared:
-        return ["results/{tree}/photos"]
+    if size_of_scan(wildcards.tree).is_prepared:
+        return [f"results/{BATCH.scan_of(wildcards.tree)}/photos"]
     return captures_of(wildcards)
 
 
 def photo_folder(wildcards):
     """Return the folder that the photos lie in."""
-    if scan_of(wildcards.tree).is_prepared:
-        return f"results/{wildcards.tree}/photos"
-    return TREES[wildcards.tree].photos
+    if size_of_scan(wildcards.tree).is_prepared:
+        return f"results/{BATCH.scan_of(wildcards.tree)}/photos"
+    return BATCH.row(wildcards.tree).photos
 
 
 def photo_masks_of(wildcards):
     """Return the folder of prepared masks of a tree whose photos have masks, else nothing."""
-    return "results/{tree}/photo_masks" if TREES[wildcards.tree].masks else []
+    return "results/{tree}/photo_masks" if BATCH.row(wildcards.tree).masks else []
 
 
 def user_masks_of(wildcards):
     """Return a tree's own masks; none where the folder is missing, which the stage reports."""
-    masks = map(str, sorted(Path(TREES[wildcards.tree].masks or "-").glob("*.png")))
+    masks = map(str, sorted(Path(BATCH.row(wildcards.tree).masks or "-").glob("*.png")))
     return [path for path in masks if is_plain(path)]
 
 
 def cloud_of(wildcards):
     """Return the tree's ready cloud; none where it is missing, which the stage reports."""
-    path = TREES[wildcards.tree].cloud
+    path = BATCH.row(wildcards.tree).cloud
     return [path] if Path(path).is_file() and is_plain(path) else []
 
 
-def photo_only(*paths):
-    """Return an input function: these files for a tree from photos, none for a ready cloud."""
+def shared_file(path):
+    """Return an input function: a file that the trees of a scan share, by ``{scan}``."""
+    return lambda wildcards: path.format(
+        tree=wildcards.tree, scan=BATCH.scan_of(wildcards.tree)
+    )
 
-    def inputs(wildcards):
-        if not TREES[wildcards.tree].is_photo_scan:
-            return []
-        files = [path.format(tree=wildcards.tree) for path in paths]
-        return files[0] if len(files) == 1 else files
 
-    return inputs
+def photo_only(path):
+    """Return an input function: this file for a tree from photos, none for a ready cloud.
+
+    ``{tree}`` is the tree, ``{scan}`` the scan that it is from: the same for most.
+    """
+    return lambda wildcards: (
+        shared_file(path)(wildcards) if BATCH.row(wildcards.tree).is_photo_scan else []
+    )
+
+
+def shared_with_tree(wildcards):
+    """Return what readers look for in the folder of a tree and its scan has for all its trees."""
+    if not BATCH.row(wildcards.tree).is_photo_scan:
+        return []
+    names = ("scale.json", "poses.npz", "metric_poses.npz")
+    return [shared_file(f"results/{{scan}}/{name}")(wildcards) for name in names]
+
+
+def frame_of(wildcards):
+    """Return what says where a tree stands: its own file where its scan has several trees."""
+    if wildcards.tree not in TREES:
+        return f"results/{wildcards.tree}/tree.json"
+    return photo_only("results/{tree}/metric.json")(wildcards)
 
 
 def series_column(series, column):
@@ -201,12 +291,19 @@ def series_column(series, column):
     return [getattr(row, column) for row in SERIES.get(series, ())]
 
 
-def files_of_series(name, photo_scans=False):
-    """Return an input function: a file of each scan of a series, or of those from photos alone."""
+def files_of_series(name):
+    """Return an input function: a file of each tree of a series."""
     return lambda wildcards: [
-        f"results/{row.tree}/{name}"
+        f"results/{row.tree}/{name}" for row in SERIES.get(wildcards.series, ())
+    ]
+
+
+def shared_files_of_series(name):
+    """Return an input function: a file of each scan from photos of a series."""
+    return lambda wildcards: [
+        f"results/{BATCH.scan_of(row.tree)}/{name}"
         for row in SERIES.get(wildcards.series, ())
-        if row.is_photo_scan or not photo_scans
+        if row.is_photo_scan
     ]
 
 
@@ -253,8 +350,9 @@ def stereo_gpus(wildcards):
 
 
 @cache
-def scan_of(tree):
+def size_of_scan(tree):
     """Return how large a tree's scan is, from the headers of its photos or of its cloud."""
+    tree = BATCH.scan_of(tree)
     if not TREES[tree].is_photo_scan:
         return size_of_cloud(TREES[tree].cloud)
     backend = first_choice(cfg("mvs.backend")({"tree": tree}))
@@ -268,20 +366,20 @@ def scan_of(tree):
 
 def threads_for(stage):
     """Return a threads function: as many as the size of the scan is worth."""
-    return lambda wildcards: threads_to_ask(stage, scan_of(wildcards.tree))
+    return lambda wildcards: threads_to_ask(stage, size_of_scan(wildcards.tree))
 
 
 def mb_for(stage):
     """Return a resource function: the stage's memory, more at each attempt."""
     return lambda wildcards, threads, attempt: mb_to_ask(
-        stage, scan_of(wildcards.tree), threads, attempt
+        stage, size_of_scan(wildcards.tree), threads, attempt
     )
 
 
 def minutes_for(stage):
     """Return a resource function: the stage's running time, more at each attempt."""
     return lambda wildcards, threads, attempt: minutes_to_ask(
-        stage, scan_of(wildcards.tree), threads, attempt
+        stage, size_of_scan(wildcards.tree), threads, attempt
     )
 
 
@@ -297,7 +395,13 @@ def prepare_run():
         logger.warning(line)
     try:
         check_writable(
-            ["results", "logs", "benchmarks", *(f"results/{tree}" for tree in TREES)]
+            [
+                *("results", "logs", "benchmarks"),
+                *(
+                    f"results/{tree}"
+                    for tree in dict.fromkeys([*TREES, *known_trees()])
+                ),
+            ]
         )
     except StageError as error:
         raise WorkflowError(error.describe())
@@ -305,20 +409,21 @@ def prepare_run():
 
 def write_summary():
     """Write the batch's table and page, also after failures; not where no tree was asked for."""
-    if not any(job.wildcards.get("tree") in TREES for job in workflow.dag.jobs):
+    asked = {job.wildcards.get("tree") or "" for job in workflow.dag.jobs}
+    if not any(BATCH.scan_of(tree) in TREES for tree in asked):
         return
     try:
         summarise(
             [
-                {**dataclasses.asdict(row), "is_measured": name in MEASURED_TREES}
-                for name, row in TREES.items()
+                {**dataclasses.asdict(row), "is_measured": row.tree in MEASURED_TREES}
+                for row in BATCH.rows_to_tell("logs")
             ],
             "results",
             "logs",
             "results/traits.csv",
             "results/summary.html",
         )
-    except OSError as error:
+    except (OSError, StageError) as error:
         raise WorkflowError(f"the summary of the batch cannot be written: {error}")
 
 

@@ -5,12 +5,12 @@ rule check_photos:
     input:
         skeleton="results/{tree}/skeleton.graphml",
         graph_report="results/{tree}/graph.json",
-        segmented="results/{tree}/segmented.ply",
+        segmented=shared_file("results/{scan}/segmented.ply"),
         target="results/{tree}/target.json",
-        undistorted="results/{tree}/dense/undistorted.json",
-        metric_poses="results/{tree}/metric_poses.npz",
-        sky_masks="results/{tree}/sky",
-        cameras="results/{tree}/sfm/model/cameras.bin",
+        undistorted=shared_file("results/{scan}/dense/undistorted.json"),
+        metric_poses=shared_file("results/{scan}/metric_poses.npz"),
+        sky_masks=shared_file("results/{scan}/sky"),
+        cameras=shared_file("results/{scan}/sfm/model/cameras.bin"),
         code=code("check_photos"),
     output:
         report=ensure("results/{tree}/photo_check.json", non_empty=True),

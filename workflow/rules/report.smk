@@ -12,21 +12,21 @@ rule report_tree:
         contracted="results/{tree}/contracted.ply",
         contract_report="results/{tree}/contract.json",
         target="results/{tree}/target.json",
-        sparse=photo_only("results/{tree}/sfm/report.json"),
-        align_report=photo_only("results/{tree}/align.json"),
-        crop_report=photo_only("results/{tree}/crop.json"),
-        denoise_report=photo_only("results/{tree}/denoise.json"),
-        scale=photo_only("results/{tree}/scale.json"),
-        poses=photo_only("results/{tree}/poses.npz"),
-        cameras=photo_only("results/{tree}/sfm/model/cameras.bin"),
-        metric_poses=photo_only("results/{tree}/metric_poses.npz"),
-        aligned=photo_only("results/{tree}/aligned.ply"),
-        aligned_poses=photo_only("results/{tree}/aligned_poses.npz"),
-        cropped=photo_only("results/{tree}/cropped.ply"),
-        denoised=photo_only("results/{tree}/denoised.ply"),
-        sky_colors=photo_only("results/{tree}/sky_colors.npz"),
-        depth=photo_only("results/{tree}/dense/depth.json"),
-        coverage=photo_only("results/{tree}/dense/coverage.json"),
+        sparse=photo_only("results/{scan}/sfm/report.json"),
+        align_report=photo_only("results/{scan}/align.json"),
+        crop_report=photo_only("results/{scan}/crop.json"),
+        denoise_report=photo_only("results/{scan}/denoise.json"),
+        scale=photo_only("results/{scan}/scale.json"),
+        poses=photo_only("results/{scan}/poses.npz"),
+        cameras=photo_only("results/{scan}/sfm/model/cameras.bin"),
+        metric_poses=photo_only("results/{scan}/metric_poses.npz"),
+        aligned=photo_only("results/{scan}/aligned.ply"),
+        aligned_poses=photo_only("results/{scan}/aligned_poses.npz"),
+        cropped=photo_only("results/{scan}/cropped.ply"),
+        denoised=photo_only("results/{scan}/denoised.ply"),
+        sky_colors=photo_only("results/{scan}/sky_colors.npz"),
+        depth=photo_only("results/{scan}/dense/depth.json"),
+        coverage=photo_only("results/{scan}/dense/coverage.json"),
         photo_check=photo_only("results/{tree}/photo_check.json"),
         worst_photo=photo_only("results/{tree}/photo_check/worst.jpg"),
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
@@ -34,7 +34,7 @@ rule report_tree:
             "results/{tree}/measures.json" if wildcards.tree in MEASURED_TREES else []
         ),
         photos=lambda wildcards: (
-            photos_of(wildcards) if TREES[wildcards.tree].is_photo_scan else []
+            photos_of(wildcards) if BATCH.row(wildcards.tree).is_photo_scan else []
         ),
         edits=lambda wildcards: (
             edits_of(wildcards.tree) if wildcards.tree in EDITED_TREES else []
@@ -112,9 +112,13 @@ rule report_tree:
 
 rule summarise_batch:
     input:
-        traits=expand("results/{tree}/traits.json", tree=TREES),
-        reports=expand("results/{tree}/report.html", tree=TREES),
-        measures=expand("results/{tree}/measures.json", tree=MEASURED_TREES),
+        of_each_tree("results/{tree}/traits.json"),
+        of_each_tree("results/{tree}/report.html"),
+        # A tree of an open scan that is measured: its report waits for the comparison
+        measures=expand(
+            "results/{tree}/measures.json",
+            tree=[name for name in MEASURED_TREES if name in LISTED_TREES],
+        ),
         code=code("summarise_batch"),
         template=[
             str(LIBRARY / "cherrypicker/report/summary.html.j2"),
@@ -151,10 +155,10 @@ rule summarise_batch:
         runtime=10,
         gpu=0,
     params:
-        trees=list(TREES),
-        dates=[TREES[tree].date for tree in TREES],
-        series=[TREES[tree].series for tree in TREES],
-        measured=MEASURED_TREES,
+        trees=of_known_trees("tree"),
+        dates=of_known_trees("date"),
+        series=of_known_trees("series"),
+        measured=measured_trees,
     message:
         "Summarise the batch"
     script:

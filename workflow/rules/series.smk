@@ -7,9 +7,9 @@ rule compare_series:
         branches=files_of_series("branches.csv"),
         traits=files_of_series("traits.json"),
         segmented=files_of_series("segmented.ply"),
-        scales=files_of_series("scale.json", photo_scans=True),
-        poses=files_of_series("poses.npz", photo_scans=True),
-        metric_poses=files_of_series("metric_poses.npz", photo_scans=True),
+        scales=shared_files_of_series("scale.json"),
+        poses=shared_files_of_series("poses.npz"),
+        metric_poses=shared_files_of_series("metric_poses.npz"),
         code=code("compare_series"),
         template=[
             str(LIBRARY / "cherrypicker/report/series.html.j2"),

@@ -4,7 +4,7 @@
 rule contract_cloud:
     input:
         segmented="results/{tree}/segmented.ply",
-        metric=photo_only("results/{tree}/metric.json"),
+        metric=frame_of,
         code=code("contract_cloud"),
     output:
         contracted=ensure("results/{tree}/contracted.ply", non_empty=True),
@@ -15,6 +15,8 @@ rule contract_cloud:
         "logs/contract_cloud/{tree}.log",
     benchmark:
         "benchmarks/contract_cloud/{tree}.tsv"
+    wildcard_constraints:
+        tree=none_of(ROW_SCANS),
     conda:
         "../../envs/pointcloud.yaml"
     threads: threads_for("contract_cloud")
@@ -36,10 +38,10 @@ rule extract_graph:
         contract_report="results/{tree}/contract.json",
         limbs="results/{tree}/limbs.npz",
         segmented="results/{tree}/segmented.ply",
-        undistorted=photo_only("results/{tree}/dense/undistorted.json"),
-        metric_poses=photo_only("results/{tree}/metric_poses.npz"),
-        sky_masks=photo_only("results/{tree}/sky"),
-        cameras=photo_only("results/{tree}/sfm/model/cameras.bin"),
+        undistorted=photo_only("results/{scan}/dense/undistorted.json"),
+        metric_poses=photo_only("results/{scan}/metric_poses.npz"),
+        sky_masks=photo_only("results/{scan}/sky"),
+        cameras=photo_only("results/{scan}/sfm/model/cameras.bin"),
         code=code("extract_graph"),
     output:
         skeleton_graph=ensure("results/{tree}/skeleton.graphml", non_empty=True),
@@ -52,7 +54,7 @@ rule extract_graph:
     benchmark:
         "benchmarks/extract_graph/{tree}.tsv"
     wildcard_constraints:
-        tree=any_of(UNEDITED_TREES),
+        tree=none_of([*EDITED_TREES, *ROW_SCANS]),
     conda:
         "../../envs/pointcloud.yaml"
     threads: threads_for("extract_graph")
@@ -75,10 +77,10 @@ rule solve_graph:
         contract_report="results/{tree}/contract.json",
         limbs="results/{tree}/limbs.npz",
         segmented="results/{tree}/segmented.ply",
-        undistorted=photo_only("results/{tree}/dense/undistorted.json"),
-        metric_poses=photo_only("results/{tree}/metric_poses.npz"),
-        sky_masks=photo_only("results/{tree}/sky"),
-        cameras=photo_only("results/{tree}/sfm/model/cameras.bin"),
+        undistorted=photo_only("results/{scan}/dense/undistorted.json"),
+        metric_poses=photo_only("results/{scan}/metric_poses.npz"),
+        sky_masks=photo_only("results/{scan}/sky"),
+        cameras=photo_only("results/{scan}/sfm/model/cameras.bin"),
         code=code("extract_graph"),
     output:
         skeleton_graph=ensure("results/{tree}/solved.graphml", non_empty=True),

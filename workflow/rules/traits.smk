@@ -7,11 +7,11 @@ rule measure_traits:
         topology="results/{tree}/topology.graphml",
         segmented="results/{tree}/segmented.ply",
         target="results/{tree}/target.json",
-        scale=photo_only("results/{tree}/scale.json"),
-        metric_poses=photo_only("results/{tree}/metric_poses.npz"),
-        sparse=photo_only("results/{tree}/sfm/report.json"),
-        sky_masks=photo_only("results/{tree}/sky"),
-        cameras=photo_only("results/{tree}/sfm/model/cameras.bin"),
+        scale=photo_only("results/{scan}/scale.json"),
+        metric_poses=photo_only("results/{scan}/metric_poses.npz"),
+        sparse=photo_only("results/{scan}/sfm/report.json"),
+        sky_masks=photo_only("results/{scan}/sky"),
+        cameras=photo_only("results/{scan}/sfm/model/cameras.bin"),
         photo_check=photo_only("results/{tree}/photo_check.json"),
         edits=lambda wildcards: (
             "results/{tree}/edits.json" if wildcards.tree in EDITED_TREES else []
@@ -49,7 +49,7 @@ rule compare_measures:
         traits="results/{tree}/traits.json",
         branches="results/{tree}/branches.csv",
         skeleton="results/{tree}/skeleton.graphml",
-        scale=photo_only("results/{tree}/scale.json"),
+        scale=photo_only("results/{scan}/scale.json"),
         photo_check=photo_only("results/{tree}/photo_check.json"),
         code=code("compare_measures"),
     output:

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from cherrypicker.accuracy.measures import Measure, read_measures
 from cherrypicker.batch.config import read_config_file, resolve_config
+from cherrypicker.batch.rows import (
+    ALL,
+    KEY,
+    check_names,
+    names_found,
+    places_of,
+    split_name,
+)
 from cherrypicker.batch.trees import Tree, read_trees
+from cherrypicker.errors import StageError
 
 CONFIG_FILE = "config/config.yaml"
 
@@ -22,13 +33,64 @@ class Batch:
     # The config of each tree: the batch's, its own file and the command line merged
     settings_of: dict[str, dict]
     measures: list[Measure]  # taken by hand, of whichever trees
+    # Scans of several trees: the places that are asked for, or "all"
+    places: dict[str, str | list] = field(default_factory=dict)
+
+    def scan_of(self, tree: str) -> str:
+        """Return the row of the table that a tree is from; most trees are one themselves."""
+        whose = split_name(tree, self.places)
+        return whose[0] if whose else tree
+
+    def has(self, tree: str) -> bool:
+        """Whether a name can be one of a tree with results: a scan of several has none itself."""
+        whose = split_name(tree, self.places)
+        if whose is None:
+            return tree in self.trees and tree not in self.places
+        places = self.places[whose[0]]
+        return places == ALL or whose[1] <= len(places)
+
+    def row(self, tree: str) -> Tree:
+        """Return a tree's row: that of its scan, with its own name and series."""
+        whose = split_name(tree, self.places)
+        if whose is None:
+            return self.trees[tree]
+        row = self.trees[whose[0]]
+        return replace(row, tree=tree, series=row.series and f"{row.series}_{whose[1]}")
+
+    def settings_for(self, tree: str) -> dict:
+        """Return a tree's config: that of its scan, less the places of the scan's trees."""
+        settings = self.settings_of[self.scan_of(tree)]
+        if tree in self.trees:
+            return settings
+        return settings | {"crop": settings["crop"] | {"target_xy": None}}
+
+    def names(self, scan: str) -> list[str]:
+        """Return the trees of a row as far as they are known."""
+        places = self.places.get(scan)
+        if places is None:
+            return [scan]
+        if places == ALL:
+            return names_found(scan)
+        return [f"{scan}_{number}" for number in range(1, len(places) + 1)]
+
+    def rows_to_tell(self, logs: str | os.PathLike) -> list[Tree]:
+        """Return a row a tree, and one a scan of several that failed or was not looked at."""
+        rows: list[Tree] = []
+        for scan, row in self.trees.items():
+            names = self.names(scan)
+            has_failed = any((Path(logs) / "status" / scan).glob("*.json"))
+            if scan in self.places and (has_failed or not names):
+                rows.append(row)
+            rows += map(self.row, names)
+        return rows
 
     def strangers(self) -> list[str]:
         """Return a line for each hand measurement of a tree that is not in the table of trees."""
         lines = []
         for row in self.measures:
-            if row.tree not in self.trees:
-                near = difflib.get_close_matches(row.tree, self.trees, n=1)
+            if not self.has(row.tree):
+                known = [name for scan in self.trees for name in self.names(scan)]
+                near = difflib.get_close_matches(row.tree, known, n=1)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
                 place = f"line {row.line} of {self.settings['measures']}"
                 lines.append(f"{place}: no tree {row.tree!r} in {self.settings['trees']}{hint}")
@@ -65,4 +127,23 @@ def read_batch(schema: Mapping, config: Mapping, command_line: Mapping | None = 
     path = settings["measures"]
     is_default = path == schema["properties"]["measures"]["default"]
     measures = read_measures(path, may_miss=is_default) if path else []
-    return Batch(settings, trees, settings_of, measures)
+    return Batch(settings, trees, settings_of, measures, _places(settings, trees, settings_of))
+
+
+def _places(
+    settings: Mapping, trees: Mapping[str, Tree], settings_of: Mapping[str, dict]
+) -> dict[str, str | list]:
+    """The scans of several trees; refuse names and series that they cannot have."""
+    files = {name: row.config or CONFIG_FILE for name, row in trees.items()}
+    asked = {name: places_of(settings_of[name], name, files[name]) for name in trees}
+    several = {name: places for name, places in asked.items() if places is not None}
+    check_names(trees, several, settings["trees"])
+    for name, places in several.items():
+        if places == ALL and trees[name].series:
+            raise StageError(
+                f"tree {name!r}: the trees of a series must keep their numbers; give a list of "
+                "places, in one order for all dates",
+                file=files[name],
+                key=KEY,
+            )
+    return several

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import difflib
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -133,7 +134,8 @@ def _fill(schema: Mapping, value: Any) -> Any:
 def _read_string(schema: Mapping, value: object) -> object:
     types = schema.get("type", [])
     types = [types] if isinstance(types, str) else types
-    if isinstance(value, str) and "string" not in types and types:
+    is_text = "string" in types and re.search(schema.get("pattern", ""), str(value))
+    if isinstance(value, str) and not is_text and types:
         try:
             parsed = yaml.safe_load(value)
         except yaml.YAMLError:

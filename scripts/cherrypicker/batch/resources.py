@@ -22,6 +22,7 @@ from cherrypicker.batch.stage_costs import (
     PHOTO_STAGES,
     POINTS_PER_PIXEL,
     PREPARED,
+    ROW_STAGES,
     StageCost,
     stereo_stage,
 )
@@ -221,22 +222,27 @@ def disk_mb(stage: StageCost, scan: ScanSize) -> float:
     return _weigh(stage.disk_mb, scan.quantities(scan.points_m, CROPPED_SHARE))
 
 
+def _stage(rule: str, scan: ScanSize) -> StageCost:
+    """A stage of a scan, or of those that a scan of several trees has besides."""
+    return ROW_STAGES[rule] if rule in ROW_STAGES else scan.stages[rule]
+
+
 def threads_to_ask(rule: str, scan: ScanSize) -> int:
     """Return how many threads are worth asking for: two minutes of work each, up to the bound."""
-    stage = scan.stages[rule]
+    stage = _stage(rule, scan)
     wanted = math.ceil(cpu_seconds(stage, scan) / CPU_S_PER_THREAD)
     return max(1, min(stage.max_threads, wanted))
 
 
 def mb_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the memory to ask for, MB: formula and margin, times the attempt."""
-    peak = memory_mb(scan.stages[rule], scan, threads)
+    peak = memory_mb(_stage(rule, scan), scan, threads)
     return _round_up(attempt * (SNAKEMAKE_MB + MEMORY_MARGIN * peak), 100)
 
 
 def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the running time to ask for, minutes: formula and margin, times the attempt."""
-    busy_s = cpu_seconds(scan.stages[rule], scan) / speedup(threads)
+    busy_s = cpu_seconds(_stage(rule, scan), scan) / speedup(threads)
     return _round_up(attempt * (START_MINUTES + TIME_MARGIN * busy_s / 60.0), 5)
 
 

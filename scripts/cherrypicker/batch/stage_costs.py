@@ -211,3 +211,19 @@ _MEASURED = replace(_TREE_STAGES["measure_traits"], after=("check_photos",))
 PHOTO_STAGES |= {"contract_cloud": _CONTRACT, "extract_graph": _REFUTED, "check_photos": _CHECK}
 PHOTO_STAGES |= {"measure_traits": _MEASURED, "report_tree": _TREE_STAGES["report_tree"]}
 CLOUD_STAGES |= _TREE_STAGES
+
+# Of a scan of several trees, shared by them: not in the forecast of a batch, which counts a scan as
+# one tree
+ROW_STAGES = {
+    "find_trees": StageCost(
+        cpu_s={"base": 10.0, "cropped_m": 40.0},
+        memory_mb={"base": 450.0, "cropped_m": 1000.0},
+        after=("segment_cloud",),
+    ),
+    "split_scan": StageCost(
+        cpu_s={"base": 2.0, "cropped_m": 2.0},
+        memory_mb={"base": 200.0, "cropped_m": 250.0},
+        disk_mb=_LABELLED_MB,
+        after=("find_trees",),
+    ),
+}

@@ -27,7 +27,7 @@ def edits_file(batch: Batch, tree: str) -> Path:
     StageError
         If the config names none, or one outside the work folder.
     """
-    name = lookup(batch.settings_of[tree], "graph.edits")
+    name = lookup(batch.settings_for(tree), "graph.edits")
     path = Path(name.replace("{tree}", tree))
     if not name or not path.resolve().is_relative_to(Path.cwd().resolve()):
         raise StageError(

@@ -147,7 +147,7 @@ class Handler(SimpleHTTPRequestHandler):
     def _tree(self) -> str:
         """Return the tree of a request for edits."""
         tree = unquote(urlsplit(self.path).path.removeprefix(API))
-        if tree not in self._own.batch.trees:
+        if not self._own.batch.has(tree):
             raise _RefusedError(HTTPStatus.NOT_FOUND, f"there is no tree {tree!r} in the table")
         return tree
 

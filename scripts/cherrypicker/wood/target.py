@@ -234,15 +234,16 @@ def target_report(
         of segmented.ply.
     **scan
         What else of the scan stands in the file: ``unit``, ``scale_mode``, ``camera_distance``,
-        ``loose``.
+        ``loose``, ``neighbours_xy`` (stems whose wood was taken out of the cloud before).
 
     Returns
     -------
     dict
         ``target_xy``, ``source``, ``region``, ``unit``, ``factor``, ``scale_mode``,
         ``camera_distance``, ``candidates`` (best first), ``runner_up``, ``margin``,
-        ``other_stems_xy``, ``loose`` (wood near the target that hangs on no stem), ``warnings``
-        ("name: sentence"). Each candidate has the ``crop_target_xy`` that would choose it.
+        ``other_stems_xy``, ``neighbours_xy``, ``loose`` (wood near the target that hangs on no
+        stem), ``warnings`` ("name: sentence"). Each candidate has the ``crop_target_xy`` that would
+        choose it.
     """
 
     def shown(one: Candidate) -> dict:
@@ -278,6 +279,7 @@ def target_report(
         "runner_up": None if runner_up is None else shown(runner_up),
         "margin": choice.margin,
         "other_stems_xy": [one.base[:2] for one in choice.other_trees],
+        "neighbours_xy": scan.get("neighbours_xy", []),
         "loose": scan.get("loose", []),
         "warnings": warnings,
     }

@@ -31,6 +31,7 @@ def settings_of_tree(wildcards):
 TREES_WITH_TRUTH = [
     name
     for name, tree in TREES.items()
-    if tree.is_photo_scan
+    if name in SINGLE_TREES
+    and tree.is_photo_scan
     and all(Path(path).is_file() for path in truth_files_of({"tree": name}))
 ]

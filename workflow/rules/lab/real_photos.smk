@@ -5,7 +5,7 @@
 
 rule real_photos:
     input:
-        reports=expand("results/{tree}/report.html", tree=TREES),
+        reports=expand("results/{tree}/report.html", tree=LISTED_TREES),
         traits="results/traits.csv",
         code=code("lab/report_real_photos"),
     output:

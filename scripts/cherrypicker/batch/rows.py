@@ -1,0 +1,98 @@
+"""Scans of several trees: which results a scan of the table stands for.
+
+A scan whose ``crop.target_xy`` is ``all`` or a list of places has no traits of its own: its trees
+are ``{scan}_1``, ``{scan}_2`` and so on, and share its row and its config.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from cherrypicker.batch.config import lookup
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json
+
+__all__ = ["ALL", "KEY", "check_names", "names_found", "places_of", "split_name"]
+
+KEY = "crop.target_xy"
+ALL = "all"
+_NUMBERED = re.compile(r"(.+)_([1-9][0-9]*)")
+
+
+def places_of(settings: Mapping, tree: str, file: str) -> str | list | None:
+    """Return which trees of a scan are asked for.
+
+    Parameters
+    ----------
+    settings : mapping
+        The whole config of the scan.
+    tree, file : str
+        The scan, and where the config was read, for the error.
+
+    Returns
+    -------
+    "all", list of pairs of numbers, or None
+        None for a scan of one tree.
+
+    Raises
+    ------
+    StageError
+        If the key holds neither a pair, nor a list of pairs, nor ``all``.
+    """
+    value = lookup(settings, KEY)
+    if value is None or _is_pair(value):
+        return None
+    if value == ALL:
+        return ALL
+    if isinstance(value, list) and value and all(map(_is_pair, value)):
+        return value
+    raise StageError(
+        f"tree {tree!r}: {value!r} is neither a pair of numbers, nor a list of such pairs, nor "
+        f"{ALL!r}",
+        file=file,
+        key=KEY,
+    )
+
+
+def _is_pair(value: Any) -> bool:
+    def is_number(each: Any) -> bool:
+        return isinstance(each, (int, float)) and not isinstance(each, bool) and math.isfinite(each)
+
+    return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+
+
+def split_name(tree: str, scans: Iterable[str]) -> tuple[str, int] | None:
+    """Return the scan of several trees that a name is of, and the number of the tree; else None."""
+    found = _NUMBERED.fullmatch(tree)
+    return (found[1], int(found[2])) if found and found[1] in set(scans) else None
+
+
+def check_names(names: Iterable[str], scans: Iterable[str], table: str) -> None:
+    """Refuse a row whose id is that of a tree of another row's scan.
+
+    Raises
+    ------
+    StageError
+    """
+    folded = {scan.casefold(): scan for scan in scans}
+    for name in names:
+        whose = split_name(name.casefold(), folded)
+        if whose:
+            raise StageError(
+                f"tree {name!r} bears the name of a tree of the scan {folded[whose[0]]!r}, whose "
+                f"{KEY} asks for several; give one of them another id",
+                file=table,
+                key="tree",
+            )
+
+
+def names_found(scan: str, results: str = "results") -> list[str]:
+    """Return the trees that were found in a scan; none where nobody has looked yet."""
+    path = Path(results) / scan / "trees.json"
+    if not path.is_file():
+        return []
+    return [f"{scan}_{one['number']}" for one in read_json(path).get("trees", [])]

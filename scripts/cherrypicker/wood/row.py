@@ -1,0 +1,322 @@
+"""The trees of one scan: where each stands, which wood is whose, and a cloud of each alone.
+
+A walk along a row is one scan of several trees. The choice of stems and the ways from their feet
+are those that find a single target among its neighbours; here every stem that could be one is.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import WOOD, Label, wood_mask
+from cherrypicker.errors import StageError
+from cherrypicker.geometry.sampling import majority_label, thin_to_limit
+from cherrypicker.placement.footprint import Footprint
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.wood.density import dense_enough
+from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
+from cherrypicker.wood.target import TREE_SHARE, Candidate, Choice, choose_target
+from cherrypicker.wood.target_wood import SharedWood, share_wood
+
+__all__ = [
+    "ALL",
+    "NO_TREE",
+    "NO_WOOD",
+    "FoundTrees",
+    "RowOptions",
+    "find_trees",
+    "read_places",
+    "scan_of_tree",
+    "tree_cloud",
+]
+
+logger = logging.getLogger(__name__)
+
+ALL = "all"
+NO_TREE, NO_WOOD = 0, -1  # owners beside the numbers of trees, which start at 1
+FEWEST_WOOD = 50
+# As many points as of ten single trees are looked at (guess: a walk of a session)
+MOST_POINTS = 2_000_000
+
+
+@dataclass(frozen=True)
+class RowOptions:
+    """Which wood is shared out; the fields are config keys of ``contract``."""
+
+    classes: tuple[int, ...] = WOOD
+    voxel_size_m: float = 0.005
+    gap_m: float = GAP_M
+    stem_gap_m: float = STEM_GAP_M
+    min_density: float = 0.05
+
+
+@dataclass
+class FoundTrees:
+    """The trees of a scan.
+
+    Attributes
+    ----------
+    trees : list of Candidate
+        In the order of their numbers: of the list, else along the row.
+    asked_xy : list of ndarray of shape (2,)
+        Where each was asked for, or stands.
+    left_out : list of (Candidate, str)
+        What else stands there, and why it is no tree of the result.
+    owner : ndarray of shape (n_points,), int16
+        For every point of the cloud the number of its tree, from 1; `NO_TREE` for other wood,
+        `NO_WOOD` for what is none.
+    """
+
+    trees: list[Candidate]
+    asked_xy: list[np.ndarray]
+    left_out: list[tuple[Candidate, str]]
+    owner: np.ndarray
+
+    def report(self, scan: str, *, factor: float, unit: str) -> dict[str, Any]:
+        """Content of trees.json of a scan; `factor` as of `wood.target.target_report`."""
+
+        def shown(one: Candidate) -> dict[str, Any]:
+            place = [round(value / factor, 4) for value in one.base[:2]]
+            content = {"foot": one.base, "crop_target_xy": place, "height": one.height}
+            return content | {"mass": one.mass}
+
+        count = np.bincount(self.owner[self.owner >= 0], minlength=len(self.trees) + 1)
+        trees = [
+            {"number": number, "tree": f"{scan}_{number}", **shown(one)}
+            | {"n_points": int(count[number]), "asked_xy": place.tolist()}
+            for number, (one, place) in enumerate(zip(self.trees, self.asked_xy, strict=True), 1)
+        ]
+        left = [{**shown(one), "reason": reason} for one, reason in self.left_out]
+        return {
+            "unit": unit,
+            "factor": factor,
+            "trees": trees,
+            "left_out": left,
+            "n_wood": int(count.sum()),
+            "n_of_no_tree": int(count[NO_TREE]),
+        }
+
+
+def read_places(given: Sequence) -> str | np.ndarray:
+    """Return which trees are asked for: "all", or places of shape (n, 2).
+
+    Parameters
+    ----------
+    given : "all", or sequence of pairs, or of numbers one after the other
+        Numbers may be strings, as a command line gives them.
+
+    Raises
+    ------
+    StageError
+        If it is none of these.
+    """
+    if given == ALL or list(given) == [ALL]:
+        return ALL
+    try:
+        places = np.array(given, dtype=np.float64).reshape(-1, 2)
+    except ValueError:
+        places = np.empty((0, 2))
+    if not len(places) or not np.isfinite(places).all():
+        raise StageError(f"{given!r} is no list of places, nor {ALL!r}", key="crop.target_xy")
+    return places
+
+
+def find_trees(
+    cloud: PointCloud,
+    asked: str | Sequence[ArrayLike] = ALL,
+    *,
+    options: RowOptions | None = None,
+    region: Footprint | None = None,
+) -> FoundTrees:
+    """Find the trees of a scan and share its wood out among them.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        With the field ``label``, z up.
+    asked : "all" or sequence of array-like of 2 floats
+        Every stem that carries as much as a tree, or the stems nearest to these places, in the
+        cloud's frame.
+    options : RowOptions, optional
+    region : Footprint, optional
+        Of the region of interest; wood that comes in over its border is no tree's.
+
+    Returns
+    -------
+    FoundTrees
+
+    Raises
+    ------
+    StageError
+        If there is too little wood, no tree, a place that is none of the scene, or two places at
+        one stem.
+    """
+    options = options or RowOptions()
+    labels = np.asarray(cloud["label"])
+    rows = np.flatnonzero(np.isin(labels, list(options.classes)))
+    if len(rows) < FEWEST_WOOD:
+        raise StageError(
+            f"the cloud holds {len(rows)} points of wood", key="contract.classes, segment"
+        )
+    points, label = _thinned(cloud.points[rows], labels[rows], options)
+    shared = share_wood(
+        points, label, ground=cloud.points[labels == Label.GROUND], region=region,
+        gap_m=options.gap_m, stem_gap_m=options.stem_gap_m,
+    )  # fmt: skip
+    bases = [stem.base for stem in shared.stems]
+    found = _chosen(points, shared, bases, asked, region)
+    number = np.full(len(bases) + 2, NO_TREE, dtype=np.int16)
+    for place, tree in enumerate(found.trees, 1):
+        number[tree.stem] = place
+    has_way = shared.owner >= 0
+    # A point without a way goes with the nearest wood that has one
+    nearest = cKDTree(points[has_way]).query(cloud.points[wood_mask(labels)])[1]
+    found.owner = np.full(len(labels), NO_WOOD, dtype=np.int16)
+    found.owner[wood_mask(labels)] = number[shared.owner[has_way][nearest]]
+    for place, tree in enumerate(found.trees, 1):
+        n_points = np.count_nonzero(found.owner == place)
+        logger.info("tree %d at (%.2f, %.2f): %s points", place, *tree.base[:2], f"{n_points:,}")
+    for other, reason in found.left_out:
+        logger.info("left out at (%.2f, %.2f): %s", *other.base[:2], reason)
+    return found
+
+
+def _thinned(
+    points: np.ndarray, labels: np.ndarray, options: RowOptions
+) -> tuple[np.ndarray, np.ndarray]:
+    """Wood without stray points, one a voxel, and the class of each."""
+    thin, _, member, used = thin_to_limit(points, options.voxel_size_m, MOST_POINTS)
+    label = majority_label(labels, member, len(thin))
+    if options.min_density > 0:
+        dense = dense_enough(thin, np.bincount(member), used, options.min_density)
+        thin, label = thin[dense], label[dense]
+    return thin, label
+
+
+def _chosen(
+    points: np.ndarray,
+    shared: SharedWood,
+    bases: list[np.ndarray],
+    asked: str | Sequence[ArrayLike],
+    region: Footprint | None,
+) -> FoundTrees:
+    """The trees, without the owners of points."""
+    if isinstance(asked, str):
+        choice = choose_target(points, bases, shared.owner, spacing=shared.spacing)
+        heaviest = max(one.mass for one in choice.candidates)
+        trees = _along_the_row([c for c in choice.candidates if c.mass >= TREE_SHARE * heaviest])
+        places = [np.array(tree.base[:2]) for tree in trees]
+    else:
+        choices = [_nearest(points, shared, bases, place, region) for place in asked]
+        choice, heaviest = choices[0], None
+        trees, places = [each.target for each in choices], [np.asarray(p, float) for p in asked]
+    taken = {tree.stem for tree in trees}
+    left = [(o, _reason(o, heaviest)) for o in choice.candidates if o.stem not in taken]
+    _refuse_shared_stems(trees, places)
+    return FoundTrees(trees, places, left, np.empty(0, dtype=np.int16))
+
+
+def _nearest(
+    points: np.ndarray,
+    shared: SharedWood,
+    bases: list[np.ndarray],
+    place: ArrayLike,
+    region: Footprint | None,
+) -> Choice:
+    return choose_target(
+        points, bases, shared.owner, spacing=shared.spacing, region=region, target_xy=place
+    )
+
+
+def _reason(other: Candidate, heaviest: int | None) -> str:
+    if heaviest is None:
+        return "no place of crop.target_xy is nearest to it"
+    share = 100 * other.mass / heaviest
+    return f"carries {share:.0f} % of the heaviest tree's wood, a tree {100 * TREE_SHARE:.0f} %"
+
+
+def _refuse_shared_stems(trees: list[Candidate], places: list[np.ndarray]) -> None:
+    first: dict[int, int] = {}
+    for number, tree in enumerate(trees, 1):
+        if tree.stem in first:
+            x, y = tree.base[:2]
+            raise StageError(
+                f"places {first[tree.stem]} and {number} mean one stem, at ({x:.3g}, {y:.3g}); "
+                f"the nearest to {places[number - 1].round(3).tolist()} is no other",
+                key="crop.target_xy",
+            )
+        first[tree.stem] = number
+
+
+def _along_the_row(trees: list[Candidate]) -> list[Candidate]:
+    """The trees in their order along the line that they stand in, from its lower x (or y) end."""
+    feet = np.array([tree.base[:2] for tree in trees])
+    along = np.linalg.svd(feet - feet.mean(axis=0), full_matrices=False)[2][0]
+    along *= np.sign(along[np.argmax(np.abs(along))]) or 1.0
+    return [trees[i] for i in np.argsort(feet @ along, kind="stable")]
+
+
+def tree_cloud(cloud: PointCloud, owner: np.ndarray, number: int, foot: ArrayLike) -> PointCloud:
+    """One tree's cloud: its wood, and what is no wood as far from its foot as it is high or wide.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The scan.
+    owner : ndarray of shape (n_points,), int
+        `FoundTrees.owner`.
+    number : int
+        Of the tree, from 1.
+    foot : array-like of 3 floats
+
+    Returns
+    -------
+    PointCloud
+        Rows of `cloud`, in their order, with all fields.
+
+    Raises
+    ------
+    StageError
+        If the owners are not of this cloud, or the tree has no wood.
+    """
+    if len(owner) != len(cloud):
+        raise StageError(
+            f"the owners are of {len(owner):,} points, the cloud has {len(cloud):,}: they are not "
+            "of one scan"
+        )
+    is_own = owner == number
+    if not is_own.any():
+        raise StageError(f"no wood of tree {number} in the scan", key="crop.target_xy")
+    away = cloud.points - np.asarray(foot, dtype=np.float64)
+    aside = np.linalg.norm(away[:, :2], axis=1)
+    reach = max(aside[is_own].max(), away[is_own, 2].max())
+    return cloud.select(is_own | ((owner == NO_WOOD) & (aside <= reach)))
+
+
+def scan_of_tree(found: dict[str, Any], number: int, scan: dict[str, Any]) -> dict[str, Any]:
+    """Content of tree.json: what the stages after the split need to know of the scan.
+
+    Parameters
+    ----------
+    found : dict
+        Content of trees.json.
+    number : int
+    scan : dict
+        Content of metric.json; of a ready cloud ``unit``, ``factor`` and ``region``.
+
+    Returns
+    -------
+    dict
+        `scan` with ``target_xy`` and ``neighbours_xy``, in the frame of segmented.ply.
+    """
+    tree = found["trees"][number - 1]
+    others = [one["foot"][:2] for one in found["trees"] if one is not tree]
+    others += [one["foot"][:2] for one in found["left_out"]]
+    return scan | {"target_xy": tree["asked_xy"], "neighbours_xy": others}

@@ -1,0 +1,66 @@
+# Several trees in one scan, see docs/rows.md: which stand there, and a cloud of each.
+
+
+ruleorder: split_scan > segment_cloud
+
+
+checkpoint find_trees:
+    input:
+        segmented="results/{tree}/segmented.ply",
+        metric=photo_only("results/{tree}/metric.json"),
+        code=code("find_trees"),
+    output:
+        trees=ensure("results/{tree}/trees.json", non_empty=True),
+        owners=ensure("results/{tree}/owners.npz", non_empty=True),
+    log:
+        "logs/find_trees/{tree}.log",
+    benchmark:
+        "benchmarks/find_trees/{tree}.tsv"
+    wildcard_constraints:
+        tree=any_of(ROW_SCANS),
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: threads_for("find_trees")
+    resources:
+        mem_mb=mb_for("find_trees"),
+        runtime=minutes_for("find_trees"),
+        gpu=0,
+    params:
+        **options("find_trees"),
+        scan=row("tree"),
+    message:
+        "{wildcards.tree}: find the trees of the scan"
+    script:
+        "../../scripts/find_trees.py"
+
+
+rule split_scan:
+    input:
+        segmented=shared_file("results/{scan}/segmented.ply"),
+        trees=shared_file("results/{scan}/trees.json"),
+        owners=shared_file("results/{scan}/owners.npz"),
+        metric=photo_only("results/{scan}/metric.json"),
+        shared=shared_with_tree,
+        code=code("split_scan"),
+    output:
+        cloud=ensure("results/{tree}/segmented.ply", non_empty=True),
+        place=ensure("results/{tree}/tree.json", non_empty=True),
+    log:
+        "logs/split_scan/{tree}.log",
+    benchmark:
+        "benchmarks/split_scan/{tree}.tsv"
+    wildcard_constraints:
+        tree=ROW_TREES,
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: threads_for("split_scan")
+    resources:
+        mem_mb=mb_for("split_scan"),
+        runtime=minutes_for("split_scan"),
+        gpu=0,
+    params:
+        tree=row("tree"),
+    message:
+        "{wildcards.tree}: take the tree out of its scan"
+    script:
+        "../../scripts/split_scan.py"
