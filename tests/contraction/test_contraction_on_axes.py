@@ -35,6 +35,17 @@ def test_points_of_a_thick_stem_and_of_a_twig_go_to_their_axes():
     assert np.median(np.linalg.norm(of_stem[:, :2], axis=1)) < 0.002
 
 
+def test_points_of_a_limb_stand_for_its_axis_inside_the_stem_too():
+    rng = np.random.default_rng(4)
+    stem = tube((0, 0, 0), (0, 0, 0.8), 0.06, 20_000, rng=rng)
+    limb = tube((0.06, 0, 0.4), (0.5, 0, 0.4), 0.012, 20_000, rng=rng)
+    points = np.vstack([stem, limb])
+    _, source, _ = voxel_thin(points, 0.01)
+    moved, _ = move_to_axes(points[source], (0, 0, 0))
+    inside = np.stack([np.linspace(0, 0.06, 7), np.zeros(7), np.full(7, 0.4)], axis=1)
+    assert cKDTree(moved).query(inside)[0].max() < 0.01
+
+
 def test_coinciding_points_name_the_key():
     with pytest.raises(StageError, match="no limb.*contract.classes"):
         move_to_axes(np.zeros((30, 3)), (0, 0, 0))

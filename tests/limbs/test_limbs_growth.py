@@ -57,6 +57,18 @@ def test_labels_help_and_are_not_needed():
     assert len(plain.limbs) == len(known.limbs) == len(axes)
 
 
+def test_an_axis_ends_where_its_points_end():
+    rng = np.random.default_rng(12)
+    stem = tube((0, 0, 0), (0, 0, 0.8), 0.03, rng=rng, noise=0.001)
+    limb = tube((0.02, 0, 0.4), (0.4, 0, 0.5), 0.006, rng=rng, noise=0.001)
+    points = np.vstack([stem, limb])
+    found, source = grown(points)
+    for number, x, up in ((0, 2, 0.8), (1, 0, 0.4)):
+        last = points[source[found.member == number], x].max()
+        assert last == pytest.approx(up, abs=0.01)
+        assert found.limbs[number].tube.nodes[-1, x] == pytest.approx(last, abs=0.5 * found.spacing)
+
+
 def test_a_hole_in_the_stem_does_not_bend_its_axis():
     rng = np.random.default_rng(5)
     stem = tube((0, 0, 0), (0.1, 0, 1.2), 0.06, 20_000, rng=rng, end_radius=0.03, noise=0.002)

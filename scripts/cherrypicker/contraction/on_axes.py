@@ -3,7 +3,8 @@
 import numpy as np
 
 from cherrypicker.limbs.growth import Limbs, limbs_of_wood
-from cherrypicker.limbs.tubes import place_on_axis
+from cherrypicker.limbs.joints import from_parents
+from cherrypicker.limbs.tubes import seen_from
 
 __all__ = ["move_to_axes", "points_on_axes"]
 
@@ -37,12 +38,23 @@ def move_to_axes(
 
 
 def points_on_axes(points: np.ndarray, found: Limbs) -> np.ndarray:
-    """The nearest place of its limb's axis for each point, (n_points, 3) float64."""
+    """Points on the axes of their limbs, (n_points, 3) float64.
+
+    Each goes to the nearest place of its limb's axis. Where a limb runs inside its parent it has no
+    surface: the points of a piece as long as that, where it comes out, spread over both.
+    """
     moved = np.empty((len(points), 3))
+    whole = from_parents(found.limbs, found.spacing)
     for number, limb in enumerate(found.limbs):
         rows = np.flatnonzero(found.member == number)
-        if len(rows):
-            segment, share = place_on_axis(points[rows], limb.tube.nodes)
-            step = np.diff(limb.tube.nodes, axis=0)[segment]
-            moved[rows] = limb.tube.nodes[segment] + np.clip(share, 0, 1)[:, None] * step
+        if not len(rows):
+            continue
+        seen = seen_from(limb.tube, points[rows])
+        hidden = whole[number].length - limb.tube.length
+        piece = min(hidden, limb.tube.length)
+        way = np.interp(
+            seen.way, [0.0, piece, limb.tube.length], [0.0, piece + hidden, whole[number].length]
+        )
+        axis = whole[number]
+        moved[rows] = np.stack([np.interp(way, axis.way, c) for c in axis.nodes.T], axis=1)
     return moved

@@ -7,7 +7,7 @@ import numpy as np
 from cherrypicker.limbs.tubes import Limb, Tube, smooth
 from cherrypicker.skeleton.model import rooted_order
 
-__all__ = ["back_to", "join_limbs"]
+__all__ = ["back_to", "from_parents", "join_limbs"]
 
 HEADING = 6.0  # in spacings: length of a limb's start that tells where it comes from,
 HEADING_IN_RADII = 3.0  # or this many of its radii, where that is more
@@ -42,15 +42,11 @@ def join_limbs(
         Limb of each node.
     """
     tubes = [smooth(limb.tube, step) for limb in limbs]
+    joint = _meeting_places(limbs, tubes, spacing)
     places = [np.arange(len(tube.nodes), dtype=float) for tube in tubes]
-    children: dict[int, list[int]] = {}
-    for number, limb in enumerate(limbs[1:], start=1):
-        children.setdefault(limb.parent, []).append(number)
-    joint: dict[int, float] = {}
-    for up, numbers in children.items():
-        met = {n: _meeting_place(limbs[n].tube, tubes[up], spacing) for n in numbers}
-        joint |= _brought_together(met, tubes[up], spacing)
-        places[up] = np.union1d(places[up], [joint[n] for n in numbers])
+    for number, at in joint.items():
+        up = limbs[number].parent
+        places[up] = np.union1d(places[up], at)
     start = np.concatenate([[0], np.cumsum([len(at) for at in places])])
     points = np.vstack([_at(tube.nodes, at) for tube, at in zip(tubes, places)])
     radius = np.concatenate(
@@ -64,6 +60,40 @@ def join_limbs(
         edges.append(np.array([[start[up] + np.searchsorted(places[up], at), start[number]]]))
     order, parent = rooted_order(len(points), np.vstack(edges), 0)
     return points[order], parent, radius[order], owner[order]
+
+
+def from_parents(limbs: list[Limb], spacing: float) -> list[Tube]:
+    """Each limb from the place where it meets its parent's axis on.
+
+    Parameters
+    ----------
+    limbs, spacing
+        As in `join_limbs`.
+
+    Returns
+    -------
+    list of Tube
+        With one node more than the limb's own, but for the stem's.
+    """
+    tubes = [limb.tube for limb in limbs]
+    whole = tubes[:]
+    for number, at in _meeting_places(limbs, tubes, spacing).items():
+        own = tubes[number]
+        meeting = _at(tubes[limbs[number].parent].nodes, np.array([at]))
+        whole[number] = Tube(np.vstack([meeting, own.nodes]), np.append(own.radius[0], own.radius))
+    return whole
+
+
+def _meeting_places(limbs: list[Limb], tubes: list[Tube], spacing: float) -> dict[int, float]:
+    """Place of each limb but the stem along its parent's axis in `tubes`, in nodes."""
+    children: dict[int, list[int]] = {}
+    for number, limb in enumerate(limbs[1:], start=1):
+        children.setdefault(limb.parent, []).append(number)
+    found: dict[int, float] = {}
+    for up, numbers in children.items():
+        met = {n: _meeting_place(limbs[n].tube, tubes[up], spacing) for n in numbers}
+        found |= _brought_together(met, tubes[up], spacing)
+    return found
 
 
 def _at(values: np.ndarray, places: np.ndarray) -> np.ndarray:
