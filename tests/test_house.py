@@ -183,3 +183,14 @@ def test_every_compiled_function_is_cached_where_the_others_are(scripts):
     for path in (scripts / PRODUCT).rglob("*.py"):
         if path.name != "compiled.py":
             assert "njit" not in path.read_text(encoding="utf-8"), f"{path}: take `compiled`"
+
+
+def test_no_rule_file_defines_a_name_of_another(project):
+    """All rule files share one namespace: the later definition would win in silence."""
+    places = {}
+    for path in sorted((project / "workflow").rglob("*.smk")):
+        text = path.read_text(encoding="utf-8")
+        for name in re.findall(r"^(?:def (\w+)\(|(\w+) = )", text, re.MULTILINE):
+            places.setdefault("".join(name), set()).add(path.name)
+    assert len(places) > 20
+    assert {name: files for name, files in places.items() if len(files) > 1} == {}
