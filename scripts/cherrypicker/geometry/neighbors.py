@@ -133,7 +133,7 @@ def component_links(
     tree, links = cKDTree(points), np.empty((0, 2), dtype=np.int64)
     while True:
         member, n_components = components(len(points), np.vstack([edges, links]))
-        if n_components == 1:
+        if n_components <= 1:
             return links
         found = _nearest_foreign(points, tree, member, n_components)
         found = found[found[:, 0] <= max_distance]
