@@ -163,7 +163,7 @@ def _key_row(name: str, entry: dict, stages: list[str]) -> str:
     bounds = [f"{sign} {entry[word]}" for word, sign in _BOUNDS.items() if word in entry]
     allowed = ", ".join(f"`{each}`" for each in entry.get("enum", [])) or ", ".join(bounds)
     what = " ".join(entry.get("description", "").split()).replace("|", "\\|")
-    what += f" *{kind.capitalize()}{': ' if allowed else ''}*{allowed}."
+    what += f" *{kind.capitalize()}*{': ' if allowed else ''}{allowed}."
     if read_by := ", ".join(f"`{stage}`" for stage in entry.get("stages", stages)):
         what += f" Read by {read_by}."
     default = yaml.safe_dump(entry.get("default"), default_flow_style=True, width=10**6)
