@@ -11,6 +11,8 @@ from PIL import Image, UnidentifiedImageError
 
 from cherrypicker.errors import StageError
 
+# Pillow refuses twice its own limit, 179 megapixels, as an attack; phones make 200
+Image.MAX_IMAGE_PIXELS = 500_000_000
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 ORIENTATION = 0x0112
 
@@ -36,7 +38,9 @@ def photos_in(folder: str | os.PathLike) -> list[Path]:
     return sorted(
         path
         for path in folder.iterdir()
-        if path.suffix.lower() in PHOTO_SUFFIXES and not path.name.startswith(".")
+        if path.suffix.lower() in PHOTO_SUFFIXES
+        and not path.name.startswith(".")
+        and path.is_file()
     )
 
 

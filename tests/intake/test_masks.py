@@ -51,6 +51,12 @@ def test_masks_that_do_not_fit_are_refused(tmp_path, name, shape, cause):
     assert caught.value.key == "masks in trees.tsv" and ".png" in caught.value.file
 
 
+def test_the_mask_of_a_photo_that_is_left_out_is_passed_over(tmp_path):
+    save(tmp_path / "a.png", np.zeros(SHAPE, bool))
+    save(tmp_path / "b.HEIC.png", np.zeros(SHAPE, bool))
+    assert UserMasks(tmp_path, ["a.jpg"], ["b.HEIC"]).without == []
+
+
 def test_a_folder_without_masks_and_a_broken_mask_are_refused(tmp_path):
     with pytest.raises(StageError, match="holds no mask"):
         UserMasks(tmp_path, ["a.jpg"])

@@ -70,6 +70,15 @@ def test_a_film_of_ten_frames_that_hardly_moves_is_refused(tmp_path):
     assert caught.value.key == "photos.video_step" and caught.value.file == str(path)
 
 
+def test_a_clip_that_hardly_moves_does_not_cost_the_photos_beside_it(tmp_path):
+    path = film(tmp_path / "short.mp4", list(pan(1)) * 10)
+    photo = tmp_path / "a.jpg"
+    cv2.imwrite(str(photo), next(iter(pan(1))))
+    made = prepare_photos([path, photo], tmp_path / "photos", tmp_path / "masks", PrepareOptions())
+    assert list(made["photos"]) == ["a.jpg"] and "hardly moves" in made["left_out"]["short.mp4"]
+    assert [each.name for each in (tmp_path / "photos").iterdir()] == ["a.jpg"]
+
+
 def test_a_film_that_does_not_open_is_named(tmp_path):
     path = tmp_path / "no.mp4"
     path.write_bytes(b"no film at all")

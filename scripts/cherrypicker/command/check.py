@@ -89,7 +89,7 @@ def photos_to_look_at(row: Tree, settings: Mapping, cores: int) -> Iterator[list
         yield captures
         return
     # Nothing is looked at in more pixels; a photo that cannot be read is told of as any other
-    options = PrepareOptions(LOOK_PX, settings["photos"]["video_step"])
+    options = PrepareOptions(LOOK_PX, settings["photos"]["video_step"], skip_unreadable=True)
     with temporary_folder(Path("check"), ".prepared") as folder:
         made = prepare_photos(
             captures,
@@ -99,6 +99,8 @@ def photos_to_look_at(row: Tree, settings: Mapping, cores: int) -> Iterator[list
             user_masks=row.masks,
             threads=cores,
         )
+        for name, reason in sorted(made["left_out"].items()):
+            print(f"{name} is left out: {reason}", flush=True)
         yield [folder / "photos" / name for name in sorted(made["photos"])]
 
 

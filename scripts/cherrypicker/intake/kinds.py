@@ -91,7 +91,7 @@ def _with_twins(folder: str | os.PathLike) -> list[tuple[Path, Path | None]]:
     found = sorted(
         path
         for path in folder.iterdir()
-        if kind_of(path) is not None and not path.name.startswith(".")
+        if kind_of(path) is not None and not path.name.startswith(".") and path.is_file()
     )
     plainest: dict[str, Path] = {}
     for path in sorted(found, key=lambda one: (_KIND_OF[one.suffix.lower()], one.name)):

@@ -21,6 +21,18 @@ from cherrypicker.photos import as_stored, exif_orientation, upright
 MASKS_COLUMN = "masks in trees.tsv"
 
 
+def masks_in(folder: str | os.PathLike) -> list[Path]:
+    """Return a folder's masks, sorted by name, hidden ones left out; none if it is missing."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        return []
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() == ".png" and not path.name.startswith(".")
+    )
+
+
 class UserMasks:
     """The masks of a folder, by the photos that they belong to.
 
@@ -29,6 +41,8 @@ class UserMasks:
     folder : path-like
     photos : collection of str
         File names of the photos.
+    left_out : collection of str, optional
+        File names of photos that are not used, whose masks are passed over.
 
     Attributes
     ----------
@@ -41,21 +55,22 @@ class UserMasks:
         If the folder is missing or empty, or a mask belongs to no photo or to one that has another.
     """
 
-    def __init__(self, folder: str | os.PathLike, photos: Collection[str]) -> None:
+    def __init__(
+        self, folder: str | os.PathLike, photos: Collection[str], left_out: Collection[str] = ()
+    ) -> None:
         folder = Path(folder)
         if not folder.is_dir():
             raise StageError("the folder of masks is missing", file=folder, key=MASKS_COLUMN)
-        masks = sorted(
-            path
-            for path in folder.iterdir()
-            if path.suffix.lower() == ".png" and not path.name.startswith(".")
-        )
+        masks = masks_in(folder)
         if not masks:
             raise StageError("the folder holds no mask (.png)", file=folder, key=MASKS_COLUMN)
         by_name = {name: name for name in photos} | {Path(name).stem: name for name in photos}
+        unused = {*left_out, *(Path(name).stem for name in left_out)}
         self._masks: dict[str, Path] = {}
         for mask in masks:
             photo = by_name.get(mask.stem)
+            if photo is None and mask.stem in unused:
+                continue
             if photo is None:
                 raise StageError(
                     "the mask belongs to no photo: its name is that of the photo with .png",

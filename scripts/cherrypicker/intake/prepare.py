@@ -23,7 +23,7 @@ from PIL import ExifTags, Image
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of, twins_in
-from cherrypicker.intake.masks import UserMasks, write_hidden
+from cherrypicker.intake.masks import MASKS_COLUMN, UserMasks, write_hidden
 from cherrypicker.intake.stills import Still, read_still, still_size
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
 from cherrypicker.photos import ORIENTATION, exif_orientation
@@ -112,6 +112,10 @@ def prepare_photos(
     def work(path: Path) -> dict[str, dict] | str:
         try:
             return _prepare(path, folder, options)
+        except _StillFilmError as error:
+            if len(paths) == 1:
+                raise
+            return error.cause  # a clip by the way beside photos
         except StageError as error:
             if not options.skip_unreadable:
                 raise
@@ -127,10 +131,22 @@ def prepare_photos(
             bar.step()
     for name, reason in left_out.items():
         logger.warning("%s is left out: %s", name, reason)
-    without = _apply_masks(user_masks, done, folder, mask_folder) if user_masks else []
+    without = []
+    if user_masks:
+        if Path(user_masks).resolve() == paths[0].parent.resolve():
+            raise StageError(
+                "the masks lie among the photos; give them a folder of their own",
+                file=user_masks,
+                key=MASKS_COLUMN,
+            )
+        without = _apply_masks(user_masks, done, list(left_out), folder, mask_folder)
     n_linked = sum(entry["is_as_it_came"] for entry in done.values())
     logger.info("%d photos, %d of them as they came", len(done), n_linked)
     return {"photos": done, "left_out": left_out, "without_mask": without}
+
+
+class _StillFilmError(StageError):
+    """A film in which the picture hardly moves."""
 
 
 def _refuse_clash(path: Path, made: dict[str, dict], done: dict[str, dict]) -> None:
@@ -174,7 +190,9 @@ def _prepare_film(path: Path, folder: Path, options: PrepareOptions) -> dict[str
         entry = _entry(path, size, header.orientation, (width, height), False)
         made[name] = entry | {"frame": frame.number}
     if len(made) < LEAST_FRAMES:
-        raise StageError(
+        for name in made:
+            (folder / name).unlink()
+        raise _StillFilmError(
             f"the video of {header.n_frames} frames gives {len(made)} photos, since the picture "
             f"hardly moves in it; at least {LEAST_FRAMES} are needed",
             file=path,
@@ -233,13 +251,19 @@ def _link(path: Path, to: Path) -> None:
 
 
 def _apply_masks(
-    user_masks: str | os.PathLike, done: dict[str, dict], folder: Path, mask_folder: Path
+    user_masks: str | os.PathLike,
+    done: dict[str, dict],
+    left_out: list[str],
+    folder: Path,
+    mask_folder: Path,
 ) -> list[str]:
     """Write the mask of every photo, enter its hidden share; return the photos that have none."""
     names = {_mask_name(name, entry): name for name, entry in done.items()}
-    masks = UserMasks(user_masks, list(names))
+    masks = UserMasks(user_masks, list(names), left_out)
     for own, name in names.items():
         entry = done[name]
+        if not entry["width"]:  # no photo, which the next stage tells
+            continue
         came = (entry["source_height"], entry["source_width"])
         hidden = masks.hidden(own, came, entry["exif_orientation"])
         write_hidden(mask_folder / f"{name}.png", hidden, (entry["width"], entry["height"]))

@@ -25,9 +25,8 @@ from cherrypicker.photos import ORIENTATION, as_stored, exif_orientation, read_p
 _KEPT = (ORIENTATION, ExifTags.Base.Make, ExifTags.Base.Model, ExifTags.Base.DateTime)
 _KEPT_DETAILS = (
     *(ExifTags.Base.FocalLength, ExifTags.Base.FocalLengthIn35mmFilm),
-    *(ExifTags.Base.DateTimeOriginal, ExifTags.Base.MakerNote),
-    *(ExifTags.Base.ExifImageWidth, ExifTags.Base.FocalPlaneXResolution),
-    ExifTags.Base.FocalPlaneResolutionUnit,
+    *(ExifTags.Base.DateTimeOriginal, ExifTags.Base.ExifImageWidth),
+    *(ExifTags.Base.FocalPlaneXResolution, ExifTags.Base.FocalPlaneResolutionUnit),
 )
 # LibRaw's turns, counter-clockwise quarters by its own codes, as EXIF orientations
 _ORIENTATION_OF_FLIP = {0: 1, 3: 3, 5: 8, 6: 6}
@@ -172,7 +171,8 @@ def _raw_exif(path: Path, raw) -> Image.Exif:  # type: ignore[no-untyped-def]
 def kept_tags(exif: Image.Exif) -> Image.Exif:
     """Return the tags that hold for a photo in another container and size.
 
-    Camera, lens, date, place and the maker's own; a size or a thumbnail would be another photo's.
+    Camera, lens, date and place; a size or a thumbnail would be another photo's, and a maker's own
+    notes may be longer than a JPEG can hold.
     The pixels across and the resolution in the focal plane only mean something together, the width
     of the sensor, and stay as they are.
     """
