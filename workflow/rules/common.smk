@@ -2,7 +2,7 @@ import dataclasses
 import re
 import sys
 from functools import cache
-from glob import glob
+from glob import escape, glob
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -36,6 +36,7 @@ from cherrypicker.batch.watched_modules import imported_modules
 from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import captures_in
+from cherrypicker.intake.masks import masks_in
 from cherrypicker.markers.references import check_scale
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.photos import photos_in
@@ -92,9 +93,12 @@ def edited_trees():
     """Return the trees that have a file of hand corrections."""
     names = list(LISTED_TREES)
     for scan in OPEN_SCANS:
-        files = glob(edits_of(f"{scan}_1").replace(f"{scan}_1", f"{scan}_*"))
-        found = [re.search(rf"{re.escape(scan)}_(\d+)", file) for file in files]
-        names += sorted({each[0] for each in found if each and BATCH.has(each[0])})
+        parts = edits_of("\0").split("\0")  # before, between and after the tree's name
+        files = glob(f"{scan}_*".join(map(escape, parts)))
+        name = rf"({re.escape(scan)}_\d+)"
+        pattern = re.escape(parts[0]) + name + re.escape(parts[1]) + ".*" if parts[1:] else "(?!)"
+        found = [re.fullmatch(pattern, file) for file in files]
+        names += sorted({each[1] for each in found if each and BATCH.has(each[1])})
     return [name for name in names if edits_of(name) and Path(edits_of(name)).is_file()]
 
 
@@ -244,7 +248,7 @@ def photo_masks_of(wildcards):
 
 def user_masks_of(wildcards):
     """Return a tree's own masks; none where the folder is missing, which the stage reports."""
-    masks = map(str, sorted(Path(BATCH.row(wildcards.tree).masks or "-").glob("*.png")))
+    masks = map(str, masks_in(BATCH.row(wildcards.tree).masks or "-"))
     return [path for path in masks if is_plain(path)]
 
 

@@ -14,6 +14,7 @@ from cherrypicker.batch.rows import (
     ALL,
     KEY,
     check_names,
+    found_time,
     names_found,
     places_of,
     split_name,
@@ -78,7 +79,9 @@ class Batch:
         rows: list[Tree] = []
         for scan, row in self.trees.items():
             names = self.names(scan)
-            has_failed = any((Path(logs) / "status" / scan).glob("*.json"))
+            found_at = found_time(scan)  # what failed before is of the scan as a single tree
+            records = (Path(logs) / "status" / scan).glob("*.json")
+            has_failed = any(record.stat().st_mtime >= found_at for record in records)
             if scan in self.places and (has_failed or not names):
                 rows.append(row)
             rows += map(self.row, names)

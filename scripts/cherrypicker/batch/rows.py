@@ -96,3 +96,9 @@ def names_found(scan: str, results: str = "results") -> list[str]:
     if not path.is_file():
         return []
     return [f"{scan}_{one['number']}" for one in read_json(path).get("trees", [])]
+
+
+def found_time(scan: str, results: str = "results") -> float:
+    """Return when the trees of a scan were found, seconds; 0 where nobody has looked yet."""
+    path = Path(results) / scan / "trees.json"
+    return path.stat().st_mtime if path.is_file() else 0.0

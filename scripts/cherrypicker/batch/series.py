@@ -43,5 +43,7 @@ def compare_rest(series: str, rows: list[Tree], script: str | os.PathLike) -> No
     # The rule has not run: it shall when the rest is finished, or no longer in the table
     for path in Path(f"results/series/{series}").glob("*"):
         os.utime(path, (0, 0))
+    if not code:  # an earlier failure of the rule is no more the last word
+        Path(f"logs/status/_batch/compare_series.{series}.json").unlink(missing_ok=True)
     end = f"failed; log: {log}" if code else "are compared"
     print(f"series {series}: {', '.join(rest)} not finished, the others {end}", file=sys.stderr)

@@ -319,4 +319,4 @@ def scan_of_tree(found: dict[str, Any], number: int, scan: dict[str, Any]) -> di
     tree = found["trees"][number - 1]
     others = [one["foot"][:2] for one in found["trees"] if one is not tree]
     others += [one["foot"][:2] for one in found["left_out"]]
-    return scan | {"target_xy": tree["asked_xy"], "neighbours_xy": others}
+    return scan | {"target_xy": tree["foot"][:2], "neighbours_xy": others}
