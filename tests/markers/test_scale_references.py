@@ -206,6 +206,15 @@ def test_positions_in_exif(tmp_path):
     assert abs(scale / UNIT - 1) < 3 * error < 0.03
     cv2.imwrite(str(tmp_path / "bare.jpg"), np.zeros((8, 8), np.uint8))
     assert photo_position(tmp_path / "bare.jpg") is None
+    exif[0x8825] = {1: "N", 2: parts(0.0), 3: "W", 4: parts(0.0)}  # no fix yet
+    Image.new("L", (8, 8)).save(tmp_path / "nowhere.jpg", exif=exif)
+    assert photo_position(tmp_path / "nowhere.jpg") is None
+
+
+def test_references_do_not_trouble_a_tree_whose_scale_is_given():
+    bar = [{"kind": "distance", "markers": [7, 8], "length_m": 1.0}]
+    assert check_scale("0.8", "marker", "", "", bar) == ({}, [])
+    assert check_scale("none", "marker", "", "", bar) == ({}, [])
 
 
 def parts(degrees):

@@ -32,6 +32,8 @@ def photo_position(path: str | os.PathLike) -> tuple[float, float, float] | None
         return None
     if not (math.isfinite(latitude) and math.isfinite(longitude)):
         return None
+    if latitude == longitude == 0.0:  # what some phones write before they have a fix
+        return None
     return latitude, longitude, -altitude if below else altitude
 
 

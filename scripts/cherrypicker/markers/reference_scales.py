@@ -166,7 +166,9 @@ def _trunk(reference: Reference, scan: Scan, guess: float | None) -> tuple[float
     if scan.cloud is None:
         raise StageError("a trunk's diameter needs the denoised cloud", key=reference.key)
     spread = float(np.median(np.linalg.norm(scan.centers - scan.centers.mean(axis=0), axis=1)))
-    starts = [guess] if guess else [start / spread for start in _STARTS_M]
+    starts = [start / spread for start in _STARTS_M]
+    if guess:  # may be far off where it is GPS's
+        starts.insert(0, guess)
     reason = ""
     for start in starts:
         try:
@@ -181,9 +183,12 @@ def _trunk(reference: Reference, scan: Scan, guess: float | None) -> tuple[float
 def _gps(reference: Reference, scan: Scan) -> tuple[float, float]:
     """By the positions that the photos' EXIF gives."""
     positions = [photo_position(path) for path in scan.photos]
-    rows = [row for row, position in enumerate(positions) if position is not None]
+    # One without an altitude would stand on the level of all, and make the walk too flat
+    rows = [row for row, place in enumerate(positions) if place and np.isfinite(place[2])]
     if len(rows) < scan.min_images:
-        raise _NoScale(f"{len(rows)} of {len(scan.photos)} photos have a position in EXIF")
+        raise _NoScale(
+            f"{len(rows)} of {len(scan.photos)} photos have a position with altitude in EXIF"
+        )
     metres = local_metres(np.array([positions[row] for row in rows]))
     found = scale_of_positions(scan.centers[rows], metres, reference.tolerance_m)
     if found is None:

@@ -106,9 +106,9 @@ def check_scale(
     StageError
         Naming the column or the config key to change.
     """
-    references = parse_references(entries, dictionary)
     if choose_mode(cell, mode)[0] != "marker":
         return {}, []
+    references = parse_references(entries, dictionary)
     needs_columns = bool(sides_m) or not references
     sides = check_scale_columns(cell, mode, dictionary, sides_m) if needs_columns else {}
     return sides, references
