@@ -93,12 +93,13 @@ def edited_trees():
     """Return the trees that have a file of hand corrections."""
     names = list(LISTED_TREES)
     for scan in OPEN_SCANS:
-        parts = edits_of("\0").split("\0")  # before, between and after the tree's name
-        files = glob(f"{scan}_*".join(map(escape, parts)))
-        name = rf"({re.escape(scan)}_\d+)"
-        pattern = re.escape(parts[0]) + name + re.escape(parts[1]) + ".*" if parts[1:] else "(?!)"
+        pattern = lookup_key(BATCH.settings_for(f"{scan}_1"), "graph.edits")
+        before, *after = pattern.split("{tree}")  # the tree's name may stand there twice
+        files = glob(f"{scan}_*".join(map(escape, (before, *after))))
+        name, again = rf"(?P<tree>{re.escape(scan)}_\d+)", "(?P=tree)"
+        pattern = re.escape(before) + name + again.join(map(re.escape, after))
         found = [re.fullmatch(pattern, file) for file in files]
-        names += sorted({each[1] for each in found if each and BATCH.has(each[1])})
+        names += sorted({each["tree"] for each in found if each and BATCH.has(each["tree"])})
     return [name for name in names if edits_of(name) and Path(edits_of(name)).is_file()]
 
 
