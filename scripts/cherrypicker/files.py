@@ -8,7 +8,7 @@ import math
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -67,6 +67,21 @@ def temporary_folder(parent: str | os.PathLike, prefix: str) -> Iterator[Path]:
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def files_with(folder: str | os.PathLike, suffixes: Collection[str]) -> list[Path]:
+    """Return a folder's files of some suffixes, lower case with their dot, sorted by name.
+
+    Hidden files are left out; a missing folder has none.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        return []
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in suffixes and not path.name.startswith(".") and path.is_file()
+    )
 
 
 def leftovers(folder: Path, prefix: str, suffix: str = "") -> list[Path]:

@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import files_with
 
 # Pillow refuses twice its own limit, 179 megapixels, as an attack; phones make 200
 Image.MAX_IMAGE_PIXELS = 500_000_000
@@ -32,16 +33,7 @@ _UPRIGHT = {
 
 def photos_in(folder: str | os.PathLike) -> list[Path]:
     """Return a folder's photos, sorted by name, hidden ones left out; none if it is missing."""
-    folder = Path(folder)
-    if not folder.is_dir():
-        return []
-    return sorted(
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in PHOTO_SUFFIXES
-        and not path.name.startswith(".")
-        and path.is_file()
-    )
+    return files_with(folder, PHOTO_SUFFIXES)
 
 
 def list_photos(folder: str | os.PathLike) -> list[Path]:

@@ -8,6 +8,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import files_with
 from cherrypicker.photos import PHOTO_SUFFIXES
 
 PHOTOS_COLUMN = "photos in trees.tsv"
@@ -85,14 +86,7 @@ def are_plain(captures: Iterable[Path]) -> bool:
 
 def _with_twins(folder: str | os.PathLike) -> list[tuple[Path, Path | None]]:
     """Pictures of a folder by name, each with the plainer one of its name, if there is one."""
-    folder = Path(folder)
-    if not folder.is_dir():
-        return []
-    found = sorted(
-        path
-        for path in folder.iterdir()
-        if kind_of(path) is not None and not path.name.startswith(".") and path.is_file()
-    )
+    found = files_with(folder, _KIND_OF)
     plainest: dict[str, Path] = {}
     for path in sorted(found, key=lambda one: (_KIND_OF[one.suffix.lower()], one.name)):
         plainest.setdefault(path.stem.lower(), path)

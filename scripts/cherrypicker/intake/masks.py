@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
+from cherrypicker.files import atomic_path, files_with
 from cherrypicker.photos import as_stored, exif_orientation, upright
 
 MASKS_COLUMN = "masks in trees.tsv"
@@ -23,14 +23,7 @@ MASKS_COLUMN = "masks in trees.tsv"
 
 def masks_in(folder: str | os.PathLike) -> list[Path]:
     """Return a folder's masks, sorted by name, hidden ones left out; none if it is missing."""
-    folder = Path(folder)
-    if not folder.is_dir():
-        return []
-    return sorted(
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() == ".png" and not path.name.startswith(".")
-    )
+    return files_with(folder, (".png",))
 
 
 class UserMasks:
