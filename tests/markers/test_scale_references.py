@@ -8,9 +8,10 @@ from PIL import Image
 from scan_scene import look_at_poses, ring
 
 from cherrypicker.errors import StageError
+from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.estimate_scale import estimate_scale
-from cherrypicker.markers.gps import local_metres, photo_position, scale_of_positions
+from cherrypicker.markers.gps import local_metres, scale_of_positions
 from cherrypicker.markers.references import check_scale
 from cherrypicker.markers.tape import scale_of_trunk
 
@@ -200,15 +201,15 @@ def test_positions_in_exif(tmp_path):
         exif = Image.Exif()
         exif[0x8825] = {1: "N", 2: parts(north), 3: "W", 4: parts(-east), 5: b"\0", 6: up}
         Image.new("L", (8, 8)).save(paths[-1], exif=exif)
-    positions = np.array([photo_position(path) for path in paths])
+    positions = [stated_place(path) for path in paths]
     scale, error = scale_of_positions(centers, local_metres(positions), 0.1)
     assert scale == pytest.approx(UNIT, rel=0.03)
     assert abs(scale / UNIT - 1) < 3 * error < 0.03
     cv2.imwrite(str(tmp_path / "bare.jpg"), np.zeros((8, 8), np.uint8))
-    assert photo_position(tmp_path / "bare.jpg") is None
+    assert stated_place(tmp_path / "bare.jpg") is None
     exif[0x8825] = {1: "N", 2: parts(0.0), 3: "W", 4: parts(0.0)}  # no fix yet
     Image.new("L", (8, 8)).save(tmp_path / "nowhere.jpg", exif=exif)
-    assert photo_position(tmp_path / "nowhere.jpg") is None
+    assert stated_place(tmp_path / "nowhere.jpg") is None
 
 
 def test_references_do_not_trouble_a_tree_whose_scale_is_given():

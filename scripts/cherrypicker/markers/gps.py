@@ -2,57 +2,27 @@
 
 from __future__ import annotations
 
-import math
-import os
 from collections.abc import Sequence
 
 import numpy as np
-from PIL import ExifTags, Image
+
+from cherrypicker.intake.places import Place
 
 # WGS 84: equatorial radius, m, and first eccentricity squared
 _RADIUS_M, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3
 _FEWEST = 3  # positions: fewer leave the turn open
 
 
-def photo_position(path: str | os.PathLike) -> tuple[float, float, float] | None:
-    """Latitude and longitude, degrees, and altitude, m, of a photo; None where EXIF has none.
-
-    The altitude is NaN where it is missing.
-    """
-    try:
-        with Image.open(path) as image:
-            tags = image.getexif().get_ifd(ExifTags.IFD.GPSInfo)
-        latitude = _degrees(tags[ExifTags.GPS.GPSLatitude], tags[ExifTags.GPS.GPSLatitudeRef], "S")
-        longitude = _degrees(
-            tags[ExifTags.GPS.GPSLongitude], tags[ExifTags.GPS.GPSLongitudeRef], "W"
-        )
-        altitude = float(tags.get(ExifTags.GPS.GPSAltitude, math.nan))
-        below = tags.get(ExifTags.GPS.GPSAltitudeRef, b"\0") in (1, b"\1")
-    except (OSError, KeyError, TypeError, ValueError, ZeroDivisionError):
-        return None
-    if not (math.isfinite(latitude) and math.isfinite(longitude)):
-        return None
-    if latitude == longitude == 0.0:  # what some phones write before they have a fix
-        return None
-    return latitude, longitude, -altitude if below else altitude
-
-
-def _degrees(parts: Sequence, side: str, negative: str) -> float:
-    degrees = sum(float(part) / 60**power for power, part in enumerate(parts))
-    return -degrees if str(side).strip().upper() == negative else degrees
-
-
-def local_metres(positions: np.ndarray) -> np.ndarray:
-    """East, north and up, m, from the mean of (n, 3) latitudes, longitudes and altitudes."""
+def local_metres(places: Sequence[Place]) -> np.ndarray:
+    """East, north and up, m, from the mean of n places, (n, 3); altitudes are needed."""
+    positions = np.array(places)
     latitude, longitude = np.radians(positions[:, 0]), np.radians(positions[:, 1])
     mean = latitude.mean()
     bend = 1 - _ECCENTRICITY2 * np.sin(mean) ** 2
     north = _RADIUS_M * (1 - _ECCENTRICITY2) / bend**1.5
     east = _RADIUS_M / np.sqrt(bend) * np.cos(mean)
     up = positions[:, 2] - np.mean(positions[:, 2])
-    return np.column_stack(
-        [east * (longitude - longitude.mean()), north * (latitude - mean), np.nan_to_num(up)]
-    )
+    return np.column_stack([east * (longitude - longitude.mean()), north * (latitude - mean), up])
 
 
 def scale_of_positions(

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import (
     Found,
     charuco_finder,
@@ -23,7 +24,7 @@ from cherrypicker.markers.boards import (
     name_faces,
     sightings_of,
 )
-from cherrypicker.markers.gps import local_metres, photo_position, scale_of_positions
+from cherrypicker.markers.gps import local_metres, scale_of_positions
 from cherrypicker.markers.layouts import Sightings, scale_of_layout
 from cherrypicker.markers.marker_scales import DRIFT, marker_centers
 from cherrypicker.markers.references import Reference
@@ -182,15 +183,15 @@ def _trunk(reference: Reference, scan: Scan, guess: float | None) -> tuple[float
 
 def _gps(reference: Reference, scan: Scan) -> tuple[float, float]:
     """By the positions that the photos' EXIF gives."""
-    positions = [photo_position(path) for path in scan.photos]
+    stated = {row: stated_place(path) for row, path in enumerate(scan.photos)}
     # One without an altitude would stand on the level of all, and make the walk too flat
-    rows = [row for row, place in enumerate(positions) if place and np.isfinite(place[2])]
-    if len(rows) < scan.min_images:
+    places = {row: at for row, at in stated.items() if at and np.isfinite(at.altitude)}
+    if len(places) < scan.min_images:
         raise _NoScale(
-            f"{len(rows)} of {len(scan.photos)} photos have a position with altitude in EXIF"
+            f"{len(places)} of {len(scan.photos)} photos have a position with altitude in EXIF"
         )
-    metres = local_metres(np.array([positions[row] for row in rows]))
-    found = scale_of_positions(scan.centers[rows], metres, reference.tolerance_m)
+    metres = local_metres(list(places.values()))
+    found = scale_of_positions(scan.centers[list(places)], metres, reference.tolerance_m)
     if found is None:
         raise _NoScale("the photos' positions are too few, or one and the same")
     return found

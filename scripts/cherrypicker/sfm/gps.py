@@ -12,9 +12,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
-from PIL import ExifTags
 
-from cherrypicker.intake.stills import tags_of
+from cherrypicker.intake.places import stated_place
 
 logger = logging.getLogger(__name__)
 
@@ -28,23 +27,8 @@ MOST_LEFT = 0.5
 
 def stated_places(photos: Iterable[Path]) -> dict[str, tuple[float, float]]:
     """Return longitude and latitude, degrees, of the photos that state them, by file name."""
-    found = {}
-    for path in photos:
-        tags = tags_of(path).get_ifd(ExifTags.IFD.GPSInfo)
-        try:
-            east = _degrees(tags[ExifTags.GPS.GPSLongitude], tags[ExifTags.GPS.GPSLongitudeRef])
-            north = _degrees(tags[ExifTags.GPS.GPSLatitude], tags[ExifTags.GPS.GPSLatitudeRef])
-        except (KeyError, TypeError, ValueError, ZeroDivisionError):
-            continue
-        if np.isfinite([east, north]).all() and (east, north) != (0.0, 0.0):
-            found[Path(path).name] = (east, north)
-    return found
-
-
-def _degrees(parts: tuple, reference: str) -> float:
-    degrees, minutes, seconds = map(float, parts)
-    sign = -1.0 if str(reference).strip("\0 ") in ("S", "W") else 1.0
-    return sign * (degrees + minutes / 60.0 + seconds / 3600.0)
+    stated = {Path(path).name: stated_place(path) for path in photos}
+    return {name: (at.longitude, at.latitude) for name, at in stated.items() if at}
 
 
 def compare_places(
