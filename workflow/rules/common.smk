@@ -94,12 +94,16 @@ def edited_trees():
     names = list(LISTED_TREES)
     for scan in OPEN_SCANS:
         pattern = lookup_key(BATCH.settings_for(f"{scan}_1"), "graph.edits")
-        before, *after = pattern.split("{tree}")  # the tree's name may stand there twice
+        before, *after = pattern.split(
+            "{tree}"
+        )  # the tree's name may stand there twice
         files = glob(f"{scan}_*".join(map(escape, (before, *after))))
         name, again = rf"(?P<tree>{re.escape(scan)}_\d+)", "(?P=tree)"
         pattern = re.escape(before) + name + again.join(map(re.escape, after))
         found = [re.fullmatch(pattern, file) for file in files]
-        names += sorted({each["tree"] for each in found if each and BATCH.has(each["tree"])})
+        names += sorted(
+            {each["tree"] for each in found if each and BATCH.has(each["tree"])}
+        )
     return [name for name in names if edits_of(name) and Path(edits_of(name)).is_file()]
 
 
