@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import CLASS_NAMES
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
+from cherrypicker.geometry.similarity import best_turn
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
@@ -125,17 +126,53 @@ def fit_similarity(source, target, *, with_scale=True):
     """
     middle_source, middle_target = source.mean(axis=0), target.mean(axis=0)
     a, b = source - middle_source, target - middle_target
-    u, d, vt = np.linalg.svd(b.T @ a)
-    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation = u @ sign @ vt
-    scale = float((d * np.diag(sign)).sum() / (a**2).sum()) if with_scale else 1.0
+    rotation, gain = best_turn(b.T @ a)
+    scale = gain / float((a**2).sum()) if with_scale else 1.0
     return scale, rotation, middle_target - scale * rotation @ middle_source
+
+
+def pair_cameras(names, centers, true_names, true_centers):
+    """Centres of the cameras that bear the names of true ones, and those, (n, 3) each.
+
+    Raises
+    ------
+    StageError
+        If fewer than three names are common.
+    """
+    index = {str(name): i for i, name in enumerate(true_names)}
+    here = [i for i, name in enumerate(names) if str(name) in index]
+    if len(here) < 3:
+        raise StageError(f"{len(here)} photos of the result are in the truth, three are needed")
+    there = [index[str(names[i])] for i in here]
+    return np.asarray(centers)[here], np.asarray(true_centers)[there]
+
+
+def camera_similarity(a, b):
+    """Similarity that moves camera centres (n, 3) onto the true ones, as `fit_similarity` has it.
+
+    Cameras further off than four times the median are left out once, as a photo with a wrong pose
+    would bend the fit.
+
+    Returns
+    -------
+    scale : float
+    rotation : ndarray of shape (3, 3)
+    translation : ndarray of shape (3,)
+    keep : ndarray of shape (n,), bool
+        Cameras that are not left out in the end.
+    """
+    keep = np.ones(len(a), dtype=bool)
+    for _ in range(2):
+        scale, rotation, translation = fit_similarity(a[keep], b[keep])
+        off = np.linalg.norm(scale * a @ rotation.T + translation - b, axis=1)
+        keep = off <= max(4.0 * np.median(off), 1e-6)
+    return scale, rotation, translation, keep
 
 
 def compare_cameras(found, truth):
     """Photos registered, scale and up direction of metric poses against the true ones.
 
-    A robust fit: cameras further off than four times the median residual are left out once.
+    Cameras that :func:`camera_similarity` leaves out do not count.
 
     Parameters
     ----------
@@ -154,23 +191,14 @@ def compare_cameras(found, truth):
     StageError
         If fewer than three photos are common.
     """
-    index = {name: i for i, name in enumerate(truth.names)}
-    common = [(i, index[name]) for i, name in enumerate(found.names) if name in index]
-    if len(common) < 3:
-        raise StageError(f"{len(common)} photos of the result are in the truth, three are needed")
-    here, there = np.array(common).T
-    a, b = found.centers[here], truth.centers[there]
-    keep = np.ones(len(a), dtype=bool)
-    for _ in range(2):
-        scale, rotation, translation = fit_similarity(a[keep], b[keep])
-        residual = np.linalg.norm(scale * a @ rotation.T + translation - b, axis=1)
-        keep = residual <= max(4.0 * np.median(residual), 1e-6)
+    a, b = pair_cameras(found.names, found.centers, truth.names, truth.centers)
+    scale, _, _, keep = camera_similarity(a, b)
     _, rotation, translation = fit_similarity(a[keep], b[keep], with_scale=False)
     off = np.linalg.norm(a @ rotation.T + translation - b, axis=1)
     return {
         "n_photos": len(truth.names),
-        "n_registered": len(common),
-        "registered_fraction": len(common) / len(truth.names),
+        "n_registered": len(a),
+        "registered_fraction": len(a) / len(truth.names),
         "scale_error": abs(1.0 / scale - 1.0),
         "scale_of_result": 1.0 / scale,
         "up_error_deg": float(np.degrees(np.arccos(np.clip(rotation[2, 2], -1, 1)))),

@@ -10,12 +10,14 @@ from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
 from cherrypicker.skeleton import Skeleton, write_skeleton_graphml
 from cherrypicker_lab.evaluation import (
+    camera_similarity,
     compare_cameras,
     compare_labels,
     compare_skeletons,
     evaluate,
     fit_similarity,
     missed_bars,
+    pair_cameras,
 )
 
 
@@ -192,3 +194,19 @@ def test_cameras_of_another_scene_are_the_users_error():
     found.names = np.array([f"other_{i}.jpg" for i in range(len(found))])
     with pytest.raises(StageError, match="0 photos"):
         compare_cameras(found, ring())
+
+
+def test_cameras_place_a_cloud_despite_one_wrong_pose():
+    rng = np.random.default_rng(2)
+    centers, names = rng.normal(size=(12, 3)), np.array([f"{i}.jpg" for i in range(12)])
+    turn = rotation([0.3, -1.0, 2.0], 128.0)
+    seen = (centers - [1.0, 2.0, 3.0]) @ turn / 0.4
+    seen[3] += 5.0
+    pairs = pair_cameras(names[::-1], seen[::-1], names, centers)
+    scale, found, shift, keep = camera_similarity(*pairs)
+    assert np.flatnonzero(~keep).tolist() == [8]
+    assert scale == pytest.approx(0.4)
+    np.testing.assert_allclose(found, turn, atol=1e-9)
+    np.testing.assert_allclose(shift, [1.0, 2.0, 3.0], atol=1e-9)
+    with pytest.raises(StageError, match="three are needed"):
+        pair_cameras(names[:2], seen[:2], names, centers)

@@ -13,12 +13,12 @@ from numpy.testing import assert_allclose
 from cherrypicker.batch.series import compare_rest
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.similarity import fit_rigid
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses
 from cherrypicker.report.series_page import series_page
 from cherrypicker.series.changes import find_gone
 from cherrypicker.series.compare import compare_scans
-from cherrypicker.series.frame import fit_rigid
 from cherrypicker.series.marker_frames import marker_corners, marker_starts, moved_by
 from cherrypicker.series.scan_files import read_scan
 from cherrypicker.series.tables import TABLES, as_csv, totals

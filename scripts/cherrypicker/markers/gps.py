@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cherrypicker.geometry.similarity import best_turn
 from cherrypicker.intake.places import Place
 
 # WGS 84: equatorial radius, m, and first eccentricity squared
@@ -45,13 +46,11 @@ def scale_of_positions(
     if len(centers) < _FEWEST:
         return None
     source, target = centers - centers.mean(axis=0), metres - metres.mean(axis=0)
-    left, singular, right = np.linalg.svd(target.T @ source)
-    sign = np.ones(3)
-    sign[2] = np.sign(np.linalg.det(left @ right)) or 1.0
+    rotation, gain = best_turn(target.T @ source)
     spread = float(np.square(source).sum())
-    scale = float(singular @ sign) / spread if spread > 0 else 0.0
+    scale = gain / spread if spread > 0 else 0.0
     if scale <= 0:
         return None
-    residual = target - scale * source @ (left * sign @ right).T
+    residual = target - scale * source @ rotation.T
     scatter = np.sqrt(np.square(residual).sum() / max(3 * len(centers) - 7, 1))
     return scale, float(max(tolerance_m, scatter) / np.sqrt(spread) / scale)

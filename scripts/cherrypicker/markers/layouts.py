@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cherrypicker.geometry.similarity import best_turn
+
 _N_ROUNDS = 5  # of locating the points and asking again which sightings agree (guess)
 _FEWEST_PHOTOS = 2
 
@@ -159,10 +161,7 @@ def _similarity(
             continue
         source, target = located[rows], layout[rows]
         source, target = source - source.mean(axis=0), target - target.mean(axis=0)
-        left_, singular, right = np.linalg.svd(target.T @ source)
-        sign = np.ones(3)
-        sign[2] = np.sign(np.linalg.det(left_ @ right)) or 1.0
-        above += float(singular @ sign)
+        above += best_turn(target.T @ source)[1]
         below += float(np.square(source).sum())
         extent += float(np.square(target).sum())
     if below <= 0 or above <= 0:

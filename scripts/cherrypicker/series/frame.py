@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.similarity import fit_rigid
 from cherrypicker.series.wood import Wood
 
 N_TURNS = 72  # about the vertical that are tried
@@ -110,23 +111,6 @@ class _Search:
             weight = self.weight * np.exp(-0.5 * (distance / width) ** 2)
             matrix = fit_rigid(place, self.points, weight)
         return matrix
-
-
-def fit_rigid(source: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Turn and shift that bring points onto others with the least weighted squares (Kabsch 1976).
-
-    Returns
-    -------
-    ndarray of shape (4, 4), float64
-    """
-    weight = weight / max(weight.sum(), 1e-12)
-    here, there = weight @ source, weight @ target
-    left, _, right = np.linalg.svd((target - there).T @ (weight[:, None] * (source - here)))
-    keep_hand = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    matrix = np.eye(4)
-    matrix[:3, :3] = left @ keep_hand @ right
-    matrix[:3, 3] = there - matrix[:3, :3] @ here
-    return matrix
 
 
 def _about_the_foot(turn: float, foot: np.ndarray, onto: np.ndarray) -> np.ndarray:

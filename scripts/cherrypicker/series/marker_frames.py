@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cherrypicker.geometry.similarity import fit_rigid
 from cherrypicker.poses import Poses
-from cherrypicker.series.frame import fit_rigid
 
 
 def marker_corners(scale: dict, poses: Poses, metric_poses: Poses) -> dict[tuple, np.ndarray]:

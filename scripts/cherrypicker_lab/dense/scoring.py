@@ -16,13 +16,13 @@ from cherrypicker.poses import read_poses
 from cherrypicker_lab.dense.surface import (
     CLASSES,
     THINNED_VOXEL_M,
-    camera_similarity,
     judge_points,
     refine_similarity,
     score_cloud,
     thin,
 )
 from cherrypicker_lab.dense.truth import TrueSurface, load_true_surface
+from cherrypicker_lab.evaluation import camera_similarity, pair_cameras
 
 logger = logging.getLogger(__name__)
 
@@ -86,7 +86,8 @@ def place(points, poses, truth, surface: TrueSurface, fit: str):
         return points, (1.0, np.eye(3), np.zeros(3))
     names, centers = _cameras(poses)
     true = read_poses(Path(truth) / "poses.npz")
-    scale, rotation, translation = camera_similarity(names, centers, true.names, true.centers)
+    pairs = pair_cameras(names, centers, true.names, true.centers)
+    scale, rotation, translation, _ = camera_similarity(*pairs)
     placed = scale * points @ rotation.T + translation
     if fit == "surface":
         s, r, t = refine_similarity(placed, surface)

@@ -32,7 +32,6 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker_lab.dense.truth import TrueSurface
-from cherrypicker_lab.evaluation import fit_similarity
 
 logger = logging.getLogger(__name__)
 
@@ -156,37 +155,6 @@ def thin(points: np.ndarray, voxel: float) -> np.ndarray:
     """Return the index of the first point of every voxel of a side (m)."""
     cells = np.floor(points / voxel).astype(np.int64)
     return np.sort(np.unique(cells, axis=0, return_index=True)[1])
-
-
-def camera_similarity(names, centers, true_names, true_centers):
-    """Similarity that moves camera centres onto the true ones of the same names.
-
-    Cameras further off than four times the median are left out once, as a photo with a wrong pose
-    would bend the fit.
-
-    Returns
-    -------
-    scale : float
-    rotation : ndarray of shape (3, 3)
-    translation : ndarray of shape (3,)
-
-    Raises
-    ------
-    StageError
-        If fewer than three names are common.
-    """
-    index = {str(name): i for i, name in enumerate(true_names)}
-    here = [i for i, name in enumerate(names) if str(name) in index]
-    if len(here) < 3:
-        raise StageError(f"{len(here)} photos of the result are in the truth, three are needed")
-    a = np.asarray(centers)[here]
-    b = np.asarray(true_centers)[[index[str(names[i])] for i in here]]
-    keep = np.ones(len(a), dtype=bool)
-    for _ in range(2):
-        scale, rotation, translation = fit_similarity(a[keep], b[keep])
-        off = np.linalg.norm(scale * a @ rotation.T + translation - b, axis=1)
-        keep = off <= max(4.0 * np.median(off), 1e-6)
-    return scale, rotation, translation
 
 
 def refine_similarity(points: np.ndarray, surface: TrueSurface):

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
+from cherrypicker.geometry.similarity import fit_rigid
 from cherrypicker.poses import read_poses
 from cherrypicker.series.compare import compare_scans
-from cherrypicker.series.frame import fit_rigid
 from cherrypicker.series.scan_files import read_scan
+from cherrypicker_lab.evaluation import pair_cameras
 from cherrypicker_lab.orchard.grow.seasons import at_date
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.series.judge import judge_step
@@ -44,12 +44,8 @@ def frame_of(results, truth):
     """
     found = read_poses(Path(results) / "metric_poses.npz")
     true = read_poses(Path(truth) / "poses.npz")
-    place = {str(name): row for row, name in enumerate(true.names)}
-    rows = [row for row, name in enumerate(found.names) if str(name) in place]
-    if len(rows) < 3:
-        raise StageError("too few photos of the truth are in the scan", file=truth)
-    source = true.centers[[place[str(found.names[row])] for row in rows]]
-    return fit_rigid(source, found.centers[rows], np.full(len(rows), 1.0 / len(rows)))
+    here, there = pair_cameras(found.names, found.centers, true.names, true.centers)
+    return fit_rigid(there, here, np.ones(len(here)))
 
 
 def judge_scans(results, truths):

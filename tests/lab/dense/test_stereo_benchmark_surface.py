@@ -10,7 +10,6 @@ from cherrypicker.errors import StageError
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import Skeleton
 from cherrypicker_lab.dense.surface import (
-    camera_similarity,
     judge_points,
     refine_similarity,
     score_cloud,
@@ -130,20 +129,6 @@ def test_similarity_is_recovered(surface):
     np.testing.assert_allclose(rotation @ turn, np.eye(3), atol=2e-3)
     placed = scale * moved[: len(cloud)] @ rotation.T + translation
     assert np.linalg.norm(placed - cloud, axis=1).max() < 0.0015
-
-
-def test_cameras_place_a_cloud_despite_one_wrong_pose():
-    rng = np.random.default_rng(2)
-    centers, names = rng.normal(size=(12, 3)), np.array([f"{i}.jpg" for i in range(12)])
-    turn = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix()
-    seen = (centers - [1.0, 2.0, 3.0]) @ turn / 0.4
-    seen[3] += 5.0
-    scale, rotation, translation = camera_similarity(names[::-1], seen[::-1], names, centers)
-    assert scale == pytest.approx(0.4)
-    np.testing.assert_allclose(rotation, turn, atol=1e-9)
-    np.testing.assert_allclose(translation, [1.0, 2.0, 3.0], atol=1e-9)
-    with pytest.raises(StageError, match="three are needed"):
-        camera_similarity(names[:2], seen[:2], names, centers)
 
 
 def test_views_are_counted_where_a_camera_sees_the_bark(surface):

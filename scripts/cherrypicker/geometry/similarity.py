@@ -1,0 +1,40 @@
+"""Turn, shift and scale that bring points onto others with the least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def best_turn(covariance: np.ndarray) -> tuple[np.ndarray, float]:
+    """Rotation R with the largest trace of R^T C, never a mirror (Kabsch 1976; Umeyama 1991).
+
+    Parameters
+    ----------
+    covariance : ndarray of shape (3, 3)
+        C = sum of w b a^T over pairs of a point a and its target b, both from their middles.
+
+    Returns
+    -------
+    rotation : ndarray of shape (3, 3)
+        Turns the points a towards the targets b.
+    gain : float
+        The trace. Over the sum of w |a|^2 it is the scale of the best similarity (Umeyama 1991).
+    """
+    left, singular, right = np.linalg.svd(covariance)
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right)) or 1.0])
+    return left * sign @ right, float(singular @ sign)
+
+
+def fit_rigid(source: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Turn and shift that bring points (n, 3) onto others with the least weighted squares.
+
+    Returns
+    -------
+    ndarray of shape (4, 4), float64
+    """
+    weight = weight / max(weight.sum(), 1e-12)
+    here, there = weight @ source, weight @ target
+    matrix = np.eye(4)
+    matrix[:3, :3], _ = best_turn((target - there).T @ (weight[:, None] * (source - here)))
+    matrix[:3, 3] = there - matrix[:3, :3] @ here
+    return matrix
