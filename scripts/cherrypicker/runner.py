@@ -37,7 +37,7 @@ from cherrypicker.files import PROJECT, write_json
 logger = logging.getLogger(__name__)
 
 SCHEMA_FILE = PROJECT / "workflow/schemas/config.schema.yaml"
-STATUS_DIR = Path("logs/status")
+LOGS_DIR = Path("logs")
 NO_TREE = "_batch"
 _TEXT = {"threads": "Threads of the stage.", "gpu": "1 to use an NVIDIA GPU."}
 _LITTLE_ROOM_BYTES = 500_000_000
@@ -48,6 +48,16 @@ _DISK_ERRORS = {
     errno.EACCES: "no permission",
     errno.EPERM: "no permission",
 }
+
+
+def status_folder(tree: str = NO_TREE, logs: str | os.PathLike = LOGS_DIR) -> Path:
+    """Return the folder of the records of a tree's stages, or of the rules that are of no tree."""
+    return Path(logs) / "status" / tree
+
+
+def status_name(rule: str, wildcards: Iterable[str] = ()) -> str:
+    """Return the file name of a rule's record; other wildcards than the tree keep jobs apart."""
+    return ".".join([rule, *(str(each).replace("/", "_") for each in wildcards)]) + ".json"
 
 
 class Option(NamedTuple):
@@ -227,8 +237,8 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
     log_path = str(snakemake.log[0]) if len(snakemake.log) else os.devnull
     wildcards = dict(snakemake.wildcards.items())
     console = _redirect_output(log_path, f"[{' '.join([*wildcards.values(), rule])}]")
-    others = [str(each).replace("/", "_") for name, each in wildcards.items() if name != "tree"]
-    status = STATUS_DIR / tree / (".".join([rule, *others]) + ".json")
+    others = [each for name, each in wildcards.items() if name != "tree"]
+    status = status_folder(tree) / status_name(rule, others)
     record = {"state": "running", "rule": rule, "tree": tree} | wildcards
     record |= {"log": log_path, "time": _now()}
     try:

@@ -6,7 +6,6 @@ import difflib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from cherrypicker.accuracy.measures import Measure, read_measures
 from cherrypicker.batch.config import read_config_file, resolve_config
@@ -21,6 +20,7 @@ from cherrypicker.batch.rows import (
 )
 from cherrypicker.batch.trees import Tree, read_trees
 from cherrypicker.errors import StageError
+from cherrypicker.runner import status_folder
 
 CONFIG_FILE = "config/config.yaml"
 
@@ -80,7 +80,7 @@ class Batch:
         for scan, row in self.trees.items():
             names = self.names(scan)
             found_at = found_time(scan)  # what failed before is of the scan as a single tree
-            records = (Path(logs) / "status" / scan).glob("*.json")
+            records = status_folder(scan, logs).glob("*.json")
             has_failed = any(record.stat().st_mtime >= found_at for record in records)
             if scan in self.places and (has_failed or not names):
                 rows.append(row)

@@ -92,7 +92,7 @@ def check_names(names: Iterable[str], scans: Iterable[str], table: str) -> None:
 
 def names_found(scan: str, results: str = "results") -> list[str]:
     """Return the trees that were found in a scan; none where nobody has looked yet."""
-    path = Path(results) / scan / "trees.json"
+    path = _found(scan, results)
     if not path.is_file():
         return []
     return [f"{scan}_{one['number']}" for one in read_json(path).get("trees", [])]
@@ -100,5 +100,9 @@ def names_found(scan: str, results: str = "results") -> list[str]:
 
 def found_time(scan: str, results: str = "results") -> float:
     """Return when the trees of a scan were found, seconds; 0 where nobody has looked yet."""
-    path = Path(results) / scan / "trees.json"
+    path = _found(scan, results)
     return path.stat().st_mtime if path.is_file() else 0.0
+
+
+def _found(scan: str, results: str) -> Path:
+    return Path(results) / scan / "trees.json"

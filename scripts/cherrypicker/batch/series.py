@@ -14,6 +14,7 @@ from pathlib import Path
 
 from cherrypicker.batch.summary import collect_results
 from cherrypicker.batch.trees import Tree
+from cherrypicker.runner import status_folder, status_name
 
 
 def compare_rest(series: str, rows: list[Tree], script: str | os.PathLike) -> None:
@@ -44,6 +45,6 @@ def compare_rest(series: str, rows: list[Tree], script: str | os.PathLike) -> No
     for path in Path(f"results/series/{series}").glob("*"):
         os.utime(path, (0, 0))
     if not code:  # an earlier failure of the rule is no more the last word
-        Path(f"logs/status/_batch/compare_series.{series}.json").unlink(missing_ok=True)
+        (status_folder() / status_name("compare_series", [series])).unlink(missing_ok=True)
     end = f"failed; log: {log}" if code else "are compared"
     print(f"series {series}: {', '.join(rest)} not finished, the others {end}", file=sys.stderr)

@@ -27,6 +27,7 @@ from cherrypicker.batch.trees import folder_name
 from cherrypicker.files import write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.report.text import thumbnail_url
+from cherrypicker.runner import status_folder, status_name
 
 logger = logging.getLogger(__name__)
 
@@ -101,7 +102,9 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
     is_measured = row.get("is_measured", True)
-    record = _failure(logs_dir / "status" / tree, traits_path if traits else None, is_measured)
+    record = _failure(
+        status_folder(tree, logs_dir), traits_path if traits else None, is_measured
+    )
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
     if record is None:
@@ -129,8 +132,8 @@ def _failed_series(names: set[str], logs_dir: Path) -> list[TreeResult]:
     """Return the comparisons that failed, of the series that the table still has."""
     failed = []
     for name in sorted(names - {""}):
-        folder = folder_name(name)
-        record, _ = _read_object(logs_dir / "status/_batch" / f"compare_series.{folder}.json")
+        file_name = status_name("compare_series", [folder_name(name)])
+        record, _ = _read_object(status_folder(logs=logs_dir) / file_name)
         if record:
             failed.append(TreeResult(f"series {name}"))
             _note_failure(failed[-1], record)

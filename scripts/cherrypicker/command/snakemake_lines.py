@@ -18,7 +18,7 @@ _LINES = {
     "failed": r"ERROR \w+=(?P<tree>\S+)(?: \w+=\S+)* rule=(?P<rule>\w+): (?P<text>.*)",
     "error": r"Error in (?:rule|group) (?P<rule>[\w-]+)",
     "broken": r" +jobid: (?P<job>\d+)",
-    "detail": rf"\[(?:(?P<tree>{_TREE}) )?(?P<rule>\w+)\] (?P<text>.*)",
+    "detail": rf"\[(?:(?P<tree>{_TREE}) (?:{_TREE} )*)?(?P<rule>\w+)\] (?P<text>.*)",
 }
 _PATTERNS = {kind: re.compile(pattern) for kind, pattern in _LINES.items()}
 _TABLE_HEAD = "Job stats"

@@ -64,6 +64,7 @@ def camera_scatter(
     centers = _centers(model, ids)
     point_ids = np.array(sorted(model.points3D))
     rng = np.random.default_rng(seed)
+    basis = _similarities(centers)
     squares = np.zeros(len(ids))
     for _ in range(N_HALVES):
         half = pycolmap.Reconstruction(model)
@@ -71,7 +72,6 @@ def camera_scatter(
             half.delete_point3D(int(point_id))
         adjust_robustly(half, options, threads)
         moved = (_centers(half, ids) - centers).ravel()
-        basis = _similarities(centers)
         apart = (moved - basis @ (basis.T @ moved)).reshape(-1, 3)
         squares += np.einsum("ij,ij->i", apart, apart)
     size = np.median(np.linalg.norm(centers, axis=1))
