@@ -155,12 +155,12 @@ def sightings(rng, corners, poses, noise_px=0.1, focal=1000.0):
     seen = seen[..., :2] / seen[..., 2:]
     n = len(poses)
     return Observations(
-        np.arange(n),
-        poses.cam_from_world,
-        seen + rng.normal(0, noise_px / focal, seen.shape),
-        np.full(n, focal),
-        np.full(n, noise_px),
-        np.full(n, 60.0),
+        photos=np.arange(n),
+        cam_from_world=poses.cam_from_world,
+        corners=seen + rng.normal(0, noise_px / focal, seen.shape),
+        focal=np.full(n, focal),
+        std=np.full(n, noise_px),
+        side_px=np.full(n, 60.0),
     )
 
 

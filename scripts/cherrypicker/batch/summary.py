@@ -102,9 +102,7 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
     is_measured = row.get("is_measured", True)
-    record = _failure(
-        status_folder(tree, logs_dir), traits_path if traits else None, is_measured
-    )
+    record = _failure(status_folder(tree, logs_dir), traits_path if traits else None, is_measured)
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
     if record is None:

@@ -9,7 +9,7 @@ names the corners in all of them, as `cherrypicker.markers.geometry` finds a mar
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
 from typing import Any
 
@@ -130,11 +130,11 @@ def sightings_of(
             n = int(seen.sum())
             boards.append(
                 Sightings(
-                    np.full(n, photo),
-                    board.points[seen],
-                    np.repeat(cam_from_world[photo][None], n, axis=0),
-                    places[seen],
-                    np.full(n, focal),
+                    photos=np.full(n, photo),
+                    cam_from_world=np.repeat(cam_from_world[photo][None], n, axis=0),
+                    focal=np.full(n, focal),
+                    points=board.points[seen],
+                    places=places[seen],
                 )
             )
     return boards
@@ -142,8 +142,10 @@ def sightings_of(
 
 def joined(parts: list[Sightings]) -> Sightings:
     """Several sightings as one."""
-    names = Sightings.__dataclass_fields__
-    return Sightings(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    names = [each.name for each in fields(Sightings)]
+    return Sightings(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    )
 
 
 def name_faces(grids: list[Sightings], n: int, *, min_photos: int, seed: int) -> list[Sightings]:
@@ -216,7 +218,7 @@ def _best_face(
     for index, grid in enumerate(grids):
         order = _match(grid, best[1], n)
         if order is not None:
-            members.append((index, _numbered(grid, order)))
+            members.append((index, replace(grid, points=order)))
     return best[1], members
 
 
@@ -261,7 +263,3 @@ def _match(grid: Sightings, located: np.ndarray, n: int) -> np.ndarray | None:
     if len(set(order)) < n * n or away.min(axis=1).max() > limit:
         return None
     return order
-
-
-def _numbered(grid: Sightings, order: np.ndarray) -> Sightings:
-    return Sightings(grid.photos, order, grid.cam_from_world, grid.places, grid.focal)

@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from cherrypicker.geometry.sampling import thin_randomly
+from cherrypicker.markers.sightings import PosedSightings
 
 # All guesses. Pairs of photos that are tried (bounds the time), and their least parallax
 _MAX_PAIRS = 600
@@ -30,36 +31,18 @@ _MAX_OFF_PLANE, _MAX_OFF_SQUARE, _MAX_OFF_ERRORS = 0.02, 0.02, 5
 _LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
 
 
-@dataclass
-class Observations:
+@dataclass(kw_only=True)
+class Observations(PosedSightings):
     """Sightings of one marker."""
 
-    photos: np.ndarray  # (n,) int: index of the photo of each sighting
-    cam_from_world: np.ndarray  # (n, 3, 4)
     corners: np.ndarray  # (n, 4, 2): normalised undistorted camera coordinates
-    focal: np.ndarray  # (n,): pixels per unit of normalised coordinates
     std: np.ndarray  # (n,): standard deviation of a corner coordinate, px
     side_px: np.ndarray  # (n,)
-
-    def __len__(self) -> int:
-        return len(self.photos)
-
-    def select(self, index: np.ndarray) -> Observations:
-        """The sightings of a mask or an index array."""
-        return Observations(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
-
-    @property
-    def centers(self) -> np.ndarray:
-        """Camera centres, (n, 3)."""
-        rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
-        return -np.einsum("nji,nj->ni", rotation, shift)
 
     @property
     def rays(self) -> np.ndarray:
         """Unit directions through the corners in the world, (n, 4, 3)."""
-        homogeneous = np.concatenate([self.corners, np.ones((len(self), 4, 1))], axis=2)
-        world = np.einsum("nji,nkj->nki", self.cam_from_world[:, :, :3], homogeneous)
-        return world / np.linalg.norm(world, axis=2, keepdims=True)
+        return self.rays_through(self.corners)
 
     def residuals_px(self, corners: np.ndarray) -> np.ndarray:
         """Reprojection error of 3D corners (..., 4, 3) in each photo, px, shape (..., n, 4, 2)."""

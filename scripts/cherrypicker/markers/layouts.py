@@ -14,39 +14,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.geometry.similarity import best_turn
+from cherrypicker.markers.sightings import PosedSightings
 
 _N_ROUNDS = 5  # of locating the points and asking again which sightings agree (guess)
 _FEWEST_PHOTOS = 2
 
 
-@dataclass
-class Sightings:
-    """Single points seen in photos, one a row."""
+@dataclass(kw_only=True)
+class Sightings(PosedSightings):
+    """Sightings of single points."""
 
-    photos: np.ndarray  # (n,) int
     points: np.ndarray  # (n,) int: row of the layout
-    cam_from_world: np.ndarray  # (n, 3, 4)
     places: np.ndarray  # (n, 2): normalised undistorted camera coordinates
-    focal: np.ndarray  # (n,): pixels per unit of normalised coordinates
-
-    def __len__(self) -> int:
-        return len(self.photos)
-
-    def select(self, index: np.ndarray) -> Sightings:
-        """The sightings of a mask or an index array."""
-        return Sightings(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
-
-    @property
-    def centers(self) -> np.ndarray:
-        """Camera centres, (n, 3)."""
-        return -np.einsum("nji,nj->ni", self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3])
 
     @property
     def rays(self) -> np.ndarray:
         """Unit directions in the world, (n, 3)."""
-        homogeneous = np.concatenate([self.places, np.ones((len(self), 1))], axis=1)
-        world = np.einsum("nji,nj->ni", self.cam_from_world[:, :, :3], homogeneous)
-        return world / np.linalg.norm(world, axis=1, keepdims=True)
+        return self.rays_through(self.places[:, None])[:, 0]
 
     def errors_px(self, located: np.ndarray) -> np.ndarray:
         """Reprojection error of points (n_points, 3), px, (n,); NaN for a point that has none."""

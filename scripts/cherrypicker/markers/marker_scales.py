@@ -155,9 +155,9 @@ def marker_centers(marker: dict, point: int) -> Sightings:
     diagonals = np.cross(corners[:, :2], corners[:, 2:])  # (n, 2, 3): lines
     crossing = np.cross(diagonals[:, 0], diagonals[:, 1])
     return Sightings(
-        seen.photos,
-        np.full(len(seen), point),
-        seen.cam_from_world,
-        crossing[:, :2] / crossing[:, 2:],
-        seen.focal,
+        photos=seen.photos,
+        cam_from_world=seen.cam_from_world,
+        focal=seen.focal,
+        points=np.full(len(seen), point),
+        places=crossing[:, :2] / crossing[:, 2:],
     )
