@@ -20,13 +20,20 @@ def main(
     poses: Annotated[str, "aligned poses, NPZ"],
     cropped: Annotated[str, "cropped cloud to write"],
     report: Annotated[str, "JSON of the region and counts to write"],
+    several: Annotated[bool, "whether the scan is of several trees"] = False,
     *,
     margin_fraction: float = 0.0,
     seed: int = 0,
 ) -> None:
     """Load, crop, save."""
     aligned = read_cloud(cloud)
-    result = crop_roi(aligned.points, read_poses(poses), margin_fraction=margin_fraction, seed=seed)
+    result = crop_roi(
+        aligned.points,
+        read_poses(poses),
+        several=several,
+        margin_fraction=margin_fraction,
+        seed=seed,
+    )
     write_cloud(cropped, aligned.select(result.keep))
     write_json(report, result.report)
 

@@ -21,6 +21,7 @@ def main(
     depth: Annotated[str, "manifest of the depth maps to write"],
     cameras: Annotated[str | None, "cameras.bin of the photos as stored, for the sky masks"] = None,
     sky_masks: Annotated[str | None, "folder of sky masks; what they cover is left out"] = None,
+    several: Annotated[bool, "whether the scan is of several trees"] = False,
     *,
     options: StereoOptions,
     backend: str = "auto",
@@ -35,6 +36,7 @@ def main(
     manifest = estimate_workspace(
         Path(undistorted).parent,
         options,
+        several=several,
         backend=backend,
         threads=threads,
         sky_masks=masks,

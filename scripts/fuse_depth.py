@@ -19,7 +19,6 @@ from cherrypicker.mvs.coverage import measure_coverage
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
 from cherrypicker.mvs.silhouettes import add_silhouettes
 from cherrypicker.mvs.workspace import Workspace
-from cherrypicker.placement.region import find_region
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 
@@ -30,6 +29,7 @@ def main(
     cameras: Annotated[str, "cameras.bin of the photos as stored"],
     cloud: Annotated[str, "cloud to write, PLY"],
     coverage: Annotated[str, "coverage.json to write"],
+    several: Annotated[bool, "whether the scan is of several trees"] = False,
     *,
     options: FusionOptions,
     fusion: str = "star",
@@ -37,9 +37,10 @@ def main(
     threads: int = 2,
 ) -> None:
     """Load, fuse, add twigs, save, and count what the region holds."""
-    workspace, names = Workspace(Path(depth).parent), read_json(depth)["maps"]
+    names = read_json(depth)["maps"]
+    workspace = Workspace(Path(depth).parent, several=several)
     fused = fuse_workspace(workspace, names, options, method=fusion, threads=threads)
-    region = find_region(workspace.poses)
+    region = workspace.region
     content: dict = {"region": None}
     if region is not None:
         masks = SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names)

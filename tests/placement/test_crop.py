@@ -75,6 +75,24 @@ def test_a_walk_along_a_row_keeps_the_box_before_the_cameras():
     assert crop.keep[np.abs(points[:, :2] - [0, -0.5]).max(axis=1) < 0.5].all()
 
 
+def test_no_tree_of_a_walk_along_both_alleys_is_cut_off():
+    feet = [(x, 0.0) for x in np.linspace(-4, 4, 5)]
+    points, n = orchard(neighbours=feet[:2] + feet[3:]), 40
+    x = np.tile(np.linspace(-5, 5, n), 2)
+    walk = np.column_stack([x, np.repeat([-2.5, 2.5], n), np.full(2 * n, 1.3)])
+    aims = np.column_stack([0.75 * x, np.zeros(2 * n), np.full(2 * n, 1.2)])
+    poses = look_at_poses(walk, aims, focal=400.0)
+    is_tree = points[:, 2] > 0.2
+    one, crop = crop_roi(points, poses), crop_roi(points, poses, several=True)
+    assert (
+        one.report["source"] == "region" and not one.keep[is_tree].all()
+    )  # what a single target asks
+    assert crop.report["source"] == "camera_box" and not crop.report["warnings"]
+    assert crop.keep[is_tree].all()
+    box = crop.report["box"]
+    assert box["x"][0] <= -5 and box["x"][1] >= 5 and box["y"][0] <= -2.5 and box["y"][1] >= 2.5
+
+
 def test_an_empty_region_names_the_key():
     points, poses = orchard(), look_at_poses(ring(), TARGET)
     with pytest.raises(StageError) as caught:

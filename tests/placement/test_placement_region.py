@@ -45,6 +45,33 @@ def test_a_walk_along_a_row_and_a_facade_have_no_common_place(caplog):
     assert "no common place" in caplog.text
 
 
+def row_walk(half=5.0, aside=2.5, n=40):
+    """Along both alleys of a row from -half to half, through a wide lens; and the row's trees."""
+    x = np.linspace(-half, half, n)
+    centers = np.column_stack([np.tile(x, 2), np.repeat([-aside, aside], n), np.full(2 * n, 1.3)])
+    targets = np.column_stack([0.75 * np.tile(x, 2), np.zeros(2 * n), np.full(2 * n, 1.2)])
+    feet = np.column_stack([np.linspace(-half + 1, half - 1, 5), np.zeros((5, 2))])
+    return look_at_poses(centers, targets, focal=400.0), feet
+
+
+def test_the_region_of_several_trees_holds_the_whole_row():
+    poses, feet = row_walk()
+    one = find_region(poses)
+    assert one is not None and not one.holds(feet[[0, -1]]).any()  # the fault, were it taken
+    region = find_region(poses, several=True)
+    tops = feet + [0.0, 0.0, 3.0]
+    assert region.holds(feet).all() and region.holds(tops).all()
+    assert region.holds(poses.centers).all()
+    assert framing(poses, region).any(axis=1).all()
+
+
+def test_several_trees_need_no_common_place():
+    poses, _ = row_walk(half=8.0)
+    narrow = look_at_poses(poses.centers, poses.centers * [1, 0, 0] + [0.3, 0, 1.2], focal=1500.0)
+    assert find_region(narrow) is None
+    assert find_region(narrow, several=True).holds(narrow.centers).all()
+
+
 def test_what_lies_before_the_lens_is_not_framed():
     poses = look_at_poses(ring(n=8), TARGET)
     region = find_region(poses)

@@ -187,6 +187,11 @@ def options(stage):
     return {key.rpartition(".")[2]: cfg(key) for key in keys_of_stage(SCHEMA, stage)}
 
 
+def is_of_several(wildcards):
+    """Whether a scan is of several trees, whichever they are."""
+    return BATCH.scan_of(wildcards.tree) in ROW_SCANS
+
+
 def row(column):
     """Return a params function: the tree's cell in ``trees.tsv``, empty where there is none."""
     return lambda wildcards: getattr(BATCH.row(wildcards.tree), column)

@@ -48,6 +48,7 @@ rule estimate_depth:
         gpu=stereo_gpus,
     params:
         **options("estimate_depth"),
+        several=is_of_several,
     message:
         "{wildcards.tree}: estimate depth maps"
     script:
@@ -76,6 +77,7 @@ rule fuse_depth:
         gpu=0,
     params:
         **options("fuse_depth"),
+        several=is_of_several,
     message:
         "{wildcards.tree}: fuse the depth maps"
     script:

@@ -48,6 +48,7 @@ rule crop_roi:
         gpu=0,
     params:
         **options("crop_roi"),
+        several=is_of_several,
     message:
         "{wildcards.tree}: crop to the region of interest"
     script:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.workspace import View, Workspace
-from cherrypicker.placement.region import Region, find_region, framing
+from cherrypicker.placement.region import Region, framing
 
 logger = logging.getLogger(__name__)
 
@@ -104,7 +104,7 @@ def plan_views(
     """
     views = workspace.views
     sparse, seen = _observations(workspace)
-    region = find_region(workspace.poses)
+    region = workspace.region
     places = _sparse_places(views, sparse, seen)
     if region is not None:
         places = _region_places(workspace, region)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ import pycolmap
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.lens import read_model
+from cherrypicker.placement.region import Region, find_region
 from cherrypicker.poses import Poses, project
 from cherrypicker.sfm.export import poses_of
 
@@ -60,6 +62,8 @@ class Workspace:
     ----------
     folder : path-like
         The workspace, as ``pycolmap.undistort_images`` leaves it.
+    several : bool, default False
+        The scan is of several trees, see :func:`cherrypicker.placement.region.find_region`.
 
     Attributes
     ----------
@@ -74,8 +78,9 @@ class Workspace:
         If the workspace has no readable sparse model or a camera that is no pinhole.
     """
 
-    def __init__(self, folder: str | os.PathLike):
+    def __init__(self, folder: str | os.PathLike, *, several: bool = False):
         self.folder = Path(folder)
+        self.several = several
         self.model = read_model(self.folder / "sparse")
         if self.model.num_reg_images() < 2:
             raise StageError(
@@ -91,6 +96,11 @@ class Workspace:
                 )
         self.poses = poses_of(self.model, dict(self.model.cameras.items()))
         self.views = [view_of(self.poses, i) for i in range(len(self.poses))]
+
+    @cached_property
+    def region(self) -> Region | None:
+        """The scan's region of interest; None where its cameras look at no common place."""
+        return find_region(self.poses, several=self.several)
 
     def image(self, view: View) -> pycolmap.Image:
         """Return a view's photo in the sparse model, with the points that it observes."""

@@ -3,7 +3,8 @@
 The paper (section Region of Interest) takes the axis-aligned x/y box of the camera origins, on the
 assumption that the cameras stand around the tree. We keep the vertical shadow of the region of
 :mod:`cherrypicker.placement.region`, which is as wide and needs no such assumption. Which tree in
-it is the target is decided once, after the labels (:mod:`cherrypicker.wood.target`).
+it is the target is decided once, after the labels (:mod:`cherrypicker.wood.target`). Of a scan of
+several trees none stands in the middle, and the paper's box it is.
 """
 
 from __future__ import annotations
@@ -48,7 +49,12 @@ class Crop:
 
 
 def crop_roi(
-    points: np.ndarray, poses: Poses, *, margin_fraction: float = 0.0, seed: int = 0
+    points: np.ndarray,
+    poses: Poses,
+    *,
+    several: bool = False,
+    margin_fraction: float = 0.0,
+    seed: int = 0,
 ) -> Crop:
     """Choose the points above the ground that the cameras look at.
 
@@ -58,6 +64,9 @@ def crop_roi(
         Aligned cloud, z up, ground near z = 0.
     poses : Poses
         Aligned poses.
+    several : bool, default False
+        The scan is of several trees: the region is the box of the cameras, which holds all that the
+        walk goes along.
     margin_fraction : float, default 0
         Widens (or, negative, narrows) the region on each side by this fraction of its extent.
 
@@ -67,7 +76,7 @@ def crop_roi(
         If the region holds no point.
     """
     search = thin_randomly(points, _SEARCH_POINTS, seed)
-    center, distance, footprint, warnings = _footprint(poses, search)
+    center, distance, footprint, warnings = _footprint(poses, search, several)
     footprint = footprint.widened(margin_fraction)
     cells = ground_cells(search, CELL * distance, REACH * distance, _TOLERANCE * distance)
     inside = _inside(points, footprint)
@@ -99,9 +108,11 @@ def crop_roi(
     return Crop(keep, report)
 
 
-def _footprint(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, Footprint, list[str]]:
+def _footprint(
+    poses: Poses, points: np.ndarray, several: bool
+) -> tuple[np.ndarray, float, Footprint, list[str]]:
     """What the cameras look at, their distance to it, its footprint, and warnings."""
-    region = find_region(poses)
+    region = None if several else find_region(poses)
     if region is not None:
         return region.center, region.distance, Footprint(region.center[:2], region.radius), []
     center, distance = look_at_point(poses, points)
@@ -112,7 +123,7 @@ def _footprint(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, Foo
         "and of what lies before them, as far as their distance to the middle of their view"
     )
     footprint = Footprint.of_box(np.stack([spots.min(axis=0), spots.max(axis=0)]))
-    return center, distance, footprint, [warning]
+    return center, distance, footprint, [] if several else [warning]
 
 
 def _inside(points: np.ndarray, footprint: Footprint) -> np.ndarray:

@@ -4,6 +4,9 @@ The paper (section Region of Interest) takes the box of the camera origins, on t
 the cameras stand around the tree. A ball around the point that they look at, as wide as they are
 far, is the same for a ring of cameras, and holds for half a ring or two alleys as well; it needs
 neither a cloud nor the vertical, so that the dense stereo can use it.
+
+Of a scan of several trees all that the walk goes along is the region: the ball reaches to the
+farthest camera, as the paper's box does.
 """
 
 from __future__ import annotations
@@ -52,24 +55,28 @@ class Region:
         return np.linalg.norm(points - self.center, axis=-1) <= self.radius
 
 
-def find_region(poses: Poses) -> Region | None:
+def find_region(poses: Poses, *, several: bool = False) -> Region | None:
     """Find the region of interest of a scan.
 
     Parameters
     ----------
     poses : Poses
         Any frame and unit; the region moves with them.
+    several : bool, default False
+        The scan is of several trees, which stand wherever the walk goes: the ball holds all
+        cameras, and few photos need to frame its middle.
 
     Returns
     -------
     Region or None
-        None where the cameras look at no common place (a facade, a walk along a row).
+        None where the cameras look at no common place (a facade, a walk along a row); of several
+        trees only where parallel axes leave the depth of all open.
     """
     center, spread = crossing(poses)
-    offsets = center - poses.centers
-    distance = float(np.median(np.linalg.norm(offsets, axis=1)))
+    away = np.linalg.norm(center - poses.centers, axis=1)
+    distance = float(np.median(away))
     share = float(np.mean([frames(poses, i, center[None], 0.0)[0] for i in range(len(poses))]))
-    if spread < LEAST_SPREAD or share < COMMON_SHARE:
+    if spread < LEAST_SPREAD or (share < COMMON_SHARE and not several):
         logger.warning(
             "the cameras look at no common place: %.0f %% frame the point where their axes cross "
             "(spread of the axes %.1f degrees); all that the photos share is the region",
@@ -77,7 +84,7 @@ def find_region(poses: Poses) -> Region | None:
             np.degrees(np.sqrt(max(spread, 0.0))),
         )
         return None
-    radius = REACH * distance
+    radius = REACH * (float(away.max()) if several else distance)
     samples = center + radius * _ball(N_SAMPLES)
     return Region(center, radius, distance, samples)
 

@@ -41,6 +41,7 @@ def estimate_workspace(
     folder: str | Path,
     options: StereoOptions,
     *,
+    several: bool = False,
     backend: str = AUTO,
     threads: int = 1,
     sky_masks: SkyMasks | None = None,
@@ -56,6 +57,8 @@ def estimate_workspace(
 
     Parameters
     ----------
+    several : bool, default False
+        The scan is of several trees.
     backend : str, default "auto"
         A name of `BACKENDS`; ``auto`` takes the first that can run, and where all its maps come
         out empty the CPU.
@@ -67,7 +70,7 @@ def estimate_workspace(
     dict
         The manifest: backend, options, names with a depth map, share of pixels with depth.
     """
-    workspace = Workspace(folder)
+    workspace = Workspace(folder, several=several)
     chosen = choose_backend(backend)
     shares = run_backend(BACKENDS[chosen], workspace, options, threads, sky_masks)
     if backend == AUTO and BACKENDS[chosen].needs_cuda and not any(shares.values()):

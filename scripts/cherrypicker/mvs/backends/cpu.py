@@ -71,7 +71,10 @@ def run_cpu(
         return estimate.estimate_photometric(problem, views, photos, lines, options, threads, skip)
 
     settings = {
-        p.view: _settings(p, options, digests, masks.get(views[p.view].name)) for p in problems
+        p.view: _settings(
+            p, options, digests, masks.get(views[p.view].name), several=workspace.several
+        )
+        for p in problems
     }
     _each_view(workspace, problems, keys, settings, PHOTOMETRIC, photometric)
 
@@ -161,7 +164,12 @@ def _photo_digests(workspace: Workspace) -> list[str]:
 
 
 def _settings(
-    problem: StereoProblem, options: StereoOptions, digests: list[str], mask: str | None
+    problem: StereoProblem,
+    options: StereoOptions,
+    digests: list[str],
+    mask: str | None,
+    *,
+    several: bool,
 ) -> str:
     """Everything that a view's photometric map depends on, as text."""
     content = {
@@ -171,4 +179,6 @@ def _settings(
         "sky_mask": mask,
         "photos": [digests[j] for j in problem.photos],
     }
+    if several:  # maps of other scans keep the keys that they have
+        content["several"] = True
     return json.dumps(content, sort_keys=True)
