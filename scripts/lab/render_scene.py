@@ -12,6 +12,10 @@ envs/requirements-render.txt). The two shipped demo scans were made by
 and any other scene, a random one of a seed, by
 
     python scripts/lab/render_scene.py --seed 17 --output /data/orchard/17
+
+and a row of five trees with touching crowns, photographed from both alleys, by
+
+    python scripts/lab/render_scene.py --row 53 --output /data/orchard/row_53
 """
 
 import argparse
@@ -39,6 +43,14 @@ from cherrypicker_lab.orchard.render.photo import (
     maps_through,
     write_jpeg,
     write_maps,
+)
+from cherrypicker_lab.orchard.rows import (
+    MARKERS,
+    N_PHOTOS,
+    PHOTO_CAMERA,
+    loop_poses,
+    row_scene,
+    write_row_truth,
 )
 from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring
 from cherrypicker_lab.orchard.scene.layout import generate_scene
@@ -137,6 +149,7 @@ def parse_arguments():
     which.add_argument("--preset", choices=sorted(PRESETS), help="a named scene")
     which.add_argument("--seed", type=int, help="a random scene of this seed")
     which.add_argument("--orchard", type=int, help="the scene of `snakemake orchard` of this seed")
+    which.add_argument("--row", type=int, help="a row of trees with touching crowns of this seed")
     parser.add_argument("--output", required=True, help="folder of the scene, made if missing")
     parser.add_argument("--samples", type=int, default=4, help="Cycles samples a pixel (4)")
     parser.add_argument("--threads", type=int, default=2, help="render threads (2)")
@@ -144,7 +157,9 @@ def parse_arguments():
     parser.add_argument("--noise", type=float, default=0.006, help="sensor noise, of 1 (0.006)")
     parser.add_argument("--forms", nargs="+", default=FORMS, help="for --orchard")
     parser.add_argument("--chosen", default="{}", help="JSON of options, for --orchard")
-    parser.add_argument("--photos", type=int, default=48, help="photos, for --orchard (48)")
+    parser.add_argument(
+        "--photos", type=int, help=f"photos, for --orchard (48) and --row ({N_PHOTOS})"
+    )
     parser.add_argument("--size", type=int, default=0, help="longer side, px, for --orchard (0)")
     parser.add_argument("--lens", type=int, default=1, help="0: pinholes, for --orchard")
     parser.add_argument(
@@ -173,12 +188,17 @@ def main():
         chosen = json.loads(args.chosen)
         scene = generate_scene(args.orchard, **scene_options(args.orchard, args.forms, chosen))
         camera = scene_camera(args.orchard, distortion=bool(args.lens), size_px=args.size)
-        poses = walk_poses(scene, camera, scene_walk(args.orchard, chosen), args.photos)
+        poses = walk_poses(scene, camera, scene_walk(args.orchard, chosen), args.photos or 48)
+    elif args.row is not None:
+        scene, camera = row_scene(args.row, markers=MARKERS), PHOTO_CAMERA
+        poses = loop_poses(scene, args.photos or N_PHOTOS)
     else:
         scene, camera = generate_scene(args.seed), CameraModel()
         rings = [Ring(20, 1.1, 2.6, 1.1), Ring(20, 1.9, 2.5, 1.1, 0.16), Ring(8, 0.6, 2.5, 1.2)]
         poses = preset_poses({"camera": camera, "rings": rings}, scene)
-    if args.orchard is None:  # the orchard's rule writes its own
+    if args.row is not None:
+        write_row_truth(Path(args.output) / "truth", scene, poses, f"row {args.row}")
+    elif args.orchard is None:  # the orchard's rule writes its own
         name = args.preset or f"seed {args.seed}"
         write_truth(Path(args.output) / "truth", scene, poses, name=name)
     if not args.truth_only:
