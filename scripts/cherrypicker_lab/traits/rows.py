@@ -2,21 +2,37 @@
 
 A row is grown, seen from both alleys by simulated photos, shared out among its trees, and each tree
 measured by the functions that the workflow's stages call. Labels are the true ones.
+
+Of a row that was rendered as photos (`scripts/lab/render_scene.py --row`) the workflow's results
+are held against the truth: there labels, cameras and scale are the workflow's too.
 """
 
+from pathlib import Path
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json, read_npz
 from cherrypicker.graph.extract import extract_skeleton
-from cherrypicker.pointcloud import PointCloud
+from cherrypicker.pointcloud import PointCloud, read_cloud
+from cherrypicker.poses import read_poses
+from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.wood.row import FoundTrees, find_trees, tree_cloud
+from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
 from cherrypicker_lab.orchard.rows import row_cloud, row_scene
+from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.truth import tree_traits
 
 MEASURED = ("height_m", "trunk_diameter_m", "total_length_m")
+# A point farther from all true surface has no true tree, m; as in `evaluation.compare_labels`
+REACH_M = 0.03
+# What a row from photos must reach (issue 19)
+LEAST_IOU, MOST_WRONG, MOST_TRUNK_MAE_M = 0.9, 0.03, 0.003
 
 
 def measure_row(seed, n_points=300_000, *, spacing=None):
@@ -39,7 +55,9 @@ def measure_row(seed, n_points=300_000, *, spacing=None):
     scene = row_scene(seed, spacing=spacing)
     cloud = row_cloud(scene, n_points)
     found = find_trees(cloud)
-    rows = share_scores(cloud, found, scene.offsets)
+    wood = wood_mask(cloud["label"])
+    stands = np.array([tree.base for tree in found.trees])
+    rows = share_scores(found.owner[wood], cloud["tree"][wood], stands, scene.offsets)
     for row in rows:
         if row["number"]:
             row.update(_traits(cloud, found, row["number"], scene.trees[row["tree"]]))
@@ -52,38 +70,117 @@ def measure_row(seed, n_points=300_000, *, spacing=None):
     }
 
 
-def share_scores(cloud, found, feet):
-    """How well the wood is shared out.
+def measure_scanned_row(results, scan, truth):
+    """Compare the workflow's results of a row of photos with its truth.
 
     Parameters
     ----------
-    cloud : PointCloud
-        With the fields ``label`` and ``tree``.
-    found : FoundTrees
-    feet : ndarray of shape (n_trees, 3)
+    results : path-like
+        The batch's ``results``.
+    scan : str
+        Name of the scan, whose trees are ``{scan}_1`` and so on.
+    truth : path-like
+        As `orchard.rows.write_row_truth` leaves it.
+
+    Returns
+    -------
+    dict
+        ``cameras`` (of `evaluation.compare_cameras`), ``n_trees``, ``n_found``, ``n_left_out``,
+        ``trees``: a row a true tree, that of `share_scores` over all points of the cloud, with
+        ``{trait}``, ``{trait}_true``, ``skeleton_recall`` and ``skeleton_precision`` where it was
+        found; ``totals`` over them: ``least_iou``, ``most_wrong``, ``trunk_mae_m``; ``missed``: the
+        bars that are not reached.
+
+    Raises
+    ------
+    StageError
+        If a file is missing or broken, or no tree was found.
+    """
+    results, truth = Path(results), Path(truth)
+    folder, true_trees = results / scan, read_json(truth / "trees.json")["trees"]
+    cameras = compare_cameras(
+        read_poses(folder / "metric_poses.npz"), read_poses(truth / "poses.npz")
+    )
+    rotation, shift = cameras.pop("rotation"), cameras.pop("translation")
+    cloud = read_cloud(folder / "segmented.ply", required=("label",))
+    exact = read_cloud(truth / "cloud.ply", required=("tree",))
+    away, nearest = cKDTree(exact.points).query(
+        cloud.points @ rotation.T + shift, distance_upper_bound=REACH_M
+    )
+    tree = np.append(exact["tree"], np.uint8(NO_TREE))[nearest]  # the last: nothing within reach
+    found = read_json(folder / "trees.json")
+    if not found["trees"]:
+        raise StageError("no tree was found", file=folder / "trees.json")
+    stands = np.array([one["foot"] for one in found["trees"]]) @ rotation.T + shift
+    feet = np.array([each["foot"] for each in true_trees])
+    rows = share_scores(read_npz(folder / "owners.npz")["owner"], tree, stands, feet)
+    for row in rows:
+        if row["number"]:
+            own = results / f"{scan}_{row['number']}"
+            true = true_trees[row["tree"]]["traits"]
+            row.update(_beside(read_json(own / "traits.json"), true))
+            skeleton = read_skeleton(own / "skeleton.graphml")
+            skeleton.points = skeleton.points @ rotation.T + shift
+            true_skeleton = read_skeleton_csv(truth / f"skeleton_tree{row['tree']}.csv")
+            scores = compare_skeletons(skeleton, true_skeleton)
+            row.update({n: scores[n] for n in ("skeleton_recall", "skeleton_precision")})
+    measured = [row for row in rows if row["number"]]  # the nearest of all pairs at least
+    totals = {
+        "least_iou": min(row["iou"] for row in rows),
+        "most_wrong": max(row["wrong"] for row in measured),
+        "trunk_mae_m": float(
+            np.mean([abs(r["trunk_diameter_m"] - r["trunk_diameter_m_true"]) for r in measured])
+        ),
+    }
+    is_met = {
+        "n_found": len(measured) == len(found["trees"]) == len(rows),
+        "least_iou": totals["least_iou"] >= LEAST_IOU,
+        "most_wrong": totals["most_wrong"] <= MOST_WRONG,
+        "trunk_mae_m": totals["trunk_mae_m"] <= MOST_TRUNK_MAE_M,
+    }
+    return {
+        "cameras": cameras,
+        "n_trees": len(rows),
+        "n_found": len(measured),
+        "n_left_out": len(found["left_out"]),
+        "trees": rows,
+        "totals": totals,
+        "missed": [name for name, met in is_met.items() if not met],
+    }
+
+
+def share_scores(owner, tree, stands, feet):
+    """How well points are shared out among trees.
+
+    Parameters
+    ----------
+    owner : ndarray of shape (n,), int
+        Number of the tree that each point was given to, from 1; 0 and less: none.
+    tree : ndarray of shape (n,), int
+        True tree of each, from 0; `NO_TREE` for none.
+    stands : ndarray of shape (n_found, 2 or 3)
+        Feet of the trees that were found, in the order of their numbers.
+    feet : ndarray of shape (n_trees, 2 or 3)
         True feet.
 
     Returns
     -------
     list of dict
         For each true tree ``tree``, ``number`` (of the tree found nearest to its foot; 0 where that
-        is nearer to another), ``iou`` of wood points, ``wrong``: the share of its points that are
+        is nearer to another), ``iou`` of points, ``wrong``: the share of its points that are
         another tree's.
     """
-    wood = wood_mask(cloud["label"])
-    owner, truth = found.owner[wood], cloud["tree"][wood]
-    stands = np.array([tree.base[:2] for tree in found.trees])
-    apart = np.linalg.norm(feet[:, None, :2] - stands[None], axis=2)
+    apart = np.linalg.norm(feet[:, None, :2] - stands[None, :, :2], axis=2)
     rows = []
-    for tree in range(len(feet)):
-        number = int(apart[tree].argmin()) + 1
-        if apart[:, number - 1].argmin() != tree:
-            rows.append({"tree": tree, "number": 0, "iou": 0.0, "wrong": 0.0})
+    for i in range(len(feet)):
+        number = int(apart[i].argmin()) + 1
+        if apart[:, number - 1].argmin() != i:
+            rows.append({"tree": i, "number": 0, "iou": 0.0, "wrong": 0.0})
             continue
-        own, true = owner == number, truth == tree
+        own, true = owner == number, tree == i
         iou = np.count_nonzero(own & true) / np.count_nonzero(own | true)
-        wrong = np.count_nonzero(own & ~true) / np.count_nonzero(own)
-        rows.append({"tree": tree, "number": number, "iou": float(iou), "wrong": float(wrong)})
+        wrong = np.count_nonzero(own & ~true & (tree != NO_TREE)) / np.count_nonzero(own)
+        rows.append({"tree": i, "number": number, "iou": float(iou), "wrong": float(wrong)})
     return rows
 
 
@@ -93,5 +190,9 @@ def _traits(cloud: PointCloud, found: FoundTrees, number: int, tree) -> dict:
     own = tree_cloud(cloud, found.owner, number, foot)
     contracted, report = contract_wood(own, options=ContractionOptions(), target_xy=foot[:2])
     skeleton = extract_skeleton(contracted, own, base=report["base"], limbs=report["limbs"])
-    traits, true = measure_traits(skeleton, own)[0], tree_traits(tree)
+    return _beside(measure_traits(skeleton, own)[0], tree_traits(tree))
+
+
+def _beside(traits, true):
+    """What is measured of a tree beside its truth, by the names of `MEASURED`."""
     return {name: traits[name] for name in MEASURED} | {f"{n}_true": true[n] for n in MEASURED}
