@@ -26,6 +26,7 @@ LAYERS = [
 LAB_LAYERS = [
     *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "series", "training"),
     *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts", "real_photos"),
+    "up_direction",
     "published",
 ]
 STAGES = [

@@ -4,7 +4,8 @@ The paper (section Alignment) fits a ground plane by RANSAC, rotates its normal 
 formula, and turns the cloud over when its centre of mass lies below. We differ in two points.
 Several planes are tried and judged by the camera poses too, since the largest plane may be a wall.
 The vertical then joins the ground's normal with the cameras' rolls, each by its own uncertainty,
-since ground near a tree is rarely level while photos taken all around it average out to level.
+since ground near a tree is rarely level while photos taken all around it average out to level;
+where the photos state gravity themselves, that takes the place of the rolls.
 The x/y origin is what the cameras look at. Which tree stands there is not asked here: without a
 scale and without classes a stem, a post and a sign look alike.
 """
@@ -12,7 +13,8 @@ scale and without classes a stem, a post and a sign look alike.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +31,7 @@ from cherrypicker.placement.camera_geometry import (
     tangent_basis,
     unit,
 )
+from cherrypicker.placement.gravity import contradiction, gravity_up
 from cherrypicker.placement.ground import (
     Plane,
     ground_height_at,
@@ -110,6 +113,7 @@ def align(
     options: AlignOptions | None = None,
     *,
     stated_turns: np.ndarray | None = None,
+    stated_ups: Sequence[np.ndarray | None] | None = None,
     seed: int = 0,
 ) -> Alignment:
     """Find the transform that turns a reconstruction upright.
@@ -123,6 +127,9 @@ def align(
     stated_turns : ndarray of shape (n_cameras,), int, optional
         Quarter turns of the stored photos according to EXIF
         (:func:`cherrypicker.placement.camera_geometry.turns_from_exif`).
+    stated_ups : sequence of (ndarray of shape (3,) or None), optional
+        The way up in each camera's axes according to the phone
+        (:func:`cherrypicker.intake.gravity.stated_up`).
 
     Raises
     ------
@@ -135,7 +142,7 @@ def align(
     points = np.asarray(thin_randomly(points, _SUBSAMPLE, seed), float)
     target, distance = look_at_point(poses, points)
     threshold = options.ground_distance_fraction * distance
-    scene = _Scene(points, poses, stated_turns, target, distance, threshold)
+    scene = _Scene(points, poses, stated_turns, stated_ups or [], target, distance, threshold)
     warnings: list[str] = []
     planes = _judged_planes(scene, options.n_planes, seed)
     ground = planes[0] if planes and planes[0].score >= _MIN_SCORE else None
@@ -172,6 +179,7 @@ class _Scene:
     points: np.ndarray
     poses: Poses
     stated_turns: np.ndarray | None
+    stated_ups: Sequence[np.ndarray | None]
     target: np.ndarray
     distance: float
     threshold: float
@@ -220,6 +228,7 @@ def _vertical_from_both(
 ) -> tuple[np.ndarray, dict]:
     """Up direction from the ground's far normal and the cameras, and the angles between them."""
     cameras = camera_up(scene.poses, stated_turns=scene.stated_turns, start=ground.normal)
+    cameras, gravity = _with_gravity(scene, cameras, warnings)
     rotation = rodrigues(ground.normal, [0.0, 0.0, 1.0])
     flat = (scene.points - scene.target) @ rotation.T
     flat[:, 2] += ground.height(scene.target[None])[0]
@@ -236,6 +245,7 @@ def _vertical_from_both(
         "ground_sigma_deg": sigma_deg,
         "ground_near_far_deg": near_far,
         **_camera_report(cameras),
+        **gravity,
         "ground_to_cameras_deg": disagreement,
         "up_to_ground_deg": angle_deg(up, normal),
         "up_to_cameras_deg": angle_deg(up, cameras.up),
@@ -262,10 +272,12 @@ def _vertical_from_cameras(
 ) -> tuple[np.ndarray, dict]:
     """Up direction where no plane can be the ground."""
     cameras = camera_up(scene.poses, stated_turns=scene.stated_turns, seed=seed)
-    report = _camera_report(cameras)
+    cameras, gravity = _with_gravity(scene, cameras, warnings)
+    report = _camera_report(cameras) | gravity
     if up_from == "ground":
         raise StageError("no plane of the cloud can be the ground", key="align.up_from")
-    if cameras.cost > _MAX_COST or report["cameras_sigma_deg"] > _MAX_SIGMA_DEG:
+    is_held_askew = cameras.cost > _MAX_COST and not gravity["gravity_is_used"]
+    if is_held_askew or report["cameras_sigma_deg"] > _MAX_SIGMA_DEG:
         raise StageError(
             "no plane of the cloud can be the ground, and the cameras do not tell the vertical",
             key="align.ground_distance_fraction",
@@ -275,6 +287,33 @@ def _vertical_from_cameras(
         "what they look at"
     )
     return cameras.up, report | {"ground_to_cameras_deg": None}
+
+
+def _with_gravity(scene: _Scene, rolls: CameraUp, warnings: list[str]) -> tuple[CameraUp, dict]:
+    """Put the gravity that the photos state in the place of their rolls; and what align.json says.
+
+    Readings that contradict one another or the rolls by too much count for nothing.
+    """
+    gravity = gravity_up(scene.poses, scene.stated_ups)
+    if gravity is None:
+        return rolls, {"gravity_is_used": False}
+    cause = contradiction(gravity, rolls)
+    report = {
+        "gravity_is_used": cause is None,
+        "gravity_n_photos": gravity.n_photos,
+        "gravity_spread_deg": gravity.spread_deg,
+        "gravity_to_rolls_deg": angle_deg(gravity.up, rolls.up),
+    }
+    if cause is not None:
+        warnings.append(f"what {gravity.n_photos} photos say of gravity is not used: {cause}")
+        return rolls, report
+    logger.info(
+        "%d photos state gravity, to %.1f degrees in the median; %.1f degrees off their rolls",
+        gravity.n_photos,
+        gravity.spread_deg,
+        report["gravity_to_rolls_deg"],
+    )
+    return replace(rolls, up=gravity.up, covariance=gravity.covariance), report
 
 
 def _camera_report(cameras: CameraUp) -> dict:

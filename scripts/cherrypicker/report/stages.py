@@ -129,12 +129,20 @@ def _depth_reader(folder: Path) -> Callable:
     return depth_of
 
 
+def _gravity(report: dict) -> str | None:
+    """How many photos state gravity, and how well they agree; None where it is not used."""
+    if not report.get("gravity_is_used"):
+        return None
+    return f"{report['gravity_n_photos']}, to {_number(report['gravity_spread_deg'], 1, '°')}"
+
+
 def _aligned(data: dict, width_px: int) -> dict:
     report, crop = data["align_report"], data["crop_report"] or {}
     facts = [
         ("Up decided by", report.get("up_from")),
         ("Up to the ground's normal", _number(report.get("up_to_ground_deg"), 2, "°")),
         ("Up to the cameras' up", _number(report.get("up_to_cameras_deg"), 2, "°")),
+        ("Photos whose gravity is used", _gravity(report)),
         ("Region of interest", _SOURCES.get(str(crop.get("source")))),
         ("Points kept by the crop", _kept(crop.get("n_kept"), crop.get("n_points"))),
     ]
