@@ -10,7 +10,7 @@ PYTEST_OPTIONS ?= -n 2 --dist loadfile --no-loadscope-reorder
 
 REQUIREMENTS := $(TORCH) envs/requirements.txt envs/constraints.txt
 
-.PHONY: install demo test check lint format docs screenshots clean
+.PHONY: install demo test check lint format docs screenshots container clean
 
 install: $(VENV)/.installed
 
@@ -53,6 +53,10 @@ docs: install
 # The pictures of pages in docs/images, after `make demo`; needs Debian's chromium.
 screenshots: install
 	$(VENV)/bin/python scripts/lab/photograph_pages.py --results results --images docs/images
+
+# The image, built on a bare Debian and tried, as root with Debian's podman, runc and debootstrap.
+container:
+	envs/try_container.sh
 
 clean:
 	rm -rf results/* logs benchmarks .snakemake
