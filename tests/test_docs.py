@@ -65,3 +65,10 @@ def test_there_is_one_version(project):
     described = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
     cited = yaml.safe_load((project / "CITATION.cff").read_text(encoding="utf-8"))
     assert described["project"]["version"] == cherrypicker.__version__ == cited["version"]
+
+
+def test_every_page_stands_in_the_sites_contents(project):
+    """Else `make docs`, which is strict, fails."""
+    contents = (project / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1]
+    named = set(re.findall(r": (\w+\.md)$", contents, re.M))
+    assert {path.name for path in project.glob("docs/*.md")} <= named
