@@ -23,6 +23,46 @@ def pages(project):
     return {name: (project / name).read_text(encoding="utf-8") for name in names}
 
 
+# Sections whose tables describe and are not measured
+DESCRIBED = {
+    "docs/api.md: Coming from pc-skeletor",
+    "docs/command.md: `export`",
+    "docs/orchard.md: Walks and backgrounds",
+    "docs/orchard.md: Bearing trees",
+    "docs/photographing.md: How far away",
+    "docs/scale.md: What can be known",
+    "docs/traits.md: traits.json",
+    "resources/demo/README.md: The demo orchard",
+}
+
+
+def undated_tables(pages):
+    """Sections with two rows of decimals and more, and no date in them or in one around them."""
+    for page, text in pages.items():
+        around = []  # level, whether there is a date; the page's title does not count for others
+        for title, body in re.findall(
+            r"^(#+ .*)\n((?:(?!#+ ).*\n?)*)", re.sub(r"(?ms)^```.*?^```", "", text), re.M
+        ):
+            level = len(title) - len(title.lstrip("#"))
+            dated = bool(re.search(r"\d{4}-\d\d-\d\d", body))
+            around = [each for each in around if each[0] < level]
+            if len(re.findall(r"^\|.*\d\.\d", body, re.M)) > 1 and not (
+                dated or any(known for outer, known in around if outer > 1)
+            ):
+                yield f"{page}: {title.lstrip('# ')}"
+            around.append((level, dated))
+
+
+def test_every_measured_table_says_when(pages):
+    assert set(undated_tables(pages)) == DESCRIBED
+
+
+def test_a_table_without_a_date_is_found():
+    page = "# Page, 2026-11-23\n\n## Old\n\n| a | 0.1 |\n| b | 0.2 |\n"
+    dated = page.replace("## Old\n", "## Old\n\nMeasured 2026-11-22.\n\n### Part\n")
+    assert list(undated_tables({"a.md": page, "b.md": dated})) == ["a.md: Old"]
+
+
 def test_every_config_key_that_a_page_names_exists(project, pages):
     schema = yaml.safe_load(
         (project / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8")

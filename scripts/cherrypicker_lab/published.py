@@ -1,8 +1,9 @@
 """Figures that pages show, in one committed file from which the pages' tables are rendered.
 
 ``docs/figures.json`` holds what a run measured, a section a table, with the command that measured
-it. A table stands in its page between ``<!-- figures: SECTION TREE... -->`` and
-``<!-- end of figures -->``; nobody writes there by hand, and a test compares both.
+it. A table stands in its page, with date and command below it, between
+``<!-- figures: SECTION TREE... -->`` and ``<!-- end of figures -->``; nobody writes there by hand,
+and a test compares both.
 """
 
 from __future__ import annotations
@@ -13,13 +14,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, rounded
 from cherrypicker_lab import error_budget
 from cherrypicker_lab.evaluation import evaluate
+from cherrypicker_lab.skeletons.graph_scores import THICK_M
+from cherrypicker_lab.skeletons.tables import gather, table_rows
 
 #: Pages with rendered tables, from the project's root.
-PAGES = ("README.md", "docs/error_budget.md")
+PAGES = ("README.md", "docs/error_budget.md", "docs/benchmarks.md")
 FIGURES = "docs/figures.json"
 _BLOCK = re.compile(
     r"(?P<head><!-- figures: (?P<section>\w+)(?P<tree>( \w+)?) -->\n)"
@@ -75,6 +80,104 @@ def measure_budget(folder: Path, tree: str) -> dict[str, Any]:
     budget = read_json(folder / tree / "budget.json")
     kept = {name: budget[name] for name in ("ladder", "costs", "dearest")}
     return _rounded(kept) | {"names": error_budget.NAMES, "stages": error_budget.STAGES}
+
+
+#: Programs of the table of peers in its order, with their version, and the graph that counts.
+_PROGRAMS: dict[str, tuple[str, str]] = {
+    "peer_lbc": ("pc-skeletor {}, LBC", "own"),
+    "peer_slbc": ("pc-skeletor {}, S-LBC", "own"),
+    "peer_pytlidar": ("PyTLidar {}", "own"),
+    "bare_default": ("ours, all wood called branch", "tree"),
+    "slbc_default": ("ours", "tree"),
+}
+
+
+def measure_peers(folder: Path) -> dict[str, Any]:
+    """What each program costs and finds on the paper's set with noise, without holes.
+
+    Parameters
+    ----------
+    folder : Path
+        ``results/benchmark/skeleton`` after ``snakemake benchmark_peers``.
+
+    Returns
+    -------
+    dict
+        ``versions`` by program, and ``trees``: by tree that every program has finished, and program
+        ``cpu_s``, ``peak_mb``, ``junction_f1``, ``tip_f1``, ``diameter_error_m`` by `THICK_M` of
+        the radius (empty where a program gives none), ``length_error`` (relative, signed) and
+        ``ways_within_10pct``.
+
+    Raises
+    ------
+    StageError
+        If a program was not run, or there is no tree that all have finished.
+    """
+    table = gather(sorted(folder.glob("*/scores_*.json")))
+    missing = [name for name in _PROGRAMS if ("noise", name) not in table]
+    if missing:
+        raise StageError(f"not measured: {', '.join(missing)}", file=folder)
+    runs = {name: table["noise", name] for name in _PROGRAMS}
+    common = sorted(set.intersection(*(set(found) for found in runs.values())))
+    if not common:
+        raise StageError("there is no tree that every program has finished", file=folder)
+    trees = {
+        tree: {name: _of_run(found[tree], _PROGRAMS[name][1]) for name, found in runs.items()}
+        for tree in common
+    }
+    reports = {name: found[common[0]] for name, found in runs.items()}
+    versions = {name: report["version"] for name, report in reports.items() if "version" in report}
+    return _rounded({"versions": versions, "trees": trees})
+
+
+def _of_run(report: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """What is published of one program on one tree, by its graph of this name."""
+    graph = report["graphs"][name]
+    return {
+        "cpu_s": report["cpu_s"] + graph["cpu_s"],
+        "peak_mb": report["peak_mb"],
+        "junction_f1": graph["junctions"]["f1"],
+        "tip_f1": graph["tips"]["f1"],
+        "diameter_error_m": {size: 2 * error for size, error in graph.get("radius", {}).items()},
+        "length_error": graph["length_error"],
+        "ways_within_10pct": graph["ways_within_10pct"],
+    }
+
+
+def peers_table(section: Mapping[str, Any]) -> str:
+    """Return the table of peers as Markdown: means over the trees, and which those are."""
+    trees = section["trees"]
+    lines = []
+    for name, (program, _) in _PROGRAMS.items():
+        found = [tree[name] for tree in trees.values()]
+        mean = {
+            key: float(np.mean([abs(each[key]) for each in found]))
+            for key in found[0]
+            if key != "diameter_error_m"
+        }
+        errors = [each["diameter_error_m"] for each in found]
+        diameters = [
+            f"{1000 * np.mean([error[size] for error in errors]):+.1f}"
+            if all(size in error for error in errors)
+            else ""
+            for size in THICK_M
+        ]
+        lines.append(
+            [
+                program.format(section["versions"].get(name)),
+                f"{mean['cpu_s']:.1f}",
+                f"{mean['peak_mb']:.0f}",
+                f"{mean['junction_f1']:.2f}",
+                f"{mean['tip_f1']:.2f}",
+                *diameters,
+                f"{100 * mean['length_error']:.1f} %",
+                f"{100 * mean['ways_within_10pct']:.0f} %",
+            ]
+        )
+    header = ["program", "CPU s", "MB", "junction F1", "tip F1",
+              "diameter off by, mm: below 8 mm", "8 to 24 mm", "thicker",
+              "length off by", "ways within 10 %"]  # fmt: skip
+    return f"{table_rows(header, lines, 1)}\nMeans over {', '.join(trees)}.\n"
 
 
 def _rounded(value: Any) -> Any:
@@ -151,12 +254,15 @@ def render(page: str, figures: Mapping[str, Any]) -> str:
         section, tree = match["section"], match["tree"].strip()
         try:
             trees = figures[section]["trees"]
-            if section == "demo":
+            if section == "peers":
+                text = peers_table(figures[section])
+            elif section == "demo":
                 text = demo_table(trees)
             else:
                 text = error_budget.markdown({tree: trees[tree]})
         except KeyError as error:
             raise StageError(f"no figures of {error}", file=FIGURES) from error
-        return f"{match['head']}\n{text.rstrip()}\n\n{match['end']}"
+        said = f"Measured {figures[section]['date']} by {figures[section]['command']}."
+        return f"{match['head']}\n{text.rstrip()}\n\n{said}\n\n{match['end']}"
 
     return _BLOCK.sub(table, page)

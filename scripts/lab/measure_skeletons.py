@@ -1,7 +1,8 @@
 """Contract a tree of the paper's set in every setting, extract graphs, and score them.
 
 Makes the tree itself; writes the scores as JSON and, for the figures, points and graphs as NPZ.
-With --peer_python it runs pc-skeletor instead of our methods. Example:
+With --peer_python it runs pc-skeletor instead of our methods, with --pytlidar_python PyTLidar.
+Example:
 
     python scripts/lab/measure_skeletons.py --number 0 --methods lbc_paper slbc_default \\
         --scores scores.json --skeletons skeletons.npz
@@ -12,20 +13,34 @@ import numpy as np
 import lab_path  # noqa: F401
 from cherrypicker.files import atomic_path, write_json
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.skeletons.methods import OURS, SETTINGS, measure_cloud
-from cherrypicker_lab.skeletons.peer import measure_peer
+from cherrypicker_lab.skeletons.methods import OURS, SETTINGS, measure_cloud, start_up
+from cherrypicker_lab.skeletons.peer import measure_peer, measure_pytlidar
 from cherrypicker_lab.skeletons.set_tree import load_set_tree
 
 
-def main(scores, skeletons, *, number, methods=(), peer_python="", seed=0):
-    """Make the tree, measure both settings, save."""
+def main(
+    scores,
+    skeletons,
+    *,
+    number,
+    methods=(),
+    settings=SETTINGS,
+    peer_python="",
+    pytlidar_python="",
+    seed=0,
+):
+    """Make the tree, measure it in every setting, save."""
     name, template, clouds, truth = load_set_tree(seed, number)
     report, arrays = {}, {"truth": np.stack([truth.skeleton.points[truth.skeleton.parent[1:]],
                                              truth.skeleton.points[1:]], axis=1)}  # fmt: skip
-    for setting in SETTINGS:
+    if not peer_python and not pytlidar_python:
+        start_up(clouds["noise"])
+    for setting in settings:
         keep = {}
         if peer_python:
             report[setting] = measure_peer(peer_python, clouds[setting], truth, keep=keep)
+        elif pytlidar_python:
+            report[setting] = measure_pytlidar(pytlidar_python, clouds[setting], truth, keep=keep)
         else:
             report[setting] = measure_cloud(clouds[setting], truth, methods, keep=keep)
         arrays[f"{setting}_cloud"] = clouds[setting].points
@@ -38,7 +53,9 @@ def main(scores, skeletons, *, number, methods=(), peer_python="", seed=0):
 parser = stage_parser(__doc__)
 parser.add_argument("--number", type=int, required=True, help="of the tree in the set")
 parser.add_argument("--methods", nargs="*", choices=list(OURS), default=list(OURS))
+parser.add_argument("--settings", nargs="+", choices=SETTINGS, default=SETTINGS)
 parser.add_argument("--peer_python", default="", help="Python that has pc-skeletor")
+parser.add_argument("--pytlidar_python", default="", help="Python that has PyTLidar")
 parser.add_argument("--seed", type=int, default=0, help="of the set")
 parser.add_argument("--scores", required=True, help="JSON to write")
 parser.add_argument("--skeletons", required=True, help="NPZ to write")

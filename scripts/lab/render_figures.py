@@ -1,7 +1,7 @@
 """Take what was measured into docs/figures.json, and render the pages' tables from that file.
 
 Without options the tables alone are rendered. With --demo or --budget the figures of the trees
-that are finished there are taken first. Example:
+that are finished there are taken first, with --peers those of the benchmark of peers. Example:
 
     python scripts/lab/render_figures.py --demo results --budget results/error_budget
 """
@@ -13,10 +13,17 @@ from pathlib import Path
 import lab_path  # noqa: F401
 from cherrypicker.files import PROJECT, read_json, write_json, write_text
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.published import FIGURES, PAGES, measure_budget, measure_demo, render
+from cherrypicker_lab.published import (
+    FIGURES,
+    PAGES,
+    measure_budget,
+    measure_demo,
+    measure_peers,
+    render,
+)
 
 
-def main(demo=None, budget=None):
+def main(demo=None, budget=None, peers=None):
     """Measure what is asked for, save it, render every page."""
     figures = read_json(PROJECT / FIGURES)
     today = datetime.date.today().isoformat()
@@ -32,6 +39,8 @@ def main(demo=None, budget=None):
             )
             figures[section]["trees"][tree] = taken
         figures[section]["date"] = today
+    if peers is not None:
+        figures["peers"] |= {"date": today} | measure_peers(Path(peers))
     write_json(PROJECT / FIGURES, figures)
     for page in PAGES:
         text = (PROJECT / page).read_text(encoding="utf-8")
@@ -42,4 +51,5 @@ def main(demo=None, budget=None):
 parser = stage_parser(__doc__)
 parser.add_argument("--demo", help="results of the demo, finished")
 parser.add_argument("--budget", help="results/error_budget of the demo")
+parser.add_argument("--peers", help="results/benchmark/skeleton after benchmark_peers")
 run(main, parser, globals().get("snakemake"))

@@ -1,12 +1,13 @@
 """The tables of the pages are those of docs/figures.json."""
 
 import copy
+import json
 
 import pytest
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
-from cherrypicker_lab.published import FIGURES, PAGES, render
+from cherrypicker_lab.published import FIGURES, PAGES, measure_peers, peers_table, render
 
 
 @pytest.fixture(scope="module")
@@ -34,3 +35,51 @@ def test_figures_that_nobody_measured_are_an_error(figures):
     page = "<!-- figures: error_budget no_such_tree -->\n<!-- end of figures -->"
     with pytest.raises(StageError, match="no_such_tree"):
         render(page, figures)
+
+
+def a_run(cpu_s, length_error, **more):
+    graph = {"cpu_s": 1.0, "junctions": {"f1": 0.9}, "tips": {"f1": 0.8}}
+    graph |= {"length_error": length_error, "ways_within_10pct": 0.99}
+    return {"cpu_s": cpu_s, "peak_mb": 300.0, "graphs": {"own": graph | more, "tree": graph | more}}
+
+
+@pytest.fixture
+def peers(tmp_path):
+    """Two trees that all programs have finished, a third on which PyTLidar fails."""
+    programs = {
+        "default": ("bare_default", "slbc_default"),
+        "peer": ("peer_lbc", "peer_slbc"),
+        "pytlidar": ("peer_pytlidar",),
+    }
+    for number, tree in enumerate(("fir_00", "larch_01", "pine_02")):
+        for kind, names in programs.items():
+            run = a_run(2.0 + 2 * number, 0.1 - 0.2 * number)
+            if kind == "pytlidar":
+                run = a_run(4.0, 0.02, radius={"below_4mm": 0.004, "above_12mm": -0.001})
+                run["version"] = "1.1.2"
+            if (number, kind) == (2, "pytlidar"):
+                run = {"failed": "NaN"}
+            settings = {setting: dict.fromkeys(names, run) for setting in ("noise", "holes")}
+            report = {"tree": tree, "template": tree[:3], "settings": settings}
+            path = tmp_path / f"{number:02d}" / f"scores_{kind}.json"
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(json.dumps(report))
+    return tmp_path
+
+
+def test_peers_are_compared_on_the_trees_that_all_have_finished(peers):
+    section = measure_peers(peers)
+    assert list(section["trees"]) == ["fir_00", "larch_01"]
+    table = peers_table(section)
+    assert "Means over fir_00, larch_01." in table
+    pytlidar = "| PyTLidar 1.1.2 | 5.0 | 300 | 0.90 | 0.80 | +8.0 |  | -2.0 | 2.0 % | 99 % |"
+    assert pytlidar in table.splitlines()
+    # CPU of contraction and graph; errors of a length do not cancel out
+    assert "| ours | 4.0 | 300 | 0.90 | 0.80 |  |  |  | 10.0 % | 99 % |" in table.splitlines()
+
+
+def test_a_peer_that_was_not_run_is_an_error(peers):
+    for path in peers.glob("*/scores_pytlidar.json"):
+        path.unlink()
+    with pytest.raises(StageError, match="peer_pytlidar"):
+        measure_peers(peers)

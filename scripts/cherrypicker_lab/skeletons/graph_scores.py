@@ -228,22 +228,25 @@ def axes_found(samples, truth, thick):
     return length, share, truth.skeleton.fields["order"][first]
 
 
-def radius_errors(skeleton, truth):
-    """Median error of the radius by the true one, metres, of nodes within 2 cm of the truth.
+def radius_errors(points, radius, truth):
+    """Median error of the radius by the true one, metres, of places within 2 cm of the truth.
 
     Parameters
     ----------
-    skeleton : Skeleton
+    points : ndarray of shape (n, 3)
+        Nodes of a skeleton, or places along cylinders.
+    radius : ndarray of shape (n,)
+        Found there.
     truth : TrueTree
 
     Returns
     -------
     dict of str to float
-        By `THICK_M`; what no node has is left out.
+        By `THICK_M`; what no place has is left out.
     """
-    distance, nearest = truth.tree.query(skeleton.points)
+    distance, nearest = truth.tree.query(points)
     near, true = distance <= AWAY_M, truth.fine.radius[nearest]
-    error = skeleton.radius - true
+    error = radius - true
     rows = {name: near & (true >= low) & (true < high) for name, (low, high) in THICK_M.items()}
     return {name: float(np.median(error[own])) for name, own in rows.items() if own.any()}
 

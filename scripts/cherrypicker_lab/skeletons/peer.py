@@ -1,4 +1,4 @@
-"""pc-skeletor, the paper authors' program, run in its own Python on the benchmark's clouds."""
+"""Other programs, each run in its own Python on the benchmark's clouds: pc-skeletor, PyTLidar."""
 
 import logging
 import os
@@ -10,13 +10,36 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
-from cherrypicker_lab.skeletons.graph_scores import Graph, score_graph
+from cherrypicker_lab.skeletons.cylinders import graph_of_cylinders, places_on_cylinders
+from cherrypicker_lab.skeletons.graph_scores import Graph, radius_errors, score_graph
 from cherrypicker_lab.skeletons.methods import TRUNK_WEIGHT
 from cherrypicker_lab.skeletons.point_scores import score_points
 
 logger = logging.getLogger(__name__)
 
 RUNNER = Path(__file__).parents[2] / "lab/run_pc_skeletor.py"
+PYTLIDAR_RUNNER = RUNNER.with_name("run_pytlidar.py")
+SAMPLE_M = 0.005  # places along cylinders, as the true skeleton is sampled
+
+
+class PeerFailedError(StageError):
+    """Another program was started and gave no result; what it said is the cause."""
+
+
+def _call(python, runner, arguments, *, program, key):
+    """Run a program's runner in its own Python; a failure names the program and the key."""
+    environment = {**os.environ, "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1"}
+    environment.pop("PYTHONPATH", None)
+    command = [str(part) for part in (python, runner, *arguments)]
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise StageError(
+            f"{program}'s Python cannot be started ({error})", file=str(python), key=key
+        ) from error
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        raise PeerFailedError(f"{program} fails ({last})", key=key)
 
 
 def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
@@ -48,32 +71,24 @@ def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
         If it cannot be started or fails.
     """
     centre = cloud.points.mean(axis=0)
-    environment = {**os.environ, "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1"}
-    environment.pop("PYTHONPATH", None)
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: Path(folder, name) for name in ("cloud.npz", "skeleton.npz", "report.json")}
         np.savez(
             paths["cloud.npz"], points=cloud.points - centre, labels=np.asarray(cloud["label"])
         )
-        command = [
-            *(str(python), str(RUNNER), "--method", method, "--weight", str(TRUNK_WEIGHT)),
-            *("--max_iterations", str(max_iterations), "--cloud", str(paths["cloud.npz"])),
-            *("--skeleton", str(paths["skeleton.npz"]), "--report", str(paths["report.json"])),
+        arguments = [
+            *("--method", method, "--weight", TRUNK_WEIGHT, "--max_iterations", max_iterations),
+            *("--cloud", paths["cloud.npz"]),
+            *("--skeleton", paths["skeleton.npz"], "--report", paths["report.json"]),
         ]
-        command += ["--own_solve"] * own_solve
-        try:
-            done = subprocess.run(
-                command, env=environment, capture_output=True, text=True, check=False
-            )
-        except OSError as error:
-            raise StageError(
-                f"pc-skeletor's Python cannot be started ({error})",
-                file=str(python),
-                key="benchmark.skeleton.peer_python",
-            ) from error
-        if done.returncode:
-            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-            raise StageError(f"pc-skeletor fails ({last})", key="benchmark.skeleton.peer_python")
+        arguments += ["--own_solve"] * own_solve
+        _call(
+            python,
+            RUNNER,
+            arguments,
+            program="pc-skeletor",
+            key="benchmark.skeleton.peer_python",
+        )
         with np.load(paths["skeleton.npz"], allow_pickle=False) as stored:
             skeleton = {name: stored[name] + centre for name in ("contracted", "nodes")}
             skeleton["edges"] = stored["edges"]
@@ -87,10 +102,23 @@ def measure_peer(python, cloud, truth, *, keep=None):
     -------
     dict
         By method (``peer_lbc``, ``peer_slbc``), as `measure_cloud`; its graph is called ``own``.
+        A method that fails on this cloud has ``failed`` alone, its last words.
+
+    Raises
+    ------
+    StageError
+        If it cannot be started, or both methods fail.
     """
     report = {}
     for method in ("lbc", "slbc"):
-        skeleton, details = run_peer(python, cloud, method)
+        try:
+            skeleton, details = run_peer(python, cloud, method)
+        except PeerFailedError as error:
+            if method == "slbc" and "failed" in report["peer_lbc"]:
+                raise
+            logger.warning("%s: %s", method, error.cause)
+            report[f"peer_{method}"] = {"failed": error.cause}
+            continue
         # its graph has no root: the node nearest to the true foot stands for one
         nodes, foot = skeleton["nodes"], truth.skeleton.points[0]
         root = int(np.argmin(np.linalg.norm(nodes - foot, axis=1)))
@@ -107,3 +135,65 @@ def measure_peer(python, cloud, truth, *, keep=None):
             keep[f"peer_{method}_own"] = nodes[skeleton["edges"]]
         logger.info("peer %s: %.1f CPU s", method, details["cpu_s"])
     return report
+
+
+def run_pytlidar(python, cloud):
+    """Run PyTLidar on a cloud of wood, with the sizes of patches that it estimates itself.
+
+    Parameters
+    ----------
+    python : path-like
+        Python of the environment that it is installed in.
+    cloud : PointCloud
+        Metres, z up; labels are not looked at.
+
+    Returns
+    -------
+    cylinders : dict of str to ndarray
+        ``start``, ``end`` (n, 3), ``radius``, ``parent`` (-1 for the first), ``branch`` (n,).
+    report : dict
+        ``cpu_s``, ``peak_mb``, ``version``, ``patches_m``.
+
+    Raises
+    ------
+    StageError
+        If it cannot be started or fails.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder, name) for name in ("cloud.npz", "cylinders.npz", "report.json")]
+        np.savez(paths[0], points=cloud.points)
+        _call(
+            python,
+            PYTLIDAR_RUNNER,
+            ["--cloud", paths[0], "--cylinders", paths[1], "--report", paths[2]],
+            program="PyTLidar",
+            key="benchmark.skeleton.pytlidar_python",
+        )
+        with np.load(paths[1], allow_pickle=False) as stored:
+            cylinders = {name: stored[name] for name in stored.files}
+        return cylinders, read_json(paths[2])
+
+
+def measure_pytlidar(python, cloud, truth, *, keep=None):
+    """Run PyTLidar on a cloud and score the axes and radii of its cylinders.
+
+    Returns
+    -------
+    dict
+        ``peer_pytlidar`` as `measure_peer`, with `radius_errors`; its points lie on its axes.
+    """
+    cylinders, details = run_pytlidar(python, cloud)
+    graph = graph_of_cylinders(cylinders)
+    places, radius = places_on_cylinders(cylinders, SAMPLE_M)
+    if keep is not None:
+        keep["peer_pytlidar"] = places
+        keep["peer_pytlidar_own"] = graph.points[graph.edges]
+    logger.info("PyTLidar: %.1f CPU s", details["cpu_s"])
+    scores = score_graph(graph, truth) | {"radius": radius_errors(places, radius, truth)}
+    return {
+        "peer_pytlidar": {
+            **{name: details[name] for name in ("cpu_s", "peak_mb", "version", "patches_m")},
+            "points": score_points(places, truth.skeleton),
+            "graphs": {"own": {"cpu_s": 0.0, **scores}},
+        }
+    }

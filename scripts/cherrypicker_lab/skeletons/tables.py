@@ -17,6 +17,7 @@ METHOD_NAMES = {
     "slbc_default": "preset default",
     "peer_lbc": "pc-skeletor LBC",
     "peer_slbc": "pc-skeletor S-LBC",
+    "peer_pytlidar": "PyTLidar",
 }
 GRAPH_NAMES = {"mst": "spanning tree", "tree": "limbs", "own": "its own"}
 PAPER_RATIO = {"noise": 25.349 / 37.555, "holes": 26.353 / 51.072}
@@ -33,7 +34,7 @@ def gather(paths):
     Returns
     -------
     dict
-        (setting, method) to a dict of tree name to its report.
+        (setting, method) to a dict of tree name to its report; runs that failed are left out.
 
     Raises
     ------
@@ -45,6 +46,8 @@ def gather(paths):
         report = read_json(path)
         for setting, methods in report["settings"].items():
             for method, found in methods.items():
+                if "failed" in found:
+                    continue
                 table[setting, method][report["tree"]] = found | {"template": report["template"]}
     if not table:
         raise StageError("nothing was measured", key="benchmark.skeleton")

@@ -1,7 +1,6 @@
 """How time and memory grow with the cloud; each size is measured in a process of its own."""
 
 import logging
-import resource
 import time
 
 import numpy as np
@@ -14,12 +13,11 @@ from cherrypicker.skeleton.axes import axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import fold
 from cherrypicker.traits.measure import measure_traits
+from cherrypicker_lab.skeletons.methods import START_UP_POINTS, peak_mb
 from cherrypicker_lab.skeletons.peer import run_peer
 from cherrypicker_lab.skeletons.point_scores import score_points
 
 logger = logging.getLogger(__name__)
-
-START_UP_POINTS = 3000  # enough that every compiled function is called
 
 
 def write_timing_cloud(stream, cloud, skeleton):
@@ -84,7 +82,7 @@ def time_stages(cloud, skeleton, *, peer_python=None, peer_iterations=0):
         "chamfer_cm2": score_points(contracted.points, skeleton)["chamfer_cm2"],
         **seconds,
         "contract_peak_mb": contract_peak_mb,
-        "peak_mb": _peak_mb(),
+        "peak_mb": peak_mb(),
         "peer": None,
     }
     if peer_python and peer_iterations:
@@ -109,17 +107,13 @@ def _cloud_to_traits(cloud):
 
     contracted, details = contract_wood(cloud, options=ContractionOptions())
     lap("contract")
-    contract_peak_mb = _peak_mb()
+    contract_peak_mb = peak_mb()
     found = extract_skeleton(contracted, cloud, base=details["base"], limbs=details["limbs"])
     topology = fold(found, axes(found))
     lap("graph")
     measure_traits(found, cloud, topology)
     lap("traits")
     return contracted, seconds, contract_peak_mb
-
-
-def _peak_mb():
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def growth_exponent(n_points, seconds):

@@ -167,7 +167,7 @@ def test_errors_of_the_radius_by_thickness(truth):
     found.radius[:11] += 0.002
     found.radius[[13, 17]] -= 0.001  # the 6 mm of both branches
     found.points[[14, 18]] += [0, 0.1, 0]  # their tips, which are thinner than 4 mm
-    errors = radius_errors(found, truth)
+    errors = radius_errors(found.points, found.radius, truth)
     assert errors == pytest.approx({"4_to_12mm": 0.0, "above_12mm": 0.002})
 
 

@@ -132,6 +132,51 @@ def test_a_peer_that_is_not_there_or_fails_names_the_key(tmp_path, scene):
     assert error.value.key == "benchmark.skeleton.peer_python"
     with pytest.raises(StageError, match="pc-skeletor fails"):
         peer.run_peer(sys.executable, cloud, "lbc")  # this Python has no pc_skeletor
+    with pytest.raises(StageError, match="PyTLidar fails") as error:
+        peer.run_pytlidar(sys.executable, cloud)
+    assert error.value.key == "benchmark.skeleton.pytlidar_python"
+
+
+def test_a_method_that_fails_on_a_cloud_is_reported_and_the_other_kept(scene, monkeypatch):
+    cloud, truth = scene
+
+    def run(python, cloud, method):
+        if method == "slbc":
+            raise peer.PeerFailedError("pc-skeletor fails (NaN)")
+        skeleton = {"contracted": cloud.points[:3], "nodes": cloud.points[:3]}
+        skeleton["edges"] = np.array([[0, 1], [1, 2]])
+        return skeleton, {"cpu_s": 1.0, "graph_cpu_s": 1.0, "peak_mb": 1.0, "version": "1.0.0"}
+
+    with pytest.raises(StageError, match="pc-skeletor fails"):
+        peer.measure_peer(sys.executable, cloud, truth)  # both of them: it has no pc_skeletor
+    monkeypatch.setattr(peer, "run_peer", run)
+    report = peer.measure_peer("python", cloud, truth)
+    assert report["peer_slbc"] == {"failed": "pc-skeletor fails (NaN)"}
+    assert report["peer_lbc"]["cpu_s"] == 1.0
+
+
+def test_pytlidars_cylinders_are_read_and_scored(tmp_path, scene, monkeypatch):
+    cloud, truth = scene
+    stand_in = tmp_path / "stand_in.py"
+    stand_in.write_text(
+        "import argparse, json, numpy as np\n"
+        "parser = argparse.ArgumentParser()\n"
+        "for name in ('cloud', 'cylinders', 'report'):\n"
+        "    parser.add_argument('--' + name)\n"
+        "given = parser.parse_args()\n"
+        "points = np.load(given.cloud)['points']\n"
+        "foot, top = points[points[:, 2].argmin()], points[points[:, 2].argmax()]\n"
+        "model = dict(start=[foot], end=[top], radius=[0.03], parent=[-1], branch=[0])\n"
+        "np.savez(given.cylinders, **model)\n"
+        "details = dict(cpu_s=2.0, peak_mb=100.0, version='1', patches_m={'PatchDiam1': 0.02})\n"
+        "json.dump(details, open(given.report, 'w'))\n"
+    )
+    monkeypatch.setattr(peer, "PYTLIDAR_RUNNER", stand_in)
+    found = peer.measure_pytlidar(sys.executable, cloud, truth)["peer_pytlidar"]
+    assert found["cpu_s"] == 2.0 and found["patches_m"] == {"PatchDiam1": 0.02}
+    assert found["graphs"]["own"]["n_components"] == 1
+    assert found["graphs"]["own"]["junctions"]["n_found"] == 0
+    assert found["graphs"]["own"]["radius"]["above_12mm"] > 0
 
 
 def test_the_peers_results_are_read_and_scored(tmp_path, scene, monkeypatch):

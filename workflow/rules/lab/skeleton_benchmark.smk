@@ -1,10 +1,10 @@
-# The benchmark of skeletons, see docs/skeleton.md. Only `snakemake benchmark_skeleton` and
-# `snakemake benchmark_trunks` run it.
+# The benchmark of skeletons, see docs/skeleton.md. Only `snakemake benchmark_skeleton`,
+# `snakemake benchmark_peers` and `snakemake benchmark_trunks` run it.
 
 
 wildcard_constraints:
     number=r"\d\d+",
-    kind="default|paper|peer",
+    kind="default|paper|peer|pytlidar",
     n=r"\d+",
     millimetres=r"\d+",
 
@@ -12,6 +12,11 @@ wildcard_constraints:
 rule benchmark_skeleton:
     input:
         "results/benchmark/skeleton/table.md",
+
+
+rule benchmark_peers:
+    input:
+        scores_of_peers(),
 
 
 rule benchmark_trunks:
@@ -23,6 +28,7 @@ rule measure_skeletons:
     input:
         code=code("lab/measure_skeletons"),
         peer_code=str(SCRIPTS / "lab/run_pc_skeletor.py"),
+        pytlidar_code=str(SCRIPTS / "lab/run_pytlidar.py"),
     output:
         scores=ensure(
             "results/benchmark/skeleton/{number}/scores_{kind}.json", non_empty=True
@@ -43,6 +49,7 @@ rule measure_skeletons:
         number=lambda wildcards: int(wildcards.number),
         methods=methods_of_kind,
         peer_python=peer_of_kind,
+        pytlidar_python=pytlidar_of_kind,
         seed=SKELETON_BENCHMARK["seed"],
     message:
         "tree {wildcards.number} of the set: skeletons, {wildcards.kind}"

@@ -9,11 +9,25 @@ def first_trees(key):
     return range(min(SKELETON_BENCHMARK[key], SKELETON_BENCHMARK["n_trees"]))
 
 
+def kinds_of_peers():
+    """Return the kinds of runs of other programs whose Python is given."""
+    keys = {"peer": "peer_python", "pytlidar": "pytlidar_python"}
+    return [kind for kind, key in keys.items() if SKELETON_BENCHMARK[key]]
+
+
+def scores_of_peers():
+    """Return the score files of other programs and of ours on the same trees."""
+    return [
+        f"{SKELETON_ROOT}/{number:02d}/scores_{kind}.json"
+        for number in first_trees("n_peer")
+        for kind in ("default", *kinds_of_peers())
+    ]
+
+
 def scores_of_skeletons():
     """Return the score files of all runs; the peer's only where its Python is given."""
     kinds = {"default": "n_trees", "paper": "n_paper"}
-    if SKELETON_BENCHMARK["peer_python"]:
-        kinds["peer"] = "n_peer"
+    kinds |= dict.fromkeys(kinds_of_peers(), "n_peer")
     return [
         f"{SKELETON_ROOT}/{number:02d}/scores_{kind}.json"
         for kind, key in kinds.items()
@@ -42,8 +56,8 @@ def times_of_skeletons():
 
 
 def methods_of_kind(wildcards):
-    """Return the methods of one kind of run; none stands for the peer."""
-    if wildcards.kind == "peer":
+    """Return the methods of one kind of run; none stands for another program."""
+    if wildcards.kind in ("peer", "pytlidar"):
         return []
     if wildcards.kind == "paper":
         return ["lbc_paper", "slbc_paper"]
@@ -51,8 +65,13 @@ def methods_of_kind(wildcards):
 
 
 def peer_of_kind(wildcards):
-    """Return the peer's Python for the runs of the peer."""
+    """Return pc-skeletor's Python for its runs."""
     return SKELETON_BENCHMARK["peer_python"] if wildcards.kind == "peer" else ""
+
+
+def pytlidar_of_kind(wildcards):
+    """Return PyTLidar's Python for its runs."""
+    return SKELETON_BENCHMARK["pytlidar_python"] if wildcards.kind == "pytlidar" else ""
 
 
 def peer_iterations_of(wildcards):
@@ -76,4 +95,6 @@ def notes_on_skeletons():
         notes.append(
             "pc-skeletor is left out: benchmark.skeleton.peer_python is not set."
         )
+    if section["pytlidar_python"]:
+        notes.append(f"PyTLidar on the first {len(first_trees('n_peer'))} trees.")
     return notes
