@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 
+# Characters of a cause: a spoilt file's own text would fill the console
+LONGEST_CAUSE = 1000
+
 
 class StageError(Exception):
     """Bad input or an impossible request, told in the user's terms.
@@ -13,7 +16,8 @@ class StageError(Exception):
     Parameters
     ----------
     cause : str
-        What is wrong, with the offending value, in one sentence.
+        What is wrong, with the offending value, in one sentence; cut where it is very long, and
+        what a terminal would obey is shown as its code.
     file : path-like, optional
         The file at fault.
     key : str, optional
@@ -23,22 +27,30 @@ class StageError(Exception):
     def __init__(
         self, cause: str, *, file: str | os.PathLike | None = None, key: str | None = None
     ) -> None:
-        self.cause = " ".join(str(cause).split())
+        self.cause = _on_a_line(" ".join(str(cause).split()))
         self.file = None if file is None else os.fspath(file)
-        self.key = key
+        self.key = None if key is None else _on_a_line(key)
         super().__init__(self.describe())
 
     def describe(self) -> str:
         """Return cause, file and key as one line."""
         parts = [self.cause.rstrip(".")]
         if self.file is not None:
-            parts.append(f"file: {self.file}")
+            parts.append(f"file: {_on_a_line(self.file)}")
         if self.key is not None:
             parts.append(f"change: {self.key}")
         return "; ".join(parts)
 
     def __reduce__(self) -> tuple:
         return _rebuild, (self.cause, self.file, self.key)
+
+
+def _on_a_line(text: str) -> str:
+    """Return a text that can be shown, cut in its middle where it is very long."""
+    if len(text) > LONGEST_CAUSE:
+        half = LONGEST_CAUSE // 2 - 3
+        text = f"{text[:half]} [...] {text[-half:]}"
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
 
 
 def _rebuild(cause: str, file: str | os.PathLike | None, key: str | None) -> StageError:
