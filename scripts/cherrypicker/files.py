@@ -1,4 +1,4 @@
-"""Atomic writes, JSON, NPZ and CSV; the same bytes for the same content."""
+"""Atomic writes, JSON, YAML, NPZ and CSV; the same bytes for the same content."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import math
 import os
 import re
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, NoReturn, TypeGuard
 
 import numpy as np
+import yaml
 
 from cherrypicker.errors import StageError
 
@@ -25,6 +27,10 @@ PROJECT = _CARRIED if _CARRIED.is_dir() else Path(__file__).resolve().parents[2]
 def rounded(value: float) -> float:
     """Return six decimals: a micrometre in metric results, and a file that people can read."""
     return round(float(value), 6)
+
+
+# Far beyond what configs and edits need, far below where PyYAML's recursion ends (guess)
+DEEPEST_YAML = 20
 
 
 @contextmanager
@@ -130,17 +136,79 @@ def write_json(path: str | os.PathLike, content: object, *, indent: int | None =
     write_text(path, text + "\n")
 
 
+class MissingKeyError(StageError, KeyError):
+    """A record lacks a key; a `KeyError` too, for pages and others that go on without it."""
+
+    __str__ = StageError.describe
+
+
+class _Record(dict):
+    """An object of a JSON file."""
+
+    def __init__(
+        self, pairs: Iterable[tuple[str, Any]] = (), path: str | os.PathLike | None = None
+    ) -> None:
+        super().__init__(pairs)
+        self._path = path
+
+    def __missing__(self, key: object) -> NoReturn:
+        raise MissingKeyError(f"the record has no {key!r}", file=self._path)
+
+    def __reduce__(self) -> tuple:
+        return dict, (dict(self),)
+
+
 def read_json(path: str | os.PathLike) -> dict:
-    """Read a JSON object; a missing or broken file is a :class:`StageError`."""
+    """Read a JSON object; a missing or broken file is a :class:`StageError`.
+
+    So is, later, a look for a key that it or an object in it lacks.
+    """
+
+    def record(pairs: list[tuple[str, Any]]) -> _Record:
+        return _Record(pairs, path)
+
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_text(encoding="utf-8")
+        content = json.loads(text, object_pairs_hook=record)
     except FileNotFoundError as error:
         raise StageError("the file is missing", file=path) from error
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise StageError(f"not valid JSON ({error})", file=path) from error
     if not isinstance(content, dict):
         raise StageError(f"expected a JSON object, got {type(content).__name__}", file=path)
     return content
+
+
+def parse_yaml(text: str) -> object:
+    """Return what a YAML text holds, plain values alone, if it is as small as it looks.
+
+    Lists that lie deep in one another, and anchors that are made of others, make a reader of a
+    short text work long.
+
+    Raises
+    ------
+    ValueError
+        If it is no YAML, nests deeper than `DEEPEST_YAML`, or names an anchor inside another.
+    """
+    depth, anchored_at = 0, math.inf
+    try:
+        for event in yaml.parse(text, yaml.SafeLoader):
+            if isinstance(event, yaml.CollectionStartEvent):
+                depth += 1
+                if event.anchor:
+                    anchored_at = min(anchored_at, depth)
+            elif isinstance(event, yaml.CollectionEndEvent):
+                anchored_at = math.inf if depth <= anchored_at else anchored_at
+                depth -= 1
+            elif isinstance(event, yaml.AliasEvent) and depth >= anchored_at:
+                raise ValueError(f"the anchor {event.anchor!r} is named inside another")
+            if depth > DEEPEST_YAML:
+                raise ValueError(f"lists lie deeper than {DEEPEST_YAML} in one another")
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(str(error)) from error
+    except (LookupError, TypeError, AttributeError) as error:  # of a tag whose value is none such
+        raise ValueError(f"a value does not fit its tag ({error!r})") from error
 
 
 def write_npz(path: str | os.PathLike, **arrays: np.ndarray | np.generic) -> None:
@@ -190,15 +258,26 @@ def read_table(
     try:
         with open(path, newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream)
+            named = reader.fieldnames or ()
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StageError(f"cannot be read: {error}", file=path) from error
-    missing = [name for name in required if name not in (reader.fieldnames or ())]
+    missing = [name for name in required if name not in named]
     if missing or not rows:
         raise StageError(f"no {', '.join(missing) or 'rows'} in the table", file=path)
     if any(row[name] is None for row in rows for name in required):
         raise StageError("a row is shorter than the header", file=path)
     return list(enumerate(rows, start=2))
+
+
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Whether a value of a YAML or JSON file is a finite number; true and false are none."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:  # a whole number beyond what a float holds
+        return False
 
 
 def cell_number(

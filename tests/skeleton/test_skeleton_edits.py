@@ -119,7 +119,12 @@ def test_files_are_read_and_bad_ones_refused(tmp_path):
     for text, message in [
         ("edits: 3", "no list"),
         ("edits: [{cut: {at: [1, 2]}}]", "three finite numbers"),
-        ("edits: [{cut: {at: [1, 2, x]}}]", "not a number"),
+        ("edits: [{cut: {at: [1, 2, x]}}]", "three finite numbers"),
+        ("edits: [{cut: {at: [1, 2, true]}}]", "three finite numbers"),
+        ("edits: [{cut: {at: [1, 2, 3]}, tolerance_m: true}]", "positive number"),
+        ("edits: [{cut: {at: [2026-02-30, 2, 3]}}]", "cannot be read"),
+        ("edits: " + 50 * "[" + 50 * "]", "lie deeper than"),
+        ("a: &a [1]\nb: &b [*a]\nedits: [*b]", "inside another"),
         ("edits: [{cut: {from: [1, 2, 3]}}]", "cut needs at"),
         ("edits: [{prune: {at: [1, 2, 3]}}]", "one of connect"),
         ("edits: [{cut: {at: [1, 2, 3]}, tolerance_m: 0}]", "positive"),

@@ -14,6 +14,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import parse_yaml
 
 # The schema is read at every start; written in C, the same loader takes a sixth of the time.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -34,10 +35,10 @@ def read_config_file(path: str | os.PathLike) -> dict:
         If the file is missing, no YAML, or no mapping.
     """
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8-sig"))
+        content = parse_yaml(Path(path).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise StageError(f"the config file cannot be read ({error.strerror})", file=path) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise StageError(f"the config file is no valid YAML ({error})", file=path) from error
     if content is None:
         return {}
@@ -137,8 +138,8 @@ def _read_string(schema: Mapping, value: object) -> object:
     is_text = "string" in types and re.search(schema.get("pattern", ""), str(value))
     if isinstance(value, str) and not is_text and types:
         try:
-            parsed = yaml.safe_load(value)
-        except yaml.YAMLError:
+            parsed = parse_yaml(value)
+        except ValueError:
             return value
         if isinstance(parsed, str):
             try:

@@ -6,7 +6,7 @@ are ``{scan}_1``, ``{scan}_2`` and so on, and share its row and its config.
 
 from __future__ import annotations
 
-import math
+import logging
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -14,7 +14,9 @@ from typing import Any
 
 from cherrypicker.batch.config import lookup
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json
+from cherrypicker.files import is_number, read_json
+
+logger = logging.getLogger(__name__)
 
 __all__ = ["ALL", "KEY", "check_names", "names_found", "places_of", "split_name"]
 
@@ -59,9 +61,6 @@ def places_of(settings: Mapping, tree: str, file: str) -> str | list | None:
 
 
 def _is_pair(value: Any) -> bool:
-    def is_number(each: Any) -> bool:
-        return isinstance(each, (int, float)) and not isinstance(each, bool) and math.isfinite(each)
-
     return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
 
 
@@ -91,11 +90,24 @@ def check_names(names: Iterable[str], scans: Iterable[str], table: str) -> None:
 
 
 def names_found(scan: str, results: str = "results") -> list[str]:
-    """Return the trees that were found in a scan; none where nobody has looked yet."""
+    """Return the trees that were found in a scan; none where nobody has looked yet.
+
+    A list that is broken stops its own scan alone: it is told, and counts as none.
+    """
     path = _found(scan, results)
     if not path.is_file():
         return []
-    return [f"{scan}_{one['number']}" for one in read_json(path).get("trees", [])]
+    try:
+        return [f"{scan}_{int(one['number'])}" for one in read_json(path).get("trees", [])]
+    except (KeyError, TypeError, ValueError) as error:
+        reason = f"no list of trees in it ({error!r})"
+    except StageError as error:
+        reason = error.cause
+    logger.warning(
+        "tree %s: %s is broken; delete it, and the next run looks for the trees again: %s",
+        *(scan, path, reason),
+    )
+    return []
 
 
 def found_time(scan: str, results: str = "results") -> float:

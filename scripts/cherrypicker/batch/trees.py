@@ -151,6 +151,9 @@ def _check_row(row: Tree, number: int, path: str | os.PathLike) -> None:
     def refuse(column: str, reason: str) -> None:
         raise StageError(f"line {number}, tree {row.tree!r}: {reason}", file=path, key=column)
 
+    for column in COLUMNS:
+        if re.search(r"[\x00-\x1f\x7f-\x9f]", getattr(row, column)):
+            refuse(column, "a cell holds a control character")
     if not re.fullmatch(TREE_PATTERN, row.tree) or row.tree.strip(".") == "" or row.tree[0] == ".":
         refuse("tree", "an id has letters, digits, '-', '_' and '.', and does not start with '.'")
     if bool(row.photos) == bool(row.cloud):

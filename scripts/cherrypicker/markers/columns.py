@@ -15,6 +15,7 @@ from cherrypicker.errors import StageError
 MODES = ("marker", "none")
 SIDES_COLUMN = "marker_sides_m in trees.tsv"
 _SIDE_BOUNDS_M = (0.005, 2.0)  # of printed markers (guess)
+_MOST_DIGITS = 4  # of a marker's id: the largest dictionary has 2320
 # Nobody photographs a fruit tree from nearer or further than this; a side in cm or mm would (guess)
 CAMERA_DISTANCE_M = (0.25, 80.0)
 
@@ -136,7 +137,7 @@ def parse_marker_sides(text: str) -> dict[int, float]:
         name, separator, length = pair.partition(":")
         if not separator:
             refuse(f"{pair.strip()!r} has no colon; write id:side, for example 7:0.20")
-        if not name.strip().isdecimal():
+        if not name.strip().isdecimal() or len(name.strip()) > _MOST_DIGITS:
             refuse(f"{name.strip()!r} is no marker id")
         marker_id = int(name)
         try:

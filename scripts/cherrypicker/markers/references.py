@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-import yaml
-
 from cherrypicker.errors import StageError
+from cherrypicker.files import is_number, parse_yaml
 from cherrypicker.markers.columns import (
     DICTIONARY_SIZES,
     check_scale_columns,
@@ -132,14 +131,14 @@ def parse_references(entries: Sequence[Mapping | str], dictionary: str = "") -> 
     return [_parse(entry, f"{KEY}.{at}", dictionary) for at, entry in enumerate(entries)]
 
 
-def _parse(entry: Mapping | str, key: str, dictionary: str) -> Reference:
+def _parse(entry: object, key: str, dictionary: str) -> Reference:
     def refuse(reason: str, name: str = "") -> NoReturn:
         raise StageError(reason, key=f"{key}.{name}" if name else key)
 
     if isinstance(entry, str):
         try:
-            entry = yaml.safe_load(entry)
-        except yaml.YAMLError as error:
+            entry = parse_yaml(entry)
+        except ValueError as error:
             refuse(f"{entry!r} is no YAML ({error})")
     if not isinstance(entry, Mapping):
         refuse("a reference is a mapping such as {kind: distance, markers: [7, 8], length_m: 1.0}")
@@ -156,7 +155,7 @@ def _parse(entry: Mapping | str, key: str, dictionary: str) -> Reference:
             refuse(f"a reference of kind {values['kind']} has no {name}", name)
     for name in ("length_m", "marker_m", "height_m", "tolerance_m"):
         value = values.get(name, 1.0)
-        if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+        if not (is_number(value) and value > 0):
             refuse(f"{value!r} is no length above 0 m", name)
     _check_counts(values, refuse)
     if values["kind"] in ("distance", "charuco"):

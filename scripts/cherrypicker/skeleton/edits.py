@@ -9,12 +9,13 @@ from __future__ import annotations
 import logging
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-import yaml
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import is_number, parse_yaml
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 
 __all__ = ["Edit", "apply_edits", "read_edits"]
@@ -68,9 +69,8 @@ def read_edits(path: str | os.PathLike) -> list[Edit]:
         If the file cannot be read or an entry is no edit.
     """
     try:
-        with open(path, encoding="utf-8") as stream:
-            content = yaml.safe_load(stream) or {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = parse_yaml(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
         raise StageError(f"the edits cannot be read ({error})", file=path) from error
     entries = content.get("edits") if isinstance(content, dict) else None
     if not isinstance(entries, list):
@@ -90,16 +90,14 @@ def _parsed(entry: dict, number: int, path: str | os.PathLike) -> Edit:
     kind, given = kinds[0], entry[kinds[0]]
     if not isinstance(given, dict) or set(given) != set(PLACES[kind]):
         raise StageError(f"{kind} needs {' and '.join(PLACES[kind])}", file=path, key=key)
-    try:
-        places = {name: np.array(given[name], dtype=np.float64) for name in PLACES[kind]}
-        tolerance = float(entry.get("tolerance_m", TOLERANCE_M))
-    except (TypeError, ValueError) as error:
-        raise StageError(f"not a number ({error})", file=path, key=key) from error
-    if any(place.shape != (3,) or not np.isfinite(place).all() for place in places.values()):
-        raise StageError("a place is three finite numbers [x, y, z]", file=path, key=key)
-    if not tolerance > 0:
-        raise StageError("tolerance_m must be positive", file=path, key=key)
-    return Edit(kind, places, tolerance)
+    for place in given.values():
+        if not (isinstance(place, list) and len(place) == 3 and all(map(is_number, place))):
+            raise StageError("a place is three finite numbers [x, y, z]", file=path, key=key)
+    tolerance = entry.get("tolerance_m", TOLERANCE_M)
+    if not (is_number(tolerance) and tolerance > 0):
+        raise StageError("tolerance_m must be a positive number", file=path, key=key)
+    places = {name: np.array(given[name], dtype=np.float64) for name in PLACES[kind]}
+    return Edit(kind, places, float(tolerance))
 
 
 def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
