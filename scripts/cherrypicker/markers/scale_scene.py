@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import is_number
 from cherrypicker.markers.columns import CAMERA_DISTANCE_M
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
@@ -55,10 +56,12 @@ def scale_scene(
     """
     unit, factor = scale_report.get("unit", "arbitrary"), scale_report.get("scale")
     distance = crop_report["camera_distance"]
+    if not (is_number(distance) and distance > 0):
+        raise StageError(f"crop.json holds no distance of the cameras ({distance})", key="crop")
     if scale_report.get("mode") == "none":
         factor = _NORMAL_DISTANCE / distance
         logger.info("no scale: the cameras' median distance is set to %g units", _NORMAL_DISTANCE)
-    elif factor is None or not np.isfinite(factor) or factor <= 0:
+    elif not (is_number(factor) and factor > 0):
         raise StageError(f"scale.json holds no usable scale ({factor})", key="scale in trees.tsv")
     else:
         _check_plausible(cloud.points, factor, distance)

@@ -175,7 +175,7 @@ def view_of(poses: Poses, i: int) -> View:
 
 def _parse_header(content: bytes, path: Path) -> tuple[int, int, int, int]:
     """Return width, height and channels of a map, and where its numbers begin."""
-    found = re.match(rb"([1-9]\d*)&([1-9]\d*)&([1-9]\d*)&", content)
+    found = re.match(rb"([1-9]\d{0,8})&([1-9]\d{0,8})&([1-9]\d{0,8})&", content)
     if found is None:
         raise StageError("not a COLMAP map: no width&height&channels& header", file=path)
     width, height, channels = map(int, found.groups())

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cherrypicker.errors import StageError
+
 
 @dataclass(frozen=True)
 class Footprint:
@@ -27,19 +29,25 @@ class Footprint:
     @classmethod
     def from_dict(cls, content: Mapping) -> Footprint:
         """What `as_dict` wrote."""
-        box = content.get("box")
-        return cls(
-            np.asarray(content["center_xy"], dtype=np.float64),
-            float(content["radius"]),
-            None if box is None else np.stack([box["x"], box["y"]], axis=1).astype(np.float64),
-        )
+        return cls._of(content, content.get("box"))
 
     @classmethod
     def of_crop(cls, report: Mapping) -> Footprint:
         """What a crop kept: of the content of crop.json, aligned frame."""
-        return cls.from_dict(
-            {**report, "box": None if report["source"] == "region" else report["box"]}
-        )
+        return cls._of(report, None if report["source"] == "region" else report["box"])
+
+    @classmethod
+    def _of(cls, content: Mapping, box: Mapping | None) -> Footprint:
+        try:
+            return cls(
+                np.asarray(content["center_xy"], dtype=np.float64).reshape(2),
+                float(content["radius"]),
+                None if box is None else np.stack([box["x"], box["y"]], axis=1).astype(np.float64),
+            )
+        except (TypeError, ValueError) as error:
+            raise StageError(
+                f"the region of interest is none: {error}", key="crop.margin_fraction"
+            ) from error
 
     def as_dict(self) -> dict:
         """Content for JSON: ``center_xy``, ``radius``, and ``box`` (None for a disc)."""

@@ -38,7 +38,7 @@ def copy_database(source: str | os.PathLike, copy: Path) -> Path:
     try:
         with closing(sqlite3.connect(copy)) as connection:
             connection.execute("SELECT COUNT(*) FROM images").fetchone()
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:
         raise StageError(f"not a COLMAP database ({error})", file=source) from error
     return copy
 

@@ -82,6 +82,9 @@ def _read_graph(path: str | os.PathLike) -> GraphColumns:
         raise StageError(f"not a readable GraphML file: {error}", file=path) from error
     if str(graph.attributes.get("root")) not in graph.ids:
         raise StageError("the graph has no `root` attribute that names a node", file=path)
+    strangers = {end for edge in graph.edges for end in edge} - set(graph.ids)
+    if strangers:
+        raise StageError(f"an edge ends at {strangers.pop()!r}, which is no node", file=path)
     return graph
 
 

@@ -120,18 +120,25 @@ def read_graphml(path: str | os.PathLike) -> GraphColumns:
     SyntaxError, ValueError
         If the file is no GraphML.
     """
-    root = ElementTree.parse(path).getroot()
+    try:
+        root = ElementTree.parse(path).getroot()
+    except LookupError as error:  # an encoding that Python does not know
+        raise ValueError(str(error)) from error
     graph = root.find("{*}graph")
     if graph is None:
         raise ValueError("there is no graphml with a graph in it")
-    keys = {
-        key.get("id"): (key.get("attr.name"), _PARSE[key.get("attr.type", "string")])
-        for key in root.iterfind("{*}key")
-    }
+    keys = {}
+    for key in root.iterfind("{*}key"):
+        kind = key.get("attr.type", "string")
+        if kind not in _PARSE:
+            raise ValueError(f"{kind!r} is no type of an attribute")
+        keys[key.get("id")] = key.get("attr.name"), _PARSE[kind]
 
     def data(element: ElementTree.Element) -> dict:
         values = {}
         for item in element.iterfind("{*}data"):
+            if item.get("key") not in keys:
+                raise ValueError(f"no key {item.get('key')!r} is declared")
             name, parse = keys[item.get("key")]
             values[name] = parse(item.text or "")
         return values
