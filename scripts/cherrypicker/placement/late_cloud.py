@@ -10,6 +10,7 @@ import numpy as np
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
+from cherrypicker.placement.las_promise import check_las_promise
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.units import UNITS_M
 
@@ -20,6 +21,7 @@ NORMALISED_HEIGHT = 3.0
 
 _TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
 _MAX_8_BIT, _MAX_16_BIT = 255, 65535
+_LAS_POINTS_AT_A_TIME = 500_000  # some 20 MB; a header that promises more takes none for it
 _USUAL_EXTENT_M = (0.1, 500.0)  # of a cloud; another is worth a question (guess)
 
 
@@ -132,17 +134,25 @@ def _read_any(path: Path) -> PointCloud:
 def _read_las(path: Path) -> PointCloud:
     import laspy
 
+    points, levels = [], []
     try:
-        las = laspy.read(path)
-    except Exception as error:  # laspy and its LAZ back ends share no base class
+        check_las_promise(path)
+        with laspy.open(path) as reader:
+            names = set(reader.header.point_format.dimension_names)
+            has_colors = {"red", "green", "blue"} <= names
+            for piece in reader.chunk_iterator(_LAS_POINTS_AT_A_TIME):
+                points.append(np.column_stack([piece.x, piece.y, piece.z]).astype(np.float64))
+                if has_colors:
+                    levels.append(np.column_stack([piece.red, piece.green, piece.blue]))
+    except (StageError, KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # laspy and lazrs share no base class, a panic of Rust has none
         raise StageError(f"not a readable LAS/LAZ file ({error})", file=path) from error
-    points = np.column_stack([las.x, las.y, las.z]).astype(np.float64)
     colors = None
-    if {"red", "green", "blue"} <= set(las.point_format.dimension_names):
-        rgb = np.column_stack([las.red, las.green, las.blue]).astype(np.float32)
-        if rgb.size and rgb.max() > 0:
-            colors = rgb / (_MAX_16_BIT if rgb.max() > _MAX_8_BIT else _MAX_8_BIT)
-    return _checked(points, colors, path)
+    rgb = np.concatenate(levels).astype(np.float32) if levels else np.zeros((0, 3), np.float32)
+    if rgb.size and rgb.max() > 0:
+        colors = rgb / (_MAX_16_BIT if rgb.max() > _MAX_8_BIT else _MAX_8_BIT)
+    return _checked(np.concatenate([np.empty((0, 3)), *points]), colors, path)
 
 
 def _read_text(path: Path) -> PointCloud:
