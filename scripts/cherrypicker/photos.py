@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import files_with
@@ -16,6 +17,13 @@ from cherrypicker.files import files_with
 Image.MAX_IMAGE_PIXELS = 500_000_000
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 ORIENTATION = 0x0112
+# Pixels that a byte of a file can hold at most, as deflate packs them (https://zlib.net: 1032 to 1)
+MOST_BYTES_A_BYTE = 1032
+# What Pillow raises of broken files, their tags included
+UNREADABLE = (
+    *(OSError, EOFError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError),
+    *(AttributeError, RuntimeError, struct.error, Image.DecompressionBombError),
+)
 
 # EXIF orientation -> what brings the stored pixels upright: (mirror left-right first, quarter turns
 # counter-clockwise as np.rot90 counts).
@@ -71,6 +79,31 @@ def photo_files(paths: Sequence[str | os.PathLike]) -> list[Path]:
     return found
 
 
+def check_promise(image: Image.Image, path: str | os.PathLike, key: str) -> None:
+    """Refuse a picture whose header promises more pixels than its file can hold.
+
+    Parameters
+    ----------
+    image : Image.Image
+        Opened, none of its pixels read yet.
+    key : str
+        What to change.
+
+    Raises
+    ------
+    StageError
+    """
+    held_bits = 8 * os.path.getsize(path) * MOST_BYTES_A_BYTE
+    bits = {"1": 1, "I": 16, "F": 32}.get(image.mode, 8) * len(image.getbands())
+    width, height = image.size
+    if width * height * bits > held_bits:
+        raise StageError(
+            f"the header promises {width:,} x {height:,} pixels, for which the file is too short",
+            file=path,
+            key=key,
+        )
+
+
 def read_photo(path: str | os.PathLike) -> np.ndarray:
     """Read a photo as COLMAP does: (height, width, 3) uint8, RGB, the EXIF orientation not applied.
 
@@ -81,6 +114,7 @@ def read_photo(path: str | os.PathLike) -> np.ndarray:
     """
     try:
         with Image.open(path) as image:
+            check_promise(image, path, "photos in trees.tsv")
             if image.format == "TIFF":  # Pillow would turn its pixels on loading
                 image.getexif().pop(ORIENTATION, None)
             if image.mode in ("I;16", "I;16B", "I;16L", "I"):
@@ -91,7 +125,7 @@ def read_photo(path: str | os.PathLike) -> np.ndarray:
             return np.asarray(image.convert("RGB"))
     except FileNotFoundError as error:
         raise StageError("the photo is missing", file=path, key="photos in trees.tsv") from error
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
+    except UNREADABLE as error:
         raise StageError(
             f"the photo cannot be read ({error})", file=path, key="photos in trees.tsv"
         ) from error
@@ -102,7 +136,7 @@ def exif_orientation(path: str | os.PathLike) -> int:
     try:
         with Image.open(path) as image:
             orientation = int(image.getexif().get(ORIENTATION, 1))
-    except (OSError, UnidentifiedImageError, ValueError, TypeError):
+    except UNREADABLE:
         return 1
     return orientation if 1 <= orientation <= 8 else 1
 

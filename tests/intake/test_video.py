@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from sfm_scene import texture
 
+from cherrypicker.batch.photo_sizes import PhotoSizes
 from cherrypicker.errors import StageError
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos, size_of_capture
-from cherrypicker.intake.video import choose_frames
+from cherrypicker.intake.video import choose_frames, film_header
 
 WIDTH, HEIGHT, PX_A_FRAME = 320, 240, 4
 STEP = 0.1  # 32 px, eight frames
@@ -87,14 +88,38 @@ def test_a_film_that_does_not_open_is_named(tmp_path):
     assert caught.value.file == str(path) and "photos in trees.tsv" in caught.value.key
 
 
-def test_a_film_that_is_cut_off_is_named(tmp_path):
+def cut_film(tmp_path, share):
     whole = film(tmp_path / "whole.avi", pan(60))
     path = tmp_path / "cut.avi"
-    path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 3])
-    with pytest.raises(StageError, match="damaged|cannot be opened") as caught:
+    path.write_bytes(whole.read_bytes()[: int(share * whole.stat().st_size)])
+    return path
+
+
+def test_a_film_that_breaks_off_gives_what_comes_before(tmp_path, caplog):
+    listing = prepared(tmp_path, cut_film(tmp_path, 0.6))
+    taken = [entry["frame"] for entry in listing["photos"].values()]
+    assert len(taken) >= 3 and max(taken) < 45
+    assert "cut.avi breaks off after" in caplog.text and "of 60 frames" in caplog.text
+
+
+def test_a_film_of_which_too_little_is_left_is_named(tmp_path):
+    path = cut_film(tmp_path, 0.02)
+    with pytest.raises(StageError) as caught:
         prepared(tmp_path, path)
     assert caught.value.file == str(path)
 
 
 def test_the_header_tells_size_and_seconds(tmp_path):
     assert size_of_capture(film(tmp_path / "a.mp4", pan(20))) == (WIDTH, HEIGHT, 2.0)
+
+
+def test_a_header_that_promises_a_year_of_film_counts_no_more_than_the_file_holds(tmp_path):
+    """Snakemake's own process reads it, for the memory to ask for."""
+    path = film(tmp_path / "a.avi", pan(20))
+    content = bytearray(path.read_bytes())
+    for list_name, place in ((b"avih", 8 + 16), (b"strh", 8 + 32)):
+        at = content.find(list_name) + place
+        content[at : at + 4] = (2**31 - 1).to_bytes(4, "little")
+    path.write_bytes(content)
+    assert film_header(path).n_frames == 2**31 - 1
+    assert len(PhotoSizes(tmp_path / "none.json").of([path])) <= len(content)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
+from cherrypicker.intake import places
 from cherrypicker.sfm.gps import compare_places, stated_places
 
 SCALE = 2.5  # metres a unit
@@ -41,6 +42,39 @@ def test_one_fix_for_all_photos_is_none():
     assert compare_places(walk(0.0)[0], {}) is None
 
 
+LATITUDE, LONGITUDE = (48.0, 30.0, 36.0), (9.0, 15.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("tags", "place"),
+    [
+        (("N", LATITUDE, "E", LONGITUDE), (48.51, 9.25)),
+        ((b"S\0", LATITUDE, b"W", LONGITUDE), (-48.51, -9.25)),
+        (("South", LATITUDE, "east", LONGITUDE), (-48.51, 9.25)),
+        (("N", 48.51, "E", (9.25,)), (48.51, 9.25)),
+        (("N", "48,30.6N", "E", LONGITUDE), None),
+        (("N", "485", "E", LONGITUDE), None),
+        (("", LATITUDE, "E", LONGITUDE), None),
+        (("E", LATITUDE, "N", LONGITUDE), None),
+        (("N", (91.0, 0.0, 0.0), "E", LONGITUDE), None),
+        (("N", (48.0, -30.0, 0.0), "E", LONGITUDE), None),
+        (("N", (48.0, 30.0, 36.0, 1.0), "E", LONGITUDE), None),
+        (("N", (float("nan"), 0.0, 0.0), "E", LONGITUDE), None),
+        (("N", (), "E", LONGITUDE), None),
+    ],
+)
+def test_odd_forms_of_a_place_are_read_or_none(monkeypatch, tags, place):
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.GPSInfo).update(enumerate(tags, start=1))
+    exif.get_ifd(ExifTags.IFD.GPSInfo)[ExifTags.GPS.GPSAltitude] = "high"
+    monkeypatch.setattr(places, "tags_of", lambda path: exif)
+    told = places.stated_place("a.jpg")
+    if place is None:
+        assert told is None
+    else:
+        assert told[:2] == pytest.approx(place) and np.isnan(told.altitude)
+
+
 def test_places_are_read_from_the_tags(tmp_path):
     exif = Image.Exif()
     gps = exif.get_ifd(ExifTags.IFD.GPSInfo)
@@ -48,5 +82,5 @@ def test_places_are_read_from_the_tags(tmp_path):
     gps[ExifTags.GPS.GPSLongitudeRef], gps[ExifTags.GPS.GPSLongitude] = "E", (18.0, 15.0, 0.0)
     Image.new("RGB", (8, 8)).save(tmp_path / "a.jpg", exif=exif)
     Image.new("RGB", (8, 8)).save(tmp_path / "b.jpg")
-    places = stated_places([tmp_path / "a.jpg", tmp_path / "b.jpg", tmp_path / "none.jpg"])
-    assert places == {"a.jpg": (18.25, pytest.approx(-33.51))}
+    found = stated_places([tmp_path / "a.jpg", tmp_path / "b.jpg", tmp_path / "none.jpg"])
+    assert found == {"a.jpg": (18.25, pytest.approx(-33.51))}

@@ -8,8 +8,6 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from PIL import Image
-
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_text
 from cherrypicker.intake.prepare import size_of_capture
@@ -72,7 +70,7 @@ class PhotoSizes:
                 self._known[key] = entry
                 self._has_news = True
             return entry
-        except (OSError, StageError, SyntaxError, ValueError, Image.DecompressionBombError):
+        except (OSError, StageError):
             return None
 
     def _load(self) -> dict[str, list]:
@@ -91,4 +89,5 @@ def _is_entry(entry: object) -> bool:
         and len(entry) == 5
         and all(type(value) is int for value in entry[:4])
         and isinstance(entry[4], float)
+        and 0.0 <= entry[4] <= entry[1]  # seconds, of so many bytes
     )

@@ -10,10 +10,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageOps
 
+from cherrypicker.errors import StageError
 from cherrypicker.markers.detection import find_markers
-from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, exif_camera
+from cherrypicker.photos import UNREADABLE, check_promise
+from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, PHOTOS_COLUMN, exif_camera
 
 # Longer sides, px: of what is looked at, as sfm.max_image_size_px, of what features come from, and
 # of the picture on the contact sheet
@@ -98,12 +100,13 @@ def _look(path: Path, dictionary: cv2.aruco.Dictionary | None) -> Look:
         with Image.open(path) as image:
             focal_35 = float(image.getexif().get_ifd(0x8769).get(_FOCAL_35MM) or 0.0)
             size = image.size
+            check_promise(image, path, PHOTOS_COLUMN)
             image.draft("RGB", (LOOK_PX, LOOK_PX))
             upright = ImageOps.exif_transpose(image.convert("RGB"))
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, TypeError) as error:
+    except StageError as error:
+        return Look(path, problem=error.cause)
+    except UNREADABLE as error:
         return Look(path, problem=f"cannot be read ({error})")
-    except Image.DecompressionBombError as error:
-        return Look(path, problem=str(error))
     upright.thumbnail((LOOK_PX, LOOK_PX), Image.Resampling.BOX)
     color = np.asarray(upright)
     grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path, files_with
-from cherrypicker.photos import as_stored, exif_orientation, upright
+from cherrypicker.photos import UNREADABLE, as_stored, check_promise, exif_orientation, upright
 
 MASKS_COLUMN = "masks in trees.tsv"
 
@@ -100,8 +100,9 @@ class UserMasks:
         path = self._masks[photo]
         try:
             with Image.open(path) as image:
+                check_promise(image, path, MASKS_COLUMN)
                 stored = np.asarray(image.convert("L"))
-        except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
+        except UNREADABLE as error:
             raise StageError(
                 f"the mask cannot be read ({error})", file=path, key=MASKS_COLUMN
             ) from error
@@ -126,6 +127,19 @@ def write_hidden(path: str | os.PathLike, hidden: np.ndarray, size: tuple[int, i
         Image.fromarray(seen).save(temporary, format="PNG")
 
 
+def read_grey(path: str | os.PathLike) -> np.ndarray | None:
+    """Read a picture of ours, a mask, as (height, width) uint8; None if it is missing or broken.
+
+    By Pillow: OpenCV takes the memory that a chunk of a PNG promises, up to 4 GB.
+    """
+    try:
+        with Image.open(path) as image:
+            check_promise(image, path, MASKS_COLUMN)
+            return np.asarray(image.convert("L"))
+    except (StageError, *UNREADABLE):
+        return None
+
+
 def read_hidden(folder: str | os.PathLike | None, photo: str, shape: tuple[int, int]) -> np.ndarray:
     """Return what is hidden of a prepared photo, (height, width) bool; nothing without a folder.
 
@@ -137,7 +151,7 @@ def read_hidden(folder: str | os.PathLike | None, photo: str, shape: tuple[int, 
     if folder is None:
         return np.zeros(shape, bool)
     path = Path(folder) / f"{photo}.png"
-    seen = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    seen = read_grey(path)
     if seen is None or seen.shape != shape:
         raise StageError(
             "the prepared mask is missing or of another size than its photo",

@@ -26,7 +26,7 @@ from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of, twins_in
 from cherrypicker.intake.masks import MASKS_COLUMN, UserMasks, write_hidden
 from cherrypicker.intake.stills import Still, read_still, still_size
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
-from cherrypicker.photos import ORIENTATION, exif_orientation
+from cherrypicker.photos import ORIENTATION, UNREADABLE, check_promise, exif_orientation
 from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
@@ -35,6 +35,8 @@ logger = logging.getLogger(__name__)
 JPEG_QUALITY = 96
 # A film of so few frames shows no walk
 LEAST_FRAMES = 3
+# Of an MP4's list of sizes (ISO/IEC 14496-12, stsz); an AVI's entry takes 16
+LEAST_FRAME_BYTES = 4
 
 
 @dataclass(frozen=True)
@@ -51,17 +53,25 @@ def size_of_capture(path: str | os.PathLike) -> tuple[int, int, float]:
 
     Raises
     ------
-    StageError, OSError, ValueError, SyntaxError
-        If it cannot be read.
+    StageError
+        If it cannot be read, or its sizes make no sense.
     """
     kind = kind_of(path)
-    if kind is Kind.VIDEO:
-        film = film_header(path)
-        return film.width, film.height, film.n_frames / (film.per_second or 30.0)
-    if kind in (Kind.HEIF, Kind.RAW):
-        return *still_size(path), 0.0
-    with Image.open(path) as image:
-        return *image.size, 0.0
+    try:
+        if kind is Kind.VIDEO:
+            film = film_header(path)
+            # A header may promise anything; a frame takes its entry in the list at least
+            n_frames = min(film.n_frames, os.path.getsize(path) // LEAST_FRAME_BYTES)
+            return film.width, film.height, n_frames / max(film.per_second or 30.0, 1.0)
+        if kind in (Kind.HEIF, Kind.RAW):
+            return *still_size(path), 0.0
+        with Image.open(path) as image:
+            check_promise(image, path, PHOTOS_COLUMN)
+            return *image.size, 0.0
+    except UNREADABLE as error:
+        raise StageError(
+            f"the photo cannot be read ({error})", file=path, key=PHOTOS_COLUMN
+        ) from error
 
 
 def prepare_photos(
@@ -238,7 +248,7 @@ def _plain_size(path: Path) -> tuple[int, int] | None:
     try:
         with Image.open(path) as image:
             return image.size
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+    except UNREADABLE:
         return None
 
 

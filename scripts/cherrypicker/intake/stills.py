@@ -10,17 +10,16 @@ from __future__ import annotations
 import importlib
 import io
 import os
-import struct
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL import ExifTags, Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of
-from cherrypicker.photos import ORIENTATION, as_stored, exif_orientation, read_photo
+from cherrypicker.photos import ORIENTATION, UNREADABLE, as_stored, exif_orientation, read_photo
 
 _KEPT = (ORIENTATION, ExifTags.Base.Make, ExifTags.Base.Model, ExifTags.Base.DateTime)
 _KEPT_DETAILS = (
@@ -71,7 +70,7 @@ def tags_of(path: str | os.PathLike) -> Image.Exif:
                 return kept_tags(image.getexif())
         with Image.open(path) as image:
             return kept_tags(image.getexif())
-    except (StageError, OSError, SyntaxError, ValueError, TypeError):
+    except (StageError, *UNREADABLE):
         return Image.Exif()
 
 
@@ -115,7 +114,7 @@ def _open_heif(path: str | os.PathLike) -> Image.Image:
     heif.register_heif_opener(thumbnails=False)
     try:
         return Image.open(path)
-    except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
+    except UNREADABLE as error:
         raise _unreadable(path, error) from error
 
 
@@ -124,7 +123,7 @@ def _read_heif(path: str | os.PathLike) -> Still:
         try:
             seen = np.asarray(image.convert("RGB"))
             exif = kept_tags(image.getexif())
-        except (OSError, EOFError, RuntimeError, SyntaxError, ValueError) as error:
+        except UNREADABLE as error:
             raise _unreadable(path, error) from error
         turned = int(image.info.get("original_orientation") or 1)
     orientation = turned if 1 <= turned <= 8 else 1
@@ -160,12 +159,12 @@ def _raw_exif(path: Path, raw) -> Image.Exif:  # type: ignore[no-untyped-def]
             found = Image.Exif()
             found.load_from_fp(file)
             return kept_tags(found)
-    except (OSError, SyntaxError, ValueError, TypeError, KeyError, struct.error):
+    except UNREADABLE:
         pass
     try:
         with Image.open(io.BytesIO(raw.extract_thumb().data)) as image:
             return kept_tags(image.getexif())
-    except (_needed("rawpy", path).LibRawError, OSError, SyntaxError, ValueError, TypeError):
+    except (_needed("rawpy", path).LibRawError, *UNREADABLE):
         pass
     return Image.Exif()
 
@@ -190,4 +189,8 @@ def kept_tags(exif: Image.Exif) -> Image.Exif:
     if isinstance(note, bytes) and len(note) <= _LONGEST_NOTE:
         kept.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.MakerNote] = note
     kept.get_ifd(ExifTags.IFD.GPSInfo).update(place)
+    try:
+        kept.tobytes()
+    except UNREADABLE:  # broken tags that no other file can hold
+        return Image.Exif()
     return kept

@@ -8,6 +8,7 @@ photo, who walks fast gives no gaps.
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import PHOTOS_COLUMN
+
+logger = logging.getLogger(__name__)
 
 STEP_KEY = "photos.video_step"
 # Longer side at which corners are followed and sharpness is measured, px (guess)
@@ -78,7 +81,8 @@ def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
     Raises
     ------
     StageError
-        If the video does not open, holds no frame or ends long before its header says.
+        If the video does not open or holds no frame. One that breaks off gives what comes before,
+        with a warning.
     """
     film = _opened(path)
     try:
@@ -91,14 +95,13 @@ def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
                 break
             yield from steps.take(n_read, frame)
             n_read += 1
-        if n_read < (1.0 - FEW_FRAMES_SHARE) * header.n_frames - 1:
-            raise StageError(
-                f"the video ends after {n_read} of {header.n_frames} frames: it is damaged",
-                file=path,
-                key=PHOTOS_COLUMN,
-            )
         if not n_read:
             raise StageError("the video holds no frame", file=path, key=PHOTOS_COLUMN)
+        if n_read < (1.0 - FEW_FRAMES_SHARE) * header.n_frames - 1:
+            logger.warning(
+                "%s breaks off after %d of %d frames: what comes before is used",
+                *(os.path.basename(path), n_read, header.n_frames),
+            )
         yield from steps.rest()
     finally:
         film.release()
@@ -114,7 +117,7 @@ def _opened(path: str | os.PathLike) -> cv2.VideoCapture:
 
 def _header_of(film: cv2.VideoCapture) -> FilmHeader:
     value = {
-        name: film.get(getattr(cv2, f"CAP_PROP_{name}"))
+        name: float(np.nan_to_num(film.get(getattr(cv2, f"CAP_PROP_{name}"))))
         for name in ("FRAME_WIDTH", "FRAME_HEIGHT", "FRAME_COUNT", "FPS", "ORIENTATION_META")
     }
     return FilmHeader(

@@ -8,8 +8,9 @@ import logging
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
+from cherrypicker.photos import UNREADABLE
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
@@ -84,5 +85,5 @@ def _small(path: Path) -> bytes:
             stream = io.BytesIO()
             photo.convert("RGB").resize(size).save(stream, "JPEG", quality=_QUALITY)
             return stream.getvalue()
-    except (OSError, UnidentifiedImageError, ValueError, SyntaxError):
+    except UNREADABLE:
         return b""

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
+from cherrypicker.photos import UNREADABLE
 from cherrypicker.poses import Poses
 from cherrypicker.report.style import COLOR, DPI, FONT, LAYOUT, LINE
 
@@ -106,6 +107,6 @@ def _tile(path: Path, corners: np.ndarray) -> tuple[Image.Image, np.ndarray] | N
             zoom = LAYOUT["marker_px"] / float((high - low).max())
             wide, tall = (max(int(round(side * zoom)), 1) for side in high - low)
             tile = image.convert("RGB").crop((*low, *high)).resize((wide, tall))
-    except (OSError, UnidentifiedImageError, ValueError, SyntaxError):
+    except UNREADABLE:
         return None
     return tile, (corners - low) * zoom

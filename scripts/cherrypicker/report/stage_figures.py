@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Rectangle
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.mvs.coverage import voxel_centers
+from cherrypicker.photos import UNREADABLE
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
@@ -262,7 +263,7 @@ def _thumbnail(path: Path, size: tuple[int, int] | None = None) -> Image.Image |
                 scale = tile_px / max(image.size)
                 size = max(int(image.size[0] * scale), 1), max(int(image.size[1] * scale), 1)
             return image.convert(mode).resize(size)
-    except (OSError, UnidentifiedImageError, ValueError, SyntaxError):
+    except UNREADABLE:
         return None
 
 

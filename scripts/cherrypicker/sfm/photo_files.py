@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL import ExifTags, Image
 
 from cherrypicker.errors import StageError
-from cherrypicker.photos import exif_orientation, read_photo
+from cherrypicker.photos import UNREADABLE, exif_orientation, read_photo
 from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
@@ -147,8 +147,6 @@ def _check_photo(path: Path) -> PhotoInfo:
         camera, focal_mm = exif_camera(path)
     except StageError as error:
         return PhotoInfo(path, problem=f"unreadable: {error.cause}")
-    except Image.DecompressionBombError as error:
-        return PhotoInfo(path, problem=f"unreadable: {error}")
     return PhotoInfo(
         path, width, height, camera, focal_mm, exif_orientation(path), problem="", digest=digest
     )
@@ -162,7 +160,7 @@ def exif_camera(path: Path) -> tuple[str, float]:
             details = exif.get_ifd(ExifTags.IFD.Exif)
             words = [str(exif.get(tag, "")).strip("\0 ") for tag in (MAKER, MODEL)]
             focal = float(details.get(ExifTags.Base.FocalLength) or 0.0)
-    except (OSError, UnidentifiedImageError, ValueError, TypeError, SyntaxError, ZeroDivisionError):
+    except UNREADABLE:
         return "", 0.0
     return " ".join(
         word for word in words if word

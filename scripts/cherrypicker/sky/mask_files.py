@@ -12,6 +12,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
+from cherrypicker.intake.masks import read_grey
 
 #: Value of a pixel that the user hides: below half, so that who asks for sky alone gets none
 HIDDEN = 64
@@ -41,7 +42,7 @@ def read_masks(path: Path, shape: tuple[int, int] | None = None) -> tuple[np.nda
     StageError
         When it is missing, unreadable or not of the expected shape (height, width).
     """
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    mask = read_grey(path)
     if mask is None:
         raise StageError("the sky mask is missing or unreadable", file=path)
     if shape is not None and mask.shape != tuple(shape):
