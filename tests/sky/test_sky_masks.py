@@ -178,6 +178,21 @@ def test_folder_of_photos_gives_a_mask_each(tmp_path):
         read_mask(tmp_path / "sky/one.png", (10, 10))
 
 
+def test_a_photo_that_cannot_be_read_costs_the_others_nothing(tmp_path, caplog):
+    photos, sky = tmp_path / "photos", tmp_path / "sky"
+    photos.mkdir()
+    Image.fromarray(scene()[0]).save(photos / "b.jpg")
+    for name in ("a.jpg", "c.jpg"):
+        (photos / name).write_bytes((photos / "b.jpg").read_bytes()[:500])
+    mask_photos(BrightTop(), photos, sky, MaskOptions(), n_samples=300, seed=1)
+    assert [path.name for path in sky.iterdir()] == ["b.png"]
+    assert "a.jpg has no mask" in caplog.text and "c.jpg has no mask" in caplog.text
+    (photos / "b.jpg").unlink()
+    with pytest.raises(StageError, match="cannot be read") as caught:
+        mask_photos(BrightTop(), photos, sky, MaskOptions(), n_samples=300, seed=1)
+    assert caught.value.file == str(photos / "a.jpg")
+
+
 def test_what_a_user_hides_is_neither_sky_nor_a_sample_of_its_colours(tmp_path):
     image, sky = scene()
     image[:60] = (250, 20, 20)  # what the user hides, and the network would call sky

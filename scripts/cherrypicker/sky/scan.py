@@ -74,24 +74,35 @@ def mask_photos(
     Raises
     ------
     StageError
-        When the folder is missing or empty, a photo is unreadable, or two share a stem.
+        When the folder is missing or empty, two photos share a stem, or none can be read. One
+        that cannot is passed over: whether the scan goes on without it, its features decide.
     """
     photos = photos_by_stem(folder)
     share = -(-n_samples // len(photos))
     seeds = np.random.SeedSequence(seed).spawn(len(photos))
     mask_folder.mkdir(parents=True, exist_ok=True)
     samples, fractions = [], []
+    problem: StageError | None = None
 
-    def load(path: Path) -> tuple[np.ndarray, int]:
-        return read_photo(path), exif_orientation(path)
+    def load(path: Path) -> tuple[np.ndarray, int] | StageError:
+        try:
+            return read_photo(path), exif_orientation(path)
+        except StageError as error:
+            return error
 
     with ThreadPoolExecutor(1) as reader, Progress(len(photos), "sky masks") as bar:
         paths = list(photos.values())
         pending = reader.submit(load, paths[0])
         for index, stem in enumerate(photos):
-            image, orientation = pending.result()
+            loaded = pending.result()
             if index + 1 < len(paths):  # decode the next photo while this one is worked on
                 pending = reader.submit(load, paths[index + 1])
+            if isinstance(loaded, StageError):
+                logger.warning("%s has no mask: %s", paths[index].name, loaded.cause)
+                problem = problem or loaded
+                bar.step()
+                continue
+            image, orientation = loaded
             mask = sky_mask(net, image, options, orientation)
             mask[read_hidden(photo_masks, paths[index].name, mask.shape)] = HIDDEN
             write_mask(mask_folder / f"{stem}.png", mask)
@@ -101,8 +112,10 @@ def mask_photos(
             fractions.append(float(np.count_nonzero(is_sky)) / mask.size)
             logger.info("%s: %.1f %% sky", paths[index].name, 100 * fractions[-1])
             bar.step()
+    if not samples:
+        raise problem or StageError("no photo can be read", file=folder)
     logger.info(
         "sky in %d of %d photos, %.1f %% of the pixels on average",
-        *(sum(f > 0.001 for f in fractions), len(photos), 100 * float(np.mean(fractions))),
+        *(sum(f > 0.001 for f in fractions), len(fractions), 100 * float(np.mean(fractions))),
     )
     return np.concatenate(samples)
