@@ -75,6 +75,24 @@ def photo(path, taken=""):
     Image.new("RGB", (8, 6)).save(path, exif=exif)
 
 
+@pytest.mark.parametrize(
+    ("photos", "masks"),
+    [("a/photos", "a/masks"), ("a", "a/masks"), ("photos/a", "masks/a"), ("a", "a_masks")],
+)
+def test_init_takes_masks_for_masks(tmp_path, photos, masks):
+    for i in range(3):
+        photo(tmp_path / photos / f"IMG_{i}.jpg", "2026:02:11 10:00:00")
+        path = tmp_path / masks / (f"IMG_{i}.png" if i else "IMG_0.jpg.png")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("L", (8, 6)).save(path)
+        coloured = tmp_path / "b" / f"IMG_{i}.png"
+        coloured.parent.mkdir(exist_ok=True)
+        Image.new("RGB", (8, 6)).save(coloured)
+    assert main(["init", str(tmp_path)]) == 0
+    rows = read_trees(tmp_path / "config/trees.tsv")
+    assert {(row.photos, row.masks) for row in rows} == {(photos, masks), ("b", "")}
+
+
 def test_init_finds_scans_by_sub_folder(tmp_path, capsys):
     for place in ("row 1/tree07/photos", "row 2/tree07", "few"):
         for i in range(2 if place == "few" else 3):

@@ -1,8 +1,9 @@
 """Make a work folder: a commented table and config, with photos found by sub-folder.
 
 Every sub-folder with three photos or more, or a video, becomes a row of config/trees.tsv, every
-PLY, LAS or LAZ a row of its own; the date is that of the first photo. Nothing that is there is
-overwritten.
+PLY, LAS or LAZ a row of its own; the date is that of the first photo. A folder of grey PNG files
+that are named as the photos in or beside whose folder it lies are their masks. Nothing that is
+there is overwritten.
 Examples:
 
     cherrypicker init MY_FOLDER
@@ -17,7 +18,7 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from PIL import ExifTags
+from PIL import ExifTags, Image
 
 from cherrypicker.batch.batch import CONFIG_FILE
 from cherrypicker.batch.trees import folder_name, read_trees
@@ -26,6 +27,7 @@ from cherrypicker.files import PROJECT, write_text
 from cherrypicker.intake.kinds import Kind, captures_in, kind_of
 from cherrypicker.intake.stills import tags_of
 from cherrypicker.markers.columns import check_scale_columns
+from cherrypicker.photos import UNREADABLE
 from cherrypicker.sfm.photo_files import MIN_PHOTOS
 
 TABLE_FILE = "config/trees.tsv"
@@ -106,20 +108,66 @@ def find_scans(root: Path, folder: Path) -> Iterator[dict[str, str]]:
         The work folder: paths inside it are written as seen from there.
     """
     seen: set[str] = set()
+    walked = []
     for place, names, files in os.walk(root):
         names[:] = sorted(
             name for name in names if not name.startswith(".") and name not in _OWN_FOLDERS
         )
-        photos = captures_in(place)
+        walked.append((place, files, captures_in(place)))
+    masks = _mask_folders({place: photos for place, _, photos in walked if photos})
+    for place, files, photos in walked:
+        if place in masks.values():
+            continue
         has_film = any(kind_of(path) is Kind.VIDEO for path in photos)
         if len(photos) >= MIN_PHOTOS or has_film:
             tree = _id_of(Path(place).resolve(), root.resolve(), seen)
-            yield {"tree": tree, "photos": _as_seen(place, folder), "date": date_of(photos[0])}
+            row = {"tree": tree, "photos": _as_seen(place, folder), "date": date_of(photos[0])}
+            yield row | ({"masks": _as_seen(masks[place], folder)} if place in masks else {})
         for name in sorted(files):
             if Path(name).suffix.lower() in _CLOUD_SUFFIXES and not name.startswith("."):
                 path = Path(place, name)
                 tree = _id_of(path.resolve().with_suffix(""), root.resolve(), seen)
                 yield {"tree": tree, "photos": "", "cloud": _as_seen(path, folder)}
+
+
+def _mask_folders(captures: dict[str, list[Path]]) -> dict[str, str]:
+    """Return the folder of masks of each folder of photos that has one, in it or beside it.
+
+    Masks are grey PNG files, each of which bears the name of a photo.
+    """
+    names = {
+        place: {name for path in photos for name in (path.name, path.stem)}
+        for place, photos in captures.items()
+    }
+    found: dict[str, str] = {}
+    for place, pictures in captures.items():
+        if not all(path.suffix.lower() == ".png" and _is_grey(path) for path in pictures):
+            continue
+        photos = [
+            other
+            for other in captures
+            if _is_beside(Path(place), Path(other))
+            and all(path.stem in names[other] for path in pictures)
+        ]
+        if len(photos) == 1:
+            found.setdefault(photos[0], place)
+    return found
+
+
+def _is_beside(place: Path, other: Path) -> bool:
+    """Whether a folder lies in or beside another: tree/masks, or masks/tree of photos/tree."""
+    if place == other:
+        return False
+    above = place.parent
+    return other in (above, above.parent / other.parent.name / place.name) or other.parent == above
+
+
+def _is_grey(path: Path) -> bool:
+    try:
+        with Image.open(path) as image:
+            return image.mode in ("1", "L", "LA", "P")
+    except UNREADABLE:
+        return False
 
 
 def _id_of(path: Path, root: Path, seen: set[str]) -> str:
