@@ -9,6 +9,7 @@ from scan_scene import look_at_poses, ring
 
 from cherrypicker.errors import StageError
 from cherrypicker.intake.places import stated_place
+from cherrypicker.markers.boards import charuco_finder
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.gps import local_metres, scale_of_positions
@@ -76,6 +77,20 @@ def scale_of(scan, *references, sides="", photos=slice(None)):
         "references": list(references),
     }
     return estimate_scale(scan[0][photos], scan[1], **options)
+
+
+def test_a_board_that_two_photos_show_is_told_and_its_markers_go_on(scan):
+    """Two photos locate it, but nothing tells how well."""
+    photos, model = scan
+    find = charuco_finder(BOARD)
+    seen = [bool(find(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))) for path in photos]
+    shown = [path for path, is_seen in zip(photos, seen, strict=True) if is_seen][:2]
+    others = [path for path, is_seen in zip(photos, seen, strict=True) if not is_seen]
+    with pytest.raises(StageError, match="seen in 2 of 2 photos, 3 are needed"):
+        scale_of((shown, model), BOARD)
+    report = scale_of((shown + others, model), BOARD, sides="7:0.15,8:0.15")
+    (board,) = [each for each in report["references"] if each["kind"] == "charuco"]
+    assert not board["used"] and "3 are needed" in board["flags"][0]
 
 
 @pytest.mark.parametrize("reference", [BAR, BOARD, CUBE], ids=["distance", "charuco", "cube"])

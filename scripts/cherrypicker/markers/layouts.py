@@ -17,7 +17,7 @@ from cherrypicker.geometry.similarity import best_turn
 from cherrypicker.markers.sightings import PosedSightings
 
 _N_ROUNDS = 5  # of locating the points and asking again which sightings agree (guess)
-_FEWEST_PHOTOS = 2
+FEWEST_PHOTOS = 3  # that the jackknife over photos needs to tell an error
 
 
 @dataclass(kw_only=True)
@@ -71,7 +71,7 @@ def scale_of_layout(
     Returns
     -------
     LayoutScale or None
-        None where fewer than two points are located, or two photos used.
+        None where fewer than two points are located, or fewer than three photos used.
     """
     inliers = np.ones(len(sightings), bool)
     for _ in range(_N_ROUNDS):
@@ -84,7 +84,7 @@ def scale_of_layout(
         inliers = agree
     fitted = _similarity(located, layout, parts)
     photos = np.unique(sightings.photos[inliers])
-    if fitted is None or len(photos) < _FEWEST_PHOTOS:
+    if fitted is None or len(photos) < FEWEST_PHOTOS:
         return None
     scale, misfit = fitted
     used = sightings.select(inliers)
@@ -97,7 +97,8 @@ def scale_of_layout(
         if fitted is not None:
             left_out.append(np.log(fitted[0] / scale))
     n = len(left_out)
-    error = np.sqrt((n - 1) / n * np.sum(np.square(left_out))) if n > 2 else np.inf
+    is_known = n >= FEWEST_PHOTOS
+    error = np.sqrt((n - 1) / n * np.sum(np.square(left_out))) if is_known else np.inf
     rms = float(np.sqrt(np.mean(np.square(used.errors_px(located)))))
     return LayoutScale(scale, float(error), inliers, located, misfit, rms)
 

@@ -25,7 +25,7 @@ from cherrypicker.markers.boards import (
     sightings_of,
 )
 from cherrypicker.markers.gps import local_metres, scale_of_positions
-from cherrypicker.markers.layouts import Sightings, scale_of_layout
+from cherrypicker.markers.layouts import FEWEST_PHOTOS, Sightings, scale_of_layout
 from cherrypicker.markers.marker_scales import DRIFT, marker_centers
 from cherrypicker.markers.references import Reference
 from cherrypicker.markers.tape import scale_of_trunk
@@ -144,8 +144,9 @@ def _board(reference: Reference, scan: Scan) -> tuple[float, float]:
         n = values["cells"] - 1
         boards = name_faces(grids, n, min_photos=scan.min_images, seed=scan.seed)
     n_photos = len({int(photo) for board in boards for photo in board.photos})
-    if n_photos < scan.min_images:
-        raise _NoScale(f"seen in {n_photos} of {len(scan.photos)} photos")
+    fewest = max(scan.min_images, FEWEST_PHOTOS)
+    if n_photos < fewest:
+        raise _NoScale(f"seen in {n_photos} of {len(scan.photos)} photos, {fewest} are needed")
     return _by_layout(joined(boards), layout, parts, scan)
 
 
