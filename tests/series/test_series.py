@@ -245,6 +245,18 @@ def test_a_removed_volume_ends_where_its_diameters_do(series, dates):
     assert totals(series)["steps"][0]["removed_volume_low_m3"] is None  # no radius has an error
 
 
+def test_a_removed_volumes_lengths_end_where_the_scale_does(dates):
+    """A scale that is 2 % off makes lengths so too, besides the radii that know of it."""
+    first = dates.first.scan
+    ends = ("base_diameter_low_m", "base_diameter_high_m")
+    told = [row | dict.fromkeys(ends, row["base_diameter_m"]) for row in first.branches]
+    scan = replace(first, branches=told, scale_error=0.02)
+    (numbers,) = totals(compare_scans([scan, dates.pruned.scan]))["steps"]
+    volume = numbers["removed_volume_m3"]
+    assert numbers["removed_volume_low_m3"] == pytest.approx(volume * (1 - 1.645 * 0.02), rel=1e-3)
+    assert numbers["removed_volume_high_m3"] == pytest.approx(volume * (1 + 1.645 * 0.02), rel=1e-3)
+
+
 def write_results(folder, found):
     folder.mkdir(parents=True)
     write_skeleton_graphml(folder / "skeleton.graphml", found.skeleton)

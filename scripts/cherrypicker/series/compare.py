@@ -45,6 +45,8 @@ class Scan:
         Its points of wood, as `wood`.
     markers : dict of tuple to ndarray of shape (4, 3)
         See `marker_frames.marker_corners`.
+    scale_error : float
+        Relative standard error of its scale.
     """
 
     tree: str
@@ -53,6 +55,7 @@ class Scan:
     branches: list[dict]
     cloud: np.ndarray
     markers: dict = field(default_factory=dict)
+    scale_error: float = 0.0
 
     def moved(self, frame: np.ndarray) -> Scan:
         """The same scan in another frame; `frame` has shape (4, 4)."""

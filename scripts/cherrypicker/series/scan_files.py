@@ -8,7 +8,7 @@ import numpy as np
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
-from cherrypicker.files import cell_number, read_json, read_table
+from cherrypicker.files import cell_number, is_number, read_json, read_table
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.series.compare import Scan
@@ -56,7 +56,7 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
     _use_measured_diameters(wood, branches)
     cloud = read_cloud(folder / "segmented.ply", required=("label",))
     points = cloud.points[wood_mask(cloud["label"])]
-    return Scan(tree, date, wood, branches, points, _markers(folder))
+    return Scan(tree, date, wood, branches, points, _markers(folder), _scale_error(folder))
 
 
 def _branches(path: Path) -> list[dict]:
@@ -76,6 +76,14 @@ def _use_measured_diameters(wood: Wood, branches: list[dict]) -> None:
     own = np.bincount(wood.axis, 2.0 * wood.radius * wood.length) / length
     told = np.array([row["mean_diameter_m"] or mean for row, mean in zip(branches, own)])
     wood.radius *= np.where(own > 0, told / np.maximum(own, 1e-9), 1.0)[wood.axis]
+
+
+def _scale_error(folder: Path) -> float:
+    """Relative standard error of a scan's scale; 0 of a ready cloud, and where none is known."""
+    path = folder / "scale.json"
+    told = read_json(path) if path.is_file() else {}
+    scale, error = told.get("scale"), told.get("scale_std")
+    return float(error / scale) if is_number(scale) and scale and is_number(error) else 0.0
 
 
 def _markers(folder: Path) -> dict:

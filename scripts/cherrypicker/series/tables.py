@@ -11,6 +11,7 @@ import numpy as np
 from cherrypicker.series.changes import Gone
 from cherrypicker.series.compare import Comparison, Scan, Step
 from cherrypicker.series.wood import Wood
+from cherrypicker.traits.intervals import Z90
 
 AT_CUT_M = 0.03  # of wood beyond a cut whose median radius is the cut's (guess)
 _DECIMALS = {"_m": 4, "_m3": 8, "_deg": 1}
@@ -244,8 +245,9 @@ def _diameter(wood: Wood, row: int, piece: np.ndarray) -> float:
 def _volume_ends(name: str, scan: Scan, rows: np.ndarray) -> dict[str, float | None]:
     """90 % interval of the volume of some samples of a scan's wood.
 
-    Its radii err together (docs/traits.md), each by as much as its axis's base may: so all lie at
-    the same end. None where an axis has no interval.
+    Its radii err together (docs/traits.md), each by as much as its axis's base may, the scan's
+    scale among it; so do its lengths, by the scale alone. All lie at the same end. None where an
+    axis has no interval.
     """
     names, wood = (f"{name}_low_m3", f"{name}_high_m3"), scan.wood
     ends = [
@@ -257,7 +259,9 @@ def _volume_ends(name: str, scan: Scan, rows: np.ndarray) -> dict[str, float | N
     axis, radius, length = wood.axis[rows], wood.radius[rows], wood.length[rows]
     thin = np.maximum(radius - (middle - low)[axis], 0.0)
     thick = radius + (high - middle)[axis]
-    return {n: float(np.pi * r**2 @ length) for n, r in zip(names, (thin, thick), strict=True)}
+    off = Z90 * scan.scale_error
+    ends_of = zip(names, (thin, thick), (max(1.0 - off, 0.0), 1.0 + off), strict=True)
+    return {each: share * float(np.pi * r**2 @ length) for each, r, share in ends_of}
 
 
 def _interval(was: dict, now: dict, grown: float) -> dict[str, float | None]:
