@@ -27,7 +27,7 @@ demo: install
 	$(VENV)/bin/snakemake
 
 test: install
-	$(VENV)/bin/python -m pytest -m "not slow and not demo" $(PYTEST_OPTIONS)
+	$(VENV)/bin/python -m pytest -m "not slow and not demo and not fuzz" $(PYTEST_OPTIONS)
 
 # The demo's results against its ground truth, after `make demo`.
 check: install

@@ -4,7 +4,9 @@ import csv
 import re
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
+from fuzz_clouds import READERS
 from reliability_scene import MARKUP, odd_clouds, two_trees, write_small_cloud
 from sfm_scene import write_orbit
 from workspace import Workspace
@@ -18,6 +20,7 @@ CLOUDS = [
 GOOD = ["good", "disjoint"]
 ODD_PATH = "Bäume & Blüten {1}/名 'x' $a %s <b>.ply"
 HEADER = "tree | cloud | photos | scale | marker_dictionary | marker_sides_m | date | series"
+LAS = next(reader for reader in READERS if reader.name == "las")
 SIDES = {
     "m_missing": ("", "marker_dictionary and marker_sides_m are empty"),
     "m_cm": ("7:20", "sides are given in metres"),
@@ -45,7 +48,12 @@ def batch(tmp_path_factory):
         "p_cut |  | photos | none |  |  |  | ",
         "p_one |  | one photo | none |  |  |  | ",
         "gone | nowhere.ply |  |  |  |  |  | ",
+        "las_cut | cut.las |  |  |  |  |  | ",
+        "p_noise |  | noise | none |  |  |  | ",
     ]
+    write_noise(folder)
+    told["las_cut"] = ("import_cloud", "promises", "cut.las")
+    told["p_noise"] = ("prepare_photos", "cannot be", "noise")
     told["p_cut"] = ("extract_features", "unreadable", paths[1].name)
     told["p_one"] = ("extract_features", "1 usable photo", "one photo")
     told["gone"] = ("import_cloud", "missing", "nowhere.ply")
@@ -58,6 +66,17 @@ def batch(tmp_path_factory):
     workspace.printed = workspace.run(fails=True)
     workspace.told = told
     return workspace
+
+
+def write_noise(folder):
+    """A LAS file of which most is missing, and photos and a film of bytes of chance."""
+    (folder / "las").mkdir()
+    path = next(path for path in LAS.make(folder / "las") if path.suffix == ".las")
+    (folder / "cut.las").write_bytes(path.read_bytes()[:600])
+    (folder / "noise").mkdir()
+    rng = np.random.default_rng(0)
+    for name in ("a.jpg", "b.heic", "c.mp4", "d.dng"):
+        (folder / "noise" / name).write_bytes(rng.bytes(3000))
 
 
 def summary_of(batch):
@@ -73,7 +92,7 @@ def test_good_trees_are_finished(batch, tree):
     assert 1.0 < float(row["height_m"]) < 1.4
 
 
-@pytest.mark.parametrize("tree", [*CLOUDS, "p_cut", "p_one", "gone", *SIDES])
+@pytest.mark.parametrize("tree", [*CLOUDS, "p_cut", "p_one", "gone", "las_cut", "p_noise", *SIDES])
 def test_a_bad_tree_is_told_its_reason(batch, tree):
     stage, reason, file = batch.told[tree]
     lines = [line for line in batch.printed.splitlines() if line.startswith(f"ERROR tree={tree} ")]
