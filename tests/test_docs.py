@@ -105,6 +105,14 @@ def test_there_is_one_version(project):
     described = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
     cited = yaml.safe_load((project / "CITATION.cff").read_text(encoding="utf-8"))
     assert described["project"]["version"] == cherrypicker.__version__ == cited["version"]
+    changes = (project / "CHANGELOG.md").read_text(encoding="utf-8")
+    newest, date = re.findall(r"^## \[(\d[\d.]*)\] - (\S+)$", changes, re.M)[0]
+    assert (newest, date) == (cited["version"], str(cited["date-released"]))
+    images = set()
+    for name in ("envs/Dockerfile", "profiles/kubernetes/profile.yaml", "docs/cluster.md"):
+        text = (project / name).read_text(encoding="utf-8")
+        images.update(re.findall(r"cherrypicker:(\d[\d.]*\d)", text))
+    assert images == {newest.rpartition(".")[0]}
 
 
 def test_every_page_stands_in_the_sites_contents(project):

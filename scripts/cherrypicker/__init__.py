@@ -4,4 +4,4 @@
 # loaded after it mixes the two and corrupts the heap (zlib.compressobj, savez, numba's cache).
 import zlib  # noqa: F401
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

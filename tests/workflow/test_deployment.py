@@ -181,7 +181,7 @@ def test_the_kubernetes_profile_runs_a_batch_through_kubectl(tmp_path):
         "PATH": f"{kubectl.parent}:{os.environ['PATH']}",
         "PYTHONPATH": "",
         "CHERRYPICKER_KUBERNETES": str(profile),
-        "CHERRYPICKER_IMAGE": "registry.example.org/cherrypicker:0.1",
+        "CHERRYPICKER_IMAGE": "registry.example.org/cherrypicker:0.2",
         "CHERRYPICKER_CLAIM": "orchard",
         "CHERRYPICKER_MOUNT": str(tmp_path),
     }
