@@ -1,7 +1,8 @@
 """Take what was measured into docs/figures.json, and render the pages' tables from that file.
 
 Without options the tables alone are rendered. With --demo or --budget the figures of the trees
-that are finished there are taken first, with --peers those of the benchmark of peers. Example:
+that are finished there are taken first, with --peers those of the benchmark of peers, with --row
+those that measure_scanned_row.py wrote. Example:
 
     python scripts/lab/render_figures.py --demo results --budget results/error_budget
 """
@@ -19,11 +20,12 @@ from cherrypicker_lab.published import (
     measure_budget,
     measure_demo,
     measure_peers,
+    measure_row,
     render,
 )
 
 
-def main(demo=None, budget=None, peers=None):
+def main(demo=None, budget=None, peers=None, row=None):
     """Measure what is asked for, save it, render every page."""
     figures = read_json(PROJECT / FIGURES)
     today = datetime.date.today().isoformat()
@@ -41,6 +43,9 @@ def main(demo=None, budget=None, peers=None):
         figures[section]["date"] = today
     if peers is not None:
         figures["peers"] |= {"date": today} | measure_peers(Path(peers))
+    if row is not None:
+        figures["scanned_rows"]["trees"][Path(row).stem] = measure_row(Path(row))
+        figures["scanned_rows"]["date"] = today
     write_json(PROJECT / FIGURES, figures)
     for page in PAGES:
         text = (PROJECT / page).read_text(encoding="utf-8")
@@ -52,4 +57,5 @@ parser = stage_parser(__doc__)
 parser.add_argument("--demo", help="results of the demo, finished")
 parser.add_argument("--budget", help="results/error_budget of the demo")
 parser.add_argument("--peers", help="results/benchmark/skeleton after benchmark_peers")
+parser.add_argument("--row", help="JSON of measure_scanned_row.py, named as the scan")
 run(main, parser, globals().get("snakemake"))
