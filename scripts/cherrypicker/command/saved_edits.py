@@ -5,17 +5,14 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-import yaml
-
 from cherrypicker.batch.batch import Batch
 from cherrypicker.batch.config import lookup
 from cherrypicker.command.work_folder import results_of
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
+from cherrypicker.files import atomic_path, parse_yaml
 from cherrypicker.skeleton import read_skeleton
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 
-_DEEPEST = 5  # edits, the list, an edit, its places, a place
 _writing = threading.Lock()
 
 
@@ -86,16 +83,9 @@ def _edited_skeleton(tree: str) -> Path:
 
 def _refuse_odd_yaml(body: bytes, tree: str, path: Path) -> None:
     """Refuse another tree's edits, and what a short text can make a reader work long with."""
-    depth = 0
     try:
-        text = body.decode("utf-8")
-        for event in yaml.parse(text, yaml.SafeLoader):
-            depth += isinstance(event, yaml.CollectionStartEvent)
-            depth -= isinstance(event, yaml.CollectionEndEvent)
-            if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
-                raise StageError("edits have no aliases and no deeper lists", file=path)
-        content = yaml.safe_load(text)
-    except (UnicodeDecodeError, yaml.YAMLError, ValueError) as error:
+        content = parse_yaml(body.decode("utf-8"))
+    except ValueError as error:
         raise StageError(f"no valid YAML ({error})", file=path) from error
     named = content.get("tree", tree) if isinstance(content, dict) else tree
     if named != tree:
