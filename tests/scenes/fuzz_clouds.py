@@ -2,6 +2,7 @@
 
 import numpy as np
 import pycolmap
+import torch
 from fuzz_bench import Reader
 from reliability_scene import table_of, write_ply
 from workspace import small_tree
@@ -16,6 +17,7 @@ from cherrypicker.mvs.workspace import read_map, write_map
 from cherrypicker.placement.late_cloud import import_cloud
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import Poses, read_poses, write_poses
+from cherrypicker.segmentation.dgcnn import Dgcnn, load_weights, save_weights
 from cherrypicker.sfm.database import copy_database
 from cherrypicker.skeleton import (
     Skeleton,
@@ -27,6 +29,9 @@ from cherrypicker.skeleton import (
 )
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.sky.colors import SkyColors, read_sky_colors, write_sky_colors
+from cherrypicker.sky.unet import SkyUNet
+from cherrypicker.sky.unet import load_weights as load_sky_weights
+from cherrypicker.sky.unet import save_weights as save_sky_weights
 
 
 def _cloud(n_points=60):
@@ -137,6 +142,19 @@ def _databases(folder):
     return [folder / "database.db"]
 
 
+def _sky_weights(folder):
+    torch.manual_seed(0)
+    save_sky_weights(folder / "sky.npz", SkyUNet((2, 3)))
+    return [folder / "sky.npz"]
+
+
+def _cloud_weights(folder):
+    torch.manual_seed(0)
+    network = Dgcnn(width=4, embedding=4, scales=(0, 1), k=2)
+    save_weights(folder / "dgcnn.pt", network, {"voxel_size_m": 0.01})
+    return [folder / "dgcnn.pt"]
+
+
 def read_model_of(path):
     return read_model(path.parent)
 
@@ -172,5 +190,7 @@ READERS = [
     Reader("sky_colors", read_sky_colors, _sky_colors),
     Reader("map", read_map, _maps),
     Reader("model", read_model_of, _models),
+    Reader("sky_weights", load_sky_weights, _sky_weights),
+    Reader("cloud_weights", load_weights, _cloud_weights),
     Reader("database", copied_database, _databases),
 ]

@@ -9,6 +9,7 @@ from PIL import Image
 from cherrypicker.batch.photo_sizes import PhotoSizes
 from cherrypicker.capture.look import look_at
 from cherrypicker.command.init import date_of
+from cherrypicker.intake.gravity import stated_up
 from cherrypicker.intake.masks import UserMasks, read_hidden
 from cherrypicker.intake.places import stated_place
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos
@@ -87,7 +88,7 @@ def _any(folder):
 
 def still_with_tags(path):
     """Pixels, turn, camera, place and date of a photo of any kind."""
-    stated_place(path), date_of(path), exif_orientation(path), exif_camera(path)
+    stated_place(path), stated_up(path), date_of(path), exif_orientation(path), exif_camera(path)
     return read_still(path)
 
 

@@ -331,13 +331,15 @@ def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Dgcnn,
         ) from error
     if not isinstance(content, dict) or content.get("format") != CHECKPOINT_FORMAT:
         raise StageError("not a file of segmentation weights", file=path, key=key)
-    network = Dgcnn(**content["settings"])
     try:
-        network.load_state_dict(content["state"])
-    except RuntimeError as error:
+        with torch.device("meta"):  # takes no memory for sizes that the file's tensors do not have
+            network = Dgcnn(**content["settings"])
+        network.load_state_dict(content["state"], assign=True)
+        sampling, meta = dict(content["sampling"]), dict(content["meta"])
+    except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise StageError(
             f"the segmentation weights do not fit the network of {N_CLASSES} classes",
             file=path,
             key=key,
         ) from error
-    return network.eval(), content["sampling"], content["meta"]
+    return network.eval(), sampling, meta

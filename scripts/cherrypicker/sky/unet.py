@@ -20,7 +20,7 @@ from torch import nn
 from torch.nn import functional as F
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
+from cherrypicker.files import atomic_path, read_npz
 
 DEFAULT_WIDTHS = (8, 16, 32, 64, 96, 128)
 MEAN = (0.45, 0.45, 0.45)
@@ -99,12 +99,15 @@ def load_weights(path: str | os.PathLike) -> SkyUNet:
         When the file is missing or does not hold such a network.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
-            net = SkyUNet(tuple(data["widths"].tolist()))
-            state = {k[2:]: torch.from_numpy(data[k]) for k in data.files if k.startswith("p:")}
+        data = read_npz(path, required=("widths",))
+        state = {k[2:]: torch.from_numpy(v) for k, v in data.items() if k.startswith("p:")}
         state = {k: v.float() if v.is_floating_point() else v for k, v in state.items()}
-        net.load_state_dict(state)
-    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        with torch.device("meta"):  # takes no memory for widths that the file's arrays do not have
+            net = SkyUNet(tuple(data["widths"].tolist()))
+        net.load_state_dict(state, assign=True)
+    except StageError as error:
+        raise StageError(error.cause, file=path, key="sky.weights") from error
+    except (LookupError, ValueError, TypeError, RuntimeError) as error:
         raise StageError(
             f"cannot read the sky network's weights: {error}", file=path, key="sky.weights"
         ) from error
