@@ -57,6 +57,44 @@ def test_labels_help_and_are_not_needed():
     assert len(plain.limbs) == len(known.limbs) == len(axes)
 
 
+def test_most_short_shoots_are_limbs():
+    """Shoots of 36 mm, 5.5 spacings, of which the stem claims two: by their length 11 of 24."""
+    n_found = 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        noise = 0.001 if seed % 2 else 0.002
+        stem = tube((0, 0, 0), (0, 0, 0.8), 0.02, rng=rng, noise=noise)
+        shoots = [
+            tube((0.018, 0, z), (0.056, 0, z), 0.003, rng=rng, noise=noise)
+            for z in (0.3, 0.42, 0.54, 0.66)
+        ]
+        found, _ = grown(np.vstack([stem, *shoots]))
+        tips = np.array([limb.tube.nodes[-1] for limb in found.limbs[1:]])
+        np.testing.assert_allclose(tips[:, 0], 0.056, atol=0.008)
+        n_found += len(tips)
+    assert 18 <= n_found <= 24
+
+
+@pytest.mark.parametrize("relief", [0.0, 0.004])
+def test_bark_and_knobs_are_no_limbs(relief):
+    rng = np.random.default_rng(9)
+    stem = tube((0, 0, 0), (0, 0, 1.0), 0.06, 30_000, rng=rng, noise=0.003, relief=relief)
+    out = rng.normal(size=(400, 3))
+    knob = [0.055, 0, 0.5] + 0.02 * out / np.linalg.norm(out, axis=1)[:, None]
+    knob = knob[np.linalg.norm(knob[:, :2], axis=1) > 0.06]
+    found, _ = grown(np.vstack([stem, knob]))
+    assert len(found.limbs) == 1
+
+
+def test_clumps_of_stray_points_are_no_limbs():
+    rng = np.random.default_rng(0)
+    stem = tube((0, 0, 0), (0, 0, 1.0), 0.03, 30_000, rng=rng, noise=0.002)
+    middles = np.stack([np.full(5, 0.048), np.zeros(5), np.linspace(0.2, 0.8, 5)], axis=1)
+    clumps = middles[:, None] + rng.normal(0, 0.006, (5, 20, 3))
+    found, _ = grown(np.vstack([stem, clumps.reshape(-1, 3)]))
+    assert len(found.limbs) == 1
+
+
 def test_an_axis_ends_where_its_points_end():
     rng = np.random.default_rng(12)
     stem = tube((0, 0, 0), (0, 0, 0.8), 0.03, rng=rng, noise=0.001)

@@ -15,7 +15,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.robust import robust_sigma
+from cherrypicker.geometry.robust import TUKEY, robust_sigma
+from cherrypicker.limbs.evidence import points_that_err_together, tell_limb
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import BAND, ring_forest
 from cherrypicker.limbs.tubes import Limb, Seen, Tube, fit_tube, resample, seen_from, stretch
@@ -29,10 +30,10 @@ STEP = 1.5  # in spacings: nodes of an axis are this far apart,
 STEP_IN_RADII = 1.0  # or this many radii, where that is more: a limb bends no faster
 NEAR_SURFACE = 1.0  # in spacings: points this near a surface belong to the limb,
 ROUGHNESS = 0.25  # and this share of its radius more
-# In spacings: a limb is this long beyond its parent's surface at least (of foreign_a's 209 tips 3,
-# 3.5 and 4 find 227, 220 and 209, of cherry_vase's 73 they find 66, 63 and 59),
-LEAST_LENGTH = 3.5
-LEAST_IN_NOISES = 4.0  # and this many noises
+# In spacings and in noises: what sticks out of its parent's surface farther is a limb, what is
+# shorter has to be told by its points. Of foreign_a's 209 tips 3, 3.5 and 4 spacings alone find
+# 227, 220 and 209, of cherry_vase's 73 they find 66, 63 and 59.
+LONG, LONG_IN_NOISES = 3.5, 4.0
 NOISE_SHARE = 0.3  # of the spacing: the noise before any limb has told it
 LEAST_NOISE = 0.1  # of the spacing: what a perfect cloud is taken to have
 FREE_SHARE = 0.5  # of a ring's points that no tube has claimed, for the ring to be free
@@ -172,15 +173,19 @@ class _Growth:
         self.owner = np.full(len(points), -1, dtype=np.int64)
         self.limbs: list[Limb] = []
         self.noises: list[tuple[float, int]] = []
+        self.togethers: list[tuple[float, int]] = []
 
     @property
     def noise(self) -> float:
         """Median noise of the thick limbs so far, each counted by its points."""
         if not self.noises:
             return NOISE_SHARE * self.spacing
-        values, counts = np.array(sorted(self.noises)).T
-        middle = float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
-        return max(middle, LEAST_NOISE * self.spacing)
+        return max(_middle(self.noises), LEAST_NOISE * self.spacing)
+
+    @property
+    def together(self) -> float:
+        """How many points tell as much as one, by the thick limbs so far."""
+        return _middle(self.togethers) if self.togethers else 1.0
 
     def free_runs(self, chain: np.ndarray) -> list[np.ndarray]:
         """Runs of a chain's rings that no tube has claimed, the longest first."""
@@ -197,11 +202,13 @@ class _Growth:
         """Make a limb of a run of rings, if it is one, and let it claim its points."""
         spacing = self.spacing
         tube = self._through_middles(run)
-        if tube is None or tube.length + BAND * spacing < max(
-            LEAST_LENGTH * spacing, LEAST_IN_NOISES * self.noise
-        ):
+        if tube is None:
             return
-        own = self.free(np.concatenate([self.rows_of[ring] for ring in run]))
+        longest = max(LONG * spacing, LONG_IN_NOISES * self.noise)
+        is_long = len(run) > 1 and tube.length + BAND * spacing >= longest
+        before = self.forest.parent[run[0]]  # a short limb's first points lie in its parent's ring
+        rings = run if is_long or before < 0 else [before, *run]
+        own = self.free(np.concatenate([self.rows_of[ring] for ring in rings]))
         if len(own) < LEAST_POINTS:
             return
         tube = self._fitted(tube, own)
@@ -213,6 +220,8 @@ class _Growth:
         inside, way = inside[is_free], seen.way[is_free]
         if len(inside) < LEAST_POINTS:
             return
+        if not is_long and (parent < 0 or not self._is_told(tube, self.limbs[parent].tube, inside)):
+            return
         start = way.min() if parent < 0 else 0.0
         if way.max() <= start:
             return
@@ -223,8 +232,7 @@ class _Growth:
     def finish(self, base: np.ndarray) -> Limbs:
         """All limbs once more, each by the points to whose surface it is the nearest."""
         noise, claimed = self.noise, float(np.mean(self.owner >= 0))
-        self._refit(noise)
-        self._drop_hidden()
+        self._drop_hidden(self._refit(noise))
         member = self._refit(noise)
         for limb in self.limbs[1:]:
             limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube) or limb.tube
@@ -249,32 +257,56 @@ class _Growth:
                 limb.tube = self._fit(limb.tube, rows, noise, CAPTURE * self.spacing)[0]
         return member
 
-    def _drop_hidden(self) -> None:
+    def _drop_hidden(self, member: np.ndarray) -> None:
         """Drop limbs that hardly leave their parent's tube, now that it fits; children move up."""
         number, kept = {-1: -1}, list[Limb]()
         for old, limb in enumerate(self.limbs):
             limb.parent = number[limb.parent]
             if limb.parent >= 0:
-                rest = _outside(limb.tube, kept[limb.parent].tube)
-                if rest is None or rest.length < self._least_length(rest):
+                parent = kept[limb.parent].tube
+                rest = _outside(limb.tube, parent)
+                if (
+                    rest is None
+                    or rest.length < np.median(rest.radius)  # it is longer than thick
+                    or not (
+                        rest.length >= LONG * self.spacing
+                        or self._is_told(limb.tube, parent, np.flatnonzero(member == old))
+                    )
+                ):
                     number[old] = limb.parent
                     continue
             number[old] = len(kept)
             kept.append(limb)
         self.limbs = kept
 
-    def _least_length(self, tube: Tube) -> float:
-        """Length from which a limb outside its parent is one: it is longer than thick."""
-        return max(LEAST_LENGTH * self.spacing, float(np.median(tube.radius)))
+    def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
+        """Whether its points tell a short limb from what else they may be."""
+        claim = (1 + ROUGHNESS) * parent.radius + NEAR_SURFACE * self.spacing
+        rest = _outside(tube, Tube(parent.nodes, claim))
+        return rest is not None and tell_limb(
+            self.points[rows],
+            tube,
+            parent,
+            start=tube.length - rest.length,
+            noise=self.noise,
+            together=self.together,
+        )
 
     def _through_middles(self, run: np.ndarray) -> Tube | None:
-        """A tube through the middles of the free points of a run's rings."""
+        """A tube through the middles of the free points of a run's rings.
+
+        A single ring has its heading from the ring before it.
+        """
         free = [self.points[self.free(self.rows_of[ring])] for ring in run]
         nodes = np.array([own.mean(axis=0) for own in free])
         radius = np.array(
             [np.sqrt(np.square(own - own.mean(axis=0)).sum(axis=1).mean()) for own in free]
         )
         radius = np.array([np.median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
+        before = self.forest.parent[run[0]]
+        if len(run) == 1 and before >= 0:
+            nodes = np.vstack([self.forest.centre[before], nodes])
+            radius = np.repeat(radius, 2)
         return self._with_even_nodes(Tube(nodes, radius))
 
     def _with_even_nodes(self, tube: Tube) -> Tube | None:
@@ -300,6 +332,9 @@ class _Growth:
             spread = robust_sigma(residual[near]) if near.any() else 0.0
             if spread > 0:
                 self.noises.append((spread, int(np.count_nonzero(near))))
+                sure = np.abs(residual) < TUKEY * spread
+                together = points_that_err_together(self.points[around][sure], residual[sure])
+                self.togethers.append((together, int(np.count_nonzero(sure))))
         return tube
 
     def _near(self, tube: Tube, margin: float, in_radii: float = 0.0) -> tuple[np.ndarray, Seen]:
@@ -341,6 +376,12 @@ class _Growth:
             )
             member[rest] = owner[cKDTree(nodes).query(self.points[rest])[1]]
         return member
+
+
+def _middle(counted: list[tuple[float, int]]) -> float:
+    """Median of values, each with how often it counts."""
+    values, counts = np.array(sorted(counted)).T
+    return float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
 
 
 def _outside(tube: Tube, parent: Tube) -> Tube | None:
