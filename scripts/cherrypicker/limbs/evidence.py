@@ -2,8 +2,9 @@
 
 Two models of the same points are compared by the Bayesian information criterion (Schwarz,
 "Estimating the dimension of a model", Annals of Statistics 1978). Points of a cloud from photos err
-together with those around them, so that many say no more than few: as many as the residuals on
-thick wood show count as one (a design effect, as of a sample that is drawn in clusters).
+together with those around them, and so do all where a tube does not follow the wood, so that many
+say no more than few: as many as the residuals on thick limbs show count as one (a design effect, as
+of a sample that is drawn in clusters).
 """
 
 from __future__ import annotations
