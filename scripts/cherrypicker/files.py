@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
 import numpy as np
+import psutil
 import yaml
 
 from cherrypicker.errors import StageError
@@ -104,18 +105,26 @@ def leftovers(folder: Path, prefix: str, suffix: str = "") -> list[Path]:
     return sorted(
         path
         for path in folder.iterdir()
-        if (match := pattern.fullmatch(path.name)) and not _is_running(int(match[1]))
+        if (match := pattern.fullmatch(path.name)) and not _is_at_work(int(match[1]), path)
     )
 
 
-def _is_running(process_id: int) -> bool:
+def _is_at_work(process_id: int, path: Path) -> bool:
+    """Whether the process that made a path lives.
+
+    A process or thread that started after the path's last change only bears the number again: a
+    busy machine hands out its 32 768 anew within minutes.
+    """
     try:
-        os.kill(process_id, 0)
-    except ProcessLookupError:
+        process = psutil.Process(process_id)
+        return (
+            process.status() != psutil.STATUS_ZOMBIE
+            and process.create_time() <= path.stat().st_mtime
+        )
+    except (psutil.NoSuchProcess, FileNotFoundError):
         return False
-    except (PermissionError, OverflowError):
+    except psutil.AccessDenied:
         return True
-    return True
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:

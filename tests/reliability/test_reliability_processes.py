@@ -20,7 +20,7 @@ from sfm_scene import centers_of, similarity_errors, write_orbit
 from workspace import PROJECT, Workspace, kill_group
 
 from cherrypicker.batch import stale_lock
-from cherrypicker.files import atomic_path, temporary_folder
+from cherrypicker.files import atomic_path, leftovers, temporary_folder
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
@@ -206,6 +206,24 @@ def test_a_half_written_file_never_gets_its_final_name_and_goes_later(tmp_path):
         temporary.write_bytes(b"new")
     assert path.read_bytes() == b"new"
     assert sorted(tmp_path.iterdir()) == [mine, path]
+
+
+def test_a_number_that_another_process_bears_again_keeps_no_leftover(tmp_path):
+    """What a living process made stays; what was there before it started is a dead one's."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as other:
+        folder = tmp_path / f".sfm.{other.pid}"
+        folder.mkdir()
+        assert not leftovers(tmp_path, ".sfm.")
+        before = psutil.Process(other.pid).create_time() - 1.0
+        os.utime(folder, (before, before))
+        assert leftovers(tmp_path, ".sfm.") == [folder]
+        with temporary_folder(tmp_path, ".sfm.") as mine:
+            assert list(tmp_path.iterdir()) == [mine]
+        os.kill(other.pid, signal.SIGKILL)
+        unreaped = psutil.Process(other.pid)
+        wait_for(lambda: unreaped.status() == psutil.STATUS_ZOMBIE)
+        folder.mkdir()
+        assert leftovers(tmp_path, ".sfm.") == [folder]
 
 
 START = """
