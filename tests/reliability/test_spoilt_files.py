@@ -50,6 +50,13 @@ def las_of(folder, name, place, form, value):
     return overwrite(folder / name, place, form, value)
 
 
+def ascii_ply_of(folder):
+    lines = ["ply", "format ascii 1.0", f"element vertex {2**40}"]
+    lines += [f"property float {axis}" for axis in "xyz"] + ["end_header", "0 0 1", "0 1 0", ""]
+    (folder / "a.ply").write_text("\n".join(lines))
+    return folder / "a.ply"
+
+
 def model_of(folder, name, place, form, value):
     FILES["model"](folder)
     return overwrite(folder / name, place, form, value).parent
@@ -60,6 +67,7 @@ def model_of(folder, name, place, form, value):
     [
         (read_photo, png_of),
         (size_of_capture, png_of),
+        (import_cloud, ascii_ply_of),
         (import_cloud, lambda folder: las_of(folder, "1.2.las", 107, "<I", 2**32 - 1)),
         (import_cloud, lambda folder: las_of(folder, "1.2.las", 100, "<I", 2**31)),
         (import_cloud, lambda folder: las_of(folder, "1.4.las", 247, "<Q", 2**40)),
