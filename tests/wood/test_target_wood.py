@@ -7,8 +7,6 @@ from skeleton_shapes import small_tree, tube
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import (
     farthest_point_sample,
-    majority_label,
-    thin_to_limit,
     voxel_thin,
 )
 from cherrypicker.placement.footprint import Footprint
@@ -137,17 +135,6 @@ def test_farthest_points_cover_and_keep_apart():
     assert away.max() <= 0.1
     apart = np.linalg.norm(points[samples][:, None] - points[samples][None], axis=2)
     assert apart[~np.eye(len(samples), dtype=bool)].min() > 0.1
-
-
-def test_a_voxel_has_the_mean_of_its_points_and_most_of_their_class():
-    points = np.random.default_rng(0).random((2000, 3))
-    means, source, member = voxel_thin(points, 0.2)
-    assert (np.diff(source) > 0).all() and len(means) == 125
-    few = np.random.default_rng(1).random(len(points)) < 0.1
-    assert (majority_label(np.where(few, 2, 1), member, len(means)) == 1).all()
-    np.testing.assert_allclose(means[member[5]], points[member == member[5]].mean(axis=0))
-    thinned, *_, size = thin_to_limit(points, 0.01, 300)
-    assert len(thinned) <= 300 and size > 0.01
 
 
 def test_long_piece_is_kept_over_a_gap_that_it_does_not_point_across():

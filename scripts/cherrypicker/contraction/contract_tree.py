@@ -61,8 +61,9 @@ def contract_tree(
     """Contract all points of one tree.
 
     The preset "paper" runs the published iteration on the points, or on the means of their voxels,
-    with the class of most points of a voxel. The preset "default" moves points of the cloud itself
-    to the axes of their limbs, and its classes agree with those around them.
+    with the class of most points of a voxel. The preset "default" moves points of the cloud itself,
+    one a voxel of those that `draw_evenly` leaves, to the axes of their limbs, and its classes
+    agree with those around them.
 
     Parameters
     ----------
@@ -93,9 +94,13 @@ def contract_tree(
     StageError
         If the points cannot be contracted.
     """
-    thin, source, member, size = _thinned(points, voxel_size, max_points)
+    thin, source, member, size = _thinned(
+        points, voxel_size, max_points, by_chance=options.preset == "default"
+    )
     details = {"voxel_size": size, "n_contracted": len(thin)}
-    label = None if labels is None else majority_label(labels, member, len(thin))
+    label = None
+    if labels is not None:
+        label = majority_label(labels[member >= 0], member[member >= 0], len(thin))
     if label is not None and options.preset == "default":
         label = agreed_labels(thin, label)
     lambdas, in_stem = None, np.zeros(len(thin), bool)
@@ -127,13 +132,15 @@ def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
     return majority_label(labels[around].ravel(), member, n_points)
 
 
-def _thinned(points: np.ndarray, size: float | None, max_points: int | None) -> tuple:
+def _thinned(
+    points: np.ndarray, size: float | None, max_points: int | None, by_chance: bool
+) -> tuple:
     """Means, sources, members and edge of the voxels, as `thin_to_limit`."""
     if size is None:
         rows = np.arange(len(points))
         return points, rows, rows, None
     limit = len(points) if max_points is None else max_points
-    thin, source, member, size = thin_to_limit(points, size, limit)
+    thin, source, member, size = thin_to_limit(points, size, limit, by_chance=by_chance)
     logger.info(
         "thinned %s to %s points (voxels of %.1f mm)",
         f"{len(points):,}",

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.compiled import compiled
 
 __all__ = [
+    "draw_evenly",
     "farthest_point_sample",
     "majority_label",
     "median_spacing",
@@ -21,6 +22,9 @@ __all__ = [
 
 BLOCKS_ACROSS = 40  # the largest side of a cloud in blocks of farthest point sampling
 LEAST_GROWTH = 1.05  # of voxels that leave too many points
+# Points that `draw_evenly` leaves for each voxel of a block, and voxels across a block: of 1, 1.25,
+# 1.5 and 2 points, 16 and 32 voxels (docs/skeleton.md, Time and memory)
+DRAWN_A_VOXEL, VOXELS_ACROSS_BLOCK = 1.5, 32
 
 
 def thin_randomly(rows: np.ndarray, n_most: int, seed: int = 0) -> np.ndarray:
@@ -99,23 +103,60 @@ def voxel_thin(points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray,
 
 
 def thin_to_limit(
-    points: np.ndarray, size: float, max_points: int
+    points: np.ndarray, size: float, max_points: int, *, by_chance: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """`voxel_thin` with voxels of `size`, enlarged until at most `max_points` are left.
+
+    By chance: of the points that `draw_evenly` leaves for these voxels.
 
     Returns
     -------
     means, source, member : ndarray
-        As `voxel_thin`.
+        As `voxel_thin`; `member` is -1 where a point was not drawn.
     size : float
         The voxel edge that was used.
     """
     while True:
-        means, source, member = voxel_thin(points, size)
+        drawn = draw_evenly(points, size) if by_chance else np.arange(len(points))
+        means, source, voxel = voxel_thin(points[drawn], size)
         if len(means) <= max_points:
-            return means, source, member, size
+            member = np.full(len(points), -1)
+            member[drawn] = voxel
+            return means, drawn[source], member, size
         # points lie on surfaces, so their number falls with the square of the voxel size
         size *= max(LEAST_GROWTH, float(np.sqrt(len(means) / max_points)))
+
+
+def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:
+    """Points drawn by chance, in each block of space as many as its voxels call for.
+
+    One point a voxel alone makes a dense noisy cloud noisier: voxels finer than the noise keep a
+    point wherever there is one, and the few that err far count as much as the many that do not.
+    What chance leaves of a block errs as its points did. A block is many voxels wide, so that
+    sparse wood keeps its points beside dense wood, whole sections with their noise lie in one, and
+    the clumps of a cloud from photos are not evened out.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    size : float
+        Edge of a voxel, in the unit of the points.
+
+    Returns
+    -------
+    ndarray of shape (n_drawn,), int64
+        Rows of `points`, increasing; the same ones at every call. All rows of a block that has at
+        most ``DRAWN_A_VOXEL`` points for each of its voxels that is not empty.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    first = np.unique(voxel_keys(points, size), return_index=True)[1]
+    _, block, count = np.unique(
+        voxel_keys(points, VOXELS_ACROSS_BLOCK * size), return_inverse=True, return_counts=True
+    )
+    most = np.ceil(DRAWN_A_VOXEL * np.bincount(block[first], minlength=len(count)))
+    by_block = np.lexsort((np.random.default_rng(0).random(len(points)), block))
+    rank = np.arange(len(points)) - np.repeat(np.cumsum(count) - count, count)
+    return np.sort(by_block[rank < most[block[by_block]]])
 
 
 def majority_label(labels: np.ndarray, member: np.ndarray, n_nodes: int) -> np.ndarray:
