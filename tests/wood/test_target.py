@@ -232,6 +232,17 @@ def test_the_config_names_a_place_of_the_scene(rng):
     assert warning.startswith("target_far: ") and "1.5" in warning
 
 
+def test_who_points_at_a_tree_does_not_mean_the_splinter_beside_its_foot():
+    """Of a sparse cloud's foot a few points may stand alone, nearer to the place that was given."""
+    foot = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 2.0], 50)
+    points = np.vstack([foot, [[0.02, 0.0, 0.0], [0.02, 0.0, 0.03]]])
+    owner = np.r_[np.zeros(50, int), 1, 1]
+    choice = choose_target(points, [points[0], points[-2]], owner, target_xy=(0.012, 0.0))
+    assert choice.target.stem == 0 and choice.off == pytest.approx(0.012)
+    small = choice.candidates[1].base[:2]
+    assert choose_target(points, [points[0], points[-2]], owner, target_xy=small).target.stem == 1
+
+
 def test_the_stage_takes_crop_target_xy_in_the_aligned_frame(rng, tmp_path):
     """Half a metre a unit: the tree at x = 0.9 m stands at 1.8 there."""
     parts = tree(rng, (-0.3, 0, 0)), tree(np.random.default_rng(0), (0.9, 0, 0)), soil(rng)

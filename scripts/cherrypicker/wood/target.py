@@ -137,7 +137,8 @@ def choose_target(
     region : Footprint, optional
         Where the cameras look; left out, nearness does not count.
     target_xy : array-like of 2 floats, optional
-        The config's word: the stem nearest to this place is the target.
+        The config's word: the stem nearest to this place, in its own heights, is the target; who
+        points at a tree does not mean the splinter beside its foot.
 
     Returns
     -------
@@ -163,7 +164,7 @@ def choose_target(
     else:
         place = _checked(target_xy, points, region)
         apart = [float(np.hypot(*(np.array(one.base[:2]) - place))) for one in found]
-        nearest = int(np.argmin(apart))
+        nearest = int(np.argmin([off / one.height for off, one in zip(apart, found, strict=True)]))
         choice = Choice(found[nearest], "config", found, apart[nearest])
     _log(choice)
     return choice
