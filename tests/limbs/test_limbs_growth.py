@@ -188,3 +188,10 @@ def test_spacing_of_a_grid_is_its_step():
 def test_points_that_make_no_limb_are_refused():
     with pytest.raises(ValueError, match="no limb"):
         grow_limbs(np.zeros((40, 3)), FOOT)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 7])
+def test_patches_of_rough_bark_are_no_limbs(seed):
+    """Small tubes along the stem's surface, born where its first fit was poor, stay in its claim."""
+    points, _, axes = old_cherry(seed, noise=0.002)
+    assert len(grown(points, voxel=0.005)[0].limbs) == len(axes)

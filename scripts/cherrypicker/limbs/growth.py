@@ -234,6 +234,8 @@ class _Growth:
         noise, claimed = self.noise, float(np.mean(self.owner >= 0))
         self._drop_hidden(self._refit(noise))
         member = self._refit(noise)
+        while self._drop_hidden(member):  # a fit to fewer points may end inside its parent
+            member = self._refit(noise)
         for limb in self.limbs[1:]:
             limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube) or limb.tube
         for limb in self.limbs:
@@ -257,8 +259,11 @@ class _Growth:
                 limb.tube = self._fit(limb.tube, rows, noise, CAPTURE * self.spacing)[0]
         return member
 
-    def _drop_hidden(self, member: np.ndarray) -> None:
-        """Drop limbs that hardly leave their parent's tube, now that it fits; children move up."""
+    def _drop_hidden(self, member: np.ndarray) -> bool:
+        """Drop limbs that hardly leave their parent's tube, now that it fits; children move up.
+
+        Whether there were any.
+        """
         number, kept = {-1: -1}, list[Limb]()
         for old, limb in enumerate(self.limbs):
             limb.parent = number[limb.parent]
@@ -267,6 +272,7 @@ class _Growth:
                 rest = _outside(limb.tube, parent)
                 if (
                     rest is None
+                    or _holds(self._claim(parent), limb.tube)
                     or rest.length < np.median(rest.radius)  # it is longer than thick
                     or not (
                         rest.length >= LONG * self.spacing
@@ -277,12 +283,16 @@ class _Growth:
                     continue
             number[old] = len(kept)
             kept.append(limb)
-        self.limbs = kept
+        self.limbs, n_before = kept, len(self.limbs)
+        return len(kept) < n_before
+
+    def _claim(self, tube: Tube) -> Tube:
+        """The tube about a limb in which it claims all points."""
+        return Tube(tube.nodes, (1 + ROUGHNESS) * tube.radius + NEAR_SURFACE * self.spacing)
 
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
         """Whether its points tell a short limb from what else they may be."""
-        claim = (1 + ROUGHNESS) * parent.radius + NEAR_SURFACE * self.spacing
-        rest = _outside(tube, Tube(parent.nodes, claim))
+        rest = _outside(tube, self._claim(parent))
         return rest is not None and tell_limb(
             self.points[rows],
             tube,
@@ -382,6 +392,12 @@ def _middle(counted: list[tuple[float, int]]) -> float:
     """Median of values, each with how often it counts."""
     values, counts = np.array(sorted(counted)).T
     return float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
+
+
+def _holds(outer: Tube, inner: Tube) -> bool:
+    """Whether the whole axis of a tube lies inside another one."""
+    seen = seen_from(outer, inner.nodes)
+    return bool(np.all((seen.beyond == 0) & (seen.away <= seen.radius)))
 
 
 def _outside(tube: Tube, parent: Tube) -> Tube | None:
