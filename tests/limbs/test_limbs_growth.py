@@ -192,6 +192,6 @@ def test_points_that_make_no_limb_are_refused():
 
 @pytest.mark.parametrize("seed", [1, 3, 7])
 def test_patches_of_rough_bark_are_no_limbs(seed):
-    """Small tubes along the stem's surface, born where its first fit was poor, stay in its claim."""
+    """Small tubes along the stem's surface, born where its first fit was poor, lie in its claim."""
     points, _, axes = old_cherry(seed, noise=0.002)
     assert len(grown(points, voxel=0.005)[0].limbs) == len(axes)

@@ -272,7 +272,7 @@ class _Growth:
                 rest = _outside(limb.tube, parent)
                 if (
                     rest is None
-                    or _holds(self._claim(parent), limb.tube)
+                    or not self._leaves(limb.tube, parent)
                     or rest.length < np.median(rest.radius)  # it is longer than thick
                     or not (
                         rest.length >= LONG * self.spacing
@@ -289,6 +289,14 @@ class _Growth:
     def _claim(self, tube: Tube) -> Tube:
         """The tube about a limb in which it claims all points."""
         return Tube(tube.nodes, (1 + ROUGHNESS) * tube.radius + NEAR_SURFACE * self.spacing)
+
+    def _leaves(self, tube: Tube, parent: Tube) -> bool:
+        """Whether a limb reaches beyond what its parent claims, and does not end on its surface."""
+        away, claimed = (
+            np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
+            for seen in (seen_from(outer, tube.nodes) for outer in (parent, self._claim(parent)))
+        )
+        return bool(claimed.max() > 0 and away[-1] > NEAR_SURFACE * self.spacing)
 
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
         """Whether its points tell a short limb from what else they may be."""
@@ -392,12 +400,6 @@ def _middle(counted: list[tuple[float, int]]) -> float:
     """Median of values, each with how often it counts."""
     values, counts = np.array(sorted(counted)).T
     return float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
-
-
-def _holds(outer: Tube, inner: Tube) -> bool:
-    """Whether the whole axis of a tube lies inside another one."""
-    seen = seen_from(outer, inner.nodes)
-    return bool(np.all((seen.beyond == 0) & (seen.away <= seen.radius)))
 
 
 def _outside(tube: Tube, parent: Tube) -> Tube | None:
