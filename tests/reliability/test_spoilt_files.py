@@ -9,6 +9,7 @@ import jinja2
 import numpy as np
 import pytest
 from finished_tree import small_skeleton, surface_cloud
+from fuzz_bench import Bench
 from fuzz_clouds import READERS as CLOUD_READERS
 from PIL import Image
 
@@ -27,6 +28,7 @@ from cherrypicker.skeleton.edits import read_edits
 from cherrypicker.traits.measure import measure_traits
 
 FILES = {reader.name: reader.make for reader in CLOUD_READERS}
+(LAS,) = (reader for reader in CLOUD_READERS if reader.name == "las")
 
 
 def overwrite(path, place, form, value):
@@ -96,6 +98,21 @@ def test_laz_chunks_that_are_not_there_are_refused(tmp_path, where):
         # After the table's place, the first point and the number of points, the layers' lengths
         place = table + 4 if where == "table" else start + 8 + 36 + 4
         import_cloud(overwrite(path, place, "<I", 2**32 - 1))
+
+
+def test_a_laz_chunk_of_two_billion_points_takes_no_memory_for_them(tmp_path):
+    """A decoder that makes room for a whole chunk ends the process, so another one reads."""
+    FILES["las"](tmp_path)
+    path = tmp_path / "1.4.laz"
+    content = bytearray(path.read_bytes())
+    record = content.index(b"laszip encoded") + 52  # after the rest of its head
+    assert struct.unpack_from("<I", content, record + 12) == (50_000,)
+    struct.pack_into("<I", content, record + 12, 2**31)
+    bench = Bench()
+    try:
+        assert bench.faults(LAS, path, bytes(content)) == ""
+    finally:
+        bench.stop()
 
 
 def test_plain_small_pictures_keep_their_promises(tmp_path):

@@ -263,13 +263,16 @@ def fuzz(bench: Bench, reader: Reader, folder: Path, *, n_files: int = 0) -> Non
     ----------
     n_files : int
         How many, the same ones at every call; 0 for other ones until ``$CHERRYPICKER_FUZZ_S``
-        seconds, 60 unless told, are over.
+        seconds, 60 unless told, are over; how many they were is printed (``pytest -rP``).
     """
     hypothesis = pytest.importorskip("hypothesis", reason="HYPOTHESIS MISSING")
     strategies = hypothesis.strategies
     files = valid_files(reader, folder)
+    n_looked = 0
 
     def is_sound(random, at: int) -> None:
+        nonlocal n_looked
+        n_looked += 1
         path, content = files[at % len(files)]
         spoilt = spoil(content, random)
         try:
@@ -295,7 +298,9 @@ def fuzz(bench: Bench, reader: Reader, folder: Path, *, n_files: int = 0) -> Non
     if n_files:
         run(n_files, None)
         return
-    end, seed = time.monotonic() + float(os.environ.get(SECONDS_KEY, "60")), 0
+    seconds, seed = float(os.environ.get(SECONDS_KEY, "60")), 0
+    end = time.monotonic() + seconds
     while time.monotonic() < end:
         run(200, seed)
         seed += 1
+    print(f"{reader}: {n_looked:,} spoilt files in {seconds:g} s")
