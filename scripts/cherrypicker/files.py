@@ -216,7 +216,8 @@ def parse_yaml(text: str) -> object:
         return yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ValueError(str(error)) from error
-    except (LookupError, TypeError, AttributeError) as error:  # of a tag whose value is none such
+    # Of a tag whose value is none such, of a number to the base 60 (1:30) that no float holds
+    except (LookupError, TypeError, AttributeError, OverflowError) as error:
         raise ValueError(f"a value does not fit its tag ({error!r})") from error
 
 

@@ -13,7 +13,9 @@ from fuzz_bench import Bench
 from fuzz_clouds import READERS as CLOUD_READERS
 from PIL import Image
 
+from cherrypicker.accuracy.measures import read_measures
 from cherrypicker.accuracy.places import Places
+from cherrypicker.batch.benchmarks import read_benchmark
 from cherrypicker.batch.rows import names_found
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
@@ -24,7 +26,9 @@ from cherrypicker.markers.references import parse_references
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.late_cloud import import_cloud
 from cherrypicker.skeleton import axes
+from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.skeleton.edits import read_edits
+from cherrypicker.traits.branches import read_branches
 from cherrypicker.traits.measure import measure_traits
 
 FILES = {reader.name: reader.make for reader in CLOUD_READERS}
@@ -143,7 +147,7 @@ def test_plain_anchors_are_read():
 
 
 @pytest.mark.parametrize(
-    "text", ["2026-02-30", "!!int ''", "!!bool x", "!!timestamp x", "9" * 5000]
+    "text", ["2026-02-30", "!!int ''", "!!bool x", "!!timestamp x", "9" * 5000, "1:" * 300 + "1.5"]
 )
 def test_a_value_that_does_not_fit_its_tag_is_refused(text):
     with pytest.raises(ValueError):
@@ -175,6 +179,27 @@ def test_an_error_is_one_line_that_can_be_read(tmp_path):
     path.write_text("tree\tphotos\na\tphotos\0\n")
     with pytest.raises(StageError, match="line 2, tree 'a': a cell holds a control character"):
         read_trees(path)
+
+
+@pytest.mark.parametrize(
+    ("read", "head", "row"),
+    [
+        (read_trees, "tree\tphotos", "a\t{}"),
+        (read_measures, "tree,trait,value,unit,who", "a,height,2,m,{}"),
+        (read_branches, "id", "{}"),
+        (read_skeleton_csv, "id,parent,x,y,z,radius,label", "1,-1,0,0,0,1,{}"),
+        (read_benchmark, "s\tcpu_time\tmax_rss", "1\t1\t{}"),
+    ],
+)
+def test_a_cell_longer_than_tables_have_is_refused(tmp_path, caplog, read, head, row):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{head}\n{row.format('1' * 200_000)}\n")
+    if read is read_benchmark:
+        assert read(path) is None and "field limit" in caplog.text
+        return
+    with pytest.raises(StageError, match="field limit") as caught:
+        read(path)
+    assert caught.value.file == str(path)
 
 
 def test_a_record_without_a_key_is_named(tmp_path):

@@ -97,7 +97,12 @@ def read_measures(path: str | os.PathLike, *, may_miss: bool = False) -> list[Me
     if not lines:
         return []
     separator = max(",;\t", key=lines[0][1].count)
-    rows = list(csv.reader(io.StringIO("\n".join(line for _, line in lines)), delimiter=separator))
+    stream = io.StringIO("\n".join(line for _, line in lines))
+    try:
+        rows = list(csv.reader(stream, delimiter=separator))
+    except csv.Error as error:
+        cause = f"the table of hand measurements cannot be read ({error})"
+        raise StageError(cause, file=path, key=CONFIG_KEY) from error
     if len(rows) != len(lines):
         cause = "a cell of the table of hand measurements spans several lines: a quote too many?"
         raise StageError(cause, file=path, key=CONFIG_KEY)

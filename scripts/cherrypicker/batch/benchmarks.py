@@ -28,7 +28,7 @@ def read_benchmark(path: Path) -> Benchmark | None:
         with open(path, newline="", encoding="utf-8") as stream:
             row = list(csv.DictReader(stream, delimiter="\t"))[-1]
         found = Benchmark(float(row["s"]), float(row["cpu_time"]), float(row["max_rss"]))
-    except (OSError, UnicodeDecodeError, IndexError, KeyError, TypeError, ValueError) as error:
+    except (OSError, csv.Error, LookupError, TypeError, ValueError) as error:
         logger.warning("%s is left out: %s", path, error or type(error).__name__)
         return None
     is_finite = all(map(math.isfinite, (found.wall_s, found.cpu_s, found.memory_mb)))

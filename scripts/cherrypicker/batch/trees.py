@@ -82,7 +82,11 @@ def read_trees(path: str | os.PathLike) -> list[Tree]:
     ]
     if not lines:
         raise StageError("the table of trees has no header", file=path)
-    rows = list(csv.reader(io.StringIO("\n".join(line for _, line in lines)), delimiter="\t"))
+    stream = io.StringIO("\n".join(line for _, line in lines))
+    try:
+        rows = list(csv.reader(stream, delimiter="\t"))
+    except csv.Error as error:
+        raise StageError(f"the table of trees cannot be read ({error})", file=path) from error
     header = [name.strip() for name in rows[0]]
     _check_header(header, path)
     trees = []

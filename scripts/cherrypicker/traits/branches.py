@@ -197,7 +197,7 @@ def _read_rows(path: str | os.PathLike, columns: Mapping[str, BranchColumn], wha
                 {name: columns[name].read(text) for name, text in row.items()}
                 for row in csv.DictReader(stream)
             ]
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:
         raise StageError(f"not a readable table of {what} ({error})", file=path) from error
 
 
