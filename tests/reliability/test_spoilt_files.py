@@ -202,6 +202,28 @@ def test_a_cell_longer_than_tables_have_is_refused(tmp_path, caplog, read, head,
     assert caught.value.file == str(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        *(("skeleton", f'"{key}">1<', f'"{key}">{2**64}<') for key in ("label", "gap", "n_points")),
+        ("skeleton", 'attr.name="x" attr.type="double"', 'attr.name="x" attr.type="string"'),
+        ("topology", ">1 3 4<", f">1 {2**63} 4<"),
+        ("topology", ">1 3 4<", ">4<"),
+        ("topology", ">1 3 4<", "><"),
+    ],
+)
+def test_a_graph_whose_numbers_are_none_is_refused(tmp_path, name, old, new):
+    (reader,) = (reader for reader in CLOUD_READERS if reader.name == name)
+    (path,) = reader.make(tmp_path)
+    text = path.read_text()
+    assert old in text
+    text = text.replace(old, new)
+    path.write_text(text.replace(">0.3<", ">far<") if "string" in new else text)
+    with pytest.raises(StageError) as caught:
+        reader.read(path)
+    assert caught.value.file == str(path)
+
+
 def test_a_record_without_a_key_is_named(tmp_path):
     (tmp_path / "scale.json").write_text('{"scale": 1, "markers": [{"id": 7}]}')
     record = read_json(tmp_path / "scale.json")

@@ -10,7 +10,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.ply import write_ply_vertices
-from cherrypicker.skeleton.graphml import GraphColumns, read_graphml, write_graphml
+from cherrypicker.skeleton.graphml import GraphColumns, parse_long, read_graphml, write_graphml
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.topology import Topology, TopologyEdge
 
@@ -116,25 +116,25 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
         columns = {name: np.array(values) for name, values in graph.nodes.items()}
         points = np.stack([columns.pop(axis) for axis in "xyz"], axis=1)
         radius, label = columns.pop("radius"), columns.pop("label")
+        upper = np.full(len(names), -1, dtype=np.int64)  # parents by the file's order of nodes
+        upper[order[1:]] = order[parent[1:]]
+        if "gap" in graph.edge_data:
+            is_child = upper[edges[:, 1]] == edges[:, 0]
+            columns["gap"] = np.zeros(len(names), dtype=np.int64)
+            columns["gap"][np.where(is_child, edges[:, 1], edges[:, 0])] = graph.edge_data["gap"]
+        if names == list(map(str, range(len(names)))) and (upper < np.arange(len(names))).all():
+            order, parent = np.arange(len(names)), upper
+        return Skeleton(
+            points[order],
+            parent,
+            radius[order],
+            label[order],
+            {name: values[order] for name, values in columns.items()},
+            graph.attributes.get("unit", "m"),
+            graph.attributes.get("frame", "metric"),
+        )
     except (KeyError, ValueError) as error:
         raise StageError(f"not a skeleton: {error}", file=path) from error
-    upper = np.full(len(names), -1, dtype=np.int64)  # parents by the file's order of nodes
-    upper[order[1:]] = order[parent[1:]]
-    if "gap" in graph.edge_data:
-        is_child = upper[edges[:, 1]] == edges[:, 0]
-        columns["gap"] = np.zeros(len(names), dtype=np.int64)
-        columns["gap"][np.where(is_child, edges[:, 1], edges[:, 0])] = graph.edge_data["gap"]
-    if names == list(map(str, range(len(names)))) and (upper < np.arange(len(names))).all():
-        order, parent = np.arange(len(names)), upper
-    return Skeleton(
-        points[order],
-        parent,
-        radius[order],
-        label[order],
-        {name: values[order] for name, values in columns.items()},
-        graph.attributes.get("unit", "m"),
-        graph.attributes.get("frame", "metric"),
-    )
 
 
 def read_topology(path: str | os.PathLike) -> Topology:
@@ -155,13 +155,15 @@ def read_topology(path: str | os.PathLike) -> Topology:
     """
     graph = _read_graph(path)
     try:
-        nodes = np.array([int(name) for name in graph.ids], dtype=np.int64)
+        nodes = np.array(list(map(parse_long, graph.ids)), dtype=np.int64)
         order = np.argsort(nodes)
         points = np.array([graph.nodes[axis] for axis in "xyz"], dtype=np.float64).T[order]
         data = graph.edge_data
         edges = []
         for row, path_text in enumerate(data["path"] if graph.edges else ()):
-            way = np.array([int(node) for node in path_text.split()], dtype=np.int64)
+            way = np.array(list(map(parse_long, path_text.split())), dtype=np.int64)
+            if len(way) < 2:
+                raise ValueError(f"the way {path_text!r} has no two nodes")
             edge = {name: data[name][row] for name in ("radius_start", "radius_end", "order")}
             length = data["length"][row]
             edges.append(TopologyEdge(int(way[0]), int(way[-1]), way, length, **edge))

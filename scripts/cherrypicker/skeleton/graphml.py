@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
-__all__ = ["GraphColumns", "read_graphml", "write_graphml"]
+__all__ = ["GraphColumns", "parse_long", "read_graphml", "write_graphml"]
 
 _HEAD = """<?xml version='1.0' encoding='utf-8'?>
 <graphml xmlns="http://graphml.graphdrawing.org/xmlns" \
@@ -22,8 +22,24 @@ xsi:schemaLocation="http://graphml.graphdrawing.org/xmlns \
 http://graphml.graphdrawing.org/xmlns/1.0/graphml.xsd">
 """
 _TYPES = {bool: "boolean", int: "long", float: "double", str: "string"}
+
+
+def parse_long(text: str) -> int:
+    """Return a whole number of 64 bits, as GraphML's ``long`` has.
+
+    Raises
+    ------
+    ValueError
+        For one beyond, or none.
+    """
+    value = int(text)
+    if not -(2**63) <= value < 2**63:
+        raise ValueError(f"{text!r} is no whole number of 64 bits")
+    return value
+
+
 _PARSE: dict[str, Callable] = {
-    **dict.fromkeys(("int", "long"), int),
+    **dict.fromkeys(("int", "long"), parse_long),
     **dict.fromkeys(("float", "double"), float),
     "string": str,
     "boolean": lambda text: text.lower() in ("true", "1"),
