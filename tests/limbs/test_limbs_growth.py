@@ -195,3 +195,23 @@ def test_patches_of_rough_bark_are_no_limbs(seed):
     """Small tubes along the stem's surface, born where its first fit was poor, lie in its claim."""
     points, _, axes = old_cherry(seed, noise=0.002)
     assert len(grown(points, voxel=0.005)[0].limbs) == len(axes)
+
+
+def test_twigs_are_not_fitted_with_the_noise_of_rough_bark():
+    """A stem of deep bark seems noisier than what is thin; fitted so, twigs come out too thin."""
+    rng = np.random.default_rng(0)
+    axes = [((0, 0, 0), (0, 0, 1.6), 0.09, 0.007)]
+    axes += [((0, 0, z), (x, 0, z + 0.5), 0.025, 0.0) for x, z in ((0.7, 0.7), (-0.7, 0.9))]
+    axes += [
+        ((x, 0, z), (x, y, z + 0.2), 0.005, 0.0) for x, y, z in ((0.4, 0.3, 1.0), (-0.4, 0.3, 1.2))
+    ]
+    points = np.vstack(
+        [
+            tube(start, end, radius, 40_000, noise=0.0015, relief=relief, rng=rng)
+            for start, end, radius, relief in axes
+        ]
+    )
+    found, _ = grown(points, voxel=0.005)
+    assert found.noise > 0.003
+    twigs = [limb.tube for limb in found.limbs if limb.tube.length > 0.25][3:]
+    assert [np.median(twig.radius) for twig in twigs] == pytest.approx([0.005, 0.005], abs=0.0006)

@@ -39,6 +39,8 @@ LEAST_NOISE = 0.1  # of the spacing: what a perfect cloud is taken to have
 FREE_SHARE = 0.5  # of a ring's points that no tube has claimed, for the ring to be free
 CAPTURE = 2.0  # in spacings from the surface: where a fit looks for its points
 SURE_RADIUS = 4.0  # in noises: a limb at least this thick tells the noise
+THINNEST = 0.25  # share of the points on limbs so thick whose noise thinner wood has (guess),
+FEWEST_TOLD = 100  # if they are that many (guess)
 LEAST_POINTS = 4
 
 
@@ -253,11 +255,34 @@ class _Growth:
     def _refit(self, noise: float) -> np.ndarray:
         """Fit each limb to its points and return whose each point is."""
         member = self._nearest_limbs()
-        for number, limb in enumerate(self.limbs):
-            rows = np.flatnonzero(member == number)
+        rows_of = [np.flatnonzero(member == number) for number in range(len(self.limbs))]
+        of_thin = self._noise_of_thin(rows_of, noise)
+        for limb, rows in zip(self.limbs, rows_of, strict=True):
             if len(rows) >= LEAST_POINTS:
-                limb.tube = self._fit(limb.tube, rows, noise, CAPTURE * self.spacing)[0]
+                is_sure = np.median(limb.tube.radius) > SURE_RADIUS * noise
+                own = noise if is_sure else of_thin
+                limb.tube = self._fit(limb.tube, rows, own, CAPTURE * self.spacing)[0]
         return member
+
+    def _noise_of_thin(self, rows_of: list[np.ndarray], noise: float) -> float:
+        """The noise of wood too thin to tell its own: that of the thinnest wood that does, if less.
+
+        Bark and sections that are no circles make thick wood seem noisier than twigs are, and a
+        twig fitted with too much noise comes out too thin.
+        """
+        residual, radius = [np.empty(0)], [np.empty(0)]
+        for limb, rows in zip(self.limbs, rows_of, strict=True):
+            seen = seen_from(limb.tube, self.points[rows])
+            off = seen.away - seen.radius
+            sure = (np.abs(off) < CAPTURE * self.spacing) & (seen.beyond == 0)
+            sure &= seen.radius > SURE_RADIUS * noise
+            residual.append(off[sure])
+            radius.append(seen.radius[sure])
+        off, by_radius = np.concatenate(residual), np.argsort(np.concatenate(radius))
+        thinnest = by_radius[: int(THINNEST * len(off))]
+        if len(thinnest) < FEWEST_TOLD:
+            return noise
+        return min(noise, max(robust_sigma(off[thinnest]), LEAST_NOISE * self.spacing))
 
     def _drop_hidden(self, member: np.ndarray) -> bool:
         """Drop limbs that hardly leave their parent's tube, now that it fits; children move up.
