@@ -113,7 +113,8 @@ def _is_at_work(process_id: int, path: Path) -> bool:
     """Whether the process that made a path lives.
 
     A process or thread that started after the path's last change only bears the number again: a
-    busy machine hands out its 32 768 anew within minutes.
+    busy machine hands out its 32 768 anew within minutes. The file server's clock may be behind by
+    as long as this process runs; one process at a time writes a path.
     """
     try:
         process = psutil.Process(process_id)

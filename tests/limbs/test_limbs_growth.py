@@ -13,7 +13,7 @@ FOOT = (0.0, 0.0, 0.0)
 
 
 def grown(points, *, stem=None, voxel=0.008):
-    """Limbs of a cloud, thinned as the workflow does, and the thinned points."""
+    """Limbs of a cloud, thinned as the workflow thins small ones, and the thinned points."""
     _, source, _ = voxel_thin(points, voxel)
     return grow_limbs(points[source], FOOT, stem=None if stem is None else stem[source]), source
 

@@ -235,12 +235,18 @@ def test_the_config_names_a_place_of_the_scene(rng):
 def test_who_points_at_a_tree_does_not_mean_the_splinter_beside_its_foot():
     """Of a sparse cloud's foot a few points may stand alone, nearer to the place that was given."""
     foot = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 2.0], 50)
-    points = np.vstack([foot, [[0.02, 0.0, 0.0], [0.02, 0.0, 0.03]]])
-    owner = np.r_[np.zeros(50, int), 1, 1]
-    choice = choose_target(points, [points[0], points[-2]], owner, target_xy=(0.012, 0.0))
-    assert choice.target.stem == 0 and choice.off == pytest.approx(0.012)
-    small = choice.candidates[1].base[:2]
-    assert choose_target(points, [points[0], points[-2]], owner, target_xy=small).target.stem == 1
+    points = np.vstack([foot, [[0.03, 0.0, 0.0], [0.03, 0.0, 0.03]]])
+    owner, options = np.r_[np.zeros(50, int), 1, 1], {"spacing": 0.02}
+    bases = [points[0], points[-2]]
+    choice = choose_target(points, bases, owner, target_xy=(0.02, 0.0), **options)
+    assert choice.target.stem == 0 and choice.off == pytest.approx(0.02)
+
+
+def test_who_points_at_a_young_tree_does_not_mean_its_high_neighbour():
+    young, old = (np.linspace([x, 0, 0], [x, 0, height], 200) for x, height in ((0, 0.8), (1, 4.0)))
+    points, owner = np.vstack([young, old]), np.repeat([0, 1], 200)
+    choice = choose_target(points, [young[0], old[0]], owner, target_xy=(0.25, 0.0))
+    assert choice.target.stem == 0 and choice.candidates[0].stem == 1
 
 
 def test_the_stage_takes_crop_target_xy_in_the_aligned_frame(rng, tmp_path):

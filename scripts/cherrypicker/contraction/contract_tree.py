@@ -62,8 +62,8 @@ def contract_tree(
 
     The preset "paper" runs the published iteration on the points, or on the means of their voxels,
     with the class of most points of a voxel. The preset "default" moves points of the cloud itself,
-    one a voxel of those that `draw_evenly` leaves, to the axes of their limbs, and its classes
-    agree with those around them.
+    one a voxel (above `max_points` of those that `draw_evenly` leaves), to the axes of their limbs,
+    and its classes agree with those around them.
 
     Parameters
     ----------

@@ -25,6 +25,7 @@ LEAST_GROWTH = 1.05  # of voxels that leave too many points
 # Points that `draw_evenly` leaves for each voxel of a block, and voxels across a block: of 1, 1.25,
 # 1.5 and 2 points, 16 and 32 voxels (docs/skeleton.md, Time and memory)
 DRAWN_A_VOXEL, VOXELS_ACROSS_BLOCK = 1.5, 32
+_DRAWS = 26  # the stream of draws
 
 
 def thin_randomly(rows: np.ndarray, n_most: int, seed: int = 0) -> np.ndarray:
@@ -107,7 +108,14 @@ def thin_to_limit(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """`voxel_thin` with voxels of `size`, enlarged until at most `max_points` are left.
 
-    By chance: of the points that `draw_evenly` leaves for these voxels.
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    size : float
+        Edge of the voxels to begin with, in the unit of the points.
+    max_points : int
+    by_chance : bool, default False
+        Where all points leave too many means, those that `draw_evenly` leaves are taken.
 
     Returns
     -------
@@ -116,31 +124,39 @@ def thin_to_limit(
     size : float
         The voxel edge that was used.
     """
-    while True:
-        drawn = draw_evenly(points, size) if by_chance else np.arange(len(points))
+    drawn = np.arange(len(points))
+    means, source, voxel = voxel_thin(points, size)
+    if by_chance and len(means) > max_points:
+        drawn = draw_evenly(points, size)
         means, source, voxel = voxel_thin(points[drawn], size)
-        if len(means) <= max_points:
-            member = np.full(len(points), -1)
-            member[drawn] = voxel
-            return means, drawn[source], member, size
+    while len(means) > max_points:
         # points lie on surfaces, so their number falls with the square of the voxel size
         size *= max(LEAST_GROWTH, float(np.sqrt(len(means) / max_points)))
+        if by_chance:
+            drawn = draw_evenly(points, size)
+        means, source, voxel = voxel_thin(points[drawn], size)
+    member = np.full(len(points), -1)
+    member[drawn] = voxel
+    return means, drawn[source], member, size
 
 
-def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:
+def draw_evenly(points: np.ndarray, size: float, seed: int = 0) -> np.ndarray:
     """Points drawn by chance, in each block of space as many as its voxels call for.
 
     One point a voxel alone makes a dense noisy cloud noisier: voxels finer than the noise keep a
     point wherever there is one, and the few that err far count as much as the many that do not.
     What chance leaves of a block errs as its points did. A block is many voxels wide, so that
-    sparse wood keeps its points beside dense wood, whole sections with their noise lie in one, and
-    the clumps of a cloud from photos are not evened out.
+    whole sections with their noise lie in one and the clumps of a cloud from photos are not evened
+    out; sparse wood keeps its points beside dense wood of another block.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3), float64
     size : float
         Edge of a voxel, in the unit of the points.
+    seed : int, default 0
+        Of the draws, which have a stream of their own: a cloud made with the same seed would
+        otherwise be drawn by its own numbers.
 
     Returns
     -------
@@ -154,7 +170,7 @@ def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:
         voxel_keys(points, VOXELS_ACROSS_BLOCK * size), return_inverse=True, return_counts=True
     )
     most = np.ceil(DRAWN_A_VOXEL * np.bincount(block[first], minlength=len(count)))
-    by_block = np.lexsort((np.random.default_rng(0).random(len(points)), block))
+    by_block = np.lexsort((np.random.default_rng([seed, _DRAWS]).random(len(points)), block))
     rank = np.arange(len(points)) - np.repeat(np.cumsum(count) - count, count)
     return np.sort(by_block[rank < most[block[by_block]]])
 

@@ -39,8 +39,9 @@ LEAST_NOISE = 0.1  # of the spacing: what a perfect cloud is taken to have
 FREE_SHARE = 0.5  # of a ring's points that no tube has claimed, for the ring to be free
 CAPTURE = 2.0  # in spacings from the surface: where a fit looks for its points
 SURE_RADIUS = 4.0  # in noises: a limb at least this thick tells the noise
-THINNEST = 0.25  # share of the points on limbs so thick whose noise thinner wood has (guess),
-FEWEST_TOLD = 100  # if they are that many (guess)
+# Share of the points on limbs thick enough to tell their noise, the thinnest of them, whose noise
+# thinner wood is given (guess); fewer points than this tell none (guess)
+THINNEST, FEWEST_TOLD = 0.25, 100
 LEAST_POINTS = 4
 
 
@@ -317,11 +318,10 @@ class _Growth:
 
     def _leaves(self, tube: Tube, parent: Tube) -> bool:
         """Whether a limb reaches beyond what its parent claims, and does not end on its surface."""
-        away, claimed = (
-            np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
-            for seen in (seen_from(outer, tube.nodes) for outer in (parent, self._claim(parent)))
-        )
-        return bool(claimed.max() > 0 and away[-1] > NEAR_SURFACE * self.spacing)
+        seen = seen_from(parent, tube.nodes)
+        off = np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
+        margin = NEAR_SURFACE * self.spacing
+        return bool((off > ROUGHNESS * seen.radius + margin).any() and off[-1] > margin)
 
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
         """Whether its points tell a short limb from what else they may be."""

@@ -137,7 +137,8 @@ def choose_target(
     region : Footprint, optional
         Where the cameras look; left out, nearness does not count.
     target_xy : array-like of 2 floats, optional
-        The config's word: the stem nearest to this place, in its own heights, is the target; who
+        The config's word: the stem nearest to this place is the target. Of stems that are as near
+        to within a voxel of the weighing (2 cm, or two spacings) the one that scores best: who
         points at a tree does not mean the splinter beside its foot.
 
     Returns
@@ -164,7 +165,8 @@ def choose_target(
     else:
         place = _checked(target_xy, points, region)
         apart = [float(np.hypot(*(np.array(one.base[:2]) - place))) for one in found]
-        nearest = int(np.argmin([off / one.height for off, one in zip(apart, found, strict=True)]))
+        # Best first: of stems as near as one another, by what the cloud tells, the best
+        nearest = int(np.argmax(np.array(apart) <= min(apart) + voxel))
         choice = Choice(found[nearest], "config", found, apart[nearest])
     _log(choice)
     return choice
