@@ -61,6 +61,30 @@ def test_what_an_installation_asks_for_is_what_is_tested(project):
         assert numbers[0][: len(numbers[1])] >= numbers[1], each
 
 
+NOTHING_ELSE = """
+import sys
+allowed = {*sys.stdlib_module_names, *sys.argv[1].split(",")}
+class Finder:
+    @staticmethod
+    def find_spec(name, path=None, target=None):
+        if name.partition(".")[0] not in allowed and name[0] != "_":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Finder)
+sys.path.insert(0, sys.argv[2])
+import cherrypicker.api
+"""
+
+
+def test_the_library_imports_with_nothing_but_its_dependencies(project):
+    described = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    names = {name.partition(">=")[0].replace("-", "_") for name in described["dependencies"]}
+    # Beside them what numba, PyYAML and robust-laplacian are made of
+    modules = {"cherrypicker", "llvmlite", "yaml", "robust_laplacian_bindings", *names}
+    call = [sys.executable, "-c", NOTHING_ELSE, ",".join(modules), str(project / "scripts")]
+    done = subprocess.run(call, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def _environment(folder, wheel, extra=""):
     subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
     python = str(folder / "bin/python")
