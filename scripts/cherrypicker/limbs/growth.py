@@ -318,10 +318,8 @@ class _Growth:
 
     def _leaves(self, tube: Tube, parent: Tube) -> bool:
         """Whether a limb reaches beyond what its parent claims, and does not end on its surface."""
-        seen = seen_from(parent, tube.nodes)
-        off = np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
-        margin = NEAR_SURFACE * self.spacing
-        return bool((off > ROUGHNESS * seen.radius + margin).any() and off[-1] > margin)
+        leaves_claim = (_way_out(tube, self._claim(parent)) > 0).any()
+        return bool(leaves_claim and _way_out(tube, parent)[-1] > NEAR_SURFACE * self.spacing)
 
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
         """Whether its points tell a short limb from what else they may be."""
@@ -427,13 +425,18 @@ def _middle(counted: list[tuple[float, int]]) -> float:
     return float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
 
 
+def _way_out(tube: Tube, parent: Tube) -> np.ndarray:
+    """How far each node lies outside its parent's surface, infinitely beyond its ends."""
+    seen = seen_from(parent, tube.nodes)
+    return np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
+
+
 def _outside(tube: Tube, parent: Tube) -> Tube | None:
     """A limb from where its axis leaves its parent for good: inside it has no surface of its own.
 
     None where it does not leave it.
     """
-    seen = seen_from(parent, tube.nodes)
-    out = np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
+    out = _way_out(tube, parent)
     inside = np.flatnonzero(out <= 0)
     if not len(inside):
         return tube
