@@ -167,10 +167,10 @@ def _read_ascii(
     path: str | os.PathLike, vertex: _Element, offset: int, is_alone: bool
 ) -> dict[str, np.ndarray]:
     n_columns = len(vertex.properties)
-    # One row beyond the promise tells that there are more. Each value takes two bytes with what
-    # parts it from the next; loadtxt makes room for as many rows as it is told.
-    n_held = (max(os.path.getsize(path) - offset, 0) + 1) // (2 * n_columns)
-    n_rows = min(vertex.count + is_alone, n_held + 1)
+    # One row beyond the promise tells that there are more. loadtxt makes room for as many rows as
+    # it is told; a row takes two bytes at least, with its end.
+    n_held = max(os.path.getsize(path) - offset, 0) // 2 + 1
+    n_rows = min(vertex.count + is_alone, n_held)
     with open(path, "rb") as stream:
         stream.seek(offset)
         try:
