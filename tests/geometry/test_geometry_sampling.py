@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from cherrypicker.geometry.sampling import (
-    draw_evenly,
-    majority_label,
-    thin_to_limit,
-    voxel_thin,
-)
+from cherrypicker.geometry.sampling import draw_evenly, majority_label, thin_to_limit, voxel_thin
 
 NOISE_M = 0.005
 

@@ -5,10 +5,7 @@ import pytest
 from skeleton_shapes import small_tree, tube
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.sampling import (
-    farthest_point_sample,
-    voxel_thin,
-)
+from cherrypicker.geometry.sampling import farthest_point_sample, voxel_thin
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.wood.feet import find_stems, ground_height
 from cherrypicker.wood.target_wood import select_target_wood
