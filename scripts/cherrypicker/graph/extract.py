@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing
-from cherrypicker.graph.radius import taper_skeleton
+from cherrypicker.graph.radius import never_growing
 from cherrypicker.graph.samples import FEWEST_NODES, auto_spacing, lowest_wood
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.growth import Limbs, limbs_of_wood
@@ -91,7 +91,8 @@ def extract_skeleton(
     )
     if settings.method == "mst":
         return fitted
-    return taper_skeleton(replace(fitted, radius=skeleton.radius))
+    radius = never_growing(skeleton.parent, skeleton.radius, fitted.fields["n_points"])
+    return replace(fitted, radius=radius)
 
 
 def limb_tree(

@@ -20,7 +20,6 @@ __all__ = [
     "axes",
     "axis_of_node",
     "axis_polyline",
-    "axis_runs",
     "node_order",
 ]
 
@@ -88,20 +87,6 @@ def axes(skeleton: Skeleton, *, trunk_keeps: float = TRUNK_KEEPS) -> list[Axis]:
             nodes.append(heir)
         found.append(Axis(np.array(nodes, dtype=np.int64), order, parent, attach))
     return found
-
-
-def axis_runs(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """The same axes as flat arrays, for compiled code.
-
-    Returns
-    -------
-    nodes : ndarray of shape (n_nodes,), int64
-        The nodes of all axes, one axis after the other.
-    first : ndarray of shape (n_axes + 1,), int64
-        Axis i has the nodes ``nodes[first[i]:first[i + 1]]``.
-    """
-    runs = [axis.nodes for axis in axes(skeleton)]
-    return np.concatenate(runs), np.cumsum([0, *map(len, runs)])
 
 
 class _Tree:
