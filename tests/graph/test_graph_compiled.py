@@ -8,7 +8,6 @@ from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.geometry.tree_walks import (
     child_rows,
     fill_reach,
-    longest_children,
     sum_from_root,
     window,
 )
@@ -24,8 +23,6 @@ def test_walks_of_a_tree_that_one_can_count():
     assert rows == [[1, 6], [2, 3], [], [4, 5], [], [], []]
     assert fill_reach(PARENT, LENGTH).tolist() == [7, 6, 0, 4, 0, 0, 0]
     assert sum_from_root(PARENT, LENGTH).tolist() == [0, 1, 6, 3, 4, 7, 3]
-    heir = longest_children(PARENT, fill_reach(PARENT, LENGTH) + LENGTH)
-    assert heir.tolist() == [1, 3, -1, 5, -1, -1, -1]
 
 
 @pytest.mark.parametrize(("reach", "nodes"), [(0.5, [3]), (1.5, [3, 2, 4]), (9.0, [3, 2, 4, 5])])

@@ -6,7 +6,7 @@ import numpy as np
 
 from cherrypicker.compiled import compiled
 
-__all__ = ["child_rows", "fill_reach", "longest_children", "sum_from_root", "tangents", "window"]
+__all__ = ["child_rows", "fill_reach", "sum_from_root", "window"]
 
 
 @compiled
@@ -54,46 +54,6 @@ def sum_from_root(parent: np.ndarray, values: np.ndarray) -> np.ndarray:
     for node in range(1, len(parent)):
         total[node] += total[parent[node]]
     return total
-
-
-@compiled
-def longest_children(parent: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-    """Child of each node with the largest `ahead` (the later one on a tie), -1 at tips."""
-    heir = np.full(len(parent), -1, dtype=np.int64)
-    for node in range(len(parent) - 1, 0, -1):
-        best = heir[parent[node]]
-        if best < 0 or ahead[node] > ahead[best]:
-            heir[parent[node]] = node
-    return heir
-
-
-@compiled
-def tangents(
-    points: np.ndarray, parent: np.ndarray, length: np.ndarray, heir: np.ndarray, reach: np.ndarray
-) -> np.ndarray:
-    """Direction at each node, from the nodes within `reach` (n_nodes,) along its own axis.
-
-    `heir` is the child that the axis goes on into. Zeros where all of them coincide.
-    """
-    found = np.zeros((len(parent), 3))
-    for node in range(len(parent)):
-        back, travelled = node, 0.0
-        while parent[back] >= 0 and travelled < reach[node]:
-            if back != node and heir[parent[back]] != back:
-                break  # beyond its own axis's base: another direction
-            travelled += length[back]
-            back = parent[back]
-        front, travelled = node, 0.0
-        while heir[front] >= 0 and travelled < reach[node]:
-            front = heir[front]
-            travelled += length[front]
-        x = points[front, 0] - points[back, 0]
-        y = points[front, 1] - points[back, 1]
-        z = points[front, 2] - points[back, 2]
-        norm = np.sqrt(x * x + y * y + z * z)
-        if norm > 0:
-            found[node, 0], found[node, 1], found[node, 2] = x / norm, y / norm, z / norm
-    return found
 
 
 @compiled

@@ -17,7 +17,7 @@ from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.growth import Limbs, limbs_of_wood
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton.axis_radii import fit_axis_radii
+from cherrypicker.skeleton.axis_radii import tell_radii
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["extract_skeleton", "limb_tree"]
@@ -83,16 +83,16 @@ def extract_skeleton(
         skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base, found=limbs)
         widest = 1.5 * float(skeleton.radius.max())
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
-    fitted = fit_axis_radii(
+    told = tell_radii(
         skeleton,
         surface,
         spacing=spacing,
         max_radius=max(3 * spacing, widest),
     )
     if settings.method == "mst":
-        return fitted
-    radius = never_growing(skeleton.parent, skeleton.radius, fitted.fields["n_points"])
-    return replace(fitted, radius=radius)
+        return told
+    radius = never_growing(skeleton.parent, skeleton.radius, told.fields["n_points"])
+    return replace(told, radius=radius)
 
 
 def limb_tree(
