@@ -17,7 +17,6 @@ from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton, limb_tree
-from cherrypicker.graph.samples import find_root
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import read_limbs, write_limbs
 from cherrypicker.skeleton import axes, fold
@@ -78,14 +77,17 @@ def test_components_are_joined_by_their_shortest_links():
 
 
 def test_root_is_the_stems_foot_not_the_lowest_branch():
-    points = np.array([[0, 0, 0.1], [0, 0, 0.5], [0.8, 0, -0.2], [0.5, 0, 0.5]])
-    labels = np.array([1, 1, 2, 2])
-    assert find_root(points, labels) == 0
-    assert find_root(points, np.full(4, 2), base=(0, 0, 0)) == 0
+    branch = way((0, 0, 0.5), (0.8, 0, -0.2))
+    points = np.vstack([way((0, 0, 0.1), (0, 0, 0.5)), branch])
+    is_branch = np.arange(len(points)) >= len(points) - len(branch)
+    by_label = spanning_tree(points, np.where(is_branch, 2, 1), spacing_m=0.02)
+    by_base = spanning_tree(points, np.full(len(points), 2), spacing_m=0.02, base=(0, 0, 0.2))
+    for skeleton in (by_label, by_base):
+        np.testing.assert_allclose(skeleton.points[0], (0, 0, 0.1), atol=0.01)
 
 
 def test_too_few_or_coinciding_points():
-    with pytest.raises(StageError, match="coincide"):
+    with pytest.raises(StageError, match="too few"):
         spanning_tree(np.zeros((30, 3)), np.ones(30, dtype=int))
     with pytest.raises(StageError, match="too few"):
         spanning_tree(np.array([[0, 0, 0], [0, 0, 0.001]]), np.ones(2, dtype=int), spacing_m=0.01)

@@ -33,7 +33,9 @@ def test_a_stretch_without_points_takes_the_radius_below_it():
     told = tell_radii(upright_axis(0.0), surface, spacing=0.015, max_radius=0.08)
     np.testing.assert_allclose(told.radius[30:37], 0.024, atol=0.001)
     assert (told.fields["n_points"][30:37] == 0).all()
-    above = tell_radii(upright_axis(0.0), surface[surface[:, 2] > 0.6], spacing=0.015, max_radius=0.08)
+    above = tell_radii(
+        upright_axis(0.0), surface[surface[:, 2] > 0.6], spacing=0.015, max_radius=0.08
+    )
     np.testing.assert_allclose(above.radius[:36], 0.021, atol=0.001)
     assert (tell_radii(upright_axis(0.0), surface + 9, spacing=1, max_radius=1).radius > 0).all()
 

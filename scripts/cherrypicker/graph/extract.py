@@ -12,13 +12,13 @@ from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing
 from cherrypicker.graph.radius import never_growing
-from cherrypicker.graph.samples import FEWEST_NODES, auto_spacing, lowest_wood
-from cherrypicker.graph.spanning_tree import spanning_tree
+from cherrypicker.graph.spanning_tree import FEWEST_NODES, spanning_tree
 from cherrypicker.limbs.growth import Limbs, limbs_of_wood
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.axis_radii import tell_radii
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.wood.target_wood import lowest_base
 
 __all__ = ["extract_skeleton", "limb_tree"]
 
@@ -72,7 +72,7 @@ def extract_skeleton(
     labels = np.asarray(contracted["label"])
     entered = cloud.points[contracted["source"]]
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
-    spacing = auto_spacing(contracted.points, settings.spacing_m)
+    spacing = settings.spacing_m
     if settings.method == "mst":
         spacing = max(spacing, median_spacing(entered, cKDTree(entered, balanced_tree=False)))
         skeleton = spanning_tree(
@@ -113,7 +113,7 @@ def limb_tree(
     spacing_m : float, default 0.01
         Longest edge along an axis.
     base : array-like of 3 floats, optional
-        Base of the stem; the lowest thick wood if left out.
+        Base of the stem; the lowest points if left out.
     found : Limbs, optional
         The limbs, where they are known.
 
@@ -130,7 +130,7 @@ def limb_tree(
     if len(points) < FEWEST_NODES:
         raise StageError(f"{len(points)} points are too few for a graph", key="graph.spacing_m")
     if found is None:
-        base = points[lowest_wood(points)] if base is None else base
+        base = lowest_base(points, labels).base if base is None else base
         found = limbs_of_wood(points, base, stem=labels == Label.TRUNK)
     if len(found.member) != len(points):
         raise StageError(f"limbs of {len(found.member)} points for a tree of {len(points)}")

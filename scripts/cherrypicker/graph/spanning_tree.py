@@ -8,13 +8,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse.csgraph import minimum_spanning_tree
 
+from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import component_links, knn_edges, sparse_graph
-from cherrypicker.graph.samples import sample_nodes
+from cherrypicker.geometry.sampling import farthest_point_sample, majority_label
 from cherrypicker.skeleton.model import Skeleton, rooted_order
+from cherrypicker.wood.target_wood import lowest_base
 
-__all__ = ["spanning_tree"]
+__all__ = ["FEWEST_NODES", "spanning_tree"]
 
 logger = logging.getLogger(__name__)
+
+FEWEST_NODES = 3
 
 
 def spanning_tree(
@@ -38,7 +42,7 @@ def spanning_tree(
         Neighbours of a sample in the graph; the shortest links between its components are
         added, so that it is always connected.
     base : array-like of 3 floats, optional
-        See `find_root`.
+        Foot of the stem, near which the root is; the lowest points if left out.
 
     Returns
     -------
@@ -50,8 +54,15 @@ def spanning_tree(
     StageError
         If there are too few points or they coincide.
     """
-    samples, label, spacing = sample_nodes(points, labels, spacing_m, base)
-    nodes = points[samples]
+    base = np.asarray(lowest_base(points, labels).base if base is None else base)
+    below = np.array([base[0], base[1], points[:, 2].min()])  # the stem may reach below its base
+    root = int(np.argmin(np.linalg.norm(points - below, axis=1)))
+    samples, nearest = farthest_point_sample(points, spacing_m, first=root)
+    if len(samples) < FEWEST_NODES:
+        raise StageError(
+            f"{len(samples)} skeleton samples are too few for a graph", key="graph.spacing_m"
+        )
+    nodes, label = points[samples], majority_label(labels, nearest, len(samples))
     edges = knn_edges(nodes, k)
     links = component_links(nodes, edges)
     edges = np.vstack([edges, links]).astype(np.int64)
@@ -60,9 +71,9 @@ def spanning_tree(
     pairs = np.stack([tree.row, tree.col], axis=1)
     order, parent = rooted_order(len(nodes), pairs, 0)
     label = label[order]
-    gap = _long_edges(nodes[order], parent, spacing)
+    gap = _long_edges(nodes[order], parent, spacing_m)
     skeleton = Skeleton(nodes[order], parent, np.zeros(len(nodes)), label, {"gap": gap})
-    logger.info("%d samples every %.1f mm, %d links added", len(nodes), 1e3 * spacing, len(links))
+    logger.info("%d samples every %.1f mm, %d links added", len(nodes), 1e3 * spacing_m, len(links))
     return skeleton
 
 

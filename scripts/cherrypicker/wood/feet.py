@@ -6,14 +6,12 @@ import logging
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.ndimage import label as label_cells
-from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.geometry.ground_surface import GroundSurface
 
-__all__ = ["Stem", "find_stems", "ground_height", "lowest_thick", "stems_off_the_ground"]
+__all__ = ["Stem", "find_stems", "ground_height", "stems_off_the_ground"]
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +24,6 @@ SAME_STEM = 0.10
 FEWEST_POINTS = 8
 MOSTLY_TRUNK, HARDLY_TRUNK = 0.5, 0.1
 BURIED, MOST_BURIED = 0.05, 0.1  # so far below the ground (of the height), more than that share
-THICK = 0.3  # of the most points around a low place: about half lie around a stem's end
 LARGE = 0.1  # share of all wood from which a piece is large
 FOOT_SHARE = 0.35  # a stem whose foot is hidden starts in this share of the height
 
@@ -187,35 +184,3 @@ def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarra
         foot = rows[z <= np.quantile(z, 0.02)]
         found.append(Stem(np.median(points[foot], axis=0), foot))
     return found
-
-
-def lowest_thick(
-    points: np.ndarray, radius: float, reach: float, base: ArrayLike | None = None
-) -> int:
-    """Row of the lowest point of the thickest low wood: the foot of a stem that no label tells.
-
-    Twigs may hang lower than the foot, but have fewer points around.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Contracted or surface points, z up.
-    radius : float
-        Of the ball whose points count as thickness.
-    reach : float
-        How far above the lowest point, and aside of the base, the foot is looked for.
-    base : array-like of 3 floats, optional
-        Where the stem stands, about.
-
-    Returns
-    -------
-    int
-    """
-    rows = np.arange(len(points))
-    if base is not None:
-        aside = np.linalg.norm(points[:, :2] - np.asarray(base)[:2], axis=1)
-        rows = np.flatnonzero(aside <= max(reach, 1.5 * aside.min()))
-    rows = rows[points[rows, 2] <= points[rows, 2].min() + reach]
-    count = cKDTree(points).query_ball_point(points[rows], radius, return_length=True)
-    rows = rows[count >= THICK * count.max()]
-    return int(rows[np.argmin(points[rows, 2])])
