@@ -14,7 +14,8 @@ from cherrypicker.files import read_json, write_json, write_npz
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.wood.row import ALL, RowOptions, find_trees, read_places
+from cherrypicker.wood.row import ALL, find_trees, read_places
+from cherrypicker.wood.thinned import WoodChoice
 
 
 def main(
@@ -25,7 +26,7 @@ def main(
     scan: Annotated[str, "name of the scan, from which its trees have theirs"] = "scan",
     *,
     target_xy: Sequence[str] = ALL,
-    options: RowOptions,
+    options: WoodChoice,
 ) -> None:
     """Load, find, save."""
     cloud = read_cloud(segmented, required=("label",))

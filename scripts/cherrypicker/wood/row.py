@@ -15,22 +15,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import WOOD, Label, wood_mask
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.wood.density import dense_enough
-from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target import TREE_SHARE, Candidate, Choice, choose_target
 from cherrypicker.wood.target_wood import SharedWood, share_wood
+from cherrypicker.wood.thinned import WoodChoice, thinned_wood
 
 __all__ = [
     "ALL",
     "NO_TREE",
     "NO_WOOD",
     "FoundTrees",
-    "RowOptions",
     "find_trees",
     "read_places",
     "scan_of_tree",
@@ -41,20 +38,8 @@ logger = logging.getLogger(__name__)
 
 ALL = "all"
 NO_TREE, NO_WOOD = 0, -1  # owners beside the numbers of trees, which start at 1
-FEWEST_WOOD = 50
 # As many points as of ten single trees are looked at (guess: a walk of a session)
 MOST_POINTS = 2_000_000
-
-
-@dataclass(frozen=True)
-class RowOptions:
-    """Which wood is shared out; the fields are config keys of ``contract``."""
-
-    classes: tuple[int, ...] = WOOD
-    voxel_size_m: float = 0.005
-    gap_m: float = GAP_M
-    stem_gap_m: float = STEM_GAP_M
-    min_density: float = 0.05
 
 
 @dataclass
@@ -132,7 +117,7 @@ def find_trees(
     cloud: PointCloud,
     asked: str | Sequence[ArrayLike] = ALL,
     *,
-    options: RowOptions | None = None,
+    options: WoodChoice | None = None,
     region: Footprint | None = None,
 ) -> FoundTrees:
     """Find the trees of a scan and share its wood out among them.
@@ -144,7 +129,7 @@ def find_trees(
     asked : "all" or sequence of array-like of 2 floats
         Every stem that carries as much as a tree, or the stems nearest to these places, in the
         cloud's frame.
-    options : RowOptions, optional
+    options : WoodChoice, optional
     region : Footprint, optional
         Of the region of interest; wood that comes in over its border is no tree's.
 
@@ -158,14 +143,9 @@ def find_trees(
         If there is too little wood, no tree, a place that is none of the scene, or two places at
         one stem.
     """
-    options = options or RowOptions()
+    options = options or WoodChoice()
     labels = np.asarray(cloud["label"])
-    rows = np.flatnonzero(np.isin(labels, list(options.classes)))
-    if len(rows) < FEWEST_WOOD:
-        raise StageError(
-            f"the cloud holds {len(rows)} points of wood", key="contract.classes, segment"
-        )
-    points, label = _thinned(cloud.points[rows], labels[rows], options)
+    points, label, *_ = thinned_wood(cloud, options, MOST_POINTS)
     shared = share_wood(
         points, label, ground=cloud.points[labels == Label.GROUND], region=region,
         gap_m=options.gap_m, stem_gap_m=options.stem_gap_m,
@@ -186,18 +166,6 @@ def find_trees(
     for other, reason in found.left_out:
         logger.info("left out at (%.2f, %.2f): %s", *other.base[:2], reason)
     return found
-
-
-def _thinned(
-    points: np.ndarray, labels: np.ndarray, options: RowOptions
-) -> tuple[np.ndarray, np.ndarray]:
-    """Wood without stray points, one a voxel, and the class of each."""
-    thin, _, member, used = thin_to_limit(points, options.voxel_size_m, MOST_POINTS)
-    label = majority_label(labels, member, len(thin))
-    if options.min_density > 0:
-        dense = dense_enough(thin, np.bincount(member), used, options.min_density)
-        thin, label = thin[dense], label[dense]
-    return thin, label
 
 
 def _chosen(

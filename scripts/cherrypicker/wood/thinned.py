@@ -1,0 +1,101 @@
+"""A cloud's wood as it is looked at: thinned to one point a voxel, without stray points."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.classes import CLASS_NAMES, WOOD
+from cherrypicker.errors import StageError
+from cherrypicker.geometry.sampling import majority_label, thin_to_limit
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
+
+__all__ = ["FEWEST_WOOD", "WoodChoice", "thinned_wood"]
+
+logger = logging.getLogger(__name__)
+
+FEWEST_WOOD = 50
+AROUND = 1.8  # in voxels: neighbours whose points count as well (all that share a face or an edge)
+
+
+@dataclass(frozen=True)
+class WoodChoice:
+    """Which wood is looked at; the fields are config keys of ``contract``."""
+
+    classes: tuple[int, ...] = WOOD
+    voxel_size_m: float = 0.005
+    gap_m: float = GAP_M
+    stem_gap_m: float = STEM_GAP_M
+    min_density: float = 0.05
+
+
+def thinned_wood(
+    cloud: PointCloud, chosen: WoodChoice, most: int, *, min_density: float | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Thin the wood of a cloud.
+
+    Stray points of a dense reconstruction float alone; the thinnest twig that it shows still has
+    a fair share of the points that thick wood has.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        With the field ``label``.
+    chosen : WoodChoice
+        A voxel stays that holds, with its neighbours, `min_density` of the median number of points
+        there.
+    most : int
+        Voxels grow until there are no more than so many.
+    min_density : float, optional
+        In the place of the choice's.
+
+    Returns
+    -------
+    points : ndarray of shape (n, 3), float64
+        Means of voxels.
+    labels : ndarray of shape (n,), int64
+        Most frequent class in each.
+    rows, member : ndarray of int64
+        Rows of the cloud that lie in them, and the voxel of each.
+
+    Raises
+    ------
+    StageError
+        If there is too little wood.
+    """
+    labels = np.asarray(cloud["label"])
+    rows = np.flatnonzero(np.isin(labels, list(chosen.classes)))
+    if len(rows) < FEWEST_WOOD:
+        names = ", ".join(CLASS_NAMES.get(int(index), str(index)) for index in chosen.classes)
+        raise StageError(
+            f"the cloud holds {len(rows)} points of the classes to contract ({names})",
+            key="contract.classes, segment",
+        )
+    least = chosen.min_density if min_density is None else min_density
+    points, _, member, size = thin_to_limit(cloud.points[rows], chosen.voxel_size_m, most)
+    keep = _is_dense(points, np.bincount(member), size, least)
+    number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
+    rows, member = rows[number >= 0], number[number >= 0]
+    points = points[keep]
+    return points, majority_label(labels[rows], member, len(points)), rows, member
+
+
+def _is_dense(points: np.ndarray, count: np.ndarray, size: float, min_density: float) -> np.ndarray:
+    """Which voxels hold enough points, with their neighbours, to be wood, (n_voxels,) bool."""
+    a, b = cKDTree(points).query_pairs(AROUND * size, output_type="ndarray").T
+    n = len(points)
+    support = count + np.bincount(a, count[b], n) + np.bincount(b, count[a], n)
+    least = min_density * np.median(support)
+    keep = support >= least
+    logger.info(
+        "kept %s of %s voxels of wood (%.1f %%), the rest too thin (under %.1f points around)",
+        f"{np.count_nonzero(keep):,}",
+        f"{len(keep):,}",
+        100 * keep.mean(),
+        least,
+    )
+    return keep
