@@ -44,7 +44,6 @@ class ContractionOptions:
     max_attraction: float = 1024.0
     min_weight: float = 0.1
     termination_ratio: float = 0.003
-    termination_move: float = 0.0
     max_iterations: int = 20
     n_neighbors: int = 30
     mollify_factor: float = 1e-5
@@ -174,9 +173,6 @@ def contract_points(
             callback(iteration, ratios[-1], current + centre)
         if ratios[-1] < options.termination_ratio:
             stop = f"mass ratio below {options.termination_ratio:g}"
-            break
-        if moved.mean() < options.termination_move * np.sqrt(first_mass.mean()):
-            stop = f"mean move below {options.termination_move:g} of the spacing"
             break
         w_l = np.clip(w_l * amplification, options.min_weight, options.max_contraction)
         from_here = options.initial_attraction if options.attraction_rule == "cao" else w_h
