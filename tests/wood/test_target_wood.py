@@ -61,7 +61,9 @@ def test_wood_that_comes_in_over_the_border_is_cut():
     _, source, _ = voxel_thin(everything, 0.008)
     label = np.concatenate([labels, np.full(len(branch), 2)])[source]
     foreign = source >= len(points)
-    for region in (Footprint(np.zeros(2), 1.0), Footprint.of_box([[-1.0, -1.0], [1.0, 1.0]])):
+    boxed = Footprint.of_box([[-1.0, -1.0], [1.0, 1.0]])
+    # at 0.6 m the laterals meet it nearer to the border than to the stem: their own ends stay
+    for region in (Footprint(np.zeros(2), 1.0), boxed, Footprint(np.zeros(2), 0.6)):
         wood = select_target_wood(everything[source], label, region=region)
         assert wood.keep[foreign].mean() < 0.1
         assert wood.keep[~foreign].mean() > 0.97
