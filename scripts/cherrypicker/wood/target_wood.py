@@ -39,8 +39,6 @@ GAP_COST = 3.0  # a metre of missing data counts as this many of wood
 BORDER_IN_SPACINGS = 3.0
 ANY_DIRECTION_SHARE = 0.4  # of the longest gap: a shorter one is bridged in any direction
 FEWEST_IN_LINE = 5
-END_SHARE = 0.6  # of the longest gap: the length of an end that tells its direction
-LINE_SHARE = 0.75  # share of the variance along its axis from which a piece has a direction
 DIRECTION_COSINE = np.cos(np.radians(30.0))
 THIN_M = 0.025  # radius that the thickness of wood is judged in
 
@@ -220,14 +218,12 @@ def _bridges(
     if n_groups == 1:
         return np.vstack([near, stem])
     piece, _ = components(len(points), edges)  # a group's pieces each have their own direction
-    main_group = np.argmax(np.bincount(group))
-    tree, main_wood = cKDTree(points), cKDTree(points[group == main_group])
-    along = [np.empty((0, 2), dtype=np.int64)]
-    for index in np.unique(piece[group != main_group]):
+    in_pieces = group != np.argmax(np.bincount(group))
+    tree, along = cKDTree(points), [np.empty((0, 2), dtype=np.int64)]
+    for index in np.unique(piece[in_pieces]):
         rows = np.flatnonzero(piece == index)
         if len(rows) >= FEWEST_IN_LINE:
-            found = _links_along(points, tree, main_wood, group, rows, gap_m)
-            along += [np.array([link]) for link in found]
+            along += [np.array([link]) for link in _links_along(points, tree, group, rows, gap_m)]
     links = np.vstack([near, stem, *along])
     return np.vstack([links, _links_of_long(points, np.vstack([edges, links]), gap_m)])
 
@@ -255,24 +251,16 @@ def _links_of_long(points: np.ndarray, edges: np.ndarray, gap_m: float) -> np.nd
 
 
 def _links_along(
-    points: np.ndarray,
-    tree: cKDTree,
-    main_wood: cKDTree,
-    group: np.ndarray,
-    rows: np.ndarray,
-    gap_m: float,
+    points: np.ndarray, tree: cKDTree, group: np.ndarray, rows: np.ndarray, gap_m: float
 ) -> Iterator[tuple[int, int]]:
-    """Links from the ends of a piece to the nearest other wood straight ahead of them."""
+    """Links from the ends of a piece to the nearest other wood straight ahead of them.
+
+    It is shorter than its gap, else `_links_of_long` has it: too short to bend.
+    """
     piece = points[rows]
     axis = np.linalg.svd(piece - piece.mean(axis=0), full_matrices=False)[2][0]
-    position = piece @ axis
-    nearest = int(np.argmin(main_wood.query(piece)[0]))
-    for end in sorted({int(np.argmin(position)), int(np.argmax(position)), nearest}):
-        near = piece[np.linalg.norm(piece - piece[end], axis=1) <= END_SHARE * gap_m]
-        _, values, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
-        if len(near) < FEWEST_IN_LINE or values[0] ** 2 < LINE_SHARE * np.square(values).sum():
-            continue
-        heading = axes[0] if axes[0] @ (piece[end] - near.mean(axis=0)) > 0 else -axes[0]
+    for heading in (-axis, axis):
+        end = int(np.argmax(piece @ heading))
         others = np.array(tree.query_ball_point(piece[end], gap_m), dtype=np.int64)
         others = others[group[others] != group[rows[0]]]
         offset = points[others] - piece[end]
