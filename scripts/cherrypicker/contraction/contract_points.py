@@ -22,6 +22,7 @@ __all__ = ["ATTRACTION_RULES", "Contraction", "ContractionOptions", "contract_po
 logger = logging.getLogger(__name__)
 
 ATTRACTION_RULES = ("compound", "pc_skeletor", "cao")
+# Of W_L by the number of points: pc-skeletor's
 AMPLIFICATION_BY_SIZE = ((1e3, 1.0), (1e4, 2.0), (1e6, 5.0), (np.inf, 8.0))
 FEWEST_POINTS = 10
 

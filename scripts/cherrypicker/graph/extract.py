@@ -22,7 +22,8 @@ from cherrypicker.wood.target_wood import lowest_base
 
 __all__ = ["extract_skeleton", "limb_tree"]
 
-GAP_IN_SPACINGS = 3.0  # an edge with no point so near to the surface around it bridges missing data
+# An edge with no point so near to the surface around it bridges missing data (guess)
+GAP_IN_SPACINGS = 3.0
 
 
 @dataclass(frozen=True)

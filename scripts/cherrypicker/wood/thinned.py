@@ -18,7 +18,7 @@ __all__ = ["FEWEST_WOOD", "WoodChoice", "thinned_wood"]
 
 logger = logging.getLogger(__name__)
 
-FEWEST_WOOD = 50
+FEWEST_WOOD = 50  # points of which a tree is looked for (guess)
 AROUND = 1.8  # in voxels: neighbours whose points count as well (all that share a face or an edge)
 
 
