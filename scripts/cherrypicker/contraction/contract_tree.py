@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
-from cherrypicker.contraction.on_axes import move_to_axes
+from cherrypicker.contraction.on_axes import points_on_axes
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
-from cherrypicker.limbs.growth import Limbs
+from cherrypicker.limbs.growth import Limbs, limbs_of_wood
 from cherrypicker.wood.target_wood import lowest_base
 
 __all__ = ["ContractedTree", "agreed_labels", "contract_tree"]
@@ -113,11 +113,11 @@ def contract_tree(
         return ContractedTree(result.points, source, label, details | {"stop": result.stop})
     if base is None:
         base = lowest_base(thin, np.where(in_stem, Label.TRUNK, Label.BRANCH)).base
-    moved, found = move_to_axes(points[source], base, stem=in_stem)
+    found = limbs_of_wood(points[source], base, stem=in_stem)
     details["n_limbs"] = len(found.limbs)
     details["spacing"], details["noise"] = round(found.spacing, 6), round(found.noise, 6)
     details["claimed"] = round(found.claimed, 4)
-    return ContractedTree(moved, source, label, details, found)
+    return ContractedTree(points_on_axes(points[source], found), source, label, details, found)
 
 
 def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:

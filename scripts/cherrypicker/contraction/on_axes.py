@@ -2,43 +2,15 @@
 
 import numpy as np
 
-from cherrypicker.limbs.growth import Limbs, limbs_of_wood
+from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import from_parents
 from cherrypicker.limbs.tubes import seen_from
 
-__all__ = ["move_to_axes", "points_on_axes"]
-
-
-def move_to_axes(
-    points: np.ndarray, base: np.ndarray, *, stem: np.ndarray | None = None
-) -> tuple[np.ndarray, Limbs]:
-    """Grow the limbs of a tree's wood and move its points onto their axes.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Wood of one tree, thinned evenly, z up.
-    base : array-like of 3 floats
-        Base of the stem.
-    stem : ndarray of shape (n_points,), bool, optional
-        What is known to be the stem.
-
-    Returns
-    -------
-    moved : ndarray of shape (n_points, 3), float64
-    limbs : Limbs
-
-    Raises
-    ------
-    StageError
-        If the points make no limb.
-    """
-    found = limbs_of_wood(points, base, stem=stem)
-    return points_on_axes(points, found), found
+__all__ = ["points_on_axes"]
 
 
 def points_on_axes(points: np.ndarray, found: Limbs) -> np.ndarray:
-    """Points on the axes of their limbs, (n_points, 3) float64.
+    """Points on the axes of their limbs, (n_points, 3) float64: those that `found` was grown from.
 
     Each goes to the nearest place of its limb's axis. Where a limb runs inside its parent it has no
     surface: the points of a piece as long as that, where it comes out, spread over both.

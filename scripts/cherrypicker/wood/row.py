@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.wood.target import TREE_SHARE, Candidate, Choice, choose_target
+from cherrypicker.wood.target import TREE_SHARE, Candidate, choose_target
 from cherrypicker.wood.target_wood import SharedWood, share_wood
 from cherrypicker.wood.thinned import WoodChoice, thinned_wood
 
@@ -176,31 +177,20 @@ def _chosen(
     region: Footprint | None,
 ) -> FoundTrees:
     """The trees, without the owners of points."""
+    choose = partial(choose_target, points, bases, shared.owner, spacing=shared.spacing)
     if isinstance(asked, str):
-        choice = choose_target(points, bases, shared.owner, spacing=shared.spacing)
+        choice = choose()
         heaviest = max(one.mass for one in choice.candidates)
         trees = _along_the_row([c for c in choice.candidates if c.mass >= TREE_SHARE * heaviest])
         places = [np.array(tree.base[:2]) for tree in trees]
     else:
-        choices = [_nearest(points, shared, bases, place, region) for place in asked]
+        choices = [choose(region=region, target_xy=place) for place in asked]
         choice, heaviest = choices[0], None
         trees, places = [each.target for each in choices], [np.asarray(p, float) for p in asked]
     taken = {tree.stem for tree in trees}
     left = [(o, _reason(o, heaviest)) for o in choice.candidates if o.stem not in taken]
     _refuse_shared_stems(trees, places)
     return FoundTrees(trees, places, left, np.empty(0, dtype=np.int16))
-
-
-def _nearest(
-    points: np.ndarray,
-    shared: SharedWood,
-    bases: list[np.ndarray],
-    place: ArrayLike,
-    region: Footprint | None,
-) -> Choice:
-    return choose_target(
-        points, bases, shared.owner, spacing=shared.spacing, region=region, target_xy=place
-    )
 
 
 def _reason(other: Candidate, heaviest: int | None) -> str:
