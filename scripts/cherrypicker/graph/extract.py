@@ -92,7 +92,7 @@ def extract_skeleton(
     )
     if settings.method == "mst":
         return told
-    radius = never_growing(skeleton.parent, skeleton.radius, told.fields["n_points"])
+    radius = never_growing(skeleton.parent, skeleton.radius, told.fields["radius_error"])
     return replace(told, radius=radius)
 
 

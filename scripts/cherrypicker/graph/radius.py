@@ -6,29 +6,31 @@ import numpy as np
 
 __all__ = ["never_growing"]
 
-LEAST_POINTS = 1e-3  # weight of a node without points: less than any other's, and more than none
+UNTOLD = 1e3  # a node without an error errs by so many times the largest: it has no say
 
 
-def never_growing(parent: np.ndarray, radius: np.ndarray, n_points: np.ndarray) -> np.ndarray:
+def never_growing(parent: np.ndarray, radius: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Least-squares radii that are nowhere larger than their parent's.
 
     From the tips to the root every node pools with the child block of the largest mean for as long
-    as that mean is above its own (isotonic regression on a tree, Pardalos and Xue 1999). A node
-    weighs as many points as it rests on: where a thick limb leaves a fork whose own nodes have few,
-    the limb says how thick the fork is, and a limb that no point is near says nothing.
+    as that mean is above its own (isotonic regression on a tree, Pardalos and Xue 1999). Each
+    weighs by the inverse of its variance: where a thick limb leaves a fork whose own nodes have few
+    points, the limb says how thick the fork is, and a limb that is seen from one side says little.
 
     Parameters
     ----------
     parent : ndarray of shape (n_nodes,), int64
         Of a smaller number, -1 for the root.
-    radius, n_points : ndarray of shape (n_nodes,)
+    radius, error : ndarray of shape (n_nodes,), float64
+        And the standard error of each, 0 where it is not known.
 
     Returns
     -------
     ndarray of shape (n_nodes,), float64
     """
-    mass = np.maximum(n_points, LEAST_POINTS).tolist()
-    total, block = (mass * radius).tolist(), list(range(len(radius)))
+    largest = error.max() or 1.0
+    weight = (largest / np.where(error > 0, error, UNTOLD * largest)) ** 2
+    mass, total, block = weight.tolist(), (weight * radius).tolist(), list(range(len(radius)))
     beyond: list[list[int]] = [[] for _ in block]  # the child blocks of each
 
     def mean(one: int) -> float:

@@ -25,7 +25,7 @@ __all__ = [
 
 TRUNK_KEEPS = 0.8  # share of the radius that a trunk keeps over a fork (docs/segmentation.md)
 # Children this close in radius are told apart by how far they reach (guess). Of the length of 14
-# skeletons 0.707 has the order that its generator gave it; 0.692 by the thickest child alone, 0.703
+# skeletons 0.722 has the order that its generator gave it; 0.692 by the thickest child alone, 0.718
 # where far and straight decide.
 SIMILAR_RADIUS = 0.85
 # The radii of a child are taken from one radius of the junction on, over two; those of the trunk
