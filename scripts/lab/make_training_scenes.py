@@ -10,7 +10,7 @@ training that reads the folder (`train_segmentation.py --scenes`) may run beside
 import lab_path  # noqa: F401
 from cherrypicker.errors import StageError
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, make_scenes
+from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, THINGS, make_scenes
 
 
 def main(folder, *, first_seed, n_scenes, scene_points, things):
@@ -29,8 +29,9 @@ parser.add_argument("--n_scenes", type=int, default=100)
 parser.add_argument("--scene_points", type=int, default=160_000, help="of a cloud at most")
 parser.add_argument(
     "--things",
-    choices=("common", "confusable"),
+    choices=THINGS,
     default="common",
-    help="what stands about the trees; confusable: small signs beside markers, posts, rings",
+    help="what stands about the trees; confusable: small signs beside markers, posts, rings; "
+    "random: boards, solids, roofs and strangers' things of any kind",
 )
 run(main, parser, globals().get("snakemake"))

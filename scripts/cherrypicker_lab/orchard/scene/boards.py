@@ -49,7 +49,7 @@ def marker_image(dictionary, marker_id, margin_modules=MARGIN_MODULES):
     return np.where(texels[..., None], WHITE, BLACK) * np.ones(3), n
 
 
-def _turn(azimuth, elevation):
+def board_turn(azimuth, elevation):
     """Rotation of a board from the x-y plane: its y leans to `azimuth`, raised by `elevation`.
 
     elevation 0 leaves it lying face up with its top towards the azimuth; pi/2 stands it upright,
@@ -95,7 +95,7 @@ def marker_object(spec, xy, ground_z, seed):
         elevation = spec["tilt"]
         lift = np.sin(elevation) * edge / 2 + GROUND_CLEARANCE_M
         centre = np.array([*xy, ground_z + lift])
-    rotation = _turn(spec["azimuth"], elevation)
+    rotation = board_turn(spec["azimuth"], elevation)
     material = {"kind": "image", "image": image, "filter": "closest"}
     name = f"marker_{spec['id']}"
     board = quad_board(edge, edge, 0.008).moved(centre, rotation)
@@ -134,7 +134,7 @@ def board_on_post(rng, seed, spec, azimuth, ground_z):
     drawn_width, shape, drawn_top = rng.uniform([0.18, 0.6, 0.35], [0.42, 0.75, 0.9])
     width, top = spec.get("width", drawn_width), spec.get("top", drawn_top)
     height = width * shape
-    rotation = _turn(azimuth + np.pi + rng.normal() * 0.3, np.pi / 2 - rng.uniform(0, 0.3))
+    rotation = board_turn(azimuth + np.pi + rng.normal() * 0.3, np.pi / 2 - rng.uniform(0, 0.3))
     centre = np.array([*spec["xy"], ground_z + top])
     plate = quad_board(width, height, 0.006).moved(centre, rotation)
     foot = centre - 0.018 * rotation[:, 2]

@@ -20,7 +20,7 @@ from cherrypicker.segmentation.inference import segment_cloud
 from cherrypicker_lab.evaluation import compare_cameras
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores
 from cherrypicker_lab.training.segmentation.scenes import hidden_bark
-from cherrypicker_lab.training.segmentation.training import IGNORED, network_labels
+from cherrypicker_lab.training.segmentation.training import network_labels
 
 REACH_M = 0.03  # a point further than this from the true surface has no true class
 
@@ -92,7 +92,7 @@ def judge(labelled, weights, **settings):
     """
     labels = segment_cloud(labelled.cloud, weights, **settings)["label"]
     targets = network_labels(labelled.truth)
-    known = targets != IGNORED
+    known = targets >= 0
     return confusion_matrix(targets[known], network_labels(labels)[known], N_CLASSES), labels
 
 

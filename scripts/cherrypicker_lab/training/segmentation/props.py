@@ -18,11 +18,11 @@ POST_TONES = ((0.36, 0.29, 0.20), (0.30, 0.27, 0.24), (0.42, 0.36, 0.24), (0.40,
 MIN_GAP_M = 0.02  # between a post's surface and the stem's
 
 
-def _log_uniform(rng, low, high):
+def log_uniform(rng, low, high):
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def _marker(rng, low, high, poses):
+def marker_spec(rng, low, high, poses):
     return {
         "dictionary": str(rng.choice(MARKER_DICTIONARIES)),
         "id": int(rng.integers(0, 50)),
@@ -35,7 +35,7 @@ def common_things(rng):
     """Options of `generate_scene`: what stands about the tree, rare classes often enough."""
     n_markers = int(rng.choice([0, 1, 2, 3], p=[0.1, 0.4, 0.3, 0.2]))
     return {
-        "markers": [_marker(rng, 0.08, 0.30, ["lying", "standing"]) for _ in range(n_markers)],
+        "markers": [marker_spec(rng, 0.08, 0.30, ["lying", "standing"]) for _ in range(n_markers)],
         "sign": bool(rng.random() < 0.75),
         "cube": bool(rng.random() < 0.45),
         "ring": bool(rng.random() < 0.5),
@@ -45,7 +45,7 @@ def common_things(rng):
 def confusable_things(rng):
     """Options of `generate_scene` for a scene that `add_confusable` fills up."""
     markers = [
-        _marker(rng, 0.08, 0.25, ["lying", "standing", "standing", "post"])
+        marker_spec(rng, 0.08, 0.25, ["lying", "standing", "standing", "post"])
         for _ in range(int(rng.integers(0, 3)))
     ]
     return {
@@ -61,7 +61,7 @@ def confusable_things(rng):
     }
 
 
-def _beside(rng, taken, low, high, gap=0.22):
+def beside(rng, taken, low, high, gap=0.22):
     """A place at a distance of `low` to `high` from the stem, off the places taken so far."""
     for _ in range(50):
         azimuth = rng.uniform(-np.pi, np.pi)
@@ -74,28 +74,28 @@ def _beside(rng, taken, low, high, gap=0.22):
 
 def _pair(rng, scene, taken):
     """A sign of a marker's size and, as often as not, a standing marker beside it."""
-    xy, azimuth = _beside(rng, taken, 0.3, 1.3)
+    xy, azimuth = beside(rng, taken, 0.3, 1.3)
     z = scene.ground_height(xy[None])[0]
-    spec = {"xy": xy, "width": _log_uniform(rng, 0.10, 0.42), "top": _log_uniform(rng, 0.22, 1.0)}
+    spec = {"xy": xy, "width": log_uniform(rng, 0.10, 0.42), "top": log_uniform(rng, 0.22, 1.0)}
     seed = int(rng.integers(1 << 30))
     scene.objects.extend(board_on_post(rng, seed, spec, azimuth, z))
     if rng.random() < 0.5:
         return
     turn = rng.choice([-1, 1]) * rng.uniform(0.35, 0.8)
-    beside = np.linalg.norm(xy) * np.array([np.cos(azimuth + turn), np.sin(azimuth + turn)])
-    marker = _marker(rng, 0.08, 0.25, ["standing", "standing", "lying"])
+    place = np.linalg.norm(xy) * np.array([np.cos(azimuth + turn), np.sin(azimuth + turn)])
+    marker = marker_spec(rng, 0.08, 0.25, ["standing", "standing", "lying"])
     marker |= {"azimuth": azimuth + turn + np.pi + rng.normal() * 0.4, "tilt": rng.uniform(0, 0.25)}
-    made, _ = marker_object(marker, beside, scene.ground_height(beside[None])[0], seed)
-    taken.append(beside)
+    made, _ = marker_object(marker, place, scene.ground_height(place[None])[0], seed)
+    taken.append(place)
     scene.objects.extend(made)
 
 
-def _post(rng, scene, taken):
+def add_post(rng, scene, taken):
     """A post of 1.5 to 8 cm radius: at the stem, or free of it."""
-    radius = _log_uniform(rng, 0.015, 0.08)
+    radius = log_uniform(rng, 0.015, 0.08)
     near = float(scene.target.axes[0].reach.max()) + radius + MIN_GAP_M
     reach = near + (0.15 if rng.random() < 0.6 else 1.0)
-    xy, _ = _beside(rng, taken, near, reach, gap=radius + 0.1)
+    xy, _ = beside(rng, taken, near, reach, gap=radius + 0.1)
     z = scene.ground_height(xy[None])[0]
     height = rng.uniform(0.5, 2.8)
     top = xy + rng.normal(size=2) * 0.015 * height
@@ -135,9 +135,9 @@ def add_confusable(scene, rng):
     for _ in range(int(rng.choice([0, 1, 2], p=[0.1, 0.6, 0.3]))):
         _pair(rng, scene, taken)
     for _ in range(int(rng.choice([0, 1, 2], p=[0.35, 0.45, 0.2]))):
-        _post(rng, scene, taken)
+        add_post(rng, scene, taken)
     if rng.random() < 0.3:
-        xy, _ = _beside(rng, taken, 0.35, 1.1)
+        xy, _ = beside(rng, taken, 0.35, 1.1)
         scene.objects.append(
             checker_cube(rng, int(rng.integers(1 << 30)), xy, scene.ground_height(xy[None])[0])
         )

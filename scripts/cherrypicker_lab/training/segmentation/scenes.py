@@ -20,11 +20,19 @@ from cherrypicker_lab.training.segmentation.props import (
     common_things,
     confusable_things,
 )
+from cherrypicker_lab.training.segmentation.random_props import add_random, random_things
 
 logger = logging.getLogger(__name__)
 
 HELD_OUT_SEED = 900_000  # held-out seeds start here, far from any number of training seeds
 UNDER_RING_M = 0.01  # wood this near to a ring's points is under it
+# by what stands about the tree: what a scene is drawn with and filled up by
+FILLED = {
+    "confusable": (confusable_things, add_confusable),
+    "random": (random_things, add_random),
+}
+THINGS = ("common", *FILLED)
+EXTENT_M = {"common": 3.2, "confusable": 3.2, "random": 4.5}  # clouds reach so far at most
 QUANTUM_M = 0.00025  # resolution of the coordinates in the cache; they reach 8 m
 
 
@@ -42,9 +50,10 @@ def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
         Points at most; between a quarter and all of them are drawn.
     habit : str, optional
         As `generate_scene`; drawn from its trained forms and `variety.bearing_form` by default.
-    things : {"common", "confusable"}
-        What stands about the tree: as in most orchards, or what passes for one another
-        (`cherrypicker_lab.training.segmentation.props`).
+    things : {"common", "confusable", "random"}
+        What stands about the tree: as in most orchards, what passes for one another
+        (`cherrypicker_lab.training.segmentation.props`), or things drawn at random
+        (`cherrypicker_lab.training.segmentation.random_props`).
 
     Returns
     -------
@@ -62,14 +71,15 @@ def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
     if things == "common":
         scene = generate_scene(seed, habit=habit, **size, **common_things(rng))
     else:
+        options, fill = FILLED[things]
         form = habit or str(rng.choice(FORMS))
-        scene = generate_scene(seed, habit=form, **size, **confusable_things(rng))
-        add_confusable(scene, rng)
+        scene = generate_scene(seed, habit=form, **size, **options(rng))
+        fill(scene, rng)
     cloud = sample_scene(
         scene,
         n_points,
         rng=rng,
-        extent=float(rng.uniform(1.5, 3.2)),
+        extent=float(rng.uniform(1.5, EXTENT_M[things])),
         ground_share=float(rng.uniform(0.25, 0.5)),
     )
     return without_hidden_bark(
@@ -117,7 +127,7 @@ def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="comm
         As `make_sample`.
     habits : sequence of str or None
         Forms, taken in turn.
-    things : {"common", "confusable"}
+    things : {"common", "confusable", "random"}
         As `make_sample`.
 
     Returns

@@ -31,10 +31,12 @@ from cherrypicker.segmentation.spheres import (
 )
 from cherrypicker_lab.training.segmentation.augment import augment
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, score_table, scores
+from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
 
 logger = logging.getLogger(__name__)
 
 IGNORED = -100  # nll_loss leaves these points out
+STRAY = -1  # target of things of no class (`NO_WOOD`), of which only that is known
 # Chance of a class to give a sphere's centre: the rare classes as often as the wood.
 _CENTER_WEIGHT = {
     Label.GROUND: 0.8,
@@ -51,6 +53,7 @@ BORDER_SHARE = 0.25  # weight of trunk against branch, whose border the stem's c
 def network_labels(labels):
     """Training targets (n,) int64: the post counts as trunk (paper), the unlabelled is ignored."""
     targets = np.full(256, IGNORED, dtype=np.int64)
+    targets[NO_WOOD] = STRAY
     for label in Label:
         targets[label] = IGNORED if label.channel is None else label.channel
     return targets[np.asarray(labels)]
@@ -115,14 +118,14 @@ def wood_loss(output, targets, weights):
     """Negative log-likelihood with trunk and branch as one class, plus a share of it with two.
 
     Where the trunk ends is decided by the limbs (`segmentation.stems`); that something is wood,
-    only the network can tell.
+    only the network can tell. Of things of no class the likelihood is that of not being wood.
 
     Parameters
     ----------
     output : Tensor of shape (n, 7)
         Log-probabilities.
     targets : Tensor of shape (n,), int64
-        `IGNORED` rows do not count.
+        `IGNORED` rows do not count, `STRAY` ones are no wood.
     weights : Tensor of shape (7,)
         Loss weights of the classes.
 
@@ -136,9 +139,12 @@ def wood_loss(output, targets, weights):
     joined = output.clone()
     joined[:, trunk], joined[:, branch] = wood, wood
     nll = torch.nn.functional.nll_loss
+    stray = targets == STRAY
+    no_wood = torch.log1p(-wood[stray].exp().clamp(max=1 - 1e-6))
+    targets = targets.masked_fill(stray, IGNORED)
     apart = nll(output, targets, weights, ignore_index=IGNORED)
     together = nll(joined, targets, weights, ignore_index=IGNORED)
-    return (1 - BORDER_SHARE) * together + BORDER_SHARE * apart
+    return (1 - BORDER_SHARE) * together + BORDER_SHARE * apart - no_wood.sum() / len(targets)
 
 
 def _batches(samples, network, sampling, schedule, epoch):
