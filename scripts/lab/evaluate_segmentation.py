@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import lab_path  # noqa: F401
+from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
@@ -31,6 +32,7 @@ from cherrypicker_lab.training.segmentation.held_out import (
     without_color,
 )
 from cherrypicker_lab.training.segmentation.held_out import labels_figure as draw_labels
+from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
 from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, load_samples
 
 TEMPLATES = ("cherry_whip", "fir", "larch", "pine")  # forms that the training never draws
@@ -48,6 +50,7 @@ def main(
     colors,
     n_scenes,
     n_templates,
+    n_random,
     first_seed,
     scene_points,
     trace_stems,
@@ -73,6 +76,10 @@ def main(
     if n_templates:
         samples = load_samples(others, folder, scene_points, habits=TEMPLATES)
         sets["held-out forms"] = [of_sample("template", sample) for sample in samples]
+    if n_random:
+        strange = range(first_seed + 600, first_seed + 600 + n_random)
+        samples = load_samples(strange, folder, scene_points, things="random")
+        sets["things at random"] = [of_sample("random", sample) for sample in samples]
     for pair in scans:
         results, _, truth = pair.partition("=")
         if not truth:
@@ -110,6 +117,9 @@ def _sum(name, clouds, weights, settings):
         confusion, labels = judge(labelled, weights, **settings)
         total += confusion
         found.append(labels)
+        if (stray := labelled.truth == NO_WOOD).any():
+            share = wood_mask(labels[stray]).mean()
+            logger.info("%.1f %% of %d points of no class are wood", 100 * share, stray.sum())
         logger.info("%s, cloud %d\n%s", name, number, table({str(number): confusion}))
     logger.info("measured: %s (%d clouds)", name, len(clouds))
     return total, found
@@ -135,8 +145,12 @@ parser.add_argument(
 )
 parser.add_argument("--n_scenes", type=int, default=10)
 parser.add_argument("--n_templates", type=int, default=8)
+parser.add_argument("--n_random", type=int, default=6, help="scenes of things drawn at random")
 parser.add_argument(
-    "--first_seed", type=int, default=HELD_OUT_SEED, help="of the scenes; the forms' is 500 above"
+    "--first_seed",
+    type=int,
+    default=HELD_OUT_SEED,
+    help="of the scenes; the forms' is 500 above, that of things at random 600",
 )
 parser.add_argument("--scene_points", type=int, default=250_000)
 parser.add_argument("--no_trace_stems", dest="trace_stems", action="store_false")

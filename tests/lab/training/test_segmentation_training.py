@@ -11,9 +11,11 @@ from cherrypicker.segmentation.dgcnn import Dgcnn, choose_device, save_weights
 from cherrypicker.segmentation.inference import Sampling, propagate, segment_cloud
 from cherrypicker.segmentation.refine import Smoothing
 from cherrypicker_lab.training.segmentation.augment import Sample
+from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
 from cherrypicker_lab.training.segmentation.schedule import Schedule
 from cherrypicker_lab.training.segmentation.training import (
     IGNORED,
+    STRAY,
     class_weights,
     measure,
     network_labels,
@@ -157,8 +159,8 @@ def test_too_few_points_and_missing_weights_are_errors(trained, tmp_path):
 
 
 def test_post_trains_as_trunk_and_the_unlabelled_is_ignored():
-    targets = network_labels(np.array([0, 1, 7, 255, 6], np.uint8))
-    assert targets.tolist() == [0, 1, 1, IGNORED, 6]
+    targets = network_labels(np.array([0, 1, 7, 255, 6, NO_WOOD], np.uint8))
+    assert targets.tolist() == [0, 1, 1, IGNORED, 6, STRAY]
 
 
 def test_rare_classes_weigh_more():
@@ -200,6 +202,22 @@ def test_the_wood_loss_forgives_trunk_for_branch_more_than_trunk_for_ground():
 
     assert loss(Label.TRUNK) < 0.1
     assert loss(Label.TRUNK) < loss(Label.BRANCH) < 0.5 * loss(Label.GROUND)
+
+
+def test_things_of_no_class_may_be_anything_but_wood():
+    targets = torch.tensor([int(Label.GROUND), STRAY, STRAY, IGNORED])
+
+    def loss(*labels):
+        share = torch.full((4, 7), 0.01)
+        share[torch.arange(4), torch.tensor(labels)] = 0.94
+        return float(wood_loss(share.log(), targets, torch.ones(7)))
+
+    ground, sign, roof, branch, trunk = map(
+        int, (Label.GROUND, Label.SIGN, Label.ROOF, Label.BRANCH, Label.TRUNK)
+    )
+    assert loss(ground, sign, ground, trunk) == pytest.approx(loss(ground, roof, roof, ground))
+    assert loss(ground, branch, sign, ground) > loss(ground, sign, sign, ground) + 0.5
+    assert loss(ground, branch, sign, ground) == pytest.approx(loss(ground, sign, trunk, branch))
 
 
 def test_a_training_with_a_time_limit_stops_and_goes_on_from_given_weights(trained, tmp_path):
