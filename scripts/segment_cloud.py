@@ -10,8 +10,6 @@ segmented.ply: the same points in the same order with a label and a confidence. 
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-
 from cherrypicker.files import read_json
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
@@ -20,19 +18,9 @@ from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker.segmentation.refine import Smoothing
 from cherrypicker.segmentation.stems import StemModel
 from cherrypicker.segmentation.support_post import PostModel
-from cherrypicker.segmentation.things import Square, solved_squares
+from cherrypicker.segmentation.things import solved_squares
 
 SHIPPED = Path(__file__).resolve().parents[1] / "resources/weights/dgcnn.pt"
-
-
-def _squares(scale: str | None, align: str | None) -> list[Square] | None:
-    """The solved markers in the frame of the cloud; None for a cloud without photos."""
-    if not (scale and align):
-        return None
-    found = read_json(scale)
-    to_metric = np.array(read_json(align)["transform"])
-    to_metric[:3] *= found["scale"] or 1.0
-    return solved_squares(found, to_metric)
 
 
 def main(
@@ -59,7 +47,7 @@ def main(
         smoothing=smoothing,
         post=post if split_post else None,
         stems=stems if trace_stems else None,
-        squares=_squares(scale, align),
+        squares=solved_squares(read_json(scale), read_json(align)) if scale and align else None,
         seed=seed,
         device=choose_device(threads, gpu),
     )

@@ -106,13 +106,15 @@ def test_a_print_that_passed_for_grass_is_marker(rng):
 def test_squares_are_moved_to_the_clouds_frame_and_only_known_where_all_are_solved():
     corners = _square([0, 0, 0], side=1.0).corners
     scale = {"mode": "marker", "other_ids": {"12": 1}, "markers": [{"corners": corners.tolist()}]}
-    to_metric = np.diag([0.5, 0.5, 0.5, 1.0])
-    to_metric[:3, 3] = 1, 2, 3
-    (square,) = solved_squares(scale, to_metric)
+    scale["scale"] = 0.5
+    transform = np.eye(4)
+    transform[:3, 3] = 2, 4, 6
+    align = {"transform": transform.tolist()}
+    (square,) = solved_squares(scale, align)
     assert np.allclose(square.middle, [1, 2, 3])
     assert square.side == pytest.approx(0.5)
-    assert solved_squares(scale | {"other_ids": {"12": 9}}, to_metric) is None
-    assert solved_squares(scale | {"mode": "none"}, to_metric) is None
+    assert solved_squares(scale | {"other_ids": {"12": 9}}, align) is None
+    assert solved_squares(scale | {"mode": "none"}, align) is None
 
 
 def _classes(*parts):

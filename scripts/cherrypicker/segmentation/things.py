@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, WOOD, Label
@@ -77,15 +77,13 @@ class Square:
         return on_it & (np.abs(offset @ across[2]) <= thickness)
 
 
-def solved_squares(scale: dict[str, Any], to_metric: ArrayLike) -> list[Square] | None:
+def solved_squares(scale: dict[str, Any], align: dict[str, Any]) -> list[Square] | None:
     """The markers of a scan that were solved, in the metric frame.
 
     Parameters
     ----------
-    scale : dict
-        scale.json.
-    to_metric : array-like of shape (4, 4)
-        From the frame of the sparse model to the metric one, with its scale.
+    scale, align : dict
+        scale.json and align.json, which lead from the sparse model's frame to the metric one.
 
     Returns
     -------
@@ -94,7 +92,8 @@ def solved_squares(scale: dict[str, Any], to_metric: ArrayLike) -> list[Square] 
     """
     if scale["mode"] != "marker" or any(n > 1 for n in scale["other_ids"].values()):
         return None
-    matrix = np.asarray(to_metric, dtype=np.float64)
+    matrix = np.array(align["transform"], dtype=np.float64)
+    matrix[:3] *= scale["scale"] or 1.0
     return [
         Square(np.asarray(marker["corners"]) @ matrix[:3, :3].T + matrix[:3, 3])
         for marker in scale["markers"]

@@ -1,5 +1,7 @@
 """Held-out measures: scans are judged by the nearest true surface, tables name every class."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,12 @@ def test_a_scan_is_moved_onto_its_scene_and_far_points_have_no_class(tmp_path):
     scan = held_out.of_scan(results, truth)
     assert scan.name == "tree"
     assert scan.truth.tolist() == [0, 1, 2, 255]
+    assert scan.squares is None
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    solved = {"mode": "marker", "scale": 0.2, "other_ids": {}, "markers": [{"corners": corners}]}
+    (results / "scale.json").write_text(json.dumps(solved))
+    (results / "align.json").write_text(json.dumps({"transform": np.eye(4).tolist()}))
+    assert [square.side for square in held_out.of_scan(results, truth).squares] == [0.2]
 
 
 def test_the_table_has_a_row_a_set_and_leaves_absent_classes_open():

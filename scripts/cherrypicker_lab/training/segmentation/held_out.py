@@ -11,12 +11,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, Label
-from cherrypicker.files import atomic_path
+from cherrypicker.files import atomic_path, read_json
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.segmentation.dgcnn import N_CLASSES
 from cherrypicker.segmentation.inference import segment_cloud
+from cherrypicker.segmentation.things import Square, solved_squares
 from cherrypicker_lab.evaluation import compare_cameras
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores
 from cherrypicker_lab.training.segmentation.scenes import hidden_bark
@@ -27,11 +28,12 @@ REACH_M = 0.03  # a point further than this from the true surface has no true cl
 
 @dataclass(frozen=True)
 class LabelledCloud:
-    """A cloud and its true labels (n_points,) uint8, 255 where unknown."""
+    """A cloud, its true labels (n_points,) uint8, 255 where unknown, its solved markers."""
 
     name: str
     cloud: PointCloud
     truth: np.ndarray
+    squares: list[Square] | None = None
 
 
 def of_sample(name, sample, *, color=True):
@@ -47,7 +49,8 @@ def of_scan(results, truth):
     Parameters
     ----------
     results : path-like
-        ``results/{tree}``: metric.ply, metric_poses.npz.
+        ``results/{tree}``: metric.ply, metric_poses.npz; scale.json and align.json where the
+        stage is to know the solved markers, as in the workflow.
     truth : path-like
         ``{scene}/truth``: cloud.ply, poses.npz.
 
@@ -72,7 +75,11 @@ def of_scan(results, truth):
     labels = np.full(len(cloud), int(Label.UNLABELLED), np.uint8)
     known = np.isfinite(distance)
     labels[known] = surface["label"][nearest[known]]
-    return LabelledCloud(results.name, cloud, labels)
+    known = [results / "scale.json", results / "align.json"]
+    squares = None
+    if all(file.is_file() for file in known):
+        squares = solved_squares(*map(read_json, known))
+    return LabelledCloud(results.name, cloud, labels, squares)
 
 
 def judge(labelled, weights, **settings):
@@ -90,7 +97,7 @@ def judge(labelled, weights, **settings):
     confusion : ndarray of shape (7, 7), int64
     labels : ndarray of shape (n_points,), uint8
     """
-    labels = segment_cloud(labelled.cloud, weights, **settings)["label"]
+    labels = segment_cloud(labelled.cloud, weights, squares=labelled.squares, **settings)["label"]
     targets = network_labels(labelled.truth)
     known = targets >= 0
     return confusion_matrix(targets[known], network_labels(labels)[known], N_CLASSES), labels
