@@ -34,7 +34,7 @@ def both_sides(mesh):
 
 
 def plate(width, height, thickness, corners=4):
-    """A board of 3 or more corners in the x-y plane, its front at z = 0; uv as `quad_board`.
+    """A board of 3 or more corners in the x-y plane, its front at z = 0, printed through.
 
     Four corners make a rectangle, many an ellipse; all fill `width` times `height` (m).
     """
@@ -47,8 +47,7 @@ def plate(width, height, thickness, corners=4):
     fan = np.column_stack([0 * n, n, n + 1])
     front = _with_uv(np.column_stack([flat, np.zeros(corners)]), fan, share)
     behind = np.column_stack([flat, np.full(corners, -thickness)])
-    plain = np.full((corners, 2), -1.0)
-    back = _with_uv(behind, fan[:, ::-1], plain)
+    back = _with_uv(behind, fan[:, ::-1], share)
     rim = _grid(np.stack([behind, front.vertices]), np.full((2, corners, 2), -1.0), wrap=True)
     return join([front, back, rim])
 

@@ -98,7 +98,7 @@ def painted_surface(rng, scene, n_points, extent, ground_share, widen):
     other_area = sum(min(t.mesh.face_areas().sum(), MOST_THING_M2) for t in scene.objects)
     density = n_points * (1 - ground_share) / (wood_area + other_area)
     parts = _wood(rng, scene, density, extent, widen)
-    flat = things(rng, scene, 0.7 * density, extent, most_m2=MOST_THING_M2)
+    flat = things(rng, scene, 0.7 * density, extent, most_m2=MOST_THING_M2, is_seen=True)
     floor = ground_share * n_points / (np.pi * extent**2)
     flat.append(ground(rng, scene, floor, extent, is_colored=False))
     names = ("points", "normals", "albedo", "label", "radius")

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker_lab.orchard.scene.appearance import bark_relief, surface_color
+from cherrypicker_lab.orchard.scene.appearance import bark_relief, image_color, surface_color
 from cherrypicker_lab.orchard.scene.ground import ground_color
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 
@@ -90,10 +90,11 @@ def _wood(rng, scene, trees, density, extent, is_colored):
     return parts
 
 
-def things(rng, scene, density, extent, *, most_m2=np.inf, is_colored=True):
+def things(rng, scene, density, extent, *, most_m2=np.inf, is_colored=True, is_seen=False):
     """Points on all that is neither a tree nor the ground: a list of tuples as `surface` joins.
 
-    A thing gets at most the points of `most_m2` square metres.
+    A thing gets at most the points of `most_m2` square metres. Where it `is_seen`, points on an
+    image whose material has `found` (the share of points that stereo finds, by texel) thin out.
     """
     parts = []
     for thing in scene.objects:
@@ -101,6 +102,8 @@ def things(rng, scene, density, extent, *, most_m2=np.inf, is_colored=True):
         points, normals, attributes = on_mesh(rng, thing.mesh, n)
         keep = np.hypot(points[:, 0], points[:, 1]) < extent
         keep &= points[:, 2] > scene.ground_height(points[:, :2]) - 0.002
+        if is_seen and "found" in thing.material:
+            keep &= rng.random(n) < image_color(thing.material["found"], attributes["uv"])
         if not keep.any():
             continue
         albedo = np.empty((keep.sum(), 0))

@@ -9,8 +9,10 @@ metres, z up, the target's stem foot at the origin.
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from cherrypicker.classes import Label
+from cherrypicker_lab.orchard.scene.appearance import encode_srgb
 from cherrypicker_lab.orchard.scene.boards import board_turn, marker_image
 from cherrypicker_lab.orchard.scene.ground import GROUNDS
 from cherrypicker_lab.orchard.scene.mesh import SceneObject, box, join, ring
@@ -115,8 +117,22 @@ def _image(rng, kind):
     return np.clip(image, 0.01, 0.85)
 
 
+def _found(rng, image):
+    """Share of points that stereo finds at each texel: letters, edges and the rim of what is plain.
+
+    A window without contrast matches nothing. On half of all things grain and dirt suffice.
+    """
+    if rng.random() < 0.5:
+        return np.ones(image.shape[:2])
+    window = int(rng.integers(2, 12))
+    framed = np.pad(encode_srgb(image).mean(axis=2), 1, constant_values=-1.0)
+    contrast = maximum_filter(framed, window) - minimum_filter(framed, window)
+    return np.where(contrast[1:-1, 1:-1] > 0.1, 1.0, rng.uniform(0.0, 0.15))
+
+
 def _printed(rng, kinds=PATTERNS):
-    return {"kind": "image", "image": _image(rng, str(rng.choice(kinds)))}
+    image = _image(rng, str(rng.choice(kinds)))
+    return {"kind": "image", "image": image, "found": _found(rng, image)}
 
 
 def _simple(rng):
@@ -163,7 +179,8 @@ def _board(rng, scene, taken):
     if is_marker:
         book = str(rng.choice(MARKER_DICTIONARIES))
         margin = 0.5 * int(rng.integers(1, 7))
-        look["image"] = marker_image(book, int(rng.integers(0, 50)), margin)[0]
+        image = marker_image(book, int(rng.integers(0, 50)), margin)[0]
+        look = {"kind": "image", "image": image}
     mesh = plate(width, height, log_uniform(rng, 0.002, 0.04), corners)
     mount = "post" if is_marker else str(rng.choice(["post", "posts", "leans", "tied"]))
     mount = "leans" if is_marker and rng.random() < 0.4 else mount
@@ -221,7 +238,7 @@ def _calibration_unit(rng, scene, taken):
     if rng.random() < 0.2:
         n, wide = rng.integers(3, 12), log_uniform(rng, 0.015, 0.06)
         bands = np.where(np.arange(2 * n) % 2, 1, 0)[:, None, None]
-        look["image"] = np.where(bands, _color(rng), _color(rng))
+        look = {"kind": "image", "image": np.where(bands, _color(rng), _color(rng))}
         pole = turned([0, 0.5, 0.5, 0], [0, 0, 1, 1], 12)
         pole.vertices = pole.vertices * [wide, wide, rng.uniform(0.4, 2.4)]
         _put(scene, "target", label, pole.moved(foot), look)
@@ -445,7 +462,7 @@ def add_random(scene, rng):
     rng : numpy.random.Generator
     """
     taken = [np.mean(marker["corners"], axis=0)[:2] for marker in scene.markers]
-    makers = ((_board, 0.4, 0.3), (_calibration_unit, 0.4, 0.2), (_stray, 0.35, 0.25),
+    makers = ((_board, 0.4, 0.5), (_calibration_unit, 0.4, 0.2), (_stray, 0.35, 0.25),
               (add_post, 0.25, 0.1))  # fmt: skip
     for make, one, two in makers:
         for _ in range(int(rng.choice([0, 1, 2], p=[1 - one - two, one, two]))):
