@@ -43,6 +43,17 @@ def test_isolate_leaves_the_target_tree(sample):
     assert (alone.labels != Label.GROUND).sum() == 3000
 
 
+def test_a_branch_is_cut_free_of_trees_without_ground_alone(sample):
+    sample = sample.as_float()
+    assert aug.cut_free(sample, np.random.default_rng(0), probability=1.0) is sample
+    tree = sample.select(sample.labels != Label.GROUND)
+    pieces = [aug.cut_free(tree, np.random.default_rng(seed), 1.0) for seed in range(8)]
+    size = np.array([np.ptp(piece.points, axis=0) for piece in pieces])
+    assert (size.max(axis=1) < 3.0).all() and min(len(p.points) for p in pieces) < 2500
+    upright = [np.linalg.svd(p.points - p.points.mean(axis=0))[2][0][2] for p in pieces]
+    assert np.ptp(np.abs(upright)) > 0.3  # as they fell
+
+
 def test_move_keeps_shape_and_the_upright(sample):
     before = sample.as_float()
     after = aug.move(before, np.random.default_rng(2))

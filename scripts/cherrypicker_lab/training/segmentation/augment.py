@@ -8,6 +8,7 @@ frame; every function takes its random generator.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from cherrypicker.classes import Label, wood_mask
 
@@ -55,6 +56,19 @@ def isolate(sample, rng, probability=0.2):
         near = np.linalg.norm(sample.points[:, :2] - foot[:2], axis=1) < rng.uniform(0.2, 0.8)
         keep = wood | (near & (sample.labels == Label.GROUND))
     return sample.select(keep)
+
+
+def cut_free(sample, rng, probability=0.4):
+    """A piece of a tree without ground, as it fell: branches that were cut to be scanned."""
+    if (sample.labels == Label.GROUND).any() or rng.random() >= probability:
+        return sample
+    centre = sample.points[rng.integers(len(sample.points))]
+    near = np.linalg.norm(sample.points - centre, axis=1) < _log_uniform(rng, 0.3, 1.5)
+    if near.sum() < 500:
+        return sample
+    turn = Rotation.random(random_state=rng).as_matrix()
+    piece = sample.select(near)
+    return replace(piece, points=(piece.points - centre) @ turn.T)
 
 
 def crop(sample, rng, probability=0.5):
@@ -183,7 +197,7 @@ def augment(sample, rng, color_dropout=0.25):
     dropout = color_dropout if alone is sample else max(color_dropout, 0.7)
     # Alone, a tree's size is anybody's guess: nothing of known size stands beside it.
     extra_scale = 1.0 if alone is sample else _log_uniform(rng, 0.6, 1.8)
-    sample = crop(alone, rng)
+    sample = crop(alone if alone is sample else cut_free(alone, rng), rng)
     sample = punch_holes(sample, rng)
     sample = recolor(add_fringes(sample, rng), rng, dropout)
     return add_floaters(add_noise(move(sample, rng, extra_scale), rng), rng)
