@@ -83,6 +83,18 @@ def test_a_dense_crown_and_rods_are_no_roof():
     assert np.allclose(after.sum(axis=1), 1.0)
 
 
+def test_upright_posts_do_not_count_against_the_roof_that_they_carry():
+    rng = np.random.default_rng(5)
+    corner = rng.uniform([0, 0, 2.4], [0.6, 0.2, 2.41], (800, 3))
+    posts = [rng.uniform([x, 0, 0.2], [x + 0.04, 0.04, 2.4], (1200, 3)) for x in (0, 0.28, 0.56)]
+    shed = np.vstack([corner, *posts])
+    kept = keep_sheets(shed, _called_roof(len(shed))).argmax(axis=1) == Label.ROOF
+    assert kept[shed[:, 2] < 2.2].all()
+    assert kept.mean() > 0.75  # where they meet the sheet `one_class_a_thing` decides
+    bare = np.vstack(posts)
+    assert (keep_sheets(bare, _called_roof(len(bare))).argmax(axis=1) == Label.BRANCH).all()
+
+
 def test_what_is_not_called_roof_is_left_alone():
     points = np.random.default_rng(4).random((500, 3))
     probabilities = _one_hot(np.full(500, Label.BRANCH))

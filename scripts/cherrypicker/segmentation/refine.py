@@ -22,6 +22,7 @@ SHEET_STEP_M = 0.04  # cells that its shape is taken from
 MAX_THICKNESS = 0.05  # least variance of a sheet's points, as a share of all of it
 MIN_BREADTH = 0.15  # middle variance, as a share of the largest; a rod has none
 MIN_SHEET_CELLS = 6
+UPRIGHT = 0.966  # cosine of 15 degrees: a roof's posts stand no less upright (a guess)
 SHEET_GAP_M = 0.12  # cells this near to one another are one piece of roof
 MIN_FLAT = 0.5  # share of a piece's cells, and of those around a cell, that are flat
 N_AROUND = 9  # cells around one, itself counted
@@ -154,8 +155,11 @@ def clean_trunk(points: np.ndarray, probabilities: np.ndarray, smoothing: Smooth
     return result
 
 
-def _is_sheet(cells: np.ndarray) -> np.ndarray:
-    """Which points (n, 3) lie in a flat patch: by the variances within `SHEET_REACH_M`."""
+def _is_sheet_or_post(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which points (n, 3) lie in a flat patch, and which in an upright rod.
+
+    By the variances within `SHEET_REACH_M`.
+    """
     pairs = cKDTree(cells).query_pairs(SHEET_REACH_M, output_type="ndarray")
     own = np.arange(len(cells))
     i = np.concatenate([own, pairs[:, 0], pairs[:, 1]])
@@ -168,16 +172,21 @@ def _is_sheet(cells: np.ndarray) -> np.ndarray:
         for b in range(a, 3):
             second = np.bincount(i, offset[:, a] * offset[:, b], len(cells)) / n
             moments[:, a, b] = moments[:, b, a] = second - mean[:, a] * mean[:, b]
-    low, middle, high = np.linalg.eigvalsh(moments).clip(0.0).T
+    variances, ways = np.linalg.eigh(moments, UPLO="U")
+    low, middle, high = variances.clip(0.0).T
+    is_known = n >= MIN_SHEET_CELLS
+    is_broad = middle >= MIN_BREADTH * high
     is_flat = low <= MAX_THICKNESS * (low + middle + high)
-    return is_flat & (middle >= MIN_BREADTH * high) & (n >= MIN_SHEET_CELLS)
+    is_upright = np.abs(ways[:, 2, 2]) >= UPRIGHT
+    return is_flat & is_broad & is_known, is_upright & ~is_broad & is_known
 
 
 def keep_sheets(points: np.ndarray, probabilities: np.ndarray) -> np.ndarray:
     """Take the class roof from what is no sheet, such as the dense crown of a laser scan.
 
-    Roofs and nets are sheets. Of each connected piece of roof half must be flat, else all of it
-    goes to the likeliest other class; of a piece that stays, so do the points off the sheet.
+    Roofs and nets are sheets, and upright posts carry them. Of each connected piece of roof half
+    must be either, and some of it flat, else all of it goes to the likeliest other class; of a
+    piece that stays, so do the points off the sheet and its posts.
 
     Parameters
     ----------
@@ -194,12 +203,13 @@ def keep_sheets(points: np.ndarray, probabilities: np.ndarray) -> np.ndarray:
     if not len(roof):
         return probabilities
     cells, cell_of, _ = voxel_sample(points[roof], SHEET_STEP_M)
-    flat = _is_sheet(cells)
+    flat, post = _is_sheet_or_post(cells)
     piece = link_components(cells, SHEET_GAP_M)
-    share = np.bincount(piece, flat) / np.bincount(piece)
+    share = np.bincount(piece, flat | post) / np.bincount(piece)
+    is_roof = (share >= MIN_FLAT) & (np.bincount(piece, flat) >= MIN_SHEET_CELLS)
     # what touches a sheet bends its patch a little: the neighbours' mean decides
     near = cKDTree(cells).query(cells, k=min(N_AROUND, len(cells)))[1].reshape(len(cells), -1)
-    stays = (share[piece] >= MIN_FLAT) & (flat[near].mean(axis=1) >= MIN_FLAT)
+    stays = is_roof[piece] & ((flat | post)[near].mean(axis=1) >= MIN_FLAT)
     lost = roof[~stays[cell_of]]
     result = probabilities.copy()
     result[lost, Label.ROOF.channel] = 0.0
