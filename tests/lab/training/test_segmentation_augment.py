@@ -54,6 +54,12 @@ def test_a_branch_is_cut_free_of_trees_without_ground_alone(sample):
     assert np.ptp(np.abs(upright)) > 0.3  # as they fell
 
 
+def test_holes_leave_something_of_a_small_piece(sample):
+    small = sample.select(np.linalg.norm(sample.points - sample.points[6000], axis=1) < 0.02)
+    for seed in range(20):
+        assert len(aug.punch_holes(small, np.random.default_rng(seed), n_max=30).points)
+
+
 def test_move_keeps_shape_and_the_upright(sample):
     before = sample.as_float()
     after = aug.move(before, np.random.default_rng(2))

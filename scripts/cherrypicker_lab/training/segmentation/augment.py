@@ -102,7 +102,7 @@ def punch_holes(sample, rng, n_max=8):
         center = pool[rng.integers(len(pool))] if pool is not None else rng.integers(len(keep))
         radius = _log_uniform(rng, 0.03, 0.3)
         keep &= np.linalg.norm(sample.points - sample.points[center], axis=1) > radius
-    return sample.select(keep)
+    return sample.select(keep) if keep.any() else sample
 
 
 def add_noise(sample, rng):
