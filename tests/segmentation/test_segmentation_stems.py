@@ -67,6 +67,7 @@ def test_a_leaning_leader_is_trunk_to_its_tip_and_its_laterals_are_not():
     ]
     points = np.vstack([stem, *laterals])
     ground = _ground(rng)
+    ground = ground[np.hypot(*ground[:, :2].T) > 0.06]  # none lies within the stem
     labels = np.full(len(points), Label.BRANCH, np.uint8)
     everything = np.vstack([points, ground])
     labels = np.concatenate([labels, np.full(len(ground), Label.GROUND, np.uint8)])
@@ -159,3 +160,18 @@ def test_the_trunk_goes_on_over_the_lowest_arm_of_a_head():
     after = relabel_wood(points, np.full(len(points), Label.BRANCH, np.uint8), FRAME)
     assert (after[: len(stem)] == Label.TRUNK).mean() > 0.95
     assert (after[len(stem) :] == Label.TRUNK).mean() < 0.05
+
+
+def test_a_foot_that_passes_for_ground_in_grass_is_trunk():
+    rng = np.random.default_rng(3)
+    stem, _ = _fork(rng, 0.70)
+    ground = _ground(rng)
+    ground = ground[np.hypot(*ground[:, :2].T) > 0.05]
+    points = np.vstack([stem, ground])
+    labels = np.repeat([Label.BRANCH, Label.GROUND], [len(stem), len(ground)]).astype(np.uint8)
+    foot = np.arange(len(points)) < len(stem)
+    foot &= points[:, 2] < 0.06
+    labels[foot] = Label.GROUND
+    found = relabel_wood(points, labels, FRAME)
+    assert (found[foot] == Label.TRUNK).mean() > 0.9
+    assert (found[len(stem) :] == Label.GROUND).all()

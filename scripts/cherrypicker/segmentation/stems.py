@@ -33,6 +33,8 @@ VOXEL_M = 0.006  # wood is thinned to: about what our stereo's points lie apart 
 MAX_POINTS = 120_000  # or to so many points; bounds the time
 MIN_POINTS = 60  # thinned points of a tree; of fewer the network's labels stay (guess)
 HALF_LOST = (1 + TRUNK_KEEPS) / 2  # tubes are smooth: half of a step lies on either side of it
+FLARE = 1.15  # a stem's foot is so much wider than its tube there (a guess)
+HIDDEN_M = 0.1  # grass hides no more of a stem (a guess)
 EDGE_M = 0.01  # longest edge of an axis, as `graph.spacing_m`
 
 
@@ -92,8 +94,8 @@ def relabel_wood(
     Returns
     -------
     ndarray of shape (n_points,), uint8
-        A copy; only what was trunk or branch differs. Wood that hangs on no stem is branch; trees
-        that make no limb keep their labels.
+        A copy; only what was trunk or branch differs, and ground within a stem, which is trunk.
+        Wood that hangs on no stem is branch; trees that make no limb keep their labels.
     """
     result = labels.copy()
     rows = np.flatnonzero(wood_mask(labels))
@@ -111,11 +113,28 @@ def relabel_wood(
     touched = loose.copy()
     touched[np.concatenate([stem.rows for stem in found] or [np.empty(0, np.int64)])] = True
     result[rows] = np.where(touched[member], chosen[member], labels[rows])
+    _relabel_feet(points, result, frame, found)
     if colors is not None:
         _relabel_rings(points, result, colors, frame, found)
     changed = np.count_nonzero(result[rows] != labels[rows])
     logger.info("the stems' course changed %.1f %% of the wood", 100 * changed / len(rows))
     return result
+
+
+def _relabel_feet(
+    points: np.ndarray, labels: np.ndarray, frame: TreeFrame, stems: list[StemTrace]
+) -> None:
+    """Label ground within a stem trunk, in place: its foot passes for ground in grass."""
+    rows = np.flatnonzero(labels == Label.GROUND)
+    local = frame.apply(points[rows])
+    below = np.arange(0, HIDDEN_M, EDGE_M)[::-1, None] * [0, 0, 1]
+    for stem in stems:
+        places = np.vstack([stem.points[0] - below, stem.points])
+        radius = FLARE * np.concatenate([np.full(len(below), stem.radius[0]), stem.radius])
+        low, high = places.min(axis=0) - radius.max(), places.max(axis=0) + radius.max()
+        near = np.flatnonzero(((local > low) & (local < high)).all(axis=1))
+        distance, nearest = cKDTree(places).query(local[near], workers=1)
+        labels[rows[near[distance <= radius[nearest]]]] = Label.TRUNK
 
 
 def _relabel_rings(
