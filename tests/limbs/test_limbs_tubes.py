@@ -63,6 +63,20 @@ def test_a_line_of_points_is_not_the_flank_of_a_thick_limb():
     assert np.median(off_axis(tube)) < 0.002
 
 
+def test_a_tube_around_twigs_is_no_thicker_than_what_bears_them():
+    twigs = [bent_limb(0.004, noise=0.001) + (x, y, 0) for x, y in ((0.1, 0), (0, 0.1), (-0.1, 0))]
+    z = np.linspace(0, LENGTH, 8)
+    around = Tube(np.stack([0.1 * z**2, 0 * z, z], axis=1), np.full(8, 0.1))
+    free, bounded = (
+        fit_tube(np.vstack(twigs), around, noise=0.002, spacing=0.008, cutoff=0.02, widest=widest)[
+            0
+        ]
+        for widest in (np.inf, 0.01)
+    )
+    assert np.median(free.radius) > 0.09
+    assert np.median(bounded.radius) < 0.05
+
+
 def test_a_twig_beside_a_limb_does_not_bend_it():
     limb = bent_limb(0.02)
     rng = np.random.default_rng(1)

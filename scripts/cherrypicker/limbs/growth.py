@@ -214,8 +214,8 @@ class _Growth:
         own = self.free(np.concatenate([self.rows_of[ring] for ring in rings]))
         if len(own) < LEAST_POINTS:
             return
-        tube = self._fitted(tube, own)
         parent = self._owner_before(run[0])
+        tube = self._fitted(tube, own, parent)
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, spacing)
         inside, seen = self._near(tube, NEAR_SURFACE * spacing, ROUGHNESS)
@@ -262,7 +262,9 @@ class _Growth:
             if len(rows) >= LEAST_POINTS:
                 is_sure = np.median(limb.tube.radius) > SURE_RADIUS * noise
                 own = noise if is_sure else of_thin
-                limb.tube = self._fit(limb.tube, rows, own, CAPTURE * self.spacing)[0]
+                capture = CAPTURE * self.spacing
+                widest = self._radius_of_parent(limb.tube, limb.parent)
+                limb.tube = self._fit(limb.tube, rows, own, capture, widest)[0]
         return member
 
     def _noise_of_thin(self, rows_of: list[np.ndarray], noise: float) -> float:
@@ -353,12 +355,25 @@ class _Growth:
     def _with_even_nodes(self, tube: Tube) -> Tube | None:
         return resample(tube, STEP * self.spacing, STEP_IN_RADII)
 
-    def _fit(
-        self, tube: Tube, rows: np.ndarray, noise: float, cutoff: float
-    ) -> tuple[Tube, np.ndarray]:
-        return fit_tube(self.points[rows], tube, noise=noise, spacing=self.spacing, cutoff=cutoff)
+    def _radius_of_parent(self, tube: Tube, parent: int) -> float:
+        """Radius of the parent where a limb starts, infinite for the stem."""
+        if parent < 0:
+            return np.inf
+        return float(seen_from(self.limbs[parent].tube, tube.nodes[:1]).radius[0])
 
-    def _fitted(self, tube: Tube, own: np.ndarray) -> Tube:
+    def _fit(
+        self, tube: Tube, rows: np.ndarray, noise: float, cutoff: float, widest: float = np.inf
+    ) -> tuple[Tube, np.ndarray]:
+        return fit_tube(
+            self.points[rows],
+            tube,
+            noise=noise,
+            spacing=self.spacing,
+            cutoff=cutoff,
+            widest=widest,
+        )
+
+    def _fitted(self, tube: Tube, own: np.ndarray, parent: int) -> Tube:
         """The tube of a run: first by its own points, then by all free points around it."""
         capture = CAPTURE * self.spacing
         cutoff = max(capture, float(np.median(tube.radius)))
@@ -367,7 +382,8 @@ class _Growth:
         around = self.free(self._near(tube, capture)[0])
         if len(around) < LEAST_POINTS:
             return tube
-        tube, residual = self._fit(tube, around, self.noise, capture)
+        widest = self._radius_of_parent(tube, parent)
+        tube, residual = self._fit(tube, around, self.noise, capture, widest)
         if np.median(tube.radius) > SURE_RADIUS * self.noise:
             near = np.abs(residual) < capture
             spread = robust_sigma(residual[near]) if near.any() else 0.0

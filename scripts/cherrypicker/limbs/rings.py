@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import triu
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
@@ -18,7 +19,7 @@ from cherrypicker.geometry.neighbors import component_links, components, knn_edg
 
 __all__ = ["RingForest", "ring_forest", "ways_from_foot"]
 
-N_NEIGHBORS = 12
+N_NEIGHBORS = 6  # a mesh on a surface has six on average (Euler); more reach over to the next twig
 REACH = 2.5  # in spacings: neighbours this near touch
 GAP_WIDTH = 1.4  # of the shortest way over a gap: ways up to this long cross it as well
 FOOT_WIDTH = 2.0  # of the stem's half width at its base: what lies so near is the stem
@@ -195,7 +196,7 @@ def _cut_to_rings(
     """Rings of equal way and their forest, from `ways_from_foot`."""
     height = way / (BAND * spacing)
     band = np.floor(height).astype(np.int64)
-    ring = _pieces_of_bands(height, band, edges)
+    ring = _pieces_of_bands(height, band, _in_two_steps(len(way), edges))
     n_rings = ring.max() + 1
     level = np.zeros(n_rings, dtype=np.int64)
     level[ring] = band
@@ -263,12 +264,19 @@ def _turns(parent: np.ndarray, centre: np.ndarray) -> np.ndarray:
     return first
 
 
+def _in_two_steps(n_points: int, edges: np.ndarray) -> np.ndarray:
+    """Pairs of points that one or two edges join, (n_pairs, 2) int64."""
+    one = sparse_graph(n_points, edges, np.ones(len(edges)))
+    one = one + one.T
+    return np.stack(triu(one + one @ one, k=1).nonzero(), axis=1)
+
+
 def _pieces_of_bands(height: np.ndarray, band: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Connected piece of its band for each point, its numbers from 0 on.
 
     A band is looked at with a part of the bands below and above it: points spread by chance leave
     gaps in a band that a way around closes (the overlapping cover of Mapper: Singh, Memoli and
-    Carlsson, 2007).
+    Carlsson, 2007), as a step over a point beside the band does.
     """
     n = len(band)
     share = height - band

@@ -40,6 +40,9 @@ N_ROUNDS = 12
 LEAST_STEP = 0.01  # of the spacing: nodes that fall together are taken to be so far apart
 LEAST_PIECE = 1e-6  # of an axis: a node nearer to its new end is that end
 LEAST_RADIUS_SHARE = 0.5  # of the noise: thinner wood does not tell its radius
+# Of its surface, that a tube thicker than its parent has to be covered by its points: thick wood of
+# laser scans is covered to 0.5 and more, tubes around holes and bundles of twigs to 0.03 to 0.3.
+LEAST_COVER = 1 / 3
 
 
 @dataclass
@@ -219,6 +222,7 @@ def fit_tube(
     noise: float,
     spacing: float,
     cutoff: float,
+    widest: float = np.inf,
     n_rounds: int = N_ROUNDS,
 ) -> tuple[Tube, np.ndarray]:
     """Fit axis and radii to points.
@@ -235,6 +239,9 @@ def fit_tube(
     cutoff : float
         Distance from the surface from which a point counts no more, at the first round; it falls
         to Tukey's cutoff of the noise.
+    widest : float
+        Radius beyond which the points within the cutoff have to cover the surface, each with the
+        square of the spacing: where no points lie no surface is.
     n_rounds : int
 
     Returns
@@ -244,13 +251,18 @@ def fit_tube(
         Distance of each point from the surface, negative inside.
     """
     nodes, radius = tube.nodes.copy(), tube.radius.copy()
-    last = TUKEY * noise
+    least, last = LEAST_RADIUS_SHARE * noise, TUKEY * noise
     for number in range(n_rounds):
         limit = max(last, cutoff * (last / cutoff) ** (number / max(1, n_rounds - 2)))
-        step = _newton_step(points, nodes, radius, noise, spacing, limit)
+        step, off = _newton_step(points, nodes, radius, noise, spacing, limit)
         step *= min(1.0, MOST_STEP * limit / max(np.abs(step).max(), 1e-300))
         nodes += step[:, :3]
-        radius = np.maximum(radius + step[:, 3], LEAST_RADIUS_SHARE * noise)
+        radius = np.maximum(radius + step[:, 3], least)
+        covered = np.count_nonzero(np.abs(off) < cutoff) * spacing**2
+        to_cover = LEAST_COVER * _area(nodes, radius)
+        if covered < to_cover:
+            thinner = covered / to_cover * radius
+            radius = np.maximum(thinner, np.minimum(radius, max(widest, least)))
         if np.abs(step).max() < 0.02 * noise and limit == last:
             break
     segment, share = place_on_axis(points, nodes)
@@ -274,6 +286,12 @@ def _offsets(
     return away, offset / np.maximum(away, 1e-12)[:, None], own
 
 
+def _area(nodes: np.ndarray, radius: np.ndarray) -> float:
+    """Area of a tube's surface without its ends."""
+    length = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    return float(np.pi * ((radius[1:] + radius[:-1]) * length).sum())
+
+
 def _newton_step(
     points: np.ndarray,
     nodes: np.ndarray,
@@ -281,8 +299,11 @@ def _newton_step(
     noise: float,
     spacing: float,
     limit: float,
-) -> np.ndarray:
-    """Step of nodes and radii, (n_nodes, 4), from the points' derivatives and the priors."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Step of nodes and radii, (n_nodes, 4), from the points' derivatives and the priors.
+
+    And the distance of each point from the surface before it, (n_points,).
+    """
     segment, share = place_on_axis(points, nodes)
     length = np.maximum(np.linalg.norm(np.diff(nodes, axis=0), axis=1), LEAST_STEP * spacing)
     inside = np.clip(share, 0.0, 1.0)
@@ -296,7 +317,7 @@ def _newton_step(
     _add_points(band, gradient, segment, inside, robust, away, own, out, along, noise)
     _add_priors(band, gradient, nodes, radius, length, along, noise, spacing)
     step = solveh_banded(band, -gradient.ravel(), check_finite=False, overwrite_ab=True)
-    return step.reshape(gradient.shape)
+    return step.reshape(gradient.shape), away - own
 
 
 @compiled
