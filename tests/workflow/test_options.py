@@ -133,8 +133,9 @@ def test_every_option_is_used(mains, options, stage):
             assert len(used) > 1, f"{stage}.main only names {name}"
         else:
             kind = inspect.signature(main, eval_str=True).parameters[option.holder].annotation
-            room = PROJECT / "scripts" / Path(*kind.__module__.split(".")[:2])
-            text = "".join(path.read_text() for path in room.rglob("*.py"))
+            rooms = {Path(*c.__module__.split(".")[:2]) for c in kind.__mro__ if c is not object}
+            texts = [f.read_text() for r in rooms for f in (PROJECT / "scripts" / r).rglob("*.py")]
+            text = "".join(texts)
             text += inspect.getsource(main)
             assert re.search(rf"\.{name}\b", text), f"nothing reads {kind.__name__}.{name}"
 
