@@ -99,7 +99,7 @@ def names_found(scan: str, results: str = "results") -> list[str]:
         return []
     try:
         return [f"{scan}_{int(one['number'])}" for one in read_json(path).get("trees", [])]
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         reason = f"no list of trees in it ({error!r})"
     except StageError as error:
         reason = error.cause
