@@ -149,17 +149,21 @@ def test_a_ring_is_as_wide_as_it_is_white():
 
 
 def test_the_trunk_goes_on_over_the_lowest_arm_of_a_head():
-    rng = np.random.default_rng(9)
-    stem = _tube(rng, (0, 0, 0), (0, 0, 0.85), 0.05, 0.05)
-    arms = [
-        _tube(rng, (0, 0, 0.70), (0.5, 0, 1.2), 0.028, 0.015),
-        _tube(rng, (0, 0, 0.85), (0, 0.2, 1.7), 0.028, 0.015),
-        _tube(rng, (0, 0, 0.85), (-0.4, -0.2, 1.5), 0.026, 0.015),
-    ]
-    points = np.vstack([stem, *arms])
-    after = relabel_wood(points, np.full(len(points), Label.BRANCH, np.uint8), FRAME)
-    assert (after[: len(stem)] == Label.TRUNK).mean() > 0.95
-    assert (after[len(stem) :] == Label.TRUNK).mean() < 0.05
+    """And not into another; where arms leave as one a tube is smooth, and a draw in four fails."""
+    in_arms = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        stem = _tube(rng, (0, 0, 0), (0, 0, 0.85), 0.05, 0.05)
+        arms = [
+            _tube(rng, (0, 0, 0.70), (0.5, 0, 1.2), 0.028, 0.015),
+            _tube(rng, (0, 0, 0.85), (0, 0.2, 1.7), 0.028, 0.015),
+            _tube(rng, (0, 0, 0.85), (-0.4, -0.2, 1.5), 0.026, 0.015),
+        ]
+        points = np.vstack([stem, *arms])
+        after = relabel_wood(points, np.full(len(points), Label.BRANCH, np.uint8), FRAME)
+        assert (after[: len(stem)] == Label.TRUNK).mean() > 0.95
+        in_arms.append((after[len(stem) :] == Label.TRUNK).mean())
+    assert np.mean(np.array(in_arms) < 0.05) >= 0.75
 
 
 def test_a_foot_that_passes_for_ground_in_grass_is_trunk():

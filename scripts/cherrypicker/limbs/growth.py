@@ -218,7 +218,7 @@ class _Growth:
         tube = self._fitted(tube, own, parent)
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, spacing)
-        inside, seen = self._near(tube, NEAR_SURFACE * spacing, ROUGHNESS)
+        inside, seen = self._claimed(tube)
         is_free = self.owner[inside] < 0
         inside, way = inside[is_free], seen.way[is_free]
         if len(inside) < LEAST_POINTS:
@@ -241,6 +241,8 @@ class _Growth:
             member = self._refit(noise)
         for limb in self.limbs[1:]:
             limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube) or limb.tube
+        for number, limb in enumerate(self.limbs):
+            limb.tube = self._to_its_points(limb.tube, member == number)
         for limb in self.limbs:
             limb.tube.nodes = limb.tube.nodes + base
         logger.info(
@@ -317,6 +319,17 @@ class _Growth:
     def _claim(self, tube: Tube) -> Tube:
         """The tube about a limb in which it claims all points."""
         return Tube(tube.nodes, (1 + ROUGHNESS) * tube.radius + NEAR_SURFACE * self.spacing)
+
+    def _claimed(self, tube: Tube) -> tuple[np.ndarray, Seen]:
+        """Rows of the points that a limb claims, and as seen from it."""
+        return self._near(tube, NEAR_SURFACE * self.spacing, ROUGHNESS)
+
+    def _to_its_points(self, tube: Tube, is_member: np.ndarray) -> Tube:
+        """The tube without an end that the last fit has led past all of its points."""
+        rows, seen = self._claimed(tube)
+        way = seen.way[is_member[rows]]
+        end = way.max() if len(way) else tube.length
+        return stretch(tube, 0.0, end) if 0 < end < tube.length else tube
 
     def _leaves(self, tube: Tube, parent: Tube) -> bool:
         """Whether a limb reaches beyond what its parent claims, and does not end on its surface."""
