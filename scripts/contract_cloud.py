@@ -1,12 +1,11 @@
 """Choose the target tree by its wood, and move it onto the axes of its limbs, or contract
 it as published (LBC or S-LBC).
 
-Reads segmented.ply (and metric.json for a tree from photos, tree.json for one of several in a
-scan), writes target.json, contracted.ply, limbs.npz (which extract_graph joins) and contract.json.
-Example:
+Reads segmented.ply and limbs.npz (and metric.json for a tree from photos, tree.json for one of
+several in a scan), writes target.json, contracted.ply and contract.json. Example:
 
-    python scripts/contract_cloud.py --segmented segmented.ply --contracted contracted.ply \
-        --report contract.json --target target.json --limbs limbs.npz --method slbc
+    python scripts/contract_cloud.py --segmented segmented.ply --limbs limbs.npz \
+        --contracted contracted.ply --report contract.json --target target.json --method slbc
 """
 
 from typing import Annotated, Any
@@ -16,7 +15,7 @@ import numpy as np
 from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
 from cherrypicker.files import read_json, write_json
-from cherrypicker.limbs.files import write_limbs
+from cherrypicker.limbs.files import read_orchard
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
@@ -29,7 +28,7 @@ def main(
     report: Annotated[str, "what was cut, and how it went, JSON"],
     target: Annotated[str, "which tree it is, and the others, JSON"],
     metric: Annotated[str | None, "metric.json of a tree from photos, or a row's tree.json"] = None,
-    limbs: Annotated[str | None, "limbs that the points were moved to, NPZ"] = None,
+    limbs: Annotated[str | None, "limbs.npz of the cloud's trees; else they are grown"] = None,
     *,
     target_xy: tuple[float, float] | None = None,
     wood: WoodOptions,
@@ -50,11 +49,10 @@ def main(
         options=options,
         target_xy=place,
         region=scan["region"],
+        orchard=read_orchard(limbs) if limbs else None,
     )
     write_cloud(contracted, points)
-    grown = details.pop("limbs")
-    if limbs:
-        write_limbs(limbs, grown)
+    del details["limbs"]
     scan["loose"] = details["wood"].pop("loose")
     write_json(target, target_report(details.pop("choice"), **scan))
     write_json(report, {"preset": options.preset, **details})

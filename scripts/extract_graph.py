@@ -12,12 +12,12 @@ contraction. Example:
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cherrypicker.files import read_json, write_json
 from cherrypicker.formats.swc import write_skeleton_swc
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
-from cherrypicker.limbs.files import read_limbs
+from cherrypicker.limbs.files import read_orchard
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.photo_check.drop import DropOptions, drop_refuted
 from cherrypicker.photo_check.places import MetricWorkspace
@@ -41,8 +41,8 @@ def main(
     skeleton_ply: Annotated[str | None, "skeleton.ply"] = None,
     skeleton_swc: Annotated[str | None, "skeleton.swc"] = None,
     topology: Annotated[str | None, "topology.graphml"] = None,
-    contract_report: Annotated[str | None, "contract.json, for the stem's base"] = None,
-    limbs: Annotated[str | None, "limbs.npz of the contraction; else they are grown"] = None,
+    contract_report: Annotated[str | None, "contract.json: which stem, and its base"] = None,
+    limbs: Annotated[str | None, "limbs.npz of the cloud's trees; else they are grown"] = None,
     undistorted: Annotated[str | None, "manifest beside the undistorted photos"] = None,
     metric_poses: Annotated[str | None, "poses in the labelled cloud's frame"] = None,
     sky_masks: Annotated[str | None, "folder of sky masks"] = None,
@@ -53,12 +53,19 @@ def main(
     drop: DropOptions,
 ) -> None:
     """Load, extract, drop what the photos refute, save."""
+    points = read_cloud(contracted, required=("label", "source"))
+    contraction: dict[str, Any] = {"base": None}
+    if contract_report:
+        contraction = read_json(contract_report)
+    grown = None
+    if limbs and contraction.get("preset") == "default":
+        grown = read_orchard(limbs).limbs_of(contraction["stem"], points["source"])
     skeleton = extract_skeleton(
-        read_cloud(contracted, required=("label", "source")),
+        points,
         read_cloud(segmented, required=("label",)),
         options,
-        base=read_json(contract_report)["base"] if contract_report else None,
-        limbs=read_limbs(limbs) if limbs else None,
+        base=contraction["base"],
+        limbs=grown,
     )
     refuted = None
     if drop.drop_refuted and undistorted and metric_poses and sky_masks and cameras:

@@ -20,8 +20,7 @@ def test_ids_are_what_the_files_have_said_so_far():
 def test_every_channel_of_the_network_gives_a_class():
     assert [label.channel for label in CHANNELS] == list(range(len(CHANNELS)))
     assert {label.channel for label in Label} - {None} == set(range(len(CHANNELS)))
-    assert Label.SUPPORT_POST.channel == Label.TRUNK.channel  # the network knows it as trunk
-    assert CHANNELS[Label.SUPPORT_POST.channel] is Label.TRUNK
+    assert CHANNELS[Label.SUPPORT_POST.channel] is Label.SUPPORT_POST
 
 
 def test_every_class_has_a_colour_of_its_own():

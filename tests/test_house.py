@@ -34,6 +34,7 @@ STAGES = [
     *("extract_features", "match_features", "reconstruct_sparse", "undistort_photos"),
     *("estimate_depth", "fuse_depth", "align_cloud", "crop_roi", "segment_sky", "denoise_cloud"),
     *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
+    "grow_limbs",
     *("edit_graph", "check_photos", "measure_traits", "report_tree", "summarise_batch"),
     *("compare_series", "import_cloud", "compare_measures", "find_trees", "split_scan"),
 ]
@@ -195,3 +196,10 @@ def test_no_rule_file_defines_a_name_of_another(project):
             places.setdefault("".join(name), set()).add(path.name)
     assert len(places) > 20
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
+
+
+def test_an_edit_of_the_contraction_graph_or_traits_relabels_nothing(scripts):
+    later = ("contraction/", "graph/", "traits/", "photo_check/")
+    for stage in ("segment_cloud", "grow_limbs"):
+        reached = imported_modules(scripts / f"{stage}.py", scripts)
+        assert not [file for file in reached if any(room in file for room in later)], stage

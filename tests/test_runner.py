@@ -192,11 +192,30 @@ def test_the_help_tells_text_key_and_default():
     parser = stage_parser(stage.__doc__, stage.main)
     add_options(parser, stage.main)
     text = " ".join(parser.format_help().split())
-    assert "Points of a sphere at most; as the weights were trained without it." in text
+    assert "Longest gap along a branch's own direction that missing data may leave" in text
     assert "[config key segment.smooth_k, default 12]" in text
-    assert "Points inside the cylinder at most" in text, (
-        "what is no config key has its class's text"
-    )
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape.
+
+    Attributes
+    ----------
+    width : float
+        How wide it is.
+    """
+
+    width: float = 1.0
+
+
+def test_what_is_no_config_key_has_its_classs_text():
+    def main(*, shape: Shape) -> None:
+        """Nothing."""
+
+    parser = stage_parser("A stage.", main)
+    add_options(parser, main)
+    assert "How wide it is." in " ".join(parser.format_help().split())
 
 
 def test_the_code_of_a_stage_is_found_through_its_imports(project):

@@ -16,8 +16,8 @@ _DENDRITE, _AXON = 3, 2
 class Label(IntEnum):
     """Label ids in ``segmented.ply`` and everything after it."""
 
-    # Of the network (paper, Sec. 3.4), which knows the support post as trunk; it is split off
-    # afterwards. None: the network never sees the class.
+    # Of the network (paper, Sec. 3.4, which has the support post as trunk). None: the network
+    # never sees the class.
     channel: int | None
     is_wood: bool  # wood of the tree: contracted, and measured
     swc: int  # type in ``skeleton.swc``, which viewers colour by
@@ -43,7 +43,7 @@ class Label(IntEnum):
     MARKER = 4, 4
     CALIBRATION_UNIT = 5, 5
     ROOF = 6, 6
-    SUPPORT_POST = 7, 1
+    SUPPORT_POST = 7, 7
     UNLABELLED = 255
 
     @property
@@ -55,11 +55,8 @@ class Label(IntEnum):
 CLASS_NAMES: dict[int, str] = {int(label): label.name.lower() for label in Label}
 CLASS_IDS: dict[str, int] = {name: number for number, name in CLASS_NAMES.items()}
 
-#: Classes of the network by channel: of those that share one, the first.
-CHANNELS = tuple(
-    next(label for label in Label if label.channel == channel)
-    for channel in range(1 + max(label.channel or 0 for label in Label))
-)
+#: Classes of the network by channel.
+CHANNELS = tuple(label for label in Label if label.channel is not None)
 WOOD = tuple(label for label in Label if label.is_wood)
 
 

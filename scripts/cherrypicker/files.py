@@ -256,7 +256,7 @@ def read_npz(path: str | os.PathLike, required: tuple[str, ...] = ()) -> dict[st
 
 
 def read_table(
-    path: str | os.PathLike, required: tuple[str, ...] = ()
+    path: str | os.PathLike, required: tuple[str, ...] = (), delimiter: str = ","
 ) -> list[tuple[int, dict[str, str]]]:
     """Read the rows of a CSV with a header, each with its line number.
 
@@ -268,7 +268,7 @@ def read_table(
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
+            reader = csv.DictReader(stream, delimiter=delimiter)
             named = reader.fieldnames or ()
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CLASS_NAMES
+from cherrypicker.classes import CLASS_NAMES, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker.geometry.similarity import best_turn
@@ -53,6 +53,11 @@ BARS = (
     Bar("skeleton_precision", 0.80, True, "skeleton precision at 2 cm, same wood"),
     Bar("trunk_diameter_error_m", 0.006, False, "trunk diameter error, m"),
     Bar("height_error", 0.03, False, "relative height error"),
+    Bar("total_length_error", 0.03, False, "relative error of the total length"),
+    Bar("tips_error", 0.10, False, "relative error of the number of tips"),
+    Bar("wood_f1", 0.99, True, "F1 of wood points against all else"),
+    Bar("trunk_f1", 0.95, True, "F1 of trunk points"),
+    Bar("branch_f1", 0.98, True, "F1 of branch points"),
 )
 _CAMERA_BARS = ("registered_fraction", "scale_error", "up_error_deg")
 
@@ -275,6 +280,8 @@ def _compare_traits(found, truth):
     for name in ("total_length_m", "n_tips", "n_junctions"):
         if name in truth:
             report[f"{name}_ratio"] = found[name] / max(truth[name], 1e-12)
+    report["total_length_error"] = abs(report.get("total_length_m_ratio", np.nan) - 1.0)
+    report["tips_error"] = abs(report.get("n_tips_ratio", np.nan) - 1.0)
     return report
 
 
@@ -286,15 +293,21 @@ def compare_labels(points, labels, true_points, true_labels):
     Returns
     -------
     dict
-        ``label_f1`` by class name, and ``label_matched``, the share of points with a true class.
+        ``label_f1`` by class name, ``wood_f1`` (trunk and branch as one), ``trunk_f1``,
+        ``branch_f1``, and ``label_matched``, the share of points with a true class.
     """
     distance, nearest = cKDTree(true_points).query(points, distance_upper_bound=_CLASS_REACH_M)
     known = np.isfinite(distance)
     found, true = labels[known], true_labels[nearest[known]]
-    scores = {}
-    for label in np.unique(true):
-        hit = ((found == label) & (true == label)).sum()
-        scores[CLASS_NAMES.get(int(label), str(label))] = float(
-            2 * hit / ((found == label).sum() + (true == label).sum())
-        )
-    return {"label_f1": scores, "label_matched": float(known.mean())}
+    scores = {
+        CLASS_NAMES.get(int(label), str(label)): _f1(found == label, true == label)
+        for label in np.unique(true)
+    }
+    bars = {f"{name}_f1": scores[name] for name in ("trunk", "branch") if name in scores}
+    bars["wood_f1"] = _f1(wood_mask(found), wood_mask(true))
+    return {"label_f1": scores, "label_matched": float(known.mean()), **bars}
+
+
+def _f1(found, true):
+    n_both = np.count_nonzero(found & true)
+    return float(2 * n_both / max(np.count_nonzero(found) + np.count_nonzero(true), 1))

@@ -18,9 +18,6 @@ from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
-from cherrypicker.segmentation.refine import Smoothing
-from cherrypicker.segmentation.stems import StemModel
-from cherrypicker.segmentation.support_post import PostModel
 from cherrypicker_lab.training.segmentation.held_out import labels_figure
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores
 from cherrypicker_lab.training.segmentation.training import network_labels
@@ -30,12 +27,8 @@ logger = logging.getLogger("cherrypicker")
 
 
 def main(weights, clouds, *, output, figure, only, most_points, seed, threads, gpu):
-    sampling = Sampling()
     settings = {
-        "sampling": sampling,
-        "smoothing": Smoothing(),
-        "post": PostModel(),
-        "stems": StemModel(),
+        "sampling": Sampling(),
         "seed": seed,
         "device": choose_device(threads, gpu),
     }
@@ -48,7 +41,7 @@ def main(weights, clouds, *, output, figure, only, most_points, seed, threads, g
         if len(cloud) > most_points:
             keep = np.random.default_rng(seed).permutation(len(cloud))[:most_points]
             cloud, truth = cloud.select(keep), None if truth is None else truth[keep]
-        labels = segment_cloud(cloud, weights, **settings)["label"]
+        labels = segment_cloud(cloud, weights, **settings)[0]["label"]
         rows.append(_row(name, cloud, labels, truth))
         middle = np.median(cloud.points, axis=0) * [1, 1, 0]
         size = np.abs(cloud.points - middle)[:, :2].max()

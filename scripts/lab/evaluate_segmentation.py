@@ -20,9 +20,6 @@ from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import N_CLASSES, choose_device
 from cherrypicker.segmentation.inference import Sampling
-from cherrypicker.segmentation.refine import Smoothing
-from cherrypicker.segmentation.stems import StemModel
-from cherrypicker.segmentation.support_post import PostModel
 from cherrypicker_lab.training.segmentation.held_out import (
     confusion_figure,
     judge,
@@ -51,18 +48,16 @@ def main(
     n_scenes,
     n_templates,
     n_random,
+    n_hard,
+    trees,
     first_seed,
     scene_points,
-    trace_stems,
     seed,
     threads,
     gpu,
 ):
     settings = {
         "sampling": Sampling(),
-        "smoothing": Smoothing(),
-        "post": PostModel(),
-        "stems": StemModel() if trace_stems else None,
         "seed": seed,
         "device": choose_device(threads, gpu),
     }
@@ -80,6 +75,16 @@ def main(
         strange = range(first_seed + 600, first_seed + 600 + n_random)
         samples = load_samples(strange, folder, scene_points, things="random")
         sets["things at random"] = [of_sample("random", sample) for sample in samples]
+    if n_hard:
+        hard = range(first_seed + 750, first_seed + 750 + n_hard)
+        samples = load_samples(hard, folder, scene_points, things="hard")
+        sets["hard things"] = [of_sample("hard", sample) for sample in samples]
+    if trees:
+        sets["trees from elsewhere"] = []
+        for number, skeleton in enumerate(2 * sorted(trees)):
+            options = {"things": "elsewhere", "skeletons": [skeleton]}
+            samples = load_samples([first_seed + 700 + number], folder, scene_points, **options)
+            sets["trees from elsewhere"] += [of_sample("elsewhere", each) for each in samples]
     for pair in scans:
         results, _, truth = pair.partition("=")
         if not truth:
@@ -146,14 +151,18 @@ parser.add_argument(
 parser.add_argument("--n_scenes", type=int, default=10)
 parser.add_argument("--n_templates", type=int, default=8)
 parser.add_argument("--n_random", type=int, default=6, help="scenes of things drawn at random")
+parser.add_argument("--n_hard", type=int, default=0, help="scenes of what networks get wrong")
+parser.add_argument(
+    "--trees", nargs="*", default=(), help="skeletons of trees from elsewhere, two scenes each"
+)
 parser.add_argument(
     "--first_seed",
     type=int,
     default=HELD_OUT_SEED,
-    help="of the scenes; the forms' is 500 above, that of things at random 600",
+    help="of the scenes; the forms' is 500 above, that of things at random 600, elsewhere 700, "
+    "hard things 750",
 )
 parser.add_argument("--scene_points", type=int, default=250_000)
-parser.add_argument("--no_trace_stems", dest="trace_stems", action="store_false")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--threads", type=int, default=2)
 parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")

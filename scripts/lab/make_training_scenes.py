@@ -13,13 +13,14 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, THINGS, make_scenes
 
 
-def main(folder, *, first_seed, n_scenes, scene_points, things):
+def main(folder, *, first_seed, n_scenes, scene_points, things, trees=()):
     if n_scenes < 1 or first_seed < 0 or first_seed + n_scenes > HELD_OUT_SEED:
         raise StageError(
             f"training seeds are 0 to {HELD_OUT_SEED - 1}, asked for {n_scenes} from {first_seed}",
             key="--first_seed",
         )
-    make_scenes(range(first_seed, first_seed + n_scenes), folder, scene_points, things=things)
+    seeds = range(first_seed, first_seed + n_scenes)
+    make_scenes(seeds, folder, scene_points, things=things, skeletons=sorted(trees))
 
 
 parser = stage_parser(__doc__)
@@ -32,6 +33,10 @@ parser.add_argument(
     choices=THINGS,
     default="common",
     help="what stands about the trees; confusable: small signs beside markers, posts, rings; "
-    "random: boards, solids, roofs and strangers' things of any kind",
+    "random: boards, solids, roofs and strangers' things of any kind; hard: wild trees, hollow "
+    "boards, things at the stem; elsewhere: those around the trees of --trees",
+)
+parser.add_argument(
+    "--trees", nargs="*", default=(), help="skeletons of trees, CSV id,parent,x,y,z,radius, m"
 )
 run(main, parser, globals().get("snakemake"))

@@ -53,7 +53,7 @@ def main(*, output, first_seed, n_trees, points, forms):
 
 
 def _one(form, seed, n_points):
-    """Confusion (7, 7) of one tree: labels as the truth, order 0 as what was found."""
+    """Confusion of one tree, by channel: labels as the truth, order 0 as what was found."""
     scene = generate_scene(seed, habit=form, markers=[], **BARE)
     cloud = sample_scene(scene, n_points, exact=True, ground_share=0.02)
     true = scene.target.skeleton()

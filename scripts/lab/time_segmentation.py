@@ -21,9 +21,6 @@ from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
-from cherrypicker.segmentation.refine import Smoothing
-from cherrypicker.segmentation.stems import StemModel
-from cherrypicker.segmentation.support_post import PostModel
 
 COPY_OFF_M = 0.0015
 logger = logging.getLogger("cherrypicker")
@@ -59,12 +56,9 @@ def _of_size(cloud, n, rng):
 
 def _label(path, weights, seed, threads):
     """CPU seconds and peak memory in GB of one process that does the whole stage."""
-    sampling = Sampling()
-    settings = {"sampling": sampling, "smoothing": Smoothing(), "seed": seed}
     device = choose_device(threads, 0)
-    result = segment_cloud(
-        read_cloud(path), weights, post=PostModel(), stems=StemModel(), device=device, **settings
-    )
+    cloud = read_cloud(path)
+    result, _ = segment_cloud(cloud, weights, sampling=Sampling(), seed=seed, device=device)
     write_cloud(Path(path).with_name("segmented.ply"), result)
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024**2

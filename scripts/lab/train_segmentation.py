@@ -1,4 +1,4 @@
-"""Train the point cloud network on generated orchard scenes.
+"""Train the point cloud network on generated orchard scenes, and on labelled scans beside them.
 
 Writes the weights and a JSON file with the schedule and the measures on held-out scenes. Goes on
 from the checkpoint beside the weights where a run of the same settings was cut short. Example:
@@ -15,7 +15,7 @@ from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device, save_weights
 from cherrypicker.segmentation.inference import Sampling
-from cherrypicker.segmentation.refine import Smoothing
+from cherrypicker_lab.training.segmentation.scans import load_scans
 from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, SceneFolders, load_samples
 from cherrypicker_lab.training.segmentation.schedule import Schedule
 from cherrypicker_lab.training.segmentation.training import measure, train
@@ -39,6 +39,7 @@ def main(
     embedding: int = 192,
     k: int = 12,
     start: str | None = None,
+    scans: str | None = None,
     threads: int = 2,
     gpu: int = 0,
 ):
@@ -51,10 +52,12 @@ def main(
     )
     folder = Path(workspace)
     first = schedule.seed * n_scenes
+    labelled = load_scans(scans) if scans else []
     if scenes:
-        samples = SceneFolders(scenes)
+        samples = SceneFolders(scenes, labelled)
     else:
         samples = load_samples(range(first, first + n_scenes), folder / "scenes", scene_points)
+        samples += labelled
     network, history = train(
         samples,
         schedule=schedule,
@@ -71,7 +74,7 @@ def main(
     measured = {}
     if held_out_seeds:
         held_out = load_samples(held_out_seeds, folder / "scenes", scene_points)
-        measured = measure(network, held_out, sampling, Smoothing(), device=device)
+        measured = measure(network, held_out, sampling, device=device)
     write_json(
         metrics,
         {
@@ -81,6 +84,7 @@ def main(
             "training_scenes": [Path(f).name for f in samples.files]
             if scenes
             else [first, first + n_scenes - 1],
+            "labelled_scans": len(labelled),
             "held_out_seeds": held_out_seeds,
             "history": history,
             "held_out": measured,

@@ -18,7 +18,8 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton, limb_tree
 from cherrypicker.graph.spanning_tree import spanning_tree
-from cherrypicker.limbs.files import read_limbs, write_limbs
+from cherrypicker.limbs.files import read_orchard, write_orchard
+from cherrypicker.limbs.orchard import grow_orchard
 from cherrypicker.skeleton import axes, fold
 
 
@@ -179,9 +180,12 @@ def test_equal_input_gives_equal_skeletons(tree_case):
 
 def test_limbs_are_grown_once_and_joined_from_their_file(tree_case, tmp_path):
     _, cloud, _ = tree_case
-    contracted, report = contract_wood(cloud)
-    write_limbs(tmp_path / "limbs.npz", report["limbs"])
-    stored = read_limbs(tmp_path / "limbs.npz")
+    orchard = grow_orchard(cloud)
+    contracted, report = contract_wood(cloud, orchard=orchard)
+    write_orchard(tmp_path / "limbs.npz", orchard)
+    read = read_orchard(tmp_path / "limbs.npz")
+    stored = read.limbs_of(report["stem"], contracted["source"])
+    np.testing.assert_array_equal(read.owner, orchard.owner)
     alone, joined = (
         extract_skeleton(contracted, cloud, base=report["base"], limbs=limbs)
         for limbs in (None, stored)
@@ -194,15 +198,24 @@ def test_limbs_are_grown_once_and_joined_from_their_file(tree_case, tmp_path):
         extract_skeleton(fewer, cloud, base=report["base"], limbs=stored)
 
 
-@pytest.mark.parametrize(("method", "preset"), [("lbc", "default"), ("slbc", "paper")])
-def test_a_contraction_without_limbs_of_labels_leaves_them_to_the_graph(
-    tree_case, tmp_path, method, preset
-):
+def test_a_published_contraction_leaves_the_limbs_to_the_graph(tree_case):
     _, cloud, _ = tree_case
-    options = ContractionOptions(preset, max_iterations=1) if preset == "paper" else None
-    _, report = contract_wood(cloud, WoodOptions(method=method, voxel_size_m=0.01), options=options)
-    write_limbs(tmp_path / "limbs.npz", report["limbs"])
-    assert read_limbs(tmp_path / "limbs.npz") is None
+    options = ContractionOptions("paper", max_iterations=1)
+    _, report = contract_wood(cloud, WoodOptions(voxel_size_m=0.01), options=options)
+    assert report["limbs"] is None
+
+
+def test_a_part_of_a_cloud_keeps_its_limbs(tree_case):
+    _, cloud, _ = tree_case
+    orchard = grow_orchard(cloud)
+    rows = np.flatnonzero(np.arange(len(cloud)) % 3 > 0)
+    part = orchard.select(rows)
+    contracted, report = contract_wood(cloud.select(rows), orchard=part)
+    assert len(report["limbs"].limbs) == len(orchard.limbs[report["stem"]].limbs)
+    whole, _ = contract_wood(cloud, orchard=orchard)
+    kept = np.isin(whole["source"], rows)
+    np.testing.assert_array_equal(rows[contracted["source"]], whole["source"][kept])
+    np.testing.assert_allclose(contracted.points, whole.points[kept], atol=1e-6)
 
 
 def test_trunk_ends_once_and_begins_at_the_root():

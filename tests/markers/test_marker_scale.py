@@ -214,6 +214,7 @@ def marker_entry(marker_id, scale, std=1e-4, is_square=True):
         "scale_std": std,
         "is_square": is_square,
         "used": True,
+        "n_places": 1,
         "flags": [],
     }
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 N_TREES = 30
 SEED = 2026
-STAGES = ["import_segmented_cloud", "contract_cloud", "extract_graph"]
+STAGES = ["import_segmented_cloud", "grow_limbs", "contract_cloud", "extract_graph"]
 STAGES += ["measure_traits", "report_tree"]
 SPOILT = ["nan", "short", "points_0", "points_1", "label_42", "same", "gone"]
 GROWTH = 1.15  # of the memory from the batch's first part to its last, at most

@@ -195,6 +195,7 @@ def test_scan_from_photos_has_its_stages(build):
             "scale": 0.5,
             "scale_std": 0.001,
             "markers": [{"id": 7, "side_m": 0.2, "side_lengths": [0.4, 0.4, 0.4, 0.4]}],
+            "false_reads": [{"id": 17, "n_images": 4, "photos": []}],
         },
     }
     for name, content in reports.items():
@@ -220,6 +221,7 @@ def test_scan_from_photos_has_its_stages(build):
     assert "the cameras look at no common place" in text
     assert "600 of 6,000 (10.0 %)" in text
     assert "0.5 ± 0.001 m per unit (0.20 %)" in text
+    assert "17 (4 photos)" in text
     for heading in ("sparse model", "Sky and depth", "Alignment", "Denoising", "Scale"):
         assert heading in text
 

@@ -10,8 +10,9 @@ from workspace import small_tree
 from cherrypicker.batch.resources import size_of_cloud
 from cherrypicker.batch.trees import Tree
 from cherrypicker.lens import read_model
-from cherrypicker.limbs.files import read_limbs, write_limbs
+from cherrypicker.limbs.files import read_orchard, write_orchard
 from cherrypicker.limbs.growth import Limbs
+from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.tubes import Limb, Tube
 from cherrypicker.mvs.workspace import read_map, write_map
 from cherrypicker.placement.late_cloud import import_cloud
@@ -107,7 +108,10 @@ def _poses(folder):
 def _limbs(folder):
     tube = Tube(np.linspace([0, 0, 0], [0, 0, 1.0], 4), np.full(4, 0.02))
     limbs = Limbs([Limb(tube, -1), Limb(tube, 0)], np.zeros(7, np.int64), 0.01, 0.002, 0.9)
-    write_limbs(folder / "limbs.npz", limbs)
+    owner, rows = np.array([0] * 7 + [1, -1]), np.arange(7)
+    bases = np.array([[0.0, 0, 0], [1, 0, 0]])
+    orchard = Orchard(owner, rows, 0.01, bases, [rows, rows[:0]], [limbs, None])
+    write_orchard(folder / "limbs.npz", orchard)
     return [folder / "limbs.npz"]
 
 
@@ -186,7 +190,7 @@ READERS = [
     Reader("topology", read_topology, _topologies),
     Reader("skeleton_table", read_skeleton_csv, _skeleton_tables),
     Reader("poses", read_poses, _poses),
-    Reader("limbs", read_limbs, _limbs),
+    Reader("limbs", read_orchard, _limbs),
     Reader("sky_colors", read_sky_colors, _sky_colors),
     Reader("map", read_map, _maps),
     Reader("model", read_model_of, _models),

@@ -7,6 +7,8 @@ from torch_geometric.nn import EdgeConv
 
 from cherrypicker.errors import StageError
 from cherrypicker.segmentation.dgcnn import (
+    N_CLASSES,
+    N_CLASSES_BEFORE,
     Dgcnn,
     LinearEdgeConv,
     choose_device,
@@ -55,7 +57,7 @@ def test_rows_are_log_probabilities_and_spheres_of_a_batch_do_not_mix():
     with torch.inference_mode():
         together = network(*collate([first, second]))
         alone = network(*collate([second]))
-    assert together.shape == (130, 7)
+    assert together.shape == (130, N_CLASSES)
     assert torch.allclose(together.exp().sum(dim=1), torch.ones(130), atol=1e-5)
     assert torch.allclose(together[50:], alone, atol=1e-5)
 
@@ -87,8 +89,17 @@ def test_weights_of_other_classes_are_refused(tmp_path):
     last = [module for module in network.modules() if isinstance(module, torch.nn.Linear)][-1]
     last.weight = torch.nn.Parameter(last.weight[:-1])
     save_weights(tmp_path / "w.pt", network, SAMPLING, {})
-    with pytest.raises(StageError, match="do not fit the network of 7 classes"):
+    with pytest.raises(StageError, match=f"do not fit the network of {N_CLASSES} classes"):
         load_weights(tmp_path / "w.pt")
+
+
+def test_weights_that_do_not_say_their_outputs_have_those_of_before(tmp_path):
+    network = Dgcnn(width=8, embedding=16, k=6, n_classes=N_CLASSES_BEFORE).eval()
+    del network.settings["n_classes"]
+    save_weights(tmp_path / "w.pt", network, SAMPLING)
+    again, _, _ = load_weights(tmp_path / "w.pt")
+    with torch.inference_mode():
+        assert again(*collate([_sphere(50, 3)])).shape == (50, N_CLASSES_BEFORE)
 
 
 def test_another_kind_of_torch_file_is_refused(tmp_path):

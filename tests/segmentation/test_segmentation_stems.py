@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from cherrypicker.classes import Label
-from cherrypicker.geometry.sampling import thin_to_limit
-from cherrypicker.segmentation.spheres import TreeFrame
-from cherrypicker.segmentation.stems import StemModel, relabel_wood, trace_stems
+from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.segmentation.stems import label_wood, rooted_trunk
 
-FRAME = TreeFrame(np.zeros(3), 1.0)
+
+def _relabel(points, labels, *, colors=None, known=None):
+    """Labels after the limbs have decided, and the limbs."""
+    cloud = PointCloud(points, fields={"label": labels})
+    orchard = grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
+    after = label_wood(points, labels, orchard, colors=colors, known=known, stem_gap_m=0.6)
+    return after, orchard
 
 
 def _tube(rng, start, end, radius_start, radius_end, noise=0.001, spacing=0.004):
@@ -44,15 +50,12 @@ def _fork(rng, ratio, shift=(0.0, 0.0)):
 def test_trunk_ends_at_a_fork_that_no_arm_keeps_the_thickness_of(ratio, goes_on):
     rng = np.random.default_rng(0)
     points, part = _fork(rng, ratio)
-    points, rows, _, _ = thin_to_limit(points, 0.006, len(points))
-    part, labels = part[rows], np.full(len(points), Label.BRANCH, np.uint8)
-    (stem,), loose = trace_stems(points, labels, _ground(rng), StemModel())
-    assert not loose.any()
-    top = stem.points[-1]
-    assert top[2] == pytest.approx(1.7 if goes_on else 0.8, abs=0.06)
-    assert np.median(stem.radius[: len(stem.radius) // 3]) == pytest.approx(0.040, abs=0.002)
-    chosen = np.zeros(len(points), bool)
-    chosen[stem.rows] = stem.is_trunk
+    after, orchard = _relabel(points, np.full(len(points), Label.BRANCH, np.uint8))
+    (limbs,) = orchard.limbs
+    assert np.median(limbs.limbs[0].tube.radius[:5]) == pytest.approx(0.040, abs=0.002)
+    chosen = after == Label.TRUNK
+    top = np.quantile(points[chosen, 2], 0.99)
+    assert top == pytest.approx(1.7 if goes_on else 0.8, abs=0.06)
     assert chosen[part == 0].mean() > 0.97
     assert chosen[part == 1].mean() == pytest.approx(float(goes_on), abs=0.08)
     assert chosen[part == 2].mean() < 0.08
@@ -71,7 +74,7 @@ def test_a_leaning_leader_is_trunk_to_its_tip_and_its_laterals_are_not():
     labels = np.full(len(points), Label.BRANCH, np.uint8)
     everything = np.vstack([points, ground])
     labels = np.concatenate([labels, np.full(len(ground), Label.GROUND, np.uint8)])
-    after = relabel_wood(everything, labels, FRAME)
+    after = _relabel(everything, labels)[0]
     assert (after[: len(stem)] == Label.TRUNK).mean() > 0.95
     assert (after[len(stem) : len(points)] == Label.BRANCH).mean() > 0.92
     assert (after[len(points) :] == Label.GROUND).all()
@@ -84,8 +87,9 @@ def test_a_gap_that_a_ring_hides_is_bridged_and_the_ring_keeps_its_label():
     hidden = (points[:, 2] > 0.40) & (points[:, 2] < 0.46)
     labels = np.full(len(points), Label.BRANCH, np.uint8)
     labels[hidden] = Label.CALIBRATION_UNIT
-    after = relabel_wood(points, labels, FRAME)
-    assert (after[hidden] == Label.CALIBRATION_UNIT).all()
+    colors = np.where(hidden, 0.9, 0.35)[:, None] + rng.normal(0, 0.02, (len(points), 3))
+    after = _relabel(points, labels, colors=colors)[0]
+    assert (after[hidden] == Label.CALIBRATION_UNIT).mean() > 0.98
     assert (after[(part == 0) & ~hidden] == Label.TRUNK).mean() > 0.96
 
 
@@ -98,7 +102,7 @@ def test_a_large_hole_in_the_stem_is_crossed_along_its_course(low):
     seen = (points[:, 2] < low) | (points[:, 2] > low + 0.35)
     is_stem = (np.arange(len(points)) < len(stem))[seen]
     points = points[seen]
-    after = relabel_wood(points, np.full(len(points), Label.TRUNK, np.uint8), FRAME)
+    after = _relabel(points, np.full(len(points), Label.TRUNK, np.uint8))[0]
     assert (after[is_stem] == Label.TRUNK).mean() > 0.95
     assert (after[~is_stem] == Label.BRANCH).mean() > 0.9
 
@@ -108,9 +112,9 @@ def test_every_stem_of_the_scene_is_trunk():
     one, part_one = _fork(rng, 0.6, (-0.9, 0.0))
     two, part_two = _fork(rng, 0.6, (0.9, 0.3))
     labels = np.full(len(one) + len(two), Label.BRANCH, np.uint8)
-    stems, _ = trace_stems(np.vstack([one, two]), labels, _ground(rng), StemModel())
-    assert sorted(round(stem.points[0, 0], 1) for stem in stems) == [-0.9, 0.9]
-    after = relabel_wood(np.vstack([one, two]), labels, FRAME) == Label.TRUNK
+    after, orchard = _relabel(np.vstack([one, two]), labels)
+    assert sorted(round(base[0], 1) for base in orchard.bases) == [-0.9, 0.9]
+    after = after == Label.TRUNK
     part = np.concatenate([part_one, part_two])
     assert after[part == 0].mean() > 0.96 and after[part > 0].mean() < 0.08
 
@@ -120,17 +124,42 @@ def test_wood_that_no_stem_carries_is_branch():
     tree, part = _fork(rng, 0.7)
     stray = _tube(rng, (2.0, 2.0, 1.4), (2.3, 2.2, 1.9), 0.012, 0.006)
     labels = np.full(len(tree) + len(stray), Label.TRUNK, np.uint8)
-    after = relabel_wood(np.vstack([tree, stray]), labels, FRAME)
+    after = _relabel(np.vstack([tree, stray]), labels)[0]
     assert (after[len(tree) :] == Label.BRANCH).all()
 
 
-def test_without_a_stem_the_labels_stay():
+def test_what_lies_in_a_limb_is_wood_unless_its_class_is_a_fact():
     rng = np.random.default_rng(6)
-    points = rng.random((30, 3))
-    labels = rng.choice([Label.TRUNK, Label.BRANCH], 30).astype(np.uint8)
-    assert (relabel_wood(points, labels, FRAME) == labels).all()
-    empty = relabel_wood(np.empty((0, 3)), np.empty(0, np.uint8), FRAME)
-    assert len(empty) == 0
+    tree, part = _fork(rng, 0.7)
+    cube = rng.uniform([0.3, 0.3, 0.0], [0.5, 0.5, 0.2], (2000, 3))
+    points = np.vstack([tree, cube])
+    labels = np.repeat([Label.BRANCH, Label.CALIBRATION_UNIT], [len(tree), len(cube)])
+    labels = labels.astype(np.uint8)
+    low = np.append((part == 0) & (np.abs(tree[:, 2] - 0.4) < 0.08), np.zeros(len(cube), bool))
+    labels[low] = Label.SIGN
+    after, orchard = _relabel(points, labels)
+    assert (after[low] == Label.TRUNK).mean() > 0.95 and (orchard.owner[low] == 0).mean() > 0.95
+    assert (after[len(tree) :] == Label.CALIBRATION_UNIT).all()
+    after, _ = _relabel(points, labels, known=low)
+    assert (after[low] == Label.SIGN).all()
+
+
+def test_a_stem_that_ends_in_the_air_goes_on_down_through_what_stands_there():
+    rng = np.random.default_rng(9)
+    tree, part = _fork(rng, 0.7)
+    ground = _ground(rng)
+    ground = ground[np.hypot(*ground[:, :2].T) > 0.06]
+    points = np.vstack([tree, ground])
+    labels = np.repeat([Label.BRANCH, Label.GROUND], [len(tree), len(ground)]).astype(np.uint8)
+    foot = np.append((part == 0) & (tree[:, 2] < 0.42), np.zeros(len(ground), bool))
+    labels[foot] = Label.CALIBRATION_UNIT
+    after, orchard = _relabel(points, labels)
+    assert (after[foot] == Label.TRUNK).mean() > 0.95
+    assert orchard.limbs[0].limbs[0].tube.nodes[0, 2] == pytest.approx(0.0, abs=0.01)
+    seen = ~foot | (points[:, 2] > 0.38)  # nothing is there for 0.38 m: still one stem's gap
+    after, orchard = _relabel(points[seen], labels[seen])
+    assert orchard.limbs[0].limbs[0].tube.nodes[0, 2] == pytest.approx(0.0, abs=0.01)
+    assert (after[labels[seen] == Label.GROUND] == Label.GROUND).all()
 
 
 def test_a_ring_is_as_wide_as_it_is_white():
@@ -143,7 +172,7 @@ def test_a_ring_is_as_wide_as_it_is_white():
     points = np.vstack([stem, ground])
     labels = np.concatenate([seen, np.full(len(ground), Label.GROUND)]).astype(np.uint8)
     colors = np.vstack([colors, np.full((len(ground), 3), 0.3)])
-    after = relabel_wood(points, labels, FRAME, colors=colors)[: len(stem)]
+    after = _relabel(points, labels, colors=colors)[0][: len(stem)]
     assert (after[off < 0.015] == Label.CALIBRATION_UNIT).mean() > 0.95
     assert (after[off > 0.035] == Label.TRUNK).mean() > 0.999
 
@@ -160,7 +189,7 @@ def test_the_trunk_goes_on_over_the_lowest_arm_of_a_head():
             _tube(rng, (0, 0, 0.85), (-0.4, -0.2, 1.5), 0.026, 0.015),
         ]
         points = np.vstack([stem, *arms])
-        after = relabel_wood(points, np.full(len(points), Label.BRANCH, np.uint8), FRAME)
+        after = _relabel(points, np.full(len(points), Label.BRANCH, np.uint8))[0]
         assert (after[: len(stem)] == Label.TRUNK).mean() > 0.95
         in_arms.append((after[len(stem) :] == Label.TRUNK).mean())
     assert np.mean(np.array(in_arms) < 0.05) >= 0.75
@@ -176,6 +205,21 @@ def test_a_foot_that_passes_for_ground_in_grass_is_trunk():
     foot = np.arange(len(points)) < len(stem)
     foot &= points[:, 2] < 0.06
     labels[foot] = Label.GROUND
-    found = relabel_wood(points, labels, FRAME)
+    found = _relabel(points, labels)[0]
     assert (found[foot] == Label.TRUNK).mean() > 0.9
     assert (found[len(stem) :] == Label.GROUND).all()
+
+
+def test_trunk_that_hangs_together_with_none_near_the_ground_is_branch():
+    rng = np.random.default_rng(7)
+    tree, part = _fork(rng, 0.7)
+    points = np.vstack([tree, _ground(rng)])
+    labels = np.full(len(points), Label.GROUND, np.uint8)
+    labels[: len(tree)] = np.where(part == 0, Label.TRUNK, Label.BRANCH)
+    island = np.append((part == 1) & (tree[:, 2] > 1.4), np.zeros(len(points) - len(tree), bool))
+    labels[island] = Label.TRUNK
+    after = rooted_trunk(points, labels, 0.25)
+    assert (after[island] == Label.BRANCH).all()
+    assert (after[~island] == labels[~island]).all()
+    alone = rooted_trunk(points[island], labels[island], 0.25)  # nothing else is there
+    assert (alone == Label.TRUNK).all()

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import CHANNELS, Label
+from cherrypicker.segmentation.known_markers import KnownMarkers, Square
 from cherrypicker.segmentation.things import (
-    Square,
-    one_class_a_thing,
-    solved_squares,
+    THINGS,
+    is_group,
+    keep_roofs,
+    vote_per_object,
     wood_under_things,
 )
 
@@ -22,7 +24,7 @@ def _box(low, high):
 def _thought(channels, rng, *, share=1.0, other=None):
     """Probabilities with the channel's the largest for a share of the points."""
     likely = np.where(rng.random(len(channels)) < share, channels, other or channels)
-    thought = np.full((len(channels), 7), 0.05, np.float32)
+    thought = np.full((len(channels), len(CHANNELS)), 0.05, np.float32)
     thought[np.arange(len(channels)), likely] = 0.7
     return thought
 
@@ -44,7 +46,7 @@ def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
     plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
     channels = np.full(len(plate), Label.SIGN.channel)
     thought = _thought(channels, rng, share=0.7, other=Label.ROOF.channel)
-    assert (one_class_a_thing(plate, thought, VOXEL).argmax(axis=1) == Label.SIGN.channel).all()
+    assert (vote_per_object(plate, thought, VOXEL).argmax(axis=1) == Label.SIGN.channel).all()
 
 
 def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
@@ -61,11 +63,11 @@ def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
     )
     thought[n_own:, Label.CALIBRATION_UNIT.channel] = 0.2
     squares = [_square([0.01, 0, 0.44])]
-    channel = one_class_a_thing(points, thought, VOXEL, squares).argmax(axis=1)
+    channel = vote_per_object(points, thought, VOXEL, KnownMarkers(squares)).argmax(axis=1)
     assert (channel[:n_own] == Label.MARKER.channel).all()
     assert (channel[n_own:] == Label.CALIBRATION_UNIT.channel).all()
     # without a say of the photos the network is believed
-    channel = one_class_a_thing(points, thought, VOXEL).argmax(axis=1)
+    channel = vote_per_object(points, thought, VOXEL).argmax(axis=1)
     assert (channel[n_own:] == Label.MARKER.channel).all()
 
 
@@ -77,17 +79,26 @@ def test_a_sign_that_touches_the_board_stays_a_sign(rng):
         np.repeat([Label.MARKER.channel, Label.SIGN.channel], [len(board), len(sign)]), rng
     )
     squares = [_square([0.01, 0, 0.14])]
-    channel = one_class_a_thing(points, thought, VOXEL, squares).argmax(axis=1)
+    channel = vote_per_object(points, thought, VOXEL, KnownMarkers(squares)).argmax(axis=1)
     assert (channel[: len(board)] == Label.MARKER.channel).all()
     above = np.append(np.zeros(len(board), bool), sign[:, 2] > 0.34)
     assert (channel[above] == Label.SIGN.channel).all()
+
+
+def test_a_thing_that_is_no_marker_is_another_thing_and_never_wood(rng):
+    """Wood or thing comes first: what the class that is ruled out thought likely stays a thing."""
+    plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
+    thought = np.tile(np.float32([0.0, 0.3, 0.1, 0.1, 0.45, 0.05, 0.0, 0.0]), (len(plate), 1))
+    assert is_group(thought, THINGS).all()
+    channel = vote_per_object(plate, thought, VOXEL, KnownMarkers([])).argmax(axis=1)
+    assert (channel == Label.SIGN.channel).all()
 
 
 def test_wood_and_ground_keep_their_probabilities(rng):
     points = rng.random((300, 3))
     channels = rng.choice([Label.GROUND.channel, Label.TRUNK.channel, Label.BRANCH.channel], 300)
     thought = _thought(channels, rng)
-    assert np.array_equal(one_class_a_thing(points, thought, VOXEL, []), thought)
+    assert np.array_equal(vote_per_object(points, thought, VOXEL, KnownMarkers([])), thought)
 
 
 def test_a_print_that_passed_for_grass_is_marker(rng):
@@ -97,31 +108,28 @@ def test_a_print_that_passed_for_grass_is_marker(rng):
         np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
     )
     thought = _thought(np.full(len(lying), Label.GROUND.channel), rng)
-    channel = one_class_a_thing(lying, thought, VOXEL, [square]).argmax(axis=1)
+    channel = vote_per_object(lying, thought, VOXEL, KnownMarkers([square])).argmax(axis=1)
     on_board = np.abs(lying[:, :2]).max(axis=1) < 0.13
     assert (channel[on_board] == Label.MARKER.channel).all()
     assert (channel[~on_board] == Label.GROUND.channel).all()
 
 
-def test_squares_are_moved_to_the_clouds_frame_and_only_known_where_all_are_solved():
-    corners = _square([0, 0, 0], side=1.0).corners
-    scale = {"mode": "marker", "other_ids": {"12": 1}, "markers": [{"corners": corners.tolist()}]}
-    scale["scale"] = 0.5
-    transform = np.eye(4)
-    transform[:3, 3] = 2, 4, 6
-    align = {"transform": transform.tolist()}
-    (square,) = solved_squares(scale, align)
-    assert np.allclose(square.middle, [1, 2, 3])
-    assert square.side == pytest.approx(0.5)
-    assert solved_squares(scale | {"other_ids": {"12": 9}}, align) is None
-    assert solved_squares(scale | {"mode": "none"}, align) is None
+def test_a_marker_that_was_not_solved_leaves_the_class_open_around_it(rng):
+    board = _box([0, 0, 0.2], [0.2, 0.02, 0.4])
+    points = np.vstack([board + [x, 0, 0] for x in (0.0, 1.0, 2.0)])
+    thought = _thought(np.full(len(points), Label.MARKER.channel), rng)
+    known = KnownMarkers([_square([0.1, 0.01, 0.3])], np.array([[1.1, 0.01, 0.3, 0.3]]))
+    channel = vote_per_object(points, thought, VOXEL, known)
+    of_each = channel.argmax(axis=1).reshape(3, -1)
+    assert (of_each[:2] == Label.MARKER.channel).all()
+    assert (of_each[2] != Label.MARKER.channel).all()
 
 
 def _classes(*parts):
     """Points and certain probabilities of (box, label) pairs."""
     points = np.vstack([box for box, _ in parts])
     channels = np.concatenate([np.full(len(box), label.channel) for box, label in parts])
-    return points, np.eye(7, dtype=np.float32)[channels]
+    return points, np.eye(len(CHANNELS), dtype=np.float32)[channels]
 
 
 BOARD = _box([0, -0.2, 0.8], [0.02, 0.2, 1.0])
@@ -141,12 +149,42 @@ def test_a_post_that_passes_for_wood_belongs_to_its_sign():
         np.vstack([POST, _box([0.04, 0, 0.5], [0.8, 0.02, 0.52])]),  # a branch reaches out
         _box([0.06, -0.02, 0.0], [0.3, 0.2, 0.8]),  # as thick as no post
     ],
+    ids=["stem", "branch", "thick"],
 )
 def test_wood_that_only_touches_a_sign_stays_wood(wood):
     points, thought = _classes((BOARD, Label.SIGN), (wood, Label.TRUNK))
     assert (wood_under_things(points, thought, VOXEL) == thought).all()
 
 
+def test_a_stem_with_a_ring_around_it_goes_on_above_the_ring():
+    ring, above = _box([0, -0.02, 0.8], [0.06, 0.04, 0.86]), POST + [0, 0, 0.86]
+    points, thought = _classes(
+        (ring, Label.CALIBRATION_UNIT), (POST, Label.TRUNK), (above, Label.TRUNK)
+    )
+    assert (wood_under_things(points, thought, VOXEL) == thought).all()
+
+
 def test_a_false_sign_high_in_a_crown_takes_no_wood():
     points, thought = _classes((BOARD + [0, 0, 2], Label.SIGN), (POST + [0, 0, 2], Label.TRUNK))
     assert (wood_under_things(points, thought, VOXEL) == thought).all()
+
+
+def _called_roof(points):
+    return np.tile(np.float32([0.02, 0.02, 0.1, 0.02, 0.02, 0.02, 0.8, 0.0]), (len(points), 1))
+
+
+def test_a_sheet_and_the_posts_that_carry_it_are_a_roof():
+    sheet = _box([0, 0, 2.0], [1.5, 1.0, 2.02])
+    sheet[:, 2] += 0.3 * sheet[:, 0]
+    post = _box([0, 0, 0], [0.06, 0.06, 2.0])
+    points = np.vstack([sheet, post])
+    kept = keep_roofs(points, _called_roof(points), VOXEL).argmax(axis=1)
+    assert (kept == Label.ROOF.channel).all()
+
+
+def test_a_dense_crown_is_no_roof(rng):
+    points = rng.uniform(0, 1.5, (40_000, 3))
+    after = keep_roofs(points, _called_roof(points), VOXEL).argmax(axis=1)
+    assert (after == Label.BRANCH.channel).all()
+    certain = np.tile(np.eye(len(CHANNELS), dtype=np.float32)[Label.ROOF.channel], (len(points), 1))
+    assert (keep_roofs(points, certain, VOXEL).argmax(axis=1) == Label.BRANCH.channel).all()

@@ -190,6 +190,8 @@ def test_markers_give_the_frame_where_they_stayed():
     there = 0.5 * centers @ turn[:3, :3].T + [1.0, 2.0, 3.0]
     marker = {"id": 7, "used": True, "corners": corners.tolist()}
     scale = {"dictionary": "DICT", "markers": [marker, {"id": 8, "used": False}]}
+    twice = marker | {"id": 9, "n_places": 2}
+    scale["markers"] += [twice, twice]
     found = marker_corners(scale, poses(centers), poses(there))
     assert list(found) == [("DICT", 7)]
     assert_allclose(found["DICT", 7], 0.5 * corners @ turn[:3, :3].T + [1.0, 2.0, 3.0], atol=1e-9)

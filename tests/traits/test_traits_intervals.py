@@ -221,3 +221,18 @@ def test_every_factor_of_the_intervals_is_used():
     used = set(re.findall(r'FACTORS\["(\w+)"\]', code)) | set(re.findall(r'"(\w+)": ', code))
     assert set(FACTORS) <= used
     assert not set(KNOWN) & set(FACTORS)
+
+
+@pytest.mark.parametrize(
+    "up, source, gap", [(0.02, "ground", 0.02), (0.8, "ground", 0.8), (-0.8, "wood", 0.0)]
+)
+def test_a_tree_stands_on_the_ground_however_far_up_its_lowest_points_lie(up, source, gap):
+    rng = np.random.default_rng(3)
+    skeleton = stem_and_branch()
+    turn, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0, 1, 4000)
+    stem = np.column_stack([0.02 * np.cos(turn), 0.02 * np.sin(turn), z])
+    soil = np.column_stack([rng.uniform(-1, 1, (8000, 2)), np.full(8000, -up)])
+    labels = np.repeat([Label.TRUNK, Label.GROUND], [4000, 8000])
+    foot = find_foot(skeleton, np.vstack([stem, soil]), labels)
+    assert foot.source == source
+    assert foot.gap == pytest.approx(gap, abs=0.012)

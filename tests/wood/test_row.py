@@ -6,7 +6,7 @@ from skeleton_shapes import labelled_cloud, tube
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.wood.row import NO_TREE, NO_WOOD, find_trees, read_places, tree_cloud
+from cherrypicker.wood.row import NO_TREE, NO_WOOD, find_trees, read_places, rows_of_tree
 
 DENSITY = 20_000
 SPACING = 1.0
@@ -88,13 +88,13 @@ def test_places_that_mean_no_tree_of_their_own_are_refused(row, places, told):
 
 def test_a_trees_cloud_has_its_wood_alone_and_the_ground_about_it(row, found):
     cloud, truth = row
-    own = tree_cloud(cloud, found.owner, 3, found.trees[2].base)
+    own = cloud.select(rows_of_tree(cloud.points, found.owner, 3, found.trees[2].base))
     wood = own["label"] != Label.GROUND
     assert np.count_nonzero(wood) == np.count_nonzero(found.owner == 3)
     aside = np.linalg.norm(own.points[~wood, :2] - [2.0, 0.0], axis=1)
     assert 1.2 < aside.max() < 1.6  # as far as the tree is high
     with pytest.raises(StageError, match="not of one scan"):
-        tree_cloud(cloud, found.owner[1:], 3, found.trees[2].base)
+        rows_of_tree(cloud.points, found.owner[1:], 3, found.trees[2].base)
 
 
 def test_places_from_a_command_line(row):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from skeleton_shapes import labelled_cloud, tube
+from wood_choice import choose_wood
 
 from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import ContractionOptions
@@ -18,7 +19,6 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.traits.flags import scan_flags
 from cherrypicker.wood.target import CLOSE_CALL, TREE_SHARE, choose_target, target_report
-from cherrypicker.wood.target_wood import select_target_wood
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 DENSITY = 20_000  # points a square metre, 7 mm apart
@@ -65,7 +65,7 @@ def select(*parts, **options):
     points, labels, part = points[source], labels[source], part[source]
     wood = np.isin(labels, (Label.TRUNK, Label.BRANCH))
     options = {"region": REGION, "ground": points[labels == Label.GROUND], **options}
-    return select_target_wood(points[wood], labels[wood], **options), part[wood]
+    return choose_wood(points[wood], labels[wood], **options), part[wood]
 
 
 def assert_is_the_first(chosen, part, others=(1,)):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from skeleton_shapes import small_tree, tube
+from wood_choice import choose_wood
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import farthest_point_sample, voxel_thin
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.wood.feet import find_stems, ground_height
-from cherrypicker.wood.target_wood import select_target_wood
 
 
 def two_trees(gap=0.9):
@@ -25,7 +25,7 @@ def two_trees(gap=0.9):
 @pytest.mark.parametrize("gap", [1.2, 0.8])
 def test_neighbour_is_cut_off_even_where_crowns_touch(gap):
     points, labels, tree = two_trees(gap)
-    wood = select_target_wood(points, labels, target_xy=(0, 0))
+    wood = choose_wood(points, labels, target_xy=(0, 0))
     assert wood.report["n_stems"] == 2
     assert wood.keep[tree == 0].mean() > 0.97
     assert wood.keep[tree == 1].mean() < 0.03
@@ -50,7 +50,7 @@ def test_branches_labelled_ground_do_not_bury_the_foot(caplog):
 
 def test_target_follows_target_xy():
     points, labels, tree = two_trees(1.2)
-    wood = select_target_wood(points, labels, target_xy=(1.2, 0))
+    wood = choose_wood(points, labels, target_xy=(1.2, 0))
     assert wood.keep[tree == 1].mean() > 0.97 and wood.keep[tree == 0].mean() < 0.03
 
 
@@ -64,7 +64,7 @@ def test_wood_that_comes_in_over_the_border_is_cut():
     boxed = Footprint.of_box([[-1.0, -1.0], [1.0, 1.0]])
     # at 0.6 m the laterals meet it nearer to the border than to the stem: their own ends stay
     for region in (Footprint(np.zeros(2), 1.0), boxed, Footprint(np.zeros(2), 0.6)):
-        wood = select_target_wood(everything[source], label, region=region)
+        wood = choose_wood(everything[source], label, region=region)
         assert wood.keep[foreign].mean() < 0.1
         assert wood.keep[~foreign].mean() > 0.97
 
@@ -76,7 +76,7 @@ def test_gaps_along_a_branch_are_kept_and_far_blobs_dropped():
     everything = np.vstack([points[torn], blob])
     _, source, _ = voxel_thin(everything, 0.008)
     label = np.concatenate([labels[torn], np.full(60, 2)])[source]
-    wood = select_target_wood(everything[source], label)
+    wood = choose_wood(everything[source], label)
     is_blob = source >= torn.sum()
     beyond = (everything[source][:, 0] > 0.35) & ~is_blob
     assert wood.keep[beyond].mean() > 0.95
@@ -89,7 +89,7 @@ def test_a_sparse_top_over_a_dense_foot_is_kept():
     step = np.concatenate([np.full(1000, 0.002), 0.002 * 1.1 ** np.arange(1, 56)])
     angle = rng.uniform(0, 2 * np.pi, len(step))  # 2 mm apart at the foot, 38 cm at the top
     pole = np.column_stack([0.02 * np.cos(angle), 0.02 * np.sin(angle), np.cumsum(step)])
-    wood = select_target_wood(pole, np.full(len(pole), 2))
+    wood = choose_wood(pole, np.full(len(pole), 2))
     assert wood.keep.all()
 
 
@@ -98,7 +98,7 @@ def test_sparse_strays_around_dense_wood_are_dropped():
     strays = np.random.default_rng(6).uniform((0.5, -1.0, 0.2), (2.0, 1.0, 1.2), (40, 3))
     _, source, _ = voxel_thin(np.vstack([points, strays]), 0.008)
     label = np.concatenate([labels, np.full(40, 2)])[source]
-    wood = select_target_wood(np.vstack([points, strays])[source], label)
+    wood = choose_wood(np.vstack([points, strays])[source], label)
     assert not wood.keep[source >= len(points)].any()
 
 
@@ -106,13 +106,13 @@ def test_ring_gap_in_the_stem_does_not_lose_the_crown():
     points, labels, _ = small_tree(0)
     hidden = (points[:, 2] > 0.2) & (points[:, 2] < 0.38)
     _, source, _ = voxel_thin(points[~hidden], 0.008)
-    wood = select_target_wood(points[~hidden][source], labels[~hidden][source])
+    wood = choose_wood(points[~hidden][source], labels[~hidden][source])
     assert wood.keep.mean() > 0.99
 
 
 def test_no_wood_is_the_users_error():
     with pytest.raises(StageError, match="no wood"):
-        select_target_wood(np.empty((0, 3)), np.empty(0, dtype=int))
+        choose_wood(np.empty((0, 3)), np.empty(0, dtype=int))
 
 
 def test_stems_stand_on_sloping_ground():
@@ -144,7 +144,7 @@ def test_long_piece_is_kept_over_a_gap_that_it_does_not_point_across():
     everything = np.vstack([points[top], limb, stray])
     kinds = np.concatenate([labels[top], np.full(len(limb) + len(stray), 2)])
     _, source, _ = voxel_thin(everything, 0.01)
-    keep = select_target_wood(everything[source], kinds[source], target_xy=(0, 0)).keep
+    keep = choose_wood(everything[source], kinds[source], target_xy=(0, 0)).keep
     is_limb = (source >= top.sum()) & (source < top.sum() + len(limb))
     assert keep[is_limb].all()
     assert not keep[source >= top.sum() + len(limb)].any()
@@ -158,7 +158,7 @@ def test_a_piece_longer_than_its_gap_is_kept_and_a_shorter_one_is_on_record(leng
     everything = np.vstack([points, shoot])
     _, source, _ = voxel_thin(everything, 0.008)
     label = np.concatenate([labels, np.full(len(shoot), 2)])[source]
-    wood = select_target_wood(everything[source], label)
+    wood = choose_wood(everything[source], label)
     assert wood.keep[source >= len(points)].all() == is_kept
     loose = wood.report["loose"]
     assert len(loose) == (0 if is_kept else 1)
@@ -173,10 +173,10 @@ def test_where_gaps_are_usual_longer_ones_are_bridged():
     starts = np.append(np.arange(24) * 0.30, 23 * 0.30 + 0.33)
     stretches = [(0, 0, z) + rng.uniform(-0.01, 0.01, (20, 3)) for z in starts]
     points = np.vstack(stretches)
-    far = select_target_wood(points, np.full(len(points), 2), gap_m=0.01, stem_gap_m=0.01)
+    far = choose_wood(points, np.full(len(points), 2), gap_m=0.01, stem_gap_m=0.01)
     assert far.keep.all()
     dense = np.vstack([points, (0, 0, 1.0) * rng.uniform(0, 7.0, (6000, 1))])
-    kept = select_target_wood(dense, np.full(len(dense), 2), gap_m=0.01, stem_gap_m=0.01).keep
+    kept = choose_wood(dense, np.full(len(dense), 2), gap_m=0.01, stem_gap_m=0.01).keep
     assert not kept[480:500].any()
 
 
@@ -191,5 +191,5 @@ def test_a_cut_through_a_tall_tree_is_bridged_as_its_height_allows(size, is_brid
     points = points[np.abs(points[:, 2] - size - 0.25) > 0.25]
     crumbs = (0.12, 0, size + 0.08) + rng.normal(0, 0.02, (12, 3))
     points = np.vstack([points, crumbs])
-    wood = select_target_wood(points, np.full(len(points), 2))
+    wood = choose_wood(points, np.full(len(points), 2))
     assert (wood.keep[:-12].mean() > 0.95) == is_bridged

@@ -40,6 +40,7 @@ def test_a_list_makes_a_tree_a_place_and_all_every_tree_that_stands_there(row):
     done = row.ran("results/row_2/segmented.ply")
     assert done == {
         ("import_segmented_cloud", "row"),
+        ("grow_limbs", "row"),
         ("find_trees", "row"),
         ("split_scan", "row_2"),
     }

@@ -12,6 +12,7 @@ from cherrypicker.batch.config import load_schema, lookup, resolve_config
 SCHEMA = PROJECT / "workflow/schemas/config.schema.yaml"
 STAGES = [
     "import_segmented_cloud",
+    "grow_limbs",
     "contract_cloud",
     "extract_graph",
     "measure_traits",
@@ -60,14 +61,14 @@ def test_editing_a_library_module_reruns_the_stages_that_use_it(finished):
     module = finished.project / MODULE
     module.write_text(module.read_text() + "\n# edited\n")
     planned = finished.planned()
-    assert planned == {*of_tree("a", *STAGES[1:]), *of_tree("b", *STAGES[1:]), SUMMARY}
+    assert planned == {*of_tree("a", *STAGES[2:]), *of_tree("b", *STAGES[2:]), SUMMARY}
     shutil.copy2(PROJECT / MODULE, module)
     assert finished.planned() == set()
 
 
 def test_editing_one_parameter_reruns_its_stage_and_what_follows(finished):
     finished.configure({"graph": {"spacing_m": 0.017}})
-    assert finished.ran() == {*of_tree("a", *STAGES[2:]), *of_tree("b", *STAGES[2:]), SUMMARY}
+    assert finished.ran() == {*of_tree("a", *STAGES[3:]), *of_tree("b", *STAGES[3:]), SUMMARY}
     assert "Nothing to be done" in finished.run()
 
 

@@ -7,6 +7,7 @@ ruleorder: split_scan > segment_cloud
 checkpoint find_trees:
     input:
         segmented="results/{tree}/segmented.ply",
+        limbs="results/{tree}/limbs.npz",
         metric=photo_only("results/{tree}/metric.json"),
         code=code("find_trees"),
     output:
@@ -37,6 +38,7 @@ checkpoint find_trees:
 rule split_scan:
     input:
         segmented=shared_file("results/{scan}/segmented.ply"),
+        grown=shared_file("results/{scan}/limbs.npz"),
         trees=shared_file("results/{scan}/trees.json"),
         owners=shared_file("results/{scan}/owners.npz"),
         metric=photo_only("results/{scan}/metric.json"),
@@ -44,6 +46,7 @@ rule split_scan:
         code=code("split_scan"),
     output:
         cloud=ensure("results/{tree}/segmented.ply", non_empty=True),
+        limbs=ensure("results/{tree}/limbs.npz", non_empty=True),
         place=ensure("results/{tree}/tree.json", non_empty=True),
     log:
         "logs/split_scan/{tree}.log",

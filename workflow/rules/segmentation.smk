@@ -1,4 +1,7 @@
-# The network that labels the cloud.
+# The network that labels the cloud, and the limbs of its trees.
+
+
+ruleorder: grow_limbs > segment_cloud
 
 
 rule segment_cloud:
@@ -6,10 +9,12 @@ rule segment_cloud:
         cloud="results/{tree}/metric.ply",
         scale=photo_only("results/{tree}/scale.json"),
         align=photo_only("results/{tree}/align.json"),
+        metric=photo_only("results/{tree}/metric.json"),
         weights_file=weights_of("segment.weights", "weights/dgcnn.pt"),
         code=code("segment_cloud"),
     output:
         segmented=ensure("results/{tree}/segmented.ply", non_empty=True),
+        limbs=ensure("results/{tree}/limbs.npz", non_empty=True),
     log:
         "logs/segment_cloud/{tree}.log",
     benchmark:
@@ -23,7 +28,37 @@ rule segment_cloud:
         gpu=0,
     params:
         **options("segment_cloud"),
+        is_row=is_of_several,
     message:
-        "{wildcards.tree}: label the cloud"
+        "{wildcards.tree}: label the cloud and grow its limbs"
     script:
         "../../scripts/segment_cloud.py"
+
+
+# A cloud that came with labels
+rule grow_limbs:
+    input:
+        segmented="results/{tree}/segmented.ply",
+        code=code("grow_limbs"),
+    output:
+        limbs=ensure("results/{tree}/limbs.npz", non_empty=True),
+    log:
+        "logs/grow_limbs/{tree}.log",
+    benchmark:
+        "benchmarks/grow_limbs/{tree}.tsv"
+    wildcard_constraints:
+        tree=any_of(LABELLED_TREES),
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: threads_for("grow_limbs")
+    resources:
+        mem_mb=mb_for("grow_limbs"),
+        runtime=minutes_for("grow_limbs"),
+        gpu=0,
+    params:
+        **options("grow_limbs"),
+        is_row=is_of_several,
+    message:
+        "{wildcards.tree}: grow the limbs"
+    script:
+        "../../scripts/grow_limbs.py"

@@ -4,13 +4,13 @@
 rule contract_cloud:
     input:
         segmented="results/{tree}/segmented.ply",
+        limbs="results/{tree}/limbs.npz",
         metric=frame_of,
         code=code("contract_cloud"),
     output:
         contracted=ensure("results/{tree}/contracted.ply", non_empty=True),
         report="results/{tree}/contract.json",
         target="results/{tree}/target.json",
-        limbs="results/{tree}/limbs.npz",
     log:
         "logs/contract_cloud/{tree}.log",
     benchmark:

@@ -145,8 +145,8 @@ PHOTO_STAGES = {
         after=("denoise_cloud", "estimate_scale"),
     ),
     "segment_cloud": StageCost(
-        cpu_s={"base": 22.0, "cropped_m": 4.0},
-        memory_mb={"base": 750.0, "cropped_m": 185.0},
+        cpu_s={"base": 44.0, "cropped_m": 4.6},
+        memory_mb={"base": 750.0, "cropped_m": 215.0},
         disk_mb=_LABELLED_MB,
         max_threads=2,
         after=("scale_cloud",),
@@ -166,7 +166,7 @@ CLOUD_STAGES = {
 # the bases are those of a tree of 2.8 m with 68 m of wood
 _TREE_STAGES = {
     "contract_cloud": StageCost(
-        cpu_s={"base": 24.0, "cropped_m": 0.6},
+        cpu_s={"base": 4.0, "cropped_m": 0.6},
         memory_mb={"base": 450.0, "cropped_m": 60.0},
         disk_mb={"base": 0.6},
         max_threads=2,
@@ -215,8 +215,12 @@ CLOUD_STAGES |= _TREE_STAGES
 # Of a scan of several trees, shared by them: not in the forecast of a batch, which counts a scan as
 # one tree
 ROW_STAGES = {
+    "grow_limbs": StageCost(  # of clouds that came with labels; else `segment_cloud` does it
+        cpu_s={"base": 24.0, "cropped_m": 0.6},
+        memory_mb={"base": 450.0, "cropped_m": 60.0},
+    ),
     "find_trees": StageCost(
-        cpu_s={"base": 10.0, "cropped_m": 40.0},
+        cpu_s={"base": 3.0, "cropped_m": 4.0},
         memory_mb={"base": 450.0, "cropped_m": 1000.0},
         after=("segment_cloud",),
     ),

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
@@ -15,12 +14,11 @@ from cherrypicker.contraction.on_axes import points_on_axes
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.limbs.growth import Limbs, limbs_of_wood
 from cherrypicker.wood.target_wood import lowest_base
+from cherrypicker.wood.thinned import agreed_labels
 
-__all__ = ["ContractedTree", "agreed_labels", "contract_tree"]
+__all__ = ["ContractedTree", "contract_tree"]
 
 logger = logging.getLogger(__name__)
-
-N_AROUND = 13  # a point and twelve neighbours, whose most frequent class is its own (guess)
 
 
 class ContractedTree(NamedTuple):
@@ -114,22 +112,8 @@ def contract_tree(
     if base is None:
         base = lowest_base(thin, np.where(in_stem, Label.TRUNK, Label.BRANCH)).base
     found = limbs_of_wood(points[source], base, stem=in_stem)
-    details["n_limbs"] = len(found.limbs)
-    details["spacing"], details["noise"] = round(found.spacing, 6), round(found.noise, 6)
-    details["claimed"] = round(found.claimed, 4)
+    details |= found.report()
     return ContractedTree(points_on_axes(points[source], found), source, label, details, found)
-
-
-def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Class of each point: that of most points around it.
-
-    A class is a class of a place: a lone label of the stem far out would let the wood there be
-    taken for a piece of the stem.
-    """
-    n_points = len(points)
-    around = cKDTree(points).query(points, k=min(N_AROUND, n_points))[1].reshape(n_points, -1)
-    member = np.repeat(np.arange(n_points), around.shape[1])
-    return majority_label(labels[around].ravel(), member, n_points)
 
 
 def _thinned(

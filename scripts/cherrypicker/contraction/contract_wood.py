@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from cherrypicker.classes import CLASS_IDS, Label
+from cherrypicker.classes import CLASS_IDS
 from cherrypicker.contraction.contract_points import ContractionOptions
-from cherrypicker.contraction.contract_tree import agreed_labels, contract_tree
+from cherrypicker.contraction.contract_tree import contract_tree
+from cherrypicker.contraction.on_axes import points_on_axes
 from cherrypicker.errors import StageError
+from cherrypicker.limbs.orchard import GrowthOptions, Orchard, grow_orchard
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target_wood import select_target_wood
-from cherrypicker.wood.thinned import FEWEST_WOOD, WoodChoice, thinned_wood
+from cherrypicker.wood.thinned import FEWEST_WOOD
 
 __all__ = ["WoodOptions", "contract_wood"]
 
-logger = logging.getLogger(__name__)
-
-SELECTION_FACTOR = 2  # the selection may look at this many times the points of the contraction
-
 
 @dataclass(frozen=True)
-class WoodOptions(WoodChoice):
+class WoodOptions(GrowthOptions):
     """Which wood is contracted, and how it weighs; the fields are config keys of ``contract``.
 
     Classes without a weight weigh 1.
@@ -34,7 +31,6 @@ class WoodOptions(WoodChoice):
 
     weights: dict[str, float] = field(default_factory=lambda: {"trunk": 10.0})
     method: str = "slbc"
-    max_points: int = 100_000
 
 
 def contract_wood(
@@ -44,8 +40,9 @@ def contract_wood(
     options: ContractionOptions | None = None,
     target_xy: npt.ArrayLike | None = None,
     region: Footprint | None = None,
+    orchard: Orchard | None = None,
 ) -> tuple[PointCloud, dict]:
-    """Choose the target's wood, thin it and contract it.
+    """Choose the target's wood and contract it.
 
     Parameters
     ----------
@@ -58,14 +55,16 @@ def contract_wood(
     region : Footprint, optional
         Of the region of interest (trees from photos). With it, nearness to its middle counts, and
         wood at its border is taken to come from trees outside.
+    orchard : Orchard, optional
+        The limbs of the cloud's trees; left out, they are grown here.
 
     Returns
     -------
     contracted : PointCloud
         With the fields ``label`` and ``source`` (row in `cloud`).
     report : dict
-        ``choice`` is the `Choice` of the target and ``limbs`` the `Limbs` that a graph needs not
-        grow again, None where there are none; all else is plain.
+        ``choice`` is the `Choice` of the target and ``limbs`` the `Limbs` of the contracted points,
+        None with the preset "paper"; all else is plain.
 
     Raises
     ------
@@ -76,53 +75,62 @@ def contract_wood(
     options = options or ContractionOptions()
     weights = _weights_by_id(chosen.weights)
     labels = np.asarray(cloud["label"])
-    thin, thin_labels, rows, member = thinned_wood(
-        cloud,
-        chosen,
-        SELECTION_FACTOR * chosen.max_points,
-        min_density=0.0 if options.preset == "paper" else None,
-    )
+    if orchard is None:
+        least = 0.0 if options.preset == "paper" else chosen.min_density
+        orchard = grow_orchard(cloud, replace(chosen, min_density=least), region=region)
     wood = select_target_wood(
-        thin,
-        agreed_labels(thin, thin_labels),
-        ground=cloud.points[labels == Label.GROUND],
+        cloud.points,
+        orchard,
         target_xy=target_xy,
         region=region,
         gap_m=chosen.gap_m,
         stem_gap_m=chosen.stem_gap_m,
     )
-    rows = rows[wood.keep[member]]
+    stem = wood.choice.target.stem
+    is_wood = np.isin(labels, chosen.classes)
+    rows = np.flatnonzero(is_wood & wood.keep)
     if len(rows) < FEWEST_WOOD:
         raise StageError(
             f"only {len(rows)} wood points belong to the target tree", key="crop.target_xy"
         )
-    base = np.round(wood.base, 6)  # as it is written down: the graph starts from the same
-    tree = contract_tree(
-        cloud.points[rows],
-        labels[rows],
-        base,
-        weights=weights if chosen.method == "slbc" else None,
-        options=options,
-        voxel_size=chosen.voxel_size_m,
-        max_points=chosen.max_points,
-    )
-    assert tree.label is not None  # it was given labels
-    source = rows[tree.source]
+    if options.preset == "paper":
+        tree = contract_tree(
+            cloud.points[rows],
+            labels[rows],
+            wood.base,
+            weights=weights if chosen.method == "slbc" else None,
+            options=options,
+            voxel_size=chosen.voxel_size_m,
+            max_points=chosen.max_points,
+        )
+        assert tree.label is not None  # it was given labels
+        source, points, label, limbs = rows[tree.source], tree.points, tree.label, None
+        details = tree.details
+    else:
+        source = orchard.entered[stem]
+        source = source[is_wood[source]]
+        limbs = orchard.limbs_of(stem, source)
+        if limbs is None:
+            raise StageError(
+                f"{len(rows)} points make no limb", key="contract.classes, contract.voxel_size_m"
+            )
+        points, label = points_on_axes(cloud.points[source], limbs), labels[source]
+        details = limbs.report() | {"n_contracted": len(source)}
     contracted = PointCloud(
-        tree.points,
-        fields={"label": tree.label.astype(np.uint8), "source": source.astype(np.int32)},
+        points,
+        fields={"label": label.astype(np.uint8), "source": source.astype(np.int32)},
         frame=cloud.frame,
         unit=cloud.unit,
     )
     report = {
         "unit": cloud.unit,
-        "base": base.tolist(),
+        "stem": stem,
+        "base": wood.base.tolist(),
         "method": chosen.method,
-        **tree.details,
+        **details,
         "wood": wood.report,
         "choice": wood.choice,
-        # LBC looks at no labels, a graph does
-        "limbs": tree.limbs if chosen.method == "slbc" else None,
+        "limbs": limbs,
     }
     return contracted, report
 

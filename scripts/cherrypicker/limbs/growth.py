@@ -21,7 +21,7 @@ from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import BAND, ring_forest
 from cherrypicker.limbs.tubes import Limb, Seen, Tube, fit_tube, resample, seen_from, stretch
 
-__all__ = ["Limbs", "chains_of", "grow_limbs", "limbs_of_wood", "spacing_of"]
+__all__ = ["Limbs", "chains_of", "claim_radius", "grow_limbs", "limbs_of_wood", "spacing_of"]
 
 logger = logging.getLogger(__name__)
 
@@ -69,11 +69,25 @@ class Limbs:
     noise: float
     claimed: float
 
+    def report(self) -> dict[str, float]:
+        """What a stage writes down of them."""
+        return {
+            "n_limbs": len(self.limbs),
+            "spacing": round(self.spacing, 6),
+            "noise": round(self.noise, 6),
+            "claimed": round(self.claimed, 4),
+        }
+
 
 def spacing_of(points: np.ndarray) -> float:
     """Median distance of a point to its second nearest neighbour."""
     k = min(NEIGHBOR, len(points) - 1)
     return float(np.median(cKDTree(points).query(points, k=k + 1)[0][:, k]))
+
+
+def claim_radius(radius: np.ndarray, spacing: float) -> np.ndarray:
+    """How far from its axis a limb of these radii claims all points, (n,) float64."""
+    return (1 + ROUGHNESS) * radius + NEAR_SURFACE * spacing
 
 
 def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
@@ -318,7 +332,7 @@ class _Growth:
 
     def _claim(self, tube: Tube) -> Tube:
         """The tube about a limb in which it claims all points."""
-        return Tube(tube.nodes, (1 + ROUGHNESS) * tube.radius + NEAR_SURFACE * self.spacing)
+        return Tube(tube.nodes, claim_radius(tube.radius, self.spacing))
 
     def _claimed(self, tube: Tube) -> tuple[np.ndarray, Seen]:
         """Rows of the points that a limb claims, and as seen from it."""

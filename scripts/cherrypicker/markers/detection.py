@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +58,13 @@ class Detection:
     corner_std: float  # one standard deviation of a corner coordinate, px
     side_px: float  # mean side in the photo, px
     is_precise: bool  # false where the pattern is not matched, or the paper is not flat
+    is_matched: bool  # whether the pattern is matched
+    coarse: np.ndarray  # (4, 2): the corners before the pattern was fitted
+
+    @property
+    def coarse_std(self) -> float:
+        """One standard deviation of a coarse corner's coordinate, px."""
+        return max(_COARSE_STD_PX, _COARSE_STD_SIDES * self.side_px)
 
 
 def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
@@ -129,11 +136,12 @@ def detect_markers(
     photos: Sequence[str | Path],
     cameras: Sequence[Any],
     dictionary: cv2.aruco.Dictionary,
-    marker_ids: Collection[int],
     *,
     threads: int = 1,
-) -> tuple[list[Detection], dict[int, int]]:
-    """Find the listed markers in all photos, with sub-pixel corners on undistorted coordinates.
+) -> list[Detection]:
+    """Find a dictionary's markers in all photos, with sub-pixel corners on undistorted coordinates.
+
+    What only looks like a marker is among them: a black brick is read as one with few white cells.
 
     Parameters
     ----------
@@ -141,47 +149,36 @@ def detect_markers(
         Photo files as COLMAP read them.
     cameras : list of pycolmap.Camera
         The camera of each photo.
-    marker_ids : collection of int
-        Ids wanted; other ids are only counted.
 
     Returns
     -------
-    detections : list of Detection
+    list of Detection
         In the order of the photos.
-    other_ids : dict of int to int
-        In how many photos each id was seen that was not asked for.
 
     Raises
     ------
     StageError
         If a photo cannot be read or does not have the size of its camera.
     """
-    patterns = {marker_id: marker_pattern(dictionary, marker_id) for marker_id in marker_ids}
 
-    def search(index: int) -> tuple[list[Detection], set[int]]:
-        return _search_photo(index, photos[index], cameras[index], dictionary, patterns)
+    def search(index: int) -> list[Detection]:
+        return _search_photo(index, photos[index], cameras[index], dictionary)
 
     detections: list[Detection] = []
-    others: Counter[int] = Counter()
     with (
         ThreadPoolExecutor(max(1, threads)) as pool,
         Progress(len(photos), "photos searched for markers") as bar,
     ):
-        for found, other_ids in pool.map(search, range(len(photos))):
+        for found in pool.map(search, range(len(photos))):
             detections.extend(found)
-            others.update(other_ids)
             bar.step()
-    return detections, dict(sorted(others.items()))
+    return detections
 
 
 def _search_photo(
-    index: int,
-    path: str | Path,
-    camera: Any,
-    dictionary: cv2.aruco.Dictionary,
-    patterns: dict[int, np.ndarray],
-) -> tuple[list[Detection], set[int]]:
-    """Detections of the wanted markers in one photo, and the set of other ids."""
+    index: int, path: str | Path, camera: Any, dictionary: cv2.aruco.Dictionary
+) -> list[Detection]:
+    """Detections of all markers in one photo."""
     grey = cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY)
     if grey.shape != (camera.height, camera.width):
         raise StageError(
@@ -190,15 +187,11 @@ def _search_photo(
             file=path,
             key="photos in trees.tsv",
         )
-    detections, others = [], set()
-    for marker_id, corners in find_markers(grey, dictionary):
-        if marker_id not in patterns:
-            others.add(marker_id)
-            continue
-        detection = _refine(index, marker_id, corners, grey, camera, patterns[marker_id])
-        if detection is not None:
-            detections.append(detection)
-    return detections, others
+    found = [
+        _refine(index, marker_id, corners, grey, camera, marker_pattern(dictionary, marker_id))
+        for marker_id, corners in find_markers(grey, dictionary)
+    ]
+    return [detection for detection in found if detection is not None]
 
 
 def _refine(
@@ -219,13 +212,30 @@ def _refine(
     if not np.isfinite(start).all():
         return None
     side = float(np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1)))
+    detection = Detection(
+        photo=index,
+        marker_id=marker_id,
+        corners=start / focal,
+        focal=focal,
+        corner_std=np.inf,
+        side_px=side,
+        is_precise=False,
+        is_matched=False,
+        coarse=start / focal,
+    )
+    coarse = detection.coarse_std
     fit = fit_marker(grey, corners, pattern, undistorted_px)
-    coarse = max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
     reach = max(_REACH_PX, _REACH_MODULES * side / len(pattern))
     if fit is None or fit.agreement < _MIN_AGREEMENT or np.abs(fit.corners - start).max() >= reach:
-        return Detection(index, marker_id, start / focal, focal, coarse, side, False)
+        return replace(detection, corner_std=coarse)
     std = max(fit.corner_std, _LEAST_STD_PX) if fit.is_flat else 0.5 * coarse
-    return Detection(index, marker_id, fit.corners / focal, focal, std, side, fit.is_flat)
+    return replace(
+        detection,
+        corners=fit.corners / focal,
+        corner_std=std,
+        is_precise=fit.is_flat,
+        is_matched=True,
+    )
 
 
 def suggest_dictionaries(photos: Sequence[str | Path], *, n_photos: int = 6) -> str:

@@ -8,6 +8,7 @@ contradicts the others is left out and reported.
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from cherrypicker.markers.detection import (
     suggest_dictionaries,
 )
 from cherrypicker.markers.marker_scales import marker_references, measure_marker
+from cherrypicker.markers.reads import SortedReads, sort_reads
 from cherrypicker.markers.reference_scales import Scan, measure_reference
 from cherrypicker.markers.references import KEY, Reference, check_scale
 
@@ -91,36 +93,34 @@ def estimate_scale(
         threads=threads,
         seed=seed,
     )
-    markers, other_ids = _find_markers(scan, dictionary, sides, known)
-    doubts: list[str] = []
-    measured = marker_references(list(markers[dictionary].values()), doubts)
+    markers, reads = _find_markers(scan, dictionary, sides, known)
+    shown = [*markers[dictionary].values(), *reads.again]
+    measured = marker_references(shown, reads.doubts)
     for reference in sorted(known, key=lambda reference: reference.kind == "trunk"):
         own = markers.get(reference.values.get("dictionary", ""), {})
         measured.append(measure_reference(reference, scan, own, _first_guess(measured)))
-    return _report(scan, measured, markers[dictionary], other_ids, dictionary, doubts)
+    return _report(scan, measured, shown, reads, dictionary)
 
 
 def _find_markers(
     scan: Scan, dictionary: str, sides: dict[int, float], known: list[Reference]
-) -> tuple[dict[str, dict[int, dict]], dict[int, int]]:
-    """Markers by dictionary and id, those whose distance is known too; and other ids seen."""
+) -> tuple[dict[str, dict[int, dict]], SortedReads]:
+    """Markers by dictionary and id, those whose distance is known too; and what else was read."""
     wanted: dict[str, dict[int, float | None]] = {dictionary: dict(sides)}
     for reference in known:
         for marker_id in reference.values.get("markers", ()):
             wanted.setdefault(reference.values["dictionary"], {}).setdefault(marker_id, None)
     markers: dict[str, dict[int, dict]] = {}
-    others: dict[int, int] = {}
+    reads = SortedReads()
     for name, ids in wanted.items():
         markers[name] = {}
         if not ids:
             continue
-        detections, other_ids = detect_markers(
-            scan.photos, scan.cameras, marker_dictionary(name), list(ids), threads=scan.threads
+        detections = detect_markers(
+            scan.photos, scan.cameras, marker_dictionary(name), threads=scan.threads
         )
-        if name == dictionary:
-            others = other_ids
-            if not known:
-                _check_found(detections, others, scan.photos, name, sides, scan.min_images)
+        if name == dictionary and not known:
+            _check_found(detections, scan.photos, name, sides, scan.min_images)
         for marker_id, side in ids.items():
             own = [detection for detection in detections if detection.marker_id == marker_id]
             markers[name][marker_id] = measure_marker(
@@ -132,7 +132,14 @@ def _find_markers(
                 max_px=scan.max_px,
                 seed=scan.seed,
             )
-    return markers, others
+        found = sort_reads(detections, markers[name], scan)
+        if name == dictionary:
+            found.log()
+            found.doubts[:0] = reads.doubts
+            reads = found
+        else:
+            reads.doubts += found.doubts
+    return markers, reads
 
 
 def _first_guess(measured: list[dict]) -> float | None:
@@ -144,19 +151,19 @@ def _first_guess(measured: list[dict]) -> float | None:
 def _report(
     scan: Scan,
     measured: list[dict],
-    markers: dict[int, dict],
-    other_ids: dict[int, int],
+    markers: list[dict],
+    reads: SortedReads,
     dictionary: str,
-    doubts: list[str],
 ) -> dict:
     """Join the references and write down what they are."""
+    doubts = reads.doubts
     for one in measured:
         if not one["used"] and "scale" not in one:
             doubts.append(f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}")
     scale, scale_std = combine(measured, doubts)
     warnings = list(doubts)
-    _check_plausible(scale, scale_std, scan.cam_from_world, list(markers.values()), warnings)
-    for marker in markers.values():
+    _check_plausible(scale, scale_std, scan.cam_from_world, markers, warnings)
+    for marker in markers:
         marker.pop("sightings", None)
         marker["images"] = [Path(scan.photos[index]).name for index in marker["images"]]
     for warning in warnings:
@@ -169,7 +176,7 @@ def _report(
         100 * scale_std / scale,
         ", ".join(one["name"] for one in used),
     )
-    shown = [marker for marker in markers.values() if marker["used"]]
+    shown = [marker for marker in markers if marker["used"]]
     return {
         "mode": "marker" if markers else "reference",
         "unit": "m",
@@ -178,11 +185,23 @@ def _report(
         "n_images": len({name for marker in shown for name in marker["images"]}),
         "n_rays": sum(marker["n_rays"] for marker in shown),
         "dictionary": dictionary,
-        "markers": list(markers.values()),
+        "markers": markers,
         "references": [_summary(one) for one in measured],
-        "other_ids": {str(marker_id): count for marker_id, count in other_ids.items()},
+        "other_markers": [_square(marker) for marker in reads.squares],
+        "unsolved_markers": reads.unsolved,
+        "false_reads": reads.false,
         "doubts": doubts,
         "warnings": warnings,
+    }
+
+
+def _square(marker: dict) -> dict:
+    """What scale.json says of a marker that the table does not name."""
+    return {
+        "id": marker["id"],
+        "corners": marker["corners"],
+        "n_images": len(marker["images"]),
+        "rms_px": marker["rms_reprojection_px"],
     }
 
 
@@ -202,6 +221,9 @@ def _without_markers(mode: str, value: float | None) -> dict:
         "n_images": 0,
         "n_rays": 0,
         "markers": [],
+        "other_markers": [],
+        "unsolved_markers": [],
+        "false_reads": [],
         "warnings": [],
     }
 
@@ -226,25 +248,22 @@ def _views(photos: Sequence[str | Path], reconstruction: Any) -> list[tuple]:
 
 def _check_found(
     detections: list[Detection],
-    other_ids: dict[int, int],
     photos: Sequence[str | Path],
     dictionary: str,
     sides: dict[int, float],
     min_images: int,
 ) -> None:
     """Refuse when no listed marker is seen often enough, with what may help."""
-    counts = {
-        marker_id: len({d.photo for d in detections if d.marker_id == marker_id})
-        for marker_id in sides
-    }
+    seen_in = Counter(marker_id for marker_id, _ in {(d.marker_id, d.photo) for d in detections})
+    counts = {marker_id: seen_in.pop(marker_id, 0) for marker_id in sides}
     for marker_id, count in counts.items():
         logger.info("marker %d: seen in %d of %d photos", marker_id, count, len(photos))
     if max(counts.values()) >= min_images:
         return
     seen = ", ".join(f"{marker_id} in {count}" for marker_id, count in counts.items())
     hint = ""
-    if other_ids:
-        listed = ", ".join(f"{marker_id} ({count})" for marker_id, count in other_ids.items())
+    if seen_in:
+        listed = ", ".join(f"{marker_id} ({count})" for marker_id, count in sorted(seen_in.items()))
         hint = f"; other ids of {dictionary} were seen, in so many photos: {listed}"
     elif max(counts.values()) == 0:
         suggestion = suggest_dictionaries(photos)

@@ -9,7 +9,7 @@ better than the mean of four free ones, above all from few photos.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -24,8 +24,8 @@ _MAX_PAIRS = 600
 _MIN_PARALLAX_DEG = 1.0
 _TOLERANCE_SIDES = 0.02  # a sighting agrees within this share of its side
 _N_ROUNDS = 5  # of refining the corners and asking again who agrees
-# Residuals beyond this many pixels, and so many of its noise, lose influence in the refinement
-_LOSS_SCALE_PX, _LOSS_SCALES = 0.5, 2.0
+# What the poses add to a corner's noise, px; beyond so many of both a residual loses influence
+POSES_PX, _LOSS_SCALES = 0.25, 2.0
 # What a square's corners may be off their plane and off a square, of its side, or as many errors
 _MAX_OFF_PLANE, _MAX_OFF_SQUARE, _MAX_OFF_ERRORS = 0.02, 0.02, 5
 _LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
@@ -43,6 +43,14 @@ class Observations(PosedSightings):
     def rays(self) -> np.ndarray:
         """Unit directions through the corners in the world, (n, 4, 3)."""
         return self.rays_through(self.corners)
+
+    @property
+    def middles(self) -> np.ndarray:
+        """Where the diagonals cross, which is the square's middle from any side, (n, 2)."""
+        corners = np.concatenate([self.corners, np.ones((*self.corners.shape[:2], 1))], axis=2)
+        diagonals = np.cross(corners[:, :2], corners[:, 2:])  # (n, 2, 3): lines
+        crossing = np.cross(diagonals[:, 0], diagonals[:, 1])
+        return crossing[:, :2] / crossing[:, 2:]
 
     def residuals_px(self, corners: np.ndarray) -> np.ndarray:
         """Reprojection error of 3D corners (..., 4, 3) in each photo, px, shape (..., n, 4, 2)."""
@@ -72,6 +80,19 @@ class MarkerGeometry:
     off_plane: float
     off_square: float
     is_square: bool  # whether both lie within what the noise allows
+    # Mean squared residual of the best square in the noise that the fits expect of a sighting, but
+    # for what moves all corners of a photo alike, which is its pose's; and its degrees of freedom
+    misfit: float
+    misfit_dof: int
+
+
+@dataclass
+class MarkerPlace:
+    """Where the middle of something read as a marker is, whatever its corners do."""
+
+    middle: np.ndarray  # (3,)
+    radius: float  # of its print around the middle, the error of the middle included
+    inliers: np.ndarray  # (n,) bool: sightings that agree
 
 
 def intersect_rays(
@@ -121,7 +142,7 @@ def locate_marker(
     MarkerGeometry or None
         None where no two photos agree on a position.
     """
-    tolerance = np.maximum(max_error_px, _TOLERANCE_SIDES * observations.side_px)
+    tolerance = _tolerance(observations, max_error_px)
     corners = _consensus(observations, tolerance, seed)
     if corners is None:
         return None
@@ -136,16 +157,55 @@ def locate_marker(
         corners = _refine_corners(observations.select(inliers), corners)
     used = observations.select(inliers)
     residuals = used.residuals_px(corners)
-    side, side_std = _fit_square(used, corners)
+    side, side_std, misfit = _fit_square(used, corners)
     rms_px = float(np.sqrt(np.mean(np.sum(residuals**2, axis=-1))))
     noise = _MAX_OFF_ERRORS * rms_px / float(np.median(used.side_px)) / np.sqrt(len(used))
-    return _describe(corners, side, side_std, inliers, rms_px, noise)
+    return _describe(corners, side, side_std, misfit, inliers, rms_px, noise)
+
+
+def locate_middle(
+    observations: Observations, *, max_error_px: float = 2.0, seed: int = 0
+) -> MarkerPlace | None:
+    """Find where most rays through the middles meet, for corners that no square explains.
+
+    Parameters
+    ----------
+    max_error_px : float, default 2
+        As of :func:`locate_marker`, of a middle.
+
+    Returns
+    -------
+    MarkerPlace or None
+        None where no two photos agree on a position.
+    """
+    middles = replace(observations, corners=observations.middles[:, None])
+    tolerance = _tolerance(observations, max_error_px)
+    place = _consensus(middles, tolerance, seed)
+    if place is None:
+        return None
+    agree = _agree(middles, place, tolerance)
+    if len(np.unique(observations.photos[agree])) < 2:
+        return None
+    used, middle = observations.select(agree), place[0]
+    depth = used.depths(middle)
+    reach = np.linalg.norm(used.corners - used.middles[:, None], axis=-1).max(axis=1) * depth
+    rays = used.centers - middle
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    weights = (used.focal / (depth * _loss_scale(used)[:, 0, 0])) ** 2
+    normal = np.einsum("n,nij->ij", weights, np.eye(3) - rays[:, :, None] * rays[:, None, :])
+    error = np.sqrt(1 / np.linalg.eigvalsh(normal)[0])
+    return MarkerPlace(middle, float(reach.max() + error), agree)
+
+
+def _tolerance(observations: Observations, max_error_px: float) -> np.ndarray:
+    return np.maximum(max_error_px, _TOLERANCE_SIDES * observations.side_px)
 
 
 def _describe(
     corners: np.ndarray,
     side: float,
     side_std: float,
+    misfit: tuple[float, int],
     inliers: np.ndarray,
     rms_px: float,
     noise: float,
@@ -168,11 +228,13 @@ def _describe(
         off_square=off_square,
         is_square=off_plane < max(_MAX_OFF_PLANE, noise)
         and off_square < max(_MAX_OFF_SQUARE, noise),
+        misfit=misfit[0],
+        misfit_dof=misfit[1],
     )
 
 
 def _agree(observations: Observations, corners: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
-    """Sightings all of whose four corners lie within the tolerance."""
+    """Sightings all of whose corners lie within the tolerance."""
     errors = np.linalg.norm(observations.residuals_px(corners), axis=-1).max(axis=-1)
     return errors < tolerance
 
@@ -191,8 +253,9 @@ def _consensus(observations: Observations, tolerance: np.ndarray, seed: int) -> 
     if len(pairs) == 0:
         return None
     pairs = thin_randomly(pairs, _MAX_PAIRS, seed)
-    origins = np.repeat(centers[pairs][:, None], 4, axis=1)  # (p, 4, 2, 3)
-    candidates = intersect_rays(origins, rays[pairs].transpose(0, 2, 1, 3))  # (p, 4, 3)
+    k = rays.shape[1]
+    origins = np.repeat(centers[pairs][:, None], k, axis=1)  # (p, k, 2, 3)
+    candidates = intersect_rays(origins, rays[pairs].transpose(0, 2, 1, 3))  # (p, k, 3)
     candidates = candidates[np.isfinite(candidates).all(axis=(1, 2))]
     if len(candidates) == 0:
         return None
@@ -203,9 +266,9 @@ def _consensus(observations: Observations, tolerance: np.ndarray, seed: int) -> 
     agreeing = errors[best] < tolerance
     if len(np.unique(observations.photos[agreeing])) < 2:
         return None
-    weights = np.repeat((observations.focal / observations.std)[None, agreeing], 4, axis=0) ** 2
+    weights = np.repeat((observations.focal / observations.std)[None, agreeing], k, axis=0) ** 2
     return intersect_rays(
-        np.repeat(centers[None, agreeing], 4, axis=0),
+        np.repeat(centers[None, agreeing], k, axis=0),
         rays[agreeing].transpose(1, 0, 2),
         weights / weights.max(),
     )
@@ -213,7 +276,7 @@ def _consensus(observations: Observations, tolerance: np.ndarray, seed: int) -> 
 
 def _loss_scale(used: Observations) -> np.ndarray:
     """Pixel noise floor of each sighting: its own corner noise, and the poses' error."""
-    return np.hypot(used.std, 0.5 * _LOSS_SCALE_PX)[:, None, None]
+    return np.hypot(used.std, POSES_PX)[:, None, None]
 
 
 def _refine_corners(used: Observations, corners: np.ndarray) -> np.ndarray:
@@ -229,8 +292,8 @@ def _refine_corners(used: Observations, corners: np.ndarray) -> np.ndarray:
     return corners + unit * solution.x.reshape(4, 3)
 
 
-def _fit_square(used: Observations, corners: np.ndarray) -> tuple[float, float]:
-    """Side of the square with the least reprojection error, and its standard error.
+def _fit_square(used: Observations, corners: np.ndarray) -> tuple[float, float, tuple[float, int]]:
+    """Side of the square with the least reprojection error, its standard error, and its misfit.
 
     The error is a sandwich estimate that takes each photo as one independent draw, since the four
     corners of a photo share the error of its pose; with few photos the plain one where larger.
@@ -257,4 +320,7 @@ def _fit_square(used: Observations, corners: np.ndarray) -> tuple[float, float]:
     n = len(used)
     blocks = np.einsum("nrp,nr->np", jacobian.reshape(n, 8, 7), solution.fun.reshape(n, 8))
     sandwich = (inverse @ (blocks.T @ blocks) @ inverse)[6, 6] * n / max(n - 1, 1)
-    return side, float(side * np.sqrt(max(plain, sandwich)))
+    own = raw.reshape(n, 4, 2) - raw.reshape(n, 4, 2).mean(axis=1, keepdims=True)
+    misfit_dof = 6 * n - 4  # a square's turn and side are fitted
+    misfit = float(np.sum(own**2) / misfit_dof), misfit_dof
+    return side, float(side * np.sqrt(max(plain, sandwich))), misfit

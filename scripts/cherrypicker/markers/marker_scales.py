@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,7 @@ def measure_marker(
         "n_detections": len(detections),
         "n_inliers": 0,
         "n_rays": 0,
+        "n_places": 1,
         "used": False,
         "flags": [],
         "images": [],
@@ -68,17 +70,12 @@ def measure_marker(
         report["flags"].append(
             "coarse corners: the paper is not flat, or the pattern is blurred or covered"
         )
-    if len({detection.photo for detection in detections}) < min_images:
-        report["flags"].append(f"seen in fewer than {min_images} photos")
+    if report["n_images"] < min_images:
+        report["flags"].append(
+            f"seen in fewer than {min_images} photos" if detections else "no photo shows it"
+        )
         return report
-    observations = Observations(
-        photos=np.array([detection.photo for detection in detections]),
-        cam_from_world=cam_from_world[[detection.photo for detection in detections]],
-        corners=np.array([detection.corners for detection in detections]),
-        focal=np.array([detection.focal for detection in detections]),
-        std=np.array([detection.corner_std for detection in detections]),
-        side_px=np.array([detection.side_px for detection in detections]),
-    )
+    observations = observe(detections, cam_from_world)
     geometry = locate_marker(observations, max_error_px=max_px, seed=seed)
     if geometry is None or len(np.unique(observations.photos[geometry.inliers])) < min_images:
         report["flags"].append("its sightings do not agree on a position")
@@ -106,6 +103,8 @@ def measure_marker(
         "mean_side_px": float(seen.side_px.mean()),
         "off_plane": geometry.off_plane,
         "off_square": geometry.off_square,
+        "misfit": geometry.misfit,
+        "misfit_dof": geometry.misfit_dof,
         "sightings": seen,
     }
     if side_m is None:
@@ -115,6 +114,24 @@ def measure_marker(
         error = np.hypot(error, 0.5 * geometry.off_square)
     scale = side_m / geometry.side
     return report | {"scale": scale, "scale_std": float(scale * error)}
+
+
+def observe(
+    detections: list[Detection], cam_from_world: np.ndarray, *, coarse: bool = False
+) -> Observations:
+    """Detections of one marker with the poses (n_photos, 3, 4) of their photos.
+
+    With `coarse` by the corners as they were before the pattern was fitted.
+    """
+    photos = np.array([detection.photo for detection in detections])
+    return Observations(
+        photos=photos,
+        cam_from_world=cam_from_world[photos],
+        corners=np.array([each.coarse if coarse else each.corners for each in detections]),
+        focal=np.array([detection.focal for detection in detections]),
+        std=np.array([each.coarse_std if coarse else each.corner_std for each in detections]),
+        side_px=np.array([detection.side_px for detection in detections]),
+    )
 
 
 def side_floor(side_px: float) -> float:
@@ -128,9 +145,12 @@ def marker_references(markers: list[dict], warnings: list[str]) -> list[dict]:
     Bent ones are left out, with a warning, where others are square.
     """
     known = [marker for marker in markers if marker["side_m"] is not None]
+    times = Counter[int]()
     for marker in known:
+        times[marker["id"]] += 1
+        place = f", place {times[marker['id']]}" if marker["n_places"] > 1 else ""
         marker |= {
-            "name": f"marker {marker['id']}",
+            "name": f"marker {marker['id']}{place}",
             "kind": "marker",
             "key": SIDES_COLUMN,
             "slack": PRINT_STD,
@@ -149,15 +169,12 @@ def marker_references(markers: list[dict], warnings: list[str]) -> list[dict]:
 
 
 def marker_centers(marker: dict, point: int) -> Sightings:
-    """Sightings of a marker's centre, where its diagonals cross, as a point of a layout."""
+    """Sightings of a marker's centre as a point of a layout."""
     seen = marker["sightings"]
-    corners = np.concatenate([seen.corners, np.ones((*seen.corners.shape[:2], 1))], axis=2)
-    diagonals = np.cross(corners[:, :2], corners[:, 2:])  # (n, 2, 3): lines
-    crossing = np.cross(diagonals[:, 0], diagonals[:, 1])
     return Sightings(
         photos=seen.photos,
         cam_from_world=seen.cam_from_world,
         focal=seen.focal,
         points=np.full(len(seen), point),
-        places=crossing[:, :2] / crossing[:, 2:],
+        places=seen.middles,
     )

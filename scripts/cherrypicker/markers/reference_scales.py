@@ -127,6 +127,8 @@ def _distance(reference: Reference, scan: Scan, markers: dict[int, dict]) -> tup
         marker = markers[marker_id]
         if "sightings" not in marker:
             raise _NoScale(f"marker {marker_id} is {', '.join(marker['flags']) or 'not found'}")
+        if marker["n_places"] > 1:
+            raise _NoScale(f"marker {marker_id} stands in {marker['n_places']} places")
         ends.append(marker_centers(marker, point))
     layout = np.array([[0.0, 0.0, 0.0], [reference.length_m, 0.0, 0.0]])
     return _by_layout(joined(ends), layout, np.zeros(2, int), scan)

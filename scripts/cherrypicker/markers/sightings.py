@@ -34,3 +34,7 @@ class PosedSightings:
         homogeneous = np.concatenate([places, np.ones((*places.shape[:2], 1))], axis=2)
         world = np.einsum("nji,nkj->nki", self.cam_from_world[:, :, :3], homogeneous)
         return world / np.linalg.norm(world, axis=2, keepdims=True)
+
+    def depths(self, point: np.ndarray) -> np.ndarray:
+        """Distance of a point (3,) along each camera's axis, (n,)."""
+        return self.cam_from_world[:, 2, :3] @ point + self.cam_from_world[:, 2, 3]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import read_json
+
+__all__ = ["Footprint", "read_region"]
 
 
 @dataclass(frozen=True)
@@ -81,3 +85,9 @@ class Footprint:
         """The footprint in a frame that is scaled about its origin."""
         box = None if self.box is None else factor * self.box
         return Footprint(factor * self.center_xy, factor * self.radius, box)
+
+
+def read_region(path: str | os.PathLike | None) -> Footprint | None:
+    """The region of interest that metric.json holds; None without a file or a region."""
+    content = read_json(path)["region"] if path else None
+    return Footprint.from_dict(content) if content else None

@@ -201,6 +201,9 @@ def _scaled(data: dict) -> dict:
         ("From", scale.get("mode")),
         ("Photos with a marker", scale.get("n_images") or None),
         ("Rays", scale.get("n_rays") or None),
+        ("Markers that the table does not name", _ids(scale.get("other_markers"))),
+        ("Places where one may stand", _ids(scale.get("unsolved_markers"))),
+        ("False reads", _ids(scale.get("false_reads"))),
     ]
     rows = [_marker_row(marker) for marker in scale.get("markers") or []]
     head = ["marker", "used", "side [m]", "sides in the model's units", "RMS error [px]"]
@@ -215,6 +218,11 @@ def _scaled(data: dict) -> dict:
         figure = marker_figure(scale, data["poses"], lenses, data["photos"])
         figures.append((figure, "Markers with the corners in 3D drawn back into the photos (red)."))
     return section("Scale", facts, tables, figures)
+
+
+def _ids(found: list[dict] | None) -> str | None:
+    """Ids of what was read as markers, with the number of photos."""
+    return ", ".join(f"{one['id']} ({one['n_images']} photos)" for one in found or ()) or None
 
 
 def _reference_row(one: dict) -> list:

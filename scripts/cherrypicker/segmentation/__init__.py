@@ -7,13 +7,13 @@ dgcnn
 spheres
     Voxel sampling, normalised features, overlapping spheres and their graphs.
 inference
-    Labels and confidences for every point of a cloud.
-refine
-    Clean-up of the network's probabilities: a vote, and roofs that are no sheets.
-support_post, standing_posts
-    Support posts split from the trunk, and found in wood that is not called trunk.
+    Labels and confidences for every point of a cloud, and the limbs of its trees.
+known_markers
+    Where the markers stand, as the scale stage solved them.
+things
+    Thing or wood first, which thing second.
 stems
-    The limbs of every tree, which decide between trunk and branch.
+    What the limbs of every tree say: trunk and branch, what lies in a tube, the foot.
 white_rings
     White rings around traced stems.
 

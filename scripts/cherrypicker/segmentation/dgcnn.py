@@ -27,6 +27,7 @@ from cherrypicker.files import atomic_path
 logger = logging.getLogger(__name__)
 
 N_CLASSES = len(CHANNELS)
+N_CLASSES_BEFORE = 7  # of weights that do not say it: they know the support post as trunk
 N_FEATURES = 10  # RGB, colour flag, global xyz, normalised xyz
 CHECKPOINT_FORMAT = "cherrypicker-dgcnn-1"
 N_BLOCKS = 8  # of channels, one a thread
@@ -172,6 +173,8 @@ class Dgcnn(nn.Module):
         Graph that each EdgeConv layer uses: 0 all points, 1 a quarter of them, 2 a sixteenth.
     k : int
         Neighbours a point in each graph.
+    n_classes : int
+        Outputs: the first so many channels of `cherrypicker.classes.CHANNELS`.
     """
 
     def __init__(
@@ -180,6 +183,7 @@ class Dgcnn(nn.Module):
         embedding: int = 192,
         scales: Sequence[int] = (0, 0, 1, 2),
         k: int = 12,
+        n_classes: int = N_CLASSES,
     ) -> None:
         super().__init__()
         self.settings: dict[str, Any] = {
@@ -187,6 +191,7 @@ class Dgcnn(nn.Module):
             "embedding": int(embedding),
             "scales": [int(s) for s in scales],
             "k": int(k),
+            "n_classes": int(n_classes),
         }
         self.stem = nn.Sequential(
             nn.Linear(N_FEATURES, width), nn.BatchNorm1d(width), nn.LeakyReLU(0.1)
@@ -209,7 +214,7 @@ class Dgcnn(nn.Module):
             nn.Linear(hidden, width),
             nn.BatchNorm1d(width),
             nn.LeakyReLU(0.1),
-            nn.Linear(width, N_CLASSES),
+            nn.Linear(width, n_classes),
         )
 
     def forward(
@@ -228,7 +233,7 @@ class Dgcnn(nn.Module):
 
         Returns
         -------
-        Tensor of shape (N, 7)
+        Tensor of shape (N, n_classes)
             Log-probabilities, for the negative log-likelihood loss.
         """
         positions = features[:, -3:]
@@ -333,7 +338,9 @@ def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Dgcnn,
         raise StageError("not a file of segmentation weights", file=path, key=key)
     try:
         with torch.device("meta"):  # takes no memory for sizes that the file's tensors do not have
-            network = Dgcnn(**content["settings"])
+            network = Dgcnn(**{"n_classes": N_CLASSES_BEFORE} | content["settings"])
+        if network.settings["n_classes"] > N_CLASSES:
+            raise ValueError(f"{network.settings['n_classes']} classes")
         network.load_state_dict(content["state"], assign=True)
         sampling, meta = dict(content["sampling"]), dict(content["meta"])
     except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:

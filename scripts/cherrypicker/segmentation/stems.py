@@ -1,9 +1,9 @@
-"""Tell trunk from branch by the limbs of every tree that stands in a cloud.
+"""What the limbs of the trees say of the labels: trunk and branch, what lies in a tube, the foot.
 
-A network that looks at points cannot see the border between the two, which is a matter of how
-thick an axis goes on over a fork. So the wood is shared out to the stems that it hangs on, and each
-tree's limbs are grown and joined, as the skeleton's are later (`cherrypicker.limbs`). The trunk is
-the axis of order 0 (`cherrypicker.skeleton.axes`), and its points are those of the limbs along it.
+A network that looks at points cannot see the border between trunk and branch, which is a matter of
+how thick an axis goes on over a fork. The trunk is the axis of order 0 of a tree's joined limbs
+(`cherrypicker.skeleton.axes`), and its points are those of the limbs along it. What lies in a tube
+is wood, whatever its likeliest class, and a stem that ends in the air over ground goes on down.
 """
 
 from __future__ import annotations
@@ -15,207 +15,216 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.geometry.sampling import majority_label, thin_to_limit
-from cherrypicker.limbs.growth import grow_limbs
+from cherrypicker.geometry.ground_surface import GroundSurface
+from cherrypicker.geometry.neighbors import link_components, rows_in_box
+from cherrypicker.limbs.growth import Limbs, claim_radius
 from cherrypicker.limbs.joints import join_limbs
-from cherrypicker.segmentation.spheres import TreeFrame
-from cherrypicker.segmentation.white_rings import MAX_OFF, STEP_M, ring_points
+from cherrypicker.limbs.orchard import Orchard
+from cherrypicker.limbs.tubes import stretch
+from cherrypicker.segmentation.things import STANDS_M, THINGS
+from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.wood.gaps import STEM_GAP_M
-from cherrypicker.wood.target_wood import share_wood
+from cherrypicker.wood.feet import ground_height
 
-__all__ = ["StemModel", "StemTrace", "relabel_wood", "trace_stems"]
+__all__ = ["label_wood", "rooted_trunk"]
 
 logger = logging.getLogger(__name__)
 
-VOXEL_M = 0.006  # wood is thinned to: about what our stereo's points lie apart (guess)
-MAX_POINTS = 120_000  # or to so many points; bounds the time
-MIN_POINTS = 60  # thinned points of a tree; of fewer the network's labels stay (guess)
 HALF_LOST = (1 + TRUNK_KEEPS) / 2  # tubes are smooth: half of a step lies on either side of it
-FLARE = 1.15  # a stem's foot is so much wider than its tube there (a guess)
-HIDDEN_M = 0.1  # grass hides no more of a stem (a guess)
 EDGE_M = 0.01  # longest edge of an axis, as `graph.spacing_m`
-
-
-@dataclass(frozen=True)
-class StemModel:
-    """How stems are traced; the field is a config key of ``segment``.
-
-    Attributes
-    ----------
-    stem_gap_m : float
-        Longest gap along a stem that is bridged, metres of the tree's frame.
-    """
-
-    stem_gap_m: float = STEM_GAP_M
+N_GROUND = 15  # ground points whose median is the level below a stem, as for the stems' own heights
+HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from (a guess)
 
 
 @dataclass
-class StemTrace:
-    """The trunk of one tree.
+class _Tubes:
+    """The tubes of one stem as nodes, trunk and branches."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n_nodes, 3), float64
-        Its axis from the foot up.
-    radius : ndarray of shape (n_nodes,), float64
-    rows : ndarray of int64
-        Rows of the tree's wood in the cloud that was traced.
-    is_trunk : ndarray of shape (len(rows),), bool
-        Which of them are trunk.
-    """
-
-    points: np.ndarray
+    limbs: Limbs
+    nodes: np.ndarray
     radius: np.ndarray
-    rows: np.ndarray
-    is_trunk: np.ndarray
+    limb: np.ndarray
+    trunk: np.ndarray  # nodes of the trunk, from the foot up
+
+    @property
+    def on_trunk(self) -> np.ndarray:
+        """Which nodes are the trunk's."""
+        result = np.zeros(len(self.nodes), bool)
+        result[self.trunk] = True
+        return result
 
 
-def relabel_wood(
+def rooted_trunk(points: np.ndarray, labels: np.ndarray, gap_m: float) -> np.ndarray:
+    """Labels (n_points,) in which trunk that hangs together with none near the ground is branch.
+
+    Growth takes what is called trunk for one stem and crosses its gaps at no price: islands in the
+    arms of a vase made limbs through the air.
+    """
+    result, rows = labels.copy(), np.flatnonzero(labels == Label.TRUNK)
+    if not len(rows):
+        return result
+    piece = link_components(points[rows], gap_m)
+    lowest = rows[np.lexsort((points[rows, 2], piece))]
+    lowest = lowest[np.diff(np.sort(piece), prepend=-1) > 0]  # of each piece
+    level = ground_height(points[lowest, :2], points[labels == Label.GROUND], points[:, 2].min())
+    is_rooted = points[lowest, 2] - level <= STANDS_M
+    is_rooted[0] |= not is_rooted.any()  # the largest
+    result[rows[~is_rooted[piece]]] = Label.BRANCH
+    return result
+
+
+def label_wood(
     points: np.ndarray,
     labels: np.ndarray,
-    frame: TreeFrame,
-    model: StemModel | None = None,
+    orchard: Orchard,
+    *,
     colors: np.ndarray | None = None,
+    known: np.ndarray | None = None,
+    stem_gap_m: float,
 ) -> np.ndarray:
-    """Decide between trunk and branch by the limbs of the trees.
+    """Let the limbs decide what is trunk, branch, ring or foot.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3), float64
-        In the cloud's frame.
+        Metres, z up.
     labels : ndarray of shape (n_points,), uint8
-    frame : cherrypicker.segmentation.spheres.TreeFrame
-    model : StemModel, optional
+    orchard : Orchard
+        Grown from these points; its owners are told what is found to be wood, and a stem that is
+        followed down to the ground has a longer limb.
     colors : ndarray of shape (n_points, 3), optional
         In [0, 1]; white rings on the stems become calibration unit.
+    known : ndarray of shape (n_points,), bool, optional
+        Points whose class is a fact, which no tube claims.
+    stem_gap_m : float
+        Longest piece of a stem that nothing shows, on its way down to the ground.
 
     Returns
     -------
     ndarray of shape (n_points,), uint8
-        A copy; only what was trunk or branch differs, and ground within a stem, which is trunk.
-        Wood that hangs on no stem is branch; trees that make no limb keep their labels.
+        A copy. Wood that hangs on no stem is branch; stems without limbs keep their labels.
     """
     result = labels.copy()
-    rows = np.flatnonzero(wood_mask(labels))
-    wood = frame.apply(points[rows])
-    ground = frame.apply(points[labels == Label.GROUND])
-    if len(wood) < MIN_POINTS:
-        return result
-    thin, _, member, _ = thin_to_limit(wood, VOXEL_M, MAX_POINTS)
-    known = majority_label(labels[rows], member, len(thin))
-    found, loose = trace_stems(thin, known, ground, model or StemModel())
-    chosen = known.copy()
-    chosen[loose] = Label.BRANCH
-    for stem in found:
-        chosen[stem.rows] = np.where(stem.is_trunk, Label.TRUNK, Label.BRANCH)
-    touched = loose.copy()
-    touched[np.concatenate([stem.rows for stem in found] or [np.empty(0, np.int64)])] = True
-    result[rows] = np.where(touched[member], chosen[member], labels[rows])
-    _relabel_feet(points, result, frame, found)
-    if colors is not None:
-        _relabel_rings(points, result, colors, frame, found)
-    changed = np.count_nonzero(result[rows] != labels[rows])
-    logger.info("the stems' course changed %.1f %% of the wood", 100 * changed / len(rows))
+    is_wood = wood_mask(labels)
+    result[is_wood & (orchard.owner < 0)] = Label.BRANCH
+    is_ground = labels == Label.GROUND
+    is_free = np.isin(labels, [*THINGS, Label.SUPPORT_POST])
+    if known is not None:
+        is_free &= ~known
+    free = np.flatnonzero(is_free | is_ground)
+    free_points, ground = points[free], points[is_ground]
+    surface = GroundSurface(ground, n_nearest=N_GROUND) if len(ground) >= N_GROUND else None
+    for stem, limbs in enumerate(orchard.limbs):
+        if limbs is None:
+            continue
+        if surface is not None:
+            follow_down(free_points, limbs, surface, stem_gap_m)
+        tubes = _joined(limbs)
+        own = np.flatnonzero(is_wood & (orchard.owner == stem))
+        is_trunk = _is_trunk(points[orchard.entered[stem]], tubes)
+        nearest = cKDTree(points[orchard.entered[stem]]).query(points[own], workers=1)[1]
+        result[own] = np.where(is_trunk[nearest], Label.TRUNK, Label.BRANCH)
+        inside, in_trunk = claimed_by(tubes, free_points)
+        keep = in_trunk | ~is_ground[free[inside]]  # twigs hang into grass
+        claimed, in_trunk = free[inside[keep]], in_trunk[keep]
+        result[claimed] = np.where(in_trunk, Label.TRUNK, Label.BRANCH)
+        orchard.owner[claimed] = stem
+        if colors is not None:
+            label_rings(points, result, colors, tubes)
+        logger.info(
+            "stem at (%.2f, %.2f): trunk of %.2f m, radius %.1f to %.1f mm; %s points of other "
+            "classes lie in its limbs",
+            *tubes.nodes[0, :2],
+            np.linalg.norm(np.diff(tubes.nodes[tubes.trunk], axis=0), axis=1).sum(),
+            1000 * tubes.radius[tubes.trunk[0]],
+            1000 * tubes.radius[tubes.trunk[-1]],
+            f"{len(claimed):,}",
+        )
+    changed = np.count_nonzero(result[is_wood] != labels[is_wood])
+    logger.info("the limbs changed %.1f %% of the wood", 100 * changed / max(is_wood.sum(), 1))
     return result
 
 
-def _relabel_feet(
-    points: np.ndarray, labels: np.ndarray, frame: TreeFrame, stems: list[StemTrace]
-) -> None:
-    """Label ground within a stem trunk, in place: its foot passes for ground in grass."""
-    rows = np.flatnonzero(labels == Label.GROUND)
-    local = frame.apply(points[rows])
-    below = np.arange(0, HIDDEN_M, EDGE_M)[::-1, None] * [0, 0, 1]
-    for stem in stems:
-        places = np.vstack([stem.points[0] - below, stem.points])
-        radius = FLARE * np.concatenate([np.full(len(below), stem.radius[0]), stem.radius])
-        low, high = places.min(axis=0) - radius.max(), places.max(axis=0) + radius.max()
-        near = np.flatnonzero(((local > low) & (local < high)).all(axis=1))
-        distance, nearest = cKDTree(places).query(local[near], workers=1)
-        labels[rows[near[distance <= radius[nearest]]]] = Label.TRUNK
-
-
-def _relabel_rings(
-    points: np.ndarray,
-    labels: np.ndarray,
-    colors: np.ndarray,
-    frame: TreeFrame,
-    stems: list[StemTrace],
-) -> None:
-    """Label the white rings on the trunks, in place; the network's are wider by its voxels."""
-    rows = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.CALIBRATION_UNIT))
-    local = frame.apply(points[rows]) / frame.scale  # true metres: a tall tree's ring shrinks too
-    for stem in stems:
-        places, radius = stem.points / frame.scale, stem.radius / frame.scale
-        distance, nearest = cKDTree(places).query(local, workers=1)
-        near = np.flatnonzero(distance <= radius[nearest] + MAX_OFF)
-        is_ring = ring_points(local[near], colors[rows[near]], places, radius)
-        if is_ring.any():
-            off_ring = cKDTree(local[near[is_ring]]).query(local[near], workers=1)[0] > STEP_M
-            labels[rows[near[is_ring]]] = Label.CALIBRATION_UNIT
-            labels[rows[near[off_ring]]] = Label.TRUNK
-
-
-def trace_stems(
-    thin: np.ndarray, labels: np.ndarray, ground: np.ndarray, model: StemModel
-) -> tuple[list[StemTrace], np.ndarray]:
-    """Trace the trunk of every tree in a cloud of thinned wood.
-
-    Parameters
-    ----------
-    thin : ndarray of shape (n_points, 3), float64
-        Wood of all trees in the tree's frame, z up.
-    labels : ndarray of shape (n_points,), int
-    ground : ndarray of shape (n_ground, 3)
-        May be empty.
-    model : StemModel
-
-    Returns
-    -------
-    stems : list of StemTrace
-    loose : ndarray of shape (n_points,), bool
-        Wood that hangs on no stem.
-    """
-    shared = share_wood(thin, labels, ground=ground, stem_gap_m=model.stem_gap_m)
-    found = []
-    for number, stem in enumerate(shared.stems):
-        rows = np.flatnonzero(shared.owner == number)
-        if len(rows) >= MIN_POINTS:
-            try:
-                found.append(_trace(thin, rows, stem.base, labels[rows] == Label.TRUNK))
-            except ValueError as error:  # no limb
-                logger.warning("stem at (%.2f, %.2f): %s", *stem.base[:2], error)
-    return found, shared.owner < 0
-
-
-def _trace(thin: np.ndarray, rows: np.ndarray, base: np.ndarray, known: np.ndarray) -> StemTrace:
-    """The trunk of the tree whose wood the rows are."""
-    points = thin[rows]
-    limbs = grow_limbs(points, base, stem=known)
+def _joined(limbs: Limbs) -> _Tubes:
     nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, EDGE_M)
     for number in np.unique(limb)[1:]:  # a stub's tube may be wider than what it grows from
         own = np.flatnonzero(limb == number)
         radius[own] = np.minimum(radius[own], radius[parent[own[0]]])
     skeleton = Skeleton(nodes, parent, radius, np.full(len(nodes), int(Label.BRANCH)))
-    trunk = _to_its_end(skeleton, axes(skeleton), limb)
-    on_trunk = np.zeros(len(nodes), bool)
-    on_trunk[trunk] = True
-    is_trunk = np.zeros(len(points), bool)
-    for number in np.unique(limb[trunk]):
-        own, near = np.flatnonzero(limb == number), np.flatnonzero(limbs.member == number)
-        is_trunk[near] = on_trunk[own][cKDTree(nodes[own]).query(points[near])[1]]
-    logger.info(
-        "stem at (%.2f, %.2f): %.2f m, radius %.1f to %.1f mm, %s of %s points are trunk",
-        *nodes[0, :2],
-        skeleton.edge_length[trunk[1:]].sum(),
-        1000 * radius[trunk[0]],
-        1000 * radius[trunk[-1]],
-        f"{np.count_nonzero(is_trunk):,}",
-        f"{len(points):,}",
-    )
-    return StemTrace(nodes[trunk], radius[trunk], rows, is_trunk)
+    return _Tubes(limbs, nodes, radius, limb, _to_its_end(skeleton, axes(skeleton), limb))
+
+
+def claimed_by(tubes: _Tubes, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the points (n, 3) that lie in a tube, and whether in the trunk's."""
+    reach = claim_radius(tubes.radius, tubes.limbs.spacing)
+    low = (tubes.nodes - reach[:, None]).min(axis=0)
+    high = (tubes.nodes + reach[:, None]).max(axis=0)
+    rows = rows_in_box(points, low, high)
+    off, nearest = cKDTree(tubes.nodes).query(points[rows], workers=1)
+    inside = off <= reach[nearest]
+    return rows[inside], tubes.on_trunk[nearest[inside]]
+
+
+def _is_trunk(entered: np.ndarray, tubes: _Tubes) -> np.ndarray:
+    """Which of the points that limbs were grown from lie on the trunk."""
+    result, on_trunk = np.zeros(len(entered), bool), tubes.on_trunk
+    for number in np.unique(tubes.limb[tubes.trunk]):
+        own = np.flatnonzero(tubes.limb == number)
+        near = np.flatnonzero(tubes.limbs.member == number)
+        result[near] = on_trunk[own][cKDTree(tubes.nodes[own]).query(entered[near])[1]]
+    return result
+
+
+def follow_down(
+    points: np.ndarray, limbs: Limbs, surface: GroundSurface, stem_gap_m: float
+) -> None:
+    """Let a stem begin on the ground: cut what lies under it, or follow it down from the air."""
+    stem = limbs.limbs[0]
+    tube = stem.tube
+    foot, radius = tube.nodes[0], float(tube.radius[0])
+    gap = foot[2] - float(surface(foot[None, :2])[0])
+    reach = float(claim_radius(tube.radius[:1], limbs.spacing)[0])
+    k = int(np.searchsorted(tube.way, HEADING_IN_RADII * radius).clip(1, len(tube.nodes) - 1))
+    heading = tube.nodes[k] - foot
+    heading /= np.linalg.norm(heading)
+    if heading[2] <= 0 or abs(gap) <= limbs.spacing:
+        return
+    if gap < 0:
+        stem.tube = stretch(tube, min(-gap / heading[2], tube.length / 2), tube.length)
+        return
+    offset = points - foot
+    down = -offset @ heading
+    aside = np.linalg.norm(offset + down[:, None] * heading, axis=1)
+    seen = np.sort(down[(down > 0) & (aside <= reach)])
+    to_ground = gap / heading[2]
+    steps = np.concatenate([[0.0], seen[seen <= to_ground], [to_ground]])
+    missing = np.flatnonzero(np.diff(steps) > stem_gap_m)
+    end = steps[missing[0]] if len(missing) else to_ground
+    if end > 0:
+        stem.tube = stretch(tube, -end, tube.length)
+    if len(missing):
+        logger.warning(
+            "the stem at (%.2f, %.2f) ends %.2f m over the ground",
+            *foot[:2],
+            gap - end * heading[2],
+        )
+    else:
+        logger.info("stem at (%.2f, %.2f) followed %.3f m down to the ground", *foot[:2], gap)
+
+
+def label_rings(points: np.ndarray, labels: np.ndarray, colors: np.ndarray, tubes: _Tubes) -> None:
+    """Label the white rings on the trunk, in place; the network's are wider by its voxels."""
+    rows = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.CALIBRATION_UNIT))
+    places, radius = tubes.nodes[tubes.trunk], tubes.radius[tubes.trunk]
+    reach = claim_radius(radius, tubes.limbs.spacing)
+    off, nearest = cKDTree(places).query(points[rows], workers=1)
+    near = rows[off <= reach[nearest]]
+    is_ring = ring_points(points[near], colors[near], places, radius)
+    if is_ring.any():
+        off_ring = cKDTree(points[near[is_ring]]).query(points[near], workers=1)[0] > STEP_M
+        labels[near[is_ring]] = Label.CALIBRATION_UNIT
+        labels[near[off_ring]] = Label.TRUNK
 
 
 def _to_its_end(skeleton: Skeleton, split: list[Axis], limb: np.ndarray) -> np.ndarray:

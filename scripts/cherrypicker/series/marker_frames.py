@@ -22,7 +22,8 @@ def marker_corners(scale: dict, poses: Poses, metric_poses: Poses) -> dict[tuple
     Returns
     -------
     dict of tuple to ndarray of shape (4, 3)
-        By dictionary and id; only markers that the scan's scale rests on.
+        By dictionary and id; only markers that the scan's scale rests on and that stand in one
+        place.
     """
     common, one, other = np.intersect1d(poses.names, metric_poses.names, return_indices=True)
     if len(common) < 3:
@@ -36,7 +37,7 @@ def marker_corners(scale: dict, poses: Poses, metric_poses: Poses) -> dict[tuple
         @ matrix[:3, :3].T
         + matrix[:3, 3]
         for marker in scale.get("markers", ())
-        if marker.get("used") and marker.get("corners")
+        if marker.get("used") and marker.get("corners") and marker.get("n_places", 1) == 1
     }
 
 

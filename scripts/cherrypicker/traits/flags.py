@@ -83,11 +83,14 @@ def _shape_flags(
 ) -> list[str]:
     flags = []
     if foot.source == "wood":
-        flags.append("no_ground: no ground around the stem, its foot is its lowest points")
+        flags.append("no_ground: no ground below the stem, its foot is its lowest points")
     elif foot.source == "root":
         flags.append("foot_unseen: neither ground nor stem around the skeleton's root, its foot")
     elif foot.gap > _HIDDEN_FOOT_M:
-        flags.append(f"foot_hidden: the lowest stem points lie {foot.gap:.2f} {length} up")
+        flags.append(
+            f"foot_hidden: the lowest stem points lie {foot.gap:.2f} {length} over the ground, "
+            "nothing of the stem was found below them"
+        )
     if len(support.gaps):
         flags.append(
             f"gaps_bridged: the skeleton bridges {len(support.gaps)} gap(s) without points, the "

@@ -15,7 +15,7 @@ _GROUND_REACH_M = 0.6  # of the ground that counts around a stem, or so many of 
 _GROUND_REACH_RADII = 5.0
 _BARE_RADII = 1.3  # nearer than this it is hidden, or bark
 _MIN_GROUND_POINTS = 50
-_MAX_FOOT_STEP_M = 0.5  # between the ground and the lowest wood, or the root
+_MAX_FOOT_STEP_M = 0.5  # that the ground lies over the lowest wood, or wood over the root
 _BESIDE_RADII, _BESIDE_M = 3.0, 0.05  # of the root: wood of the stem
 _LOWEST_SHARE = 0.01  # of that wood lies below its lowest point: noise
 _N_SECTORS, _FEWEST_SECTORS = 8, 4  # around the stem, and those with ground that make a plane
@@ -59,7 +59,9 @@ def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foo
     reach = max(_GROUND_REACH_M, _GROUND_REACH_RADII * radius)
     ground = ground[(away > _BARE_RADII * radius) & (away < reach)]
     level = _ground_level(ground, root[:2])
-    if level is None or (beside.any() and abs(level - low) > _MAX_FOOT_STEP_M):
+    # A tree stands on the ground, however far up its lowest points lie; ground that lies well over
+    # them is none (low branches of a scan without ground may pass for it)
+    if level is None or (beside.any() and level - low > _MAX_FOOT_STEP_M):
         foot = np.array([root[0], root[1], low])
         if beside.any():
             return Foot(foot, "wood", 0.0, abs(low - float(root[2])))

@@ -1,7 +1,6 @@
 """How far wood may be missing and yet be one tree's: the lengths that every stage starts from.
 
-Both are guesses. The config's ``contract.gap_m``, ``contract.stem_gap_m``, ``segment.trunk_gap_m``
-and ``segment.stem_gap_m`` default to them.
+Both are guesses. The config's ``contract.gap_m`` and ``contract.stem_gap_m`` default to them.
 """
 
 __all__ = ["GAP_M", "STEM_GAP_M"]

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label, wood_mask
+from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target import TREE_SHARE, Candidate, choose_target
-from cherrypicker.wood.target_wood import SharedWood, share_wood
-from cherrypicker.wood.thinned import WoodChoice, thinned_wood
+from cherrypicker.wood.target_wood import SharedWood, share_cloud
+from cherrypicker.wood.thinned import WoodChoice
 
 __all__ = [
     "ALL",
@@ -31,8 +31,8 @@ __all__ = [
     "FoundTrees",
     "find_trees",
     "read_places",
+    "rows_of_tree",
     "scan_of_tree",
-    "tree_cloud",
 ]
 
 logger = logging.getLogger(__name__)
@@ -118,7 +118,7 @@ def find_trees(
     cloud: PointCloud,
     asked: str | Sequence[ArrayLike] = ALL,
     *,
-    options: WoodChoice | None = None,
+    shared: SharedWood | None = None,
     region: Footprint | None = None,
 ) -> FoundTrees:
     """Find the trees of a scan and share its wood out among them.
@@ -130,7 +130,8 @@ def find_trees(
     asked : "all" or sequence of array-like of 2 floats
         Every stem that carries as much as a tree, or the stems nearest to these places, in the
         cloud's frame.
-    options : WoodChoice, optional
+    shared : SharedWood, optional
+        Which wood hangs on which stem; left out, it is shared out here.
     region : Footprint, optional
         Of the region of interest; wood that comes in over its border is no tree's.
 
@@ -144,23 +145,22 @@ def find_trees(
         If there is too little wood, no tree, a place that is none of the scene, or two places at
         one stem.
     """
-    options = options or WoodChoice()
     labels = np.asarray(cloud["label"])
-    points, label, *_ = thinned_wood(cloud, options, MOST_POINTS)
-    shared = share_wood(
-        points, label, ground=cloud.points[labels == Label.GROUND], region=region,
-        gap_m=options.gap_m, stem_gap_m=options.stem_gap_m,
-    )  # fmt: skip
-    bases = [stem.base for stem in shared.stems]
-    found = _chosen(points, shared, bases, asked, region)
-    number = np.full(len(bases) + 2, NO_TREE, dtype=np.int16)
+    if shared is None:
+        shared = share_cloud(cloud, WoodChoice(), MOST_POINTS, region=region)
+    found = _chosen(cloud.points, shared, asked, region)
+    number = np.full(len(shared.bases) + 2, NO_TREE, dtype=np.int16)
     for place, tree in enumerate(found.trees, 1):
         number[tree.stem] = place
-    has_way = shared.owner >= 0
+    on_stem = shared.sample[shared.owner[shared.sample] >= 0]
+    is_wood = wood_mask(labels)
+    owner = shared.owner[is_wood]
     # A point without a way goes with the nearest wood that has one
-    nearest = cKDTree(points[has_way]).query(cloud.points[wood_mask(labels)])[1]
+    loose = owner < 0
+    nearest = cKDTree(cloud.points[on_stem]).query(cloud.points[is_wood][loose])[1]
+    owner[loose] = shared.owner[on_stem[nearest]]
     found.owner = np.full(len(labels), NO_WOOD, dtype=np.int16)
-    found.owner[wood_mask(labels)] = number[shared.owner[has_way][nearest]]
+    found.owner[is_wood] = number[owner]
     for place, tree in enumerate(found.trees, 1):
         n_points = np.count_nonzero(found.owner == place)
         logger.info("tree %d at (%.2f, %.2f): %s points", place, *tree.base[:2], f"{n_points:,}")
@@ -172,12 +172,14 @@ def find_trees(
 def _chosen(
     points: np.ndarray,
     shared: SharedWood,
-    bases: list[np.ndarray],
     asked: str | Sequence[ArrayLike],
     region: Footprint | None,
 ) -> FoundTrees:
     """The trees, without the owners of points."""
-    choose = partial(choose_target, points, bases, shared.owner, spacing=shared.spacing)
+    owner = shared.owner[shared.sample]
+    choose = partial(
+        choose_target, points[shared.sample], shared.bases, owner, spacing=shared.spacing
+    )
     if isinstance(asked, str):
         choice = choose()
         heaviest = max(one.mass for one in choice.candidates)
@@ -221,13 +223,13 @@ def _along_the_row(trees: list[Candidate]) -> list[Candidate]:
     return [trees[i] for i in np.argsort(feet @ along, kind="stable")]
 
 
-def tree_cloud(cloud: PointCloud, owner: np.ndarray, number: int, foot: ArrayLike) -> PointCloud:
-    """One tree's cloud: its wood, and what is no wood as far from its foot as it is high or wide.
+def rows_of_tree(points: np.ndarray, owner: np.ndarray, number: int, foot: ArrayLike) -> np.ndarray:
+    """One tree's points: its wood, and what is no wood as far from its foot as it is high or wide.
 
     Parameters
     ----------
-    cloud : PointCloud
-        The scan.
+    points : ndarray of shape (n_points, 3), float64
+        Of the scan.
     owner : ndarray of shape (n_points,), int
         `FoundTrees.owner`.
     number : int
@@ -236,26 +238,26 @@ def tree_cloud(cloud: PointCloud, owner: np.ndarray, number: int, foot: ArrayLik
 
     Returns
     -------
-    PointCloud
-        Rows of `cloud`, in their order, with all fields.
+    ndarray of int64
+        Rows of the scan, increasing.
 
     Raises
     ------
     StageError
         If the owners are not of this cloud, or the tree has no wood.
     """
-    if len(owner) != len(cloud):
+    if len(owner) != len(points):
         raise StageError(
-            f"the owners are of {len(owner):,} points, the cloud has {len(cloud):,}: they are not "
+            f"the owners are of {len(owner):,} points, the cloud has {len(points):,}: they are not "
             "of one scan"
         )
     is_own = owner == number
     if not is_own.any():
         raise StageError(f"no wood of tree {number} in the scan", key="crop.target_xy")
-    away = cloud.points - np.asarray(foot, dtype=np.float64)
+    away = points - np.asarray(foot, dtype=np.float64)
     aside = np.linalg.norm(away[:, :2], axis=1)
     reach = max(aside[is_own].max(), away[is_own, 2].max())
-    return cloud.select(is_own | ((owner == NO_WOOD) & (aside <= reach)))
+    return np.flatnonzero(is_own | ((owner == NO_WOOD) & (aside <= reach)))
 
 
 def scan_of_tree(found: dict[str, Any], number: int, scan: dict[str, Any]) -> dict[str, Any]:

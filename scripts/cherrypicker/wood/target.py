@@ -115,7 +115,7 @@ class Choice:
 
 def choose_target(
     points: np.ndarray,
-    bases: Sequence[np.ndarray],
+    bases: Sequence[np.ndarray] | np.ndarray,
     owner: np.ndarray,
     *,
     spacing: float = 0.0,

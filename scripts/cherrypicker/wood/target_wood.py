@@ -20,11 +20,20 @@ from cherrypicker.geometry.neighbors import (
     touching_edges,
 )
 from cherrypicker.placement.footprint import Footprint
+from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target import Choice, choose_target
+from cherrypicker.wood.thinned import WoodChoice, agreed_labels, thinned_wood
 
-__all__ = ["TargetWood", "lowest_base", "select_target_wood"]
+__all__ = [
+    "SharedWood",
+    "TargetWood",
+    "lowest_base",
+    "select_target_wood",
+    "share_cloud",
+    "share_wood",
+]
 
 logger = logging.getLogger(__name__)
 
@@ -60,6 +69,7 @@ class TargetWood:
     Attributes
     ----------
     keep : ndarray of shape (n_points,), bool
+        Of the cloud.
     base : ndarray of shape (3,), float64
         Base of the target's stem.
     report : dict
@@ -77,39 +87,26 @@ class TargetWood:
 
 def select_target_wood(
     points: np.ndarray,
-    labels: np.ndarray,
+    shared: SharedWood,
     *,
-    ground: np.ndarray | None = None,
-    target_xy: ArrayLike | None = None,
-    region: Footprint | None = None,
     gap_m: float = GAP_M,
     stem_gap_m: float = STEM_GAP_M,
+    target_xy: ArrayLike | None = None,
+    region: Footprint | None = None,
 ) -> TargetWood:
-    """Keep the target tree's wood.
-
-    Every wood point goes to the stem base with the shortest way through the wood. Wood that
-    comes in over the border of the region of interest belongs to a tree outside, up to the
-    thinnest place on its way to the target's stem. Pieces without a way to
-    any stem are kept when the gap to the target's wood is small, or larger but in the direction
-    of the piece (missing data along a branch); the rest is dropped and counted.
+    """Choose the target tree among those that wood was shared out to.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3), float64
-        Thinned wood points, z up.
-    labels : ndarray of shape (n_points,), int
-    ground : ndarray of shape (n_ground, 3), optional
-        Ground points, for the height above ground.
+        The cloud whose wood was shared out, z up.
+    shared : SharedWood
+    gap_m, stem_gap_m : float
+        As of `share_wood`: loose wood is told that lies as near to the target.
     target_xy : array-like of 2 floats, optional
         Where the target stands; left out, the wood decides (`wood.target.choose_target`).
     region : Footprint, optional
-        Of the region of interest; left out, nothing comes in from outside.
-    gap_m : float, default 0.25
-        Longest gap along the direction of a branch that is still bridged; 0.4 of it in any
-        other direction, all of it for a piece that is longer than its gap. In a tree taller
-        than 4 m it grows with the height.
-    stem_gap_m : float, default 0.6
-        Longest gap between two pieces of trunk.
+        Of the region of interest.
 
     Returns
     -------
@@ -118,21 +115,16 @@ def select_target_wood(
     Raises
     ------
     StageError
-        If there is no wood, or `target_xy` lies outside.
+        If there is no wood on a stem, or `target_xy` lies outside.
     """
-    if not len(points):
-        raise StageError("no wood points", key="contract.classes")
-    shared = share_wood(
-        points, labels, ground=ground, region=region, gap_m=gap_m, stem_gap_m=stem_gap_m
-    )
-    owner, bases = shared.owner, [stem.base for stem in shared.stems]
+    thin, owner = points[shared.sample], shared.owner[shared.sample]
     choice = choose_target(
-        points, bases, owner, spacing=shared.spacing, region=region, target_xy=target_xy
+        thin, shared.bases, owner, spacing=shared.spacing, region=region, target_xy=target_xy
     )
     keep = owner == choice.target.stem
-    stem_gap_m *= _growth(points)
-    report = _report(owner, len(bases), keep)
-    report["loose"] = _loose(points, owner, keep, shared.spacing, max(gap_m, stem_gap_m))
+    report = _report(owner, len(shared.bases), keep)
+    reach = max(gap_m, stem_gap_m * _growth(thin))
+    report["loose"] = _loose(thin, owner, keep, shared.spacing, reach)
     logger.info(
         "kept %s of %s wood points (%.1f %%): %s on neighbours, %s loose",
         f"{report['n_kept']:,}",
@@ -141,25 +133,31 @@ def select_target_wood(
         f"{report['n_neighbors_cut']:,}",
         f"{report['n_floating']:,}",
     )
-    return TargetWood(keep, bases[choice.target.stem], choice, report)
+    is_own = shared.owner == choice.target.stem
+    return TargetWood(is_own, shared.bases[choice.target.stem], choice, report)
 
 
 @dataclass
 class SharedWood:
-    """Which stem each point hangs on.
+    """Which stem each point of a cloud hangs on.
 
     Attributes
     ----------
-    stems : list of Stem
     owner : ndarray of shape (n_points,), int64
-        Number of the stem, their count for a tree outside the region, -1 for no stem.
+        Number of the stem, their count for wood of trees outside the region of interest, -1 for
+        loose wood, stray points and what is no wood.
+    sample : ndarray of int64
+        Rows of the wood as it was shared out, thinned and without stray points.
     spacing : float
-        Median distance of neighbouring points.
+        Median distance of neighbouring points of the sample.
+    bases : ndarray of shape (n_stems, 3), float64
+        Middle of each stem's lowest end.
     """
 
-    stems: list
     owner: np.ndarray
+    sample: np.ndarray
     spacing: float
+    bases: np.ndarray
 
 
 def share_wood(
@@ -173,12 +171,38 @@ def share_wood(
 ) -> SharedWood:
     """Give every wood point to the stem with the shortest way through the wood.
 
-    Parameters as of `select_target_wood`.
+    Wood that comes in over the border of the region of interest belongs to a tree outside, up to
+    the thinnest place on its way to a stem. Pieces without a way to any stem are kept when the gap
+    to wood that has one is small, or larger but in the direction of the piece (missing data along a
+    branch); the rest hangs on no stem.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Thinned wood points, z up.
+    labels : ndarray of shape (n_points,), int
+    ground : ndarray of shape (n_ground, 3), optional
+        Ground points, for the height above ground.
+    region : Footprint, optional
+        Of the region of interest; left out, nothing comes in from outside.
+    gap_m : float, default 0.25
+        Longest gap along the direction of a branch that is still bridged; 0.4 of it in any
+        other direction, all of it for a piece that is longer than its gap. In a tree taller
+        than 4 m it grows with the height.
+    stem_gap_m : float, default 0.6
+        Longest gap between two pieces of trunk.
 
     Returns
     -------
     SharedWood
+
+    Raises
+    ------
+    StageError
+        If there is no wood.
     """
+    if not len(points):
+        raise StageError("no wood points", key="contract.classes")
     edges, spacing = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS, LOCAL_REACH)
     gap_m *= _growth(points)
     gap_m = max(gap_m, IN_USUAL_GAPS * _usual_gap(points, edges))
@@ -191,7 +215,49 @@ def share_wood(
     if lost:
         stems = stems + lost
         owner = _compete(points, edges, links, stems, border)
-    return SharedWood(stems, owner, spacing)
+    bases = np.array([stem.base for stem in stems])
+    return SharedWood(owner, np.arange(len(points)), spacing, bases)
+
+
+def share_cloud(
+    cloud: PointCloud, chosen: WoodChoice, most: int, *, region: Footprint | None = None
+) -> SharedWood:
+    """Give a cloud's wood, thinned, to the stems that it hangs on.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        With the field ``label``, z up.
+    chosen : WoodChoice
+    most : int
+        Points of the thinned wood at most.
+    region : Footprint, optional
+        As of `share_wood`.
+
+    Returns
+    -------
+    SharedWood
+        Stray points have no owner.
+
+    Raises
+    ------
+    StageError
+        If there is too little wood.
+    """
+    labels = np.asarray(cloud["label"])
+    thin, known, rows, member = thinned_wood(cloud, chosen, most)
+    shared = share_wood(
+        thin,
+        agreed_labels(thin, known),
+        ground=cloud.points[labels == Label.GROUND],
+        region=region,
+        gap_m=chosen.gap_m,
+        stem_gap_m=chosen.stem_gap_m,
+    )
+    owner = np.full(len(cloud), -1, dtype=np.int64)
+    owner[rows] = shared.owner[member]
+    sample = rows[np.unique(member, return_index=True)[1]]
+    return SharedWood(owner, sample, shared.spacing, np.round(shared.bases, 6))
 
 
 def _usual_gap(points: np.ndarray, edges: np.ndarray) -> float:

@@ -14,11 +14,12 @@ from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 
-__all__ = ["FEWEST_WOOD", "WoodChoice", "thinned_wood"]
+__all__ = ["FEWEST_WOOD", "WoodChoice", "agreed_labels", "thinned_wood"]
 
 logger = logging.getLogger(__name__)
 
 FEWEST_WOOD = 50  # points of which a tree is looked for (guess)
+N_AROUND = 13  # a point and twelve neighbours, whose most frequent class is its own (guess)
 AROUND = 1.8  # in voxels: neighbours whose points count as well (all that share a face or an edge)
 
 
@@ -33,8 +34,20 @@ class WoodChoice:
     min_density: float = 0.05
 
 
+def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Class of each point: that of most points around it.
+
+    A class is a class of a place: a lone label of the stem far out would let the wood there be
+    taken for a piece of the stem.
+    """
+    n_points = len(points)
+    around = cKDTree(points).query(points, k=min(N_AROUND, n_points))[1].reshape(n_points, -1)
+    member = np.repeat(np.arange(n_points), around.shape[1])
+    return majority_label(labels[around].ravel(), member, n_points)
+
+
 def thinned_wood(
-    cloud: PointCloud, chosen: WoodChoice, most: int, *, min_density: float | None = None
+    cloud: PointCloud, chosen: WoodChoice, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Thin the wood of a cloud.
 
@@ -50,8 +63,6 @@ def thinned_wood(
         there.
     most : int
         Voxels grow until there are no more than so many.
-    min_density : float, optional
-        In the place of the choice's.
 
     Returns
     -------
@@ -75,9 +86,8 @@ def thinned_wood(
             f"the cloud holds {len(rows)} points of the classes to contract ({names})",
             key="contract.classes, segment",
         )
-    least = chosen.min_density if min_density is None else min_density
     points, _, member, size = thin_to_limit(cloud.points[rows], chosen.voxel_size_m, most)
-    keep = _is_dense(points, np.bincount(member), size, least)
+    keep = _is_dense(points, np.bincount(member), size, chosen.min_density)
     number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
     rows, member = rows[number >= 0], number[number >= 0]
     points = points[keep]

@@ -22,7 +22,7 @@ from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
 from cherrypicker.traits.measure import measure_traits
-from cherrypicker.wood.row import FoundTrees, find_trees, tree_cloud
+from cherrypicker.wood.row import FoundTrees, find_trees, rows_of_tree
 from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
 from cherrypicker_lab.orchard.rows import row_cloud, row_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
@@ -187,7 +187,7 @@ def share_scores(owner, tree, stands, feet):
 def _traits(cloud: PointCloud, found: FoundTrees, number: int, tree) -> dict:
     """What is measured of a tree, and its truth."""
     foot = found.trees[number - 1].base
-    own = tree_cloud(cloud, found.owner, number, foot)
+    own = cloud.select(rows_of_tree(cloud.points, found.owner, number, foot))
     contracted, report = contract_wood(own, options=ContractionOptions(), target_xy=foot[:2])
     skeleton = extract_skeleton(contracted, own, base=report["base"], limbs=report["limbs"])
     return _beside(measure_traits(skeleton, own)[0], tree_traits(tree))

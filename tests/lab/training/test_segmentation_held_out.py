@@ -42,12 +42,13 @@ def test_a_scan_is_moved_onto_its_scene_and_far_points_have_no_class(tmp_path):
     scan = held_out.of_scan(results, truth)
     assert scan.name == "tree"
     assert scan.truth.tolist() == [0, 1, 2, 255]
-    assert scan.squares is None
+    assert scan.markers is None
     corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    solved = {"mode": "marker", "scale": 0.2, "other_ids": {}, "markers": [{"corners": corners}]}
+    solved = {"mode": "marker", "scale": 0.2, "markers": [{"corners": corners}]}
     (results / "scale.json").write_text(json.dumps(solved))
     (results / "align.json").write_text(json.dumps({"transform": np.eye(4).tolist()}))
-    assert [square.side for square in held_out.of_scan(results, truth).squares] == [0.2]
+    known = held_out.of_scan(results, truth).markers
+    assert [square.side for square in known.squares] == [0.2]
 
 
 def test_the_table_has_a_row_a_set_and_leaves_absent_classes_open():
@@ -86,8 +87,8 @@ def test_scenes_are_kept_to_a_quarter_of_a_millimetre(tmp_path, monkeypatch):
     )
     calls = []
 
-    def make(seed, n_points, *, habit=None, things):
-        assert things == "common"
+    def make(seed, n_points, *, habit=None, things, skeletons):
+        assert things == "common" and not skeletons
         calls.append((seed, habit))
         return made
 

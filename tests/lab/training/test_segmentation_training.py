@@ -7,19 +7,34 @@ import torch
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.segmentation.dgcnn import Dgcnn, choose_device, save_weights
-from cherrypicker.segmentation.inference import Sampling, propagate, segment_cloud
-from cherrypicker.segmentation.refine import Smoothing
+from cherrypicker.segmentation.dgcnn import (
+    N_CLASSES,
+    N_CLASSES_BEFORE,
+    Dgcnn,
+    choose_device,
+    collate,
+    load_weights,
+    save_weights,
+)
+from cherrypicker.segmentation.inference import (
+    Sampling,
+    predict_spheres,
+    propagate,
+    segment_cloud,
+)
 from cherrypicker_lab.training.segmentation.augment import Sample
 from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
 from cherrypicker_lab.training.segmentation.schedule import Schedule
 from cherrypicker_lab.training.segmentation.training import (
     IGNORED,
+    NEW_CLASS_BIAS,
     STRAY,
     class_weights,
+    cut_spheres,
     measure,
     network_labels,
     train,
+    widened,
     wood_loss,
 )
 
@@ -78,7 +93,7 @@ def _cloud(seed=50, with_colors=True):
 def test_training_learns_and_holds_on_a_new_tree(trained):
     network, history, _ = trained
     assert history[-1]["loss"] < 0.6 * history[0]["loss"]
-    result = measure(network, [_tree(99)], SAMPLING, Smoothing(smooth_k=4))
+    result = measure(network, [_tree(99)], SAMPLING)
     assert result["color"]["accuracy"] > 0.85
     assert set(result) == {"color", "no_color"}
 
@@ -117,9 +132,10 @@ def test_resumed_training_equals_an_uninterrupted_one(tmp_path):
 
 def test_segmented_cloud_keeps_its_points_and_is_reproducible(trained):
     cloud, truth = _cloud()
-    options = {"sampling": SAMPLING, "smoothing": Smoothing(smooth_k=4), "post": None, "seed": 3}
-    result = segment_cloud(cloud, trained[2], **options)
-    again = segment_cloud(cloud, trained[2], **options)
+    options = {"sampling": SAMPLING, "seed": 3}
+    result, grown = segment_cloud(cloud, trained[2], **options)
+    again, _ = segment_cloud(cloud, trained[2], **options)
+    assert len(grown.owner) == len(cloud)
     assert np.array_equal(result.points, cloud.points)
     assert result["label"].dtype == np.uint8 and result["confidence"].dtype == np.float32
     assert result["confidence"].min() >= 0 and result["confidence"].max() <= 1
@@ -128,10 +144,9 @@ def test_segmented_cloud_keeps_its_points_and_is_reproducible(trained):
     assert (result["label"] == truth).mean() > 0.7
 
 
-def test_a_cloud_without_colour_and_a_thinned_one_are_labelled(trained):
+def test_a_cloud_without_colour_is_labelled(trained):
     cloud, truth = _cloud(with_colors=False)
-    thinned = Sampling(**{**vars(SAMPLING), "max_points": 2000})
-    result = segment_cloud(cloud, trained[2], sampling=thinned, smoothing=Smoothing(), post=None)
+    result, _ = segment_cloud(cloud, trained[2], sampling=SAMPLING)
     assert len(result) == len(cloud)
     assert (result["label"] == truth).mean() > 0.7
 
@@ -142,25 +157,47 @@ def test_a_cloud_without_wood_is_an_error_that_names_the_key(tmp_path):
     last = network.head[-1]
     with torch.no_grad():
         last.weight.zero_()
-        last.bias.copy_(torch.eye(7)[Label.GROUND] * 9)  # whatever it sees is ground
+        last.bias.copy_(torch.eye(N_CLASSES)[Label.GROUND] * 9)  # whatever it sees is ground
     save_weights(tmp_path / "w.pt", network, vars(SAMPLING))
-    options = {"sampling": SAMPLING, "smoothing": Smoothing(), "post": None}
+    options = {"sampling": SAMPLING}
     with pytest.raises(StageError, match=r"no point was labelled trunk or branch.*segment\."):
         segment_cloud(_cloud()[0], tmp_path / "w.pt", **options)
 
 
 def test_too_few_points_and_missing_weights_are_errors(trained, tmp_path):
     cloud = PointCloud(np.zeros((3, 3)))
-    options = {"sampling": SAMPLING, "smoothing": Smoothing(), "post": None}
+    options = {"sampling": SAMPLING}
     with pytest.raises(StageError, match="too few to segment"):
         segment_cloud(cloud, trained[2], **options)
     with pytest.raises(StageError, match="segment.weights"):
         segment_cloud(cloud, tmp_path / "none.pt", **options)
 
 
-def test_post_trains_as_trunk_and_the_unlabelled_is_ignored():
+def test_post_trains_as_itself_and_the_unlabelled_is_ignored():
     targets = network_labels(np.array([0, 1, 7, 255, 6, NO_WOOD], np.uint8))
-    assert targets.tolist() == [0, 1, 1, IGNORED, 6, STRAY]
+    assert targets.tolist() == [0, 1, 7, IGNORED, 6, STRAY]
+
+
+def test_weights_without_the_post_give_it_no_chance_and_can_start_a_network_that_has_it(tmp_path):
+    choose_device(1, 0)
+    torch.manual_seed(3)
+    save_weights(tmp_path / "w.pt", Dgcnn(**SMALL, n_classes=N_CLASSES_BEFORE), vars(SAMPLING))
+    old, _, _ = load_weights(tmp_path / "w.pt")
+    points = np.random.default_rng(0).random((300, 3))
+    found = predict_spheres(old, points, None, SAMPLING, seed=0)
+    assert found.shape == (300, N_CLASSES)
+    assert not found[:, Label.SUPPORT_POST.channel].any()
+    assert np.allclose(found.sum(axis=1), 1.0, atol=1e-5)
+    new = widened(old)
+    assert new.settings["n_classes"] == N_CLASSES and not new.training
+    batch = collate([cut_spheres(_tree(0), SAMPLING, 1, 8, 2, np.random.default_rng(0))[0][:2]])
+    with torch.inference_mode():
+        before, after = old(*batch), new(*batch)
+    trunk, post = after[:, Label.TRUNK.channel], after[:, Label.SUPPORT_POST.channel]
+    assert torch.allclose(trunk - post, torch.full_like(trunk, NEW_CLASS_BIAS), atol=1e-4)
+    shared = after[:, :N_CLASSES_BEFORE].log_softmax(dim=1)
+    assert torch.allclose(shared, before, atol=1e-4)
+    assert widened(new) is new
 
 
 def test_rare_classes_weigh_more():
@@ -192,11 +229,11 @@ def test_blocks_change_no_probability(monkeypatch):
 
 
 def test_the_wood_loss_forgives_trunk_for_branch_more_than_trunk_for_ground():
-    weights = torch.ones(7)
+    weights = torch.ones(N_CLASSES)
     targets = torch.tensor([int(Label.TRUNK)] * 4)
 
     def loss(label):
-        share = torch.full((4, 7), 0.01)
+        share = torch.full((4, N_CLASSES), 0.01)
         share[:, label] = 0.94
         return float(wood_loss(share.log(), targets, weights))
 
@@ -208,9 +245,9 @@ def test_things_of_no_class_may_be_anything_but_wood():
     targets = torch.tensor([int(Label.GROUND), STRAY, STRAY, IGNORED])
 
     def loss(*labels):
-        share = torch.full((4, 7), 0.01)
+        share = torch.full((4, N_CLASSES), 0.01)
         share[torch.arange(4), torch.tensor(labels)] = 0.94
-        return float(wood_loss(share.log(), targets, torch.ones(7)))
+        return float(wood_loss(share.log(), targets, torch.ones(N_CLASSES)))
 
     ground, sign, roof, branch, trunk = map(
         int, (Label.GROUND, Label.SIGN, Label.ROOF, Label.BRANCH, Label.TRUNK)

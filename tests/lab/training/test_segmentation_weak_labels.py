@@ -42,6 +42,6 @@ def test_a_scan_comes_in_metres_from_its_own_corner(tmp_path):
     assert read_scan(Scan("t.ply"), tmp_path)[1] is None
 
 
-def test_a_post_counts_as_wood():
+def test_a_post_is_no_wood_of_a_tree():
     labels = np.array([Label.TRUNK, Label.BRANCH, Label.SUPPORT_POST, Label.ROOF])
-    assert weak_labels.wood_share(labels) == 0.75
+    assert weak_labels.wood_share(labels) == 0.5

@@ -12,12 +12,13 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, Label
 from cherrypicker.files import atomic_path, read_json
+from cherrypicker.placement.footprint import Footprint, read_region
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.segmentation.dgcnn import N_CLASSES
 from cherrypicker.segmentation.inference import segment_cloud
-from cherrypicker.segmentation.things import Square, solved_squares
+from cherrypicker.segmentation.known_markers import KnownMarkers, known_markers
 from cherrypicker_lab.evaluation import compare_cameras
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores
 from cherrypicker_lab.training.segmentation.scenes import hidden_bark
@@ -28,12 +29,13 @@ REACH_M = 0.03  # a point further than this from the true surface has no true cl
 
 @dataclass(frozen=True)
 class LabelledCloud:
-    """A cloud, its true labels (n_points,) uint8, 255 where unknown, its solved markers."""
+    """A cloud, its true labels (n_points,) uint8, 255 where unknown, its markers."""
 
     name: str
     cloud: PointCloud
     truth: np.ndarray
-    squares: list[Square] | None = None
+    markers: KnownMarkers | None = None
+    region: Footprint | None = None
 
 
 def of_sample(name, sample, *, color=True):
@@ -75,15 +77,17 @@ def of_scan(results, truth):
     labels = np.full(len(cloud), int(Label.UNLABELLED), np.uint8)
     known = np.isfinite(distance)
     labels[known] = surface["label"][nearest[known]]
-    known = [results / "scale.json", results / "align.json"]
-    squares = None
-    if all(file.is_file() for file in known):
-        squares = solved_squares(*map(read_json, known))
-    return LabelledCloud(results.name, cloud, labels, squares)
+    files = [results / "scale.json", results / "align.json"]
+    markers = None
+    if all(file.is_file() for file in files):
+        markers = known_markers(*map(read_json, files))
+    metric = results / "metric.json"
+    region = read_region(metric if metric.is_file() else None)
+    return LabelledCloud(results.name, cloud, labels, markers, region)
 
 
 def judge(labelled, weights, **settings):
-    """Run the stage on one cloud and count, the support post as trunk (as the network has it).
+    """Run the stage on one cloud and count.
 
     Parameters
     ----------
@@ -94,10 +98,11 @@ def judge(labelled, weights, **settings):
 
     Returns
     -------
-    confusion : ndarray of shape (7, 7), int64
+    confusion : ndarray of shape (n_classes, n_classes), int64
     labels : ndarray of shape (n_points,), uint8
     """
-    labels = segment_cloud(labelled.cloud, weights, squares=labelled.squares, **settings)["label"]
+    given = {"markers": labelled.markers, "region": labelled.region}
+    labels = segment_cloud(labelled.cloud, weights, **given, **settings)[0]["label"]
     targets = network_labels(labelled.truth)
     known = targets >= 0
     return confusion_matrix(targets[known], network_labels(labels)[known], N_CLASSES), labels
@@ -111,7 +116,7 @@ def table(confusions):
 
     Parameters
     ----------
-    confusions : dict of str to ndarray of shape (7, 7)
+    confusions : dict of str to ndarray of shape (n_classes, n_classes)
         Empty ones are left out.
 
     Returns

@@ -117,41 +117,41 @@ def _image(rng, kind):
     return np.clip(image, 0.01, 0.85)
 
 
-def _found(rng, image):
+def found_at_edges(rng, image):
     """Share of points that stereo finds at each texel: letters, edges and the rim of what is plain.
 
-    A window without contrast matches nothing. On half of all things grain and dirt suffice.
+    A window without contrast matches nothing.
     """
-    if rng.random() < 0.5:
-        return np.ones(image.shape[:2])
     window = int(rng.integers(2, 12))
     framed = np.pad(encode_srgb(image).mean(axis=2), 1, constant_values=-1.0)
     contrast = maximum_filter(framed, window) - minimum_filter(framed, window)
     return np.where(contrast[1:-1, 1:-1] > 0.1, 1.0, rng.uniform(0.0, 0.15))
 
 
-def _printed(rng, kinds=PATTERNS):
+def printed(rng, kinds=PATTERNS):
     image = _image(rng, str(rng.choice(kinds)))
-    return {"kind": "image", "image": image, "found": _found(rng, image)}
+    # on half of all things grain and dirt suffice
+    found = np.ones(image.shape[:2]) if rng.random() < 0.5 else found_at_edges(rng, image)
+    return {"kind": "image", "image": image, "found": found}
 
 
-def _simple(rng):
+def simple(rng):
     """Weathered wood, or one colour with dirt."""
     kind, tone = ("wood", "plain")[rng.integers(2)], _color(rng)
     return {"kind": kind, "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
 
 
-def _put(scene, name, label, mesh, look, radius=0.05):
+def put(scene, name, label, mesh, look, radius=0.05):
     scene.objects.append(SceneObject(name, int(label), mesh, look, radius=radius))
 
 
-def _about(angle):
+def turn_about(angle):
     """Turn by an angle about z, (3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
 
-def _foot(scene, xy):
+def foot_at(scene, xy):
     return np.append(xy, scene.ground_height(np.asarray(xy)[None])[0])
 
 
@@ -167,7 +167,7 @@ def _on_bark(rng, scene):
     return axis.points[node] + scene.offsets[0] + (axis.reach[node] + 0.008) * out, angle
 
 
-def _board(rng, scene, taken):
+def board(rng, scene, taken):
     """A sign, or a marker in a frame of its own, on posts, lying, leaning, or tied to the tree."""
     is_marker = rng.random() < 0.3
     label, name = (Label.MARKER, "marker") if is_marker else (Label.SIGN, "sign")
@@ -175,7 +175,7 @@ def _board(rng, scene, taken):
     height = width if is_marker else width * log_uniform(rng, 0.4, 2.0)
     corners = 4 if is_marker else int(rng.choice([3, 4, 4, 4, 4, 5, 8, 24]))
     kinds = ("plain", "text", "text", "text", "photo", "stripes")
-    look = _printed(rng, kinds)
+    look = printed(rng, kinds)
     if is_marker:
         book = str(rng.choice(MARKER_DICTIONARIES))
         margin = 0.5 * int(rng.integers(1, 7))
@@ -189,37 +189,37 @@ def _board(rng, scene, taken):
         mesh = plate(width, width * rng.uniform(0.5, 1.5), 0.002, corners)
         centre, outwards = _on_bark(rng, scene)
         turn = board_turn(outwards + np.pi, np.pi / 2)
-        _put(scene, name, label, mesh.moved(centre, turn), look)
+        put(scene, name, label, mesh.moved(centre, turn), look)
         return
     xy, azimuth = beside(rng, taken, 0.3, 2.6, gap=0.25 + 0.4 * width)
-    foot = _foot(scene, xy)
+    foot = foot_at(scene, xy)
     azimuth += np.pi + rng.normal() * 0.8
     if mount == "leans":
         slope = rng.uniform(0.0, 1.3)
         centre = foot + [0, 0, 0.5 * height * np.sin(slope) + 0.02]
-        _put(scene, name, label, mesh.moved(centre, board_turn(azimuth, slope)), look)
+        put(scene, name, label, mesh.moved(centre, board_turn(azimuth, slope)), look)
         return
     turn = board_turn(azimuth, np.pi / 2 - rng.normal() * 0.25)
     centre = foot + [0, 0, 0.5 * height + log_uniform(rng, 0.03, 1.4)]
-    _put(scene, name, label, mesh.moved(centre, turn), look)
-    look, thick = _simple(rng), log_uniform(rng, 0.008, 0.08)
+    put(scene, name, label, mesh.moved(centre, turn), look)
+    look, thick = simple(rng), log_uniform(rng, 0.008, 0.08)
     rise = rng.choice([0.0, rng.uniform(0.0, 0.7)]) * height
     for aside in [-0.4, 0.4] if mount == "posts" else [0.0]:
         behind = centre + turn @ [aside * width, 0.0, -0.5 * thick - 0.03]
         post = bar([*behind[:2], foot[2] - 0.05], behind + [0, 0, rise], thick,
                    sides=int(rng.choice([4, 12])))  # fmt: skip
-        _put(scene, f"{name}_post", label, post, look)
+        put(scene, f"{name}_post", label, post, look)
 
 
 # Solids: calibration units, and others of no class
 
 
-def _solid(rng, size):
+def solid(rng, size):
     """A cube or box, ball, cone or prism of about a size (m), standing on z = 0."""
     kind = rng.choice(["box", "ball", "cone", "prism"])
     if kind == "box":
         edges = size * np.array([1.0, 1.0, 1.0] if rng.random() < 0.6 else rng.uniform(0.4, 1.6, 3))
-        return box(edges).moved((0, 0, edges[2] / 2), _about(rng.uniform(0, np.pi)))
+        return box(edges).moved((0, 0, edges[2] / 2), turn_about(rng.uniform(0, np.pi)))
     if kind == "ball":
         t = np.linspace(0, np.pi, 17)
         return turned(0.5 * size * np.sin(t), 0.5 * size * (1 - np.cos(t)))
@@ -229,11 +229,11 @@ def _solid(rng, size):
     return turned([0, radius, top, 0], [0, 0, height, height], sides)
 
 
-def _calibration_unit(rng, scene, taken):
+def calibration_unit(rng, scene, taken):
     """A solid with a print on the ground or a stake, or a striped pole."""
     xy, _ = beside(rng, taken, 0.3, 2.0)
-    foot, size = _foot(scene, xy), log_uniform(rng, 0.06, 0.4)
-    look = _printed(rng, ("stripes", "checker", "checker", "dots", "plain"))
+    foot, size = foot_at(scene, xy), log_uniform(rng, 0.06, 0.4)
+    look = printed(rng, ("stripes", "checker", "checker", "dots", "plain"))
     label = Label.CALIBRATION_UNIT
     if rng.random() < 0.2:
         n, wide = rng.integers(3, 12), log_uniform(rng, 0.015, 0.06)
@@ -241,14 +241,14 @@ def _calibration_unit(rng, scene, taken):
         look = {"kind": "image", "image": np.where(bands, _color(rng), _color(rng))}
         pole = turned([0, 0.5, 0.5, 0], [0, 0, 1, 1], 12)
         pole.vertices = pole.vertices * [wide, wide, rng.uniform(0.4, 2.4)]
-        _put(scene, "target", label, pole.moved(foot), look)
+        put(scene, "target", label, pole.moved(foot), look)
         return
     lift = rng.uniform(0.2, 1.5) if rng.random() < 0.3 else 0.004
-    _put(scene, "target", label, _solid(rng, size).moved(foot + [0, 0, lift]), look)
+    put(scene, "target", label, solid(rng, size).moved(foot + [0, 0, lift]), look)
     if lift > 0.1:
         wide = log_uniform(rng, 0.01, 0.05)
         stake = bar(foot - [0, 0, 0.05], foot + [0, 0, lift], wide, sides=12)
-        _put(scene, "target_stake", label, stake, _simple(rng))
+        put(scene, "target_stake", label, stake, simple(rng))
 
 
 def _bars(rng, kind):
@@ -296,28 +296,28 @@ def _leg_pair(rng):
     return join(made)
 
 
-def _stray(rng, scene, taken):
+def stray(rng, scene, taken):
     """A thing of no class: a ladder, a crate, tools, legs, a bucket or bag, a house's corner."""
     kind = str(rng.choice(["ladder", "crate", "tools", "legs", "solid", "solid", "house"]))
     low, high = (1.6, 4.0) if kind == "house" else (0.5, 2.6)
     xy, azimuth = beside(rng, taken, low, high, gap=0.5)
-    foot, turn = _foot(scene, xy), _about(rng.uniform(-np.pi, np.pi))
+    foot, turn = foot_at(scene, xy), turn_about(rng.uniform(-np.pi, np.pi))
     if kind == "house":
-        height, look = rng.uniform(1.2, 3.5), _printed(rng, ("photo", "stripes", "plain"))
+        height, look = rng.uniform(1.2, 3.5), printed(rng, ("photo", "stripes", "plain"))
         for side in (-1, 1):  # two walls that meet in a corner turned to the tree
             across = azimuth + side * rng.uniform(0.6, 0.9)
             way = np.array([np.cos(across), np.sin(across), 0.0]) * rng.uniform(0.5, 4.0)
             wall = bar([0, 0, 0], way, 0.2, 2 * height)
-            _put(scene, "house", NO_WOOD, wall.moved(foot), look)
+            put(scene, "house", NO_WOOD, wall.moved(foot), look)
         return
     if kind == "legs":
-        mesh, look = _leg_pair(rng), _simple(rng) | {"kind": "plain"}
+        mesh, look = _leg_pair(rng), simple(rng) | {"kind": "plain"}
     elif kind == "solid":
-        mesh, look = _solid(rng, log_uniform(rng, 0.15, 0.9)), _simple(rng)
+        mesh, look = solid(rng, log_uniform(rng, 0.15, 0.9)), simple(rng)
         look |= {"color": tuple(0.5 * _color(rng))}
     else:
-        mesh, look = _bars(rng, kind), _simple(rng)
-    _put(scene, kind, NO_WOOD, mesh.moved(foot, turn), look)
+        mesh, look = _bars(rng, kind), simple(rng)
+    put(scene, kind, NO_WOOD, mesh.moved(foot, turn), look)
 
 
 # Roofs
@@ -334,8 +334,8 @@ def _shelter(rng, scene):
     away = rng.uniform(0.0, 0.5) if over else reach + rng.uniform(0.2, 2.5)
     eaves = top + rng.uniform(0.05, 0.6) if over else rng.uniform(0.6, 3.2)
     azimuth = rng.uniform(-np.pi, np.pi)
-    foot = _foot(scene, away * np.array([np.cos(azimuth), np.sin(azimuth)]))
-    turn = _about(rng.uniform(-np.pi, np.pi))
+    foot = foot_at(scene, away * np.array([np.cos(azimuth), np.sin(azimuth)]))
+    turn = turn_about(rng.uniform(-np.pi, np.pi))
     rise, shape = rng.uniform(0.0, 1.0), str(rng.choice(["flat", "gable", "arch"]))
     waves = rng.uniform(0.003, 0.03) * (rng.random() < 0.4)
     n_waves = width / rng.uniform(0.05, 0.2)
@@ -345,15 +345,15 @@ def _shelter(rng, scene):
         return eaves + rise * form[shape] + waves * np.sin(2 * np.pi * n_waves * u)
 
     is_printed = rng.random() < 0.7
-    look = _printed(rng, ("plain", "plain", "photo", "stripes")) if is_printed else _simple(rng)
+    look = printed(rng, ("plain", "plain", "photo", "stripes")) if is_printed else simple(rng)
     n_panels = int(np.ceil(width * depth / 2.5))
     fine = int(np.clip(6 * n_waves / n_panels, 8, 90)) if waves else 8
     for number in range(n_panels):
         panel = sheet(width / n_panels, depth, lambda u, v, i=number: height((i + u) / n_panels, v),
                       n=(25, fine))  # fmt: skip
         aside = np.array([((number + 0.5) / n_panels - 0.5) * width, 0, 0])
-        _put(scene, "roof", Label.ROOF, panel.moved(turn @ aside + foot, turn), look)
-    look, thick = _simple(rng), log_uniform(rng, 0.03, 0.16)
+        put(scene, "roof", Label.ROOF, panel.moved(turn @ aside + foot, turn), look)
+    look, thick = simple(rng), log_uniform(rng, 0.03, 0.16)
     corners = np.array([(u, v) for u in (0.02, 0.98) for v in (0.02, 0.98)])
     places = np.column_stack([(corners - 0.5) * [width, depth], height(*corners.T)])
     sides = int(rng.choice([4, 12]))
@@ -361,17 +361,17 @@ def _shelter(rng, scene):
     if rng.random() < 0.6:
         posts += [bar(places[i], places[j], thick) for i, j in ((0, 1), (2, 3), (0, 2), (1, 3))]
     for post in posts:
-        _put(scene, "roof_post", Label.ROOF, post.moved(foot, turn), look)
+        put(scene, "roof_post", Label.ROOF, post.moved(foot, turn), look)
     for i, j in ((0, 1), (2, 3), (0, 2), (1, 3)):
         if rng.random() < (0.05 if over else 0.2):
             wall = bar([*places[i][:2], 0], [*places[j][:2], 0], 0.02, 2 * places[[i, j], 2].min())
-            _put(scene, "roof_wall", Label.ROOF, wall.moved(foot, turn), _simple(rng))
+            put(scene, "roof_wall", Label.ROOF, wall.moved(foot, turn), simple(rng))
 
 
 # Stems and what lies at their feet
 
 
-def _along_stem(stem, offset, middle, width, n):
+def along_stem(stem, offset, middle, width, n):
     at = np.clip(middle + width * np.linspace(-0.5, 0.5, n), 0, stem.arclength[-1])
     points = np.stack([np.interp(at, stem.arclength, stem.points[:, i]) for i in range(3)], axis=1)
     return points + offset, np.interp(at, stem.arclength, stem.reach)
@@ -381,18 +381,18 @@ def _ring(rng, scene, number):
     """A sleeve of any colour and 1 to 12 cm anywhere on a stem."""
     stem, width = scene.trees[number].axes[0], log_uniform(rng, 0.012, 0.12)
     middle = rng.uniform(0.05, max(0.7 * stem.arclength[-1], 0.06))
-    points, radii = _along_stem(stem, scene.offsets[number], middle, width, 7)
+    points, radii = along_stem(stem, scene.offsets[number], middle, width, 7)
     tone = rng.uniform(0.4, 0.75) * np.ones(3) if rng.random() < 0.6 else _color(rng)
     look = {"kind": "plain", "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
     sleeve = ring(points, radii + rng.uniform(0.001, 0.01))
-    _put(scene, "ring", Label.CALIBRATION_UNIT, sleeve, look)
+    put(scene, "ring", Label.CALIBRATION_UNIT, sleeve, look)
 
 
-def _patch(rng, scene, number):
+def patch(rng, scene, number):
     """Moss, a wound, lime or loose bark on one side of a stem, of any colour: it stays trunk."""
     stem, long = scene.trees[number].axes[0], log_uniform(rng, 0.03, 0.5)
     middle = rng.uniform(0.0, 0.7 * stem.arclength[-1])
-    points, radii = _along_stem(stem, scene.offsets[number], middle, long, 25)
+    points, radii = along_stem(stem, scene.offsets[number], middle, long, 25)
     around, half = rng.uniform(-np.pi, np.pi), rng.uniform(0.3, 1.4)
     t = np.linspace(-1, 1, 15)
     ragged = fbm(points * 30, octaves=3, seed=int(rng.integers(1 << 30))) + 0.5
@@ -404,10 +404,10 @@ def _patch(rng, scene, number):
     flat.vertices = np.tile(places.reshape(-1, 3), (len(flat.vertices) // 375, 1))
     flat.attributes["rest"] = flat.vertices.copy()
     look = {"kind": "plain", "seed": int(rng.integers(1 << 30)), "color": tuple(_color(rng))}
-    _put(scene, "patch", Label.TRUNK, flat, look)
+    put(scene, "patch", Label.TRUNK, flat, look)
 
 
-def _ivy(rng, scene, number):
+def ivy(rng, scene, number):
     """Leaves that climb a stem: what hides it is trunk."""
     stem, height = scene.trees[number].axes[0], rng.uniform(0.1, 1.2)
     n = int(rng.uniform(100, 900) * height)
@@ -421,10 +421,10 @@ def _ivy(rng, scene, number):
     leaves = blades(points - 0.5 * ways, ways, rng.uniform(0.02, 0.05))
     tone = rng.uniform(0.03, 0.12) * np.array([rng.uniform(0.4, 1.2), 1.0, rng.uniform(0.2, 0.5)])
     look = {"kind": "plain", "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
-    _put(scene, "ivy", Label.TRUNK, leaves, look)
+    put(scene, "ivy", Label.TRUNK, leaves, look)
 
 
-def _floor(rng, scene, taken):
+def floor(rng, scene, taken):
     """Grass around the stem's foot, stones and a hose on the ground, all of class ground."""
     if rng.random() < 0.6:
         n, reach = int(rng.uniform(100, 1500)), rng.uniform(0.1, 0.6)
@@ -435,21 +435,21 @@ def _floor(rng, scene, taken):
         ways *= tall * rng.uniform(0.4, 1.1, (n, 1))
         tone = 0.25 * _color(rng) + rng.uniform(0.02, 0.2) * np.array([0.8, 1.0, 0.3])
         look = {"kind": "plain", "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
-        _put(scene, "grass", Label.GROUND, blades(feet, ways, rng.uniform(0.004, 0.012)), look)
+        put(scene, "grass", Label.GROUND, blades(feet, ways, rng.uniform(0.004, 0.012)), look)
     for _ in range(int(rng.choice([0, 0, 1, 4]))):
         xy, _ = beside(rng, [], 0.15, 2.0)
         t, size = np.linspace(0, np.pi, 9), log_uniform(rng, 0.05, 0.5)
         stone = turned(0.5 * size * np.sin(t), -0.3 * size * np.cos(t), 12)
-        turn = _about(rng.uniform(0, np.pi)) @ np.diag([1.0, rng.uniform(0.5, 1.0), 1.0])
-        look = _simple(rng) | {"kind": "plain"}
-        _put(scene, "stone", Label.GROUND, stone.moved(_foot(scene, xy), turn), look)
+        turn = turn_about(rng.uniform(0, np.pi)) @ np.diag([1.0, rng.uniform(0.5, 1.0), 1.0])
+        look = simple(rng) | {"kind": "plain"}
+        put(scene, "stone", Label.GROUND, stone.moved(foot_at(scene, xy), turn), look)
     if rng.random() < 0.2:
         t, radius = np.linspace(-3, 3, 80), rng.uniform(0.006, 0.03)
         bend = rng.normal(size=4) * 0.3
         xy = np.column_stack([t, 0.15 + bend[0] * np.sin(t + bend[1]) + bend[2] * np.sin(2.3 * t)])
-        xy = xy @ _about(rng.uniform(0, np.pi))[:2, :2].T
+        xy = xy @ turn_about(rng.uniform(0, np.pi))[:2, :2].T
         hose = tube(np.column_stack([xy, scene.ground_height(xy) + radius]), radius)
-        _put(scene, "hose", Label.GROUND, hose, _simple(rng) | {"kind": "plain"}, radius=radius)
+        put(scene, "hose", Label.GROUND, hose, simple(rng) | {"kind": "plain"}, radius=radius)
 
 
 def add_random(scene, rng):
@@ -462,7 +462,7 @@ def add_random(scene, rng):
     rng : numpy.random.Generator
     """
     taken = [np.mean(marker["corners"], axis=0)[:2] for marker in scene.markers]
-    makers = ((_board, 0.4, 0.5), (_calibration_unit, 0.4, 0.2), (_stray, 0.35, 0.25),
+    makers = ((board, 0.4, 0.5), (calibration_unit, 0.4, 0.2), (stray, 0.35, 0.25),
               (add_post, 0.25, 0.1))  # fmt: skip
     for make, one, two in makers:
         for _ in range(int(rng.choice([0, 1, 2], p=[1 - one - two, one, two]))):
@@ -470,7 +470,7 @@ def add_random(scene, rng):
     if rng.random() < 0.45:
         _shelter(rng, scene)
     for number in range(len(scene.trees)):
-        for make, mean in ((_ring, 0.8), (_patch, 0.8), (_ivy, 0.15)):
+        for make, mean in ((_ring, 0.8), (patch, 0.8), (ivy, 0.15)):
             for _ in range(min(rng.poisson(mean), 4)):
                 make(rng, scene, number)
-    _floor(rng, scene, taken)
+    floor(rng, scene, taken)

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.progress import Progress
 from cherrypicker_lab.orchard.scene.layout import generate_scene
@@ -14,6 +15,7 @@ from cherrypicker_lab.orchard.scene.variety import bearing_form
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 from cherrypicker_lab.orchard.truth import GENERATOR_VERSION
 from cherrypicker_lab.training.segmentation.augment import Sample
+from cherrypicker_lab.training.segmentation.hard_props import add_hard, hard_things
 from cherrypicker_lab.training.segmentation.props import (
     FORMS,
     add_confusable,
@@ -30,13 +32,16 @@ UNDER_RING_M = 0.01  # wood this near to a ring's points is under it
 FILLED = {
     "confusable": (confusable_things, add_confusable),
     "random": (random_things, add_random),
+    "hard": (hard_things, add_hard),
+    "elsewhere": (hard_things, add_hard),  # and trees of other people's skeletons
 }
 THINGS = ("common", *FILLED)
-EXTENT_M = {"common": 3.2, "confusable": 3.2, "random": 4.5}  # clouds reach so far at most
+# clouds reach so far at most
+EXTENT_M = {"common": 3.2, "confusable": 3.2, "random": 4.5, "hard": 3.5, "elsewhere": 3.5}
 QUANTUM_M = 0.00025  # resolution of the coordinates in the cache; they reach 8 m
 
 
-def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
+def make_sample(seed, n_points=250_000, *, habit=None, things="common", skeletons=()):
     """One labelled cloud "as seen" by a dense reconstruction.
 
     Below `HELD_OUT_SEED` a fifth are bearing trees. Of the others half have the generator's own
@@ -50,16 +55,27 @@ def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
         Points at most; between a quarter and all of them are drawn.
     habit : str, optional
         As `generate_scene`; drawn from its trained forms and `variety.bearing_form` by default.
-    things : {"common", "confusable", "random"}
+    things : {"common", "confusable", "random", "hard", "elsewhere"}
         What stands about the tree: as in most orchards, what passes for one another
-        (`cherrypicker_lab.training.segmentation.props`), or things drawn at random
-        (`cherrypicker_lab.training.segmentation.random_props`).
+        (`cherrypicker_lab.training.segmentation.props`), things drawn at random
+        (`cherrypicker_lab.training.segmentation.random_props`), or what the network got wrong
+        (`cherrypicker_lab.training.segmentation.hard_props`), around trees of our own forms or
+        from elsewhere.
+    skeletons : sequence of path-like
+        Files of the trees from elsewhere.
 
     Returns
     -------
     cherrypicker_lab.training.segmentation.augment.Sample
         Points float32, colours uint8 (0 to 255), to keep many scenes in memory.
+
+    Raises
+    ------
+    StageError
+        Trees from elsewhere are asked for and none is given.
     """
+    if things == "elsewhere" and not skeletons:
+        raise StageError("no skeleton files of trees from elsewhere are given", key="--trees")
     rng = np.random.default_rng([seed, 77])
     if habit is None and seed < HELD_OUT_SEED:
         habit = bearing_form(seed)
@@ -73,8 +89,8 @@ def make_sample(seed, n_points=250_000, *, habit=None, things="common"):
     else:
         options, fill = FILLED[things]
         form = habit or str(rng.choice(FORMS))
-        scene = generate_scene(seed, habit=form, **size, **options(rng))
-        fill(scene, rng)
+        scene = generate_scene(seed, habit=form, **size | options(rng))
+        fill(scene, rng, *([skeletons] if things == "elsewhere" else []))
     cloud = sample_scene(
         scene,
         n_points,
@@ -115,7 +131,7 @@ def without_hidden_bark(sample):
     return sample.select(~hidden) if hidden.any() else sample
 
 
-def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="common"):
+def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="common", skeletons=()):
     """Clouds of many seeds as files; those that are there already are kept.
 
     Parameters
@@ -127,7 +143,7 @@ def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="comm
         As `make_sample`.
     habits : sequence of str or None
         Forms, taken in turn.
-    things : {"common", "confusable", "random"}
+    things, skeletons
         As `make_sample`.
 
     Returns
@@ -143,20 +159,21 @@ def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="comm
             kind = (habit or "any") + ("" if things == "common" else f"_{things}")
             file = folder / f"scene_v{GENERATOR_VERSION}_{kind}_{seed:06d}_{n_points}.npz"
             if not file.is_file():
-                _save(file, make_sample(seed, n_points, habit=habit, things=things))
+                options = {"habit": habit, "things": things, "skeletons": skeletons}
+                _save(file, make_sample(seed, n_points, **options))
             files.append(file)
             bar.step()
     return files
 
 
-def load_samples(seeds, cache, n_points=250_000, *, habits=(None,), things="common"):
+def load_samples(seeds, cache, n_points=250_000, **options):
     """Clouds of many seeds, made once and kept in a folder; parameters as `make_scenes`.
 
     Returns
     -------
     list of Sample
     """
-    files = make_scenes(seeds, cache, n_points, habits=habits, things=things)
+    files = make_scenes(seeds, cache, n_points, **options)
     samples = [_load(file) for file in files]
     shares = np.bincount(np.concatenate([s.labels for s in samples]), minlength=256)
     logger.info(
@@ -173,10 +190,12 @@ class SceneFolders:
     Parameters
     ----------
     folders : sequence of str or Path
+    more : list of Sample
+        Clouds that come after those of the folders.
     """
 
-    def __init__(self, folders):
-        self.folders = [Path(folder) for folder in folders]
+    def __init__(self, folders, more=()):
+        self.folders, self.more = [Path(folder) for folder in folders], list(more)
         self.refresh()
 
     def refresh(self):
@@ -184,10 +203,11 @@ class SceneFolders:
         self.files = sorted(file for folder in self.folders for file in folder.glob("scene_*.npz"))
 
     def __len__(self):
-        return len(self.files)
+        return len(self.files) + len(self.more)
 
     def __getitem__(self, number):
-        return _load(self.files[number])
+        n_files = len(self.files)
+        return _load(self.files[number]) if number < n_files else self.more[number - n_files]
 
 
 def _save(path, sample):

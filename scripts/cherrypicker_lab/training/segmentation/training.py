@@ -21,8 +21,7 @@ from cherrypicker.files import atomic_path
 from cherrypicker.geometry.sampling import majority_label, voxel_mean, voxel_sample
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
-from cherrypicker.segmentation.inference import predict_spheres
-from cherrypicker.segmentation.refine import clean_trunk, smooth_probabilities
+from cherrypicker.segmentation.inference import predict_spheres, smooth_probabilities
 from cherrypicker.segmentation.spheres import (
     features_of,
     neighbor_graphs,
@@ -47,11 +46,12 @@ _CENTER_WEIGHT = {
     Label.ROOF: 0.6,
 }
 CENTER_WEIGHTS = np.array([_CENTER_WEIGHT.get(label, 1.0) for label in CHANNELS])
+NEW_CLASS_BIAS = 2.0  # a class that a network gets starts less likely by e to this power
 BORDER_SHARE = 0.25  # weight of trunk against branch, whose border the stem's course decides
 
 
 def network_labels(labels):
-    """Training targets (n,) int64: the post counts as trunk (paper), the unlabelled is ignored."""
+    """Training targets (n,) int64: channels, the unlabelled is ignored."""
     targets = np.full(256, IGNORED, dtype=np.int64)
     targets[NO_WOOD] = STRAY
     for label in Label:
@@ -104,7 +104,7 @@ def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
 
 
 def class_weights(samples, power=0.5):
-    """Loss weights (7,): inverse power of the class frequencies, within a factor of 5 of 1."""
+    """Loss weights (n_classes,): inverse power of the frequencies, within a factor of 5 of 1."""
     counts = np.zeros(N_CLASSES)
     for sample in samples:
         targets = network_labels(sample.labels)
@@ -122,11 +122,11 @@ def wood_loss(output, targets, weights):
 
     Parameters
     ----------
-    output : Tensor of shape (n, 7)
+    output : Tensor of shape (n, n_classes)
         Log-probabilities.
     targets : Tensor of shape (n,), int64
         `IGNORED` rows do not count, `STRAY` ones are no wood.
-    weights : Tensor of shape (7,)
+    weights : Tensor of shape (n_classes,)
         Loss weights of the classes.
 
     Returns
@@ -247,7 +247,7 @@ def _train_epoch(run, samples, sampling, schedule, epoch, weights, device, began
     return loss_sum / n_sum, hit_sum / n_sum
 
 
-def evaluate(network, samples, sampling, smoothing, *, seed=0, use_color=True, device="cpu"):
+def evaluate(network, samples, sampling, *, seed=0, use_color=True, device="cpu"):
     """Measures on whole clouds, after the clean-up and before the post is split off.
 
     Parameters
@@ -255,7 +255,6 @@ def evaluate(network, samples, sampling, smoothing, *, seed=0, use_color=True, d
     network : Dgcnn
     samples : list of cherrypicker_lab.training.segmentation.augment.Sample
     sampling : Sampling
-    smoothing : Smoothing
     seed : int
     use_color : bool
         False measures on the same clouds without colour.
@@ -276,9 +275,36 @@ def evaluate(network, samples, sampling, smoothing, *, seed=0, use_color=True, d
         if use_color and sample.colors is not None:
             colors = voxel_mean(sample.colors, inverse, counts)
         result = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
-        result = clean_trunk(points, smooth_probabilities(points, result, smoothing), smoothing)
+        result = smooth_probabilities(points, result, sampling.smooth_k)
         total += confusion_matrix(targets, result.argmax(axis=1), N_CLASSES)
     return scores(total)
+
+
+def widened(network):
+    """A network with an output for every channel: the post's starts as the trunk's, less likely.
+
+    Parameters
+    ----------
+    network : Dgcnn
+        Perhaps of `N_CLASSES_BEFORE` outputs, which knows the support post as trunk.
+
+    Returns
+    -------
+    Dgcnn
+        The same one where it has all outputs.
+    """
+    n_known = network.settings["n_classes"]
+    if n_known == N_CLASSES:
+        return network
+    wide, state = Dgcnn(**network.settings | {"n_classes": N_CLASSES}), network.state_dict()
+    head, _ = [name for name in state if name.startswith("head.")][-2:]
+    name, trunk = head.removesuffix("weight"), Label.TRUNK.channel
+    rows = [*range(n_known), *[trunk] * (N_CLASSES - n_known)]
+    for part in ("weight", "bias"):
+        state[name + part] = state[name + part][rows].clone()
+    state[name + "bias"][n_known:] -= NEW_CLASS_BIAS
+    wide.load_state_dict(state)
+    return wide.train(network.training)
 
 
 def _load_checkpoint(path, settings):
@@ -308,7 +334,7 @@ def train(
     network_settings : dict, optional
         Arguments of `Dgcnn`.
     start : str or Path, optional
-        Weights to go on from, of a network of its own settings.
+        Weights to go on from, of a network of its own settings, see `widened`.
     device : str
 
     Returns
@@ -326,7 +352,7 @@ def train(
     if not len(samples):
         raise StageError("there are no training clouds", key="train_segment.n_scenes")
     torch.manual_seed(schedule.seed)
-    network = load_weights(start)[0] if start else Dgcnn(**(network_settings or {}))
+    network = widened(load_weights(start)[0]) if start else Dgcnn(**(network_settings or {}))
     run = _Run(network, schedule, device)
     grows = hasattr(samples, "refresh")
     settings = {
@@ -364,7 +390,7 @@ def train(
     return run.kept(), run.history
 
 
-def measure(network, held_out, sampling, smoothing, *, device="cpu"):
+def measure(network, held_out, sampling, *, device="cpu"):
     """Held-out measures with and without colour, logged as tables.
 
     Returns
@@ -374,9 +400,7 @@ def measure(network, held_out, sampling, smoothing, *, device="cpu"):
     """
     result = {}
     for name, use_color in (("color", True), ("no_color", False)):
-        result[name] = evaluate(
-            network, held_out, sampling, smoothing, use_color=use_color, device=device
-        )
+        result[name] = evaluate(network, held_out, sampling, use_color=use_color, device=device)
         logger.info(
             "held out (%s): mean IoU %.3f\n%s",
             name,

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import WOOD, Label
+from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.skeleton.axes import axes, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
@@ -92,5 +92,5 @@ def read_scan(scan, folder):
 
 
 def wood_share(labels):
-    """Share of points that are trunk, branch or support post, in a cloud that is all wood."""
-    return float(np.isin(labels, (*WOOD, Label.SUPPORT_POST)).mean())
+    """Share of points that are trunk or branch, in a cloud that is all wood of trees."""
+    return float(wood_mask(labels).mean())

@@ -1,0 +1,156 @@
+"""The orchard of limbs: every tree's limbs, grown once, that all stages after ask.
+
+The wood of a cloud is shared out to the stems that it hangs on, and each stem's limbs are grown.
+Trunk and branch, white rings, the target, the trees of a row, the contraction and the graph are
+questions to what this leaves.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cherrypicker.classes import Label
+from cherrypicker.geometry.sampling import majority_label, thin_to_limit
+from cherrypicker.limbs.growth import Limbs, grow_limbs
+from cherrypicker.placement.footprint import Footprint
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.wood.target_wood import SharedWood, share_cloud
+from cherrypicker.wood.thinned import WoodChoice, agreed_labels
+
+__all__ = ["GrowthOptions", "Orchard", "grow_orchard"]
+
+logger = logging.getLogger(__name__)
+
+FEWEST_POINTS = 60  # thinned points of a stem; fewer grow no limbs (guess)
+SELECTION_FACTOR = 2  # wood is shared out by up to so many times the points that a tree grows from
+MOST_POINTS = (
+    2_000_000  # and of a row by as many points as of ten trees (guess: a walk of a session)
+)
+
+
+@dataclass(frozen=True)
+class GrowthOptions(WoodChoice):
+    """Which wood limbs are grown from; the fields are config keys of ``contract``."""
+
+    max_points: int = 100_000
+
+
+@dataclass
+class Orchard(SharedWood):
+    """The limbs of every tree that stands in a cloud, beside whose wood is whose.
+
+    Attributes
+    ----------
+    entered : list of ndarray of int64
+        Rows that each stem's limbs were grown from; none for wood outside.
+    limbs : list of Limbs or None
+        Of each stem; ``member`` counts in the rows that entered. None where too little wood hangs
+        on it.
+    """
+
+    entered: list[np.ndarray]
+    limbs: list[Limbs | None]
+
+    def limbs_of(self, stem: int, rows: np.ndarray) -> Limbs | None:
+        """A stem's limbs, with the ``member`` of some of the rows that entered, in their order."""
+        found = self.limbs[stem]
+        if found is None:
+            return None
+        order = np.argsort(self.entered[stem], kind="stable")
+        place = order[np.searchsorted(self.entered[stem], rows, sorter=order)]
+        return replace(found, member=found.member[place])
+
+    def select(self, rows: np.ndarray) -> Orchard:
+        """The same for a part of the cloud, whose rows are given in increasing order.
+
+        Stems that the part lacks keep their number and have no limbs.
+        """
+        number = np.full(len(self.owner), -1)
+        number[rows] = np.arange(len(rows))
+        entered, limbs = [], []
+        for own, found in zip(self.entered, self.limbs, strict=True):
+            kept = number[own] >= 0
+            entered.append(number[own[kept]])
+            limbs.append(
+                replace(found, member=found.member[kept]) if found and kept.any() else None
+            )
+        sample = number[self.sample]
+        kept = sample[sample >= 0]
+        return Orchard(self.owner[rows], kept, self.spacing, self.bases, entered, limbs)
+
+
+def grow_orchard(
+    cloud: PointCloud,
+    options: GrowthOptions | None = None,
+    *,
+    region: Footprint | None = None,
+    is_row: bool = False,
+) -> Orchard:
+    """Share a cloud's wood out to its stems, and grow each stem's limbs.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        With the field ``label``, z up.
+    options : GrowthOptions, optional
+    region : Footprint, optional
+        Of the region of interest (trees from photos). Wood at its border is taken to come from
+        trees outside, which are not grown.
+    is_row : bool, default False
+        Several trees are asked for: as much wood is looked at as ten trees have.
+
+    Returns
+    -------
+    Orchard
+
+    Raises
+    ------
+    StageError
+        If there is too little wood.
+    """
+    options = options or GrowthOptions()
+    labels = np.asarray(cloud["label"])
+    most = MOST_POINTS if is_row else SELECTION_FACTOR * options.max_points
+    shared = share_cloud(cloud, options, most, region=region)
+    n_thin = np.bincount(1 + shared.owner[shared.sample], minlength=len(shared.bases) + 2)[1:]
+    entered: list[np.ndarray] = []
+    limbs: list[Limbs | None] = []
+    for number, base in enumerate(shared.bases):
+        rows, found = np.flatnonzero(shared.owner == number), None
+        entered.append(rows[:0])
+        if n_thin[number] >= FEWEST_POINTS:
+            source, found = _grow(cloud.points[rows], labels[rows], base, options)
+            entered[-1] = rows[source]
+        limbs.append(found)
+        logger.info(
+            "stem at (%.2f, %.2f): %s points, %d limbs",
+            *base[:2],
+            f"{len(rows):,}",
+            len(found.limbs) if found else 0,
+        )
+    return Orchard(**vars(shared), entered=entered, limbs=limbs)
+
+
+def _grow(
+    points: np.ndarray, labels: np.ndarray, base: np.ndarray, options: GrowthOptions
+) -> tuple[np.ndarray, Limbs | None]:
+    """Rows of a tree's points that enter, and the limbs grown from them; neither without a limb."""
+    thin, source, member, size = thin_to_limit(
+        points, options.voxel_size_m, options.max_points, by_chance=True
+    )
+    logger.info(
+        "thinned %s to %s points (voxels of %.1f mm)",
+        f"{len(points):,}",
+        f"{len(thin):,}",
+        1000 * size,
+    )
+    label = majority_label(labels[member >= 0], member[member >= 0], len(thin))
+    stem = agreed_labels(thin, label) == Label.TRUNK
+    try:
+        return source, grow_limbs(points[source], base, stem=stem)
+    except ValueError as error:  # no limb
+        logger.warning("stem at (%.2f, %.2f): %s", *base[:2], error)
+        return source[:0], None

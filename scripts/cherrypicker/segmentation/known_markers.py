@@ -1,0 +1,136 @@
+"""Where the markers of a scan stand, by what `estimate_scale` solved: a hard fact for the labels.
+
+A solved square is a marker; where one may stand that was not solved the class stays open; anywhere
+else is none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cherrypicker.segmentation.spheres import TreeFrame
+
+__all__ = ["BOARD", "THICKNESS", "KnownMarkers", "Square", "known_markers"]
+
+THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
+QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
+BOARD = 0.5  # sides beyond the print: its board reaches no farther (a guess)
+STAND = 1.0  # sides from its middle, in plan: its stand reaches no farther (a guess)
+
+
+@dataclass(frozen=True)
+class Square:
+    """The black square of a solved marker.
+
+    Attributes
+    ----------
+    corners : ndarray of shape (4, 3), float64
+        One after the other.
+    """
+
+    corners: NDArray[np.float64]
+
+    @property
+    def middle(self) -> NDArray[np.float64]:
+        """Its centre, (3,)."""
+        return self.corners.mean(axis=0)
+
+    @property
+    def side(self) -> float:
+        """Mean length of its sides."""
+        steps = self.corners - np.roll(self.corners, 1, axis=0)
+        return float(np.linalg.norm(steps, axis=1).mean())
+
+    def has_below(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which points (n, 3), z up, lie below its board, where its stand is."""
+        aside = np.linalg.norm(points[:, :2] - self.middle[:2], axis=1)
+        return (aside <= STAND * self.side) & (points[:, 2] <= self.corners[:, 2].max())
+
+    def holds(
+        self, points: NDArray[np.float64], thickness: float, margin: float = QUIET_ZONE
+    ) -> NDArray[np.bool_]:
+        """Which points (n, 3) lie in its plane, on the print or up to `margin` sides off it."""
+        across = np.linalg.svd(self.corners - self.middle, full_matrices=False)[2]
+        edge = self.corners[1] - self.corners[0]
+        edge = edge - (edge @ across[2]) * across[2]
+        edge /= np.linalg.norm(edge)
+        offset = points - self.middle
+        in_plane = np.abs(offset @ np.stack([edge, np.cross(across[2], edge)], axis=1))
+        on_it = in_plane.max(axis=1) <= (0.5 + margin) * self.side
+        return on_it & (np.abs(offset @ across[2]) <= thickness)
+
+
+@dataclass(frozen=True)
+class KnownMarkers:
+    """All markers of a scan.
+
+    Attributes
+    ----------
+    squares : list of Square
+        Those that were solved.
+    open_places : ndarray of shape (n, 4), float64
+        x, y, z and radius of the boards that may stand there.
+    """
+
+    squares: list[Square]
+    open_places: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
+
+    def in_frame(self, frame: TreeFrame) -> KnownMarkers:
+        """The same, from the cloud's frame in the tree's."""
+        places = self.open_places
+        return KnownMarkers(
+            [Square(frame.apply(square.corners)) for square in self.squares],
+            np.column_stack([frame.apply(places[:, :3]), places[:, 3] * frame.scale]),
+        )
+
+    def hold(self, points: NDArray[np.float64], voxel: float) -> NDArray[np.bool_]:
+        """Which points (n, 3) lie on the print of a solved marker."""
+        mask = np.zeros(len(points), dtype=bool)
+        for square in self.squares:
+            mask |= square.holds(points, THICKNESS * voxel)
+        return mask
+
+    def is_open(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which points (n, 3) may be of a marker that was not solved."""
+        mask = np.zeros(len(points), dtype=bool)
+        for *center, radius in self.open_places:
+            mask |= np.linalg.norm(points - center, axis=1) <= radius
+        return mask
+
+
+def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers | None:
+    """The markers of a scan, in the metric frame.
+
+    Parameters
+    ----------
+    scale, align : dict
+        scale.json and align.json, which lead from the sparse model's frame to the metric one.
+
+    Returns
+    -------
+    KnownMarkers or None
+        None where the scale does not come from markers: nobody looked for them.
+    """
+    if scale["mode"] != "marker":
+        return None
+    matrix = np.array(align["transform"], dtype=np.float64)
+    matrix[:3] *= scale["scale"] or 1.0
+    solved = [
+        marker
+        for marker in scale["markers"]
+        if marker.get("corners") is not None and marker.get("is_square", True)
+    ]
+    squares = [
+        Square(np.asarray(marker["corners"]) @ matrix[:3, :3].T + matrix[:3, 3])
+        for marker in [*solved, *scale.get("other_markers", ())]
+    ]
+    zoom = np.cbrt(np.linalg.det(matrix[:3, :3])) * (1 + 2 * BOARD)
+    places = [
+        [*(matrix[:3, :3] @ place["center"] + matrix[:3, 3]), zoom * place["radius"]]
+        for place in scale.get("unsolved_markers", ())
+    ]
+    return KnownMarkers(squares, np.array(places, dtype=np.float64).reshape(-1, 4))

@@ -1,0 +1,153 @@
+"""Turn each pass after the network off, alone and all together, and measure what that costs.
+
+Prints a table and writes it as JSON: F1 of wood against all else and of each class, and length,
+height and tips of the skeleton that follows, each beside those of the stage as it is. Clouds are
+scans with a truth (as in evaluate_segmentation.py) and generated scenes of held-out seeds. Example:
+
+    python scripts/lab/ablate_labels.py --weights resources/weights/dgcnn.pt --workspace work \
+        --scan results/cherry_leader=resources/demo/cherry_leader/truth --output ablation.json
+"""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+import lab_path  # noqa: F401
+from cherrypicker.classes import CLASS_NAMES, Label, wood_mask
+from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.errors import StageError
+from cherrypicker.files import write_json
+from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.runner import run, stage_parser
+from cherrypicker.segmentation import inference, stems
+from cherrypicker.segmentation.dgcnn import choose_device
+from cherrypicker.segmentation.inference import Sampling, segment_cloud
+from cherrypicker_lab.training.segmentation.held_out import of_sample, of_scan
+from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, load_samples
+
+logger = logging.getLogger("cherrypicker")
+
+
+def _unchanged(points, probabilities, *_):
+    return probabilities
+
+
+def _nothing(*_):
+    return None
+
+
+# What stands in the place of each pass: module, its function, and what does nothing
+PASSES = {
+    "vote of neighbours": (inference, "smooth_probabilities", _unchanged),
+    "roofs are sheets": (inference, "keep_roofs", _unchanged),
+    "vote per object": (inference, "vote_per_object", _unchanged),
+    "wood under things": (inference, "wood_under_things", _unchanged),
+    "rooted trunk": (inference, "rooted_trunk", lambda points, labels, *_: labels),
+    "tubes claim": (stems, "claimed_by", lambda *_: (np.empty(0, int), np.empty(0, bool))),
+    "down to the ground": (stems, "follow_down", _nothing),
+    "white rings": (stems, "label_rings", _nothing),
+}
+
+
+def main(weights, workspace, *, output, scans, n_scenes, n_random, seed, threads):
+    folder, device = Path(workspace), choose_device(threads, 0)
+    clouds = []
+    for pair in scans:
+        results, _, truth = pair.partition("=")
+        if not truth:
+            raise StageError("a scan is given as RESULTS=TRUTH", file=pair, key="--scan")
+        clouds.append(of_scan(results, truth))
+    for first, n, things in ((100, n_scenes, "common"), (700, n_random, "random")):
+        seeds = range(HELD_OUT_SEED + first, HELD_OUT_SEED + first + n)
+        samples = load_samples(seeds, folder, things=things) if n else []
+        clouds += [of_sample(f"{things} {s}", each) for s, each in zip(seeds, samples)]
+    rows = []
+    for labelled in clouds:
+        original, known = inference.predict_spheres, []
+
+        def once(*arguments, known=known, original=original, **options):
+            if not known:
+                known.append(original(*arguments, **options))
+            return known[0].copy()
+
+        inference.predict_spheres = once
+        try:
+            for off in ([], *([name] for name in PASSES), list(PASSES)):
+                row = _measure(labelled, weights, off, seed=seed, device=device)
+                rows.append(row)
+                logger.info("%s", _line(row))
+        finally:
+            inference.predict_spheres = original
+    text = "\n".join([_line(None), *map(_line, rows)])
+    logger.info("each pass turned off\n%s", text)
+    if output:
+        write_json(output, {"weights": Path(weights).name, "rows": rows, "table": text})
+
+
+def _measure(labelled, weights, off, **settings):
+    """F1 by class and the skeleton's size, with some passes off."""
+    kept = {name: getattr(*PASSES[name][:2]) for name in off}
+    try:
+        for name in off:
+            module, function, nothing = PASSES[name]
+            setattr(module, function, nothing)
+        cloud, orchard = segment_cloud(
+            labelled.cloud,
+            weights,
+            sampling=Sampling(),
+            markers=labelled.markers,
+            region=labelled.region,
+            **settings,
+        )
+    finally:
+        for name in off:
+            setattr(*PASSES[name][:2], kept[name])
+    known = labelled.truth <= max(CLASS_NAMES.keys() - {Label.UNLABELLED})
+    truth, found = labelled.truth[known], np.asarray(cloud["label"])[known]
+    row = {"cloud": labelled.name, "off": "all" if len(off) > 1 else "".join(off) or "none"}
+    row["wood"] = _f1(wood_mask(truth), wood_mask(found))
+    for label in np.unique(truth):
+        row[CLASS_NAMES[int(label)]] = _f1(truth == label, found == label)
+    try:
+        contracted, report = contract_wood(cloud, region=labelled.region, orchard=orchard)
+        skeleton = extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
+        row["length_m"] = float(skeleton.edge_length.sum())
+        row["height_m"] = float(np.ptp(skeleton.points[:, 2]))
+        row["tips"] = int(np.count_nonzero(skeleton.degree == 1)) - 1
+    except StageError as error:
+        logger.warning("%s without %s: %s", labelled.name, row["off"], error)
+    return row
+
+
+def _f1(truth, found):
+    both = np.count_nonzero(truth & found)
+    return float(2 * both / max(np.count_nonzero(truth) + np.count_nonzero(found), 1))
+
+
+COLUMNS = ("wood", "trunk", "branch", "sign", "marker", "calibration_unit", "roof", "support_post")
+SIZES = ("length_m", "height_m", "tips")
+
+
+def _line(row):
+    """A line of the table, or its head."""
+    if row is None:
+        names = ["cloud", "off", *COLUMNS, *SIZES]
+        return f"| {' | '.join(names)} |\n|{'---|' * len(names)}".replace("_", " ")
+    shares = [f"{row[name]:.3f}" if name in row else "-" for name in COLUMNS]
+    sizes = [f"{row[name]:.2f}".removesuffix(".00") if name in row else "-" for name in SIZES]
+    return f"| {' | '.join([row['cloud'], row['off'], *shares, *sizes])} |"
+
+
+parser = stage_parser(__doc__)
+parser.add_argument("--weights", required=True, help="weights to measure")
+parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
+parser.add_argument("--output", default="", help="JSON to write")
+parser.add_argument(
+    "--scan", dest="scans", action="append", default=[], help="RESULTS=TRUTH of a rendered scene"
+)
+parser.add_argument("--n_scenes", type=int, default=0, help="generated scenes of held-out seeds")
+parser.add_argument("--n_random", type=int, default=0, help="scenes of things drawn at random")
+parser.add_argument("--seed", type=int, default=0)
+parser.add_argument("--threads", type=int, default=2)
+run(main, parser, globals().get("snakemake"))

@@ -1,0 +1,65 @@
+"""Markers that the scale solved, as the labels take them."""
+
+import numpy as np
+import pytest
+
+from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers, Square, known_markers
+from cherrypicker.segmentation.spheres import TreeFrame
+
+CORNERS = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
+ALIGN = {"transform": [[1.0, 0, 0, 2], [0, 1, 0, 4], [0, 0, 1, 6], [0, 0, 0, 1]]}
+
+
+def _scale(**changes):
+    """scale.json of a scan with a solved marker, half a metre a unit."""
+    return {
+        "mode": "marker",
+        "scale": 0.5,
+        "markers": [{"id": 7, "corners": CORNERS.tolist(), "is_square": True}, {"id": 8}],
+        "other_markers": [],
+        "unsolved_markers": [],
+        "false_reads": [],
+    } | changes
+
+
+def test_squares_are_moved_to_the_clouds_frame():
+    known = known_markers(_scale(), ALIGN)
+    (square,) = known.squares
+    assert np.allclose(square.middle, [1, 2, 3])
+    assert square.side == pytest.approx(0.5)
+    assert known.open_places.shape == (0, 4)
+
+
+def test_a_false_read_disables_nothing_and_another_marker_is_known_too():
+    false = [{"id": 17, "n_images": 4, "photos": ["a.jpg", "b.jpg", "c.jpg", "d.jpg"]}]
+    assert len(known_markers(_scale(false_reads=false), ALIGN).squares) == 1
+    other = {"id": 9, "corners": (CORNERS + [2, 0, 0]).tolist(), "n_images": 5}
+    squares = known_markers(_scale(other_markers=[other]), ALIGN).squares
+    assert np.allclose([square.middle for square in squares], [[1, 2, 3], [2, 2, 3]])
+
+
+def test_what_was_not_solved_leaves_a_place_open_with_room_for_its_board():
+    unsolved = [{"id": 9, "center": [2.0, 0, 0], "radius": 0.7, "n_images": 2}]
+    known = known_markers(_scale(unsolved_markers=unsolved), ALIGN)
+    assert np.allclose(known.open_places, [[2, 2, 3, 0.35 * (1 + 2 * BOARD)]])
+    moved = known.in_frame(TreeFrame(np.array([2.0, 2, 3]), 0.5))
+    assert np.allclose(moved.open_places, [[0, 0, 0, 0.175 * (1 + 2 * BOARD)]])
+    places = np.array([[0.1, 0, 0], [5.0, 0, 0]])
+    assert moved.is_open(places).tolist() == [True, False]
+    assert not KnownMarkers([]).is_open(places).any()
+
+
+def test_corners_that_are_no_square_are_no_marker():
+    bent = {"id": 7, "corners": CORNERS.tolist(), "is_square": False}
+    assert known_markers(_scale(markers=[bent]), ALIGN).squares == []
+
+
+def test_nothing_is_known_where_nobody_looked():
+    assert known_markers(_scale(mode="none"), ALIGN) is None
+    assert known_markers(_scale(mode="reference"), ALIGN) is None
+
+
+def test_a_square_holds_its_print_and_has_its_stand_below():
+    square = Square(CORNERS)
+    assert square.holds(np.array([[0.6, 0, 0], [0, 0, 0.2]]), 0.1, 0.2).tolist() == [True, False]
+    assert square.has_below(np.array([[0, 0, -1.0], [0, 0, 1.0]])).tolist() == [True, False]
