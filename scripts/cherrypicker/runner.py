@@ -259,7 +259,7 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
     try:
         write_json(status, record | failure | {"state": "failed", "time": _now()})
     except OSError as error:
-        console.write(f"ERROR {whose} rule={rule}: cannot note the failure ({error})\n")
+        console.write(f"this failure of {whose} could not be noted in {status} ({error})\n")
         console.flush()
     raise SystemExit(1)
 
