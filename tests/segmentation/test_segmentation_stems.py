@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import WOOD, Label
 from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.segmentation.stems import label_wood, rooted_trunk
+from cherrypicker.segmentation.stems import label_wood, post_rows, rooted_trunk
 
 
 def _relabel(points, labels, *, colors=None, known=None):
@@ -223,3 +223,42 @@ def test_trunk_that_hangs_together_with_none_near_the_ground_is_branch():
     assert (after[~island] == labels[~island]).all()
     alone = rooted_trunk(points[island], labels[island], 0.25)  # nothing else is there
     assert (alone == Label.TRUNK).all()
+
+
+def _leader(rng):
+    """A stem that tapers, with a level branch."""
+    return np.vstack(
+        [
+            _tube(rng, (0, 0, 0), (0, 0, 1.6), 0.030, 0.010),
+            _tube(rng, (0, 0, 0.9), (0.5, 0.1, 1.0), 0.012, 0.006),
+        ]
+    )
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.15])
+def test_a_post_beside_a_stem_is_known_by_its_shape_to_both_ends(lean):
+    rng = np.random.default_rng(4)
+    wood = _leader(rng)
+    post = _tube(rng, (0.07, 0.02, 0), (0.07 + lean, 0.02, 1.3), 0.02, 0.02)
+    points = np.vstack([wood, post])
+    cloud = PointCloud(points, fields={"label": np.full(len(points), Label.BRANCH, np.uint8)})
+    orchard = grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
+    is_post = np.zeros(len(points), bool)
+    is_post[post_rows(points, cloud["label"], orchard)] = True
+    assert is_post[len(wood) :].mean() > 0.95
+    assert is_post[: len(wood)].mean() < 0.05
+
+
+def test_a_leader_and_a_leaning_pole_are_no_posts_and_what_the_network_calls_one_is():
+    rng = np.random.default_rng(4)
+    wood = _leader(rng)
+    pole = _tube(rng, (0.3, 0, 0), (1.2, 0, 1.0), 0.02, 0.02)
+    points = np.vstack([wood, pole])
+    label = np.full(len(points), Label.BRANCH, np.uint8)
+    chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
+    cloud = PointCloud(points, fields={"label": label})
+    assert not len(post_rows(points, label, grow_orchard(cloud, chosen)))
+    label[len(wood) :][rng.random(len(pole)) < 0.7] = Label.SUPPORT_POST
+    found = post_rows(points, label, grow_orchard(cloud, chosen))
+    assert len(found) > 0.2 * len(pole)
+    assert (found >= len(wood)).all()

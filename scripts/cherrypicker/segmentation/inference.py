@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, wood_mask
+from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, Label, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
 from cherrypicker.limbs.orchard import GrowthOptions, Orchard, grow_orchard
@@ -26,7 +27,7 @@ from cherrypicker.segmentation.spheres import (
     neighbor_graphs,
     tree_frame,
 )
-from cherrypicker.segmentation.stems import label_wood, rooted_trunk
+from cherrypicker.segmentation.stems import label_wood, post_rows, rooted_trunk
 from cherrypicker.segmentation.things import (
     GROUP_COLUMNS,
     group_of,
@@ -73,63 +74,34 @@ def predict_spheres(
     seed: int,
     device: str = "cpu",
 ) -> np.ndarray:
-    """Mean class probabilities over overlapping spheres.
+    """Mean class probabilities (n, N_CLASSES) of sampled points (n, 3) over overlapping spheres.
 
-    Parameters
-    ----------
-    network : Dgcnn
-        In evaluation mode.
-    points : ndarray of shape (n, 3), float64
-        Sampled points in the tree's frame.
-    colors : ndarray of shape (n, 3) or None
-    sampling : Sampling
-    seed : int
-    device : str
-
-    Returns
-    -------
-    ndarray of shape (n, N_CLASSES), float32
-        Rows sum to 1; 0 for channels that the network does not know.
+    Points and colours, None or (n, 3), are in the tree's frame, and the network in evaluation mode.
+    Rows sum to 1; channels that the network does not know are 0.
     """
-    rng = np.random.default_rng(seed)
     total = np.zeros((len(points), N_CLASSES), np.float32)
     visits = np.zeros(len(points), np.int32)
-    k = network.settings["k"]
-    n_scales = max(network.settings["scales"]) + 1
-    radius, most = sampling.sphere_radius_m, sampling.sphere_points
+    k, n_scales = network.settings["k"], max(network.settings["scales"]) + 1
+    radius, most, least = sampling.sphere_radius_m, sampling.sphere_points, sampling.min_visits
     assert radius is not None and most is not None  # `Sampling.filled`
     network = network.to(device)
-    batch: list[tuple] = []
-    rows: list[np.ndarray] = []
-
-    def flush() -> None:
-        features, graphs, sizes = collate(batch)
-        graphs = [graph if device == "cpu" else graph.long().to(device) for graph in graphs]
-        with torch.inference_mode():
-            result = network(features.to(device), graphs, sizes).exp().cpu().numpy()
-        for indices, part in zip(rows, np.split(result, np.cumsum(sizes)[:-1])):
-            total[indices, : part.shape[1]] += part  # the indices of one sphere are distinct
-            visits[indices] += 1
-        batch.clear()
-        rows.clear()
-
-    goal = sampling.min_visits * len(points)
-    with Progress(goal, "sampled points segmented") as bar:
-        done = 0
-        for center, indices in cover(points, radius, most, sampling.min_visits, rng):
-            part = points[indices]
-            part_colors = None if colors is None else colors[indices]
-            features = features_of(part, part_colors, center, radius)
-            batch.append((features, neighbor_graphs(part, k, n_scales)))
-            rows.append(indices)
-            if len(batch) == sampling.batch_spheres:
-                flush()
-                now = int(np.minimum(visits, sampling.min_visits).sum())
-                bar.step(now - done)
-                done = now
-        if batch:
-            flush()
-        bar.step(goal - done)
+    spheres = cover(points, radius, most, least, np.random.default_rng(seed))
+    with Progress(least * len(points), "sampled points segmented") as bar, torch.inference_mode():
+        while batch := list(islice(spheres, sampling.batch_spheres)):
+            before = np.minimum(visits, least).sum()
+            parts = []
+            for center, rows in batch:
+                part = points[rows]
+                part_colors = None if colors is None else colors[rows]
+                features = features_of(part, part_colors, center, radius)
+                parts.append((features, neighbor_graphs(part, k, n_scales)))
+            tensor, graphs, sizes = collate(parts)
+            graphs = [graph if device == "cpu" else graph.long().to(device) for graph in graphs]
+            result = network(tensor.to(device), graphs, sizes).exp().cpu().numpy()
+            for (_, rows), part in zip(batch, np.split(result, np.cumsum(sizes)[:-1])):
+                total[rows, : part.shape[1]] += part  # the rows of one sphere are distinct
+                visits[rows] += 1
+            bar.step(int(np.minimum(visits, least).sum() - before))
     logger.info(
         "every sampled point was seen %.1f times on average (at least %d)",
         visits.mean(),
@@ -138,57 +110,31 @@ def predict_spheres(
     return total / visits[:, None]
 
 
-def sample_cloud(
+def _sampled(
     cloud: PointCloud, sampling: Sampling
 ) -> tuple[np.ndarray, np.ndarray | None, TreeFrame]:
-    """Voxel sample of a cloud in the tree's frame.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-    sampling : Sampling
-
-    Returns
-    -------
-    points : ndarray of shape (n, 3), float64
-    colors : ndarray of shape (n, 3) or None
-    frame : TreeFrame
-    """
+    """Voxel sample of a cloud in the tree's frame, (n, 3), its colours, and the frame."""
     voxel, height = sampling.voxel_size_m, sampling.reference_height_m
     assert voxel is not None and height is not None  # `Sampling.filled`
     frame = tree_frame(cloud.points, height)
-    if frame.scale < 1:
-        logger.info(
-            "the cloud is taller than %.1f m; the network sees it at %.0f %% of its size",
-            height,
-            100 * frame.scale,
-        )
     points, inverse, counts = voxel_sample(frame.apply(cloud.points), voxel)
     colors = None
     if cloud.colors is not None:
         colors = voxel_mean(np.asarray(cloud.colors, np.float64), inverse, counts)
     logger.info(
-        "sampled %s points on %.3f m voxels of %s",
+        "sampled %s points on %.3f m voxels of %s; the network sees the cloud at %.0f %% of its size",
         f"{len(points):,}",
         voxel / frame.scale,
         f"{len(cloud):,}",
+        100 * frame.scale,
     )
     return points, colors, frame
 
 
 def propagate(points: np.ndarray, sampled: np.ndarray, probabilities: np.ndarray) -> np.ndarray:
-    """Probabilities of any points from the nearest sampled ones, weighted by inverse distance.
+    """Probabilities (n, n_classes) of any points (n, 3), float32.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-    sampled : ndarray of shape (m, 3)
-        In the same frame.
-    probabilities : ndarray of shape (m, n_classes)
-
-    Returns
-    -------
-    ndarray of shape (n, n_classes), float32
+    Each takes those of the nearest sampled ones (m, 3), weighted by inverse distance.
     """
     k = min(N_NEAREST, len(sampled))
     tree = cKDTree(sampled)
@@ -196,14 +142,11 @@ def propagate(points: np.ndarray, sampled: np.ndarray, probabilities: np.ndarray
     # In blocks: neighbours and weights of all points would take more memory than the cloud itself
     for start in range(0, len(points), _BLOCK):
         block = points[start : start + _BLOCK]
-        distance, nearest = tree.query(block, k=k, workers=torch.get_num_threads())
-        distance, nearest = distance.reshape(len(block), k), nearest.reshape(len(block), k)
+        distance, nearest = tree.query(block, k=range(1, k + 1), workers=torch.get_num_threads())
         weight = 1.0 / (distance + NEAREST_M)
-        weight /= weight.sum(axis=1, keepdims=True)
+        weight = (weight / weight.sum(axis=1, keepdims=True)).astype(np.float32)
         for j in range(k):
-            out[start : start + _BLOCK] += (
-                weight[:, j : j + 1].astype(np.float32) * probabilities[nearest[:, j]]
-            )
+            out[start : start + _BLOCK] += weight[:, j : j + 1] * probabilities[nearest[:, j]]
     return out
 
 
@@ -261,7 +204,13 @@ def segment_cloud(
             key="segment.weights",
         )
     labels = rooted_trunk(cloud.points, labels, growth.gap_m)
-    orchard = grow_orchard(cloud.with_fields(label=labels), growth, region=region, is_row=is_row)
+    cloud = cloud.with_fields(label=labels)
+    like_wood = replace(growth, classes=(*growth.classes, Label.SUPPORT_POST))
+    orchard = grow_orchard(cloud, like_wood, region=region, is_row=is_row)
+    posts = post_rows(cloud.points, labels, orchard)
+    if len(posts):  # they stand so near that limbs which were grown with them are wrong
+        labels[posts] = Label.SUPPORT_POST
+        orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
     labels = label_wood(
         cloud.points,
         labels,
@@ -290,7 +239,7 @@ def _probabilities(
     sampling = sampling.filled(trained_at)
     voxel = sampling.voxel_size_m
     assert voxel is not None  # `Sampling.filled`
-    points, colors, frame = sample_cloud(cloud, sampling)
+    points, colors, frame = _sampled(cloud, sampling)
     probabilities = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     probabilities = smooth_probabilities(points, probabilities, sampling.smooth_k)
     markers = markers.in_frame(frame) if markers else None

@@ -20,8 +20,8 @@ from cherrypicker.geometry.neighbors import link_components, rows_in_box
 from cherrypicker.limbs.growth import Limbs, claim_radius
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
-from cherrypicker.limbs.tubes import stretch
-from cherrypicker.segmentation.things import STANDS_M, THINGS
+from cherrypicker.limbs.tubes import Tube, stretch
+from cherrypicker.segmentation.things import STANDS_M, THINGS, UPRIGHT
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
 from cherrypicker.skeleton.model import Skeleton
@@ -34,6 +34,9 @@ logger = logging.getLogger(__name__)
 HALF_LOST = (1 + TRUNK_KEEPS) / 2  # tubes are smooth: half of a step lies on either side of it
 EDGE_M = 0.01  # longest edge of an axis, as `graph.spacing_m`
 N_GROUND = 15  # ground points whose median is the level below a stem, as for the stems' own heights
+# In radii: a pole is at least so long, bends at most so far and changes by so much. Posts of the
+# generator measure 17 to 40, 0.02 to 0.12 and 0.01 to 0.03, upright wood 0.5 and 0.2 at least.
+SLENDER, STRAIGHT, EVEN = 15.0, 0.3, 0.1
 HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from (a guess)
 
 
@@ -144,6 +147,55 @@ def label_wood(
     changed = np.count_nonzero(result[is_wood] != labels[is_wood])
     logger.info("the limbs changed %.1f %% of the wood", 100 * changed / max(is_wood.sum(), 1))
     return result
+
+
+def post_rows(points: np.ndarray, labels: np.ndarray, orchard: Orchard) -> np.ndarray:
+    """Rows of the support posts among limbs that were grown on what looks like wood or a post.
+
+    No wood is so straight, upright and even as a post, which is a cylinder: what lies in it is
+    post, to where the points end. Of other limbs those are posts most of whose points say so.
+    """
+    found = np.zeros(len(points), bool)
+    for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
+        if limbs is None:
+            continue
+        rows = np.flatnonzero(orchard.owner == stem)
+        said = np.bincount(limbs.member, labels[entered] == Label.SUPPORT_POST, len(limbs.limbs))
+        is_said = 2 * said > np.bincount(limbs.member, minlength=len(limbs.limbs))
+        for number, limb in enumerate(limbs.limbs):
+            middle, along, radius = _line(limb.tube)
+            if _is_pole(limb.tube, middle, along, radius):
+                offset = points[rows] - middle
+                way = offset @ along
+                aside = np.linalg.norm(offset - way[:, None] * along, axis=1)
+                near = aside <= claim_radius(np.array([radius]), limbs.spacing)
+                order = np.flatnonzero(near)[np.argsort(way[near])]
+                run = np.cumsum(np.diff(way[order], prepend=-np.inf) > 2 * radius)
+                own = run[np.abs(way[order]) <= limb.tube.length / 2]
+                found[rows[order[np.isin(run, own)]]] = True
+            elif is_said[number]:
+                found[entered[limbs.member == number]] = True
+    logger.info("%s points are of support posts", f"{found.sum():,}")
+    return np.flatnonzero(found)
+
+
+def _line(tube: Tube) -> tuple[np.ndarray, np.ndarray, float]:
+    """Middle (3,), direction (3,) and radius of a tube as a cylinder."""
+    middle = tube.nodes.mean(axis=0)
+    along = np.linalg.svd(tube.nodes - middle, full_matrices=False)[2][0]
+    return middle, along, float(np.median(tube.radius))
+
+
+def _is_pole(tube: Tube, middle: np.ndarray, along: np.ndarray, radius: float) -> bool:
+    """Whether a tube is straight, upright and even, and long for its thickness."""
+    offset = tube.nodes - middle
+    bend = np.linalg.norm(offset - (offset @ along)[:, None] * along, axis=1).max()
+    return bool(
+        tube.length >= SLENDER * radius
+        and abs(along[2]) >= UPRIGHT
+        and bend <= STRAIGHT * radius
+        and np.ptp(tube.radius) <= EVEN * radius
+    )
 
 
 def _joined(limbs: Limbs) -> _Tubes:
