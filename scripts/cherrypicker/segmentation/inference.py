@@ -122,7 +122,7 @@ def _sampled(
     if cloud.colors is not None:
         colors = voxel_mean(np.asarray(cloud.colors, np.float64), inverse, counts)
     logger.info(
-        "sampled %s points on %.3f m voxels of %s; the network sees the cloud at %.0f %% of its size",
+        "sampled %s points on %.3f m voxels of %s; the network sees them at %.0f %% of their size",
         f"{len(points):,}",
         voxel / frame.scale,
         f"{len(cloud):,}",

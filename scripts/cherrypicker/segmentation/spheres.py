@@ -19,15 +19,7 @@ GLOBAL_UNIT = 3.0  # global coordinates are divided by this, so that they are of
 
 @dataclass(frozen=True)
 class TreeFrame:
-    """Origin and unit of the global coordinates: ``(x - origin) * scale``.
-
-    Attributes
-    ----------
-    origin : ndarray of shape (3,)
-        Centre in x and y, ground level in z, in the cloud's frame.
-    scale : float
-        1, or less for a cloud taller than the reference height.
-    """
+    """Origin (3,) and scale of the frame that the network knows: ``(x - origin) * scale``."""
 
     origin: np.ndarray
     scale: float
@@ -38,24 +30,12 @@ class TreeFrame:
 
 
 def tree_frame(points: np.ndarray, reference_height: float) -> TreeFrame:
-    """Frame in which clouds of any origin and size look alike to the network.
+    """Frame in which clouds (n_points, 3), z up, of any origin and size look alike.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-        The z axis points up.
-    reference_height : float
-        Clouds taller than this are shrunk to it: the network knows trees of a few metres, and a
-        20 m tree shrunk to 6 m has the proportions of one.
-
-    Returns
-    -------
-    TreeFrame
-
-    Notes
-    -----
-    The lowest and highest 0.5 % of the points are left out of the height as possible outliers. The
-    x/y origin is the median of what stands above the lowest tenth, the ground.
+    Clouds taller than the reference height are shrunk to it: the network knows trees of a few
+    metres, and a 20 m tree shrunk to 6 m has the proportions of one. The lowest and highest 0.5 %
+    of the points are left out of the height as possible outliers. The origin is on the ground below
+    the median of what stands above the lowest tenth.
     """
     low, high = np.quantile(points[:, 2], [0.005, 0.995])
     height = high - low
@@ -68,21 +48,10 @@ def tree_frame(points: np.ndarray, reference_height: float) -> TreeFrame:
 def features_of(
     points: np.ndarray, colors: np.ndarray | None, center: np.ndarray, radius: float
 ) -> np.ndarray:
-    """Features of one sphere's points.
+    """Features (n, 10), float32, of the points (n, 3) of one sphere in the tree's frame.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-        In the tree's frame (`tree_frame`).
-    colors : ndarray of shape (n, 3) or None
-        In [0, 1]; None for a cloud without colour.
-    center : ndarray of shape (3,)
-    radius : float
-
-    Returns
-    -------
-    ndarray of shape (n, 10), float32
-        RGB about 0 (zeros without colour), colour flag, global xyz, normalised xyz.
+    RGB about 0 (zeros without colour), a colour flag, global xyz, xyz normalised to the sphere;
+    colours (n, 3) are in [0, 1], None for a cloud without.
     """
     features = np.zeros((len(points), 10), np.float32)
     if colors is not None:
@@ -94,30 +63,17 @@ def features_of(
 
 
 def neighbor_graphs(points: np.ndarray, k: int, n_scales: int) -> list[np.ndarray]:
-    """k nearest neighbours of every point at several scales.
+    """k nearest neighbours (n, k), int32, of points (n, 3) in random order, at several scales.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-        In random order: scale s searches the first ``n / 4**s`` points, a random subset.
-    k : int
-    n_scales : int
-
-    Returns
-    -------
-    list of ndarray of shape (n, k), int32
-        Where a scale has fewer than k points the nearest one fills the row, which a maximum over
-        the neighbours does not see.
+    Scale s searches the first ``n / 4**s`` points, a random subset. Where it has fewer than k the
+    nearest one fills the row, which a maximum over the neighbours does not see.
     """
     graphs = []
     for scale in range(n_scales):
         candidates = points[: max(len(points) // 4**scale, min(len(points), k))]
-        _, found = cKDTree(candidates).query(points, k=min(k, len(candidates)))
-        found = found.reshape(len(points), -1).astype(np.int32)
-        if found.shape[1] < k:
-            fill = np.repeat(found[:, :1], k - found.shape[1], axis=1)
-            found = np.concatenate([found, fill], axis=1)
-        graphs.append(found)
+        _, found = cKDTree(candidates).query(points, k=range(1, 1 + min(k, len(candidates))))
+        fill = np.repeat(found[:, :1], k - found.shape[1], axis=1)
+        graphs.append(np.hstack([found, fill]).astype(np.int32))
     return graphs
 
 
@@ -129,21 +85,9 @@ def sphere_indices(
     rng: np.random.Generator,
     visits: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Points of one sphere in random order, at most `n_points`.
+    """Rows of one sphere's points in random order, at most `n_points`, int64.
 
-    Parameters
-    ----------
-    tree : scipy.spatial.cKDTree
-    center : ndarray of shape (3,)
-    radius : float
-    n_points : int
-    rng : numpy.random.Generator
-    visits : ndarray of shape (n_total,), int, optional
-        How often each point was sampled so far; the least visited ones go first.
-
-    Returns
-    -------
-    ndarray of shape (<= n_points,), int64
+    With `visits`, how often each point was sampled so far, the least visited ones go first.
     """
     inside = np.asarray(tree.query_ball_point(center, radius, return_sorted=True), np.int64)
     inside = rng.permutation(inside)
@@ -155,25 +99,11 @@ def sphere_indices(
 def cover(
     points: np.ndarray, radius: float, n_points: int, min_visits: int, rng: np.random.Generator
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Spheres that together sample every point at least `min_visits` times.
+    """Spheres, as centre (3,) and rows, that sample each point (n, 3) at least `min_visits` times.
 
     The centre of the next sphere is the point with the least potential; each sphere raises the
     potential of its points, most at its centre, so that spheres overlap evenly and a point is
     seen away from the border at least once (KPConv).
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_total, 3)
-    radius : float
-    n_points : int
-        Points of a sphere at most.
-    min_visits : int
-    rng : numpy.random.Generator
-
-    Yields
-    ------
-    center : ndarray of shape (3,)
-    indices : ndarray of shape (<= n_points,), int64
     """
     tree = cKDTree(points)
     potential = rng.uniform(0.0, 1e-3, len(points))
