@@ -24,13 +24,7 @@ STAND = 1.0  # sides from its middle, in plan: its stand reaches no farther (a g
 
 @dataclass(frozen=True)
 class Square:
-    """The black square of a solved marker.
-
-    Attributes
-    ----------
-    corners : ndarray of shape (4, 3), float64
-        One after the other.
-    """
+    """The black square of a solved marker: its corners (4, 3), one after the other."""
 
     corners: NDArray[np.float64]
 
@@ -66,15 +60,7 @@ class Square:
 
 @dataclass(frozen=True)
 class KnownMarkers:
-    """All markers of a scan.
-
-    Attributes
-    ----------
-    squares : list of Square
-        Those that were solved.
-    open_places : ndarray of shape (n, 4), float64
-        x, y, z and radius of the boards that may stand there.
-    """
+    """The solved markers of a scan, and x, y, z and radius (n, 4) of boards that may stand there."""
 
     squares: list[Square]
     open_places: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
@@ -103,17 +89,9 @@ class KnownMarkers:
 
 
 def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers | None:
-    """The markers of a scan, in the metric frame.
+    """The markers of a scan in the metric frame, by its scale.json and align.json.
 
-    Parameters
-    ----------
-    scale, align : dict
-        scale.json and align.json, which lead from the sparse model's frame to the metric one.
-
-    Returns
-    -------
-    KnownMarkers or None
-        None where the scale does not come from markers: nobody looked for them.
+    None where the scale does not come from markers: nobody looked for them.
     """
     if scale["mode"] != "marker":
         return None

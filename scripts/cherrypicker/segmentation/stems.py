@@ -90,9 +90,7 @@ def label_wood(
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-        Metres, z up.
-    labels : ndarray of shape (n_points,), uint8
+    points, labels : ndarray of shape (n_points, 3), float64, metres, z up, and (n_points,), uint8
     orchard : Orchard
         Grown from these points; its owners are told what is found to be wood, and a stem that is
         followed down to the ground has a longer limb.

@@ -69,20 +69,8 @@ def keep_roofs(
     """Take the class roof from what is none, such as the dense crown of a laser scan.
 
     A roof is a sheet, and upright posts carry it: half of the points of a piece are of either, and
-    some of a sheet.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Voxel sample, z up.
-    probabilities : ndarray of shape (n, n_channels), float32
-    voxel : float
-        Distance of neighbouring points.
-
-    Returns
-    -------
-    ndarray of shape (n, n_channels), float32
-        A copy with a roof probability of 0 where there is none.
+    some of a sheet. Points (n, 3) and probabilities (n, n_channels) are of a voxel sample, z up,
+    whose neighbours are a `voxel` apart; the result is a copy.
     """
     roof = CHANNELS.index(Label.ROOF)
     rows = np.flatnonzero(probabilities.argmax(axis=1) == roof)
@@ -115,20 +103,8 @@ def vote_per_object(
 ) -> NDArray[np.float32]:
     """Let the points of each thing decide together which thing it is.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Voxel sample, z up.
-    probabilities : ndarray of shape (n, n_channels), float32
-    voxel : float
-        Distance of neighbouring points.
-    markers : KnownMarkers, optional
-        Of the scene, in the frame of the points; left out where nothing is known of them.
-
-    Returns
-    -------
-    ndarray of shape (n, n_channels), float32
-        A copy; what the points of a thing thought likely of other classes goes to its own.
+    Of a voxel sample as in `keep_roofs`; the markers are in its frame, None where nothing is known
+    of them. In the copy a thing's points are certain of its class.
     """
     is_thing = is_group(probabilities, THINGS)
     columns = GROUP_COLUMNS[GROUPS.index(THINGS)]
@@ -172,21 +148,8 @@ def wood_under_things(
 
     A piece of wood that touches a standing thing, does not rise above it or reach out of its plan,
     and is as thin as a post or a board, carries it. Trees that touch a thing reach out of its plan,
-    and a stem with a ring around it goes on above.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Voxel sample, z up.
-    probabilities : ndarray of shape (n, n_channels), float32
-        After `vote_per_object`.
-    voxel : float
-        Distance of neighbouring points.
-
-    Returns
-    -------
-    ndarray of shape (n, n_channels), float32
-        A copy.
+    and a stem with a ring around it goes on above. Of a voxel sample as in `keep_roofs`, after
+    `vote_per_object`; the result is a copy.
     """
     result, reach = probabilities.copy(), LINK * voxel
     likeliest = probabilities.argmax(axis=1)

@@ -31,21 +31,10 @@ def ring_points(
     places: NDArray[np.float64],
     radius: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Points of white rings on a stem.
+    """Which points (n, 3) of a stem, metres, z up, are of white rings.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Of the stem, metres, z up.
-    colors : ndarray of shape (n, 3), float
-        In [0, 1].
-    places : ndarray of shape (m, 3), float64
-        The stem's axis from its foot up.
-    radius : ndarray of shape (m,), float64
-
-    Returns
-    -------
-    ndarray of shape (n,), bool
+    Colours (n, 3) are in [0, 1]; the stem's axis is given as places (m, 3) from its foot up and
+    radii (m,).
     """
     result = np.zeros(len(points), bool)
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
