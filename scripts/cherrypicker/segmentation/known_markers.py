@@ -60,7 +60,7 @@ class Square:
 
 @dataclass(frozen=True)
 class KnownMarkers:
-    """The solved markers of a scan, and x, y, z and radius (n, 4) of boards that may stand there."""
+    """The solved markers of a scan, and (n, 4) x, y, z and radius of boards that may be."""
 
     squares: list[Square]
     open_places: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
