@@ -7,6 +7,8 @@ than the bark below and above. Paint reaches the ground and lichen is on one sid
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -17,10 +19,10 @@ __all__ = ["STEP_M", "ring_points"]
 STEP_M = 0.01
 N_SIDES = 8
 LEAST_SEEN = N_SIDES // 2  # sides of a step that points show, or it is not judged
-DARKER_SIDES = 0.25  # quantile over the sides: lichen and the sun are on one
+DARKER_SIDES = 0.25  # quantile over the sides: lichen is on one
 REACH_STEPS = 20  # bark this far below and above is what a step is compared with
 WIDEST_STEPS = 12  # what is wider is paint
-CONTRAST = 1.2  # of the darker sides to the bark's
+CONTRAST = 1.15  # of a side to its own bark: the sun is on one
 MAX_SATURATION = 0.3  # white is no red tape
 MAX_OFF_M = 0.012  # of a ring's points from the stem's surface: a sleeve is that thick
 
@@ -44,8 +46,9 @@ def ring_points(
     places = np.column_stack([np.interp(fine, way, column) for column in places.T])
     nearest = cKDTree(places).query(points, workers=1)[1]
     offset = points - places[nearest]
-    off = np.linalg.norm(offset, axis=1) - np.interp(fine, way, radius)[nearest]
-    on = np.flatnonzero(np.abs(off) < MAX_OFF_M)
+    own = np.interp(fine, way, radius)[nearest]
+    is_on = np.abs(np.linalg.norm(offset, axis=1) - own) < MAX_OFF_M
+    on = np.flatnonzero(is_on & (own >= MAX_OFF_M))  # thinner stems show no sides
     step = (fine[nearest[on]] / STEP_M).astype(int)
     for first, past in _bright_runs(step, np.arctan2(*offset[on, :2].T), colors[on].mean(axis=1)):
         rows = on[(step >= first) & (step < past)]
@@ -64,13 +67,13 @@ def _bright_runs(
     bins = [np.arange(n_steps + 1), np.linspace(-np.pi, np.pi, N_SIDES + 1)]
     sides = binned_statistic_2d(step, turn, brightness, "median", bins).statistic
     seen = np.isfinite(sides).sum(axis=1) >= LEAST_SEEN
-    darker = np.full(n_steps, np.nan)
-    darker[seen] = np.nanquantile(sides[seen], DARKER_SIDES, axis=1)
-    window = np.arange(-REACH_STEPS, REACH_STEPS + 1) + np.arange(n_steps)[:, None]
-    padded = np.pad(darker, REACH_STEPS, constant_values=np.nan)
+    window = np.arange(2 * REACH_STEPS + 1) + np.arange(n_steps)[:, None]
+    padded = np.pad(sides, ((REACH_STEPS, REACH_STEPS), (0, 0)), constant_values=np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # sides that no step around shows
+        bark = np.nanmedian(padded[window[seen]], axis=1)  # of each side around each step
     bright = np.zeros(n_steps, bool)
-    bark = np.nanmedian(padded[window[seen] + REACH_STEPS], axis=1)
-    bright[seen] = darker[seen] >= CONTRAST * bark
+    bright[seen] = np.nanquantile(sides[seen] / bark, DARKER_SIDES, axis=1) >= CONTRAST
     edges = np.flatnonzero(np.diff(bright, prepend=False, append=False)).reshape(-1, 2)
     is_bark = seen & ~bright
     return [
