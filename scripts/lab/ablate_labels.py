@@ -43,6 +43,7 @@ PASSES = {
     "roofs are sheets": (inference, "keep_roofs", _unchanged),
     "vote per object": (inference, "vote_per_object", _unchanged),
     "wood under things": (inference, "wood_under_things", _unchanged),
+    "posts by shape": (inference, "post_rows", lambda *_: np.empty(0, int)),
     "rooted trunk": (inference, "rooted_trunk", lambda points, labels, *_: labels),
     "tubes claim": (stems, "claimed_by", lambda *_: (np.empty(0, int), np.empty(0, bool))),
     "down to the ground": (stems, "follow_down", _nothing),
