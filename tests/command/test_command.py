@@ -193,6 +193,12 @@ def test_the_table_of_jobs_and_the_cores_are_read():
     ]
 
 
+def test_the_number_of_a_job_that_starts_breaks_nothing():
+    lines = ["localrule all:", "    jobid: 0", "Error in rule fuse_depth:", "    jobid: 7"]
+    broken = [event for event in read_events(lines) if event.kind == "broken"]
+    assert [(event.job, event.rule) for event in broken] == [(7, "fuse_depth")]
+
+
 def test_time_left_follows_the_forecast_and_the_pace(monkeypatch):
     now = [0.0]
     monkeypatch.setattr("cherrypicker.command.time_left.time.monotonic", lambda: now[0])

@@ -77,7 +77,9 @@ def read_events(lines: Iterable[str]) -> Iterator[Event]:
         if event.kind == "error":
             broken_rule = event.rule
         elif event.kind == "broken":
-            event.rule = broken_rule
+            # only after an error: every started job has a line of its number as well
+            event.kind = "broken" if broken_rule else "other"
+            event.rule, broken_rule = broken_rule, ""
         yield event
 
 
