@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-__all__ = ["GroundSurface"]
+from cherrypicker.geometry.robust import TUKEY, robust_sigma
+
+__all__ = ["REACH_M", "GroundSurface", "ground_level"]
+
+# Guesses, for stems of 2 to 30 cm
+REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
+REACH_RADII = 5.0
+BARE_RADII = 1.3  # nearer than this it is hidden, or bark
+FEWEST_POINTS = 50
+N_SECTORS, FEWEST_SECTORS = 8, 4  # around the stem, and those with ground that make a plane
+# A robust plane: Tukey's biweight at 95 % efficiency, the median's scale of a normal distribution
+N_ROUNDS, LEAST_SIGMA_M = 15, 1e-4
 
 
 class GroundSurface:
@@ -28,3 +39,33 @@ class GroundSurface:
             return np.zeros(len(xy))
         _, index = self._tree.query(xy, k=min(self._n_nearest, len(self._heights)))
         return np.median(self._heights[np.reshape(index, (len(xy), -1))], axis=1)
+
+
+def ground_level(ground: np.ndarray, at: np.ndarray, radius: float) -> float | None:
+    """Height of a robust plane through the ground (n, 3) around a stem, below its middle (2,).
+
+    None with too few points. Tufts of grass beside a stem lift what lies nearest, not a plane.
+    """
+    away = np.hypot(*(ground[:, :2] - at).T)
+    reach = max(REACH_M, REACH_RADII * radius)
+    ground = ground[(away > BARE_RADII * radius) & (away < reach)]
+    if len(ground) < FEWEST_POINTS:
+        return None
+    offset = ground[:, :2] - at
+    turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
+    sector = (turn * N_SECTORS).astype(int) % N_SECTORS
+    count = np.bincount(sector, minlength=N_SECTORS)
+    if (count > 0).sum() < FEWEST_SECTORS:
+        return float(np.median(ground[:, 2]))
+    design = np.column_stack([np.ones(len(ground)), offset])
+    balance = 1.0 / np.sqrt(count[sector])
+    weights, plane = balance, np.zeros(3)
+    for _ in range(N_ROUNDS):
+        root_weights = np.sqrt(weights)[:, None]
+        plane = np.linalg.lstsq(
+            design * root_weights, ground[:, 2] * root_weights[:, 0], rcond=None
+        )[0]
+        residual = ground[:, 2] - design @ plane
+        sigma = max(robust_sigma(residual), LEAST_SIGMA_M)
+        weights = balance * (1.0 - np.clip(np.abs(residual) / (TUKEY * sigma), 0, 1) ** 2) ** 2
+    return float(plane[0])

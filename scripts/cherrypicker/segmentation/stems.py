@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.geometry.ground_surface import GroundSurface
+from cherrypicker.geometry.ground_surface import ground_level
 from cherrypicker.geometry.neighbors import link_components, rows_in_box
 from cherrypicker.limbs.growth import Limbs, claim_radius
 from cherrypicker.limbs.joints import join_limbs
@@ -33,7 +33,6 @@ logger = logging.getLogger(__name__)
 
 HALF_LOST = (1 + TRUNK_KEEPS) / 2  # tubes are smooth: half of a step lies on either side of it
 EDGE_M = 0.01  # longest edge of an axis, as `graph.spacing_m`
-N_GROUND = 15  # ground points whose median is the level below a stem, as for the stems' own heights
 # In radii: a pole is at least so long, bends at most so far and changes by so much. Posts of the
 # generator measure 17 to 40, 0.02 to 0.12 and 0.01 to 0.03, upright wood 0.5 and 0.2 at least.
 SLENDER, STRAIGHT, EVEN = 15.0, 0.3, 0.1
@@ -115,12 +114,10 @@ def label_wood(
         is_free &= ~known
     free = np.flatnonzero(is_free | is_ground)
     free_points, ground = points[free], points[is_ground]
-    surface = GroundSurface(ground, n_nearest=N_GROUND) if len(ground) >= N_GROUND else None
     for stem, limbs in enumerate(orchard.limbs):
         if limbs is None:
             continue
-        if surface is not None:
-            follow_down(free_points, limbs, surface, stem_gap_m)
+        follow_down(free_points, limbs, ground, stem_gap_m)
         tubes = _joined(limbs)
         own = np.flatnonzero(is_wood & (orchard.owner == stem))
         is_trunk = _is_trunk(points[orchard.entered[stem]], tubes)
@@ -226,19 +223,17 @@ def _is_trunk(entered: np.ndarray, tubes: _Tubes) -> np.ndarray:
     return result
 
 
-def follow_down(
-    points: np.ndarray, limbs: Limbs, surface: GroundSurface, stem_gap_m: float
-) -> None:
+def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m: float) -> None:
     """Let a stem begin on the ground: cut what lies under it, or follow it down from the air."""
     stem = limbs.limbs[0]
     tube = stem.tube
     foot, radius = tube.nodes[0], float(tube.radius[0])
-    gap = foot[2] - float(surface(foot[None, :2])[0])
+    level = ground_level(ground, foot[:2], radius)
     reach = float(claim_radius(tube.radius[:1], limbs.spacing)[0])
     k = int(np.searchsorted(tube.way, HEADING_IN_RADII * radius).clip(1, len(tube.nodes) - 1))
     heading = tube.nodes[k] - foot
     heading /= np.linalg.norm(heading)
-    if heading[2] <= 0 or abs(gap) <= limbs.spacing:
+    if level is None or heading[2] <= 0 or abs(gap := foot[2] - level) <= limbs.spacing:
         return
     if gap < 0:
         stem.tube = stretch(tube, min(-gap / heading[2], tube.length / 2), tube.length)
