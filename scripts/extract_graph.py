@@ -3,8 +3,8 @@
 Reads contracted.ply, contract.json, limbs.npz and segmented.ply, and for a scan from photos the
 undistorted photos, metric_poses.npz, the sky masks and the sparse model's cameras, which refute
 what is not there; writes skeleton.graphml, skeleton.ply, skeleton.swc, topology.graphml and
-graph.json (the last four where a path is given). The points are taken where they were before the
-contraction. Example:
+graph.json (the last four where a path is given). With the method limbs the points are taken where
+they were before they moved, with slbc and lbc where the contraction put them. Example:
 
     python scripts/extract_graph.py --contracted contracted.ply --contract_report contract.json \
         --limbs limbs.npz --segmented segmented.ply --skeleton_graph skeleton.graphml \
@@ -58,7 +58,7 @@ def main(
     if contract_report:
         contraction = read_json(contract_report)
     grown = None
-    if limbs and contraction.get("preset") == "default":
+    if limbs and options.method == "limbs":
         grown = read_orchard(limbs).limbs_of(contraction["stem"], points["source"])
     skeleton = extract_skeleton(
         points,

@@ -290,7 +290,6 @@ def _contracted(data: dict, width_px: int) -> dict:
     report = data["contract_report"] or {}
     facts = [
         ("Method", report.get("method")),
-        ("Preset", report.get("preset")),
         ("Iterations", report.get("n_iterations") or report.get("iterations")),
         ("Contracted points", _count(len(data["contracted"]))),
     ]
