@@ -101,8 +101,9 @@ def contract_tree(
     if label is not None and options.method == "limbs":
         label = agreed_labels(thin, label)
     if options.method != "limbs":
-        is_semantic = options.method == "slbc" and label is not None
-        lambdas = _lambda_of(label, weights or {}) if is_semantic else None
+        lambdas = None
+        if options.method == "slbc" and label is not None:
+            lambdas = _lambda_of(label, weights or {})
         result = contract_points(thin, lambdas, options, callback)
         details["mass_ratio"] = [round(value, 6) for value in result.mass_ratio]
         return ContractedTree(result.points, source, label, details | {"stop": result.stop})
