@@ -1,5 +1,7 @@
 """Outlier and sky-silhouette filters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -8,6 +10,7 @@ from cherrypicker.denoising.denoise import (
     DenoiseOptions,
     denoise_cloud,
     neighbor_means,
+    statistical_filter,
     statistical_inliers,
 )
 from cherrypicker.denoising.evidence import EvidenceOptions, SkyEvidence, sky_evidence
@@ -92,6 +95,23 @@ def test_statistical_filter_is_open3d_s(k, ratio):
     _, kept = cloud.remove_statistical_outlier(nb_neighbors=k, std_ratio=ratio)
     found = np.flatnonzero(inliers(points, k, ratio))
     assert np.array_equal(found, np.sort(np.asarray(kept)))
+    np.testing.assert_array_equal(statistical_filter(points, k, ratio), inliers(points, k, ratio))
+
+
+def test_the_filter_alone_is_open3d_s_and_beside_the_photos_ours(monkeypatch):
+    rng = np.random.default_rng(1)
+    points = np.vstack([rng.normal(0, 0.1, (3000, 3)), rng.uniform(-3, 3, (100, 3))])
+    cloud = PointCloud(points, fields={"n_views": np.full(len(points), 9, np.uint8)})
+    options = DenoiseOptions(use_sky=False, keep_seen_fraction=1.01)
+    ours, _ = denoise_cloud(cloud, SKY, None, options)
+    called = []
+    monkeypatch.setattr(
+        "cherrypicker.denoising.denoise.statistical_filter",
+        lambda *given: called.append(1) or statistical_filter(*given),
+    )
+    alone, _ = denoise_cloud(cloud, SKY, None, replace(options, min_view_ratio=0))
+    np.testing.assert_array_equal(ours.points, alone.points)
+    assert called and len(ours) < len(points)
 
 
 def test_isolated_points_go():
@@ -160,7 +180,8 @@ def test_nothing_left_is_an_error_that_names_the_key():
     with pytest.raises(StageError, match=r"denoise\.min_non_sky_fraction"):
         denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(use_statistical=False))
     with pytest.raises(StageError, match=r"denoise\.std_ratio"):
-        denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(std_ratio=-100.0))
+        seen = cloud.with_fields(n_views=np.full(50, 3, np.uint8))
+        denoise_cloud(seen, SKY, all_sky, DenoiseOptions(std_ratio=-100.0))
 
 
 def test_what_two_photos_agree_on_goes_where_ten_see_the_rest():
@@ -206,7 +227,7 @@ def test_isolated_points_stay_where_the_photos_show_a_twig():
 def test_the_papers_filter_goes_by_colour_alone():
     cloud, is_fringe = pole_with_fringe()
     options = DenoiseOptions(use_statistical=False, min_non_sky_fraction=1.01)
-    kept, report = denoise_cloud(cloud, SKY, evidence_of(ring()), options)
+    kept, report = denoise_cloud(cloud, SKY, None, options)  # no photo is asked
     is_white = np.linalg.norm(cloud.colors - WHITE, axis=1) < 0.1
     assert len(kept) == np.count_nonzero(~is_white) and report["n_kept_by_photos"] == 0
 

@@ -84,7 +84,8 @@ def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarr
     """Find the points whose neighbours are about as near as elsewhere, (n_points,) bool.
 
     The mean distance must be below mean + std_ratio * standard deviation over the cloud: the maths
-    of Open3D's ``remove_statistical_outlier``, which the paper uses.
+    of Open3D's ``remove_statistical_outlier``, which the paper uses and `statistical_filter` is.
+    Where the neighbours are sought for the photos' sake anyway, this costs no second search.
 
     Parameters
     ----------
@@ -96,6 +97,17 @@ def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarr
         return np.ones(len(mean_distance), bool)
     limit = mean_distance[valid].mean() + std_ratio * mean_distance[valid].std(ddof=1)
     return mean_distance < limit
+
+
+def statistical_filter(points: np.ndarray, n_neighbors: int, std_ratio: float) -> np.ndarray:
+    """Find the points (n_points, 3) that Open3D's statistical filter keeps, (n_points,) bool."""
+    import open3d  # takes seconds, and the default does without
+
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    _, rows = cloud.remove_statistical_outlier(n_neighbors, std_ratio)
+    keep = np.zeros(len(points), bool)
+    keep[np.asarray(rows, np.int64)] = True
+    return keep
 
 
 def supported_points(
@@ -164,8 +176,10 @@ def denoise_cloud(
     is_isolated, is_unsupported = _find_isolated(cloud, options, ground_height)
     is_doubted = is_isolated | is_unsupported
     is_sky_colored = ~is_doubted & _find_sky_colored(cloud, sky, options)
-    asked = np.flatnonzero(is_sky_colored | (is_doubted & (options.keep_seen_fraction <= 1)))
-    keep = ~is_doubted
+    by_color = is_sky_colored & (options.min_non_sky_fraction > 1)  # as the paper
+    is_asked = is_doubted & (options.keep_seen_fraction <= 1)
+    asked = np.flatnonzero(is_asked | (is_sky_colored & ~by_color))
+    keep = ~is_doubted & ~by_color
     if len(asked):
         evidence = evidence_of(cloud.points[asked])
         is_doubt = is_doubted[asked]
@@ -200,15 +214,15 @@ def _find_isolated(
     """Find what is far from its neighbours, and what hardly any photo supports."""
     n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
     is_isolated, is_unsupported = np.zeros((2, len(cloud)), bool)
-    if n_views is None and not options.use_statistical:
+    if n_views is None:
+        if options.use_statistical:
+            is_isolated = ~statistical_filter(cloud.points, options.n_neighbors, options.std_ratio)
         return is_isolated, is_unsupported
-    values = np.zeros(len(cloud)) if n_views is None else n_views
-    mean_distance, mean_views = neighbor_means(cloud.points, values, options.n_neighbors)
+    mean_distance, mean_views = neighbor_means(cloud.points, n_views, options.n_neighbors)
     if options.use_statistical:
         is_isolated = ~statistical_inliers(mean_distance, options.std_ratio)
-    if n_views is not None:
-        counts = cloud.points[:, 2] > ground_height
-        is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio, counts)
+    counts = cloud.points[:, 2] > ground_height
+    is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio, counts)
     return is_isolated, is_unsupported
 
 
@@ -229,9 +243,8 @@ def _find_sky_colored(cloud: PointCloud, sky: SkyColors, options: DenoiseOptions
 def _is_spared(evidence: SkyEvidence, min_fraction: float) -> np.ndarray:
     """Sky-coloured points that the photos speak for."""
     n_for, n_seen = evidence.n_solid, evidence.n_clear + evidence.n_solid
-    # A point that no photo sees has nothing but its colour against it, and stays, unless colour
-    # alone shall decide.
-    return ((n_seen == 0) & (min_fraction <= 1)) | ((n_seen > 0) & (n_for >= min_fraction * n_seen))
+    # A point that no photo sees has nothing but its colour against it, and stays
+    return n_for >= min_fraction * n_seen
 
 
 def _is_seen(evidence: SkyEvidence, min_fraction: float) -> np.ndarray:

@@ -30,6 +30,7 @@ logger = logging.getLogger(__name__)
 _SOURCES = {
     "region": "what the cameras look at",
     "camera_box": "the box of the cameras and of what lies before them",
+    "cameras": "the box of the cameras",
 }
 
 
