@@ -32,6 +32,7 @@ from cherrypicker.skeleton import (
     write_skeleton_ply,
     write_topology_graphml,
 )
+from cherrypicker.skeleton.networks import as_networkx, folded, write_network
 
 
 def main(
@@ -73,15 +74,21 @@ def main(
         masks = SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names)
         skeleton, refuted = drop_refuted(skeleton, workspace, masks, drop.least_photos)
     axis_list = axes(skeleton)
+    order = node_order(skeleton, axis_list)
     if skeleton_ply:
-        write_skeleton_ply(skeleton_ply, skeleton, node_order(skeleton, axis_list))
+        write_skeleton_ply(skeleton_ply, skeleton, order)
     if skeleton_swc:
         write_skeleton_swc(skeleton_swc, skeleton)
-    if topology:
-        write_topology_graphml(topology, fold(skeleton, axis_list))
     if report:
         write_json(report, {"unit": skeleton.unit, "refuted": refuted})
-    write_skeleton_graphml(skeleton_graph, skeleton)
+    if options.method == "limbs":
+        if topology:
+            write_topology_graphml(topology, fold(skeleton, axis_list))
+        write_skeleton_graphml(skeleton_graph, skeleton)
+    else:
+        if topology:
+            write_network(topology, folded(skeleton, order))
+        write_network(skeleton_graph, as_networkx(skeleton))
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -1,8 +1,8 @@
 """Skeletons in two calls, on a NumPy array, an Open3D cloud or a PointCloud.
 
 `contract` is the contraction alone (LBC and S-LBC, any number of classes and weights);
-`skeletonize` goes on to the rooted tree with radii, as the workflow does. docs/api.md maps the
-parameters of pc-skeletor to them.
+`skeletonize` goes on to the rooted tree with radii, as the workflow does, which `as_networkx` gives
+as a graph. docs/api.md maps the parameters of pc-skeletor to them.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.networks import as_networkx
 
-__all__ = ["contract", "skeletonize"]
+__all__ = ["as_networkx", "contract", "skeletonize"]
 
 
 def contract(
