@@ -246,6 +246,11 @@ def _probabilities(
     network, trained_at, _ = load_weights(weights)
     if len(cloud) < network.settings["k"]:
         raise StageError(f"the cloud has {len(cloud)} points, too few to segment")
+    if is_alone and network.settings["graph"] != "dynamic":
+        logger.warning(
+            "the graph of these weights is fixed; train_segment.graph: dynamic trains the paper's, "
+            "with neighbours in feature space (segment.weights)"
+        )
     sampling = sampling.filled(trained_at)
     voxel = sampling.voxel_size_m
     assert voxel is not None  # `Sampling.filled`
