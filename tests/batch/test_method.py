@@ -75,5 +75,34 @@ def test_a_key_that_nothing_reads_is_told_with_its_value_and_why():
     assert len(notes(method="paper", skeleton={"weights": {"trunk": 4}, "method": "lbc"})) == 1
 
 
+def keys_with_needs():
+    """Every key that is read only under some values of another, set to what is not its default."""
+    for section, keys in SCHEMA["properties"].items():
+        for key, each in keys.get("properties", {}).items():
+            for other, values in each.get("needs", {}).items():
+                place, name = other.split(".")
+                known = SCHEMA["properties"][place]["properties"][name].get("enum", [True, False])
+                assert set(values) < set(known), other
+                (in_vain, *_) = [value for value in known if value not in values]
+                default = each["default"] or 3
+                value = "cao" if "enum" in each else {"trunk": 3} if default == {} else default
+                value = value + 1 if isinstance(value, int) else value
+                value = value * 0.9 if isinstance(value, float) else value
+                yield {section: {key: value}}, place, name, in_vain, values[0]
+
+
+@pytest.mark.parametrize("said, place, name, in_vain, read", list(keys_with_needs()))
+def test_each_key_that_needs_another_is_told_and_else_not(said, place, name, in_vain, read):
+    ((section, keys),) = said.items()
+    for value, n_notes in ((in_vain, 1), (read, 0)):
+        config = {section: dict(keys), place: {name: value}}
+        if section == place:
+            config = {section: {**keys, name: value}}
+        found = [
+            note for note in notes(**config) if note.startswith(f"{section}.{next(iter(keys))}:")
+        ]
+        assert len(found) == n_notes, found
+
+
 def test_a_key_at_its_default_and_the_shipped_config_have_nothing_to_be_told():
     assert notes(skeleton={"weights": {"trunk": 10}, "max_iterations": 20}) == []
