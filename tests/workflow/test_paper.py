@@ -9,7 +9,6 @@ from types import SimpleNamespace as Stand
 
 import networkx as nx
 import numpy as np
-import pycolmap
 import pytest
 import torch
 from marker_scene import marker_scan, square
@@ -664,6 +663,3 @@ def test_a_row_of_figures(name):
 def test_the_example_is_the_method():
     text = (PROJECT / "config/examples/paper.yaml").read_text()
     assert re.findall(r"(?m)^[^#\n].*", text) == ["method: paper"]
-    assert pycolmap.StereoFusionOptions().min_num_pixels == 5  # whose values the keys repeat
-    assert pycolmap.StereoFusionOptions().check_num_images == 50
-    assert pycolmap.StereoFusionOptions().max_normal_error == 10
