@@ -80,21 +80,26 @@ def scan_sections(data: dict, *, width_px: int, n_examples: int) -> list:
 
 def _sparse(data: dict, width_px: int) -> dict:
     report = data["sparse"]
+    error = report.get("camera_error_px") or {}
     facts = [
-        ("Photos registered", f"{report.get('n_registered')} of {report.get('n_photos')}"),
+        ("Photos used", f"{report.get('n_registered')} of {report.get('n_photos')}"),
+        ("Left out for their cameras' errors", report.get("n_left_out")),
+        ("Median error of a camera at the tree", _number(error.get("median"), 2, " px")),
         ("Sparse points", _count(report.get("n_points"))),
         ("Mean track length", _number(report.get("mean_track_length"), 1)),
         ("Mean reprojection error", _number(report.get("mean_reprojection_error_px"), 2, " px")),
         ("Mapper", report.get("mapper")),
     ]
     photos = report.get("photos") or {}
-    missing = [
-        [name, info.get("reason", ""), info.get("n_features", ""), info.get("n_matches", "")]
-        for name, info in sorted(photos.items())
-        if not info.get("registered")
-    ]
     head = ["photo", "reason", "features", "matches"]
-    tables = [table(f"{len(missing)} photos are not registered", head, missing, is_open=True)]
+    tables = []
+    for key, title in (("reason", "photos are not used"), ("doubt", "used photos are doubtful")):
+        rows = [
+            [name, info[key], info.get("n_features", ""), info.get("n_matches", "")]
+            for name, info in sorted(photos.items())
+            if info.get(key)
+        ]
+        tables.append(table(f"{len(rows)} {title}", head, rows, is_open=True))
     figures = []
     if data["metric_poses"] is not None:
         figure = camera_figure(data["metric_poses"], data["segmented"], data["foot"], width_px)

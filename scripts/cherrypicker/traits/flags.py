@@ -21,7 +21,6 @@ _HIDDEN_FOOT_M = 0.1
 _FEW_PHOTOS = 0.9  # share that is registered
 _MISSED_SHARE, _MISSED_LENGTH_M = 0.01, 0.15
 _LOOSE_SCALE = 0.01
-_LOOSE_CAMERA = 0.005  # of the cameras' distance: 2 cm at 4 m
 _PHOTOS_AGREE = 0.95  # shares below are told; guess
 _PLAUSIBLE_HEIGHT_M = (0.15, 25.0)  # of a fruit tree
 
@@ -159,13 +158,18 @@ def scan_flags(
     if sparse:
         n_photos, n_registered = sparse.get("n_photos"), sparse.get("n_registered")
         if n_photos and n_registered is not None and n_registered < _FEW_PHOTOS * n_photos:
-            flags.append(f"few_photos: {n_registered} of {n_photos} photos registered")
-        unsure = sparse.get("camera_std_fraction")
-        if unsure and unsure["max"] > _LOOSE_CAMERA:
+            lost = sparse.get("n_left_out", 0)
             flags.append(
-                f"cameras_uncertain: photo {unsure['worst']} has a standard error of "
-                f"{100 * unsure['max']:.1f} % of the cameras' distance, "
-                f"{100 * unsure['median']:.2f} % in the median; photos should overlap more"
+                f"few_photos: {n_registered} of {n_photos} photos are used"
+                + (f", {lost} were left out for their cameras' errors" if lost else "")
+            )
+        n_doubtful = sum(bool(facts.get("doubt")) for facts in sparse.get("photos", {}).values())
+        unsure = sparse.get("camera_error_px")
+        if n_doubtful and unsure:
+            flags.append(
+                f"cameras_uncertain: {n_doubtful} of {n_registered} used photos are doubtful, "
+                f"{unsure['worst']} is known within {unsure['max']:.1f} px at the tree, the median "
+                f"within {unsure['median']:.1f} px; photos should overlap more"
             )
     flags += _edge_flags(edges, unit_name(unit))
     if missing_top is not None:
