@@ -72,7 +72,7 @@ def test_wrong_matches_scatter_where_the_covariance_is_sure():
     at = np.array([model.images[i + 1].projection_center() for i in range(N_CAMERAS)])
     size = np.median(np.linalg.norm(centers - centers.mean(axis=0), axis=1))
     found = similarity_errors(at, centers) / size
-    sure, told = camera_uncertainty(model), tree_errors(model, RefineOptions())
+    told = tree_errors(model, RefineOptions())
     assert found.argmax() == N_CAMERAS - 1
     last = f"{N_CAMERAS - 1:02d}"
     assert max(told, key=lambda name: told[name]) == last

@@ -55,7 +55,8 @@ def diagnose_photos(
         ``n_partners`` (photos it has a verified pair with), ``n_matches`` (over those pairs),
         ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
     """
-    errors, left_out = errors or {}, left_out or {}
+    left_out = left_out or {}
+    known_px = {**(errors or {}), **left_out}
     counts = feature_counts(database)
     inliers = verified_inliers(database, min_inliers)
     registered = {}
@@ -69,7 +70,7 @@ def diagnose_photos(
             "registered": name in registered,
             "reason": "",
             "doubt": "",
-            "error_px": (errors | left_out).get(name),
+            "error_px": known_px.get(name),
             "n_features": counts.get(name, 0),
             "n_partners": len(partners),
             "n_matches": sum(partners.values()),
@@ -80,7 +81,7 @@ def diagnose_photos(
         }
     medians = {key: float(np.median([each[key] for each in report.values()])) for key in _HOLD}
     for name, info in listing["photos"].items():
-        facts, error = report[name], (errors | left_out).get(name)
+        facts, error = report[name], known_px.get(name)
         known = "" if error is None else f"known within {error:.1f} px, {_cause(facts, medians)}"
         if name in left_out:
             facts["reason"] = f"left out: its camera is {known}"

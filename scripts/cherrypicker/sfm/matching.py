@@ -188,7 +188,7 @@ def likely_partners(database: Path, names: Sequence[str]) -> list[tuple[str, str
     """Pair photos with those that they share most matches with, then those next in name order."""
     order = list(image_ids(database))
     inliers = verified_inliers(database, 1)
-    pairs = set()
+    pairs: set[tuple[str, str]] = set()
     for name in names:
         found = inliers.get(name, {})
         place = order.index(name)
