@@ -280,7 +280,7 @@ class _Mapper:
 
     @property
     def _limit(self) -> float:
-        return self.options.max_camera_error_px
+        return largest_error_px(self.database, self.options)
 
     def _errors(self, model: pycolmap.Reconstruction) -> dict[str, float]:
         return tree_errors(model, self.refining, seed=self.seed, threads=self.threads)
@@ -348,6 +348,17 @@ class _Mapper:
             pycolmap.calibrate_view_graph(database, calibration)
         wanted = global_options(self.seed, self.threads, self.photos)
         return list(pycolmap.global_mapping(database, self.photos, folder, wanted).values())
+
+
+def largest_error_px(database: Path, options: MappingOptions) -> float:
+    """Error of a camera that is allowed, px of the photo as stored.
+
+    The key counts pixels at the size at which features are sought: larger photos show no more.
+    """
+    with pycolmap.Database.open(database) as opened:
+        longest = max(max(camera.width, camera.height) for camera in opened.read_all_cameras())
+    size = options.max_image_size_px or longest
+    return options.max_camera_error_px * max(1.0, longest / size)
 
 
 def _good_enough(attempt: Attempt, options: MappingOptions) -> bool:

@@ -17,7 +17,12 @@ from cherrypicker.sfm.database import SCRATCH, copy_database
 from cherrypicker.sfm.diagnosis import diagnose_photos
 from cherrypicker.sfm.export import undistorted_poses, write_model
 from cherrypicker.sfm.gps import compare_places, stated_places
-from cherrypicker.sfm.mapping import Attempt, MappingOptions, map_photos
+from cherrypicker.sfm.mapping import (
+    Attempt,
+    MappingOptions,
+    largest_error_px,
+    map_photos,
+)
 from cherrypicker.sfm.rematch import RefineOptions
 from cherrypicker.sfm.uncertainty import camera_uncertainty
 
@@ -99,7 +104,7 @@ def reconstruct_sparse(
             min_inliers=options.min_inliers,
             errors=best.errors,
             left_out=best.left_out,
-            doubtful_px=DOUBTFUL * options.max_camera_error_px,
+            doubtful_px=DOUBTFUL * largest_error_px(working, options),
         )
         unsure = None if best.model is None else describe(camera_uncertainty(best.model))
     content = _report(best, attempts, explained, unsure)
