@@ -198,20 +198,21 @@ def _photo_flags(check: dict, length: str) -> list:
     if _is_doubtful(1.0 - before["dropped_length"] / before["length"], dropped):
         flags.append(
             f"dropped_by_photos: {before['dropped_length']:.2f} of {before['length']:.2f} {length} "
-            f"of skeleton lay before clear sky and were dropped, the longest piece {dropped:.2f} "
-            f"{length}"
+            f"of skeleton are more likely not there by all photos together and were dropped, the "
+            f"longest piece {dropped:.2f} {length}"
         )
     if _is_doubtful(precision, longest["refuted"]):
         flags.append(
-            f"not_in_photos: {check['refuted_length']:.2f} of {check['judged_length']:.2f} "
-            f"{length} of skeleton lie before clear sky, where the photos show no wood, the "
-            f"longest piece {longest['refuted']:.2f} {length}"
+            f"not_in_photos: of {check['length']:.2f} {length} of skeleton "
+            f"{check['refuted_length']:.2f} are likely not there by the photos, the longest piece "
+            f"{longest['refuted']:.2f} {length}"
         )
     if _is_doubtful(recall, longest["missing"]):
         flags.append(
             f"wood_missing: the photos show {check['missing_length']:.2f} {length} of thin wood "
-            f"that the skeleton lacks, the longest piece {longest['missing']:.2f} {length}; "
-            "height, crown and lengths may be too small"
+            f"that the skeleton lacks, the longest piece {longest['missing']:.2f} {length}, and "
+            f"about {check['unseen_length']:.2f} more may be missing where they have no sky behind "
+            "the tree; height, crown and lengths may be too small"
         )
     return flags
 
