@@ -14,7 +14,7 @@ from cherrypicker.files import rounded
 from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.again import where_to_stand
-from cherrypicker.photo_check.missing import Missing, find_missing
+from cherrypicker.photo_check.missing import SAME_STEPS, Missing, find_missing
 from cherrypicker.photo_check.pictures import draw_verdict
 from cherrypicker.photo_check.pieces import pieces_of
 from cherrypicker.photo_check.places import Places, ask_photos, places_along, step_of
@@ -41,8 +41,6 @@ TELLING = 0.5
 # stands there: the true recall of seven scans was within 0.055 of what follows
 # (docs/photo_check.md)
 UNSEEN = 0.3
-# A place is not in the cloud where no wood point lies within so many steps of it
-IN_CLOUD_STEPS = 2.0
 # Layers of the tree's height in which missing wood is counted
 N_LAYERS = 10
 
@@ -90,13 +88,13 @@ def check_photos(
     tree = witnesses.tree
     others = _not_this_tree(cloud, skeleton, other_stems)
     lines = gather_lines(photos, witnesses.clear_word)
-    missing = find_missing(photos, witnesses, lines, places, region, fused, others, threads)
+    missing = find_missing(photos, witnesses, lines, places, step, region, fused, others, threads)
     report = _report(skeleton, places, tree, missing)
     wrong = tree.probability < 0.5
     report["refuted_pieces"] = pieces_of(
         places.points[wrong], places.length[wrong], tree.probability[wrong], step
     )
-    is_lost = cKDTree(wood).query(missing.points)[0] > IN_CLOUD_STEPS * step
+    is_lost = cKDTree(wood).query(missing.points)[0] > SAME_STEPS * step
     lost = (missing.length * missing.probability)[is_lost]
     report["missing_from_cloud_length"] = rounded(lost.sum())
     report["before"], dropped = _before(refuted)

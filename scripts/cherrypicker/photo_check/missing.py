@@ -27,6 +27,8 @@ from cherrypicker.poses import Poses
 LEAST_SINE = 0.3
 # Places along a twig that tell its direction
 N_ALONG = 8
+# Wood within so many steps between places is the same: four pixels
+SAME_STEPS = 2.0
 # Patches of missing wood this far apart, in the radius of the region, hang together (guess: 0.2 to
 # 0.3 m; on a walk through rows the next row's twigs lie 2 m off)
 JOINED = 0.1
@@ -57,6 +59,7 @@ def find_missing(
     witnesses: Witnesses,
     lines: Lines,
     places: Places,
+    step: float,
     region: Region,
     fused: np.ndarray,
     others: np.ndarray,
@@ -73,6 +76,8 @@ def find_missing(
         Of its photos; what explains them is entered.
     places : Places
         Of the skeleton, at most two pixels apart.
+    step : float
+        How far they are, see `cherrypicker.photo_check.places.step_of`.
     region : Region
         Where wood is looked for.
     fused : ndarray of shape (n_fused, 3)
@@ -91,8 +96,9 @@ def find_missing(
     found, owner = _held(photos, lines, by_cloud, threads)
     length = _lengths(found, owner, poses)
     if len(found):
-        own = cKDTree(places.points).query(found)[0]
+        own, row = cKDTree(places.points).query(found)
         kept = hang_together(found, own, JOINED * region.radius)
+        kept &= own > places.radius[row] + SAME_STEPS * step
         if len(others):
             kept &= own <= cKDTree(others).query(found)[0]
         found, length = found[kept], length[kept]
