@@ -164,6 +164,8 @@ def _key_row(name: str, entry: dict, stages: list[str]) -> str:
     allowed = ", ".join(f"`{each}`" for each in entry.get("enum", [])) or ", ".join(bounds)
     what = " ".join(entry.get("description", "").split()).replace("|", "\\|")
     what += f" *{kind.capitalize()}*{': ' if allowed else ''}{allowed}."
+    if "paper" in entry:
+        what += f" [Under `method: paper`](paper.md#keys) `{entry['paper']}`."
     if read_by := ", ".join(f"`{stage}`" for stage in entry.get("stages", stages)):
         what += f" Read by {read_by}."
     default = yaml.safe_dump(entry.get("default"), default_flow_style=True, width=10**6)

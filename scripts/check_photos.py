@@ -1,12 +1,13 @@
 """Let the photos judge a skeleton: what is not there, what is missing, how thick it is.
 
-Reads skeleton.graphml, graph.json, segmented.ply, target.json, the undistorted photos,
-metric_poses.npz, the sky masks and the sparse model's cameras; writes photo_check.json and two
-pictures. Example:
+Reads skeleton.graphml, graph.json, segmented.ply, target.json, the fused cloud.ply, the undistorted
+photos, what each shows (evidence), their depth maps and metric_poses.npz; writes photo_check.json
+and two pictures. Example:
 
     python scripts/check_photos.py --skeleton skeleton.graphml --segmented segmented.ply \\
-        --graph_report graph.json --target target.json --undistorted dense/undistorted.json \\
-        --sky_masks sky --metric_poses metric_poses.npz --cameras sfm/model/cameras.bin \\
+        --graph_report graph.json --target target.json --cloud cloud.ply --evidence evidence \\
+        --undistorted dense/undistorted.json --depth dense/depth.json \\
+        --metric_poses metric_poses.npz \\
         --report photo_check.json --worst photo_check/worst.jpg --best photo_check/best.jpg
 """
 
@@ -16,10 +17,9 @@ from typing import Annotated
 import numpy as np
 
 from cherrypicker.files import read_json, write_json
-from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.photo_check.check import CheckOptions, check_photos
+from cherrypicker.mvs.scan_photos import ScanPhotos
+from cherrypicker.photo_check.check import check_photos
 from cherrypicker.photo_check.pictures import write_picture
-from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
@@ -30,30 +30,31 @@ def main(
     skeleton: Annotated[str, "skeleton.graphml"],
     segmented: Annotated[str, "labelled cloud"],
     target: Annotated[str, "target.json: where other trees stand"],
+    cloud: Annotated[str, "fused cloud in COLMAP's frame"],
     undistorted: Annotated[str, "manifest beside the undistorted photos"],
     metric_poses: Annotated[str, "poses in the skeleton's frame"],
-    sky_masks: Annotated[str, "folder of sky masks"],
-    cameras: Annotated[str, "cameras.bin of the photos as stored"],
+    evidence: Annotated[str, "folder of what each photo shows"],
     report: Annotated[str, "JSON to write"],
     worst: Annotated[str, "picture of the worst photo to write"],
     best: Annotated[str, "picture of the best photo to write"],
     graph_report: Annotated[str | None, "graph.json: what the photos refuted before"] = None,
+    depth: Annotated[str | None, "manifest of the depth maps"] = None,
     *,
-    options: CheckOptions,
+    seed: int = 0,
     threads: int = 2,
 ) -> None:
     """Load, judge, save."""
     found = read_json(target)
     others = found["other_stems_xy"] + found.get("neighbours_xy", [])
-    workspace = MetricWorkspace(Path(undistorted).parent, read_poses(metric_poses))
+    photos = ScanPhotos(Path(undistorted).parent, evidence, read_poses(metric_poses))
     content, pictures = check_photos(
         read_skeleton(skeleton),
         read_cloud(segmented, required=("label",)),
-        workspace,
-        SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names),
-        options,
+        photos,
+        photos.placed(read_cloud(cloud).points),
         other_stems=np.array(others).reshape(-1, 2),
         refuted=read_json(graph_report)["refuted"] if graph_report else None,
+        seed=seed,
         threads=threads,
     )
     write_picture(worst, pictures["worst"])

@@ -1,5 +1,5 @@
-"""Choose the target tree by its wood, and move it onto the axes of its limbs, or contract
-it as published (LBC or S-LBC).
+"""Choose the target tree by its wood, and move it onto the axes of its limbs, or contract it as
+published (S-LBC or LBC).
 
 Reads segmented.ply and limbs.npz (and metric.json for a tree from photos, tree.json for one of
 several in a scan), writes target.json, contracted.ply and contract.json. Example:
@@ -12,10 +12,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from cherrypicker.contraction.contract_points import ContractionOptions
-from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
+from cherrypicker.contraction.contract_points import SkeletonOptions
+from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.files import read_json, write_json
 from cherrypicker.limbs.files import read_orchard
+from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
@@ -31,8 +32,8 @@ def main(
     limbs: Annotated[str | None, "limbs.npz of the cloud's trees; else they are grown"] = None,
     *,
     target_xy: tuple[float, float] | None = None,
-    wood: WoodOptions,
-    options: ContractionOptions,
+    wood: GrowthOptions,
+    options: SkeletonOptions,
 ) -> None:
     """Load, choose, contract, save."""
     cloud = read_cloud(segmented, required=("label",))
@@ -55,7 +56,7 @@ def main(
     del details["limbs"]
     scan["loose"] = details["wood"].pop("loose")
     write_json(target, target_report(details.pop("choice"), **scan))
-    write_json(report, {"preset": options.preset, **details})
+    write_json(report, details)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -22,6 +22,7 @@ def main(
     report: Annotated[str, "JSON of the region and counts to write"],
     several: Annotated[bool, "whether the scan is of several trees"] = False,
     *,
+    region: str = "view",
     margin_fraction: float = 0.0,
     seed: int = 0,
 ) -> None:
@@ -31,6 +32,7 @@ def main(
         aligned.points,
         read_poses(poses),
         several=several,
+        region=region,
         margin_fraction=margin_fraction,
         seed=seed,
     )

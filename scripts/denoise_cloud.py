@@ -1,23 +1,24 @@
 """Remove isolated points and sky silhouettes from the cropped cloud.
 
-Reads cropped.ply, aligned_poses.npz, the sparse model (lens distortion), the photos, their sky
-masks and sky_colors.npz; writes denoised.ply and denoise.json with the number of points that each
-filter removed. Example:
+Reads cropped.ply, aligned_poses.npz, the undistorted photos' cameras, what each photo shows
+(evidence), the depth maps and sky_colors.npz; writes denoised.ply and denoise.json with the number
+of points that each filter removed. Example:
 
     python scripts/denoise_cloud.py --cloud cropped.ply --poses aligned_poses.npz \\
-        --cameras sfm/model/cameras.bin --photo_folder photos --masks sky \\
+        --undistorted dense/undistorted.json --evidence evidence --depth dense/depth.json \\
         --sky_colors sky_colors.npz --denoised denoised.ply --report denoise.json
 """
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
 from cherrypicker.denoising.denoise import GROUND_SHARE, DenoiseOptions, denoise_cloud
-from cherrypicker.denoising.evidence import EvidenceOptions
-from cherrypicker.denoising.witnesses import photos_as_witnesses
+from cherrypicker.evidence.existence import ask_points
 from cherrypicker.files import write_json
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
@@ -27,25 +28,23 @@ from cherrypicker.sky.colors import read_sky_colors
 def main(
     cloud: Annotated[str, "cropped cloud"],
     poses: Annotated[str, "poses in the cloud's frame"],
-    cameras: Annotated[str, "cameras.bin in the folder of the model"],
-    photo_folder: Annotated[str, "folder of photos"],
-    masks: Annotated[str, "folder of sky masks"],
+    undistorted: Annotated[str, "manifest beside the undistorted photos"],
+    evidence: Annotated[str, "folder of what each photo shows"],
     sky_colors: Annotated[str, "dominant sky colours"],
     denoised: Annotated[str, "cloud to write"],
     report: Annotated[str, "counts to write (JSON)"],
+    depth: Annotated[str | None, "manifest of the depth maps"] = None,
     *,
     options: DenoiseOptions,
-    looking: EvidenceOptions,
+    seed: int = 0,
 ) -> None:
-    """Load cloud, poses, lenses and sky, filter, save cloud and counts."""
+    """Load cloud, photos and sky, filter, save cloud and counts."""
     views = read_poses(poses)
-    evidence = photos_as_witnesses(
-        views, Path(cameras).parent, Path(photo_folder), Path(masks), looking
-    )
+    photos = ScanPhotos(Path(undistorted).parent, evidence, views)
     kept, counts = denoise_cloud(
         read_cloud(cloud),
         read_sky_colors(sky_colors),
-        evidence,
+        partial(ask_points, photos, seed=seed),
         options,
         ground_height=GROUND_SHARE * float(np.median(views.centers[:, 2])),
     )

@@ -1,10 +1,11 @@
 """Make the skeleton and the topology graph from the contracted points.
 
 Reads contracted.ply, contract.json, limbs.npz and segmented.ply, and for a scan from photos the
-undistorted photos, metric_poses.npz, the sky masks and the sparse model's cameras, which refute
-what is not there; writes skeleton.graphml, skeleton.ply, skeleton.swc, topology.graphml and
-graph.json (the last four where a path is given). The points are taken where they were before the
-contraction. Example:
+undistorted photos' cameras, metric_poses.npz, what each photo shows (evidence) and the depth maps,
+which refute what is not there; writes skeleton.graphml, skeleton.ply, skeleton.swc,
+topology.graphml and graph.json (the last four where a path is given). With the method limbs the
+points are taken where they were before they moved, with slbc and lbc where the contraction put
+them. Example:
 
     python scripts/extract_graph.py --contracted contracted.ply --contract_report contract.json \
         --limbs limbs.npz --segmented segmented.ply --skeleton_graph skeleton.graphml \
@@ -14,13 +15,13 @@ contraction. Example:
 from pathlib import Path
 from typing import Annotated, Any
 
+from cherrypicker.classes import wood_mask
 from cherrypicker.files import read_json, write_json
 from cherrypicker.formats.swc import write_skeleton_swc
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker.limbs.files import read_orchard
-from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.drop import DropOptions, drop_refuted
-from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
@@ -32,6 +33,7 @@ from cherrypicker.skeleton import (
     write_skeleton_ply,
     write_topology_graphml,
 )
+from cherrypicker.skeleton.networks import as_networkx, folded, write_network
 
 
 def main(
@@ -45,12 +47,13 @@ def main(
     limbs: Annotated[str | None, "limbs.npz of the cloud's trees; else they are grown"] = None,
     undistorted: Annotated[str | None, "manifest beside the undistorted photos"] = None,
     metric_poses: Annotated[str | None, "poses in the labelled cloud's frame"] = None,
-    sky_masks: Annotated[str | None, "folder of sky masks"] = None,
-    cameras: Annotated[str | None, "cameras.bin of the photos as stored"] = None,
+    evidence: Annotated[str | None, "folder of what each photo shows"] = None,
+    depth: Annotated[str | None, "manifest of the depth maps"] = None,
     report: Annotated[str | None, "graph.json: what the photos refuted"] = None,
     *,
     options: GraphOptions,
     drop: DropOptions,
+    seed: int = 0,
 ) -> None:
     """Load, extract, drop what the photos refute, save."""
     points = read_cloud(contracted, required=("label", "source"))
@@ -58,30 +61,37 @@ def main(
     if contract_report:
         contraction = read_json(contract_report)
     grown = None
-    if limbs and contraction.get("preset") == "default":
+    if limbs and options.method == "limbs":
         grown = read_orchard(limbs).limbs_of(contraction["stem"], points["source"])
+    cloud = read_cloud(segmented, required=("label",))
     skeleton = extract_skeleton(
         points,
-        read_cloud(segmented, required=("label",)),
+        cloud,
         options,
         base=contraction["base"],
         limbs=grown,
     )
     refuted = None
-    if drop.drop_refuted and undistorted and metric_poses and sky_masks and cameras:
-        workspace = MetricWorkspace(Path(undistorted).parent, read_poses(metric_poses))
-        masks = SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names)
-        skeleton, refuted = drop_refuted(skeleton, workspace, masks, drop.least_photos)
+    if drop.drop_refuted and undistorted and metric_poses and evidence:
+        photos = ScanPhotos(Path(undistorted).parent, evidence, read_poses(metric_poses))
+        wood = cloud.points[wood_mask(cloud["label"])]
+        skeleton, refuted = drop_refuted(skeleton, photos, wood, seed=seed)
     axis_list = axes(skeleton)
+    order = node_order(skeleton, axis_list)
     if skeleton_ply:
-        write_skeleton_ply(skeleton_ply, skeleton, node_order(skeleton, axis_list))
+        write_skeleton_ply(skeleton_ply, skeleton, order)
     if skeleton_swc:
         write_skeleton_swc(skeleton_swc, skeleton)
-    if topology:
-        write_topology_graphml(topology, fold(skeleton, axis_list))
     if report:
         write_json(report, {"unit": skeleton.unit, "refuted": refuted})
-    write_skeleton_graphml(skeleton_graph, skeleton)
+    if options.method == "limbs":
+        if topology:
+            write_topology_graphml(topology, fold(skeleton, axis_list))
+        write_skeleton_graphml(skeleton_graph, skeleton)
+    else:
+        if topology:
+            write_network(topology, folded(skeleton, order))
+        write_network(skeleton_graph, as_networkx(skeleton))
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -1,32 +1,32 @@
 """Fuse the depth maps into the dense cloud.
 
-Reads the dense workspace (its manifest depth.json), writes cloud.ply with colours, normals and the
-number of photos that saw each point, and coverage.json: for the region that the cameras look at, in
-voxels, how many photos frame it, how many depth maps hold something there, and what the sky masks
-show. With silhouettes, twigs that photos show before the sky and the depth maps lack are added; the
-field from_silhouette is 1 for their points. Example:
+Reads the dense workspace (its manifest depth.json) and what each photo shows (evidence), writes
+cloud.ply with colours, normals and the number of photos that saw each point, and coverage.json: for
+the region that the cameras look at, in voxels, how many photos frame it, how many depth maps hold
+something there, and how probable wood is there by the photos. With silhouettes, twigs that photos
+show before the sky and the depth maps lack are added; the field from_silhouette is 1 for their
+points. Example:
 
-    python scripts/fuse_depth.py --depth dense/depth.json --sky_masks sky \\
-        --cameras sfm/model/cameras.bin --cloud cloud.ply --coverage dense/coverage.json
+    python scripts/fuse_depth.py --depth dense/depth.json --evidence evidence \\
+        --cloud cloud.ply --coverage dense/coverage.json
 """
 
 from pathlib import Path
 from typing import Annotated
 
+from cherrypicker.evidence.coverage import measure_coverage
+from cherrypicker.evidence.existence import words_of_clear_sky
 from cherrypicker.files import read_json, write_json
-from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.mvs.coverage import measure_coverage
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.silhouettes import add_silhouettes
-from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 
 
 def main(
     depth: Annotated[str, "manifest of the depth maps"],
-    sky_masks: Annotated[str, "folder of sky masks"],
-    cameras: Annotated[str, "cameras.bin of the photos as stored"],
+    evidence: Annotated[str, "folder of what each photo shows"],
     cloud: Annotated[str, "cloud to write, PLY"],
     coverage: Annotated[str, "coverage.json to write"],
     several: Annotated[bool, "whether the scan is of several trees"] = False,
@@ -34,19 +34,21 @@ def main(
     options: FusionOptions,
     fusion: str = "star",
     silhouettes: bool = True,
+    seed: int = 0,
     threads: int = 2,
 ) -> None:
     """Load, fuse, add twigs, save, and count what the region holds."""
     names = read_json(depth)["maps"]
-    workspace = Workspace(Path(depth).parent, several=several)
-    fused = fuse_workspace(workspace, names, options, method=fusion, threads=threads)
-    region = workspace.region
+    photos = ScanPhotos(Path(depth).parent, evidence, several=several)
+    fused = fuse_workspace(photos, names, options, method=fusion, threads=threads)
+    region = photos.region
     content: dict = {"region": None}
     if region is not None:
-        masks = SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names)
-        content = measure_coverage(workspace, region, names, masks)
+        content = measure_coverage(photos, region, names)
         if silhouettes:
-            fused = add_silhouettes(workspace, fused, region, masks, threads=threads)
+            inside = fused.points[region.holds(fused.points)]
+            words = words_of_clear_sky(photos, inside, seed=seed)
+            fused = add_silhouettes(photos, fused, region, words, threads=threads)
     write_json(coverage, content, indent=None)
     write_cloud(cloud, fused)
 

@@ -1,9 +1,10 @@
 """Measure a tree's traits on its skeleton and its labelled cloud.
 
 Reads skeleton.graphml, topology.graphml, segmented.ply and target.json, and for a scan from photos
-scale.json, metric_poses.npz, sfm/report.json, photo_check.json, the sky masks and the sparse
-model's cameras (with hand corrections edits.json); writes traits.json, branches.csv and, where a
-path is given, limbs.csv and branches.ply, the wood with the branch of each point. Example:
+scale.json, metric_poses.npz, sfm/report.json, photo_check.json, the undistorted photos' cameras,
+what each photo shows (evidence) and the depth maps (with hand corrections edits.json); writes
+traits.json, branches.csv and, where a path is given, limbs.csv and branches.ply, the wood with the
+branch of each point. Example:
 
     python scripts/measure_traits.py --skeleton skeleton.graphml --topology topology.graphml \\
         --segmented segmented.ply --traits traits.json --branches branches.csv --limbs limbs.csv
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Annotated
 
 from cherrypicker.files import read_json, write_json, write_text
-from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
@@ -38,17 +39,18 @@ def main(
     edits: Annotated[str | None, "edits.json of a tree with hand corrections"] = None,
     photo_check: Annotated[str | None, "photo_check.json of a scan from photos"] = None,
     metric_poses: Annotated[str | None, "poses in the segmented cloud's frame"] = None,
-    sky_masks: Annotated[str | None, "folder of sky masks of a scan from photos"] = None,
-    cameras: Annotated[str | None, "cameras.bin of the photos as stored, for the sky masks"] = None,
+    undistorted: Annotated[str | None, "manifest beside the undistorted photos"] = None,
+    evidence: Annotated[str | None, "folder of what each photo shows"] = None,
+    depth: Annotated[str | None, "manifest of the depth maps"] = None,
     *,
     options: TraitOptions,
     seed: int = 0,
 ) -> None:
     cloud = read_cloud(segmented, required=("label",))
     poses = read_poses(metric_poses) if metric_poses else None
-    masks = None
-    if sky_masks and cameras and poses:
-        masks = SkyMasks(sky_masks, Path(cameras).parent, poses.names)
+    photos = None
+    if undistorted and evidence and poses:
+        photos = ScanPhotos(Path(undistorted).parent, evidence, poses)
     tree = read_skeleton(skeleton)
     numbers, tables = measure_traits(
         tree,
@@ -60,7 +62,7 @@ def main(
         edits=read_json(edits) if edits else None,
         photo_check=read_json(photo_check) if photo_check else None,
         poses=poses,
-        sky_masks=masks,
+        photos=photos,
         options=options,
         seed=seed,
     )

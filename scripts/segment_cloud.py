@@ -38,6 +38,7 @@ def main(
     min_visits: int = 2,
     batch_spheres: int = 16,
     smooth_k: int = 12,
+    labels: str = "limbs",
     growth: GrowthOptions,
     seed: int = 0,
     threads: int = 2,
@@ -52,6 +53,7 @@ def main(
         region=read_region(metric),
         is_row=is_row,
         markers=known_markers(read_json(scale), read_json(align)) if scale and align else None,
+        by=labels,
         seed=seed,
         device=choose_device(threads, gpu),
     )

@@ -30,8 +30,8 @@ def test_every_class_has_a_colour_of_its_own():
 
 def test_wood_is_what_is_contracted(project):
     schema = yaml.safe_load((project / "workflow/schemas/config.schema.yaml").read_text())
-    options = schema["properties"]["contract"]["properties"]
-    assert options["classes"]["default"] == list(WOOD)
-    assert options["weights"]["properties"].keys() == CLASS_IDS.keys()
+    options = {name: schema["properties"][name]["properties"] for name in ("contract", "skeleton")}
+    assert options["contract"]["classes"]["default"] == list(WOOD)
+    assert options["skeleton"]["weights"]["properties"].keys() == CLASS_IDS.keys()
     labels = np.array(list(Label))
     assert labels[wood_mask(labels)].tolist() == [Label.TRUNK, Label.BRANCH]

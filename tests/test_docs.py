@@ -28,6 +28,8 @@ DESCRIBED = {
     "docs/api.md: Coming from pc-skeletor",
     "docs/command.md: `export`",
     "docs/orchard.md: Walks and backgrounds",
+    "docs/paper.md: Equations",
+    "docs/paper.md: Parameters",
     "docs/orchard.md: Bearing trees",
     "docs/photographing.md: How far away",
     "docs/scale.md: What can be known",
@@ -78,7 +80,9 @@ def test_every_config_key_that_a_page_names_exists(project, pages):
         for section, key in re.findall(r"`([a-z_]+)\.([a-z]\w+)`", text)
         if section in keys
     }
-    files = ("csv", "graphml", "html", "json", "md", "npy", "npz", "ply", "png", "py", "yaml")
+    files = (
+        *("csv", "graphml", "html", "json", "md", "npy", "npz", "ply", "png", "py", "swc", "yaml"),
+    )
     missing = [each for each in named if each[2] not in keys[each[1]] and each[2] not in files]
     assert len(named) > 60
     assert missing == []

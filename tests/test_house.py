@@ -16,7 +16,8 @@ VOCABULARY = [
 LAYERS = [
     *VOCABULARY,
     "intake",
-    *("geometry", "placement", "sky", "sfm", "mvs", "denoising", "markers", "capture", "skeleton"),
+    *("geometry", "placement", "sky", "sfm", "mvs", "evidence", "denoising", "markers"),
+    *("capture", "skeleton"),
     "wood",
     "limbs",
     *("segmentation", "contraction", "graph", "traits", "series", "formats", "photo_check"),
@@ -34,7 +35,7 @@ STAGES = [
     *("extract_features", "match_features", "reconstruct_sparse", "undistort_photos"),
     *("estimate_depth", "fuse_depth", "align_cloud", "crop_roi", "segment_sky", "denoise_cloud"),
     *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
-    "grow_limbs",
+    *("gather_evidence", "grow_limbs"),
     *("edit_graph", "check_photos", "measure_traits", "report_tree", "summarise_batch"),
     *("compare_series", "import_cloud", "compare_measures", "find_trees", "split_scan"),
 ]

@@ -23,6 +23,22 @@ def test_round_trip(poses, tmp_path):
     np.testing.assert_array_equal(back.cam_from_world, poses.cam_from_world)
 
 
+def test_errors_go_along_and_are_zero_where_nobody_measured(poses, tmp_path):
+    assert not poses.error_px.any()
+    write_npz(
+        tmp_path / "old.npz",
+        **{
+            name: getattr(poses, name)
+            for name in ("names", "cam_from_world", "K", "width", "height")
+        },
+    )
+    assert not read_poses(tmp_path / "old.npz").error_px.any()
+    poses.error_px = np.arange(len(poses)) / 4
+    write_poses(tmp_path / "p.npz", poses)
+    moved = read_poses(tmp_path / "p.npz").transformed(2.0).select(np.array([2, 1]))
+    np.testing.assert_array_equal(moved.error_px, [0.5, 0.25])
+
+
 def test_a_point_on_the_optical_axis_hits_the_principal_point(poses):
     point = poses.centers[2] + 3.0 * poses.forward[2]
     uv, depth = poses.project(point[None], 2)

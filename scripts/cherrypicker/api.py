@@ -1,12 +1,13 @@
 """Skeletons in two calls, on a NumPy array, an Open3D cloud or a PointCloud.
 
 `contract` is the contraction alone (LBC and S-LBC, any number of classes and weights);
-`skeletonize` goes on to the rooted tree with radii, as the workflow does. docs/api.md maps the
-parameters of pc-skeletor to them.
+`skeletonize` goes on to the rooted tree with radii, as the workflow does, which `as_networkx` gives
+as a graph. docs/api.md maps the parameters of pc-skeletor to them.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,14 +15,16 @@ import numpy as np
 import numpy.typing as npt
 
 from cherrypicker.classes import Label
-from cherrypicker.contraction.contract_points import ContractionOptions
+from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_tree import contract_tree
-from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
+from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
+from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.networks import as_networkx
 
-__all__ = ["contract", "skeletonize"]
+__all__ = ["as_networkx", "contract", "skeletonize"]
 
 
 def contract(
@@ -29,7 +32,7 @@ def contract(
     labels: np.ndarray | None = None,
     *,
     weights: dict | None = None,
-    preset: str = "default",
+    method: str = "limbs",
     stem: int | None = Label.TRUNK,
     voxel_size: float | None = None,
     callback: Callable | None = None,
@@ -45,20 +48,18 @@ def contract(
     labels : array-like of shape (n_points,), int, optional
         Class of each point, any integers. A PointCloud's field ``label`` by default.
     weights : dict of int to float, optional
-        Lambda by class; classes that are not named weigh 1. Left out: 10 for the stem, where there
-        are labels. ``{}``, or no labels: plain LBC.
-    preset : {"default", "paper"}
-        Every point on the axis of its limb, or the contraction as published.
+        Lambda by class for "slbc"; classes that are not named weigh 1. Left out: 10 for the stem.
+    method : {"limbs", "slbc", "lbc"}
+        Every point on the axis of its limb, or the contraction as published, semantic or plain.
     stem : int or None, default 1
-        Class whose points are one stem, in which the default preset crosses gaps. None: no class
-        is.
+        Class whose points are one stem, in which limbs cross gaps. None: no class is.
     voxel_size : float, optional
         Thin the cloud to one point a voxel beforehand.
     callback : callable, optional
         Called as ``callback(iteration, mass_ratio, points)`` after each iteration; raise in it to
         stop.
     **constants
-        Attributes of `cherrypicker.contraction.contract_points.ContractionOptions`.
+        Attributes of `cherrypicker.contraction.contract_points.SkeletonOptions`.
 
     Returns
     -------
@@ -93,22 +94,27 @@ def contract(
 
     >>> kinds = np.digitize(z, [0.3, 0.7])
     >>> points, _ = contract(tube, kinds, weights={0: 10.0, 1: 5.0, 2: 1.0}, stem=None,
-    ...                      preset="paper", max_iterations=2,
+    ...                      method="slbc", max_iterations=2,
     ...                      callback=lambda i, ratio, points: print(i, ratio < 1))
     1 True
     2 True
     """
     points, labels = _points_and_labels(cloud, labels)
-    options = ContractionOptions(preset, **constants)
-    if callback is not None and preset != "paper":
-        raise ValueError("the default preset does not iterate: a callback needs preset='paper'")
+    if "preset" in constants:
+        published = "lbc" if labels is None or weights == {} else "slbc"
+        method = _renamed(published, preset=constants.pop("preset"))
+    options = SkeletonOptions(method, **constants)
+    if callback is not None and method == "limbs":
+        raise ValueError("limbs do not iterate: a callback needs method='slbc' or 'lbc'")
+    if method == "slbc" and labels is None:
+        raise ValueError("method='slbc' needs labels; without them it is method='lbc'")
     if weights is None:
         weights = {} if labels is None or stem is None else {int(stem): 10.0}
     _check_weights(weights, labels)
     tree = contract_tree(
         points,
         labels,
-        weights=weights or None,
+        weights=weights,
         options=options,
         stem=stem,
         voxel_size=voxel_size,
@@ -121,9 +127,8 @@ def skeletonize(
     cloud: PointCloud | np.ndarray,
     labels: np.ndarray | None = None,
     *,
-    method: str = "slbc",
-    preset: str = "default",
-    graph: str = "tree",
+    method: str = "limbs",
+    weights: dict[str, float] | None = None,
     target_xy: npt.ArrayLike | None = None,
     **options: Any,
 ) -> Skeleton:
@@ -135,15 +140,16 @@ def skeletonize(
         Metres, z up; ground and neighbouring trees may be in it where labels tell them.
     labels : array-like of shape (n_points,), int, optional
         `cherrypicker.classes.Label`; a PointCloud's field ``label`` by default, else all branch.
-    method : {"slbc", "lbc"}
-    preset : {"default", "paper"}
-    graph : {"tree", "mst"}
-        Tree solver or plain minimum spanning tree.
+    method : {"limbs", "slbc", "lbc"}
+        The limbs of the wood, joined; or its contraction, semantic or plain, and the minimum
+        spanning tree.
+    weights : dict of str to float, optional
+        Lambda by class name for "slbc", 10 for the trunk if left out.
     target_xy : array-like of 2 floats, optional
         Where the tree stands; left out, the wood decides.
     **options
-        Of `cherrypicker.contraction.contract_wood.WoodOptions`: ``classes``, ``weights`` (by class
-        name), ``voxel_size_m``, ``max_points``, ...
+        Of `cherrypicker.limbs.orchard.GrowthOptions`: ``classes``, ``voxel_size_m``,
+        ``max_points``, ...
 
     Returns
     -------
@@ -169,18 +175,29 @@ def skeletonize(
     (0.04, 2)
     """
     points, labels = _points_and_labels(cloud, labels)
+    old = {name: options.pop(name) for name in ("preset", "graph") if name in options}
+    if old:
+        method = _renamed("slbc" if method == "limbs" else method, **old)
     if labels is None:
         labels = np.full(len(points), int(Label.BRANCH))
     whole = PointCloud(points, fields={"label": labels.astype(np.uint8)}, frame="metric", unit="m")
     contracted, report = contract_wood(
         whole,
-        WoodOptions(method=method, **options),
-        options=ContractionOptions(preset),
+        GrowthOptions(**options),
+        options=SkeletonOptions(method, {"trunk": 10.0} if weights is None else weights),
         target_xy=target_xy,
     )
     return extract_skeleton(
-        contracted, whole, GraphOptions(method=graph), base=report["base"], limbs=report["limbs"]
+        contracted, whole, GraphOptions(method), base=report["base"], limbs=report["limbs"]
     )
+
+
+def _renamed(published: str, **old: str) -> str:
+    """The method that the parameters of the last release stand for, with a warning."""
+    method = "limbs" if {"default", "tree"} & set(old.values()) else published
+    said = ", ".join(f"{name}={value!r}" for name, value in old.items())
+    warnings.warn(f"{said} is now method={method!r}", DeprecationWarning, stacklevel=3)
+    return method
 
 
 def _points_and_labels(cloud: PointCloud | np.ndarray, labels: np.ndarray | None) -> tuple:

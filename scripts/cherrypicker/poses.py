@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_npz, write_npz
 
 _SHAPES = {"cam_from_world": (3, 4), "K": (3, 3), "width": (), "height": ()}
+_OPTIONAL = {"error_px": ()}
 
 
 @dataclass
@@ -27,6 +28,9 @@ class Poses:
     # width, height: (n_photos,) int: size of the undistorted photo, px
     width: np.ndarray
     height: np.ndarray
+    # (n_photos,) float64: standard error of where a photo shows a point of the tree, px of the
+    # undistorted photo; 0 where nobody measured it
+    error_px: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         self.names = np.asarray(self.names, dtype=str)
@@ -34,7 +38,9 @@ class Poses:
         self.K = np.asarray(self.K, dtype=np.float64)
         self.width = np.asarray(self.width, dtype=np.int64)
         self.height = np.asarray(self.height, dtype=np.int64)
-        for name, shape in _SHAPES.items():
+        measured = np.asarray(self.error_px, dtype=np.float64)
+        self.error_px = measured if measured.size else np.zeros(len(self.names))
+        for name, shape in (_SHAPES | _OPTIONAL).items():
             actual = getattr(self, name).shape
             if actual != (len(self.names), *shape):
                 raise ValueError(
@@ -66,7 +72,7 @@ class Poses:
 
     def select(self, index: np.ndarray) -> Poses:
         """Return the photos of a boolean mask or an index array."""
-        arrays = {name: getattr(self, name)[index] for name in ("names", *_SHAPES)}
+        arrays = {name: getattr(self, name)[index] for name in ("names", *_SHAPES, *_OPTIONAL)}
         return Poses(**arrays)
 
     def transformed(
@@ -119,7 +125,8 @@ def read_poses(path: str | os.PathLike) -> Poses:
     """
     arrays = read_npz(path, required=("names", *_SHAPES))
     try:
-        poses = Poses(**{name: arrays[name] for name in ("names", *_SHAPES)})
+        wanted = ("names", *_SHAPES, *(name for name in _OPTIONAL if name in arrays))
+        poses = Poses(**{name: arrays[name] for name in wanted})
     except ValueError as error:
         raise StageError(str(error), file=path) from error
     if len(poses) == 0:
@@ -139,4 +146,6 @@ def write_poses(path: str | os.PathLike, poses: Poses) -> None:
     """
     if len(poses) == 0:
         raise StageError("nothing to write: no photo has a pose", file=path)
-    write_npz(path, names=poses.names, **{name: getattr(poses, name) for name in _SHAPES})
+    write_npz(
+        path, names=poses.names, **{name: getattr(poses, name) for name in _SHAPES | _OPTIONAL}
+    )

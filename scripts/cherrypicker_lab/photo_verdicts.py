@@ -11,13 +11,12 @@ from scipy.stats import spearmanr
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.files import read_json
-from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.photo_check.check import CheckOptions, check_photos
+from cherrypicker.mvs.scan_photos import ScanPhotos
+from cherrypicker.photo_check.check import check_photos
 from cherrypicker.photo_check.drop import drop_refuted
-from cherrypicker.photo_check.places import MetricWorkspace
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
-from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
+from cherrypicker.skeleton import axes, axis_of_node, read_skeleton, read_skeleton_csv
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.flags import scan_flags
 from cherrypicker.traits.missing_top import find_missing_top
@@ -26,6 +25,8 @@ from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
 from cherrypicker_lab.spoilt_skeletons import Spoilt
 
 TOLERANCE_M, SAMPLE_M = 0.01, 0.002
+# Bins of probability in which what is told is held against what is true
+N_BINS = 5
 COLUMNS = ("precision", "photo_precision", "recall", "photo_recall", "photo_confirmed", "told")
 COLUMNS += ("precision_after", "recall_after", "dropped_m")
 
@@ -42,14 +43,13 @@ class FinishedScan:
 
     def __init__(self, results: Path, truth: Path, threads: int) -> None:
         self.threads = threads
-        self.poses = read_poses(results / "metric_poses.npz")
-        self.workspace = MetricWorkspace(results / "dense", self.poses)
-        names = self.workspace.poses.names
-        self.masks = SkyMasks(results / "sky", results / "sfm/model", names)
+        poses = read_poses(results / "metric_poses.npz")
+        self.photos = ScanPhotos(results / "dense", results / "evidence", poses)
+        self.fused = self.photos.placed(read_cloud(results / "cloud.ply").points)
         self.skeleton = read_skeleton(results / "skeleton.graphml")
         self.cloud = read_cloud(results / "segmented.ply", required=("label",))
         self.others = np.array(read_json(results / "target.json")["other_stems_xy"]).reshape(-1, 2)
-        moved = compare_cameras(self.poses, read_poses(truth / "poses.npz"))
+        moved = compare_cameras(poses, read_poses(truth / "poses.npz"))
         self.true = read_skeleton_csv(truth / "skeleton.csv")
         self.true.points = (self.true.points - moved["translation"]) @ moved["rotation"]
 
@@ -64,21 +64,18 @@ class FinishedScan:
         report, _ = check_photos(
             spoilt.skeleton,
             spoilt.cloud,
-            self.workspace,
-            self.masks,
-            CheckOptions(),
+            self.photos,
+            self.fused,
             other_stems=self.others,
             threads=self.threads,
         )
-        left, dropped = drop_refuted(
-            spoilt.skeleton, self.workspace, self.masks, CheckOptions().least_photos
-        )
+        wood = spoilt.cloud.points[wood_mask(spoilt.cloud["label"])]
+        left, dropped = drop_refuted(spoilt.skeleton, self.photos, wood)
         before, after = (
             compare_skeletons(each, self.true, tolerance=TOLERANCE_M)
             for each in (spoilt.skeleton, left)
         )
-        wood = spoilt.cloud.points[wood_mask(spoilt.cloud["label"])]
-        top = find_missing_top(self.poses, self.masks, wood, spoilt.skeleton.points[0])
+        top = find_missing_top(self.photos, wood, spoilt.skeleton.points[0])
         flags = scan_flags("m", photo_check=report, missing_top=top)
         return {
             "length": spoilt.length,
@@ -95,7 +92,25 @@ class FinishedScan:
             "sky_share": report["photo_sky_share"],
             "missing_length": report["missing_length"],
             "missing_from_cloud_length": report["missing_from_cloud_length"],
+            "axes": self._axes(spoilt.skeleton, report["axes"]),
         }
+
+    def _axes(self, skeleton: Skeleton, told: list[dict]) -> list[tuple[float, float, float]]:
+        """Of each axis how probable it is told, the share of it that is true, and its length.
+
+        True is what lies within `TOLERANCE_M` of a true axis or inside of its wood.
+        """
+        places, node, _, length = densify(skeleton, SAMPLE_M)
+        true, _, radius, _ = densify(self.true, SAMPLE_M)
+        distance, nearest = cKDTree(true).query(places)
+        is_true = distance <= np.maximum(TOLERANCE_M, radius[nearest])
+        axis = axis_of_node(skeleton, axes(skeleton))[node]
+        whole, right = np.bincount(axis, length), np.bincount(axis, length * is_true)
+        rows = [each["branch_id"] for each in told]
+        return [
+            (each["p_exists"], float(right[row] / whole[row]), float(whole[row]))
+            for each, row in zip(told, rows, strict=True)
+        ]
 
 
 def _still_there(spoilt: Spoilt, left: Skeleton) -> float:
@@ -104,6 +119,18 @@ def _still_there(spoilt: Spoilt, left: Skeleton) -> float:
         return 0.0
     places = densify(left, SAMPLE_M)[0]
     return float(spoilt.length * (cKDTree(places).query(spoilt.added)[0] < SAMPLE_M).mean())
+
+
+def reliability(axes: list[tuple[float, float, float]]) -> list[tuple[int, float, float]]:
+    """Number of axes, and the means over their length of what is told and true, in each bin."""
+    table = np.array(axes).reshape(-1, 3)
+    row = np.minimum((table[:, 0] * N_BINS).astype(int), N_BINS - 1)
+    bins = []
+    for one in range(N_BINS):
+        told, true, length = table[row == one].T
+        whole = max(float(length.sum()), 1e-12)
+        bins.append((len(told), float(told @ length) / whole, float(true @ length) / whole))
+    return bins
 
 
 def markdown(reports: list[dict[str, Any]]) -> str:
@@ -121,6 +148,10 @@ def markdown(reports: list[dict[str, Any]]) -> str:
             rank = spearmanr(*zip(*pairs, strict=True)).statistic
             told = f"photo_{by} with {name} over {len(pairs)} scans"
             lines += ["", f"rank correlation of {told}: {rank:.2f}"]
+    lines += ["", "| axes told | number | told | true |"]
+    for k, (n, told, true) in enumerate(reliability([a for row in rows for a in row["axes"]])):
+        span = f"{k / N_BINS:.1f} to {(k + 1) / N_BINS:.1f}"
+        lines.append(f"| {span} | {n} | {told:.3f} | {true:.3f} |" if n else f"| {span} | 0 | | |")
     return "\n".join(lines)
 
 

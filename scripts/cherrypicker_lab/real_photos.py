@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.files import read_json
-from cherrypicker.mvs.coverage import Shown
 
 #: Columns of the table: key, heading, how a value is written.
 COLUMNS = {
@@ -53,8 +52,7 @@ def scan_row(tree: str, results: Path, benchmarks: Path, status: dict[str, str])
         row["registered"] = f"{sparse['n_registered']} of {sparse['n_photos']}"
         row["reprojection_px"] = sparse["mean_reprojection_error_px"]
     if coverage := _json(folder / "dense/coverage.json"):
-        names = ("n_framing", "n_thin_before_sky", "n_clear_sky")
-        wood = Shown(*(np.array(coverage[name]) for name in names)).is_wood
+        wood = np.array(coverage["p_wood"]) > 0.5
         if wood.any():
             row["held"] = float((np.array(coverage["n_holding"])[wood] > 0).mean())
     check = _json(folder / "photo_check.json")

@@ -1,25 +1,29 @@
 """Measure what each part of the sky-silhouette filter takes from the clouds of rendered scenes.
 
-Per scene reads results/TREE (cropped.ply, aligned_poses.npz, sfm/model, sky/, sky_colors.npz), the
-photos and SCENE/truth; prints a table with the filter off, colour only, mask voting only and both:
-sky-coloured fringe points removed, true branch points lost. The other filters are off unless
---other_filters is given. Definitions: cherrypicker_lab/training/sky/ablation.py. Example:
+Per scene reads results/TREE (cropped.ply, aligned_poses.npz, sfm/model, dense/, sky/ and
+sky_colors.npz) and SCENE/truth; prints a table with the filter off, colour only, mask voting only
+and both: sky-coloured fringe points removed, true branch points lost. The other filters are off
+unless --other_filters is given. Definitions: cherrypicker_lab/training/sky/ablation.py. Example:
 
     python scripts/lab/ablate_sky.py --results results/cherry_leader results/cherry_vase \\
         --scenes resources/demo/cherry_leader resources/demo/cherry_vase --table ablation.md
 """
 
 import logging
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import lab_path  # noqa: F401
 from cherrypicker.denoising.denoise import GROUND_SHARE, DenoiseOptions
-from cherrypicker.denoising.evidence import EvidenceOptions
-from cherrypicker.denoising.witnesses import photos_as_witnesses
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
+from cherrypicker.evidence.existence import ask_points
+from cherrypicker.files import atomic_path, temporary_folder
+from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.raster import write_rasters
+from cherrypicker.mvs.scan_photos import ScanPhotos
+from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
@@ -31,18 +35,17 @@ from cherrypicker_lab.training.sky.ablation import ablate, markdown
 logger = logging.getLogger(__name__)
 
 
-def main(results, scenes, table, *, masks, other_filters, depth_side):
+def main(results, scenes, table, *, masks, other_filters):
     """Ablate scene by scene, print and save the table."""
     if len(results) != len(scenes) or (masks and len(masks) != len(scenes)):
         raise StageError(f"{len(results)} results and {len(scenes)} scenes must come in pairs")
     options = DenoiseOptions()
     if not other_filters:
-        # A doubted point stays where photos speak for it; no share of them does so above one.
-        options = DenoiseOptions(use_statistical=False, min_view_ratio=0.0, keep_seen_fraction=2.0)
+        options = DenoiseOptions(use_statistical=False, min_view_ratio=0.0)
     tables = {}
     for k, (tree, scene) in enumerate(zip(map(Path, results), map(Path, scenes))):
         mask_folder = Path(masks[k]) if masks else tree / "sky"
-        tables[scene.name] = ablate_scene(tree, scene, mask_folder, options, depth_side)
+        tables[scene.name] = ablate_scene(tree, scene, mask_folder, options)
         logger.info("%s\n%s", scene.name, markdown({scene.name: tables[scene.name]}))
     text = markdown(tables)
     print(text)
@@ -51,21 +54,20 @@ def main(results, scenes, table, *, masks, other_filters, depth_side):
             temporary.write_text(text, encoding="utf-8")
 
 
-def ablate_scene(tree, scene, masks, options, depth_side):
+def ablate_scene(tree, scene, masks, options):
     """Load one scene's results and truth and return the table of its variants."""
     cloud, poses = read_cloud(tree / "cropped.ply"), read_poses(tree / "aligned_poses.npz")
     surface = load_true_surface(scene / "truth")
     placed, _ = place(cloud.points, tree / "aligned_poses.npz", scene / "truth", surface, "surface")
-    evidence = photos_as_witnesses(
-        poses,
-        tree / "sfm/model",
-        scene / "photos",
-        masks,
-        EvidenceOptions(max_image_size_px=depth_side),
-    )
     ground = GROUND_SHARE * float(np.median(poses.centers[:, 2]))
     sky = read_sky_colors(tree / "sky_colors.npz")
-    return ablate(cloud, placed, surface, sky, evidence, options, ground)
+    workspace = Workspace(tree / "dense")
+    with temporary_folder(tree, "evidence") as rasters:
+        write_rasters(
+            workspace, SkyMasks(masks, tree / "sfm/model", workspace.poses.names), rasters
+        )
+        ask = partial(ask_points, ScanPhotos(tree / "dense", rasters, poses))
+        return ablate(cloud, placed, surface, sky, ask, options, ground)
 
 
 parser = stage_parser(__doc__)
@@ -74,5 +76,4 @@ parser.add_argument("--scenes", nargs="+", required=True, help="folder of each s
 parser.add_argument("--masks", nargs="*", default=[], help="other sky masks than results/TREE/sky")
 parser.add_argument("--table", default="", help="Markdown to write")
 parser.add_argument("--other_filters", action="store_true", help="run the other filters too")
-parser.add_argument("--depth_side", type=int, default=1600, help="mvs.max_image_size_px")
 run(main, parser, globals().get("snakemake"))

@@ -38,6 +38,7 @@ def main(
     width: int = 64,
     embedding: int = 192,
     k: int = 12,
+    graph: str = "fixed",
     start: str | None = None,
     scans: str | None = None,
     threads: int = 2,
@@ -63,7 +64,7 @@ def main(
         schedule=schedule,
         sampling=sampling,
         checkpoint=folder / "checkpoint.pt",
-        network_settings={"width": width, "embedding": embedding, "k": k},
+        network_settings={"width": width, "embedding": embedding, "k": k, "graph": graph},
         start=start,
         device=device,
     )

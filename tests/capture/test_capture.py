@@ -56,6 +56,26 @@ def test_azimuths_follow_from_turns_alone():
     width, before, after = widest_gaps(ring.azimuth_deg, 25.0)[0]
     assert (before, after) == (39, 0)
     assert width == pytest.approx(360 - true[-1] + true[0], abs=6.0)
+    assert ring.is_told and np.isfinite(ring.told_deg).mean() > 0.9
+
+
+@pytest.mark.parametrize("noise_deg", [2.0, 40.0])
+def test_azimuths_that_overlaps_disagree_on_cannot_be_told(monkeypatch, noise_deg):
+    """With turns that are wrong a gap is a hint; with good ones the same gap is to be filled."""
+    rng = np.random.default_rng(0)
+    true = np.arange(0, 300, 7.5)
+    found = turns(cameras(true), neighbours(true, 40.0), rng, noise_deg)
+    ring = find_ring(len(true), found)
+    assert ring.is_told is (noise_deg < 10)
+    assert np.isfinite(ring.told_deg).any() == ring.is_told
+    monkeypatch.setattr("cherrypicker.capture.verdict.find_overlaps", lambda *_: found)
+    looks = [Look(Path(f"{i:02d}.jpg"), digest=str(i)) for i in range(len(true))]
+    verdict = judge(looks, (), 1)
+    told = [each.text for each in verdict.findings]
+    assert verdict.is_go is not ring.is_told
+    assert any("cannot tell where the photos stand" in text for text in told) is not ring.is_told
+    assert any("photograph between" in text for text in told) is ring.is_told
+    assert bool(verdict.gaps) is ring.is_told
 
 
 def test_photos_that_hang_on_no_others_are_a_group_of_their_own():

@@ -109,7 +109,7 @@ def test_init_finds_scans_by_sub_folder(tmp_path, capsys):
     assert rows["tree07"].photos == "row 1/tree07/photos" and rows["tree07"].date == "2026-02-11"
     assert rows["tree07"].marker_sides_m == "7:0.20" and rows["old"].cloud == "lidar/old.laz"
     settings = read_config_file(tmp_path / "config/config.yaml")
-    assert settings == {"seed": 0}
+    assert settings == {"method": "default"}
     assert main(["init", str(tmp_path)]) == 1
     assert "nothing was written" in capsys.readouterr().err
 

@@ -8,7 +8,7 @@ from pc_skeletor_reference import METHODS, REFERENCE, STEPS, peer_steps, referen
 
 from cherrypicker.contraction.contract_points import (
     ATTRACTION_RULES,
-    ContractionOptions,
+    SkeletonOptions,
     contract_points,
 )
 from cherrypicker.contraction.laplacian_published import cotangent_laplacian, solve_contraction
@@ -24,7 +24,7 @@ def cloud():
 
 def after(cloud, method, rule, n):
     weights = np.where(cloud["label"] == 1, 10.0, 1.0) if method == "slbc" else None
-    options = ContractionOptions("paper", attraction_rule=rule, max_iterations=n)
+    options = SkeletonOptions("slbc", attraction_rule=rule, max_iterations=n)
     return contract_points(cloud.points, weights, options).points
 
 
@@ -48,8 +48,8 @@ def test_three_iterations_by_hand(cloud, rule):
 
 
 def test_an_unknown_rule_is_refused():
-    with pytest.raises(StageError, match="contract.attraction_rule"):
-        ContractionOptions("paper", attraction_rule="squared")
+    with pytest.raises(StageError, match="skeleton.attraction_rule"):
+        SkeletonOptions("slbc", attraction_rule="squared")
 
 
 def assert_equal_steps(cloud, steps):

@@ -5,14 +5,15 @@ import pytest
 from scipy.sparse import csr_matrix
 from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
 
-from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
-from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
+from cherrypicker.contraction.contract_points import SkeletonOptions, contract_points
+from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.contraction.laplacian_published import (
     cotangent_laplacian,
     semantic_row_weights,
     solve_contraction,
 )
 from cherrypicker.errors import StageError
+from cherrypicker.limbs.orchard import GrowthOptions
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def test_one_solve_equals_the_stacked_least_squares():
 
 
 def test_cylinder_contracts_to_its_axis(cylinder):
-    result = contract_points(cylinder, options=ContractionOptions("paper", max_iterations=6))
+    result = contract_points(cylinder, options=SkeletonOptions("slbc", max_iterations=6))
     assert np.isfinite(result.points).all() and result.points.shape == cylinder.shape
     inner = (result.points[:, 2] > 0.1) & (result.points[:, 2] < 0.4)
     away = np.linalg.norm(result.points[inner, :2], axis=1)
@@ -63,7 +64,7 @@ def test_cylinder_contracts_to_its_axis(cylinder):
 
 
 def test_contraction_does_not_depend_on_the_frame(cylinder):
-    options = ContractionOptions("paper", max_iterations=3)
+    options = SkeletonOptions("slbc", max_iterations=3)
     here = contract_points(cylinder, options=options).points
     shift = np.array([365_000.0, 5_620_000.0, 310.0])
     there = contract_points(cylinder + shift, options=options).points - shift
@@ -71,7 +72,7 @@ def test_contraction_does_not_depend_on_the_frame(cylinder):
 
 
 def test_equal_input_gives_equal_points(cylinder):
-    options = ContractionOptions("paper", max_iterations=2)
+    options = SkeletonOptions("slbc", max_iterations=2)
     first, second = (contract_points(cylinder, options=options).points for _ in range(2))
     np.testing.assert_array_equal(first, second)
 
@@ -79,7 +80,7 @@ def test_equal_input_gives_equal_points(cylinder):
 def test_heavier_trunk_contracts_further_past_a_hole():
     stem = tube((0, 0, 0), (0, 0, 0.6), 0.05, 12_000, rng=np.random.default_rng(5))
     stem = stem[np.linalg.norm(stem - (0.05, 0, 0.3), axis=1) > 0.06]
-    options = ContractionOptions("paper", max_iterations=3)
+    options = SkeletonOptions("slbc", max_iterations=3)
     plain = contract_points(stem, options=options)
     heavy = contract_points(stem, np.full(len(stem), 10.0), options)
 
@@ -97,33 +98,25 @@ def test_too_few_or_broken_points_are_the_users_error():
         contract_points(np.full((50, 3), np.nan))
     with pytest.raises(ValueError, match="shape"):
         contract_points(np.zeros((50, 2)))
-    with pytest.raises(StageError, match="preset"):
-        ContractionOptions("fastest")
+    with pytest.raises(StageError, match="unknown method 'fastest' .*skeleton.method"):
+        SkeletonOptions("fastest")
 
 
-def test_a_constant_that_a_preset_does_not_read_is_named(caplog):
-    assert ContractionOptions("default", max_iterations=4).preset == "default"
-    assert "contract.max_iterations" in caplog.text
-    caplog.clear()
-    assert ContractionOptions("paper", max_iterations=4).max_iterations == 4
-    assert not caplog.text
-
-
-def test_weights_name_classes():
-    points, labels, _ = small_tree()
-    cloud = labelled_cloud(points, labels)
+def test_weights_name_classes_and_are_of_the_semantic_method_alone():
     with pytest.raises(StageError, match="unknown class"):
-        contract_wood(cloud, WoodOptions(weights={"stem": 2.0}))
+        SkeletonOptions(weights={"stem": 2.0})
     with pytest.raises(StageError, match="positive"):
-        contract_wood(cloud, WoodOptions(weights={"trunk": 0.0}))
+        SkeletonOptions(weights={"trunk": 0.0})
+    assert SkeletonOptions("slbc", {"branch": 3.0}).lambdas == {2: 3.0}
+    assert SkeletonOptions("lbc").lambdas is None and SkeletonOptions("limbs").lambdas is None
 
 
 def test_the_paper_takes_the_points_and_labels_as_they_are():
     points, labels, _ = small_tree()
     labels[3000:3050] = 2  # of the stem
-    options = ContractionOptions("paper", max_iterations=2)
+    options = SkeletonOptions("slbc", max_iterations=2)
     contracted, report = contract_wood(
-        labelled_cloud(points, labels), WoodOptions(voxel_size_m=1e-5), options=options
+        labelled_cloud(points, labels), GrowthOptions(voxel_size_m=1e-5), options=options
     )
     np.testing.assert_array_equal(contracted["source"], np.arange(len(points)))
     np.testing.assert_array_equal(contracted["label"], labels)
@@ -138,7 +131,7 @@ def test_wood_contracts_with_a_source_for_every_point():
     points, labels, axes = small_tree(noise=0.001)
     ground = np.random.default_rng(2).uniform((-1, -1, -0.01), (1, 1, 0.01), (2000, 3))
     cloud = labelled_cloud(np.vstack([points, ground]), np.concatenate([labels, np.zeros(2000)]))
-    contracted, report = contract_wood(cloud, WoodOptions(voxel_size_m=0.01))
+    contracted, report = contract_wood(cloud, GrowthOptions(voxel_size_m=0.01))
     source = contracted["source"]
     assert source.dtype == np.int32 and len(np.unique(source)) == len(source)
     assert np.mean(cloud["label"][source] == contracted["label"]) > 0.99  # most of a voxel's points

@@ -11,12 +11,13 @@ import skeleton_shapes
 from scipy.spatial import cKDTree
 from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
 
-from cherrypicker.contraction.contract_points import ContractionOptions
-from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
+from cherrypicker.contraction.contract_points import METHODS, SkeletonOptions
+from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.contraction.on_axes import points_on_axes
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.limbs.growth import limbs_of_wood
+from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.wood.feet import find_stems
 from cherrypicker_lab.skeletons.distances import chamfer_cm2
 
@@ -62,7 +63,7 @@ def test_wrong_labels_do_not_carry_branches_onto_the_stem():
     truth = sample_axes(axes)
     for wrong in (scattered, whole_branch):
         contracted, report = contract_wood(
-            labelled_cloud(points, wrong), WoodOptions(voxel_size_m=0.01)
+            labelled_cloud(points, wrong), GrowthOptions(voxel_size_m=0.01)
         )
         away = cKDTree(truth).query(contracted.points)[0]
         assert np.quantile(away, 0.99) < 0.02
@@ -74,9 +75,10 @@ def test_equal_bytes_for_any_number_of_threads():
     script = (
         "import hashlib, numpy as np\n"
         "from skeleton_shapes import labelled_cloud, small_tree\n"
-        "from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood\n"
+        "from cherrypicker.contraction.contract_wood import contract_wood\n"
+        "from cherrypicker.limbs.orchard import GrowthOptions\n"
         "cloud = labelled_cloud(*small_tree(noise=0.002)[:2])\n"
-        "points = contract_wood(cloud, WoodOptions(voxel_size_m=0.012))[0].points\n"
+        "points = contract_wood(cloud, GrowthOptions(voxel_size_m=0.012))[0].points\n"
         "print(hashlib.sha256(points.tobytes()).hexdigest())\n"
     )
     folders = f"{Path(skeleton_shapes.__file__).parent}:{Path(__file__).parents[2] / 'scripts'}"
@@ -101,7 +103,7 @@ def test_a_branch_that_hangs_to_the_ground_is_no_stem():
     assert len(find_stems(points)) == 2
     assert len(find_stems(points, labels=labels)) == 1
     assert len(find_stems(points, labels=np.full(len(points), 2))) == 2
-    contracted, report = contract_wood(labelled_cloud(points, labels), options=ContractionOptions())
+    contracted, report = contract_wood(labelled_cloud(points, labels))
     assert report["wood"]["n_neighbors_cut"] == 0
     assert contracted.points[:, 0].max() > 0.6
 
@@ -110,15 +112,10 @@ def test_default_beats_the_published_contraction_on_a_small_tree():
     points, labels, axes = small_tree(noise=0.002)
     cloud, truth = labelled_cloud(points, labels), sample_axes(axes)
     found = {}
-    for name, method, preset in (
-        ("semantic", "slbc", "default"),
-        ("plain", "lbc", "default"),
-        ("published", "slbc", "paper"),
-    ):
-        options = ContractionOptions(preset)
+    for method in METHODS:
         contracted, _ = contract_wood(
-            cloud, WoodOptions(method=method, voxel_size_m=0.01), options=options
+            cloud, GrowthOptions(voxel_size_m=0.01), options=SkeletonOptions(method)
         )
-        found[name] = chamfer_cm2(contracted.points, truth)
-    assert max(found["semantic"], found["plain"]) < 0.5 * found["published"]
-    assert found["semantic"] < 0.3
+        found[method] = chamfer_cm2(contracted.points, truth)
+    assert found["limbs"] < 0.5 * min(found["slbc"], found["lbc"])
+    assert found["limbs"] < 0.3

@@ -1,5 +1,7 @@
 """Outlier and sky-silhouette filters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -8,47 +10,21 @@ from cherrypicker.denoising.denoise import (
     DenoiseOptions,
     denoise_cloud,
     neighbor_means,
+    statistical_filter,
     statistical_inliers,
 )
-from cherrypicker.denoising.evidence import EvidenceOptions, SkyEvidence, sky_evidence
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.poses import Poses
 from cherrypicker.sky.colors import SkyColors
 
 WHITE = np.array([0.9, 0.93, 0.97])
 BARK = np.array([0.35, 0.28, 0.22])
-WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 SKY = SkyColors(WHITE[None].astype(np.float32), np.zeros(1, np.int32), np.ones(1), 100)
 
 
 def inliers(points, n_neighbors, std_ratio):
     mean_distance, _ = neighbor_means(points, np.zeros(len(points)), n_neighbors)
     return statistical_inliers(mean_distance, std_ratio)
-
-
-def ring(n_views=12, distance=3.0, height=1.0):
-    """Level cameras on a circle that look at the z axis."""
-    angles = np.linspace(0, 2 * np.pi, n_views, endpoint=False)
-    matrices = []
-    for a in angles:
-        forward = -np.array([np.cos(a), np.sin(a), 0.0])
-        right = np.cross(forward, [0, 0, 1.0])
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        centre = np.array([distance * np.cos(a), distance * np.sin(a), height])
-        matrices.append(np.hstack([rotation, -(rotation @ centre)[:, None]]))
-    K = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
-    return Poses(
-        names=np.array([f"{k}.jpg" for k in range(n_views)]),
-        cam_from_world=np.array(matrices),
-        K=np.repeat(K[None], n_views, axis=0),
-        width=np.full(n_views, WIDTH),
-        height=np.full(n_views, HEIGHT),
-    )
-
-
-def pinhole(_, in_camera):
-    return FOCAL * in_camera[:, :2] / in_camera[:, 2:] + (WIDTH / 2, HEIGHT / 2)
 
 
 def pole_with_fringe():
@@ -67,20 +43,11 @@ def pole_with_fringe():
     return PointCloud(points, colors), np.arange(len(points)) >= 6000
 
 
-def photo_of_pole(i):
-    """The pole, painted below 0.6 m; behind it sky in every third photo, else a dark wood."""
-    columns = np.abs(np.arange(WIDTH) + 0.5 - WIDTH / 2)
-    off_pole = np.broadcast_to(columns > FOCAL * 0.02 / 3.0 + 0.5, (HEIGHT, WIDTH))
-    sky = off_pole & (np.arange(HEIGHT) < HEIGHT // 2)[:, None] & (i % 3 == 0)
-    image = np.tile(BARK, (HEIGHT, WIDTH, 1))
-    image[off_pole] = 0.1
-    image[(HEIGHT + 80) // 2 :][~off_pole[(HEIGHT + 80) // 2 :]] = WHITE
-    image[sky] = WHITE
-    return np.rint(image * 255).astype(np.uint8), sky, np.zeros_like(sky)
-
-
-def evidence_of(poses, look=photo_of_pole):
-    return lambda asked: sky_evidence(asked, poses, pinhole, look, EvidenceOptions())
+def speak(asked, sure):
+    """Photos that show sky through all that is 5 cm from the pole, and know nothing above it."""
+    assert len(sure)
+    off = np.hypot(asked[:, 0], asked[:, 1]) > 0.05
+    return np.where(asked[:, 2] > 10, 0.0, np.where(off, -4.0, -2.0))
 
 
 @pytest.mark.parametrize(("k", "ratio"), [(20, 2.0), (8, 0.5), (30, 1.0)])
@@ -92,6 +59,23 @@ def test_statistical_filter_is_open3d_s(k, ratio):
     _, kept = cloud.remove_statistical_outlier(nb_neighbors=k, std_ratio=ratio)
     found = np.flatnonzero(inliers(points, k, ratio))
     assert np.array_equal(found, np.sort(np.asarray(kept)))
+    np.testing.assert_array_equal(statistical_filter(points, k, ratio), inliers(points, k, ratio))
+
+
+def test_the_filter_alone_is_open3d_s_and_beside_the_photos_ours(monkeypatch):
+    rng = np.random.default_rng(1)
+    points = np.vstack([rng.normal(0, 0.1, (3000, 3)), rng.uniform(-3, 3, (100, 3))])
+    cloud = PointCloud(points, fields={"n_views": np.full(len(points), 9, np.uint8)})
+    options = DenoiseOptions(use_sky=False, ask_photos=False)
+    ours, _ = denoise_cloud(cloud, SKY, None, options)
+    called = []
+    monkeypatch.setattr(
+        "cherrypicker.denoising.denoise.statistical_filter",
+        lambda *given: called.append(1) or statistical_filter(*given),
+    )
+    alone, _ = denoise_cloud(cloud, SKY, None, replace(options, min_view_ratio=0))
+    np.testing.assert_array_equal(ours.points, alone.points)
+    assert called and len(ours) < len(points)
 
 
 def test_isolated_points_go():
@@ -109,37 +93,23 @@ def test_tiny_clouds_stay_whole():
 
 def test_fringe_goes_and_white_paint_stays():
     cloud, is_fringe = pole_with_fringe()
-    poses = ring()
     options = DenoiseOptions(use_statistical=False)
-    kept, report = denoise_cloud(cloud, SKY, evidence_of(poses), options)
-    fringe_left = np.isin(cloud.points[is_fringe], kept.points).all(axis=1).mean()
-    assert fringe_left < 0.3  # only four photos look up, so few votes decide
-    assert len(kept) >= np.count_nonzero(~is_fringe)
+    kept, report = denoise_cloud(cloud, SKY, speak, options)
+    np.testing.assert_array_equal(kept.points, cloud.points[~is_fringe])
     assert report["n_input"] == len(cloud)
     assert report["n_removed_sky"] == len(cloud) - len(kept)
     assert report["n_kept_by_photos"] + report["n_removed_sky"] == report["n_sky_colored"]
 
 
-def test_a_dark_pixel_with_sky_aside_speaks_for_the_point():
-    sky = np.ones((HEIGHT, WIDTH), bool)
-    sky[:, WIDTH // 2 - 1 : WIDTH // 2 + 1] = False
-    dark = np.full((HEIGHT, WIDTH, 3), 20, np.uint8)
-    nothing, point = np.zeros_like(sky), np.array([[0.0, 0.0, 1.0]])
-    seen = evidence_of(ring(5), lambda i: (dark, sky, nothing))(point)
-    assert seen.n_solid[0] == 5 and seen.n_clear[0] == 0
-    hidden = evidence_of(ring(5), lambda i: (dark, sky, ~nothing if i else nothing))(point)
-    assert hidden.n_solid[0] == 1 and hidden.n_clear[0] == 0, "hidden pixels say nothing"
-
-
-def test_points_out_of_every_frame_stay():
+def test_points_of_which_no_photo_knows_stay():
     cloud = PointCloud(np.array([[0, 0, 50.0], [0, 0, 51.0]]), np.tile(WHITE, (2, 1)))
     options = DenoiseOptions(use_statistical=False)
-    kept, _ = denoise_cloud(cloud, SKY, evidence_of(ring()), options)
+    kept, _ = denoise_cloud(cloud, SKY, speak, options)
     assert len(kept) == 2
 
 
 def test_without_sky_or_colors_nothing_is_asked():
-    def never(asked):
+    def never(asked, sure):
         raise AssertionError("asked")
 
     cloud, _ = pole_with_fringe()
@@ -153,14 +123,14 @@ def test_without_sky_or_colors_nothing_is_asked():
 def test_nothing_left_is_an_error_that_names_the_key():
     cloud = PointCloud(np.random.default_rng(0).random((50, 3)), np.tile(WHITE, (50, 1)))
 
-    def all_sky(asked):
-        none = np.zeros(len(asked), int)
-        return SkyEvidence(none + 5, none)
+    def all_sky(asked, sure):
+        return np.full(len(asked), -4.0)
 
-    with pytest.raises(StageError, match=r"denoise\.min_non_sky_fraction"):
+    with pytest.raises(StageError, match=r"denoise\.sky_color_distance"):
         denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(use_statistical=False))
     with pytest.raises(StageError, match=r"denoise\.std_ratio"):
-        denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(std_ratio=-100.0))
+        seen = cloud.with_fields(n_views=np.full(50, 3, np.uint8))
+        denoise_cloud(seen, SKY, all_sky, DenoiseOptions(std_ratio=-100.0))
 
 
 def test_what_two_photos_agree_on_goes_where_ten_see_the_rest():
@@ -172,7 +142,7 @@ def test_what_two_photos_agree_on_goes_where_ten_see_the_rest():
     cloud = PointCloud(
         np.vstack([wood, floaters, twig]), fields={"n_views": n_views.astype(np.uint8)}
     )
-    options = DenoiseOptions(use_statistical=False, use_sky=False, keep_seen_fraction=1.01)
+    options = DenoiseOptions(use_statistical=False, use_sky=False, ask_photos=False)
     kept, report = denoise_cloud(cloud, SKY, None, options)
     assert report["n_removed_views"] == 100
     np.testing.assert_array_equal(kept.points, np.vstack([wood, twig]))
@@ -191,22 +161,22 @@ def test_isolated_points_stay_where_the_photos_show_a_twig():
     is_few = np.arange(len(points)) >= 2028
     cloud = PointCloud(points).with_fields(kind=is_tip + 2 * is_few)
 
-    def look(asked):
-        assert len(asked) < 100
+    def look(asked, sure):
+        assert len(asked) < 100 and len(sure) == 2000
         kind = cloud["kind"][cKDTree(points).query(asked)[1]]
-        return SkyEvidence(np.choose(kind, [9, 1, 0]), np.choose(kind, [3, 9, 3]))
+        return np.choose(kind, [-2.0, 1.0, 0.0])
 
     kept, report = denoise_cloud(cloud, SKY, look, DenoiseOptions())
     assert np.count_nonzero(kept["kind"] == 1) == 8 == report["n_kept_twigs"]
     assert report["n_removed_statistical"] == 28 and (kept["kind"] != 2).all()
-    off = DenoiseOptions(keep_seen_fraction=1.01)
+    off = DenoiseOptions(ask_photos=False)
     assert len(denoise_cloud(cloud, SKY, None, off)[0]) == 2000
 
 
 def test_the_papers_filter_goes_by_colour_alone():
     cloud, is_fringe = pole_with_fringe()
-    options = DenoiseOptions(use_statistical=False, min_non_sky_fraction=1.01)
-    kept, report = denoise_cloud(cloud, SKY, evidence_of(ring()), options)
+    options = DenoiseOptions(use_statistical=False, ask_photos=False)
+    kept, report = denoise_cloud(cloud, SKY, None, options)
     is_white = np.linalg.norm(cloud.colors - WHITE, axis=1) < 0.1
     assert len(kept) == np.count_nonzero(~is_white) and report["n_kept_by_photos"] == 0
 
@@ -219,7 +189,7 @@ def test_what_all_see_of_the_ground_says_nothing_about_twigs():
     n_views = np.concatenate([np.full(4000, 30), np.full(1000, 10), np.full(60, 4)])
     points = np.vstack([ground, wood, twig])
     cloud = PointCloud(points, fields={"n_views": n_views.astype(np.uint8)})
-    options = DenoiseOptions(use_statistical=False, use_sky=False, keep_seen_fraction=1.01)
+    options = DenoiseOptions(use_statistical=False, use_sky=False, ask_photos=False)
     assert len(denoise_cloud(cloud, SKY, None, options, ground_height=0.2)[0]) == len(cloud)
     assert len(denoise_cloud(cloud, SKY, None, options)[0]) == len(cloud) - 60
     sure = cloud.with_fields(n_views=np.where(n_views == 4, 5, n_views).astype(np.uint8))

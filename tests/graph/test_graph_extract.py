@@ -12,14 +12,14 @@ from skeleton_shapes import (
     small_tree,
 )
 
-from cherrypicker.contraction.contract_points import ContractionOptions
-from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
+from cherrypicker.contraction.contract_points import SkeletonOptions
+from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton, limb_tree
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import read_orchard, write_orchard
-from cherrypicker.limbs.orchard import grow_orchard
+from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
 from cherrypicker.skeleton import axes, fold
 
 
@@ -99,11 +99,11 @@ def tree_case():
     """The contracted points of a small tree, its surface cloud and its true axes."""
     points, labels, true_axes = small_tree(3, noise=0.001)
     cloud = labelled_cloud(points, labels)
-    contracted, _ = contract_wood(cloud, options=ContractionOptions())
+    contracted, _ = contract_wood(cloud)
     return contracted, cloud, true_axes
 
 
-@pytest.mark.parametrize("method", ["mst", "tree"])
+@pytest.mark.parametrize("method", ["slbc", "limbs"])
 def test_extracted_tree_is_the_true_one(tree_case, method):
     contracted, cloud, true_axes = tree_case
     skeleton = extract_skeleton(contracted, cloud, GraphOptions(method=method), base=(0, 0, 0))
@@ -158,7 +158,7 @@ def wood_beside_wood(skeleton, near=0.03, apart=0.15):
 def test_a_thick_tree_of_rough_bark_has_one_axis_a_limb(voxel_size_m, labels_known):
     points, labels, true_axes = old_cherry()
     cloud = labelled_cloud(points, labels if labels_known else np.full(len(labels), 2))
-    contracted, report = contract_wood(cloud, WoodOptions(voxel_size_m=voxel_size_m))
+    contracted, report = contract_wood(cloud, GrowthOptions(voxel_size_m=voxel_size_m))
     skeleton = extract_skeleton(contracted, cloud, base=report["base"])
     topology = fold(skeleton, axes(skeleton))
     assert topology.n_tips == len(true_axes)  # no strand, no whisker
@@ -200,8 +200,8 @@ def test_limbs_are_grown_once_and_joined_from_their_file(tree_case, tmp_path):
 
 def test_a_published_contraction_leaves_the_limbs_to_the_graph(tree_case):
     _, cloud, _ = tree_case
-    options = ContractionOptions("paper", max_iterations=1)
-    _, report = contract_wood(cloud, WoodOptions(voxel_size_m=0.01), options=options)
+    options = SkeletonOptions("slbc", max_iterations=1)
+    _, report = contract_wood(cloud, GrowthOptions(voxel_size_m=0.01), options=options)
     assert report["limbs"] is None
 
 

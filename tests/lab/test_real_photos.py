@@ -16,7 +16,7 @@ def _finished(tmp_path):
         {"n_registered": 7, "n_photos": 9, "mean_reprojection_error_px": 0.512},
     )
     # of three voxels that the photos call wood, one is held; clear sky speaks against the last
-    counts = {"n_framing": [20] * 4, "n_thin_before_sky": [9] * 4, "n_clear_sky": [0, 0, 0, 9]}
+    counts = {"n_framing": [20] * 4, "p_wood": [0.9, 0.8, 0.7, 0.2]}
     write_json(folder / "dense/coverage.json", {**counts, "n_holding": [4, 0, 0, 4]})
     check = {"photo_precision": 0.9, "photo_recall": 0.8, "photo_sky_share": 0.75}
     write_json(folder / "photo_check.json", check)

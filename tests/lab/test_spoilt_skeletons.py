@@ -6,7 +6,7 @@ from checked_scene import STEM, TWIGS, open_scan, skeleton_of
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.photo_check.check import CheckOptions, check_photos
+from cherrypicker.photo_check.check import check_photos
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.traits.flags import scan_flags
 from cherrypicker_lab.spoilt_skeletons import APART_M, LEAVES_M, spoil
@@ -51,7 +51,7 @@ def test_what_is_taken_and_put(finished, kind, size):
 def test_the_photos_tell_it_every_time(scan, finished, kind, size):
     spoilt = spoil(*finished, kind, size)
     report, _ = check_photos(
-        spoilt.skeleton, spoilt.cloud, *scan, CheckOptions(), other_stems=np.empty((0, 2))
+        spoilt.skeleton, spoilt.cloud, scan, finished[1].points, other_stems=np.empty((0, 2))
     )
     flags = [flag.partition(":")[0] for flag in scan_flags("m", photo_check=report)]
     assert flags == ["not_in_photos" if kind.startswith("strand") else "wood_missing"]

@@ -179,6 +179,23 @@ def test_outlier_sightings_are_rejected():
     np.testing.assert_allclose(geometry.corners, corners, atol=5e-4)
 
 
+def test_the_mean_of_the_sides_takes_every_sighting_at_its_word():
+    """The paper's: the points nearest to all rays, and the mean distance between neighbours."""
+    rng = np.random.default_rng(4)
+    poses = look_at_poses(ring(12, radius=2.5), np.array([0.0, 0.3, 0.3]))
+    corners = square([0.5, 0.2, 0.1], 0.2, normal=(0, -0.4, 1))
+    observations = sightings(rng, corners, poses)
+    good = locate_marker(observations, by="mean")
+    assert good.side == good.side_lengths.mean() == pytest.approx(0.2, rel=2e-3)
+    observations.corners[5] *= 1.2  # one that does not agree
+    mean = locate_marker(observations, by="mean")
+    origins = np.repeat(observations.centers[:, None], 4, axis=1).reshape(12, 4, 3)
+    expected = [intersect_rays(origins[:, k], observations.rays[:, k]) for k in range(4)]
+    np.testing.assert_allclose(mean.corners, expected, atol=1e-12)
+    assert mean.inliers.all() and abs(mean.side / 0.2 - 1) > 0.01
+    assert locate_marker(observations).side == pytest.approx(0.2, rel=1e-3)
+
+
 def test_standard_error_matches_the_scatter():
     rng = np.random.default_rng(5)
     poses = look_at_poses(ring(8, radius=2.5), np.array([0.0, 0.0, 0.3]))
@@ -298,6 +315,14 @@ def test_scale_of_a_rendered_scan(scan):
         assert np.shape(marker["corners"]) == (4, 3)
         np.testing.assert_allclose(marker["side_lengths"], marker["side_m"] * 2.5, rtol=5e-3)
         assert marker["rms_reprojection_px"] < 0.3
+
+
+def test_scale_by_the_mean_of_the_sides(scan):
+    square_side, mean = (estimate_scale(*scan, **options(side=side)) for side in ("square", "mean"))
+    assert mean["scale"] == pytest.approx(0.4, rel=5e-3) and mean["scale"] != square_side["scale"]
+    for marker in mean["markers"]:
+        assert marker["scale"] == pytest.approx(marker["side_m"] / np.mean(marker["side_lengths"]))
+        assert marker["n_inliers"] == marker["n_detections"]
 
 
 def test_equal_input_gives_equal_scale(scan):

@@ -111,7 +111,7 @@ def test_a_missing_mask_is_told(tmp_path):
     names = [view.name for view in workspace.views]
     masks = SkyMasks(tmp_path / "sky", tmp_path / "scene" / "sparse", names)
     with pytest.raises(StageError, match="sky mask is missing"):
-        masks.of(workspace.views[0])
+        masks.both(workspace.views[0])
 
 
 def test_a_mask_is_seen_through_the_lens(tmp_path):
@@ -133,7 +133,7 @@ def test_a_mask_is_seen_through_the_lens(tmp_path):
     write_masks(tmp_path / "sky", [stored])
     write_scene(tmp_path / "scene", TWIG)
     view = Workspace(tmp_path / "scene").views[0]
-    seen = SkyMasks(tmp_path / "sky", tmp_path / "model", ["view0.png"]).of(view)
+    seen = SkyMasks(tmp_path / "sky", tmp_path / "model", ["view0.png"]).both(view)[0]
     # x = 120 px lies at r (1 - 0.3 r^2) = 40 / 150 in the middle row, so at r = 0.2734 or 121.0 px
     assert not seen[60, :120].any()
     assert seen[60, 122:].all()

@@ -1,8 +1,6 @@
-"""Twigs before the sky become points; places that a photo sees as sky do not."""
+"""Twigs before the sky become points; places that the photos know to be sky do not."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,8 +8,10 @@ import pytest
 
 from cherrypicker.mvs.lines.lines import seen_lines
 from cherrypicker.mvs.lines.sky_lines import find_sky_lines
+from cherrypicker.mvs.raster import make_raster
 from cherrypicker.mvs.silhouettes import add_silhouettes
 from cherrypicker.mvs.workspace import view_of
+from cherrypicker.photos import read_photo
 from cherrypicker.placement.region import find_region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
@@ -21,6 +21,7 @@ SKY = (150, 190, 230)
 # A twig of 2 mm radius, 0.6 m long, leaning
 TWIG = np.array([[-0.10, -0.05, -0.25], [0.15, 0.10, 0.25]])
 RADIUS = 0.002
+NOTHING = np.zeros((SIDE, SIDE), bool)
 
 
 def ring(n_photos: int) -> Poses:
@@ -73,12 +74,14 @@ class Photos:
     def photo_path(self, view):
         return self.folder / view.name
 
-    def both(self, view):
-        shape = (view.height, view.width)
-        return np.full(shape, int(Path(view.name).stem) in self.before_sky), np.zeros(shape, bool)
+    def raster(self, i):
+        photo = read_photo(self.photo_path(self.views[i]))
+        return make_raster(photo, np.full(photo.shape[:2], i in self.before_sky), NOTHING)
 
 
-def added(folder, n_photos, twigs_of, *, before_sky=range(99), points=((9.0, 9.0, 9.0),)):
+def added(
+    folder, n_photos, twigs_of, *, before_sky=range(99), points=((9.0, 9.0, 9.0),), clear=-6.0
+):
     """Points that are added to a cloud, a PointCloud."""
     photos = Photos(folder, ring(n_photos), twigs_of, before_sky)
     points = np.array(points, float)
@@ -88,9 +91,15 @@ def added(folder, n_photos, twigs_of, *, before_sky=range(99), points=((9.0, 9.0
         normals=np.tile([0.0, 0.0, 1.0], (len(points), 1)),
         fields={"n_views": np.full(len(points), 3, np.uint8)},
     )
-    out = add_silhouettes(photos, cloud, find_region(photos.poses), photos)
+    words = np.broadcast_to(clear, n_photos)
+    out = add_silhouettes(photos, cloud, find_region(photos.poses), words)
     assert len(out.select(out["from_silhouette"] == 0)) == len(points)
     return out.select(out["from_silhouette"] == 1)
+
+
+def lines_of(photo):
+    """The lines of a photo whose mask is all sky."""
+    return find_sky_lines(photo, make_raster(photo, ~NOTHING, NOTHING), 1.0)
 
 
 def distance_to(twig, points):
@@ -100,7 +109,7 @@ def distance_to(twig, points):
 
 
 def test_lines_on_or_beside_what_a_user_hides_are_none():
-    found = find_sky_lines(draw(ring(8), 0, [TWIG]), np.ones((SIDE, SIDE), bool), 1.0)
+    found = lines_of(draw(ring(8), 0, [TWIG]))
     row = int(np.median(found.uv[:, 1]))
     hidden = np.zeros((SIDE, SIDE), bool)
     hidden[row:] = True
@@ -113,7 +122,7 @@ def test_lines_on_or_beside_what_a_user_hides_are_none():
 def test_ridges_lie_on_the_line():
     poses = ring(8)
     photo = draw(poses, 0, [TWIG])
-    found = find_sky_lines(photo, np.ones((SIDE, SIDE), bool), 1.0)
+    found = lines_of(photo)
     ends, _ = poses.project(TWIG, 0)
     across = np.array([-1.0, 1.0]) * (ends[1] - ends[0])[::-1] / np.linalg.norm(ends[1] - ends[0])
     assert len(found.uv) > 0.9 * np.abs(ends[1] - ends[0]).max()
@@ -136,8 +145,16 @@ def test_plain_sky_adds_nothing(tmp_path):
     assert len(added(tmp_path, 4, lambda i: [])) == 0
 
 
-def test_a_place_that_one_photo_sees_as_clear_sky_is_empty(tmp_path):
-    assert len(added(tmp_path, 12, lambda i: [] if i == 7 else [TWIG])) == 0
+@pytest.mark.parametrize("word, is_there", [(-6.0, True), (0.0, True), (-30.0, False)])
+def test_a_photo_that_shows_clear_sky_is_outvoted_by_what_the_others_know(tmp_path, word, is_there):
+    clear = np.full(12, -6.0)
+    clear[7] = word
+    new = added(tmp_path, 12, lambda i: [] if i == 7 else [TWIG], clear=clear)
+    assert (len(new) > 100) == is_there
+
+
+def test_a_twig_that_three_of_twelve_photos_show_is_not_there(tmp_path):
+    assert len(added(tmp_path, 12, lambda i: [TWIG] if i % 4 == 0 else [])) == 0
 
 
 def test_photos_without_sky_say_nothing(tmp_path):
@@ -160,8 +177,7 @@ def test_lines_of_different_things_do_not_meet(tmp_path):
     n_lines = 0
     photos = Photos(tmp_path, ring(12), others, range(99))
     for i in range(12):
-        sky = np.ones((SIDE, SIDE), bool)
-        n_lines += len(find_sky_lines(draw(photos.poses, i, others(i)), sky, 1.0).uv)
+        n_lines += len(lines_of(draw(photos.poses, i, others(i))).uv)
     assert n_lines > 10_000
     assert len(added(tmp_path, 12, others)) < 0.002 * n_lines
 

@@ -12,7 +12,7 @@ from scan_scene import (
 )
 
 from cherrypicker.errors import StageError
-from cherrypicker.placement.align import align, rodrigues
+from cherrypicker.placement.align import AlignOptions, align, rodrigues
 from cherrypicker.placement.camera_geometry import angle_deg, camera_up, look_at_point
 
 TARGET = np.array([0.0, 0.0, 1.2])
@@ -209,6 +209,63 @@ def test_too_few_points_are_refused():
     with pytest.raises(StageError, match="too few") as caught:
         align(points[:20], poses)
     assert caught.value.key == "mvs"
+
+
+def on_a_slope(rng, degrees=8):
+    """A tree on ground that rises towards x, and cameras that follow it."""
+    rise = np.tan(np.radians(degrees))
+    ground, centers = ground_points(rng), ring()
+    ground[:, 2] += rise * ground[:, 0]
+    centers[:, 2] += rise * centers[:, 0]
+    return np.concatenate([ground, tree_points(rng)]), look_at_poses(centers, TARGET)
+
+
+@pytest.mark.parametrize("plane", ["judged", "ransac"])
+def test_up_from_ground_is_the_grounds_normal(plane):
+    points, poses = on_a_slope(np.random.default_rng(17))
+    options = AlignOptions(plane=plane, up_from="ground")
+    tilt, _, result = aligned_errors(points, poses, options=options)
+    assert tilt == pytest.approx(8, abs=0.5)
+    assert result.report["up_to_ground_deg"] == pytest.approx(0, abs=1e-6)
+    assert aligned_errors(points, poses)[0] < 1.0
+
+
+PAPER = AlignOptions(plane="ransac", up_from="ground", flip="mass")
+
+
+def test_the_paper_turns_a_plain_scene_upright_by_the_plane_alone():
+    rng = np.random.default_rng(18)
+    points, poses = scene(rng, ring())
+    tilt, origin, result = aligned_errors(points, poses, options=PAPER)
+    assert tilt < 0.5
+    assert_below_what_is_looked_at(origin)
+    assert [len(result.report["candidates"]), result.report["plane"]] == [1, "ransac"]
+    again = aligned_errors(points, poses, options=PAPER)[2]
+    np.testing.assert_array_equal(result.rotation, again.rotation)
+
+
+def test_the_plane_alone_is_the_largest_whatever_it_is():
+    rng = np.random.default_rng(8)
+    n = 120_000
+    wall = np.column_stack([rng.uniform(-6, 6, n), np.full(n, 4.0), rng.uniform(0, 5, n)])
+    points, poses = scene(rng, ring(), extra=[wall])
+    assert aligned_errors(points, poses, options=PAPER)[0] == pytest.approx(90, abs=1)
+    judged = AlignOptions(up_from="ground", flip="mass")
+    assert aligned_errors(points, poses, options=judged)[0] < 0.5
+
+
+@pytest.mark.parametrize("plane", ["judged", "ransac"])
+@pytest.mark.parametrize("up_from", ["ground", "auto", "cameras"])
+def test_the_centre_of_mass_says_which_side_is_up(plane, up_from):
+    rng = np.random.default_rng(19)
+    below = rng.uniform((6, -3, -3), (9, 3, -2), (20000, 3))  # a valley, heavier than the tree
+    points, poses = scene(rng, ring(), extra=[below])
+    by_mass = AlignOptions(plane=plane, up_from=up_from, flip="mass")
+    tilt, origin, _ = aligned_errors(points, poses, options=by_mass)
+    assert tilt > 179
+    assert abs(origin[2]) < 0.05
+    by_cameras = AlignOptions(plane=plane, up_from=up_from)
+    assert aligned_errors(points, poses, options=by_cameras)[0] < 0.5
 
 
 def test_rotation_helper():

@@ -93,6 +93,19 @@ def test_no_tree_of_a_walk_along_both_alleys_is_cut_off():
     assert box["x"][0] <= -5 and box["x"][1] >= 5 and box["y"][0] <= -2.5 and box["y"][1] >= 2.5
 
 
+def test_the_papers_region_is_the_box_of_the_cameras_at_any_height():
+    deep = np.array([[0.0, 0.0, -4.0], [0.0, 0.0, 9.0]])
+    points, poses = np.concatenate([orchard(), deep]), look_at_poses(ring(arc_deg=200), TARGET)
+    crop = crop_roi(points, poses, region="cameras")
+    low, high = poses.centers.min(axis=0)[:2], poses.centers.max(axis=0)[:2]
+    inside = ((low <= points[:, :2]) & (points[:, :2] <= high)).all(axis=1)
+    np.testing.assert_array_equal(crop.keep, inside)
+    assert crop.keep[-2:].all() and crop.report["source"] == "cameras"
+    assert not np.array_equal(crop_roi(points, poses).keep, inside)
+    wider = crop_roi(points, poses, region="cameras", margin_fraction=0.1)
+    assert wider.report["box"]["x"][0] == pytest.approx(low[0] - 0.1 * (high - low)[0])
+
+
 def test_an_empty_region_names_the_key():
     points, poses = orchard(), look_at_poses(ring(), TARGET)
     with pytest.raises(StageError) as caught:

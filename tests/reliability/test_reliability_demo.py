@@ -17,8 +17,8 @@ pytestmark = pytest.mark.slow
 
 TREE = "cherry_leader"
 STAGES = ["segment_sky", "extract_features", "match_features", "reconstruct_sparse"]
-STAGES += ["undistort_photos", "estimate_depth", "fuse_depth", "align_cloud", "crop_roi"]
-STAGES += ["denoise_cloud", "estimate_scale", "scale_cloud", "segment_cloud"]
+STAGES += ["undistort_photos", "gather_evidence", "estimate_depth", "fuse_depth", "align_cloud"]
+STAGES += ["crop_roi", "denoise_cloud", "estimate_scale", "scale_cloud", "segment_cloud"]
 STAGES += ["contract_cloud", "extract_graph", "check_photos", "measure_traits", "report_tree"]
 COLMAPS = ["poses.npz", "sfm/report.json", "sfm/model"]
 LIMIT_S = 3600

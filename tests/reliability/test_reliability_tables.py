@@ -136,7 +136,7 @@ def schema(project):
     ("config", "wrong", "right"),
     [
         ({"mvz": {}}, "mvz", "mvs"),
-        ({"contract": {"metod": "lbc"}}, "contract.metod", "contract.method"),
+        ({"skeleton": {"metod": "lbc"}}, "skeleton.metod", "skeleton.method"),
         ({"scale": {"Mode": "none"}}, "scale.Mode", "scale.mode"),
         ({"report": {"viewer_point": 5}}, "report.viewer_point", "report.viewer_points"),
     ],
@@ -168,7 +168,7 @@ def batch(tmp_path):
     ("rows", "config", "reason"),
     [
         (["tree | cloud", "a | a.ply", "a | a.ply"], {}, "tree 'a' stands twice"),
-        (["tree | cloud", "a | a.ply"], {"contract": {"metod": "lbc"}}, "'contract.method'"),
+        (["tree | cloud", "a | a.ply"], {"skeleton": {"metod": "lbc"}}, "'skeleton.method'"),
     ],
 )
 def test_a_table_that_cannot_be_understood_stops_the_batch_before_it_starts(

@@ -11,7 +11,9 @@ from sky_scene import BARK, Rod, draw, ring
 
 from cherrypicker.classes import Label
 from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.photo_check.places import MetricWorkspace
+from cherrypicker.mvs.raster import write_rasters
+from cherrypicker.mvs.scan_photos import ScanPhotos
+from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton.model import Skeleton
 
@@ -63,11 +65,12 @@ def write_scan(folder: Path, rods: tuple = (STEM, *TWIGS), n_views: int = 16) ->
     return poses
 
 
-def open_scan(folder: Path) -> tuple[MetricWorkspace, SkyMasks]:
+def open_scan(folder: Path) -> ScanPhotos:
     """Write the scan and open it as the stages do."""
     poses = write_scan(folder)
-    workspace = MetricWorkspace(folder / "dense", poses)
-    return workspace, SkyMasks(folder / "sky", folder / "dense/sparse", poses.names)
+    masks = SkyMasks(folder / "sky", folder / "dense/sparse", poses.names)
+    write_rasters(Workspace(folder / "dense"), masks, folder / "evidence")
+    return ScanPhotos(folder / "dense", folder / "evidence", poses)
 
 
 def skeleton_of(rods: tuple) -> Skeleton:

@@ -14,6 +14,7 @@ from cherrypicker.segmentation.dgcnn import (
     choose_device,
     collate,
     load_weights,
+    nearest_features,
     save_weights,
 )
 from cherrypicker.segmentation.spheres import features_of, neighbor_graphs
@@ -62,9 +63,69 @@ def test_rows_are_log_probabilities_and_spheres_of_a_batch_do_not_mix():
     assert torch.allclose(together[50:], alone, atol=1e-5)
 
 
-def test_weights_survive_a_round_trip(tmp_path):
+@pytest.mark.parametrize("sizes", [[40], [25, 40], [3, 40]])
+def test_a_dynamic_graph_is_the_edge_conv_over_neighbours_in_feature_space(sizes):
+    """What torch-geometric's DynamicEdgeConv computes, from edges that numpy finds."""
+    torch.manual_seed(0)
+    conv, h, k = LinearEdgeConv(5, 7), torch.randn(sum(sizes), 5), 6
+    starts = np.cumsum([0, *sizes])
+    edges = []
+    for first, last in zip(starts, starts[1:]):
+        part = h[first:last].numpy()
+        apart = np.linalg.norm(part[:, None] - part[None], axis=2)
+        for row, others in enumerate(np.argsort(apart, axis=1)[:, :k]):
+            edges += [(first + other, first + row) for other in others]
+    expected = EdgeConv.forward(conv, h, torch.tensor(edges).T)
+    assert torch.allclose(conv(h, nearest_features(h, sizes, k)), expected, atol=1e-5)
+
+
+def test_the_graph_is_a_setting_of_the_network():
+    """With equal parameters: the first layer has equal neighbours, the later ones have not."""
+    networks = {}
+    for graph in ("fixed", "dynamic"):
+        torch.manual_seed(1)
+        networks[graph] = Dgcnn(width=8, embedding=16, k=6, scales=(0, 0), graph=graph).eval()
+        assert networks[graph].settings["graph"] == graph
+    parts = [dict(network.blocks.named_parameters()) for network in networks.values()]
+    assert all(torch.equal(parts[0][name], parts[1][name]) for name in parts[0])
+    seen = []
+
+    def keep(module, given, output):
+        seen.append(given[1])
+
+    for network in networks.values():
+        for block in network.blocks:
+            block.conv.register_forward_hook(keep)
+        with torch.inference_mode():
+            network(*collate([_sphere(60, 4), _sphere(50, 5)]))
+    fixed, dynamic = seen[:2], seen[2:]
+    assert torch.equal(fixed[0], fixed[1]) and torch.equal(fixed[0], dynamic[0])
+    assert not torch.equal(fixed[1], dynamic[1])
+    assert dynamic[1][:60].max() < 60 <= dynamic[1][60:].min()  # spheres do not mix
+    with pytest.raises(ValueError, match="unknown graph"):
+        Dgcnn(graph="random")
+
+
+def test_a_dynamic_network_learns():
+    torch.manual_seed(3)
+    network = Dgcnn(width=8, embedding=16, k=6, graph="dynamic")
+    batch = collate([_sphere(60, 4), _sphere(50, 5)])
+    targets = (batch[0][:, -1] > 0).long()
+    optimizer = torch.optim.Adam(network.parameters(), 0.01)
+    losses = []
+    for _ in range(15):
+        optimizer.zero_grad()
+        loss = torch.nn.functional.nll_loss(network(*batch), targets)
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss))
+    assert losses[-1] < 0.5 * losses[0]
+
+
+@pytest.mark.parametrize("graph", ["fixed", "dynamic"])
+def test_weights_survive_a_round_trip(tmp_path, graph):
     torch.manual_seed(2)
-    network = Dgcnn(width=8, embedding=16, scales=(0, 1), k=6).eval()
+    network = Dgcnn(width=8, embedding=16, scales=(0, 1), k=6, graph=graph).eval()
     save_weights(tmp_path / "w.pt", network, SAMPLING, {"epochs": 3})
     again, sampling, meta = load_weights(tmp_path / "w.pt")
     assert sampling == SAMPLING and meta == {"epochs": 3}

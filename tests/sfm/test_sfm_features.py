@@ -23,7 +23,7 @@ def photos(tmp_path_factory):
     for i in range(4):
         photo = texture(np.random.default_rng(i), 420)[:300]
         if i == 1:
-            photo = cv2.GaussianBlur(photo, (0, 0), 5.0)
+            photo = cv2.GaussianBlur(photo, (0, 0), 8.0)
         paths.append(folder / f"{i}.png")
         cv2.imwrite(str(paths[-1]), photo)
     return paths
@@ -34,9 +34,9 @@ def extract(photos, folder, monkeypatch, plain_first_mp):
     searched = []
     search = features._search
 
-    def watched(database, folder, names, first_octave, *limits):
+    def watched(database, folder, names, first_octave, *limits, **how):
         searched.append((first_octave, names))
-        search(database, folder, names, first_octave, *limits)
+        search(database, folder, names, first_octave, *limits, **how)
 
     with monkeypatch.context() as patch:
         patch.setattr(features, "PLAIN_FIRST_MP", plain_first_mp)
@@ -74,7 +74,29 @@ def test_large_photos_are_enlarged_only_where_features_are_few(photos, tmp_path,
 
 
 def test_the_size_that_counts_is_the_one_searched():
-    info = features.PhotoInfo(path=None, width=4000, height=3000)
-    assert features._searched_mp(info, 2400) == pytest.approx(4.32)
-    assert features._searched_mp(info, 0) == pytest.approx(12.0)
-    assert features._searched_mp(features.PhotoInfo(None, 1200, 800), 2400) == pytest.approx(0.96)
+    assert features._searched_mp((4000, 3000), 2400) == pytest.approx(4.32)
+    assert features._searched_mp((4000, 3000), 0) == pytest.approx(12.0)
+    assert features._searched_mp((800, 1200), 2400) == pytest.approx(0.96)
+
+
+@pytest.mark.parametrize("plain_first_mp", [0.0, np.inf])
+def test_pooled_descriptors_are_of_the_same_features(photos, tmp_path, monkeypatch, plain_first_mp):
+    extract(photos, tmp_path, monkeypatch, plain_first_mp)
+    monkeypatch.setattr(features, "PLAIN_FIRST_MP", plain_first_mp)
+    before = contents(tmp_path / "f.db")
+    options = FeatureOptions(max_features=N_WANTED)
+    features.pool_descriptors(tmp_path / "f.db", photos[0].parent, ["0.png", "1.png"], options)
+    after = contents(tmp_path / "f.db")
+    for name, (keypoints, descriptors) in before.items():
+        assert after[name][0] == keypoints
+        assert (after[name][1] == descriptors) is (name in ("2.png", "3.png"))
+
+
+def contents(database):
+    """Keypoints and descriptors of each photo, as stored."""
+    with closing(sqlite3.connect(database)) as connection:
+        rows = connection.execute(
+            "SELECT name, keypoints.data, descriptors.data FROM images "
+            "JOIN keypoints USING (image_id) JOIN descriptors USING (image_id)"
+        ).fetchall()
+    return {name: blobs for name, *blobs in rows}

@@ -13,10 +13,17 @@ from sfm_scene import FOCAL, centers_of, similarity_errors, texture, write_orbit
 
 from cherrypicker.errors import StageError
 from cherrypicker.poses import read_poses
+from cherrypicker.sfm.database import copy_database, image_ids
 from cherrypicker.sfm.export import MODEL_FILES
 from cherrypicker.sfm.features import FeatureOptions, extract_features
-from cherrypicker.sfm.mapping import MappingOptions, forget_focal_lengths
-from cherrypicker.sfm.matching import MatchingOptions, match_features
+from cherrypicker.sfm.mapping import MappingOptions, forget_focal_lengths, largest_error_px
+from cherrypicker.sfm.matching import (
+    MatchingOptions,
+    add_guided_matches,
+    likely_partners,
+    match_features,
+    match_pooled,
+)
 from cherrypicker.sfm.sparse import reconstruct_sparse
 
 N_GOOD = 9
@@ -167,8 +174,8 @@ def test_forget_focal_lengths(scan, tmp_path):
 
 
 def test_guided_matching_adds_matches(scan, tmp_path):
-    database = tmp_path / "plain.db"
-    match_features(scan["folder"] / "features.db", database, MatchingOptions(guided_matching=True))
+    database = copy_database(scan["folder"] / "database.db", tmp_path / "guided.db")
+    n_more = add_guided_matches(database, MatchingOptions())
     totals = []
     for path in (scan["folder"] / "database.db", database):
         with closing(sqlite3.connect(path)) as connection:
@@ -176,6 +183,79 @@ def test_guided_matching_adds_matches(scan, tmp_path):
                 connection.execute("SELECT SUM(rows) FROM two_view_geometries").fetchone()[0]
             )
     assert totals[1] > 1.1 * totals[0]
+    assert totals[1] - totals[0] == n_more
+
+
+def test_pooled_descriptors_bring_back_the_matches_of_a_photo(scan, tmp_path):
+    """Its matches are gone; those of others, and its features, stay as they are."""
+    database = copy_database(scan["folder"] / "database.db", tmp_path / "database.db")
+    name = scan["photos"][3].name
+    with pycolmap.Database.open(database) as opened:
+        own = image_ids(database)[name]
+        before = np.array(opened.read_keypoints(own))
+        for other in image_ids(database).values():
+            if other != own and opened.exists_two_view_geometry(own, other):
+                opened.delete_two_view_geometry(own, other)
+        others = opened.num_inlier_matches()
+    assert name not in {each for pair in kept_pairs(database) for each in pair}
+    features = FeatureOptions(max_features=800)
+    photos = scan["folder"] / "photos"
+    assert match_pooled(database, photos, [name], MatchingOptions(), features) >= 2
+    partners = {each for pair in kept_pairs(database) if name in pair for each in pair} - {name}
+    assert {scan["photos"][2].name, scan["photos"][4].name} <= partners
+    with pycolmap.Database.open(database) as opened:
+        np.testing.assert_array_equal(np.array(opened.read_keypoints(own)), before)
+        assert opened.num_inlier_matches() > others
+
+
+def kept_pairs(database):
+    names = {image_id: name for name, image_id in image_ids(database).items()}
+    with pycolmap.Database.open(database) as opened:
+        pair_ids, counts = opened.read_two_view_geometry_num_inliers()
+    pairs = [pycolmap.pair_id_to_image_pair(i) for i, n in zip(pair_ids, counts) if n]
+    return [(names[a], names[b]) for a, b in pairs]
+
+
+def test_likely_partners_match_most_or_stand_next(scan):
+    names = [path.name for path in scan["photos"]]
+    partners = likely_partners(scan["folder"] / "database.db", [names[0], "x_blank.jpg"])
+    assert (names[0], names[1]) in partners
+    assert ("x_blank.jpg", "y_stranger.jpg") in partners
+    assert all(names[0] in pair or "x_blank.jpg" in pair for pair in partners)
+
+
+def test_a_camera_that_is_not_known_is_in_no_later_file(model, tmp_path):
+    """With a limit that the worst misses it leaves model and poses, and the report says so."""
+    errors = {name: each["error_px"] for name, each in model["report"]["photos"].items()}
+    worst = max((name for name in errors if errors[name]), key=lambda name: errors[name])
+    rest = sorted(error for name, error in errors.items() if error and name != worst)
+    report = reconstruct_sparse(
+        model["folder"] / "database.db",
+        model["photos"],
+        model["folder"] / "photos.json",
+        tmp_path / "model",
+        tmp_path / "report.json",
+        tmp_path / "poses.npz",
+        MappingOptions(
+            wanted_registered_fraction=0.8,
+            max_camera_error_px=0.5 * (errors[worst] + rest[-1]),
+            max_attempts=1,
+        ),
+    )
+    assert report["n_left_out"] >= 1
+    assert report["photos"][worst]["reason"].startswith("left out: its camera is known within")
+    poses = read_poses(tmp_path / "poses.npz")
+    used = {image.name for image in pycolmap.Reconstruction(tmp_path / "model").images.values()}
+    assert used == set(poses.names) == {n for n, f in report["photos"].items() if f["registered"]}
+    assert worst not in used
+    assert (poses.error_px > 0).all() and poses.error_px.max() < errors[worst]
+
+
+def test_the_error_allowed_grows_with_photos_larger_than_searched(scan):
+    database = scan["folder"] / "database.db"  # photos of 320 px
+    for size, limit in ((320, 2.0), (640, 2.0), (160, 4.0), (0, 2.0)):
+        options = MappingOptions(max_camera_error_px=2.0, max_image_size_px=size)
+        assert largest_error_px(database, options) == pytest.approx(limit)
 
 
 def test_nothing_matches(tmp_path):
@@ -223,9 +303,7 @@ def test_vocabulary_tree_must_exist(scan, tmp_path):
 
 
 def test_retrieval_pairing_beyond_the_limit(scan, tmp_path):
-    options = MatchingOptions(
-        exhaustive_max_photos=5, retrieval_neighbors=3, sequential_overlap=1, guided_matching=False
-    )
+    options = MatchingOptions(exhaustive_max_photos=5, retrieval_neighbors=3, sequential_overlap=1)
     result = match_features(scan["folder"] / "features.db", tmp_path / "m.db", options)
     assert result["pairing"] == "retrieval"
     assert N_GOOD - 1 <= result["n_verified"] <= scan["matching"]["n_verified"]

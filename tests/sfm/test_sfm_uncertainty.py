@@ -10,7 +10,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.sfm import sparse
 from cherrypicker.sfm.refine import adjust
 from cherrypicker.sfm.rematch import RefineOptions
-from cherrypicker.sfm.uncertainty import camera_scatter, camera_uncertainty
+from cherrypicker.sfm.uncertainty import camera_uncertainty, tree_errors
 
 N_CAMERAS = 12
 NOISE_PX = 0.5
@@ -72,10 +72,35 @@ def test_wrong_matches_scatter_where_the_covariance_is_sure():
     at = np.array([model.images[i + 1].projection_center() for i in range(N_CAMERAS)])
     size = np.median(np.linalg.norm(centers - centers.mean(axis=0), axis=1))
     found = similarity_errors(at, centers) / size
-    sure, scatter = camera_uncertainty(model), camera_scatter(model, RefineOptions())
+    told = tree_errors(model, RefineOptions())
     assert found.argmax() == N_CAMERAS - 1
-    assert max(scatter, key=lambda name: scatter[name]) == f"{N_CAMERAS - 1:02d}"
-    assert max(scatter.values()) > found.max() > 2 * max(sure.values())
+    last = f"{N_CAMERAS - 1:02d}"
+    assert max(told, key=lambda name: told[name]) == last
+    others = [error for name, error in told.items() if name != last]
+    assert told[last] > 1.5 * np.median(others)
+    off_px = found.max() * size / 4 * FOCAL  # the tree stands 4 away
+    assert off_px / 4 < told[last] < 4 * off_px
+
+
+def test_a_camera_that_a_small_part_of_the_tree_holds_is_told():
+    """Those points it shows where they are; where it shows the rest of the tree they leave open."""
+    groups = [range(i, i + 4) for i in range(N_CAMERAS - 3)]
+    model, _ = ring_model(groups, NOISE_PX)
+    adjust(model, RefineOptions())
+    sure = tree_errors(model, RefineOptions())
+    last = model.images[N_CAMERAS]
+    seen = [point.point3D_id for point in last.points2D if point.has_point3D()]
+    at = np.array([model.points3D[i].xyz for i in seen])
+    for point_id in np.array(seen)[np.argsort(np.linalg.norm(at - at[0], axis=1))[8:]]:
+        model.delete_observation(N_CAMERAS, element_of(model, point_id))
+    loose = tree_errors(model, RefineOptions())
+    assert loose[last.name] > 2 * sure[last.name]
+
+
+def element_of(model, point_id):
+    """Which of the last camera's pixels shows a point."""
+    elements = model.points3D[int(point_id)].track.elements
+    return next(each.point2D_idx for each in elements if each.image_id == N_CAMERAS)
 
 
 def test_parts_that_one_pair_of_photos_joins_have_no_common_scale():
@@ -85,7 +110,7 @@ def test_parts_that_one_pair_of_photos_joins_have_no_common_scale():
     assert np.median([*camera_uncertainty(joined).values()]) < 0.01
     errors = camera_uncertainty(loose)
     assert np.median([*errors.values()]) > sparse.UNDETERMINED
-    unsure = sparse.describe_uncertainty(loose, RefineOptions())
+    unsure = sparse.describe(errors)
     content = {"camera_std_fraction": unsure, "n_points": 180}
     with pytest.raises(StageError, match="no common scale") as refused:
         sparse._enforce_one_scale(content, "photos/a")

@@ -317,13 +317,19 @@ def test_scale_error_widens_intervals(y_tree):
 
 def test_unsure_cameras_are_flagged(y_tree):
     skeleton, scan = y_tree.skeleton(), y_tree.scan()
-    for largest, flagged in ((0.004, False), (0.012, True)):
-        sure = {"median": 0.001, "max": largest, "worst": "IMG_7.jpg"}
-        sparse = {"n_photos": 9, "n_registered": 9, "camera_std_fraction": sure}
-        traits, _ = measure_traits(skeleton, scan, options=draws(30), sparse=sparse)
-        named = [flag for flag in traits["flags"] if flag.startswith("cameras_uncertain")]
-        assert bool(named) is flagged
-        assert all("IMG_7.jpg" in flag and "1.2 %" in flag for flag in named)
+    for doubt in ("", "known within 1.2 px, held by only 40 matches (median 900)"):
+        sure = {"median": 0.4, "max": 1.2, "worst": "IMG_7.jpg"}
+        photos = {"IMG_6.jpg": {"doubt": ""}, "IMG_7.jpg": {"doubt": doubt}}
+        sparse = {"n_photos": 9, "n_registered": 7, "n_left_out": 2, "photos": photos}
+        traits, _ = measure_traits(
+            skeleton, scan, options=draws(30), sparse=sparse | {"camera_error_px": sure}
+        )
+        flags = {flag.split(":")[0]: flag for flag in traits["flags"]}
+        assert ("cameras_uncertain" in flags) is bool(doubt)
+        assert "7 of 9 photos are used, 2 were left out" in flags["few_photos"]
+        if doubt:
+            assert "1 of 7" in flags["cameras_uncertain"]
+            assert "IMG_7.jpg is known within 1.2 px" in flags["cameras_uncertain"]
 
 
 def test_same_seed_same_traits(y_tree, y_traits):

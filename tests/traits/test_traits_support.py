@@ -61,7 +61,7 @@ def test_what_rests_on_little_is_flagged(rows):
                              "n_laterals,lateral_spacing_m,shoot_length_m,base_arc_deg,"
                              "base_n_points,gap_share,flags,base_diameter_low_m,base_diameter_high_m,"
                              "insertion_angle_low_deg,insertion_angle_high_deg,"
-                             "photo_diameter_m,photo_diameter_se_m")  # fmt: skip
+                             "photo_diameter_m,photo_diameter_se_m,p_exists")  # fmt: skip
     assert ",,0.30000," in lines[2]  # no spacing is an empty cell
 
 

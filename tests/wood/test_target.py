@@ -10,7 +10,6 @@ from skeleton_shapes import labelled_cloud, tube
 from wood_choice import choose_wood
 
 from cherrypicker.classes import Label
-from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json
@@ -210,8 +209,7 @@ def test_a_ready_cloud_gets_the_same_decision(rng):
     """No cameras: the mass and the height alone."""
     parts = tree(rng, (5.0, 5.0, 2.0)), tree(rng, (7.5, 5.0, 2.0), (0, 0, 1.0), length=0.5)
     points, labels = (np.concatenate(column) for column in zip(*parts))
-    options = ContractionOptions()
-    _, details = contract_wood(labelled_cloud(points, labels), options=options)
+    _, details = contract_wood(labelled_cloud(points, labels))
     report = target_report(details["choice"])
     assert report["target_xy"] == pytest.approx([5, 5], abs=0.03)
     assert report["region"] is None and report["source"] == "wood" and report["factor"] == 1.0

@@ -26,6 +26,7 @@ SCRIPTS = {
 }
 # Keys that no stage takes as an option, and what reads them.
 ELSEWHERE = {
+    "method": "the batch: which defaults the keys have",
     "trees": "the batch: which trees there are",
     "measures": "the batch: what was measured by hand on which trees",
     "graph.edits": "edit_graph: its input, and which rule makes a tree's skeleton",
@@ -115,7 +116,7 @@ def test_the_keys_of_a_stage_are_options_with_the_same_defaults(options, stage):
         default = (settings[section] if section else settings)[name]
         if (stage, name) in OTHER_DEFAULT or default is None:  # null is the code's own default
             continue
-        if key == "contract.weights":
+        if key == "skeleton.weights":
             assert {**dict.fromkeys(CLASS_NAMES.values(), 1), **option.default} == default
         elif isinstance(option.default, tuple):
             assert list(option.default) == default, key

@@ -67,6 +67,9 @@ def load_batch():
 
 
 BATCH, SERIES = load_batch()
+if workflow.is_main_process:
+    for note in BATCH.notes:
+        logger.warning(note)
 # Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
 SETTINGS, TREES, SETTINGS_OF = BATCH.settings, BATCH.trees, BATCH.settings_of
 ROW_SCANS = list(

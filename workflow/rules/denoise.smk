@@ -5,9 +5,9 @@ rule denoise_cloud:
     input:
         cloud="results/{tree}/cropped.ply",
         poses="results/{tree}/aligned_poses.npz",
-        cameras="results/{tree}/sfm/model/cameras.bin",
-        photos=photos_of,
-        masks="results/{tree}/sky",
+        undistorted="results/{tree}/dense/undistorted.json",
+        evidence="results/{tree}/evidence",
+        depth="results/{tree}/dense/depth.json",
         sky_colors="results/{tree}/sky_colors.npz",
         code=code("denoise_cloud"),
     output:
@@ -26,7 +26,6 @@ rule denoise_cloud:
         gpu=0,
     params:
         **options("denoise_cloud"),
-        photo_folder=photo_folder,
     message:
         "{wildcards.tree}: remove outliers and sky silhouettes"
     script:

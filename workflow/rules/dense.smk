@@ -27,6 +27,32 @@ rule undistort_photos:
         "../../scripts/undistort_photos.py"
 
 
+# One raster a photo, which all ask who want to know what the photos show.
+rule gather_evidence:
+    input:
+        undistorted="results/{tree}/dense/undistorted.json",
+        sky_masks="results/{tree}/sky",
+        cameras="results/{tree}/sfm/model/cameras.bin",
+        code=code("gather_evidence"),
+    output:
+        evidence=directory("results/{tree}/evidence"),
+    log:
+        "logs/gather_evidence/{tree}.log",
+    benchmark:
+        "benchmarks/gather_evidence/{tree}.tsv"
+    conda:
+        "../../envs/photogrammetry.yaml"
+    threads: 1
+    resources:
+        mem_mb=mb_for("gather_evidence"),
+        runtime=minutes_for("gather_evidence"),
+        gpu=0,
+    message:
+        "{wildcards.tree}: tell clear sky, thin wood and solids in the photos"
+    script:
+        "../../scripts/gather_evidence.py"
+
+
 rule estimate_depth:
     input:
         undistorted="results/{tree}/dense/undistorted.json",
@@ -58,8 +84,7 @@ rule estimate_depth:
 rule fuse_depth:
     input:
         depth="results/{tree}/dense/depth.json",
-        cameras="results/{tree}/sfm/model/cameras.bin",
-        sky_masks="results/{tree}/sky",
+        evidence="results/{tree}/evidence",
         code=code("fuse_depth"),
     output:
         cloud=ensure("results/{tree}/cloud.ply", non_empty=True),

@@ -7,10 +7,11 @@ rule check_photos:
         graph_report="results/{tree}/graph.json",
         segmented=shared_file("results/{scan}/segmented.ply"),
         target="results/{tree}/target.json",
+        cloud=shared_file("results/{scan}/cloud.ply"),
         undistorted=shared_file("results/{scan}/dense/undistorted.json"),
         metric_poses=shared_file("results/{scan}/metric_poses.npz"),
-        sky_masks=shared_file("results/{scan}/sky"),
-        cameras=shared_file("results/{scan}/sfm/model/cameras.bin"),
+        evidence=shared_file("results/{scan}/evidence"),
+        depth=shared_file("results/{scan}/dense/depth.json"),
         code=code("check_photos"),
     output:
         report=ensure("results/{tree}/photo_check.json", non_empty=True),

@@ -40,8 +40,8 @@ rule extract_graph:
         segmented="results/{tree}/segmented.ply",
         undistorted=photo_only("results/{scan}/dense/undistorted.json"),
         metric_poses=photo_only("results/{scan}/metric_poses.npz"),
-        sky_masks=photo_only("results/{scan}/sky"),
-        cameras=photo_only("results/{scan}/sfm/model/cameras.bin"),
+        evidence=photo_only("results/{scan}/evidence"),
+        depth=photo_only("results/{scan}/dense/depth.json"),
         code=code("extract_graph"),
     output:
         skeleton_graph=ensure("results/{tree}/skeleton.graphml", non_empty=True),
@@ -79,8 +79,8 @@ rule solve_graph:
         segmented="results/{tree}/segmented.ply",
         undistorted=photo_only("results/{scan}/dense/undistorted.json"),
         metric_poses=photo_only("results/{scan}/metric_poses.npz"),
-        sky_masks=photo_only("results/{scan}/sky"),
-        cameras=photo_only("results/{scan}/sfm/model/cameras.bin"),
+        evidence=photo_only("results/{scan}/evidence"),
+        depth=photo_only("results/{scan}/dense/depth.json"),
         code=code("extract_graph"),
     output:
         skeleton_graph=ensure("results/{tree}/solved.graphml", non_empty=True),

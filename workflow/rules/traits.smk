@@ -10,8 +10,9 @@ rule measure_traits:
         scale=photo_only("results/{scan}/scale.json"),
         metric_poses=photo_only("results/{scan}/metric_poses.npz"),
         sparse=photo_only("results/{scan}/sfm/report.json"),
-        sky_masks=photo_only("results/{scan}/sky"),
-        cameras=photo_only("results/{scan}/sfm/model/cameras.bin"),
+        undistorted=photo_only("results/{scan}/dense/undistorted.json"),
+        evidence=photo_only("results/{scan}/evidence"),
+        depth=photo_only("results/{scan}/dense/depth.json"),
         photo_check=photo_only("results/{tree}/photo_check.json"),
         edits=lambda wildcards: (
             "results/{tree}/edits.json" if wildcards.tree in EDITED_TREES else []

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from cherrypicker.accuracy.measures import Measure, read_measures
-from cherrypicker.batch.config import read_config_file, resolve_config
+from cherrypicker.batch.config import config_notes, read_config_file, resolve_config
 from cherrypicker.batch.rows import (
     ALL,
     KEY,
@@ -36,6 +36,8 @@ class Batch:
     measures: list[Measure]  # taken by hand, of whichever trees
     # Scans of several trees: the places that are asked for, or "all"
     places: dict[str, str | list] = field(default_factory=dict)
+    # What is to be said of the config: old keys, and keys that nothing reads
+    notes: list[str] = field(default_factory=list)
 
     def scan_of(self, tree: str) -> str:
         """Return the row of the table that a tree is from; most trees are one themselves."""
@@ -117,20 +119,20 @@ def read_batch(schema: Mapping, config: Mapping, command_line: Mapping | None = 
     """
     settings = resolve_config(schema, config, source=CONFIG_FILE)
     trees = {row.tree: row for row in read_trees(settings["trees"])}
-    settings_of = {
-        name: resolve_config(
-            schema,
-            config,
-            read_config_file(row.config) if row.config else {},
-            command_line or {},
-            source=row.config or CONFIG_FILE,
-        )
-        for name, row in trees.items()
-    }
+    notes = config_notes(schema, config)
+    settings_of = {}
+    for name, row in trees.items():
+        own = read_config_file(row.config) if row.config else {}
+        layers = config, own, command_line or {}
+        settings_of[name] = resolve_config(schema, *layers, source=row.config or CONFIG_FILE)
+        if own:
+            more = config_notes(schema, *layers)
+            notes += [f"tree {name!r}: {note}" for note in more if note not in notes]
     path = settings["measures"]
     is_default = path == schema["properties"]["measures"]["default"]
     measures = read_measures(path, may_miss=is_default) if path else []
-    return Batch(settings, trees, settings_of, measures, _places(settings, trees, settings_of))
+    places = _places(settings, trees, settings_of)
+    return Batch(settings, trees, settings_of, measures, places, notes)
 
 
 def _places(

@@ -6,13 +6,14 @@ import copy
 import difflib
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 from jsonschema import Draft202012Validator
 
+from cherrypicker.batch.old_keys import take_old_keys
 from cherrypicker.errors import StageError
 from cherrypicker.files import parse_yaml
 
@@ -70,16 +71,52 @@ def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None)
     StageError
         For an unknown key (naming the nearest valid one) or a value out of bounds.
     """
-    merged: dict = {}
-    for layer in layers:
-        _merge(merged, layer)
+    merged, _ = _merged(layers)
     _check_keys(schema, merged, (), source)
-    resolved = _fill(schema, merged)
+    resolved = _fill(schema, merged, _method(merged))
     errors = sorted(Draft202012Validator(schema).iter_errors(resolved), key=lambda e: list(e.path))
     if errors:
         key = ".".join(str(part) for part in errors[0].absolute_path)
         raise StageError(f"{key}: {errors[0].message}", file=source, key=key)
     return resolved
+
+
+def config_notes(schema: Mapping, *layers: Mapping) -> list[str]:
+    """Say which keys of the layers are old, and which are set and read by nothing, a line each.
+
+    A key is read while every key that its schema's ``needs`` names has one of the values there. The
+    layers are those of a valid config.
+    """
+    merged, notes = _merged(layers)
+    method = _method(merged)
+    resolved, unset = _fill(schema, merged, method), _fill(schema, {}, method)
+    for section, keys in merged.items():
+        for name in keys if isinstance(keys, Mapping) else ():
+            needs = schema["properties"][section].get("properties", {}).get(name, {}).get("needs")
+            value = resolved[section][name]
+            if not needs or value == unset[section][name]:
+                continue
+            for other, values in needs.items():
+                found = lookup(resolved, other)
+                if found not in values:
+                    notes.append(
+                        f"{section}.{name}: {keys[name]} does nothing: it is read under {other}: "
+                        f"{' or '.join(map(str, values))}, and that is {found}"
+                    )
+    return notes
+
+
+def _merged(layers: Sequence[Mapping]) -> tuple[dict, list[str]]:
+    """The layers as one, with old keys renamed, and what is to be said of those."""
+    merged: dict = {}
+    for layer in layers:
+        _merge(merged, layer)
+    return merged, take_old_keys(merged)
+
+
+def _method(merged: Mapping) -> str:
+    """Name of the schema's keyword that holds the defaults."""
+    return "paper" if merged.get("method") == "paper" else "default"
 
 
 def lookup(config: Mapping, key: str) -> Any:
@@ -112,8 +149,8 @@ def _check_keys(schema: Mapping, values: Mapping, path: tuple, source: str | Non
             _check_keys(known[key], value, (*path, str(key)), source)
 
 
-def _fill(schema: Mapping, value: Any) -> Any:
-    """Return ``value`` with defaults filled in and strings read as the type that is asked for."""
+def _fill(schema: Mapping, value: Any, method: str) -> Any:
+    """Return ``value`` with a method's defaults and strings read as the type that is asked for."""
     if schema.get("type") == "object" and "properties" in schema:
         value = {} if value is None else value
         if not isinstance(value, Mapping):
@@ -121,14 +158,15 @@ def _fill(schema: Mapping, value: Any) -> Any:
         filled = dict(value)
         for key, subschema in schema["properties"].items():
             if key in filled or "default" in subschema:
-                filled[key] = _fill(
-                    subschema, filled.get(key, copy.deepcopy(subschema.get("default")))
-                )
+                default = subschema.get(method, subschema.get("default"))
+                filled[key] = _fill(subschema, filled.get(key, copy.deepcopy(default)), method)
         return filled
     if isinstance(value, Mapping) and isinstance(schema.get("additionalProperties"), Mapping):
-        return {key: _fill(schema["additionalProperties"], item) for key, item in value.items()}
+        return {
+            key: _fill(schema["additionalProperties"], item, method) for key, item in value.items()
+        }
     if isinstance(value, list) and isinstance(schema.get("items"), Mapping):
-        return [_fill(schema["items"], item) for item in value]
+        return [_fill(schema["items"], item, method) for item in value]
     return _read_string(schema, value)
 
 

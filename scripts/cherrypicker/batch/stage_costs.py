@@ -103,6 +103,12 @@ PHOTO_STAGES = {
         disk_mb={"photo_mp": 0.01},
         max_threads=2,
     ),
+    "gather_evidence": StageCost(
+        cpu_s={"base": 1.5, "dense_mp": 0.04},
+        memory_mb={"base": 200.0, "largest_photo_mp": 20.0},
+        disk_mb={"dense_mp": 0.1},
+        after=("undistort_photos", "segment_sky"),
+    ),
     "estimate_depth": stereo_stage(BACKENDS["cpu"]),
     "fuse_depth": StageCost(
         # Twigs from silhouettes take 0.3 CPU seconds a megapixel of these, and 4 bytes a pixel when
@@ -111,7 +117,7 @@ PHOTO_STAGES = {
         memory_mb={"base": 320.0, "fusion_mb": 1.0, "dense_mp": 4.0, "points_m": 120.0},
         disk_mb=_CLOUD_MB,
         max_threads=4,
-        after=("estimate_depth",),
+        after=("estimate_depth", "gather_evidence"),
     ),
     "align_cloud": StageCost(
         cpu_s={"base": 1.5, "points_m": 0.7},
@@ -198,14 +204,14 @@ _REFUTED = replace(
     _GRAPH,
     cpu_s={**_GRAPH.cpu_s, "dense_mp": 0.06},
     memory_mb={**_GRAPH.memory_mb, "largest_photo_mp": 20.0},
-    after=("contract_cloud", "undistort_photos", "segment_sky"),
+    after=("contract_cloud", "gather_evidence"),
 )
 _CHECK = StageCost(
-    cpu_s={"base": 10.0, "dense_mp": 0.6},
+    cpu_s={"base": 8.0, "dense_mp": 0.2},
     memory_mb={"base": 450.0, "dense_mp": 5.0, "cropped_m": 125.0},
     disk_mb={"base": 1.0},
     max_threads=4,
-    after=("extract_graph", "undistort_photos", "segment_sky"),
+    after=("extract_graph", "gather_evidence"),
 )
 _MEASURED = replace(_TREE_STAGES["measure_traits"], after=("check_photos",))
 PHOTO_STAGES |= {"contract_cloud": _CONTRACT, "extract_graph": _REFUTED, "check_photos": _CHECK}

@@ -20,7 +20,7 @@ _QUALITY = 85
 
 def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) -> None:
     """Write the sheet as JPEG: photos by azimuth, those of findings framed, red to do again."""
-    azimuth = verdict.ring.azimuth_deg
+    azimuth = verdict.ring.told_deg
     order = np.argsort(np.where(np.isfinite(azimuth), azimuth, np.inf), kind="stable")
     marks = _marks(verdict)
     cell = THUMBNAIL_PX + 2 * _LINE
@@ -44,7 +44,7 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
         color = marks.get(row, _INK)
         box = [left - 2, top - 2, left + THUMBNAIL_PX + 1, top + THUMBNAIL_PX + 1]
         draw.rectangle(box, outline=marks.get(row, _FAINT), width=4 if row in marks else 1)
-        angle = f"{azimuth[row]:.0f} deg" if np.isfinite(azimuth[row]) else "not placed"
+        angle = f"{azimuth[row]:.0f} deg" if np.isfinite(azimuth[row]) else "cannot tell"
         draw.text((left, top + THUMBNAIL_PX + 4), f"{look.path.name}  {angle}", color, font)
         said = f"blur {look.blur:.2f}  marker {', '.join(map(str, look.marker_ids)) or '-'}"
         draw.text((left, top + THUMBNAIL_PX + 4 + _LINE), said, _INK, font)
@@ -69,7 +69,7 @@ def _draw_ring(draw: ImageDraw.ImageDraw, verdict: Verdict, marks: dict) -> None
     for first, last in verdict.gaps:
         draw.arc(box, -last, -first, fill=_STOP, width=10)
     draw.ellipse([*(middle - 6), *(middle + 6)], fill=_INK)
-    for row, angle in enumerate(np.radians(verdict.ring.azimuth_deg)):
+    for row, angle in enumerate(np.radians(verdict.ring.told_deg)):
         if np.isfinite(angle):
             place = middle + radius * np.array([np.cos(angle), -np.sin(angle)])
             draw.ellipse([*(place - 5), *(place + 5)], fill=marks.get(row, _GOOD))

@@ -11,6 +11,15 @@ from scipy.sparse.csgraph import connected_components
 
 from cherrypicker.capture.overlap import Overlap
 
+# Random parts of the overlaps that azimuths are told from once more, and how many stay in each
+N_PARTS, PART = 8, 0.75
+# Largest standard error of an azimuth, degrees (half a step of a good walk), and the least share of
+# the parts that must place a photo, and of the photos that must be sure. On four scenes, whole and
+# with an arc left out, all that tell azimuths have them right on nine photos of ten; the widest
+# error of a scene that could not was 108 degrees
+MOST_ERROR_DEG, LEAST_SEEN, LEAST_SURE = 10.0, 0.6, 0.75
+N_MEDIANS = 10  # rounds of a common turn
+
 
 @dataclass
 class Ring:
@@ -22,10 +31,23 @@ class Ring:
         Photos that hang together by overlaps have one number; 0 is the largest group.
     azimuth_deg : ndarray of shape (n_photos,), float64
         From where the tree is seen, 0 to 360, of the largest group; NaN of the others.
+    is_sure : ndarray of shape (n_photos,), bool
+        Whether parts of the overlaps place the photo alike.
     """
 
     group: np.ndarray
     azimuth_deg: np.ndarray
+    is_sure: np.ndarray
+
+    @property
+    def is_told(self) -> bool:
+        """Whether enough photos are placed alike to trust any azimuth."""
+        return len(self.is_sure) > 0 and float(self.is_sure.mean()) >= LEAST_SURE
+
+    @property
+    def told_deg(self) -> np.ndarray:
+        """Azimuths that can be told; NaN of others."""
+        return np.where(self.is_sure & self.is_told, self.azimuth_deg, np.nan)
 
 
 def find_ring(n_photos: int, overlaps: Sequence[Overlap]) -> Ring:
@@ -35,8 +57,26 @@ def find_ring(n_photos: int, overlaps: Sequence[Overlap]) -> Ring:
     et al., 3DIMPVT 2012): the three first eigenvectors of the matrix of turns. Cameras are held
     level, if not straight ahead, so the vertical is the direction that their horizontal axes have
     the least of; an azimuth is the opposite of a camera's line of sight, seen along it. Beside the
-    poses of two scenes the azimuths are right within 4 degrees on 90 % of the photos.
+    poses of two rendered scenes the azimuths are right within 8 degrees on 90 % of the photos; as a
+    phone takes them within 21 and 25, which is why parts of the overlaps place each photo again.
     """
+    group, azimuth = _placed(n_photos, overlaps)
+    rng = np.random.default_rng(0)
+    squares, n_seen = np.zeros(n_photos), np.zeros(n_photos)
+    for _ in range(N_PARTS):
+        part = np.sort(rng.permutation(len(overlaps))[: int(PART * len(overlaps))])
+        _, again = _placed(n_photos, [overlaps[i] for i in part])
+        apart = _turned_apart(again, azimuth)
+        squares += np.nan_to_num(apart) ** 2
+        n_seen += np.isfinite(apart)
+    # Of a delete-d jackknife (Shao and Wu 1989): kept over left out
+    error = np.sqrt(PART / (1 - PART) * squares / np.maximum(n_seen, 1))
+    sure = (error <= MOST_ERROR_DEG) & (n_seen >= LEAST_SEEN * N_PARTS) & np.isfinite(azimuth)
+    return Ring(group, azimuth, sure)
+
+
+def _placed(n_photos: int, overlaps: Sequence[Overlap]) -> tuple[np.ndarray, np.ndarray]:
+    """Groups that hang together and the azimuths of the largest, degrees."""
     pairs = np.array([(one.first, one.second) for one in overlaps], dtype=np.int64).reshape(-1, 2)
     links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n_photos, n_photos))
     _, member = connected_components(links, directed=False)
@@ -50,7 +90,22 @@ def find_ring(n_photos: int, overlaps: Sequence[Overlap]) -> Ring:
         own = [one for one in overlaps if group[one.first] == 0]
         rotations = _synchronised(len(inside), [(place[o.first], place[o.second], o) for o in own])
         azimuth[inside] = _azimuths(rotations)
-    return Ring(group, azimuth)
+    return group, azimuth
+
+
+def _turned_apart(azimuth: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Differences of azimuths, degrees, one common turn apart (and which way is up)."""
+    both = np.isfinite(azimuth) & np.isfinite(other)
+    if not both.any():
+        return np.full(len(azimuth), np.nan)
+    sides = []
+    for side in (1.0, -1.0):
+        apart = np.exp(1j * np.radians(side * azimuth - other))
+        turn = np.exp(1j * np.angle(apart[both].sum()))
+        for _ in range(N_MEDIANS):
+            turn *= np.exp(1j * np.median(np.angle(apart / turn)[both]))
+        sides.append(np.degrees(np.angle(apart / turn)))
+    return min(sides, key=lambda each: float(np.median(np.abs(each[both]))))
 
 
 def _synchronised(n_photos: int, links: list[tuple[int, int, Overlap]]) -> np.ndarray:

@@ -184,9 +184,19 @@ def _around(
         text = f"{len(apart)} photos overlap too little with the others"
         text += f" ({_names(looks, apart)}): photograph there again, 10 to 15 degrees apart"
         found.append(Finding(text, apart, is_many))
-    for width, before, after in widest_gaps(azimuth, WIDE_GAP_DEG):
+    wide = widest_gaps(azimuth, WIDE_GAP_DEG)
+    for width, before, after in wide:
         pair = f"{looks[before].path.name} and {looks[after].path.name}"
-        text = f"no sharp photo that overlaps for {width:.0f} degrees: photograph between {pair}"
-        found.append(Finding(text, [before, after], True))
-        gaps.append((float(azimuth[before]), float(azimuth[before] + width)))
+        if ring.is_told:
+            text = (
+                f"no sharp photo that overlaps for {width:.0f} degrees: photograph between {pair}"
+            )
+            gaps.append((float(azimuth[before]), float(azimuth[before] + width)))
+        else:
+            text = f"perhaps no sharp photo between {pair}: look there yourself"
+        found.append(Finding(text, [before, after], ring.is_told))
+    if not ring.is_told:
+        n_sure = int(ring.is_sure.sum())
+        text = f"cannot tell where the photos stand: their overlaps agree on {n_sure} of "
+        found.append(Finding(text + f"{len(looks)}; take more, 10 to 15 degrees apart, to be sure"))
     return found, gaps

@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from cherrypicker.classes import CLASS_IDS
 from cherrypicker.contraction.laplacian_published import (
     cotangent_laplacian,
     semantic_row_weights,
@@ -17,10 +18,11 @@ from cherrypicker.contraction.laplacian_published import (
 )
 from cherrypicker.errors import StageError
 
-__all__ = ["ATTRACTION_RULES", "Contraction", "ContractionOptions", "contract_points"]
+__all__ = ["ATTRACTION_RULES", "METHODS", "Contraction", "SkeletonOptions", "contract_points"]
 
 logger = logging.getLogger(__name__)
 
+METHODS = ("limbs", "slbc", "lbc")
 ATTRACTION_RULES = ("compound", "pc_skeletor", "cao")
 # Of W_L by the number of points: pc-skeletor's
 AMPLIFICATION_BY_SIZE = ((1e3, 1.0), (1e4, 2.0), (1e6, 5.0), (np.inf, 8.0))
@@ -28,15 +30,16 @@ FEWEST_POINTS = 10
 
 
 @dataclass(frozen=True)
-class ContractionOptions:
-    """How wood is contracted; the fields are config keys of ``contract``, described there.
+class SkeletonOptions:
+    """How wood becomes a skeleton; the fields are config keys of ``skeleton``, described there.
 
-    The preset "default" moves every point to the axis of its limb
-    (`cherrypicker.contraction.on_axes`) and reads none of the constants. "paper" is the iteration
-    as published, with its constants by default (null in the config).
+    "limbs" moves every point to the axis of its limb (`cherrypicker.contraction.on_axes`) and reads
+    none of the others; "lbc" is the iteration as published, "slbc" with the weights by class.
+    Classes without a weight weigh 1.
     """
 
-    preset: str = "default"
+    method: str = "limbs"
+    weights: dict[str, float] = field(default_factory=lambda: {"trunk": 10.0})
     initial_contraction: float = 1000.0
     initial_attraction: float = 0.5
     attraction_rule: str = "compound"
@@ -50,23 +53,27 @@ class ContractionOptions:
     mollify_factor: float = 1e-5
 
     def __post_init__(self) -> None:
-        if self.preset not in ("default", "paper"):
-            raise StageError(f"unknown preset {self.preset!r}", key="contract.preset")
-        if self.attraction_rule not in ATTRACTION_RULES:
-            raise StageError(
-                f"unknown rule {self.attraction_rule!r}", key="contract.attraction_rule"
-            )
-        unread = [
-            each.name
-            for each in fields(self)
-            if each.name != "preset" and getattr(self, each.name) != each.default
-        ]
-        if self.preset == "default" and unread:
-            logger.warning(
-                "contract.%s: constants of the published iteration; the preset default does not "
-                "iterate and reads none of them",
-                ", contract.".join(sorted(unread)),
-            )
+        for name, known in (("method", METHODS), ("attraction_rule", ATTRACTION_RULES)):
+            if getattr(self, name) not in known:
+                raise StageError(
+                    f"unknown {name} {getattr(self, name)!r} (known: {', '.join(known)})",
+                    key=f"skeleton.{name}",
+                )
+        for name, weight in self.weights.items():
+            if name not in CLASS_IDS:
+                raise StageError(
+                    f"unknown class {name!r} (known: {', '.join(CLASS_IDS)})",
+                    key="skeleton.weights",
+                )
+            if not weight > 0:
+                raise StageError(f"the weight of {name} must be positive", key="skeleton.weights")
+
+    @property
+    def lambdas(self) -> dict[int, float] | None:
+        """Lambda by class id; None where the method does not weigh."""
+        if self.method != "slbc":
+            return None
+        return {CLASS_IDS[name]: weight for name, weight in self.weights.items()}
 
 
 @dataclass
@@ -91,7 +98,7 @@ class Contraction:
 def contract_points(
     points: np.ndarray,
     weights: np.ndarray | None = None,
-    options: ContractionOptions | None = None,
+    options: SkeletonOptions | None = None,
     callback: Callable | None = None,
 ) -> Contraction:
     """Contract a point cloud to its skeleton (paper, Eqs. lbc and S-LBC).
@@ -111,7 +118,7 @@ def contract_points(
         Any frame; the constants expect metres.
     weights : ndarray of shape (n_points,), optional
         Lambda of each point's class for S-LBC; left out, S = 1: plain LBC.
-    options : ContractionOptions, optional
+    options : SkeletonOptions, optional
     callback : callable, optional
         Called as ``callback(iteration, mass_ratio, points)`` after each iteration.
 
@@ -129,7 +136,7 @@ def contract_points(
     Cao et al.: Point Cloud Skeletons via Laplacian-Based Contraction. SMI 2010.
     Meyer et al.: CherryPicker. CVPR workshops 2023.
     """
-    options = options or ContractionOptions()
+    options = options or SkeletonOptions()
     points = _checked(points)
     centre = points.mean(axis=0)  # far-off frames would cost digits in the normal equations
     current = points - centre
@@ -194,20 +201,20 @@ def _checked(points: np.ndarray) -> np.ndarray:
     return points
 
 
-def _laplacian(points: np.ndarray, options: ContractionOptions) -> tuple[csr_matrix, np.ndarray]:
+def _laplacian(points: np.ndarray, options: SkeletonOptions) -> tuple[csr_matrix, np.ndarray]:
     return cotangent_laplacian(
         points, n_neighbors=options.n_neighbors, mollify_factor=options.mollify_factor
     )
 
 
 def _laplacian_or_error(
-    points: np.ndarray, options: ContractionOptions
+    points: np.ndarray, options: SkeletonOptions
 ) -> tuple[csr_matrix, np.ndarray]:
     try:
         return _laplacian(points, options)
     except RuntimeError as error:
         raise StageError(
-            f"no Laplacian of the cloud ({error})", key="contract.n_neighbors"
+            f"no Laplacian of the cloud ({error})", key="skeleton.n_neighbors"
         ) from error
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cherrypicker.classes import Label
-from cherrypicker.contraction.contract_points import ContractionOptions, contract_points
+from cherrypicker.contraction.contract_points import SkeletonOptions, contract_points
 from cherrypicker.contraction.on_axes import points_on_axes
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.limbs.growth import Limbs, limbs_of_wood
@@ -34,7 +34,7 @@ class ContractedTree(NamedTuple):
     details : dict
         How it went; plain values.
     limbs : Limbs or None
-        To whose axes the default preset moved the points.
+        To whose axes the points were moved; None where they were contracted.
     """
 
     points: np.ndarray
@@ -50,7 +50,7 @@ def contract_tree(
     base: np.ndarray | None = None,
     *,
     weights: Mapping[int, float] | None = None,
-    options: ContractionOptions,
+    options: SkeletonOptions,
     stem: int | None = Label.TRUNK,
     voxel_size: float | None = None,
     max_points: int | None = None,
@@ -58,10 +58,10 @@ def contract_tree(
 ) -> ContractedTree:
     """Contract all points of one tree.
 
-    The preset "paper" runs the published iteration on the points, or on the means of their voxels,
-    with the class of most points of a voxel. The preset "default" moves points of the cloud itself,
-    one a voxel (above `max_points` of those that `draw_evenly` leaves), to the axes of their limbs,
-    and its classes agree with those around them.
+    The methods "lbc" and "slbc" run the published iteration on the points, or on the means of their
+    voxels, with the class of most points of a voxel. The method "limbs" moves points of the cloud
+    itself, one a voxel (above `max_points` of those that `draw_evenly` leaves), to the axes of
+    their limbs, and its classes agree with those around them.
 
     Parameters
     ----------
@@ -70,18 +70,17 @@ def contract_tree(
     labels : ndarray of shape (n_points,), int, optional
         Class of each point, any integers.
     base : ndarray of shape (3,), float64, optional
-        Foot of the stem, where the default preset starts; left out, the lowest points are it.
+        Foot of the stem, where the limbs start; left out, the lowest points are it.
     weights : mapping of int to float, optional
-        Lambda by class; classes that are not named weigh 1. Left out: LBC, which does not look at
-        the classes.
-    options : ContractionOptions
+        Lambda by class for "slbc"; classes that are not named weigh 1.
+    options : SkeletonOptions
     stem : int or None
-        Class whose points are one stem, for the default preset; None: no class is.
+        Class whose points are one stem, for the limbs; None: no class is.
     voxel_size : float, optional
         Thin to one point a voxel, of this edge or as large as leaves `max_points`.
     max_points : int, optional
     callback : callable, optional
-        As in `contract_points`; only the preset "paper" iterates.
+        As in `contract_points`; limbs do not iterate.
 
     Returns
     -------
@@ -93,22 +92,22 @@ def contract_tree(
         If the points cannot be contracted.
     """
     thin, source, member, size = _thinned(
-        points, voxel_size, max_points, by_chance=options.preset == "default"
+        points, voxel_size, max_points, by_chance=options.method == "limbs"
     )
     details = {"voxel_size": size, "n_contracted": len(thin)}
     label = None
     if labels is not None:
         label = majority_label(labels[member >= 0], member[member >= 0], len(thin))
-    if label is not None and options.preset == "default":
+    if label is not None and options.method == "limbs":
         label = agreed_labels(thin, label)
-    lambdas, in_stem = None, np.zeros(len(thin), bool)
-    if label is not None and weights is not None:
-        lambdas = _lambda_of(label, weights)
-        in_stem = in_stem if stem is None else label == stem
-    if options.preset == "paper":
+    if options.method != "limbs":
+        lambdas = None
+        if options.method == "slbc" and label is not None:
+            lambdas = _lambda_of(label, weights or {})
         result = contract_points(thin, lambdas, options, callback)
         details["mass_ratio"] = [round(value, 6) for value in result.mass_ratio]
         return ContractedTree(result.points, source, label, details | {"stop": result.stop})
+    in_stem = np.zeros(len(thin), bool) if label is None or stem is None else label == stem
     if base is None:
         base = lowest_base(thin, np.where(in_stem, Label.TRUNK, Label.BRANCH)).base
     found = limbs_of_wood(points[source], base, stem=in_stem)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-
 import numpy as np
 import numpy.typing as npt
 
-from cherrypicker.classes import CLASS_IDS
-from cherrypicker.contraction.contract_points import ContractionOptions
+from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_tree import contract_tree
 from cherrypicker.contraction.on_axes import points_on_axes
 from cherrypicker.errors import StageError
@@ -19,25 +15,14 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target_wood import select_target_wood
 from cherrypicker.wood.thinned import FEWEST_WOOD
 
-__all__ = ["WoodOptions", "contract_wood"]
-
-
-@dataclass(frozen=True)
-class WoodOptions(GrowthOptions):
-    """Which wood is contracted, and how it weighs; the fields are config keys of ``contract``.
-
-    Classes without a weight weigh 1.
-    """
-
-    weights: dict[str, float] = field(default_factory=lambda: {"trunk": 10.0})
-    method: str = "slbc"
+__all__ = ["contract_wood"]
 
 
 def contract_wood(
     cloud: PointCloud,
-    chosen: WoodOptions | None = None,
+    chosen: GrowthOptions | None = None,
     *,
-    options: ContractionOptions | None = None,
+    options: SkeletonOptions | None = None,
     target_xy: npt.ArrayLike | None = None,
     region: Footprint | None = None,
     orchard: Orchard | None = None,
@@ -48,8 +33,8 @@ def contract_wood(
     ----------
     cloud : PointCloud
         With the field ``label``, z up.
-    chosen : WoodOptions, optional
-    options : ContractionOptions, optional
+    chosen : GrowthOptions, optional
+    options : SkeletonOptions, optional
     target_xy : array-like of 2 floats, optional
         Where the target stands; left out, the wood decides.
     region : Footprint, optional
@@ -64,20 +49,18 @@ def contract_wood(
         With the fields ``label`` and ``source`` (row in `cloud`).
     report : dict
         ``choice`` is the `Choice` of the target and ``limbs`` the `Limbs` of the contracted points,
-        None with the preset "paper"; all else is plain.
+        None where the method is not "limbs"; all else is plain.
 
     Raises
     ------
     StageError
         If there is too little wood or the contraction fails.
     """
-    chosen = chosen or WoodOptions()
-    options = options or ContractionOptions()
-    weights = _weights_by_id(chosen.weights)
+    chosen = chosen or GrowthOptions()
+    options = options or SkeletonOptions()
     labels = np.asarray(cloud["label"])
     if orchard is None:
-        least = 0.0 if options.preset == "paper" else chosen.min_density
-        orchard = grow_orchard(cloud, replace(chosen, min_density=least), region=region)
+        orchard = grow_orchard(cloud, chosen, region=region)
     wood = select_target_wood(
         cloud.points,
         orchard,
@@ -93,12 +76,12 @@ def contract_wood(
         raise StageError(
             f"only {len(rows)} wood points belong to the target tree", key="crop.target_xy"
         )
-    if options.preset == "paper":
+    if options.method != "limbs":
         tree = contract_tree(
             cloud.points[rows],
             labels[rows],
             wood.base,
-            weights=weights if chosen.method == "slbc" else None,
+            weights=options.lambdas,
             options=options,
             voxel_size=chosen.voxel_size_m,
             max_points=chosen.max_points,
@@ -126,22 +109,10 @@ def contract_wood(
         "unit": cloud.unit,
         "stem": stem,
         "base": wood.base.tolist(),
-        "method": chosen.method,
+        "method": options.method,
         **details,
         "wood": wood.report,
         "choice": wood.choice,
         "limbs": limbs,
     }
     return contracted, report
-
-
-def _weights_by_id(weights: Mapping[str, float]) -> dict[int, float]:
-    """Lambda by class id from lambda by class name."""
-    for name, weight in weights.items():
-        if name not in CLASS_IDS:
-            raise StageError(
-                f"unknown class {name!r} (known: {', '.join(CLASS_IDS)})", key="contract.weights"
-            )
-        if not weight > 0:
-            raise StageError(f"the weight of {name} must be positive", key="contract.weights")
-    return {CLASS_IDS[name]: weight for name, weight in weights.items()}

@@ -6,10 +6,10 @@ The sky filter removes points that bear a dominant sky colour: stereo windows re
 of a thin branch and give its neighbourhood the branch's depth and the sky's colour.
 
 The photos have the last word on both (this is ours, not the paper's, see
-`cherrypicker.denoising.evidence`). Colour alone would also eat white paint, lichen, sunlit bark and
-the twigs whose pixels are half sky: a point of sky colour goes only where the photos show clear
-sky. And the tips of twigs are as far from their neighbours, and as poorly seen, as what floats in
-the air: an isolated point stays where the photos show something before the sky.
+`cherrypicker.evidence`). Colour alone would also eat white paint, lichen, sunlit bark and the twigs
+whose pixels are half sky: a point of sky colour goes only where the photos show that it is more
+likely not there. And the tips of twigs are as far from their neighbours, and as poorly seen, as
+what floats in the air: an isolated point stays where the photos show it likelier there than not.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.denoising.evidence import SkyEvidence
 from cherrypicker.errors import StageError
+from cherrypicker.evidence.existence import PRIOR
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.sky.colors import SkyColors
 
@@ -34,8 +34,6 @@ GROUND_SHARE = 0.15
 BLOCK = 200_000
 #: Where this many photos agree on the neighbourhood it is supported, however many see the rest.
 ENOUGH_VIEWS = 5
-#: Photos that must show something before the sky for an isolated point to stay.
-MIN_WITNESSES = 4
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,9 @@ class DenoiseOptions:
     n_neighbors: int = 20
     std_ratio: float = 3.0
     min_view_ratio: float = 0.4
-    keep_seen_fraction: float = 0.8
+    ask_photos: bool = True
     use_sky: bool = True
     sky_color_distance: float = 0.1
-    min_non_sky_fraction: float = 0.7
 
 
 def neighbor_means(
@@ -84,7 +81,8 @@ def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarr
     """Find the points whose neighbours are about as near as elsewhere, (n_points,) bool.
 
     The mean distance must be below mean + std_ratio * standard deviation over the cloud: the maths
-    of Open3D's ``remove_statistical_outlier``, which the paper uses.
+    of Open3D's ``remove_statistical_outlier``, which the paper uses and `statistical_filter` is.
+    Where the neighbours are sought for the photos' sake anyway, this costs no second search.
 
     Parameters
     ----------
@@ -96,6 +94,17 @@ def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarr
         return np.ones(len(mean_distance), bool)
     limit = mean_distance[valid].mean() + std_ratio * mean_distance[valid].std(ddof=1)
     return mean_distance < limit
+
+
+def statistical_filter(points: np.ndarray, n_neighbors: int, std_ratio: float) -> np.ndarray:
+    """Find the points (n_points, 3) that Open3D's statistical filter keeps, (n_points,) bool."""
+    import open3d  # takes seconds, and the default does without
+
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    _, rows = cloud.remove_statistical_outlier(n_neighbors, std_ratio)
+    keep = np.zeros(len(points), bool)
+    keep[np.asarray(rows, np.int64)] = True
+    return keep
 
 
 def supported_points(
@@ -131,7 +140,7 @@ def _share(part: int, whole: int) -> str:
 def denoise_cloud(
     cloud: PointCloud,
     sky: SkyColors,
-    evidence_of: Callable[[np.ndarray], SkyEvidence],
+    evidence_of: Callable[[np.ndarray, np.ndarray], np.ndarray],
     options: DenoiseOptions,
     ground_height: float = -np.inf,
 ) -> tuple[PointCloud, dict]:
@@ -144,8 +153,8 @@ def denoise_cloud(
     sky : SkyColors
         Dominant sky colours; without any the sky filter has nothing to do.
     evidence_of : callable
-        ``evidence_of(asked)`` returns what the photos say about points of shape (n, 3); see
-        `cherrypicker.denoising.evidence.sky_evidence`.
+        ``evidence_of(asked, sure)``, both of shape (n, 3), returns what the photos say about the
+        former; see `cherrypicker.evidence.existence.ask_points`.
     ground_height : float
         What lies below does not count for how many photos see a point of the cloud.
 
@@ -164,13 +173,14 @@ def denoise_cloud(
     is_isolated, is_unsupported = _find_isolated(cloud, options, ground_height)
     is_doubted = is_isolated | is_unsupported
     is_sky_colored = ~is_doubted & _find_sky_colored(cloud, sky, options)
-    asked = np.flatnonzero(is_sky_colored | (is_doubted & (options.keep_seen_fraction <= 1)))
-    keep = ~is_doubted
-    if len(asked):
-        evidence = evidence_of(cloud.points[asked])
-        is_doubt = is_doubted[asked]
-        keep[asked[is_doubt & _is_seen(evidence, options.keep_seen_fraction)]] = True
-        keep[asked[~is_doubt & ~_is_spared(evidence, options.min_non_sky_fraction)]] = False
+    asked = np.flatnonzero(is_sky_colored | is_doubted)
+    keep = ~(is_doubted | is_sky_colored)
+    if options.ask_photos and len(asked):
+        above = ~is_doubted & (cloud.points[:, 2] > ground_height)
+        sure = keep & above if (keep & above).any() else above
+        told = evidence_of(cloud.points[asked], cloud.points[sure])
+        # a colour alone is little against what the stereo found
+        keep[asked] = told > np.where(is_doubted[asked], 0.0, -np.log(PRIOR / (1.0 - PRIOR)))
     n_sky_colored = int(np.count_nonzero(is_sky_colored))
     n_kept_by_photos = int(np.count_nonzero(is_sky_colored & keep))
     report = {
@@ -189,7 +199,7 @@ def denoise_cloud(
             f"the filters removed all {len(cloud):,} points: the statistical one "
             f"{report['n_removed_statistical']:,}, too few photos {report['n_removed_views']:,}, "
             f"sky {report['n_removed_sky']:,}",
-            key="denoise.std_ratio, denoise.min_view_ratio, denoise.min_non_sky_fraction",
+            key="denoise.std_ratio, denoise.min_view_ratio, denoise.sky_color_distance",
         )
     return cloud.select(keep), report
 
@@ -200,15 +210,15 @@ def _find_isolated(
     """Find what is far from its neighbours, and what hardly any photo supports."""
     n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
     is_isolated, is_unsupported = np.zeros((2, len(cloud)), bool)
-    if n_views is None and not options.use_statistical:
+    if n_views is None:
+        if options.use_statistical:
+            is_isolated = ~statistical_filter(cloud.points, options.n_neighbors, options.std_ratio)
         return is_isolated, is_unsupported
-    values = np.zeros(len(cloud)) if n_views is None else n_views
-    mean_distance, mean_views = neighbor_means(cloud.points, values, options.n_neighbors)
+    mean_distance, mean_views = neighbor_means(cloud.points, n_views, options.n_neighbors)
     if options.use_statistical:
         is_isolated = ~statistical_inliers(mean_distance, options.std_ratio)
-    if n_views is not None:
-        counts = cloud.points[:, 2] > ground_height
-        is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio, counts)
+    counts = cloud.points[:, 2] > ground_height
+    is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio, counts)
     return is_isolated, is_unsupported
 
 
@@ -224,20 +234,6 @@ def _find_sky_colored(cloud: PointCloud, sky: SkyColors, options: DenoiseOptions
         logger.warning("sky filter skipped: the cloud has no colours")
         return none
     return sky.distance(cloud.colors) <= options.sky_color_distance
-
-
-def _is_spared(evidence: SkyEvidence, min_fraction: float) -> np.ndarray:
-    """Sky-coloured points that the photos speak for."""
-    n_for, n_seen = evidence.n_solid, evidence.n_clear + evidence.n_solid
-    # A point that no photo sees has nothing but its colour against it, and stays, unless colour
-    # alone shall decide.
-    return ((n_seen == 0) & (min_fraction <= 1)) | ((n_seen > 0) & (n_for >= min_fraction * n_seen))
-
-
-def _is_seen(evidence: SkyEvidence, min_fraction: float) -> np.ndarray:
-    """Doubted points at which almost every photo that looks up shows something."""
-    n_seen = evidence.n_clear + evidence.n_solid
-    return (evidence.n_solid >= MIN_WITNESSES) & (evidence.n_solid >= min_fraction * n_seen)
 
 
 def _log(report: dict) -> None:

@@ -28,9 +28,9 @@ GAP_IN_SPACINGS = 3.0
 
 @dataclass(frozen=True)
 class GraphOptions:
-    """How the wood is connected; the fields are config keys of ``graph``."""
+    """How the wood is connected; the fields are config keys of ``graph``, the first of skeleton."""
 
-    method: str = "tree"
+    method: str = "limbs"
     spacing_m: float = 0.01
     n_neighbors: int = 12
 
@@ -52,9 +52,9 @@ def extract_skeleton(
     cloud : PointCloud
         The labelled cloud that `source` points into.
     options : GraphOptions, optional
-        Its method "tree" joins the limbs of the points that entered the contraction
-        (`cherrypicker.limbs`), "mst" is the minimum spanning tree over the contracted points
-        (paper, section Graph).
+        Its method "limbs" joins the limbs of the points before they were moved
+        (`cherrypicker.limbs`), "slbc" and "lbc" take the minimum spanning tree over the contracted
+        points (paper, section Graph).
     base : array-like of 3 floats, optional
         Base of the stem.
     limbs : Limbs, optional
@@ -74,7 +74,7 @@ def extract_skeleton(
     entered = cloud.points[contracted["source"]]
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
     spacing = settings.spacing_m
-    if settings.method == "mst":
+    if settings.method != "limbs":
         spacing = max(spacing, median_spacing(entered, cKDTree(entered, balanced_tree=False)))
         skeleton = spanning_tree(
             contracted.points, labels, spacing_m=spacing, k=settings.n_neighbors, base=base
@@ -90,7 +90,7 @@ def extract_skeleton(
         spacing=spacing,
         max_radius=max(3 * spacing, widest),
     )
-    if settings.method == "mst":
+    if settings.method != "limbs":
         return told
     radius = never_growing(skeleton.parent, skeleton.radius, told.fields["radius_error"])
     return replace(told, radius=radius)

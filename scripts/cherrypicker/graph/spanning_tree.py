@@ -1,4 +1,4 @@
-"""The plain graph: a minimum spanning tree over sampled skeleton points (paper, Sec. Graph)."""
+"""The paper's graph: networkx's minimum spanning tree over sampled skeleton points (Sec. Graph)."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import logging
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse.csgraph import minimum_spanning_tree
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import component_links, knn_edges, sparse_graph
+from cherrypicker.geometry.neighbors import component_links, knn_edges
 from cherrypicker.geometry.sampling import farthest_point_sample, majority_label
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.wood.target_wood import lowest_base
@@ -54,6 +53,8 @@ def spanning_tree(
     StageError
         If there are too few points or they coincide.
     """
+    import networkx as nx
+
     base = np.asarray(lowest_base(points, labels).base if base is None else base)
     below = np.array([base[0], base[1], points[:, 2].min()])  # the stem may reach below its base
     root = int(np.argmin(np.linalg.norm(points - below, axis=1)))
@@ -67,8 +68,9 @@ def spanning_tree(
     links = component_links(nodes, edges)
     edges = np.vstack([edges, links]).astype(np.int64)
     length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
-    tree = minimum_spanning_tree(sparse_graph(len(nodes), edges, length)).tocoo()
-    pairs = np.stack([tree.row, tree.col], axis=1)
+    graph = nx.Graph()
+    graph.add_weighted_edges_from(zip(*edges.T.tolist(), length.tolist(), strict=True))
+    pairs = np.array(nx.minimum_spanning_tree(graph).edges)
     order, parent = rooted_order(len(nodes), pairs, 0)
     label = label[order]
     gap = _long_edges(nodes[order], parent, spacing_m)

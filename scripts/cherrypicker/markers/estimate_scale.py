@@ -44,6 +44,7 @@ def estimate_scale(
     sides_m: str,
     min_images: int,
     max_reprojection_px: float,
+    side: str = "square",
     references: Sequence[Mapping | str] = (),
     cloud: np.ndarray | None = None,
     threads: int = 1,
@@ -63,6 +64,8 @@ def estimate_scale(
         Photos that must agree on a marker or on a board.
     max_reprojection_px : float
         Beyond it a sighting is an outlier.
+    side : {"square", "mean"}
+        As `by` of :func:`cherrypicker.markers.geometry.locate_marker`.
     references : sequence of mapping or str
         The config's ``scale.references``.
     cloud : ndarray of shape (n, 3), optional
@@ -90,6 +93,7 @@ def estimate_scale(
         cloud,
         min_images=min_images,
         max_px=max_reprojection_px,
+        side=side,
         threads=threads,
         seed=seed,
     )
@@ -130,6 +134,7 @@ def _find_markers(
                 scan.cam_from_world,
                 min_images=scan.min_images,
                 max_px=scan.max_px,
+                by=scan.side,
                 seed=scan.seed,
             )
         found = sort_reads(detections, markers[name], scan)

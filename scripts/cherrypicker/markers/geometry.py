@@ -4,7 +4,8 @@ Paper, section Scale Factor Estimator: each corner is the point with the least s
 the rays through that corner in all photos (eq. objective). We add a consensus over photos before
 it, and after it the minimisation of the reprojection error: once with four free corners, which
 shows whether they form a square at all, and once with a square, whose single side length is known
-better than the mean of four free ones, above all from few photos.
+better than the mean of four free ones, above all from few photos. By "mean" it is the paper alone:
+the rays of all sightings, and the mean of the four sides.
 """
 
 from __future__ import annotations
@@ -127,7 +128,7 @@ def intersect_rays(
 
 
 def locate_marker(
-    observations: Observations, *, max_error_px: float = 2.0, seed: int = 0
+    observations: Observations, *, max_error_px: float = 2.0, by: str = "square", seed: int = 0
 ) -> MarkerGeometry | None:
     """Find a marker's corners and side from its sightings, whatever outliers are among them.
 
@@ -136,17 +137,27 @@ def locate_marker(
     max_error_px : float, default 2
         Largest reprojection error of a corner for its sighting to agree; at least 2 % of the side
         in that photo.
+    by : {"square", "mean"}
+        The side of the square that explains the sightings which agree; or the mean distance of the
+        points that come nearest to the rays of all, as published.
 
     Returns
     -------
     MarkerGeometry or None
         None where no two photos agree on a position.
     """
+    if by == "mean":
+        centers = np.repeat(observations.centers[None], 4, axis=0)
+        corners = intersect_rays(centers, observations.rays.transpose(1, 0, 2))
+        if not np.isfinite(corners).all():
+            return None
+        found = _measured(observations, corners, np.ones(len(observations), bool))
+        return replace(found, side=float(found.side_lengths.mean()))
     tolerance = _tolerance(observations, max_error_px)
-    corners = _consensus(observations, tolerance, seed)
-    if corners is None:
+    start = _consensus(observations, tolerance, seed)
+    if start is None:
         return None
-    inliers = np.zeros(len(observations), bool)
+    corners, inliers = start, np.zeros(len(observations), bool)
     for _ in range(_N_ROUNDS):
         new = _agree(observations, corners, tolerance)
         if len(np.unique(observations.photos[new])) < 2:
@@ -155,6 +166,13 @@ def locate_marker(
             break
         inliers = new
         corners = _refine_corners(observations.select(inliers), corners)
+    return _measured(observations, corners, inliers)
+
+
+def _measured(
+    observations: Observations, corners: np.ndarray, inliers: np.ndarray
+) -> MarkerGeometry:
+    """What the sightings that count say of a square at these corners."""
     used = observations.select(inliers)
     residuals = used.residuals_px(corners)
     side, side_std, misfit = _fit_square(used, corners)

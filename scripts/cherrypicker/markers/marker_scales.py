@@ -29,6 +29,7 @@ def measure_marker(
     *,
     min_images: int,
     max_px: float,
+    by: str = "square",
     seed: int,
 ) -> dict:
     """Geometry and scale of one marker.
@@ -42,7 +43,7 @@ def measure_marker(
     cam_from_world : ndarray of shape (n_photos, 3, 4)
     min_images : int
         Photos that must agree.
-    max_px : float
+    max_px, by : float, {"square", "mean"}
         As of :func:`cherrypicker.markers.geometry.locate_marker`.
 
     Returns
@@ -76,7 +77,7 @@ def measure_marker(
         )
         return report
     observations = observe(detections, cam_from_world)
-    geometry = locate_marker(observations, max_error_px=max_px, seed=seed)
+    geometry = locate_marker(observations, max_error_px=max_px, by=by, seed=seed)
     if geometry is None or len(np.unique(observations.photos[geometry.inliers])) < min_images:
         report["flags"].append("its sightings do not agree on a position")
         return report

@@ -55,6 +55,7 @@ class Scan:
     cloud: np.ndarray | None = None  # (n, 3): denoised cloud, aligned frame
     min_images: int = field(default=2, kw_only=True)
     max_px: float = field(default=2.0, kw_only=True)
+    side: str = field(default="square", kw_only=True)
     threads: int = field(default=1, kw_only=True)
     seed: int = field(default=0, kw_only=True)
 

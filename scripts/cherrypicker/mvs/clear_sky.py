@@ -44,12 +44,17 @@ def thin_contrast(photo: np.ndarray) -> np.ndarray:
     ndarray of shape (height, width), uint8
         Grey levels.
     """
-    side = 2 * max(round(0.5 * THIN_SHARE * max(photo.shape)), 2) + 1
-    window = np.ones((side, side), np.uint8)
+    window = thin_window(photo.shape)
     smooth = cv2.GaussianBlur(photo, (3, 3), 0)
     dark = cv2.morphologyEx(smooth, cv2.MORPH_BLACKHAT, window)
     bright = cv2.morphologyEx(smooth, cv2.MORPH_TOPHAT, window)
     return np.maximum(dark, bright).max(axis=2)
+
+
+def thin_window(shape: tuple[int, ...]) -> np.ndarray:
+    """Return the window in which what is thin in a photo of a shape does not fit, uint8."""
+    side = 2 * max(round(0.5 * THIN_SHARE * max(shape)), 2) + 1
+    return np.ones((side, side), np.uint8)
 
 
 def clear_sky(photo: np.ndarray, sky: np.ndarray) -> np.ndarray:
@@ -77,8 +82,8 @@ class SkyMasks:
     Raises
     ------
     StageError
-        When the model is unreadable or lacks a photo; by `of`, when a mask is missing or of another
-        size.
+        When the model is unreadable or lacks a photo; by `both`, when a mask is missing or of
+        another size.
     """
 
     def __init__(
@@ -109,15 +114,11 @@ class SkyMasks:
                 "the sky mask is missing or unreadable", file=self.path(view)
             ) from error
 
-    def of(self, view: View) -> np.ndarray:
-        """Return a view's mask in its undistorted pixels, (height, width) bool.
-
-        What lies outside the photo as stored is no sky.
-        """
-        return self.both(view)[0]
-
     def both(self, view: View) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is sky in a view and what a user hides, each (height, width) bool."""
+        """Return what is sky in a view and what a user hides, each (height, width) bool.
+
+        Undistorted pixels; what lies outside the photo as stored is neither.
+        """
         i = self._index[view.name]
         sky, hidden = read_masks(self.path(view), self._lenses.shape(i))
         kinds = (sky & self._with_sky).astype(np.uint8) + 2 * hidden.astype(np.uint8)

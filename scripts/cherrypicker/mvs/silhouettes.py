@@ -3,8 +3,9 @@
 A window of pixels matches a twig of one pixel badly, but its line before the sky is sharp. So each
 photo's lines (`cherrypicker.mvs.lines.sky_lines`) that no point of the cloud explains are followed
 along their rays through the region of interest. A place is wood where lines of other photos meet it
-too, all of them the image of one direction in space, where no photo shows clear sky, and where so
-many lines do not meet by chance. What lies before wood, hills or ground says neither yes nor no.
+too, all of them the image of one direction in space, and where so many lines do not meet by chance,
+nor against the word of the photos that show clear sky there, each of which says as much as it knows
+(`cherrypicker.evidence.witnesses`). What lies before wood, hills or ground says neither yes nor no.
 
 Space carving (Kutulakos and Seitz, IJCV 2000) asks the same of all photos; here the photo's lines,
 not voxels, are carried into space, so that a twig thinner than any voxel keeps its place.
@@ -18,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cherrypicker.compiled import Num, in_parallel, inlined, kernel
-from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.fusion import joined
 from cherrypicker.mvs.kernels.projection import cross_ball
 from cherrypicker.mvs.lines.lines import (
@@ -31,7 +31,7 @@ from cherrypicker.mvs.lines.lines import (
     off_line,
     project_place,
 )
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.region import NEAREST, Region
 from cherrypicker.pointcloud import PointCloud
@@ -52,6 +52,9 @@ APART_COSINE = 0.9962
 CHANCE = 0.05
 # Photos besides its own that a place needs however little chance there is (guess)
 LEAST_WITNESSES = 3
+# Sum of the words of photos with clear sky from which on a place is given up: no lines of as many
+# photos as look from sides of their own outweigh it (guess)
+MOST_AGAINST = -20.0
 # Most uncertain depth, in pixels of the photo at the place, for an error of a pixel in each photo
 # (guess)
 MOST_DEPTH_PX = 3.0
@@ -90,20 +93,24 @@ def _place(lines: Lines, sight: Sight, row: Num, depth: Num) -> tuple[Num, Num, 
 
 
 @inlined
-def _meet(lines: Lines, own: Num, x: Num, y: Num, z: Num, met: np.ndarray) -> Num:
-    """Enter the lines of other photos that a place lies on; return their number, -1 for sky."""
+def _meet(lines: Lines, own: Num, x: Num, y: Num, z: Num, met: np.ndarray) -> tuple[Num, Num]:
+    """Enter the lines of other photos that a place lies on; return their number, and what the
+    photos that show clear sky say together, until it is more than lines can outweigh."""
     n = 0
+    against = 0.0
     for k in range(lines.order.shape[0]):
         i = lines.order[k]
         if i == own:
             continue
         line = line_shown(lines, i, x, y, z)
         if line == CLEAR:
-            return -1
+            against += lines.clear_word[i]
+            if against < MOST_AGAINST:
+                return 0, against
         if line >= 0:
             met[n] = line
             n += 1
-    return n
+    return n, against
 
 
 @inlined
@@ -163,14 +170,14 @@ def _consent(
 def _ask(lines: Lines, sight: Sight, row: Num, depth: Num, scratch: Scratch) -> tuple[Num, Num]:
     """Ask all photos about a place; return how surprising their consent is, 0 without any."""
     x, y, z = _place(lines, sight, row, depth)
-    n = _meet(lines, sight.own, x, y, z, scratch.met)
+    n, against = _meet(lines, sight.own, x, y, z, scratch.met)
     surprise, n_kept = 0.0, 0
     if n >= LEAST_WITNESSES:
         line = lines.first[sight.own] + row
         surprise, n_kept = _consent(lines, line, n, x, y, z, scratch)
         if n_kept < LEAST_WITNESSES:
             surprise, n_kept = 0.0, 0
-    return surprise, n_kept
+    return surprise + against, n_kept
 
 
 @inlined
@@ -270,7 +277,12 @@ def _settle(
 
 
 def add_silhouettes(
-    workspace: Workspace, cloud: PointCloud, region: Region, masks: SkyMasks, *, threads: int = 1
+    photos: ScanPhotos,
+    cloud: PointCloud,
+    region: Region,
+    clear_word: np.ndarray,
+    *,
+    threads: int = 1,
 ) -> PointCloud:
     """Add the twigs that the photos show before the sky to a fused cloud.
 
@@ -278,12 +290,13 @@ def add_silhouettes(
 
     Parameters
     ----------
+    photos : ScanPhotos
     cloud : PointCloud
-        Of the workspace, with normals and colours.
+        In their frame, with normals and colours.
     region : Region
         Where twigs are looked for.
-    masks : SkyMasks
-        Of the workspace's photos.
+    clear_word : ndarray of shape (n_photos,), float64
+        What a photo says that shows clear sky at a place, see `Lines`.
 
     Returns
     -------
@@ -293,10 +306,10 @@ def add_silhouettes(
         look from the same direction; their normals point at the photo that they were found in,
         across the twig.
     """
-    lines = gather_lines(workspace, masks)
+    lines = gather_lines(photos, clear_word)
     explain(lines, cloud.points, threads)
     n_open = int((lines.explained == 0.0).sum())
-    parts = follow_lines(workspace, lines, region, threads)
+    parts = follow_lines(photos, lines, region, threads)
     logger.info(
         "of %s pixels on thin lines before the sky the cloud lacks %s: %s points added",
         f"{len(lines.owner):,}",
@@ -307,26 +320,24 @@ def add_silhouettes(
 
 
 def follow_lines(
-    workspace: Workspace, lines: Lines, region: Region, threads: int
+    photos: ScanPhotos, lines: Lines, region: Region, threads: int
 ) -> list[PointCloud]:
     """Return the twigs that the photos' lines show and nothing explains yet, one cloud a photo.
 
     They are entered in ``lines.explained``, so that each place is found once.
     """
     parts = []
-    with Progress(len(workspace.views), "photos' twigs followed") as bar:
-        for i in range(len(workspace.views)):
-            parts.append(_twigs_of(workspace, lines, i, region, threads))
+    with Progress(len(photos.views), "photos' twigs followed") as bar:
+        for i in range(len(photos.views)):
+            parts.append(_twigs_of(photos, lines, i, region, threads))
             explain(lines, parts[-1].points, threads)
             bar.step()
     return parts
 
 
-def _twigs_of(
-    workspace: Workspace, lines: Lines, i: int, region: Region, threads: int
-) -> PointCloud:
+def _twigs_of(photos: ScanPhotos, lines: Lines, i: int, region: Region, threads: int) -> PointCloud:
     """Return the places of one photo's lines."""
-    view = workspace.views[i]
+    view = photos.views[i]
     uv = lines.uv[lines.first[i] : lines.first[i + 1]]
     rays = np.column_stack([uv, np.ones(len(uv))]) @ np.linalg.inv(view.K).T @ view.R
     offset = region.center - view.center
@@ -338,7 +349,7 @@ def _twigs_of(
     at = np.floor(uv[kept]).astype(int)
     return PointCloud(
         points,
-        colors=read_photo(workspace.photo_path(view))[at[:, 1], at[:, 0]] / 255.0,
+        colors=read_photo(photos.photo_path(view))[at[:, 1], at[:, 0]] / 255.0,
         normals=_across(view.center - points, axes[kept]),
         fields={
             "n_views": np.minimum(counts[kept], 255).astype(np.uint8),

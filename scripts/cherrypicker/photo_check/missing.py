@@ -1,10 +1,9 @@
 """What is missing: thin wood before the sky that no tube of the skeleton explains.
 
-The photos' thin lines (`cherrypicker.mvs.lines`) that no tube passes are followed into space as the
-fusion follows those that no point of its cloud explains (`cherrypicker.mvs.silhouettes`): a place
-counts where lines of several photos from different sides meet, all of them the image of one
-direction, and no photo shows clear sky. The line of a neighbour's twig, farther off, passes through
-no such place.
+The fusion has followed the photos' lines before the sky (`cherrypicker.mvs.silhouettes`), so that
+its cloud holds what several photos from different sides agree on, whatever later stages made of it.
+A line that a point of that cloud explains and no tube does is wood that the skeleton lacks, as far
+as all photos together say that it is wood.
 """
 
 from __future__ import annotations
@@ -15,17 +14,21 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.compiled import in_parallel, kernel
+from cherrypicker.evidence.existence import Witnesses
 from cherrypicker.geometry.neighbors import components
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.mvs.lines.lines import EXPLAINS_PX, Lines, explain, project_place
-from cherrypicker.mvs.silhouettes import follow_lines
-from cherrypicker.photo_check.places import MetricWorkspace, Places
+from cherrypicker.mvs.scan_photos import ScanPhotos
+from cherrypicker.photo_check.places import Places
 from cherrypicker.placement.region import Region
-from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 
 # Twigs seen more from their ends than this, a sine, count no longer
 LEAST_SINE = 0.3
+# Places along a twig that tell its direction
+N_ALONG = 8
+# Wood within so many steps between places is the same: four pixels
+SAME_STEPS = 2.0
 # Patches of missing wood this far apart, in the radius of the region, hang together (guess: 0.2 to
 # 0.3 m; on a walk through rows the next row's twigs lie 2 m off)
 JOINED = 0.1
@@ -38,23 +41,27 @@ class Missing(NamedTuple):
     ----------
     points : ndarray of shape (n, 3), float64
         Places of missing wood, about a pixel apart.
-    length : ndarray of shape (n,), float64
-        Of wood that each stands for.
+    length, probability : ndarray of shape (n,), float64
+        Of wood that each stands for; that it is there.
     shown, lacking : ndarray of shape (n_photos,), float64
         Length of lines in each photo that tubes explain, and that missing wood does.
     """
 
     points: np.ndarray
     length: np.ndarray
+    probability: np.ndarray
     shown: np.ndarray
     lacking: np.ndarray
 
 
 def find_missing(
-    workspace: MetricWorkspace,
+    photos: ScanPhotos,
+    witnesses: Witnesses,
     lines: Lines,
     places: Places,
+    step: float,
     region: Region,
+    fused: np.ndarray,
     others: np.ndarray,
     threads: int,
 ) -> Missing:
@@ -62,30 +69,41 @@ def find_missing(
 
     Parameters
     ----------
-    workspace : MetricWorkspace
+    photos : ScanPhotos
+    witnesses : Witnesses
+        The photos, once the skeleton's places have taught them.
     lines : Lines
         Of its photos; what explains them is entered.
     places : Places
         Of the skeleton, at most two pixels apart.
+    step : float
+        How far they are, see `cherrypicker.photo_check.places.step_of`.
     region : Region
         Where wood is looked for.
+    fused : ndarray of shape (n_fused, 3)
+        Points of the fused cloud, in the skeleton's frame.
     others : ndarray of shape (n_others, 3)
         What is there and no wood of this tree: a place nearer to it than to the tree is not
         missing, nor is one that does not join the tree.
     threads : int
     """
-    poses = workspace.poses
+    poses = photos.poses
+    explain(lines, fused[region.holds(fused)], threads)
+    by_cloud = lines.explained.copy()
+    lines.explained[:] = 0.0
     explain_by_tubes(lines, poses, places, threads)
     by_tubes = lines.explained.copy()
-    parts = follow_lines(workspace, lines, region, threads)
-    found = np.concatenate([part.points for part in parts])
-    length = np.concatenate([_lengths(part, poses, i) for i, part in enumerate(parts)])
+    found, owner = _held(photos, lines, by_cloud, threads)
+    length = _lengths(found, owner, poses)
     if len(found):
-        own = cKDTree(places.points).query(found)[0]
+        own, row = cKDTree(places.points).query(found)
         kept = hang_together(found, own, JOINED * region.radius)
+        kept &= own > places.radius[row] + SAME_STEPS * step
         if len(others):
             kept &= own <= cKDTree(others).query(found)[0]
         found, length = found[kept], length[kept]
+    # a line is the image of what is two pixels wide
+    probability = witnesses.judge(found, length).probability
     lines.explained[:] = by_tubes
     explain(lines, found, threads)
     focal = poses.K[:, 0, 0]
@@ -94,6 +112,7 @@ def find_missing(
     return Missing(
         points=found,
         length=length,
+        probability=probability,
         shown=np.bincount(lines.owner, np.where(is_tube, size, 0.0), minlength=n_photos),
         lacking=np.bincount(lines.owner, np.where(is_tube, 0.0, size), minlength=n_photos),
     )
@@ -119,13 +138,37 @@ def hang_together(points: np.ndarray, own: np.ndarray, gap: float) -> np.ndarray
     return joins[group[member]]
 
 
-def _lengths(twigs: PointCloud, poses: Poses, i: int) -> np.ndarray:
-    """Length of wood that each twig point found in photo ``i`` stands for, a pixel aslant, (n,)."""
-    rays = poses.centers[i] - twigs.points
+def _held(
+    photos: ScanPhotos, lines: Lines, by_cloud: np.ndarray, threads: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 3) of lines that the cloud alone explains, each once, and their photos (n,).
+
+    They are entered in ``lines.explained``.
+    """
+    found, owner = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
+    for i, view in enumerate(photos.views):
+        rows = np.arange(lines.first[i], lines.first[i + 1])
+        rows = rows[(by_cloud[rows] > 0.0) & (lines.explained[rows] == 0.0)]
+        pixels = np.column_stack([lines.uv[rows], np.ones(len(rows))])
+        rays = pixels @ np.linalg.inv(view.K).T @ view.R
+        found.append(view.center + by_cloud[rows, None] * rays)
+        owner.append(np.full(len(rows), i))
+        explain(lines, found[-1], threads)
+    return np.concatenate(found), np.concatenate(owner)
+
+
+def _lengths(points: np.ndarray, owner: np.ndarray, poses: Poses) -> np.ndarray:
+    """Length of wood that each place stands for, a pixel of its photo aslant, (n,)."""
+    if len(points) <= N_ALONG:
+        return np.zeros(len(points))
+    rays = poses.centers[owner] - points
     distance = np.linalg.norm(rays, axis=1)
-    across = np.asarray(twigs.normals)  # towards the camera
-    sine = np.einsum("ni,ni->n", rays, across) / distance
-    return distance / poses.K[i, 0, 0] / np.maximum(sine, LEAST_SINE)
+    around = points[cKDTree(points).query(points, N_ALONG)[1]]  # (n, N_ALONG, 3)
+    around = around - around.mean(axis=1, keepdims=True)
+    along = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, -1]
+    cosine = np.einsum("ni,ni->n", rays, along) / distance
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    return distance / poses.K[owner, 0, 0] / np.maximum(sine, LEAST_SINE)
 
 
 @kernel

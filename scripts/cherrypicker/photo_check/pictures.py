@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from cherrypicker.files import atomic_path
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
 from cherrypicker.photos import read_photo
 
@@ -26,11 +26,11 @@ SHIFT = 4
 
 
 def draw_verdict(
-    workspace: Workspace,
+    photos: ScanPhotos,
     i: int,
     places: Places,
-    is_judged: np.ndarray,
-    is_refuted: np.ndarray,
+    probability: np.ndarray,
+    told: np.ndarray,
     missing: np.ndarray,
     dropped: np.ndarray,
 ) -> np.ndarray:
@@ -38,10 +38,11 @@ def draw_verdict(
 
     Parameters
     ----------
-    workspace : Workspace
+    photos : ScanPhotos
     i : int
     places : Places
-    is_judged, is_refuted : ndarray of shape (n_places,), bool
+    probability, told : ndarray of shape (n_places,), float64
+        That they are there; how far the photos can tell.
     missing : ndarray of shape (n, 3)
     dropped : ndarray of shape (n_edges, 7)
         Lower end, upper end and radius of what the skeleton no longer has.
@@ -50,8 +51,8 @@ def draw_verdict(
     -------
     ndarray of shape (height, width, 3), uint8
     """
-    view = workspace.views[i]
-    photo = read_photo(workspace.photo_path(view))
+    view = photos.views[i]
+    photo = read_photo(photos.photo_path(view))
     uv, depth = view.project(places.points)
     also, far = view.project(missing)
     low, high = _box(uv[depth > 0], photo.shape)
@@ -61,7 +62,7 @@ def draw_verdict(
     drawn = (part // 2 + 127).astype(np.uint8)
     radius = np.maximum(places.radius * view.K[0, 0] / np.maximum(depth, 1e-9) * zoom, 1.0)
     at = _fixed((uv - low) * zoom)
-    kinds = np.where(is_refuted, 2, np.where(is_judged, 0, 1))
+    kinds = np.where(probability < 0.5, 2, np.where(told >= 0.5, 0, 1))
     for kind, color in ((1, UNJUDGED), (0, THERE), (2, REFUTED)):
         for row in np.flatnonzero((kinds == kind) & (depth > 0)):
             _dot(drawn, at[row], radius[row], color)

@@ -13,7 +13,9 @@ N_NEIGHBOURS = 8
 LEAST_STEPS = 10.0
 
 
-def pieces_of(points: np.ndarray, length: np.ndarray, step: float) -> list[dict]:
+def pieces_of(
+    points: np.ndarray, length: np.ndarray, probability: np.ndarray, step: float
+) -> list[dict]:
     """Join places to pieces.
 
     Parameters
@@ -21,14 +23,16 @@ def pieces_of(points: np.ndarray, length: np.ndarray, step: float) -> list[dict]
     points : ndarray of shape (n, 3), float64
     length : ndarray of shape (n,), float64
         That each stands for.
+    probability : ndarray of shape (n,), float64
+        That wood is there.
     step : float
         How far such places lie apart along wood.
 
     Returns
     -------
     list of dict
-        ``length``, ``at``, the middle of the place's points, and ``low`` and ``high``, the corners
-        of their box, of pieces long enough to be listed.
+        ``length``, ``p_exists``, the mean over it, ``at``, the middle of the place's points, and
+        ``low`` and ``high``, the corners of their box, of pieces long enough to be listed.
     """
     if len(points) < 2:
         return []
@@ -40,6 +44,10 @@ def pieces_of(points: np.ndarray, length: np.ndarray, step: float) -> list[dict]
     for one in order:
         own = points[member == one]
         ways = {"at": np.median(own, axis=0), "low": own.min(axis=0), "high": own.max(axis=0)}
-        length_of_piece = {"length": round(float(total[one]), 6)}
+        there = np.average(probability[member == one], weights=length[member == one])
+        length_of_piece = {
+            "length": round(float(total[one]), 6),
+            "p_exists": round(float(there), 6),
+        }
         found.append(length_of_piece | {k: v.round(6).tolist() for k, v in ways.items()})
     return found

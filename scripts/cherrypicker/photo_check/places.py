@@ -1,14 +1,13 @@
-"""A skeleton as places along its tubes, and its photos in the skeleton's frame."""
+"""A skeleton as places along its tubes, and what the photos say of each."""
 
 from __future__ import annotations
 
-import os
 from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.errors import StageError
-from cherrypicker.mvs.workspace import Workspace, view_of
+from cherrypicker.evidence.existence import Witnesses
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
@@ -16,38 +15,6 @@ from cherrypicker.traits.support import densify
 
 # Places on the skeleton, pixels of the photos apart: a line's point is one pixel
 STEP_PX = 2.0
-
-
-class MetricWorkspace(Workspace):
-    """A dense workspace whose cameras stand in another frame and unit.
-
-    Parameters
-    ----------
-    folder : path-like
-    poses : Poses
-        Of the same photos, in the frame of the skeleton; photos without one are left out.
-
-    Raises
-    ------
-    StageError
-        As `Workspace`, and when no photo has a pose.
-    """
-
-    def __init__(self, folder: str | os.PathLike, poses: Poses):
-        super().__init__(folder)
-        moved = dict(zip(poses.names.tolist(), poses.cam_from_world, strict=True))
-        here = self.poses
-        kept = np.flatnonzero([name in moved for name in here.names.tolist()])
-        if not len(kept):
-            raise StageError("no undistorted photo has a pose", file=folder)
-        self.poses = Poses(
-            here.names[kept],
-            np.array([moved[name] for name in here.names[kept].tolist()]),
-            here.K[kept],
-            here.width[kept],
-            here.height[kept],
-        )
-        self.views = [view_of(self.poses, i) for i in range(len(kept))]
 
 
 class Places(NamedTuple):
@@ -61,6 +28,8 @@ class Places(NamedTuple):
         Of the tube; of the skeleton that the place stands for.
     node, order : ndarray of shape (n,), int64
         Upper node of the edge that holds it; order of its axis.
+    parent : ndarray of shape (n,), int64
+        The place below it, always before it; -1 where the root is.
     """
 
     points: np.ndarray
@@ -69,6 +38,7 @@ class Places(NamedTuple):
     length: np.ndarray
     node: np.ndarray
     order: np.ndarray
+    parent: np.ndarray
 
 
 def step_of(skeleton: Skeleton, poses: Poses) -> float:
@@ -86,6 +56,35 @@ def places_along(skeleton: Skeleton, step: float) -> Places:
     order = node_order(skeleton, axes(skeleton))
     # the first is the root itself, which has no edge
     rows = slice(1, None)
-    return Places(
-        points[rows], along[node[rows]], radius[rows], length[rows], node[rows], order[node[rows]]
+    node = node[rows]
+    last = np.full(len(skeleton), -1)
+    last[node] = np.arange(len(node))  # of an edge's places, which stand in a row
+    is_first = np.diff(node, prepend=-1) != 0
+    below = np.where(is_first, last[skeleton.parent[node]], np.arange(len(node)) - 1)
+    return Places(points[rows], along[node], radius[rows], length[rows], node, order[node], below)
+
+
+def ask_photos(
+    photos: ScanPhotos, places: Places, step: float, wood: np.ndarray, seed: int
+) -> Witnesses:
+    """Ask the photos of a skeleton's places.
+
+    Parameters
+    ----------
+    photos : ScanPhotos
+    places : Places
+    step : float
+        From `step_of`.
+    wood : ndarray of shape (n_wood, 3), float64
+        Points of the cloud.
+    seed : int
+    """
+    return Witnesses(
+        photos,
+        places.points,
+        places.radius,
+        places.parent,
+        step / STEP_PX,
+        wood,
+        seed=seed,
     )

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from cherrypicker.geometry.robust import robust_sigma
+from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN
 from cherrypicker.photo_check.places import Places
-from cherrypicker.photo_check.votes import Shown
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
@@ -63,15 +63,15 @@ class Profiles(NamedTuple):
 
 
 def silhouette_widths(
-    photo: np.ndarray, shown: Shown, poses: Poses, i: int, places: Places
+    photo: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places
 ) -> tuple[np.ndarray, np.ndarray]:
     """Measure the silhouettes of places in photo ``i``.
 
     Parameters
     ----------
     photo : ndarray of shape (height, width, 3), uint8
-    shown : Shown
-        Its clear sky, and what a user hides of it.
+    raster : ndarray of shape (height, width), uint8
+        What it shows, see `cherrypicker.mvs.raster`.
     poses : Poses
     i : int
     places : Places
@@ -84,7 +84,7 @@ def silhouette_widths(
     """
     width, pixel = np.full((2, len(places.points)), np.nan)
     light = (photo[..., 2].astype(np.float32) / 255) ** GAMMA
-    found = _profiles(light, shown, poses, i, places)
+    found = _profiles(light, raster, poses, i, places)
     is_full = found.area >= FULL_PX * found.most
     if np.count_nonzero(is_full) >= LEAST_FULL:
         wood = np.full(len(found.most), float(np.median(found.most[is_full])))
@@ -146,7 +146,9 @@ def branch_diameters(
     return found
 
 
-def _profiles(light: np.ndarray, shown: Shown, poses: Poses, i: int, places: Places) -> Profiles:
+def _profiles(
+    light: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places
+) -> Profiles:
     """Look across every place in one photo; its light is (height, width)."""
     in_camera = places.points @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
     along = places.along @ poses.rotations[i].T
@@ -166,13 +168,12 @@ def _profiles(light: np.ndarray, shown: Shown, poses: Poses, i: int, places: Pla
     offset = SAMPLE_PX * np.arange(-n_samples, n_samples + 1)
     at = uv[rows, None] + offset[:, None] * across[rows, None]
     seen = _sampled(light, at, cv2.INTER_LINEAR)
-    is_sky = _sampled(shown.clear.astype(np.uint8), at, cv2.INTER_NEAREST) > 0
+    kind = _sampled(raster, at, cv2.INTER_NEAREST)
+    is_sky = kind < CLEAR_BELOW
     is_used = np.abs(offset) <= reach[rows, None]
     is_end = is_used & (np.abs(offset) > reach[rows, None] - SKY_PX)
     free = (is_sky | ~is_end).all(axis=1) & ~is_sky[:, n_samples]  # and wood in the middle
-    if shown.hidden.any():
-        is_hidden = _sampled(shown.hidden.astype(np.uint8), at, cv2.INTER_NEAREST) > 0
-        free &= ~(is_hidden & is_used).any(axis=1)
+    free &= ~((kind == HIDDEN) & is_used).any(axis=1)
     sky = (seen * is_end).sum(axis=1) / is_end.sum(axis=1)
     lost = np.where(is_used, 1 - seen / np.maximum(sky, 1e-6)[:, None], 0)[free]
     return Profiles(

@@ -1,7 +1,8 @@
 """Alignment: turn the scene upright, put the ground below what the cameras look at to z = 0.
 
 The paper (section Alignment) fits a ground plane by RANSAC, rotates its normal onto z by Rodrigues'
-formula, and turns the cloud over when its centre of mass lies below. We differ in two points.
+formula, and turns the cloud over when its centre of mass lies below: the options plane "ransac",
+up_from "ground" and flip "mass". The default differs in two points.
 Several planes are tried and judged by the camera poses too, since the largest plane may be a wall.
 The vertical then joins the ground's normal with the cameras' rolls, each by its own uncertainty,
 since ground near a tree is rarely level while photos taken all around it average out to level;
@@ -38,6 +39,7 @@ from cherrypicker.placement.ground import (
     ground_tilt,
     ground_tolerance,
     judge_plane,
+    largest_plane,
     plane_candidates,
 )
 from cherrypicker.poses import Poses
@@ -103,8 +105,10 @@ class AlignOptions:
     """How the vertical is found; the fields are the config keys of ``align``."""
 
     ground_distance_fraction: float = 0.03
+    plane: str = "judged"
     n_planes: int = 5
     up_from: str = "auto"
+    flip: str = "cameras"
 
 
 def align(
@@ -144,23 +148,31 @@ def align(
     threshold = options.ground_distance_fraction * distance
     scene = _Scene(points, poses, stated_turns, stated_ups or [], target, distance, threshold)
     warnings: list[str] = []
-    planes = _judged_planes(scene, options.n_planes, seed)
-    ground = planes[0] if planes and planes[0].score >= _MIN_SCORE else None
+    is_alone = options.plane == "ransac"  # the plane decides, whatever the cameras say
+    planes = _judged_planes(scene, options, seed)
+    ground = planes[0] if planes and (is_alone or planes[0].score >= _MIN_SCORE) else None
+    if ground is not None and options.flip == "mass" and ground.height(scene.points).mean() < 0:
+        ground.normal, ground.offset = -ground.normal, -ground.offset
     if ground is None:
         up, angles = _vertical_from_cameras(scene, up_from, seed, warnings)
     else:
-        up, angles = _vertical_from_both(scene, ground, up_from, warnings)
+        up, angles = _vertical_from_both(scene, ground, options, warnings)
+        if options.flip == "mass" and up @ ground.normal < 0:
+            up = -up
     rotation = rodrigues(up, [0.0, 0.0, 1.0])
     # The ground plane gives a first z = 0 under the target; the ground's true shape refines it.
     base = _ground_level(scene, ground, rotation)
     upright = (points - target) @ rotation.T - [0, 0, base]
-    origin = np.array([0.0, 0.0, _ground_below(upright, scene, warnings)])
+    below = 0.0 if is_alone else _ground_below(upright, scene, warnings)
+    origin = np.array([0.0, 0.0, below])
     translation = -(rotation @ target) - origin - np.array([0.0, 0.0, base])
     report = {
         "transform": np.vstack([np.column_stack([rotation, translation]), [0.0, 0.0, 0.0, 1.0]]),
         "camera_distance": distance,
         "look_at": rotation @ target + translation,
         "up_from": up_from,
+        "plane": options.plane,
+        "flip": options.flip,
         "ground_found": ground is not None,
         **angles,
         "half_turn": _half_turn_check(upright - origin, scene, up, warnings),
@@ -194,12 +206,15 @@ def _check_input(points: np.ndarray, poses: Poses) -> None:
         raise StageError("fewer than two photos are registered", key="sfm.min_registered_fraction")
 
 
-def _judged_planes(scene: _Scene, n_planes: int, seed: int) -> list[Plane]:
-    """Candidate planes near the target, the best ground first."""
+def _judged_planes(scene: _Scene, options: AlignOptions, seed: int) -> list[Plane]:
+    """Candidate planes near the target, the best ground first; or the largest plane of all."""
     away = np.linalg.norm(scene.points - scene.target, axis=1)
     near = scene.points[away < _PLANES_WITHIN * scene.distance]
     thinned, *_ = voxel_sample(near if len(near) >= _MIN_POINTS else scene.points, scene.threshold)
-    planes = plane_candidates(thinned, scene.threshold, n_planes=n_planes, seed=seed)
+    if options.plane == "ransac":
+        planes = [largest_plane(scene.points, scene.threshold, seed=seed)]
+    else:
+        planes = plane_candidates(thinned, scene.threshold, n_planes=options.n_planes, seed=seed)
     for plane in planes:
         judge_plane(
             plane,
@@ -224,7 +239,7 @@ def _judged_planes(scene: _Scene, n_planes: int, seed: int) -> list[Plane]:
 
 
 def _vertical_from_both(
-    scene: _Scene, ground: Plane, up_from: str, warnings: list[str]
+    scene: _Scene, ground: Plane, options: AlignOptions, warnings: list[str]
 ) -> tuple[np.ndarray, dict]:
     """Up direction from the ground's far normal and the cameras, and the angles between them."""
     cameras = camera_up(scene.poses, stated_turns=scene.stated_turns, start=ground.normal)
@@ -233,12 +248,12 @@ def _vertical_from_both(
     flat = (scene.points - scene.target) @ rotation.T
     flat[:, 2] += ground.height(scene.target[None])[0]
     tilt, sigma_deg, near_far = ground_tilt(flat, scene.distance, scene.threshold)
-    normal = rotation.T @ tilt
+    normal = ground.normal if options.plane == "ransac" else rotation.T @ tilt
     up = {
         "ground": normal,
         "cameras": cameras.up,
         "auto": _fuse(normal, sigma_deg, cameras.up, cameras.covariance),
-    }[up_from]
+    }[options.up_from]
     disagreement = angle_deg(normal, cameras.up)
     angles = {
         "ground_normal": normal,
@@ -262,7 +277,7 @@ def _vertical_from_both(
     if disagreement > _SLOPES_DEG and angles["cameras_sigma_deg"] < disagreement / _SURE:
         warnings.append(
             f"the ground slopes by {disagreement:.1f} degrees against the cameras' mean up "
-            f"direction (align.up_from is {up_from})"
+            f"direction (align.up_from is {options.up_from})"
         )
     return up, angles
 

@@ -1,8 +1,9 @@
 """Region of interest: of the cloud, what stands on the ground that the cameras look at.
 
 The paper (section Region of Interest) takes the axis-aligned x/y box of the camera origins, on the
-assumption that the cameras stand around the tree. We keep the vertical shadow of the region of
-:mod:`cherrypicker.placement.region`, which is as wide and needs no such assumption. Which tree in
+assumption that the cameras stand around the tree: the option region "cameras". The default keeps
+the vertical shadow of the region of :mod:`cherrypicker.placement.region`, which is as wide and
+needs no such assumption. Which tree in
 it is the target is decided once, after the labels (:mod:`cherrypicker.wood.target`). Of a scan of
 several trees none stands in the middle, and the paper's box it is.
 """
@@ -42,7 +43,8 @@ class Crop:
 
     keep: np.ndarray  # (n_points,) bool
     # As written to crop.json, all in the aligned frame: ``center`` (what the cameras look at),
-    # ``center_xy`` and ``radius`` of the region, ``source`` (``region`` or ``camera_box``),
+    # ``center_xy`` and ``radius`` of the region, ``source`` (a `Footprint`'s origin: ``region``,
+    # ``camera_box`` or ``cameras``),
     # ``camera_distance``, ``box`` (``x`` and ``y`` limits, ``z_min``), ``n_points``, ``n_kept``,
     # ``warnings``
     report: dict
@@ -53,6 +55,7 @@ def crop_roi(
     poses: Poses,
     *,
     several: bool = False,
+    region: str = "view",
     margin_fraction: float = 0.0,
     seed: int = 0,
 ) -> Crop:
@@ -67,6 +70,9 @@ def crop_roi(
     several : bool, default False
         The scan is of several trees: the region is the box of the cameras, which holds all that the
         walk goes along.
+    region : {"view", "cameras"}
+        What the cameras look at, down to the ground; or the box of the cameras alone, whatever lies
+        below (not of several trees).
     margin_fraction : float, default 0
         Widens (or, negative, narrows) the region on each side by this fraction of its extent.
 
@@ -76,11 +82,14 @@ def crop_roi(
         If the region holds no point.
     """
     search = thin_randomly(points, _SEARCH_POINTS, seed)
-    center, distance, footprint, warnings = _footprint(poses, search, several)
+    is_box = region == "cameras" and not several
+    center, distance, footprint, warnings = _footprint(poses, search, several, is_box)
     footprint = footprint.widened(margin_fraction)
     cells = ground_cells(search, CELL * distance, REACH * distance, _TOLERANCE * distance)
     inside = _inside(points, footprint)
-    floor = _floor(GroundSurface(cells), cells, points[inside], distance)
+    floor = float(points[inside, 2].min())
+    if not is_box:
+        floor = _floor(GroundSurface(cells), cells, points[inside], distance)
     keep = _above_floor(points, inside, floor)
     kept = int(keep.sum())
     logger.info(
@@ -98,7 +107,7 @@ def crop_roi(
         "center": center,
         "center_xy": footprint.center_xy,
         "radius": footprint.radius,
-        "source": "region" if footprint.box is None else "camera_box",
+        "source": "cameras" if is_box else "region" if footprint.box is None else "camera_box",
         "camera_distance": distance,
         "box": {"x": box[:, 0], "y": box[:, 1], "z_min": floor},
         "n_points": len(points),
@@ -109,9 +118,13 @@ def crop_roi(
 
 
 def _footprint(
-    poses: Poses, points: np.ndarray, several: bool
+    poses: Poses, points: np.ndarray, several: bool, is_box: bool
 ) -> tuple[np.ndarray, float, Footprint, list[str]]:
     """What the cameras look at, their distance to it, its footprint, and warnings."""
+    if is_box:
+        center, distance = look_at_point(poses, points)
+        xy = poses.centers[:, :2]
+        return center, distance, Footprint.of_box(np.stack([xy.min(axis=0), xy.max(axis=0)])), []
     region = None if several else find_region(poses)
     if region is not None:
         return region.center, region.distance, Footprint(region.center[:2], region.radius), []

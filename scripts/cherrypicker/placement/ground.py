@@ -105,6 +105,18 @@ def plane_candidates(
     return planes
 
 
+def largest_plane(points: np.ndarray, distance: float, *, seed: int = 0) -> Plane:
+    """The plane with the most of the points (n_points, 3) within `distance`, by Open3D's RANSAC."""
+    import open3d  # takes seconds, and the default does without
+
+    open3d.utility.random.seed(seed)
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    # Any other probability ends the search early, after how many tries the threads decide
+    (*normal, offset), inliers = cloud.segment_plane(distance, 3, N_ITERATIONS, probability=1.0)
+    length = float(np.linalg.norm(normal))
+    return Plane(np.array(normal) / length, offset / length, len(inliers))
+
+
 def _best_plane(
     points: np.ndarray,
     distance: float,

@@ -42,8 +42,8 @@ ADVICE = {
     "dropped_by_photos": "Look at the worst photo below: what is purple was dropped. Nothing is to "
     "do if it is no wood.",
     "not_in_photos": "Look at the worst photo below, and delete in the view what is red there.",
-    "wood_missing": "Look at the worst photo below: what is orange lacks. Raise "
-    "mvs.max_image_size_px, or photograph it from nearer.",
+    "wood_missing": "Look at the worst photo below: what is orange lacks. Photograph again "
+    "where the table below says, or raise mvs.max_image_size_px.",
     "target_close": "Look whether the right tree was taken; else set crop.target_xy to the other.",
     "target_far": "Correct crop.target_xy: the places of the candidates stand below.",
     "second_tree": "Look whether the right tree was taken; else set crop.target_xy.",

@@ -65,6 +65,8 @@ def _facts(row: dict, unit: str) -> list[tuple[str, str]]:
     ]
     if row.get("photo_diameter_m") is not None:
         facts.append(("diameter by the photos", f"{row['photo_diameter_m']:.4f} {length}"))
+    if row.get("p_exists") is not None:
+        facts.append(("there, by the photos", f"{100 * row['p_exists']:.0f} %"))
     if row.get("base_n_points") is not None:
         rests = f"{row['base_n_points']:,} points, {row['base_arc_deg']:.0f}° of its girth"
         facts.append(("rests on", rests))
@@ -81,7 +83,7 @@ def _head(column: BranchColumn, unit: str) -> str:
         return f"{title.removesuffix(' m3')} [{unit_name(unit, 3)}]"
     if column.name == "taper_mm_per_m":
         return "taper [1/1000]"
-    return title if column.name == "gap_share" else f"{title} [{unit_name(unit)}]"
+    return title if column.name in ("gap_share", "p_exists") else f"{title} [{unit_name(unit)}]"
 
 
 def _cell(column: BranchColumn, row: dict) -> str:

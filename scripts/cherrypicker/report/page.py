@@ -83,7 +83,13 @@ def render_report(
     for item in [*sections, *([verdict] if verdict else [])]:
         item["figures"] = [_embedded(width_px, *figure) for figure in item["figures"]]
     viewer = viewer_data(
-        [ShownSkeleton(data["skeleton"], branch_facts(data["branches"], unit))],
+        [
+            ShownSkeleton(
+                data["skeleton"],
+                branch_facts(data["branches"], unit),
+                [row.get("p_exists") for row in data["branches"]],
+            )
+        ],
         cloud,
         n_points=options.viewer_points,
         cameras=_cameras(data),

@@ -12,7 +12,7 @@ from matplotlib.patches import Circle, Patch, Rectangle
 from PIL import Image
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.mvs.coverage import voxel_centers
+from cherrypicker.evidence.coverage import voxel_centers
 from cherrypicker.photos import UNREADABLE
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.region import Region

@@ -30,6 +30,7 @@ logger = logging.getLogger(__name__)
 _SOURCES = {
     "region": "what the cameras look at",
     "camera_box": "the box of the cameras and of what lies before them",
+    "cameras": "the box of the cameras",
 }
 
 
@@ -80,21 +81,26 @@ def scan_sections(data: dict, *, width_px: int, n_examples: int) -> list:
 
 def _sparse(data: dict, width_px: int) -> dict:
     report = data["sparse"]
+    error = report.get("camera_error_px") or {}
     facts = [
-        ("Photos registered", f"{report.get('n_registered')} of {report.get('n_photos')}"),
+        ("Photos used", f"{report.get('n_registered')} of {report.get('n_photos')}"),
+        ("Left out for their cameras' errors", report.get("n_left_out")),
+        ("Median error of a camera at the tree", _number(error.get("median"), 2, " px")),
         ("Sparse points", _count(report.get("n_points"))),
         ("Mean track length", _number(report.get("mean_track_length"), 1)),
         ("Mean reprojection error", _number(report.get("mean_reprojection_error_px"), 2, " px")),
         ("Mapper", report.get("mapper")),
     ]
     photos = report.get("photos") or {}
-    missing = [
-        [name, info.get("reason", ""), info.get("n_features", ""), info.get("n_matches", "")]
-        for name, info in sorted(photos.items())
-        if not info.get("registered")
-    ]
     head = ["photo", "reason", "features", "matches"]
-    tables = [table(f"{len(missing)} photos are not registered", head, missing, is_open=True)]
+    tables = []
+    for key, title in (("reason", "photos are not used"), ("doubt", "used photos are doubtful")):
+        rows = [
+            [name, info[key], info.get("n_features", ""), info.get("n_matches", "")]
+            for name, info in sorted(photos.items())
+            if info.get(key)
+        ]
+        tables.append(table(f"{len(rows)} {title}", head, rows, is_open=True))
     figures = []
     if data["metric_poses"] is not None:
         figure = camera_figure(data["metric_poses"], data["segmented"], data["foot"], width_px)
@@ -290,7 +296,6 @@ def _contracted(data: dict, width_px: int) -> dict:
     report = data["contract_report"] or {}
     facts = [
         ("Method", report.get("method")),
-        ("Preset", report.get("preset")),
         ("Iterations", report.get("n_iterations") or report.get("iterations")),
         ("Contracted points", _count(len(data["contracted"]))),
     ]
@@ -312,14 +317,15 @@ def photo_section(data: dict) -> dict | None:
     facts = [
         ("Precision by the photos", _number(check["photo_precision"], 3)),
         ("Recall by the photos", _number(check["photo_recall"], 3)),
-        ("Skeleton that the photos can judge", of("judged_length", "length")),
-        ("of this refuted by clear sky", of("refuted_length", "judged_length")),
+        ("Skeleton that has sky behind it in the photos", of("judged_length", "length")),
+        ("Skeleton that is likely not there", of("refuted_length", "length")),
         ("Thin wood that the skeleton lacks", f"{check['missing_length']:.2f} {length}"),
         ("of this not in the cloud either", f"{check['missing_from_cloud_length']:.2f} {length}"),
+        ("Likely missing where no sky is behind", f"{check['unseen_length']:.2f} {length}"),
     ]
     if before := check["before"]:
         facts += [
-            ("Dropped, for it lay before clear sky", f"{before['dropped_length']:.2f} {length}"),
+            ("Dropped, for it is likely not there", f"{before['dropped_length']:.2f} {length}"),
             ("Precision by the photos before", _number(before["photo_precision"], 3)),
         ]
     head = ["", *(f"{what} [{length}]" for what in ("length", "judged", "refuted"))]
@@ -332,17 +338,43 @@ def photo_section(data: dict) -> dict | None:
         for layer in reversed(check["missing_by_height"])
     ]
     tables.append(table("Missing wood by height", [f"z [{length}]", f"length [{length}]"], layers))
+    stands = [
+        [
+            f"{stand['azimuth_deg']}",
+            f"{stand['distance']:.1f}",
+            f"{stand['height']:.1f}",
+            ", ".join(f"{value:.2f}" for value in stand["at"]),
+            f"{stand['unsure_length']:.2f}",
+        ]
+        for stand in check["photograph_again"]
+    ]
+    if stands:
+        head = ["azimuth [°]", f"from the stem [{length}]", f"height [{length}]"]
+        head += [f"look at x, y, z [{length}]", f"would tell [{length}]"]
+        caption = "Photograph here again: what is unsure would stand before the sky"
+        tables.insert(0, table(caption, head, stands, is_open=True))
+    if silent := _silent(check["photos"]):
+        caption = "Photos whose word counts little: off, blurred, or their mask is wrong"
+        tables.append(table(caption, ["photo", "clear sky says [log]"], silent))
     pictures = [
         (
             data[f"{which}_photo"],
-            f"The {which} photo, and the skeleton over it: green where the photos show wood before "
-            "the sky, blue where they cannot tell, red where they show clear sky; orange is thin "
-            "wood that the skeleton lacks, purple what lay before clear sky and was dropped.",
+            f"The {which} photo, and the skeleton over it: green where wood is likely there, blue "
+            "where the photos cannot tell, red where it is likely not; orange is thin wood that "
+            "the skeleton lacks, purple what was more likely not there and is dropped.",
             f"{which}_photo",
         )
         for which in ("worst", "best")
     ]
     return section("What the photos say", facts, tables, pictures)
+
+
+def _silent(photos: list[dict]) -> list[list[str]]:
+    """Photos that know less than a third of what half of them do, those that know least first."""
+    known = [photo["word_of_clear_sky"] for photo in photos]
+    limit = float(np.median(known)) / 3 if known else 0.0
+    rows = sorted(zip(known, (photo["name"] for photo in photos), strict=True), reverse=True)
+    return [[name, f"{word:.1f}"] for word, name in rows if word > limit]
 
 
 def _number(value: float | None, decimals: int, unit: str = "") -> str | None:

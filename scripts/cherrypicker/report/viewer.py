@@ -52,6 +52,8 @@ class ShownSkeleton(NamedTuple):
     skeleton: Skeleton
     #: Name and text of what is known of each branch, by its number
     facts: Sequence[Sequence[tuple[str, str]]] = ()
+    #: How probable each branch is by the photos, None where nobody knows
+    there: Sequence[float | None] = ()
     #: What tells it from others in one view: its name, its one colour
     name: str = ""
     tint: Any = None
@@ -179,7 +181,11 @@ def _skeleton_data(shown: ShownSkeleton, origin: np.ndarray) -> dict:
         "label": _base64(_known_labels(skeleton.label), "u1"),
         "axis": _base64(axis_of_node(skeleton, axis_list), "<i4"),
         "branches": [
-            {"order": int(axis.order), "facts": list(facts[i]) if i < len(facts) else []}
+            {
+                "order": int(axis.order),
+                "facts": list(facts[i]) if i < len(facts) else [],
+                "there": shown.there[i] if i < len(shown.there) else None,
+            }
             for i, axis in enumerate(axis_list)
         ],
     }

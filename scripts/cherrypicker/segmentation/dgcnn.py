@@ -1,9 +1,11 @@
 """Deep graph convolutional network for point labels (DGCNN, Wang et al. 2019).
 
-The layers are torch-geometric's ``EdgeConv`` with max aggregation. Its ``DynamicEdgeConv`` needs a
-compiled extra, so the neighbour graphs are built outside (`cherrypicker.segmentation.spheres`) from
-the coordinates and stay fixed. Where DGCNN reaches far through neighbours in feature space, the
-graphs here are taken at several scales (neighbours among all points, among a quarter, a sixteenth).
+The layers are torch-geometric's ``EdgeConv`` with max aggregation. The graph is a setting of the
+weights. "dynamic", as published: each layer after the first takes a point's neighbours anew, in the
+space of its features. That is torch-geometric's ``DynamicEdgeConv``, whose own search needs a
+compiled extra that no package index has; `nearest_features` stands in for it. "fixed", which the
+shipped weights have: neighbours by coordinates, built outside (`cherrypicker.segmentation.spheres`)
+at several scales (among all points, among a quarter, a sixteenth), which reach far as well.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ N_CLASSES = len(CHANNELS)
 N_CLASSES_BEFORE = 7  # of weights that do not say it: they know the support post as trunk
 N_FEATURES = 10  # RGB, colour flag, global xyz, normalised xyz
 CHECKPOINT_FORMAT = "cherrypicker-dgcnn-1"
+GRAPHS = ("fixed", "dynamic")
 N_BLOCKS = 8  # of channels, one a thread
 
 
@@ -141,6 +144,34 @@ class LinearEdgeConv(EdgeConv):
         return center + _NeighborMax.apply(offset, neighbors)
 
 
+def nearest_features(h: torch.Tensor, sizes: list[int], k: int) -> torch.Tensor:
+    """Neighbours in feature space, each sphere by itself.
+
+    Parameters
+    ----------
+    h : Tensor of shape (N, C)
+        All spheres' points one after another.
+    sizes : list of int
+        Points of each sphere; one of fewer than k repeats each point itself.
+    k : int
+
+    Returns
+    -------
+    Tensor of shape (N, k), int
+        Rows of `h`, the point itself first, of the type that `LinearEdgeConv` takes there.
+    """
+    found, start = [], 0
+    with torch.no_grad():
+        for part in h.split(sizes):
+            apart = torch.cdist(part, part).fill_diagonal_(-1.0)  # itself first
+            nearest = apart.topk(min(k, len(part)), largest=False).indices
+            fill = nearest[:, :1].expand(-1, k - nearest.shape[1])
+            found.append(torch.cat([nearest, fill], dim=1) + start)
+            start += len(part)
+    neighbors = torch.cat(found)
+    return neighbors if h.is_cuda else neighbors.int()
+
+
 class _Block(nn.Module):
     """EdgeConv, a layer per point, and a skip connection."""
 
@@ -175,6 +206,9 @@ class Dgcnn(nn.Module):
         Neighbours a point in each graph.
     n_classes : int
         Outputs: the first so many channels of `cherrypicker.classes.CHANNELS`.
+    graph : {"fixed", "dynamic"}
+        Neighbours by coordinates in every layer, or by coordinates in the first, by the features
+        in those after it, and all points at one scale.
     """
 
     def __init__(
@@ -184,22 +218,30 @@ class Dgcnn(nn.Module):
         scales: Sequence[int] = (0, 0, 1, 2),
         k: int = 12,
         n_classes: int = N_CLASSES,
+        graph: str = "fixed",
     ) -> None:
         super().__init__()
+        if graph not in GRAPHS:
+            raise ValueError(f"unknown graph {graph!r} (known: {', '.join(GRAPHS)})")
+        if graph == "dynamic":
+            scales = [0] * len(scales)
         self.settings: dict[str, Any] = {
             "width": int(width),
             "embedding": int(embedding),
             "scales": [int(s) for s in scales],
             "k": int(k),
             "n_classes": int(n_classes),
+            "graph": graph,
         }
         self.stem = nn.Sequential(
             nn.Linear(N_FEATURES, width), nn.BatchNorm1d(width), nn.LeakyReLU(0.1)
         )
         self.blocks = nn.ModuleList(_Block(width) for _ in scales)
-        # What the head sees: the features after the last layer of each scale.
+        # What the head sees: the features after the last layer of each scale, or after every layer.
         self._last_of_scale = [
-            i for i in range(len(scales)) if i + 1 == len(scales) or scales[i + 1] != scales[i]
+            i
+            for i in range(len(scales))
+            if graph == "dynamic" or i + 1 == len(scales) or scales[i + 1] != scales[i]
         ]
         joined = width * len(self._last_of_scale)
         self.embed = nn.Sequential(
@@ -240,7 +282,10 @@ class Dgcnn(nn.Module):
         h = self.stem(features)
         levels = []
         for i, (block, scale) in enumerate(zip(self.blocks, self.settings["scales"])):
-            h = block(h, positions, graphs[scale])
+            neighbors = graphs[scale]
+            if i and self.settings["graph"] == "dynamic":
+                neighbors = nearest_features(h, sizes, self.settings["k"])
+            h = block(h, positions, neighbors)
             if i in self._last_of_scale:
                 levels.append(h)
         joined = torch.cat(levels, dim=1)

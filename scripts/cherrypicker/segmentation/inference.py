@@ -159,6 +159,7 @@ def segment_cloud(
     region: Footprint | None = None,
     is_row: bool = False,
     markers: KnownMarkers | None = None,
+    by: str = "limbs",
     seed: int = 0,
     device: str = "cpu",
 ) -> tuple[PointCloud, Orchard]:
@@ -178,6 +179,9 @@ def segment_cloud(
         As of `cherrypicker.limbs.orchard.grow_orchard`.
     markers : cherrypicker.segmentation.known_markers.KnownMarkers, optional
         Of the scene, in the frame of the cloud; left out where nothing is known of them.
+    by : {"limbs", "network"}
+        What decides: what is known of things and of limbs beside the network, or its likeliest
+        class alone, as published.
     seed : int
     device : str
 
@@ -195,30 +199,35 @@ def segment_cloud(
         The cloud is empty or tiny, the weights cannot be used, or no wood was found.
     """
     growth = growth or GrowthOptions()
-    full, known = _probabilities(cloud, weights, sampling, markers, seed, device)
-    labels = _likeliest(full)
+    is_alone = by == "network"
+    full, known = _probabilities(cloud, weights, sampling, markers, is_alone, seed, device)
+    labels = np.array(CHANNELS, np.uint8)[full.argmax(axis=1)] if is_alone else _likeliest(full)
     if not wood_mask(labels).any():
         found = ", ".join(CLASS_NAMES[int(c)] for c in np.unique(labels))
         raise StageError(
             f"no point was labelled trunk or branch (found: {found})",
             key="segment.weights",
         )
-    labels = rooted_trunk(cloud.points, labels, growth.gap_m)
-    cloud = cloud.with_fields(label=labels)
-    like_wood = replace(growth, classes=(*growth.classes, Label.SUPPORT_POST))
-    orchard = grow_orchard(cloud, like_wood, region=region, is_row=is_row)
-    posts = post_rows(cloud.points, labels, orchard)
-    if len(posts):  # they stand so near that limbs which were grown with them are wrong
-        labels[posts] = Label.SUPPORT_POST
+    if is_alone:
+        cloud = cloud.with_fields(label=labels)
         orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
-    labels = label_wood(
-        cloud.points,
-        labels,
-        orchard,
-        colors=cloud.colors,
-        known=known,
-        stem_gap_m=growth.stem_gap_m,
-    )
+    else:
+        labels = rooted_trunk(cloud.points, labels, growth.gap_m)
+        cloud = cloud.with_fields(label=labels)
+        like_wood = replace(growth, classes=(*growth.classes, Label.SUPPORT_POST))
+        orchard = grow_orchard(cloud, like_wood, region=region, is_row=is_row)
+        posts = post_rows(cloud.points, labels, orchard)
+        if len(posts):  # they stand so near that limbs which were grown with them are wrong
+            labels[posts] = Label.SUPPORT_POST
+            orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
+        labels = label_wood(
+            cloud.points,
+            labels,
+            orchard,
+            colors=cloud.colors,
+            known=known,
+            stem_gap_m=growth.stem_gap_m,
+        )
     confidence = _confidence(full, labels)
     _log_counts(labels, confidence)
     return cloud.with_fields(label=labels, confidence=confidence), orchard
@@ -229,6 +238,7 @@ def _probabilities(
     weights: str | Path,
     sampling: Sampling,
     markers: KnownMarkers | None,
+    is_alone: bool,
     seed: int,
     device: str,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -236,6 +246,11 @@ def _probabilities(
     network, trained_at, _ = load_weights(weights)
     if len(cloud) < network.settings["k"]:
         raise StageError(f"the cloud has {len(cloud)} points, too few to segment")
+    if is_alone and network.settings["graph"] != "dynamic":
+        logger.warning(
+            "the graph of these weights is fixed; train_segment.graph: dynamic trains the paper's, "
+            "with neighbours in feature space (segment.weights)"
+        )
     sampling = sampling.filled(trained_at)
     voxel = sampling.voxel_size_m
     assert voxel is not None  # `Sampling.filled`
@@ -243,9 +258,10 @@ def _probabilities(
     probabilities = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     probabilities = smooth_probabilities(points, probabilities, sampling.smooth_k)
     markers = markers.in_frame(frame) if markers else None
-    probabilities = keep_roofs(points, probabilities, voxel)
-    probabilities = vote_per_object(points, probabilities, voxel, markers)
-    probabilities = wood_under_things(points, probabilities, voxel)
+    if not is_alone:
+        probabilities = keep_roofs(points, probabilities, voxel)
+        probabilities = vote_per_object(points, probabilities, voxel, markers)
+        probabilities = wood_under_things(points, probabilities, voxel)
     local = frame.apply(cloud.points)
     known = np.zeros(len(cloud), bool) if markers is None else markers.hold(local, voxel)
     return propagate(local, points, probabilities), known

@@ -118,13 +118,19 @@ def rename_images(database: Path, new_names: dict[str, str]) -> None:
         )
 
 
-def tried_pairs(database: Path) -> list[tuple[str, str]]:
-    """Return the names of the photos of each pair that was matched, whatever came of it."""
-    names = {image_id: name for name, image_id in image_ids(database).items()}
-    with closing(sqlite3.connect(_read_only(database), uri=True, timeout=5)) as connection:
-        rows = connection.execute("SELECT pair_id FROM matches ORDER BY pair_id").fetchall()
-    pairs = [pycolmap.pair_id_to_image_pair(pair_id) for (pair_id,) in rows]
-    return [(names[first], names[second]) for first, second in pairs]
+def verified_inliers(database: Path, min_inliers: int) -> dict[str, dict[str, int]]:
+    """Return, by photo, the photos it has a verified pair with and the matches of each pair."""
+    result: dict[str, dict[str, int]] = {}
+    with pycolmap.Database.open(database) as opened:
+        names = {image.image_id: image.name for image in opened.read_all_images()}
+        pair_ids, n_inliers = opened.read_two_view_geometry_num_inliers()
+        for pair_id, n in zip(pair_ids, n_inliers):
+            if n < min_inliers:
+                continue
+            first, second = (names[i] for i in pycolmap.pair_id_to_image_pair(pair_id))
+            result.setdefault(first, {})[second] = int(n)
+            result.setdefault(second, {})[first] = int(n)
+    return result
 
 
 def image_ids(database: Path) -> dict[str, int]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
-from cherrypicker.sfm.database import feature_counts
+from cherrypicker.sfm.database import feature_counts, verified_inliers
 
 # Features below which a photo counts as blurred or blank, and as a share of the median (guesses)
 FEW_FEATURES = 200
 FEW_SHARE = 0.1
+# What holds a camera
+_HOLD = {"n_features": "features", "n_partners": "partners", "n_matches": "matches"}
 
 
 def diagnose_photos(
@@ -22,6 +24,9 @@ def diagnose_photos(
     other_models: Sequence[Sequence[str]] = (),
     *,
     min_inliers: int,
+    errors: Mapping[str, float] | None = None,
+    left_out: Mapping[str, float] | None = None,
+    doubtful_px: float = np.inf,
 ) -> dict[str, dict]:
     """Explain each photo of the folder.
 
@@ -37,14 +42,21 @@ def diagnose_photos(
         Photo names of the models that were not.
     min_inliers : int
         Least matches of a verified pair.
+    errors, left_out : mapping of str to float, optional
+        Errors at the tree, px, of the photos of the model and of those that were left out.
+    doubtful_px : float
+        Error from which on a photo that is used has a ``doubt``.
 
     Returns
     -------
     dict
-        By photo name: ``registered``, ``reason`` (empty for a registered photo), ``n_features``,
+        By photo name: ``registered``, ``reason`` (empty for a registered photo), ``doubt`` (empty
+        for one that is well known), ``error_px`` (None where there was no camera), ``n_features``,
         ``n_partners`` (photos it has a verified pair with), ``n_matches`` (over those pairs),
         ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
     """
+    left_out = left_out or {}
+    known_px = {**(errors or {}), **left_out}
     counts = feature_counts(database)
     inliers = verified_inliers(database, min_inliers)
     registered = {}
@@ -57,6 +69,8 @@ def diagnose_photos(
         report[name] = {
             "registered": name in registered,
             "reason": "",
+            "doubt": "",
+            "error_px": known_px.get(name),
             "n_features": counts.get(name, 0),
             "n_partners": len(partners),
             "n_matches": sum(partners.values()),
@@ -65,30 +79,29 @@ def diagnose_photos(
             "n_points": registered.get(name, 0),
             "exif_orientation": info["exif_orientation"],
         }
-        if name not in registered:
-            report[name]["reason"] = info["problem"] or _reason(
-                name,
-                report[name],
-                registered,
-                other_models,
-                float(np.median(list(counts.values()))),
+    medians = {key: float(np.median([each[key] for each in report.values()])) for key in _HOLD}
+    for name, info in listing["photos"].items():
+        facts, error = report[name], known_px.get(name)
+        known = "" if error is None else f"known within {error:.1f} px, {_cause(facts, medians)}"
+        if name in left_out:
+            facts["reason"] = f"left out: its camera is {known}"
+        elif name not in registered:
+            facts["reason"] = info["problem"] or _reason(
+                name, facts, registered, other_models, float(np.median([*counts.values()]))
             )
+        elif error is not None and error > doubtful_px:
+            facts["doubt"] = known
     return report
 
 
-def verified_inliers(database: Path, min_inliers: int) -> dict[str, dict[str, int]]:
-    """Return, by photo, the photos it has a verified pair with and the matches of each pair."""
-    result: dict[str, dict[str, int]] = {}
-    with pycolmap.Database.open(database) as opened:
-        names = {image.image_id: image.name for image in opened.read_all_images()}
-        pair_ids, n_inliers = opened.read_two_view_geometry_num_inliers()
-        for pair_id, n in zip(pair_ids, n_inliers):
-            if n < min_inliers:
-                continue
-            first, second = (names[i] for i in pycolmap.pair_id_to_image_pair(pair_id))
-            result.setdefault(first, {})[second] = int(n)
-            result.setdefault(second, {})[first] = int(n)
-    return result
+def _cause(facts: dict, medians: Mapping[str, float]) -> str:
+    """Why a camera may be off: what holds it and is less than half of what is usual."""
+    few = [
+        f"{facts[key]} {what} (median {medians[key]:.0f})"
+        for key, what in _HOLD.items()
+        if 2 * facts[key] < medians[key]
+    ]
+    return f"held by only {', '.join(few)}" if few else "the points that hold it disagree"
 
 
 def _reason(

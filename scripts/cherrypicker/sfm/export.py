@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +16,21 @@ from cherrypicker.poses import Poses
 MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin", "frames.bin", "rigs.bin")
 
 
-def undistorted_poses(model: pycolmap.Reconstruction) -> Poses:
+def undistorted_poses(model: pycolmap.Reconstruction, errors: Mapping[str, float]) -> Poses:
     """Return the registered photos as undistorted pinholes, sorted by name.
+
+    Parameters
+    ----------
+    errors : mapping of str to float
+        Photo name to its error at the tree, px.
 
     The pinhole is the one that ``pycolmap.undistort_camera`` makes with its default options, which
     the dense stage's undistortion uses, too.
     """
     options = pycolmap.UndistortCameraOptions()
     pinholes = {i: pycolmap.undistort_camera(options, cam) for i, cam in model.cameras.items()}
-    return poses_of(model, pinholes)
+    poses = poses_of(model, pinholes)
+    return replace(poses, error_px=np.array([errors[name] for name in poses.names.tolist()]))
 
 
 def poses_of(model: pycolmap.Reconstruction, cameras: Mapping[int, pycolmap.Camera]) -> Poses:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pycolmap
@@ -17,17 +18,18 @@ from cherrypicker.sfm.agreement import (
     measure_agreement,
     read_verified_pairs,
 )
-from cherrypicker.sfm.database import image_ids, publish_database
-from cherrypicker.sfm.features import FeatureOptions, extract_affine_features
-from cherrypicker.sfm.matching import PairOptions, add_guided_matches, match_again
+from cherrypicker.sfm.database import image_ids
+from cherrypicker.sfm.features import FeatureOptions
+from cherrypicker.sfm.matching import PairOptions, add_guided_matches, match_pooled
 from cherrypicker.sfm.policies import (
     Policy,
     further_policies,
     global_options,
     incremental_options,
 )
-from cherrypicker.sfm.refine import adjust, drop_short_tracks, refine_model
+from cherrypicker.sfm.refine import adjust, drop_photos, drop_short_tracks, refine_model
 from cherrypicker.sfm.rematch import RefineOptions
+from cherrypicker.sfm.uncertainty import tree_errors
 
 logger = logging.getLogger(__name__)
 
@@ -45,7 +47,8 @@ class MappingOptions(PairOptions):
     wanted_registered_fraction: float = 0.95
     wanted_pair_agreement: float = 0.9
     max_attempts: int = 5
-    # Of the affine features that some attempts look for
+    max_camera_error_px: float = 1.5
+    # Of the features that are described anew where photos fail
     max_features: int = 4000
     max_image_size_px: int = 2400
 
@@ -59,6 +62,10 @@ class Attempt:
     agreement: Agreement | None
     other_models: tuple[tuple[str, ...], ...]  # photo names of the smaller models
     n_photos: int  # photos in the database
+    database: Path  # the matches that it was built from
+    # Of the chosen one: errors of the cameras at the tree, px, and of those that it lost for theirs
+    errors: Mapping[str, float] = field(default_factory=dict)
+    left_out: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def n_registered(self) -> int:
@@ -101,10 +108,10 @@ def map_photos(
     list of Attempt
         The chosen one first, the others in the order tried.
     """
-    mapper = _Mapper(
-        *(database, photos, scratch, options, refining, read_verified_pairs(database), masks),
-        *(seed, threads),
-    )
+    # Guided matches are twice as many, but some pairs have wrong ones only: those do not judge
+    pairs = read_verified_pairs(database)
+    add_guided_matches(database, options, seed=seed, threads=threads)
+    mapper = _Mapper(database, photos, scratch, options, refining, pairs, masks, seed, threads)
     attempts = [mapper.attempt(Policy(options.mapper, options.mapper, "as configured"))]
     further: list[Policy] = []
     if not _good_enough(attempts[0], options):
@@ -118,7 +125,9 @@ def map_photos(
         )
     for policy in further[: options.max_attempts - 1]:
         logger.warning("%s; trying again: %s", _complaint(attempts[-1], options), policy.reason)
-        attempts.append(mapper.attempt(policy))
+        model = attempts[0].model
+        registered = () if model is None else registered_names(model)
+        attempts.append(mapper.attempt(policy, registered))
         if _good_enough(attempts[-1], options):
             break
     best = attempts[0]
@@ -132,6 +141,10 @@ def map_photos(
         # Poses that took several attempts guide worse
         best = mapper.refine(best, best.model, n_rounds=1 if len(attempts) == 1 else 2)
         logger.info("after the last adjustment: %s", _verdict(best))
+        again = mapper.try_unknown_again(best) if options.max_attempts > 1 else None
+        if again is not None:
+            best, others = (again, [*others, best])
+        best = mapper.leave_out(best)
     return [best, *others]
 
 
@@ -149,29 +162,36 @@ class _Mapper:
     seed: int
     threads: int
 
-    def attempt(self, policy: Policy) -> Attempt:
-        """Run one policy on a database of its own and keep the largest model."""
+    def attempt(self, policy: Policy, registered: Collection[str] = ()) -> Attempt:
+        """Run one policy on a database of its own and keep the largest model.
+
+        Parameters
+        ----------
+        registered : collection of str
+            Photos that need no further matches.
+        """
         logger.info("mapping attempt '%s': %s", policy.name, policy.reason)
         folder = self.scratch / policy.name
         folder.mkdir()
         working = folder / "database.db"
-        shutil.copyfile(self._features_of(policy), working)
+        shutil.copyfile(self.database, working)
         if not policy.trust_exif_focal:
             forget_focal_lengths(working)
         if policy.recheck_error_px > 0:
             self._verify_again(working, policy.recheck_error_px)
-        if policy.guided:
-            add_guided_matches(working, self.options, seed=self.seed, threads=self.threads)
+        if policy.pooled:
+            self._match_pooled(working, set(image_ids(working)) - set(registered))
         pycolmap.set_random_seed(self.seed)
         run = self._run_incremental if policy.mapper == "incremental" else self._run_global
         models = run(policy, working, folder)
         n_photos = len(image_ids(working))
-        working.unlink()
         models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
-        attempt = Attempt(policy, None, None, (), n_photos)
+        attempt = Attempt(policy, None, None, (), n_photos, working)
         if models:
             others = tuple(registered_names(each) for each in models[1:])
-            attempt = Attempt(policy, models[0], self.judge(models[0]), others, n_photos)
+            attempt = replace(
+                attempt, model=models[0], agreement=self.judge(models[0]), other_models=others
+            )
         logger.info("attempt '%s': %s", policy.name, _verdict(attempt))
         return attempt
 
@@ -185,7 +205,7 @@ class _Mapper:
         adjust(adjusted, self.refining, threads=self.threads)
         before = self.judge(adjusted)
         model, limit = adjusted, self.options.max_epipolar_error_px
-        files = self._features_of(best.policy), self.scratch
+        files = best.database, self.scratch
         for _ in range(n_rounds):
             model = refine_model(
                 model, *files, limit, self.refining, seed=self.seed, threads=self.threads
@@ -195,25 +215,83 @@ class _Mapper:
             logger.warning("matching by poses took the model off the verified pairs: left out")
             model, agreement = adjusted, before
         drop_short_tracks(model)
-        return replace(best, model=model, agreement=agreement)
+        errors = self._errors(model)
+        return replace(best, model=model, agreement=agreement, errors=errors)
 
-    def _features_of(self, policy: Policy) -> Path:
-        """The database with the features and verified matches that a policy starts from."""
-        if not policy.affine:
-            return self.database
-        made = self.scratch / "affine.db"
-        if not made.is_file():
-            working = shutil.copyfile(self.database, self.scratch / "affine_working.db")
-            wanted = FeatureOptions(
-                max_features=self.options.max_features,
-                max_image_size_px=self.options.max_image_size_px,
-            )
-            extract_affine_features(
-                working, self.photos, wanted, masks=self.masks, threads=self.threads
-            )
-            match_again(working, self.options, seed=self.seed, threads=self.threads)
-            publish_database(working, made)
-        return made
+    def try_unknown_again(self, best: Attempt) -> Attempt | None:
+        """Match anew the photos whose cameras are not known, and register them once more.
+
+        Returns
+        -------
+        Attempt or None
+            None where all are known, or where no more are known afterwards.
+        """
+        assert best.model is not None
+        known = {name for name, error in best.errors.items() if error <= self._limit}
+        database = self.scratch / "again.db"
+        shutil.copyfile(best.database, database)
+        unknown = set(image_ids(database)) - known
+        if not unknown:
+            return None
+        logger.warning(
+            "the cameras of %d photos are not known within %g px; matching these again: %s",
+            len(unknown),
+            self._limit,
+            ", ".join(sorted(unknown)),
+        )
+        self._match_pooled(database, unknown)
+        start = pycolmap.Reconstruction(best.model)
+        drop_photos(start, unknown)
+        adjust(start, self.refining, threads=self.threads)
+        policy = Policy("again", "incremental", "photos not known matched and registered again")
+        folder = self.scratch / policy.name
+        folder.mkdir()
+        models = self._run_incremental(policy, database, folder, start=start if known else None)
+        if not models:
+            return None
+        model = max(models, key=lambda each: each.num_reg_images())
+        again = self.refine(replace(best, policy=policy, database=database), model, n_rounds=1)
+        n_known = sum(error <= self._limit for error in again.errors.values())
+        logger.info("known are %d cameras, before %d", n_known, len(known))
+        return again if n_known > len(known) else None
+
+    def leave_out(self, best: Attempt) -> Attempt:
+        """Take out cameras that are not known, the worst first, until all that are left are.
+
+        One that is off drags others along, so errors are told anew after those were left out that
+        are at least half as unsure as the worst.
+        """
+        assert best.model is not None
+        model, errors = pycolmap.Reconstruction(best.model), dict(best.errors)
+        left_out: dict[str, float] = {}
+        while errors and max(errors.values()) > self._limit:
+            least = max(self._limit, max(errors.values()) / 2)
+            worst = {name: error for name, error in errors.items() if error > least}
+            if len(worst) == len(errors):
+                return replace(best, model=None, errors={}, left_out={**left_out, **worst})
+            left_out |= worst
+            for name, error in sorted(worst.items()):
+                logger.warning("left out: %s: its camera is known within %.1f px", name, error)
+            drop_photos(model, worst)
+            adjust(model, self.refining, threads=self.threads)
+            errors = self._errors(model)
+        agreement = self.judge(model)
+        return replace(best, model=model, agreement=agreement, errors=errors, left_out=left_out)
+
+    @property
+    def _limit(self) -> float:
+        return largest_error_px(self.database, self.options)
+
+    def _errors(self, model: pycolmap.Reconstruction) -> dict[str, float]:
+        return tree_errors(model, self.refining, seed=self.seed, threads=self.threads)
+
+    def _match_pooled(self, database: Path, names: Collection[str]) -> None:
+        features = FeatureOptions(
+            max_features=self.options.max_features,
+            max_image_size_px=self.options.max_image_size_px,
+        )
+        wanted = database, self.photos, names, self.options, features
+        match_pooled(*wanted, masks=self.masks, seed=self.seed, threads=self.threads)
 
     def _verify_again(self, database: Path, max_error_px: float) -> None:
         with pycolmap.Database.open(database) as opened:
@@ -231,8 +309,17 @@ class _Mapper:
         pycolmap.geometric_verification(database, verifier, two_view_geometry_options=limits)
 
     def _run_incremental(
-        self, policy: Policy, database: Path, folder: Path
+        self,
+        policy: Policy,
+        database: Path,
+        folder: Path,
+        start: pycolmap.Reconstruction | None = None,
     ) -> list[pycolmap.Reconstruction]:
+        """Map incrementally, from a model on where one is given."""
+        begun = folder / "start"
+        if start is not None:
+            begun.mkdir()
+            start.write_binary(begun)
         with Progress(len(image_ids(database)), "photos registered") as bar:
 
             def step(n_photos: int = 1) -> None:
@@ -244,6 +331,7 @@ class _Mapper:
                 self.photos,
                 folder,
                 incremental_options(policy, self.seed, self.threads),
+                input_path=begun if start is not None else "",
                 initial_image_pair_callback=lambda: step(2),
                 next_image_callback=step,
             )
@@ -260,6 +348,17 @@ class _Mapper:
             pycolmap.calibrate_view_graph(database, calibration)
         wanted = global_options(self.seed, self.threads, self.photos)
         return list(pycolmap.global_mapping(database, self.photos, folder, wanted).values())
+
+
+def largest_error_px(database: Path, options: MappingOptions) -> float:
+    """Error of a camera that is allowed, px of the photo as stored.
+
+    The key counts pixels at the size at which features are sought: larger photos show no more.
+    """
+    with pycolmap.Database.open(database) as opened:
+        longest = max(max(camera.width, camera.height) for camera in opened.read_all_cameras())
+    size = options.max_image_size_px or longest
+    return options.max_camera_error_px * max(1.0, longest / size)
 
 
 def _good_enough(attempt: Attempt, options: MappingOptions) -> bool:

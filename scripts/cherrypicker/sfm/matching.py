@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +22,10 @@ from cherrypicker.sfm.database import (
     image_ids,
     publish_database,
     rename_images,
-    tried_pairs,
+    verified_inliers,
     watched_table,
 )
+from cherrypicker.sfm.features import FeatureOptions, pool_descriptors
 from cherrypicker.sfm.guided import read_features, tight_guided_matches
 from cherrypicker.sfm.pairs import (
     exhaustive_pairs,
@@ -37,6 +39,8 @@ logger = logging.getLogger(__name__)
 
 # Features of a photo that its global descriptor is made of, the largest (guess)
 N_GLOBAL_FEATURES = 2000
+# Photos that one which needs more matches is matched with anew (guess)
+N_PARTNERS = 8
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,6 @@ class MatchingOptions(PairOptions):
     retrieval_neighbors: int = 30
     sequential_overlap: int = 8
     vocab_tree_path: str = ""
-    guided_matching: bool = False
 
 
 def match_features(
@@ -103,8 +106,6 @@ def match_features(
         else:
             pairs = _choose_pairs(working, pairing, options, seed)
             _match_pairs(working, pairs, options, seed, threads)
-        if options.guided_matching:
-            add_guided_matches(working, options, seed=seed, threads=threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
         n_pairs = len(n_inliers)
@@ -120,13 +121,83 @@ def match_features(
     return {"pairing": pairing, "n_pairs": n_pairs, "n_verified": n_verified}
 
 
-def match_again(database: Path, options: PairOptions, *, seed: int = 0, threads: int = 1) -> None:
-    """Match the pairs of photos that a database tells to have been tried, in place."""
-    pairs = tried_pairs(database)
-    with pycolmap.Database.open(database) as opened:
+def match_pooled(
+    database: Path,
+    photos: Path,
+    names: Collection[str],
+    options: PairOptions,
+    features: FeatureOptions,
+    *,
+    masks: str | os.PathLike | None = None,
+    seed: int = 0,
+    threads: int = 1,
+) -> int:
+    """Match some photos and their likely partners anew, by pooled descriptors.
+
+    The features stay, and a pair takes the new matches where they are more.
+
+    Parameters
+    ----------
+    database : Path
+        Database with verified matches, changed in place.
+    photos : Path
+        Folder of the photos.
+    names : collection of str
+        Photos that need more matches.
+    masks : path-like, optional
+        As of :func:`cherrypicker.sfm.features.extract_features`.
+
+    Returns
+    -------
+    int
+        Number of pairs that took new matches.
+    """
+    ids = image_ids(database)
+    pairs = likely_partners(database, [name for name in sorted(names) if name in ids])
+    working = Path(shutil.copyfile(database, database.with_name("pooled.db")))
+    both = sorted({name for pair in pairs for name in pair})
+    pool_descriptors(working, photos, both, features, masks=masks, threads=threads)
+    with pycolmap.Database.open(working) as opened:
         opened.clear_matches()
         opened.clear_two_view_geometries()
-    _match_pairs(database, pairs, options, seed, threads)
+    _match_pairs(working, pairs, options, seed, threads)
+    add_guided_matches(working, options, seed=seed, threads=threads)
+    n_taken = 0
+    with pycolmap.Database.open(working) as found, pycolmap.Database.open(database) as opened:
+        pair_ids, geometries = found.read_two_view_geometries()
+        for pair_id, geometry in zip(pair_ids, geometries):
+            pair = pycolmap.pair_id_to_image_pair(pair_id)
+            has = opened.exists_two_view_geometry(*pair)
+            before = len(opened.read_two_view_geometry(*pair).inlier_matches) if has else 0
+            if len(geometry.inlier_matches) <= before:
+                continue
+            write = opened.update_two_view_geometry if has else opened.write_two_view_geometry
+            write(*pair, geometry)
+            n_taken += 1
+    working.unlink()
+    logger.info(
+        "pooled descriptors of %d photos: %d of %d pairs took their matches",
+        len(both),
+        n_taken,
+        len(pairs),
+    )
+    return n_taken
+
+
+def likely_partners(database: Path, names: Sequence[str]) -> list[tuple[str, str]]:
+    """Pair photos with those that they share most matches with, then those next in name order."""
+    order = list(image_ids(database))
+    inliers = verified_inliers(database, 1)
+    pairs: set[tuple[str, str]] = set()
+    for name in names:
+        found = inliers.get(name, {})
+        place = order.index(name)
+        near = sorted(
+            (other for other in order if other != name),
+            key=lambda other: (-found.get(other, 0), abs(order.index(other) - place), other),
+        )
+        pairs.update((min(name, other), max(name, other)) for other in near[:N_PARTNERS])
+    return sorted(pairs)
 
 
 def add_guided_matches(

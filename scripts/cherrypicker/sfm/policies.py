@@ -9,8 +9,6 @@ import pycolmap
 
 # COLMAP's own limits of the incremental mapper
 COLMAP = pycolmap.IncrementalMapperOptions()
-# Half of those, where too few photos registered (guess)
-FEW_POSE, FEW_START = 15, 50
 # Largest reprojection error of an observation where the model contradicts the matches, px: half of
 # COLMAP's (guess)
 TIGHT_PX = 2.0
@@ -29,11 +27,7 @@ class Policy:
     recheck_error_px: float = 0.0
     # Largest reprojection error of an observation, px
     filter_error_px: float = COLMAP.filter_max_reproj_error
-    min_inliers_pose: int = COLMAP.abs_pose_min_num_inliers  # least inliers to register a photo
-    # Least inliers of the pair that a model starts from
-    min_inliers_start: int = COLMAP.init_min_num_inliers
-    affine: bool = False  # of affine-covariant features, matched anew
-    guided: bool = False  # search for more matches along the epipolar lines first
+    pooled: bool = False  # match the photos that are missing anew first, by pooled descriptors
     trust_exif_focal: bool = True  # false starts every focal length from 1.2 times the longer side
 
 
@@ -51,33 +45,15 @@ def further_policies(
     has_exif_focal : bool
         Whether some focal length came from EXIF, which may be wrong.
     """
-    half_px = max_error_px / 2
-    guided_global = Policy(
-        "guided_global", "global", "guided matching, the global mapper", guided=True
-    )
     if too_few:
-        # Photos too far apart for plain features. On rings thinned to a third those, guided, left
-        # cameras up to 75 mm off, affine ones 8 mm. The incremental mapper first: on rings thinned
-        # to half it left 12 mm at most, the global one 57 mm.
-        what = "affine features, guided matching"
-        loose = Policy(
-            "affine_loose",
-            "incremental",
-            f"{what}, {FEW_POSE} inliers register a photo, {FEW_START} start a model",
-            min_inliers_pose=FEW_POSE,
-            min_inliers_start=FEW_START,
-        )
-        policies = [
-            Policy("affine", "incremental", f"{what}, the incremental mapper"),
-            Policy("affine_global", "global", f"{what}, the global mapper"),
-            loose,
-        ]
-        policies = [replace(policy, affine=True, guided=True) for policy in policies]
+        reason = "the missing photos matched anew by pooled descriptors"
+        policies = [Policy("pooled", mapper, reason, pooled=True)]
     else:
+        half_px = max_error_px / 2
         reason = f"pairs verified again at {half_px:g} px, observations within {TIGHT_PX:g} px"
         tight = Policy("tight", mapper, reason, half_px, TIGHT_PX)
         other = "global" if mapper == "incremental" else "incremental"
-        policies = [tight, Policy(other, other, f"the {other} mapper"), guided_global]
+        policies = [tight, Policy(other, other, f"the {other} mapper")]
     if has_exif_focal:
         no_focal = Policy("no_exif_focal", mapper, "EXIF focal lengths ignored")
         policies.append(replace(no_focal, trust_exif_focal=False))
@@ -92,8 +68,6 @@ def incremental_options(
     options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = seed
     options.num_threads = options.mapper.num_threads = threads
     options.min_model_size = LEAST_MODEL
-    options.mapper.init_min_num_inliers = policy.min_inliers_start
-    options.mapper.abs_pose_min_num_inliers = policy.min_inliers_pose
     options.mapper.filter_max_reproj_error = policy.filter_error_px
     options.triangulation.merge_max_reproj_error = policy.filter_error_px
     options.triangulation.complete_max_reproj_error = policy.filter_error_px

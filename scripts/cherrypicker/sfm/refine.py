@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -152,3 +153,12 @@ def drop_short_tracks(model: pycolmap.Reconstruction) -> None:
             continue
         if all(longer[element.image_id] > 0 for element in point.track.elements):
             model.delete_point3D(point_id)
+
+
+def drop_photos(model: pycolmap.Reconstruction, names: Collection[str]) -> None:
+    """Take photos out of a model in place, with what they alone hold."""
+    for frame_id in sorted(
+        image.frame_id for image in model.images.values() if image.name in names and image.has_pose
+    ):
+        model.deregister_frame(frame_id)
+    model.tear_down()

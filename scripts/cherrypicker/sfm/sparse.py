@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +17,22 @@ from cherrypicker.sfm.database import SCRATCH, copy_database
 from cherrypicker.sfm.diagnosis import diagnose_photos
 from cherrypicker.sfm.export import undistorted_poses, write_model
 from cherrypicker.sfm.gps import compare_places, stated_places
-from cherrypicker.sfm.mapping import Attempt, MappingOptions, map_photos
+from cherrypicker.sfm.mapping import (
+    Attempt,
+    MappingOptions,
+    largest_error_px,
+    map_photos,
+)
 from cherrypicker.sfm.rematch import RefineOptions
-from cherrypicker.sfm.uncertainty import camera_scatter, camera_uncertainty
+from cherrypicker.sfm.uncertainty import camera_uncertainty
 
 logger = logging.getLogger(__name__)
 
 # Median standard error of the cameras, a share of their distance, from which the photos do not hold
 # one model together: 0.0002 on a good ring, 4 where parts have no common scale (guess between)
 UNDETERMINED = 0.05
+# Share of the largest error allowed from which on a used photo is named as doubtful (guess)
+DOUBTFUL = 0.7
 
 
 def reconstruct_sparse(
@@ -90,11 +97,16 @@ def reconstruct_sparse(
         )
         best = attempts[0]
         explained = diagnose_photos(
-            working, found, best.model, best.other_models, min_inliers=options.min_inliers
+            best.database,
+            found,
+            best.model,
+            best.other_models,
+            min_inliers=options.min_inliers,
+            errors=best.errors,
+            left_out=best.left_out,
+            doubtful_px=DOUBTFUL * largest_error_px(working, options),
         )
-        unsure = None
-        if best.model is not None:
-            unsure = describe_uncertainty(best.model, refining, seed=seed, threads=threads)
+        unsure = None if best.model is None else describe(camera_uncertainty(best.model))
     content = _report(best, attempts, explained, unsure)
     if best.model is not None:
         centers = {
@@ -109,7 +121,7 @@ def reconstruct_sparse(
     _enforce_one_scale(content, Path(photos[0]).parent)
     assert best.model is not None  # _enforce refuses a scan without
     write_model(best.model, model_folder)
-    write_poses(poses, undistorted_poses(best.model))
+    write_poses(poses, undistorted_poses(best.model, best.errors))
     logger.info(
         "%d of %d photos registered, %s points, mean track %.1f, reprojection error %.2f px",
         content["n_registered"],
@@ -129,6 +141,8 @@ def _report(
         "n_photos": len(explained),
         "n_usable": n_usable,
         "n_registered": best.n_registered,
+        "n_left_out": len(best.left_out),
+        "camera_error_px": describe(best.errors),
         "registered_fraction": best.fraction,
         "n_points": 0,
         "mean_track_length": 0.0,
@@ -152,15 +166,10 @@ def _report(
     return report
 
 
-def describe_uncertainty(
-    model: pycolmap.Reconstruction, options: RefineOptions, *, seed: int = 0, threads: int = 1
-) -> dict | None:
-    """Median and largest standard error of a camera, and whose that is; see `uncertainty`."""
-    errors = camera_uncertainty(model)
+def describe(errors: Mapping[str, float] | None) -> dict | None:
+    """Median and largest error of a camera, and whose that is; None of none."""
     if not errors:
         return None
-    scatter = camera_scatter(model, options, seed=seed, threads=threads)
-    errors = {name: max(error, scatter[name]) for name, error in errors.items()}
     worst = max(errors, key=lambda name: errors[name])
     return {"median": float(np.median([*errors.values()])), "max": errors[worst], "worst": worst}
 
@@ -202,7 +211,10 @@ def _log_missing(explained: dict) -> None:
         name: facts["reason"] for name, facts in explained.items() if not facts["registered"]
     }
     for name, reason in missing.items():
-        logger.info("not registered: %s: %s", name, reason)
+        logger.info("not in the model: %s: %s", name, reason)
+    for name, facts in explained.items():
+        if facts["doubt"]:
+            logger.info("doubtful: %s: %s", name, facts["doubt"])
     if missing:
         logger.warning("%d of %d photos are not in the model", len(missing), len(explained))
 
@@ -218,7 +230,7 @@ def _enforce(content: dict, least: float, folder: Path) -> None:
         f"{content['n_registered']} of {content['n_usable']} photos registered, "
         f"{100 * least:g} % are required; most frequent reason: {common}",
         file=folder,
-        key="photos in trees.tsv, sfm.min_registered_fraction or sfm.max_features",
+        key="photos in trees.tsv, sfm.min_registered_fraction or sfm.max_camera_error_px",
     )
 
 

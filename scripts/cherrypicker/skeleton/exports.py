@@ -75,7 +75,7 @@ def write_topology_graphml(path: str | os.PathLike, topology: Topology) -> None:
 def _read_graph(path: str | os.PathLike) -> GraphColumns:
     """Read a GraphML tree with its `root`, as a user's error where it cannot be one."""
     if not Path(path).is_file():
-        raise StageError("the graph is missing", file=path, key="graph.method")
+        raise StageError("the graph is missing", file=path, key="skeleton.method")
     try:
         graph = read_graphml(path)
     except (SyntaxError, ValueError) as error:

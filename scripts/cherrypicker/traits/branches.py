@@ -62,7 +62,8 @@ def branch_rows(
         ``few_points``, ``gap``. The 90 % intervals (`..._low_...`, `..._high_...`) are None on a
         skeleton that does not know how its points scatter. `photo_diameter_m` is the mean diameter
         of the axis's silhouettes in the photos, None where the points tell it more surely; where
-        it stands, it scales the axis's diameters, taper and volume.
+        it stands, it scales the axis's diameters, taper and volume. `p_exists` is the probability
+        by the photos that the axis is there, None without photos.
     """
     shape = axis_shapes(skeleton, axis_list)
     count = np.rint(shape["base_n_points"]).astype(np.int64)
@@ -91,6 +92,7 @@ def branch_rows(
         "flags": _flags(skeleton, shape),
         **intervals,
         **by_photos,
+        "p_exists": _existence(len(axis_list), photo_check),
     }
     listed = [c.tolist() if isinstance(c, np.ndarray) else c for c in columns.values()]
     return [dict(zip(columns, row, strict=True)) for row in zip(*listed, strict=True)]
@@ -148,6 +150,12 @@ def _use_photos(
         for name, power in _SCALED.items():
             shape[name][row] *= factor**power
     return found
+
+
+def _existence(n_axes: int, photo_check: dict | None) -> list[float | None]:
+    """How probable each axis is by the photos, None where nobody was asked."""
+    told = {each["branch_id"]: each["p_exists"] for each in (photo_check or {}).get("axes", ())}
+    return [told.get(row) for row in range(n_axes)]
 
 
 def branches_csv(rows: list[dict], columns: Mapping[str, BranchColumn] = BRANCH_COLUMNS) -> str:

@@ -21,7 +21,6 @@ _HIDDEN_FOOT_M = 0.1
 _FEW_PHOTOS = 0.9  # share that is registered
 _MISSED_SHARE, _MISSED_LENGTH_M = 0.01, 0.15
 _LOOSE_SCALE = 0.01
-_LOOSE_CAMERA = 0.005  # of the cameras' distance: 2 cm at 4 m
 _PHOTOS_AGREE = 0.95  # shares below are told; guess
 _PLAUSIBLE_HEIGHT_M = (0.15, 25.0)  # of a fruit tree
 
@@ -159,13 +158,18 @@ def scan_flags(
     if sparse:
         n_photos, n_registered = sparse.get("n_photos"), sparse.get("n_registered")
         if n_photos and n_registered is not None and n_registered < _FEW_PHOTOS * n_photos:
-            flags.append(f"few_photos: {n_registered} of {n_photos} photos registered")
-        unsure = sparse.get("camera_std_fraction")
-        if unsure and unsure["max"] > _LOOSE_CAMERA:
+            lost = sparse.get("n_left_out", 0)
             flags.append(
-                f"cameras_uncertain: photo {unsure['worst']} has a standard error of "
-                f"{100 * unsure['max']:.1f} % of the cameras' distance, "
-                f"{100 * unsure['median']:.2f} % in the median; photos should overlap more"
+                f"few_photos: {n_registered} of {n_photos} photos are used"
+                + (f", {lost} were left out for their cameras' errors" if lost else "")
+            )
+        n_doubtful = sum(bool(facts.get("doubt")) for facts in sparse.get("photos", {}).values())
+        unsure = sparse.get("camera_error_px")
+        if n_doubtful and unsure:
+            flags.append(
+                f"cameras_uncertain: {n_doubtful} of {n_registered} used photos are doubtful, "
+                f"{unsure['worst']} is known within {unsure['max']:.1f} px at the tree, the median "
+                f"within {unsure['median']:.1f} px; photos should overlap more"
             )
     flags += _edge_flags(edges, unit_name(unit))
     if missing_top is not None:
@@ -198,20 +202,21 @@ def _photo_flags(check: dict, length: str) -> list:
     if _is_doubtful(1.0 - before["dropped_length"] / before["length"], dropped):
         flags.append(
             f"dropped_by_photos: {before['dropped_length']:.2f} of {before['length']:.2f} {length} "
-            f"of skeleton lay before clear sky and were dropped, the longest piece {dropped:.2f} "
-            f"{length}"
+            f"of skeleton are more likely not there by all photos together and were dropped, the "
+            f"longest piece {dropped:.2f} {length}"
         )
     if _is_doubtful(precision, longest["refuted"]):
         flags.append(
-            f"not_in_photos: {check['refuted_length']:.2f} of {check['judged_length']:.2f} "
-            f"{length} of skeleton lie before clear sky, where the photos show no wood, the "
-            f"longest piece {longest['refuted']:.2f} {length}"
+            f"not_in_photos: of {check['length']:.2f} {length} of skeleton "
+            f"{check['refuted_length']:.2f} are likely not there by the photos, the longest piece "
+            f"{longest['refuted']:.2f} {length}"
         )
     if _is_doubtful(recall, longest["missing"]):
         flags.append(
             f"wood_missing: the photos show {check['missing_length']:.2f} {length} of thin wood "
-            f"that the skeleton lacks, the longest piece {longest['missing']:.2f} {length}; "
-            "height, crown and lengths may be too small"
+            f"that the skeleton lacks, the longest piece {longest['missing']:.2f} {length}, and "
+            f"about {check['unseen_length']:.2f} more may be missing where they have no sky behind "
+            "the tree; height, crown and lengths may be too small"
         )
     return flags
 

@@ -11,7 +11,7 @@ import numpy as np
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
-from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes
@@ -79,7 +79,7 @@ def measure_traits(
     edits: dict | None = None,
     photo_check: dict | None = None,
     poses: Poses | None = None,
-    sky_masks: SkyMasks | None = None,
+    photos: ScanPhotos | None = None,
     options: TraitOptions | None = None,
     seed: int = 0,
 ) -> tuple[dict, dict[str, list[dict]]]:
@@ -100,8 +100,8 @@ def measure_traits(
         ``photo_check.json`` of a scan from photos.
     poses : Poses, optional
         Of the photos, in the cloud's frame and unit: tells where they, not the tree, end.
-    sky_masks : SkyMasks, optional
-        Of the same photos: tells where they show a top that the cloud does not hold.
+    photos : ScanPhotos, optional
+        Of the scan, in that frame: tell where they show a top that the cloud does not hold.
 
     Returns
     -------
@@ -178,8 +178,8 @@ def measure_traits(
     confidence = float(np.median(cloud["confidence"][is_wood])) if "confidence" in cloud else None
 
     top = None
-    if poses is not None and sky_masks is not None:
-        top = find_missing_top(poses, sky_masks, tree_points, foot.point)
+    if photos is not None:
+        top = find_missing_top(photos, tree_points, foot.point)
     missing = missing_wood(support.missed_boxes, target, photo_check, top, foot.point)
 
     traits: dict[str, Any] = {"unit": cloud.unit}

@@ -8,9 +8,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.mvs.coverage import look_for_wood
-from cherrypicker.poses import Poses
+from cherrypicker.evidence.coverage import ask_voxels
+from cherrypicker.mvs.scan_photos import ScanPhotos
 
 # Side of a voxel, and how far above, below and beside the highest wood is looked, as shares of the
 # tree's height (guesses; cut down to 0.95 and 0.85 of their height three trees were found 1.5 cm
@@ -32,20 +31,16 @@ class MissingTop:
     n_photos: int  # photos that frame what is missing, median over its voxels
 
 
-def find_missing_top(
-    poses: Poses, masks: SkyMasks, wood: np.ndarray, foot: np.ndarray
-) -> MissingTop | None:
-    """Look for wood above a tree that the sky masks show and its cloud does not hold.
+def find_missing_top(photos: ScanPhotos, wood: np.ndarray, foot: np.ndarray) -> MissingTop | None:
+    """Look for wood above a tree that the photos show and its cloud does not hold.
 
     Beside the crown silhouettes cross one another and show wood where there is none; above it there
     is nothing but sky, and wood that many photos agree on is wood.
 
     Parameters
     ----------
-    poses : Poses
+    photos : ScanPhotos
         In the frame and unit of `wood`, z up.
-    masks : SkyMasks
-        Of the same photos.
     wood : ndarray of shape (n_wood, 3)
         The tree's points.
     foot : ndarray of shape (3,)
@@ -64,16 +59,18 @@ def find_missing_top(
     shape = np.ceil((high - low) / size).astype(int)
     cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1)
     centers = low + size * (cells.reshape(-1, 3) + 0.5)
-    shown = look_for_wood(poses, masks, centers, size)
-    near = cKDTree(upper).query(centers, distance_upper_bound=NEAR_VOXELS * size)[0] < np.inf
+    distance = cKDTree(upper).query(centers, distance_upper_bound=NEAR_VOXELS * size)[0]
+    near = distance < np.inf
+    shown = ask_voxels(photos, centers, size, distance < 0.5 * size, ~near)
+    is_wood = shown.p_wood > 0.5
     # What hangs together with the tree; a neighbour's twigs do not
-    label = ndimage.label(shown.is_wood.reshape(shape), structure=np.ones((3, 3, 3)))[0].ravel()
-    own = shown.is_wood & np.isin(label, np.unique(label[near & shown.is_wood]))
+    label = ndimage.label(is_wood.reshape(shape), structure=np.ones((3, 3, 3)))[0].ravel()
+    own = is_wood & np.isin(label, np.unique(label[near & is_wood]))
     missing = own & ~near & (centers[:, 2] > top + NEAR_VOXELS * size)
     if not missing.any():
         return None
     return MissingTop(
         height=float(centers[missing, 2].max() - foot[2]),
         found=height,
-        n_photos=int(np.median(shown.framing[missing])),
+        n_photos=int(np.median(shown.n_framing[missing])),
     )

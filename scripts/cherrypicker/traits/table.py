@@ -327,6 +327,7 @@ _COLUMNS = (
     BranchColumn("insertion_angle_high_deg", "maybe"),
     BranchColumn("photo_diameter_m", "maybe"),
     BranchColumn("photo_diameter_se_m", "maybe"),
+    BranchColumn("p_exists", "maybe", "there", decimals=2),
 )
 #: Name to column, in the file's order.
 BRANCH_COLUMNS = {column.name: column for column in _COLUMNS}

@@ -6,7 +6,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cherrypicker.classes import wood_mask
-from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.series.compare import Scan, compare_scans
@@ -105,9 +104,7 @@ def see_date(scene, seed, kind, n_points, walk):
 
 def find_skeleton(cloud, frame):
     """The skeleton of a cloud, by the workflow's own functions."""
-    contracted, report = contract_wood(
-        cloud, options=ContractionOptions(), target_xy=frame[:2, 3].copy()
-    )
+    contracted, report = contract_wood(cloud, target_xy=frame[:2, 3].copy())
     return extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
 
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from cherrypicker.classes import Label
-from cherrypicker.contraction.contract_points import ContractionOptions
+from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_tree import contract_tree
-from cherrypicker.contraction.contract_wood import WoodOptions, contract_wood
+from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker_lab.skeletons.graph_scores import graph_of, radius_errors, score_graph
@@ -19,13 +19,14 @@ from cherrypicker_lab.skeletons.point_scores import score_points
 logger = logging.getLogger(__name__)
 
 SETTINGS = ("noise", "holes")
-# name: method, preset
+# name: skeleton.method
 OURS = {
-    "lbc_paper": ("lbc", "paper"),
-    "slbc_paper": ("slbc", "paper"),
-    "bare_default": ("slbc", "default"),
-    "slbc_default": ("slbc", "default"),
+    "lbc_paper": "lbc",
+    "slbc_paper": "slbc",
+    "bare_default": "limbs",
+    "slbc_default": "limbs",
 }
+METHOD_OF_GRAPH = {"tree": "limbs", "mst": "slbc"}
 GRAPHS_OF = {"bare_default": ("tree",), "slbc_default": ("mst", "tree")}
 TRUNK_WEIGHT = 10.0
 START_UP_POINTS = 3000  # enough that every compiled function is called
@@ -50,18 +51,18 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
     -------
     dict
         By method: ``cpu_s``, ``peak_mb`` (of the process so far), ``points`` (`score_points`) and,
-        for the default preset, ``graphs`` of `GRAPHS_OF` (`score_graph`, `radius_errors` as
+        for limbs, ``graphs`` of `GRAPHS_OF` (`score_graph`, `radius_errors` as
         ``radius``, ``cpu_s``).
     """
     report = {}
     for name in methods:
-        method, preset = OURS[name]
+        method = OURS[name]
         given = _as_branches(cloud) if name == "bare_default" else cloud
         start = time.process_time()
-        if preset == "paper":
+        if method != "limbs":
             contracted = contract_as_published(cloud, method)
         else:
-            contracted, details = contract_wood(given, WoodOptions(method=method))
+            contracted, details = contract_wood(given)
         found = {
             "cpu_s": time.process_time() - start,
             "points": score_points(contracted.points, truth.skeleton),
@@ -84,10 +85,10 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
 
 
 def start_up(cloud):
-    """Run the default preset on a few of the points, which compiles and loads its functions."""
+    """Run the limbs on a few of the points, which compiles and loads its functions."""
     rng = np.random.default_rng(0)
     few = cloud.select(np.sort(rng.choice(len(cloud), min(START_UP_POINTS, len(cloud)), False)))
-    contracted, details = contract_wood(few, WoodOptions(method="slbc"))
+    contracted, details = contract_wood(few)
     extract_skeleton(contracted, few, base=details["base"], limbs=details["limbs"])
 
 
@@ -103,12 +104,12 @@ def _as_branches(cloud):
 
 
 def contract_as_published(cloud, method, *, callback=None, **constants):
-    """Contract all points of a set's cloud with the preset paper, neither chosen nor thinned."""
+    """Contract all points of a set's cloud as published, neither chosen nor thinned."""
     return contract_tree(
         cloud.points,
         np.asarray(cloud["label"]),
-        weights={Label.TRUNK: TRUNK_WEIGHT} if method == "slbc" else None,
-        options=ContractionOptions("paper", **constants),
+        weights={Label.TRUNK: TRUNK_WEIGHT},
+        options=SkeletonOptions(method, **constants),
         callback=callback,
     )
 
@@ -118,14 +119,14 @@ def _measure_graph(contracted, cloud, truth, method, details):
     skeleton = extract_skeleton(
         contracted,
         cloud,
-        GraphOptions(method=method),
+        GraphOptions(METHOD_OF_GRAPH[method]),
         base=details["base"],
         limbs=details["limbs"],
     )
     cpu_s = time.process_time() - start
     graph = graph_of(skeleton)
     if not len(graph.edges):
-        raise StageError(f"the {method} graph has no edges", key="graph.method")
+        raise StageError(f"the {method} graph has no edges", key="skeleton.method")
     segments = np.asarray(graph.points)[graph.edges]
     scores = score_graph(graph, truth) | {
         "radius": radius_errors(skeleton.points, skeleton.radius, truth)

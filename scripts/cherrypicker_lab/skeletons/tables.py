@@ -11,10 +11,10 @@ from cherrypicker_lab.skeletons.methods import SETTINGS
 from cherrypicker_lab.skeletons.timing import growth_exponent
 
 METHOD_NAMES = {
-    "lbc_paper": "LBC, preset paper",
-    "slbc_paper": "S-LBC, preset paper",
-    "bare_default": "preset default, all branch",
-    "slbc_default": "preset default",
+    "lbc_paper": "LBC",
+    "slbc_paper": "S-LBC",
+    "bare_default": "limbs, all branch",
+    "slbc_default": "limbs",
     "peer_lbc": "pc-skeletor LBC",
     "peer_slbc": "pc-skeletor S-LBC",
     "peer_pytlidar": "PyTLidar",
@@ -123,7 +123,7 @@ def _chamfer_table(table):
 def _ratio_table(table):
     """S-LBC over LBC beside the paper's ratio, each on its own common trees."""
     pairs = {
-        "ours, preset paper": ("lbc_paper", "slbc_paper"),
+        "ours, as published": ("lbc_paper", "slbc_paper"),
         "pc-skeletor": ("peer_lbc", "peer_slbc"),
     }
     lines = [["the paper", *(f"{PAPER_RATIO[setting]:.3f}" for setting in SETTINGS), "50"]]

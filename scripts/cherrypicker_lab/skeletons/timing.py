@@ -5,7 +5,6 @@ import time
 
 import numpy as np
 
-from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.pointcloud import PointCloud
@@ -105,7 +104,7 @@ def _cloud_to_traits(cloud):
         seconds[stage], clock = time.process_time() - clock, time.process_time()
         logger.info("%s: %.2f CPU s", stage, seconds[stage])
 
-    contracted, details = contract_wood(cloud, options=ContractionOptions())
+    contracted, details = contract_wood(cloud)
     lap("contract")
     contract_peak_mb = peak_mb()
     found = extract_skeleton(contracted, cloud, base=details["base"], limbs=details["limbs"])

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.skeleton import axes, axis_polyline
@@ -71,7 +70,7 @@ def skeleton_of(cloud):
     target : dict
         Of ``target.json``, the ``loose`` pieces.
     """
-    contracted, report = contract_wood(cloud, options=ContractionOptions(), target_xy=np.zeros(2))
+    contracted, report = contract_wood(cloud, target_xy=np.zeros(2))
     skeleton = extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
     return skeleton, {"loose": report["wood"]["loose"]}
 

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import wood_mask
-from cherrypicker.contraction.contract_points import ContractionOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, read_npz
@@ -188,7 +187,7 @@ def _traits(cloud: PointCloud, found: FoundTrees, number: int, tree) -> dict:
     """What is measured of a tree, and its truth."""
     foot = found.trees[number - 1].base
     own = cloud.select(rows_of_tree(cloud.points, found.owner, number, foot))
-    contracted, report = contract_wood(own, options=ContractionOptions(), target_xy=foot[:2])
+    contracted, report = contract_wood(own, target_xy=foot[:2])
     skeleton = extract_skeleton(contracted, own, base=report["base"], limbs=report["limbs"])
     return _beside(measure_traits(skeleton, own)[0], tree_traits(tree))
 

@@ -87,11 +87,11 @@ def test_tables_hold_means_ratios_and_what_is_missing(tmp_path, measured):
     text = write_tables(gather(files), [], notes=["pc-skeletor is left out"])
     assert "- pc-skeletor is left out" in text
     assert "| the paper | 0.675 | 0.516 | 50 |" in text
-    assert "| ours, preset paper | 0.500 | – | 2 |" in text
+    assert "| ours, as published | 0.500 | – | 2 |" in text
     # two trees of the published LBC, one of them common to all methods
-    assert "| noise | LBC, preset paper | 2 | 5.000 | 4.000 |" in text
-    assert "| noise | preset default | 1 | 0.500 | 0.500 |" in text
-    assert "| noise | preset default | 0.500 | – | – |" in text
+    assert "| noise | LBC | 2 | 5.000 | 4.000 |" in text
+    assert "| noise | limbs | 1 | 0.500 | 0.500 |" in text
+    assert "| noise | limbs | 0.500 | – | – |" in text
     assert "| limbs |" in text and "spanning tree" in text
     with pytest.raises(StageError, match="nothing was measured"):
         gather([])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from cherrypicker.denoising.denoise import DenoiseOptions
-from cherrypicker.denoising.evidence import SkyEvidence
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.sky.colors import SkyColors
 from cherrypicker_lab.dense.truth import TrueSurface
@@ -12,7 +11,7 @@ from cherrypicker_lab.training.sky.ablation import VARIANTS, ablate, judged_kind
 
 BLUE, BROWN = (0.3, 0.5, 0.8), (0.3, 0.24, 0.19)
 SKY = SkyColors(np.array([BLUE], np.float32), np.zeros(1, np.int32), np.ones(1), n_sampled=1000)
-ALONE = DenoiseOptions(use_statistical=False, min_view_ratio=0.0, keep_seen_fraction=2.0)
+ALONE = DenoiseOptions(use_statistical=False, min_view_ratio=0.0)
 
 
 @pytest.fixture
@@ -45,10 +44,10 @@ def cloud():
     return PointCloud(points, colors.astype(np.float32))
 
 
-def photos(asked):
+def photos(asked, _):
     """Photos that see through all that is 3 cm from the axis."""
     off = np.hypot(asked[:, 0], asked[:, 1]) > 0.03
-    return SkyEvidence(*np.array([5 * off, 5 * ~off], np.int32))
+    return np.where(off, -4.0, 4.0)
 
 
 def test_fringe_has_the_skys_colour_and_lies_off_all_surfaces(surface):

@@ -86,7 +86,7 @@ def notes_on_skeletons():
     """Return what the tables have to say about what is left out."""
     section = SKELETON_BENCHMARK
     notes = [
-        f"Preset default on {section['n_trees']} trees of seed {section['seed']}, preset paper on"
+        f"Limbs on {section['n_trees']} trees of seed {section['seed']}, LBC and S-LBC on"
         f" the first {len(first_trees('n_paper'))}."
     ]
     if section["peer_python"]:

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 
 from cherrypicker.compiled import Num, in_parallel, inlined, kernel
-from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.lines.sky_lines import FLANK_PX, SkyLines, find_sky_lines
-from cherrypicker.mvs.workspace import View, Workspace
+from cherrypicker.mvs.raster import HIDDEN
+from cherrypicker.mvs.scan_photos import ScanPhotos
+from cherrypicker.mvs.workspace import View
 from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
 
@@ -40,7 +41,10 @@ class Lines(NamedTuple):
     # and height
     starts: np.ndarray
     sizes: np.ndarray
-    order: np.ndarray  # (n_views,) int64: the photos, those with most clear sky first
+    order: np.ndarray  # (n_views,) int64: the photos, those whose sky says most first
+    # (n_views,) float64: what it says of a place that a photo shows clear sky there, the logarithm
+    # of a likelihood ratio, below 0
+    clear_word: np.ndarray
     projections: np.ndarray  # (n_views, 12) float64: K [R | t] by rows
     centers: np.ndarray  # (n_views, 3) float64
     first: np.ndarray  # (n_views + 1,) int64: where a photo's line points begin
@@ -119,9 +123,12 @@ def explain(lines: Lines, points: np.ndarray, threads: int) -> None:
     in_parallel(lambda i: _explain(lines, points, i), range(len(lines.starts)), threads)
 
 
-def gather_lines(workspace: Workspace, masks: SkyMasks) -> Lines:
-    """Find the lines of all photos of a workspace; 4 bytes a pixel of all photos in memory."""
-    views, poses = workspace.views, workspace.poses
+def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
+    """Find the lines of all photos of a scan; 4 bytes a pixel of all photos in memory.
+
+    ``clear_word`` (n_views,) is what a photo's clear sky says, see `Lines`.
+    """
+    views, poses = photos.views, photos.poses
     sizes = np.array([(view.width, view.height) for view in views], dtype=np.int64)
     starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
     maps = np.empty(starts[-1], dtype=np.int32)
@@ -129,8 +136,9 @@ def gather_lines(workspace: Workspace, masks: SkyMasks) -> Lines:
     first = np.zeros(len(views) + 1, dtype=np.int64)
     with Progress(len(views), "photos searched for twigs before the sky") as bar:
         for i, view in enumerate(views):
-            photo, (sky, hidden) = read_photo(workspace.photo_path(view)), masks.both(view)
-            own = seen_lines(find_sky_lines(photo, sky, TOLERANCE_PX), hidden)
+            raster = photos.raster(i)
+            own = find_sky_lines(read_photo(photos.photo_path(view)), raster, TOLERANCE_PX)
+            own = seen_lines(own, raster == HIDDEN)
             maps[starts[i] : starts[i + 1]] = _line_map(own, first[i]).ravel()
             clear.append(own.clear.mean())
             found.append(own._replace(clear=None))  # type: ignore[arg-type]  # as large as the photo
@@ -141,7 +149,8 @@ def gather_lines(workspace: Workspace, masks: SkyMasks) -> Lines:
         maps=maps,
         starts=starts[:-1],
         sizes=sizes,
-        order=np.argsort(-np.array(clear), kind="stable"),
+        order=np.argsort(np.array(clear) * clear_word, kind="stable"),
+        clear_word=np.asarray(clear_word, dtype=np.float64),
         projections=(poses.K @ poses.cam_from_world).reshape(-1, 12),
         centers=poses.centers,
         first=first,

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from cherrypicker.mvs.clear_sky import clear_sky
 from cherrypicker.mvs.lines.ridges import DARK, line_points, slopes_of
+from cherrypicker.mvs.raster import CLEAR_BELOW, SOLID
 
 # How far aside of a line its sky is looked for, px: past the blur and the border of a mask
 # (guess)
@@ -35,25 +35,26 @@ class SkyLines(NamedTuple):
     clear: np.ndarray  # (height, width) bool: pixels of nothing but sky
 
 
-def find_sky_lines(photo: np.ndarray, sky: np.ndarray, tolerance_px: float) -> SkyLines:
+def find_sky_lines(photo: np.ndarray, raster: np.ndarray, tolerance_px: float) -> SkyLines:
     """Find the thin dark lines before the sky of a photo.
 
     Parameters
     ----------
     photo : ndarray of shape (height, width, 3), uint8
         RGB.
-    sky : ndarray of shape (height, width), bool
-        Its mask, True = sky.
+    raster : ndarray of shape (height, width), uint8
+        What it shows, see `cherrypicker.mvs.raster`.
     tolerance_px : float
         How far from a line a place counts as on it.
     """
+    sky = raster < SOLID
     centers, across = line_points(slopes_of(photo[..., 2]), DARK)
     flanked = _has_sky_aside(sky, centers, across)
     centers, across = centers[flanked], across[flanked]
     share = _line_share(sky, centers, tolerance_px)
-    clear = clear_sky(photo, sky)
     size = 2 * CLEARANCE_PX + 1
-    clear = cv2.erode(clear.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    pixels = (raster < CLEAR_BELOW).astype(np.uint8)
+    clear = np.asarray(cv2.erode(pixels, np.ones((size, size), np.uint8))) > 0
     return SkyLines(centers, across, share, clear)
 
 

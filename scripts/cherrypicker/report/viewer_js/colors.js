@@ -37,7 +37,7 @@ function nodeSchemes(data) {
     const { low, high, color } = scale(values);
     return { color: (node) => color(values[node]), legend: { low, high, unit } };
   };
-  return {
+  const schemes = {
     order: {
       title: "order",
       of: (s) => ({
@@ -56,6 +56,17 @@ function nodeSchemes(data) {
     },
     branch: { title: "branch_id", of: (s) => ({ color: (node) => branchColor(s.axis[node]), legend: {} }) },
   };
+  if (data.skeletons.some((s) => s.branches.some((branch) => Number.isFinite(branch.there)))) {
+    const there = (s, node) => s.branches[s.axis[node]].there;
+    schemes.existence = {
+      title: "there, by the photos",
+      of: (s) => ({
+        color: (node) => (Number.isFinite(there(s, node)) ? ramp(there(s, node)) : UNKNOWN),
+        legend: { low: 0, high: 1, unit: "" },
+      }),
+    };
+  }
+  return schemes;
 }
 
 function classLegend(data) { return { items: data.classes.map((item) => [item.name, item.color]) }; }

@@ -20,7 +20,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.denoising.denoise import DenoiseOptions, denoise_cloud
-from cherrypicker.denoising.evidence import SkyEvidence
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.sky.colors import SkyColors
 from cherrypicker_lab.dense.surface import judge_points
@@ -31,8 +30,6 @@ FRINGE_M = 0.010
 BRANCH_M = 0.005
 #: The truth's other surfaces are sampled every 5 mm, so a point on them lies this near a sample.
 OTHER_SAMPLE_M = 0.010
-#: Above this share no photo can speak for a point, and colour alone decides.
-COLOR_DECIDES = 2.0
 
 VARIANTS = ("off", "colour only", "mask voting only", "both")
 
@@ -41,7 +38,7 @@ def variant_options(options: DenoiseOptions, variant: str) -> DenoiseOptions:
     """Return the settings of one of `VARIANTS`; the other filters stay as they are."""
     changes = {
         "off": {"use_sky": False},
-        "colour only": {"min_non_sky_fraction": COLOR_DECIDES},
+        "colour only": {"ask_photos": False},
         # every colour is near enough to be asked about
         "mask voting only": {"sky_color_distance": np.inf},
         "both": {},
@@ -117,11 +114,8 @@ def ablate(
     numbered = replace(cloud, fields={**cloud.fields, "row": rows})
     table = []
     for variant in VARIANTS:
-        # Colour alone does not ask the photos, unless points are doubted for other reasons.
-        is_silent = variant == "colour only" and options.keep_seen_fraction > 1
-        ask = _say_nothing if is_silent else evidence_of
         kept, _ = denoise_cloud(
-            numbered, sky, ask, variant_options(options, variant), ground_height
+            numbered, sky, evidence_of, variant_options(options, variant), ground_height
         )
         removed = np.ones(len(cloud), bool)
         removed[kept["row"]] = False
@@ -136,10 +130,6 @@ def ablate(
             }
         )
     return table
-
-
-def _say_nothing(asked: np.ndarray) -> SkyEvidence:
-    return SkyEvidence(*np.zeros((2, len(asked)), np.int32))
 
 
 def _share(removed: np.ndarray, among: np.ndarray) -> float | None:

@@ -49,7 +49,7 @@ class TrainOptions(AugmentOptions):
 
     epochs: int = 15
     batch_size: int = 3
-    learning_rate: float = 1e-5
+    learning_rate: float = 2e-3
     learning_rate_decay: float = 0.9
     schedule: str = "decay"
     weight_average: float = 0.0

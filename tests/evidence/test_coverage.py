@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scan_scene import look_at_poses, ring
 
+from cherrypicker.evidence.coverage import ask_voxels, measure_coverage, voxel_centers
 from cherrypicker.files import write_json
-from cherrypicker.mvs.coverage import look_for_wood, measure_coverage, voxel_centers
+from cherrypicker.mvs.raster import make_raster
 from cherrypicker.mvs.workspace import view_of
 from cherrypicker.placement.region import find_region
 from cherrypicker.traits.flags import scan_flags
@@ -18,28 +19,23 @@ TARGET = np.array([0.0, 0.0, 1.2])
 SIZE, FOCAL = (300, 400), 300.0
 
 
-class Masks:
-    """Sky masks in memory, by photo."""
+class Photos:
+    """Photos of a scan in memory: their skies, what a user hides, and their depth maps."""
 
-    def __init__(self, skies, hidden_rows=0):
-        self._skies, self._hidden_rows = skies, hidden_rows
-
-    def of(self, view):
-        return self._skies[view.name]
-
-    def both(self, view):
-        hidden = np.zeros_like(self.of(view))
-        hidden[: self._hidden_rows] = True
-        return self.of(view) & ~hidden, hidden
-
-
-class Maps:
-    """A workspace's depth maps in memory."""
-
-    def __init__(self, poses, maps):
-        self.poses = poses
+    def __init__(self, poses, skies, maps, hidden_rows=0):
+        self.poses, self._skies, self._maps = poses, skies, maps
         self.views = [view_of(poses, i) for i in range(len(poses))]
-        self._maps = maps
+        self.slack_px = np.ones(len(poses))
+        self._hidden_rows = hidden_rows
+
+    def raster(self, i):
+        sky = self._skies[self.views[i].name]
+        hidden = np.zeros_like(sky)
+        hidden[: self._hidden_rows] = True
+        return make_raster(np.full((*sky.shape, 3), 200, np.uint8), sky & ~hidden, hidden)
+
+    def depth(self, i):
+        return None
 
     def read_depth(self, view, kind):
         return self._maps[view.name]
@@ -60,33 +56,50 @@ def scan():
         drawn[int(np.clip(ground[0, 1], 0, SIZE[1])) :] = 1
         skies[name] = drawn == 0
         maps[name] = np.where(drawn, np.float32(depth.mean()), np.float32(0.0))
-    return poses, Masks(skies), pole, maps
+    return poses, skies, pole, maps
+
+
+def ask(photos, pole, centers):
+    """What photos say of voxels that learn from the pole's and from those beside it."""
+    rng = np.random.default_rng(0)
+    known = pole[(pole[:, 2] > 0.6) & (pole[:, 2] < 2.3)][::10]
+    beside = known + rng.normal(0, 0.4, known.shape) + np.sign(rng.normal(size=(len(known), 1)))
+    row = np.arange(len(centers) + 2 * len(known)) - len(centers)
+    held, empty = (row >= 0) & (row < len(known)), row >= len(known)
+    shown = ask_voxels(photos, np.vstack([centers, known, beside]), 0.05, held, empty)
+    return shown.n_framing[: len(centers)], shown.p_wood[: len(centers)]
 
 
 def test_voxels_of_the_pole_are_wood_and_the_sky_beside_it_is_not(scan):
-    poses, masks, pole, _ = scan
-    upper = pole[(pole[:, 2] > 0.6) & (pole[:, 2] < 2.3)][::50]
-    assert look_for_wood(poses, masks, upper, 0.05).is_wood.all()
-    beside = look_for_wood(poses, masks, upper + [0.4, 0.3, 0.0], 0.05)
-    assert not beside.is_wood.any()
-    assert (beside.clear > 0.8 * beside.framing).all()
+    poses, skies, pole, maps = scan
+    photos = Photos(poses, skies, maps)
+    upper = pole[(pole[:, 2] > 0.6) & (pole[:, 2] < 2.3)][5::50]
+    n_framing, p_wood = ask(photos, pole, upper)
+    assert (n_framing == 24).all() and p_wood.min() > 0.9
+    assert ask(photos, pole, upper + [0.4, 0.3, 0.0])[1].max() < 0.1
+
+
+def test_two_photos_that_lost_the_pole_do_not_outvote_the_others(scan):
+    poses, skies, pole, maps = scan
+    upper = pole[(pole[:, 2] > 1.0) & (pole[:, 2] < 2.3)][5::50]
+    lost = skies | {name: np.ones_like(skies[name]) for name in poses.names[[2, 9]]}
+    assert ask(Photos(poses, lost, maps), pole, upper)[1].min() > 0.9
 
 
 def test_what_a_user_hides_is_framed_by_no_photo(scan):
-    """Its edge before the sky is nothing thin, and what lies behind it is not wood."""
-    poses, masks, pole, _ = scan
-    skies = {name: masks.of(view_of(poses, i)) for i, name in enumerate(poses.names)}
-    hidden = Masks(skies, hidden_rows=SIZE[1])
-    upper = pole[(pole[:, 2] > 0.6) & (pole[:, 2] < 2.3)][::50]
-    shown = look_for_wood(poses, hidden, upper, 0.05)
-    assert not shown.framing.any() and not shown.thin.any() and not shown.clear.any()
+    """Nobody knows of it more than before a photo was asked."""
+    poses, skies, pole, maps = scan
+    upper = pole[(pole[:, 2] > 0.6) & (pole[:, 2] < 2.3)][5::50]
+    n_framing, p_wood = ask(Photos(poses, skies, maps, hidden_rows=SIZE[1]), pole, upper)
+    assert not n_framing.any()
+    assert p_wood == pytest.approx(0.5, abs=0.01)
 
 
 def test_coverage_counts_photos_and_maps_and_goes_through_json(scan, tmp_path):
-    poses, masks, pole, maps = scan
+    poses, skies, pole, maps = scan
     region = find_region(poses)
     half = set(poses.names[:12])
-    coverage = measure_coverage(Maps(poses, maps), region, half, masks)
+    coverage = measure_coverage(Photos(poses, skies, maps), region, half)
     write_json(tmp_path / "coverage.json", coverage, indent=None)
     content = json.loads((tmp_path / "coverage.json").read_text())
     centers = voxel_centers(region, np.array(content["cells"]), content["n_across"])
@@ -101,10 +114,11 @@ def test_coverage_counts_photos_and_maps_and_goes_through_json(scan, tmp_path):
 
 
 def test_a_cloud_without_its_top_is_told(scan):
-    poses, masks, pole, _ = scan
+    poses, skies, pole, maps = scan
     foot = pole[0]
-    assert find_missing_top(poses, masks, pole, foot) is None
-    cut = find_missing_top(poses, masks, pole[pole[:, 2] < 2.0], foot)
+    photos = Photos(poses, skies, maps)
+    assert find_missing_top(photos, pole, foot) is None
+    cut = find_missing_top(photos, pole[pole[:, 2] < 2.0], foot)
     assert cut.found == pytest.approx(2.0, abs=0.01)
     assert cut.height == pytest.approx(2.4, abs=0.08)
     assert cut.n_photos > 12
@@ -114,10 +128,10 @@ def test_a_cloud_without_its_top_is_told(scan):
 
 
 def test_what_stands_apart_above_a_tree_is_not_its_top(scan):
-    poses, masks, pole, _ = scan
+    poses, skies, pole, maps = scan
     low = pole[pole[:, 2] < 0.95]
-    gap = {name: masks.of(view_of(poses, i)).copy() for i, name in enumerate(poses.names)}
+    gap = {name: sky.copy() for name, sky in skies.items()}
     for i, name in enumerate(poses.names):
         uv, _ = poses.project(np.array([[0.0, 0.0, 0.93], [0.0, 0.0, 1.35]]), i)
         gap[name][int(uv[1, 1]) : int(uv[0, 1])] = True
-    assert find_missing_top(poses, Masks(gap), low, pole[0]) is None
+    assert find_missing_top(Photos(poses, gap, maps), low, pole[0]) is None

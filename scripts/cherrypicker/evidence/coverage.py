@@ -1,0 +1,152 @@
+"""What the photos show of the region of interest, and what the depth maps hold of it, in voxels.
+
+A voxel is wood as far as the photos' words on it say so, which they learn from the voxels that hold
+something and from those that hold nothing (`cherrypicker.evidence.witnesses`). Where it is and no
+depth map holds anything, the cloud lacks what the photos show; nothing else in the pipeline can
+tell, since a cloud that ends is no error.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cherrypicker.evidence.existence import summed
+from cherrypicker.evidence.witnesses import UNASKED, count, look, shares, words
+from cherrypicker.mvs.backends.map_keys import GEOMETRIC
+from cherrypicker.mvs.scan_photos import ScanPhotos
+from cherrypicker.mvs.workspace import View
+from cherrypicker.placement.region import Region
+
+logger = logging.getLogger(__name__)
+
+# Voxels across the region: 16 cm where the cameras stand 3.2 m away (guess)
+N_ACROSS = 40
+# Depth maps are looked at by every so many pixels: a voxel is some forty wide
+STEP_PX = 4
+
+
+class Voxels(NamedTuple):
+    """What the photos say of some voxels.
+
+    Attributes
+    ----------
+    n_framing : ndarray of shape (n_voxels,), int64
+        Photos that frame its middle and in which no user hides any of it.
+    p_wood : ndarray of shape (n_voxels,), float64
+        Probability that wood is in it.
+    """
+
+    n_framing: np.ndarray
+    p_wood: np.ndarray
+
+
+def measure_coverage(photos: ScanPhotos, region: Region, names: Collection[str]) -> dict[str, Any]:
+    """Count, for every voxel of the region, what photos and depth maps have there.
+
+    Parameters
+    ----------
+    names : collection of str
+        Photos with a depth map.
+
+    Returns
+    -------
+    dict
+        Content of ``dense/coverage.json``: the region, the side of its voxels and how many go
+        across it, their places ``cells`` in the cube around it (z the fastest), and of each how
+        many photos frame it, how many depth maps hold something there, and how probable wood is by
+        the photos; lengths in units of COLMAP's frame.
+    """
+    grid = Grid(region)
+    n_holding = np.zeros(len(grid.centers), dtype=int)
+    for view in photos.views:
+        if view.name in names:
+            depth = photos.read_depth(view, GEOMETRIC)[::STEP_PX, ::STEP_PX]
+            n_holding[grid.occupied(_points_of(view, depth))] += 1
+    held = n_holding > 0
+    shown = ask_voxels(photos, grid.centers, grid.size, held, ~held, prior=float(held.mean()))
+    logger.info(
+        "half of the region's %s voxels of %.3g are framed by %d photos or more, %.1f %% are held "
+        "by a depth map",
+        f"{len(n_holding):,}",
+        grid.size,
+        np.median(shown.n_framing),
+        100.0 * (n_holding > 0).mean(),
+    )
+    return {
+        "region": {"center": region.center, "radius": region.radius},
+        "camera_distance": region.distance,
+        "voxel_size": grid.size,
+        "n_across": N_ACROSS,
+        "cells": grid.cells,
+        "n_framing": shown.n_framing,
+        "n_holding": n_holding,
+        "p_wood": shown.p_wood.round(3),
+    }
+
+
+def ask_voxels(
+    photos: ScanPhotos,
+    centers: np.ndarray,
+    size: float,
+    held: np.ndarray,
+    empty: np.ndarray,
+    *,
+    prior: float = 0.5,
+) -> Voxels:
+    """Ask all photos whether there is wood in voxels.
+
+    Parameters
+    ----------
+    centers : ndarray of shape (n_voxels, 3)
+        In the photos' frame.
+    size : float
+        Their side.
+    held, empty : ndarray of shape (n_voxels,), bool
+        Voxels known to hold something and to hold nothing, from which the photos learn.
+    prior : float, default 0.5
+        Probability of wood in a voxel before a photo is asked.
+    """
+    seen = look(photos, centers, np.zeros(len(centers)), 0.5 * np.sqrt(3.0) * size)
+    learnt = shares(*(count(seen, each.astype(float)) for each in (held, empty)))
+    odds = np.exp(summed(words(seen, learnt))) * prior / max(1.0 - prior, 1e-9)
+    return Voxels((seen.shown != UNASKED).sum(axis=0), odds / (1.0 + odds))
+
+
+class Grid:
+    """Cubic voxels in a region's ball: their ``cells`` in the cube around it, (n,) int, their
+    middles ``centers``, (n, 3), and their side ``size``."""
+
+    def __init__(self, region: Region):
+        self.size = 2.0 * region.radius / N_ACROSS
+        self._low = region.center - region.radius
+        inside = region.holds(voxel_centers(region, np.arange(N_ACROSS**3)))
+        self.cells = np.flatnonzero(inside)
+        self.centers = voxel_centers(region, self.cells)
+        self._row = np.full(N_ACROSS**3, -1)
+        self._row[self.cells] = np.arange(len(self.cells))
+
+    def occupied(self, points: np.ndarray) -> np.ndarray:
+        """Rows of the voxels that hold any of the points (n, 3)."""
+        cells = np.floor((points - self._low) / self.size).astype(int)
+        cells = cells[((cells >= 0) & (cells < N_ACROSS)).all(axis=1)]
+        rows = self._row[np.unique(cells @ [N_ACROSS**2, N_ACROSS, 1])]
+        return rows[rows >= 0]
+
+
+def voxel_centers(region: Region, cells: np.ndarray, n_across: int = N_ACROSS) -> np.ndarray:
+    """Middles (n, 3) of the voxels at some places of the cube around a region."""
+    place = np.stack(np.unravel_index(cells, (n_across,) * 3), axis=1)
+    return region.center + region.radius * ((2.0 * place + 1.0) / n_across - 1.0)
+
+
+def _points_of(view: View, depth: np.ndarray) -> np.ndarray:
+    """World points (n, 3) of a depth map of every ``STEP_PX``-th pixel."""
+    y, x = np.nonzero(depth > 0.0)
+    z = depth[y, x].astype(np.float64)
+    u = (STEP_PX * x + 0.5 - view.K[0, 2]) / view.K[0, 0]
+    v = (STEP_PX * y + 0.5 - view.K[1, 2]) / view.K[1, 1]
+    return (np.stack([u * z, v * z, z], axis=1) - view.t) @ view.R

@@ -1,0 +1,201 @@
+"""How probable it is that wood is there: the photos' words summed, and carried along the tree."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cherrypicker.compiled import compiled
+from cherrypicker.evidence.witnesses import (
+    Seen,
+    beside,
+    bounded,
+    clear_words,
+    count,
+    information,
+    look,
+    shares,
+    without_depth,
+    words,
+)
+from cherrypicker.mvs.scan_photos import ScanPhotos
+
+# Wood that stereo found, of a skeleton or a cloud, that is there before any photo is asked, a share
+PRIOR = 0.95
+# A photo's word counts so much: photos beside one another see the same twigs before and behind a
+# place, and a map that misses a twig is seldom alone. And how far wood that is there, or is not,
+# goes on in the mean, in steps between places, which share one word of a photo: they are as far
+# beside the wood as one another. Both are the most likely of 72 combinations on two scenes with
+# truth, each by itself (docs/photo_check.md)
+WEIGHT, RUN_STEPS = 0.2, 10.0
+# Points of a cloud that the photos learn from
+MOST_SURE = 20_000
+# A tube holds a point that lies within its radius and so many pixels
+SURE_PX = 2.0
+# Rounds in which what is there and how photos show it tell one another
+N_ROUNDS = 3
+
+
+class Existence(NamedTuple):
+    """What the photos say of places.
+
+    Attributes
+    ----------
+    probability : ndarray of shape (n_places,), float64
+        That wood is there.
+    words : ndarray of shape (n_photos, n_places), float32
+        Each photo's, the logarithm of a likelihood ratio; 0 where it has none.
+    told : ndarray of shape (n_places,), float64
+        Between 0 and 1: how far photos with sky behind the place can tell wood from none.
+    """
+
+    probability: np.ndarray
+    words: np.ndarray
+    told: np.ndarray
+
+
+class Witnesses:
+    """The photos of a scan, once they have shown how they show wood that is there.
+
+    Parameters
+    ----------
+    photos : ScanPhotos
+    points, radius : ndarray of shape (n, 3) and (n,), float64
+        Wood of which most is there.
+    parent : ndarray of shape (n,), int64
+        The place that each hangs on, -1 where it hangs on none; always before it.
+    pixel : float
+        Size of a pixel there.
+    wood : ndarray of shape (n_wood, 3), float64
+        Points of a cloud; the photos learn from places that hold any.
+    seed : int
+
+    Attributes
+    ----------
+    tree : Existence
+        Of these places.
+    clear_word : ndarray of shape (n_photos,), float64
+        What each photo says of thin wood at a place where it shows clear sky.
+    """
+
+    def __init__(
+        self,
+        photos: ScanPhotos,
+        points: np.ndarray,
+        radius: np.ndarray,
+        parent: np.ndarray,
+        pixel: float,
+        wood: np.ndarray,
+        *,
+        seed: int = 0,
+    ) -> None:
+        self._photos = photos
+        rng = np.random.default_rng(seed)
+        seen = look(photos, points, radius, by_depth=True)
+        aside, rows = beside(points, radius, pixel, rng, wood)
+        away = count(look(photos, aside, radius[rows], by_depth=True), np.ones(len(aside)))
+        sure = (cKDTree(wood).query(points)[0] <= radius + SURE_PX * pixel).astype(float)
+        probability = np.ones(len(points))
+        for _ in range(N_ROUNDS):
+            there = count(seen, sure * probability)
+            self._learnt = shares(there, away)
+            told = words(seen, self._learnt)
+            # to learn from what is likeliest there, rather than to say how sure that is
+            probability = carried(parent, told, WEIGHT)
+        self.tree = Existence(carried(parent, told), told, self._told(seen))
+        self.clear_word = clear_words(there, away)
+
+    def judge(self, points: np.ndarray, radius: np.ndarray, prior: float = 0.5) -> Existence:
+        """What the photos say of other places, each by itself and whatever the depth maps lack."""
+        seen = look(self._photos, points, radius)
+        told = words(seen, without_depth(self._learnt))
+        odds = np.exp(summed(told)) * prior / (1.0 - prior)
+        return Existence(odds / (1.0 + odds), told, self._told(seen))
+
+    def _told(self, seen: Seen) -> np.ndarray:
+        return 1.0 - np.exp(-information(seen, self._learnt))
+
+
+def ask_points(
+    photos: ScanPhotos, asked: np.ndarray, sure: np.ndarray, *, seed: int = 0
+) -> np.ndarray:
+    """What all photos say of points of a cloud, (n_asked,) float64, a likelihood ratio's logarithm.
+
+    Parameters
+    ----------
+    photos : ScanPhotos
+        In the cloud's frame.
+    asked, sure : ndarray of shape (n, 3), float64
+        Points that are asked about, and points that nothing speaks against, from which the photos
+        learn. How wide the wood is that they lie on nobody knows yet.
+    seed : int
+    """
+    if not len(sure):
+        return np.zeros(len(asked))
+    seen = look(photos, asked, np.zeros(len(asked)))
+    return summed(words(seen, shares(*_counts(photos, sure, seed))))
+
+
+def words_of_clear_sky(photos: ScanPhotos, sure: np.ndarray, *, seed: int = 0) -> np.ndarray:
+    """What each photo says of wood where it shows clear sky, see `clear_words`, (n_photos,)."""
+    if not len(sure):
+        return np.zeros(len(photos.poses))
+    return clear_words(*_counts(photos, sure, seed))
+
+
+def _counts(photos: ScanPhotos, sure: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """How often the photos show what at points of a cloud, and beside them, see `count`."""
+    rng = np.random.default_rng(seed)
+    if len(sure) > MOST_SURE:
+        sure = sure[np.sort(rng.choice(len(sure), MOST_SURE, replace=False))]
+    distance = np.linalg.norm(photos.poses.centers - np.median(sure, axis=0), axis=1)
+    pixel = float(np.median(distance / photos.poses.K[:, 0, 0]))
+    none = np.zeros(len(sure))
+    aside, rows = beside(sure, none, pixel, rng)
+    seen = look(photos, np.vstack([sure, aside]), np.zeros(len(sure) + len(aside)))
+    is_sure = np.arange(len(sure) + len(aside)) < len(sure)
+    return count(seen, is_sure.astype(float)), count(seen, (~is_sure).astype(float))
+
+
+def summed(told: np.ndarray, weight: float = WEIGHT) -> np.ndarray:
+    """Sum of the photos' words on places, (n_places,) float64."""
+    return bounded(weight * told.sum(axis=0, dtype=np.float64))
+
+
+def carried(parent: np.ndarray, told: np.ndarray, weight: float = WEIGHT / RUN_STEPS) -> np.ndarray:
+    """Probabilities that the places of a tree are wood, (n_places,) float64."""
+    change = np.full(len(parent), 1.0 - np.exp(-1.0 / RUN_STEPS))
+    return _along(parent, change, summed(told, weight), PRIOR)
+
+
+@compiled
+def _along(parent: np.ndarray, change: np.ndarray, told: np.ndarray, prior: float) -> np.ndarray:
+    """Probabilities of a tree of two states whose change along an edge has a probability.
+
+    The sum-product algorithm (Pearl 1988), from the tips to the root and back; ``told`` holds the
+    logarithm of the likelihood ratio of each place.
+    """
+    n = len(parent)
+    up = np.exp(told)  # likelihood ratio of all that lies at and beyond a place
+    sent = np.ones(n)  # the same as its parent sees it
+    for i in range(n - 1, -1, -1):
+        there = 1.0 - change[i] * (1.0 - prior)  # of the place, where the parent is there
+        not_there = change[i] * prior  # where it is not
+        sent[i] = (there * up[i] + 1.0 - there) / (not_there * up[i] + 1.0 - not_there)
+        if parent[i] >= 0:
+            up[parent[i]] = min(max(up[parent[i]] * sent[i], 1e-30), 1e30)
+    found = np.empty(n)
+    for i in range(n):
+        if parent[i] < 0:
+            before = prior / (1.0 - prior)
+        else:
+            # what the parent knows but for what this place told it
+            odds = found[parent[i]] / (1.0 - found[parent[i]]) / sent[i]
+            share = odds / (1.0 + odds)
+            there = share * (1.0 - change[i] * (1.0 - prior)) + (1.0 - share) * change[i] * prior
+            before = there / (1.0 - there)
+        odds = before * up[i]
+        found[i] = min(max(odds / (1.0 + odds), 1e-12), 1.0 - 1e-12)
+    return found

@@ -1,0 +1,130 @@
+"""Where to stand for photos that would tell what the photos at hand leave open.
+
+What is unsure stands before hills, ground or other wood in the photos, or they contradict one
+another there. The photos themselves show in which directions the scan has sky. So from places
+around the tree those are chosen, one by one, from which most of what is unsure would stand before
+the sky, as many pixels wide as can be told.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cherrypicker.files import rounded
+from cherrypicker.mvs.raster import HIDDEN, SOLID
+from cherrypicker.mvs.scan_photos import ScanPhotos
+
+# Directions are counted in cells of so many degrees, by every so many pixels of a photo
+CELL_DEG, STEP_PX = 15, 16
+# Directions of standing, and shares of the cameras' median distance and of their median height over
+# the root at which one may
+N_AZIMUTHS = 12
+DISTANCES, HEIGHTS = (0.5, 1.0), (0.3, 1.0, 1.5)
+# Wood that is as wide, px, can be told as well as any
+WIDE_PX = 2.0
+# Most that is asked for, and the share of what is unsure that makes a photo worth its while
+MOST, WORTH = 5, 0.1
+# Places that are looked at
+MOST_PLACES = 2000
+
+
+def where_to_stand(
+    photos: ScanPhotos,
+    root: np.ndarray,
+    points: np.ndarray,
+    radius: np.ndarray,
+    unsure: np.ndarray,
+) -> list[dict[str, Any]]:
+    """Choose places for photos of what is unsure.
+
+    Parameters
+    ----------
+    photos : ScanPhotos
+    root : ndarray of shape (3,)
+        The stem's foot; z is up.
+    points : ndarray of shape (n, 3)
+        Places of wood.
+    radius, unsure : ndarray of shape (n,)
+        Of the wood; length of it that is unsure.
+
+    Returns
+    -------
+    list of dict
+        The most useful first: ``azimuth_deg``, ``distance`` and ``height`` over the root of where
+        to stand, ``at``, the middle of what to look at, and ``unsure_length`` of wood that would
+        stand before the sky.
+    """
+    rows = np.flatnonzero(unsure > 0)
+    if not len(rows):
+        return []
+    total = float(unsure[rows].sum())
+    rows = rows[:: max(len(rows) // MOST_PLACES, 1)]
+    left = unsure[rows] * (total / unsure[rows].sum())
+    sky = _sky_shares(photos)
+    stands, told = _candidates(photos, root), []
+    focal = float(np.median(photos.poses.K[:, 0, 0]))
+    for stand in stands:
+        way = points[rows] - stand
+        distance = np.linalg.norm(way, axis=1)
+        width = 2.0 * radius[rows] * focal / np.maximum(distance, 1e-9)
+        told.append(sky[_cells(way)] * np.minimum(width / WIDE_PX, 1.0))
+    chosen = []
+    for _ in range(MOST):
+        gains = np.array([each @ left for each in told])
+        best = int(np.argmax(gains))
+        if gains[best] < WORTH * total:
+            break
+        off = stands[best] - root
+        chosen.append(
+            {
+                "azimuth_deg": round(float(np.degrees(np.arctan2(off[1], off[0])) % 360.0)),
+                "distance": rounded(float(np.hypot(off[0], off[1]))),
+                "height": rounded(float(off[2])),
+                "at": [
+                    rounded(float(value))
+                    for value in np.average(points[rows], axis=0, weights=told[best] * left)
+                ],
+                "unsure_length": rounded(float(gains[best])),
+            }
+        )
+        left = left * (1.0 - told[best])
+    return chosen
+
+
+def _candidates(photos: ScanPhotos, root: np.ndarray) -> np.ndarray:
+    """Where one may stand, (n, 3)."""
+    off = photos.poses.centers - root
+    distance, height = np.median(np.hypot(off[:, 0], off[:, 1])), np.median(off[:, 2])
+    turn = np.arange(N_AZIMUTHS) * (2.0 * np.pi / N_AZIMUTHS)
+    stands = [
+        [far * distance * np.cos(a), far * distance * np.sin(a), up * height]
+        for a in turn
+        for far in DISTANCES
+        for up in HEIGHTS
+    ]
+    return root + np.array(stands)
+
+
+def _cells(ways: np.ndarray) -> np.ndarray:
+    """The cell of directions that each way (n, 3) lies in, (n,) int64."""
+    azimuth = np.degrees(np.arctan2(ways[:, 1], ways[:, 0])) % 360.0
+    elevation = np.degrees(np.arctan2(ways[:, 2], np.hypot(ways[:, 0], ways[:, 1])))
+    n_up = 180 // CELL_DEG
+    across = (azimuth // CELL_DEG).astype(int) % (360 // CELL_DEG)
+    return across * n_up + np.minimum((elevation + 90.0) // CELL_DEG, n_up - 1).astype(int)
+
+
+def _sky_shares(photos: ScanPhotos) -> np.ndarray:
+    """Share of the photos' pixels in each cell of directions that show sky, 0 where none looks."""
+    n_cells = (360 // CELL_DEG) * (180 // CELL_DEG)
+    seen, sky = np.zeros((2, n_cells))
+    for i, view in enumerate(photos.views):
+        raster = photos.raster(i)[::STEP_PX, ::STEP_PX]
+        y, x = np.nonzero(raster != HIDDEN)
+        pixels = np.column_stack([STEP_PX * x + 0.5, STEP_PX * y + 0.5, np.ones(len(x))])
+        cell = _cells(pixels @ np.linalg.inv(view.K).T @ view.R)
+        seen += np.bincount(cell, minlength=n_cells)
+        sky += np.bincount(cell, raster[y, x] < SOLID, minlength=n_cells)
+    return sky / np.maximum(seen, 1.0)

@@ -1,0 +1,57 @@
+"""Skeletons as networkx graphs: the same trees and files as by columns."""
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from cherrypicker.skeleton import (
+    Skeleton,
+    axes,
+    fold,
+    node_order,
+    read_topology,
+    write_skeleton_graphml,
+    write_topology_graphml,
+)
+from cherrypicker.skeleton.networks import as_networkx, folded, write_network
+
+
+@pytest.fixture
+def skeleton():
+    """A stem with two laterals, one of which forks, and a lateral at the root."""
+    rng = np.random.default_rng(0)
+    parent = np.array([-1, 0, 1, 2, 3, 4, 2, 6, 7, 8, 7, 10, 0, 12])
+    points = rng.normal(size=(len(parent), 3))
+    fields = {"gap": np.arange(len(parent)) % 2, "n_points": np.arange(len(parent))}
+    return Skeleton(points, parent, rng.random(len(parent)), np.ones(len(parent)), fields)
+
+
+def test_a_skeleton_is_a_tree_of_its_nodes(skeleton):
+    graph = as_networkx(skeleton)
+    assert nx.is_tree(graph) and list(graph.nodes) == list(range(len(skeleton)))
+    assert graph.graph == {"root": "0", "unit": "m", "frame": "metric"}
+    assert graph.nodes[7]["x"] == skeleton.points[7, 0] and graph.nodes[7]["n_points"] == 7
+    assert graph.edges[3, 2] == {"length": skeleton.edge_length[3], "gap": 1}
+
+
+def test_the_file_has_the_bytes_that_the_columns_have(skeleton, tmp_path):
+    write_network(tmp_path / "nx.graphml", as_networkx(skeleton))
+    write_skeleton_graphml(tmp_path / "ours.graphml", skeleton)
+    assert (tmp_path / "nx.graphml").read_bytes() == (tmp_path / "ours.graphml").read_bytes()
+
+
+def test_folding_leaves_root_junctions_and_tips(skeleton, tmp_path):
+    order = node_order(skeleton, axes(skeleton))
+    graph = folded(skeleton, order)
+    assert {node for node, degree in graph.degree if degree == 2} <= {0}
+    write_network(tmp_path / "nx.graphml", graph)
+    write_topology_graphml(tmp_path / "ours.graphml", fold(skeleton))
+    found, ours = (read_topology(tmp_path / f"{name}.graphml") for name in ("nx", "ours"))
+    np.testing.assert_array_equal(found.nodes, ours.nodes)
+    np.testing.assert_array_equal(found.points, ours.points)
+    assert (found.kind, found.unit, found.frame) == (ours.kind, ours.unit, ours.frame)
+    for one, other in zip(found.edges, ours.edges, strict=True):
+        np.testing.assert_array_equal(one.path, other.path)
+        for name in ("parent", "child", "radius_start", "radius_end", "order"):
+            assert getattr(one, name) == getattr(other, name), name
+        assert one.length == pytest.approx(other.length)
