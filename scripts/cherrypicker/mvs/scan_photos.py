@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,6 @@ class ScanPhotos(Workspace):
         # Of a depth map's unit, in that of the poses
         self.unit = 1.0
         self._turn, self._shift = np.eye(3), np.zeros(3)
-        error = np.zeros(len(self.poses))
         if poses is not None:
             own = self.poses
             row = {name: i for i, name in enumerate(poses.names.tolist())}
@@ -59,19 +59,16 @@ class ScanPhotos(Workspace):
             if not len(kept):
                 raise StageError("no undistorted photo has a pose", file=folder)
             there = np.array([row[name] for name in own.names[kept].tolist()])
-            self.poses = Poses(
-                own.names[kept],
-                poses.cam_from_world[there],
-                own.K[kept],
-                own.width[kept],
-                own.height[kept],
+            self.poses = replace(
+                own.select(kept),
+                cam_from_world=poses.cam_from_world[there],
+                error_px=poses.error_px[there],
             )
             self.unit = _spread(self.poses.centers) / max(_spread(own.centers[kept]), 1e-12)
             self._turn = self.poses.rotations[0].T @ own.rotations[kept[0]]
             self._shift = self.poses.centers[0] - self.unit * self._turn @ own.centers[kept[0]]
             self.views = [view_of(self.poses, i) for i in range(len(kept))]
-            error = np.nan_to_num(getattr(poses, "error_px", np.zeros(len(poses))))[there]
-        self.slack_px = SLACK_PX + error
+        self.slack_px = SLACK_PX + np.nan_to_num(self.poses.error_px)
 
     def raster(self, i: int) -> np.ndarray:
         """What photo ``i`` shows, (height, width) uint8."""
