@@ -158,16 +158,8 @@ def post_rows(points: np.ndarray, labels: np.ndarray, orchard: Orchard) -> np.nd
         said = np.bincount(limbs.member, labels[entered] == Label.SUPPORT_POST, len(limbs.limbs))
         is_said = 2 * said > np.bincount(limbs.member, minlength=len(limbs.limbs))
         for number, limb in enumerate(limbs.limbs):
-            middle, along, radius = _line(limb.tube)
-            if _is_pole(limb.tube, middle, along, radius):
-                offset = points[rows] - middle
-                way = offset @ along
-                aside = np.linalg.norm(offset - way[:, None] * along, axis=1)
-                near = aside <= claim_radius(np.array([radius]), limbs.spacing)
-                order = np.flatnonzero(near)[np.argsort(way[near])]
-                run = np.cumsum(np.diff(way[order], prepend=-np.inf) > 2 * radius)
-                own = run[np.abs(way[order]) <= limb.tube.length / 2]
-                found[rows[order[np.isin(run, own)]]] = True
+            if _is_pole(limb.tube):
+                found[rows[_in_cylinder(points[rows], limb.tube, limbs.spacing)]] = True
             elif is_said[number]:
                 found[entered[limbs.member == number]] = True
     logger.info("%s points are of support posts", f"{found.sum():,}")
@@ -181,8 +173,9 @@ def _line(tube: Tube) -> tuple[np.ndarray, np.ndarray, float]:
     return middle, along, float(np.median(tube.radius))
 
 
-def _is_pole(tube: Tube, middle: np.ndarray, along: np.ndarray, radius: float) -> bool:
+def _is_pole(tube: Tube) -> bool:
     """Whether a tube is straight, upright and even, and long for its thickness."""
+    middle, along, radius = _line(tube)
     offset = tube.nodes - middle
     bend = np.linalg.norm(offset - (offset @ along)[:, None] * along, axis=1).max()
     return bool(
@@ -191,6 +184,19 @@ def _is_pole(tube: Tube, middle: np.ndarray, along: np.ndarray, radius: float) -
         and bend <= STRAIGHT * radius
         and np.ptp(tube.radius) <= EVEN * radius
     )
+
+
+def _in_cylinder(points: np.ndarray, tube: Tube, spacing: float) -> np.ndarray:
+    """Rows of the points (n, 3) in a tube's cylinder, which goes on to a gap of its thickness."""
+    middle, along, radius = _line(tube)
+    offset = points - middle
+    way = offset @ along
+    aside = np.linalg.norm(offset - way[:, None] * along, axis=1)
+    near = aside <= claim_radius(np.array([radius]), spacing)
+    order = np.flatnonzero(near)[np.argsort(way[near])]
+    run = np.cumsum(np.diff(way[order], prepend=-np.inf) > 2 * radius)
+    own = run[np.abs(way[order]) <= tube.length / 2]
+    return order[np.isin(run, own)]
 
 
 def _joined(limbs: Limbs) -> _Tubes:
