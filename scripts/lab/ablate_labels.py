@@ -42,7 +42,7 @@ PASSES = {
     "vote of neighbours": (inference, "smooth_probabilities", _unchanged),
     "roofs are sheets": (inference, "keep_roofs", _unchanged),
     "vote per object": (inference, "vote_per_object", _unchanged),
-    "wood under things": (inference, "wood_under_things", _unchanged),
+    "loose wood": (inference, "loose_wood", lambda points, labels, *_: labels),
     "posts by shape": (inference, "post_rows", lambda *_: np.empty(0, int)),
     "rooted trunk": (inference, "rooted_trunk", lambda points, labels, *_: labels),
     "tubes claim": (stems, "claimed_by", lambda *_: (np.empty(0, int), np.empty(0, bool))),

@@ -59,7 +59,6 @@ def test_nothing_is_known_where_nobody_looked():
     assert known_markers(_scale(mode="reference"), ALIGN) is None
 
 
-def test_a_square_holds_its_print_and_has_its_stand_below():
+def test_a_square_holds_its_print():
     square = Square(CORNERS)
     assert square.holds(np.array([[0.6, 0, 0], [0, 0, 0.2]]), 0.1, 0.2).tolist() == [True, False]
-    assert square.has_below(np.array([[0, 0, -1.0], [0, 0, 1.0]])).tolist() == [True, False]

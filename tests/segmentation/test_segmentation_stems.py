@@ -119,15 +119,6 @@ def test_every_stem_of_the_scene_is_trunk():
     assert after[part == 0].mean() > 0.96 and after[part > 0].mean() < 0.08
 
 
-def test_wood_that_no_stem_carries_is_branch():
-    rng = np.random.default_rng(5)
-    tree, part = _fork(rng, 0.7)
-    stray = _tube(rng, (2.0, 2.0, 1.4), (2.3, 2.2, 1.9), 0.012, 0.006)
-    labels = np.full(len(tree) + len(stray), Label.TRUNK, np.uint8)
-    after = _relabel(np.vstack([tree, stray]), labels)[0]
-    assert (after[len(tree) :] == Label.BRANCH).all()
-
-
 def test_what_lies_in_a_limb_is_wood_unless_its_class_is_a_fact():
     rng = np.random.default_rng(6)
     tree, part = _fork(rng, 0.7)

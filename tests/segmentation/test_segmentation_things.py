@@ -9,8 +9,8 @@ from cherrypicker.segmentation.things import (
     THINGS,
     is_group,
     keep_roofs,
+    loose_wood,
     vote_per_object,
-    wood_under_things,
 )
 
 VOXEL = 0.02
@@ -73,7 +73,8 @@ def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
 
 def test_a_sign_that_touches_the_board_stays_a_sign(rng):
     board = _box([0, -0.14, 0.0], [0.02, 0.14, 0.28])
-    sign = _box([0.02, 0, 0.0], [0.04, 0.02, 1.0])
+    post, plate = _box([0.02, 0, 0.0], [0.04, 0.02, 1.0]), _box([0.02, -0.3, 1], [0.04, 0.3, 1.4])
+    sign = np.vstack([post, plate])
     points = np.vstack([board, sign])
     thought = _thought(
         np.repeat([Label.MARKER.channel, Label.SIGN.channel], [len(board), len(sign)]), rng
@@ -125,48 +126,40 @@ def test_a_marker_that_was_not_solved_leaves_the_class_open_around_it(rng):
     assert (of_each[2] != Label.MARKER.channel).all()
 
 
-def _classes(*parts):
-    """Points and certain probabilities of (box, label) pairs."""
-    points = np.vstack([box for box, _ in parts])
-    channels = np.concatenate([np.full(len(box), label.channel) for box, label in parts])
-    return points, np.eye(len(CHANNELS), dtype=np.float32)[channels]
-
-
 BOARD = _box([0, -0.2, 0.8], [0.02, 0.2, 1.0])
 POST = _box([0, -0.02, 0.0], [0.04, 0.02, 0.8])
 
 
-def test_a_post_that_passes_for_wood_belongs_to_its_sign():
-    points, thought = _classes((BOARD, Label.SIGN), (POST, Label.TRUNK))
-    channel = wood_under_things(points, thought, VOXEL).argmax(axis=1)
-    assert (channel == Label.SIGN.channel).all()
+def _labelled(*parts):
+    """Points, labels and owners of (box, label, owner) triples."""
+    points = np.vstack([box for box, *_ in parts])
+    labels = np.concatenate([np.full(len(box), label, np.uint8) for box, label, _ in parts])
+    return points, labels, np.concatenate([np.full(len(box), own) for box, _, own in parts])
 
 
-@pytest.mark.parametrize(
-    "wood",
-    [
-        _box([0, -0.02, 0.0], [0.04, 0.02, 2.0]),  # a stem that a board is tied to
-        np.vstack([POST, _box([0.04, 0, 0.5], [0.8, 0.02, 0.52])]),  # a branch reaches out
-        _box([0.06, -0.02, 0.0], [0.3, 0.2, 0.8]),  # as thick as no post
-    ],
-    ids=["stem", "branch", "thick"],
-)
-def test_wood_that_only_touches_a_sign_stays_wood(wood):
-    points, thought = _classes((BOARD, Label.SIGN), (wood, Label.TRUNK))
-    assert (wood_under_things(points, thought, VOXEL) == thought).all()
+@pytest.mark.parametrize("label", [Label.TRUNK, Label.BRANCH])
+def test_wood_that_touches_a_sign_and_hangs_on_no_stem_belongs_to_it(label):
+    scene = _labelled((BOARD, Label.SIGN, -1), (POST, label, -1))
+    assert (loose_wood(*scene) == Label.SIGN).all()
 
 
-def test_a_stem_with_a_ring_around_it_goes_on_above_the_ring():
-    ring, above = _box([0, -0.02, 0.8], [0.06, 0.04, 0.86]), POST + [0, 0, 0.86]
-    points, thought = _classes(
-        (ring, Label.CALIBRATION_UNIT), (POST, Label.TRUNK), (above, Label.TRUNK)
+def test_most_of_a_board_that_passes_for_wood_goes_to_the_rest():
+    rim = BOARD[:, 1] < -0.15
+    scene = _labelled((BOARD[rim], Label.SIGN, -1), (BOARD[~rim], Label.TRUNK, -1))
+    assert (loose_wood(*scene) == Label.SIGN).all()
+
+
+def test_wood_of_a_stem_that_a_sign_is_tied_to_stays_wood():
+    scene = _labelled((BOARD, Label.SIGN, -1), (POST, Label.TRUNK, 0))
+    assert np.array_equal(loose_wood(*scene), scene[1])
+
+
+def test_loose_wood_far_from_things_is_branch_and_a_post_a_post():
+    scene = _labelled(
+        (BOARD, Label.SIGN, -1), (POST + [1, 0, 0], Label.TRUNK, -1), (POST, Label.SUPPORT_POST, -1)
     )
-    assert (wood_under_things(points, thought, VOXEL) == thought).all()
-
-
-def test_a_false_sign_high_in_a_crown_takes_no_wood():
-    points, thought = _classes((BOARD + [0, 0, 2], Label.SIGN), (POST + [0, 0, 2], Label.TRUNK))
-    assert (wood_under_things(points, thought, VOXEL) == thought).all()
+    found = np.split(loose_wood(*scene), [len(BOARD), len(BOARD) + len(POST)])
+    assert [set(each) for each in found] == [{Label.SIGN}, {Label.BRANCH}, {Label.SUPPORT_POST}]
 
 
 def _called_roof(points):

@@ -32,8 +32,8 @@ from cherrypicker.segmentation.things import (
     GROUP_COLUMNS,
     group_of,
     keep_roofs,
+    loose_wood,
     vote_per_object,
-    wood_under_things,
 )
 
 logger = logging.getLogger(__name__)
@@ -220,6 +220,7 @@ def segment_cloud(
         if len(posts):  # they stand so near that limbs which were grown with them are wrong
             labels[posts] = Label.SUPPORT_POST
             orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
+        labels = loose_wood(cloud.points, labels, orchard.owner)
         labels = label_wood(
             cloud.points,
             labels,
@@ -261,7 +262,6 @@ def _probabilities(
     if not is_alone:
         probabilities = keep_roofs(points, probabilities, voxel)
         probabilities = vote_per_object(points, probabilities, voxel, markers)
-        probabilities = wood_under_things(points, probabilities, voxel)
     local = frame.apply(cloud.points)
     known = np.zeros(len(cloud), bool) if markers is None else markers.hold(local, voxel)
     return propagate(local, points, probabilities), known

@@ -19,7 +19,6 @@ __all__ = ["BOARD", "THICKNESS", "KnownMarkers", "Square", "known_markers"]
 THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
 QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
 BOARD = 0.5  # sides beyond the print: its board reaches no farther (a guess)
-STAND = 1.0  # sides from its middle, in plan: its stand reaches no farther (a guess)
 
 
 @dataclass(frozen=True)
@@ -38,11 +37,6 @@ class Square:
         """Mean length of its sides."""
         steps = self.corners - np.roll(self.corners, 1, axis=0)
         return float(np.linalg.norm(steps, axis=1).mean())
-
-    def has_below(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which points (n, 3), z up, lie below its board, where its stand is."""
-        aside = np.linalg.norm(points[:, :2] - self.middle[:2], axis=1)
-        return (aside <= STAND * self.side) & (points[:, 2] <= self.corners[:, 2].max())
 
     def holds(
         self, points: NDArray[np.float64], thickness: float, margin: float = QUIET_ZONE

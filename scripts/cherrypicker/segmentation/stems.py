@@ -103,11 +103,9 @@ def label_wood(
     Returns
     -------
     ndarray of shape (n_points,), uint8
-        A copy. Wood that hangs on no stem is branch; stems without limbs keep their labels.
+        A copy. Stems without limbs keep their labels.
     """
-    result = labels.copy()
-    is_wood = wood_mask(labels)
-    result[is_wood & (orchard.owner < 0)] = Label.BRANCH
+    result, is_wood = labels.copy(), wood_mask(labels)
     is_ground = labels == Label.GROUND
     is_free = np.isin(labels, [*THINGS, Label.SUPPORT_POST])
     if known is not None:

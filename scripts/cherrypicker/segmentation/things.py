@@ -20,7 +20,6 @@ from cherrypicker.classes import CHANNELS, WOOD, Label
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.segmentation.known_markers import BOARD, THICKNESS, KnownMarkers
-from cherrypicker.wood.feet import ground_height
 
 __all__ = [
     "GROUP_COLUMNS",
@@ -28,8 +27,8 @@ __all__ = [
     "group_of",
     "is_group",
     "keep_roofs",
+    "loose_wood",
     "vote_per_object",
-    "wood_under_things",
 ]
 
 logger = logging.getLogger(__name__)
@@ -38,13 +37,12 @@ THINGS = (Label.SIGN, Label.MARKER, Label.CALIBRATION_UNIT, Label.ROOF)
 # What a point is first; of a group the likeliest class comes second
 GROUPS = ((Label.GROUND,), WOOD, THINGS, (Label.SUPPORT_POST,))
 LINK = 2.5  # voxels: parts of a thing lie no farther apart (a guess: neighbours with one missing)
+TOUCH_M = 0.05  # the same with the shipped weights' voxels
 STANDS_M = 0.5  # a thing that stands comes this near to the ground (a guess)
 # A roof's points with their nearest have a least variance of at most this share of all of it, and a
 # middle one of at least this share of the largest, or stand in an upright rod (cosine of 15
 # degrees). Guesses, held against laser scans of trees without a roof (docs/segmentation.md)
 N_NEAR, FLAT, BROAD, UPRIGHT = 30, 0.05, 0.15, 0.966
-UNDER = 0.9  # share of a piece of wood that must lie under a thing (a guess)
-THICKEST_M = 0.14  # a post or a board, seen from above (a guess)
 
 
 #: Channels of each group.
@@ -104,28 +102,24 @@ def vote_per_object(
     """Let the points of each thing decide together which thing it is.
 
     Of a voxel sample as in `keep_roofs`; the markers are in its frame, None where nothing is known
-    of them. In the copy a thing's points are certain of its class.
+    of them. The board of a solved marker votes for marker, and no thing is one that holds no board
+    and lies where none may be. In the copy a thing's points are certain of its class.
     """
     is_thing = is_group(probabilities, THINGS)
     columns = GROUP_COLUMNS[GROUPS.index(THINGS)]
     marker = CHANNELS.index(Label.MARKER)
     board = markers.hold(points, voxel) if markers else np.zeros(len(points), dtype=bool)
-    below = np.zeros(len(points), dtype=bool)
     for square in markers.squares if markers else ():
         board |= square.holds(points, THICKNESS * voxel, BOARD) & is_thing
-        below |= square.has_below(points)
-    rows = np.flatnonzero(is_thing & ~board)
+    rows = np.flatnonzero(is_thing | board)
     thing = link_components(points[rows], LINK * voxel)
-    is_stand = np.zeros(len(rows), dtype=bool)
-    if board.any() and len(rows):
-        touches = cKDTree(points[board]).query(points[rows])[0] <= LINK * voxel
-        stands_clear = np.bincount(thing, ~below[rows]) == 0
-        is_stand = ((np.bincount(thing, touches) > 0) & stands_clear)[thing]
     votes = probabilities[np.ix_(rows, columns)].astype(np.float64)
     if markers is not None:
-        votes[~markers.is_open(points[rows]), columns == marker] = 0.0
+        may_be = np.bincount(thing, board[rows] | markers.is_open(points[rows])) > 0
+        votes[~may_be[thing], columns == marker] = 0.0
+        votes[board[rows]] = columns == marker
     total = np.stack([np.bincount(thing, weights=column) for column in votes.T], axis=1)
-    chosen = np.where(is_stand, marker, columns[total.argmax(axis=1)[thing]])
+    chosen = columns[total.argmax(axis=1)[thing]]
     changed = np.count_nonzero(chosen != probabilities[rows].argmax(axis=1))
     result, certain = probabilities.copy(), np.eye(len(CHANNELS), dtype=np.float32)
     result[rows] = certain[chosen]
@@ -135,61 +129,31 @@ def vote_per_object(
         thing.max(initial=-1) + 1,
         f"{changed:,}",
         f"{len(rows):,}",
-        f"{np.count_nonzero(board) + np.count_nonzero(is_stand):,}",
+        f"{np.count_nonzero(board):,}",
         len(markers.squares) if markers else 0,
     )
     return result
 
 
-def wood_under_things(
-    points: NDArray[np.float64], probabilities: NDArray[np.float32], voxel: float
-) -> NDArray[np.float32]:
-    """Give wood that carries a thing to it: the post of a sign, the rim of its board.
+def loose_wood(
+    points: NDArray[np.float64], labels: NDArray[np.uint8], owner: NDArray[np.intp]
+) -> NDArray[np.uint8]:
+    """Labels (n,) in which wood that hangs on no stem is of the thing that it touches, or branch.
 
-    A piece of wood that touches a standing thing, does not rise above it or reach out of its plan,
-    and is as thin as a post or a board, carries it. Trees that touch a thing reach out of its plan,
-    and a stem with a ring around it goes on above. Of a voxel sample as in `keep_roofs`, after
-    `vote_per_object`; the result is a copy.
+    So the post of a sign goes to its board, and a board most of which passes for wood to the rest
+    of it. Points (n, 3), owners (n,) as of `cherrypicker.wood.target_wood.SharedWood`.
     """
-    result, reach = probabilities.copy(), LINK * voxel
-    likeliest = probabilities.argmax(axis=1)
-    things = np.flatnonzero(is_group(probabilities, THINGS))
-    wood = np.flatnonzero(is_group(probabilities, WOOD))
-    if not len(things) or not len(wood):
+    result = labels.copy()
+    loose = np.flatnonzero(np.isin(labels, WOOD) & (owner < 0))
+    result[loose] = Label.BRANCH
+    things = np.flatnonzero(np.isin(labels, THINGS))
+    if not len(things) or not len(loose):
         return result
-    ground = points[likeliest == CHANNELS.index(Label.GROUND)]
-    thing = link_components(points[things], reach)
-    piece = link_components(points[wood], reach)
-    apart, nearest = cKDTree(points[things]).query(points[wood])
-    touches = apart <= reach
-    for number in np.unique(piece[touches]):
-        is_own = piece == number
-        own = wood[is_own]
-        touched = np.unique(thing[nearest[is_own & touches]])
-        carried = things[np.isin(thing, touched)]
-        beside = wood[~is_own & touches & np.isin(thing[nearest], touched)]
-        both = points[np.concatenate([own, carried])]
-        foot = both[[both[:, 2].argmin()]]
-        stands = foot[0, 2] - ground_height(foot[:, :2], ground, 0.0)[0] <= STANDS_M
-        if stands and _carries(points[own], points[carried], points[beside], reach):
-            channel = np.bincount(likeliest[carried]).argmax()
-            result[own] = np.eye(len(CHANNELS), dtype=np.float32)[channel]
-            logger.info("%d voxels of wood carry a %s", len(own), CHANNELS[channel].title)
+    piece = link_components(points[loose], TOUCH_M)
+    apart, nearest = cKDTree(points[things]).query(points[loose], distance_upper_bound=TOUCH_M)
+    touched = labels[things[np.minimum(nearest, len(things) - 1)]]
+    votes = [np.bincount(piece, np.isfinite(apart) & (touched == label)) for label in THINGS]
+    given = np.any(votes, axis=0)[piece]
+    result[loose[given]] = np.array(THINGS, np.uint8)[np.argmax(votes, axis=0)[piece[given]]]
+    logger.info("%s points of loose wood are of things", f"{np.count_nonzero(given):,}")
     return result
-
-
-def _carries(
-    wood: NDArray[np.float64],
-    thing: NDArray[np.float64],
-    beside: NDArray[np.float64],
-    reach: float,
-) -> np.bool_:
-    """Whether wood carries a thing, which other wood `beside` touches as well."""
-    aside = cKDTree(thing[:, :2]).query(wood[:, :2])[0]
-    under = (aside <= reach) & (wood[:, 2] <= thing[:, 2].max() + reach)
-    plan = wood[:, :2] - wood[:, :2].mean(axis=0)
-    across = plan @ np.linalg.svd(plan, full_matrices=False)[2][-1]
-    thickness = np.ptp(np.quantile(across, [1 - UNDER, UNDER]))
-    on_top = beside[beside[:, 2] > wood[:, 2].max()]
-    goes_on = len(on_top) and cKDTree(wood[:, :2]).query(on_top[:, :2])[0].min() <= reach
-    return np.bool_(under.mean() >= UNDER and thickness <= THICKEST_M and not goes_on)
