@@ -216,6 +216,17 @@ def test_trunk_that_hangs_together_with_none_near_the_ground_is_branch():
     assert (alone == Label.TRUNK).all()
 
 
+def test_trunk_above_a_hidden_piece_of_the_stem_stays_trunk():
+    rng = np.random.default_rng(7)
+    stem = _tube(rng, (0, 0, 0), (0, 0, 1.5), 0.03, 0.02)
+    seen = stem[np.abs(stem[:, 2] - 0.8) > 0.25]  # half a metre lies behind a board
+    points = np.vstack([seen, _ground(rng)])
+    labels = np.full(len(points), Label.GROUND, np.uint8)
+    labels[: len(seen)] = Label.TRUNK
+    assert np.array_equal(rooted_trunk(points, labels, 0.6), labels)
+    assert (rooted_trunk(points, labels, 0.3)[: len(seen)][seen[:, 2] > 1] == Label.BRANCH).all()
+
+
 def _leader(rng):
     """A stem that tapers, with a level branch."""
     return np.vstack(
@@ -238,6 +249,18 @@ def test_a_post_beside_a_stem_is_known_by_its_shape_to_both_ends(lean):
     is_post[post_rows(points, cloud["label"], orchard)] = True
     assert is_post[len(wood) :].mean() > 0.95
     assert is_post[: len(wood)].mean() < 0.05
+
+
+def test_an_even_upright_shoot_in_the_air_is_no_post():
+    rng = np.random.default_rng(4)
+    shoot = _tube(rng, (0.25, 0.05, 0.955), (0.25, 0.05, 1.25), 0.006, 0.006, noise=0.0003)
+    points = np.vstack([_leader(rng), shoot, rng.uniform((-1, -1, 0), (1, 1, 0.01), (3000, 3))])
+    label = np.full(len(points), Label.BRANCH, np.uint8)
+    label[-3000:] = Label.GROUND
+    orchard = grow_orchard(
+        PointCloud(points, fields={"label": label}), GrowthOptions(voxel_size_m=0.006)
+    )
+    assert not len(post_rows(points, label, orchard))
 
 
 def test_a_leader_and_a_leaning_pole_are_no_posts_and_what_the_network_calls_one_is():

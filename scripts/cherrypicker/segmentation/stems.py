@@ -57,16 +57,16 @@ class _Tubes:
         return result
 
 
-def rooted_trunk(points: np.ndarray, labels: np.ndarray, gap_m: float) -> np.ndarray:
+def rooted_trunk(points: np.ndarray, labels: np.ndarray, stem_gap_m: float) -> np.ndarray:
     """Labels (n_points,) in which trunk that hangs together with none near the ground is branch.
 
-    Growth takes what is called trunk for one stem and crosses its gaps at no price: islands in the
-    arms of a vase made limbs through the air.
+    Pieces hang together over gaps of `stem_gap_m`, in metres, as for the growth, which takes what
+    is called trunk for one stem: islands in the arms of a vase made limbs through the air.
     """
     result, rows = labels.copy(), np.flatnonzero(labels == Label.TRUNK)
     if not len(rows):
         return result
-    piece = link_components(points[rows], gap_m)
+    piece = link_components(points[rows], stem_gap_m)
     lowest = rows[np.lexsort((points[rows, 2], piece))]
     lowest = lowest[np.diff(np.sort(piece), prepend=-1) > 0]  # of each piece
     level = ground_height(points[lowest, :2], points[labels == Label.GROUND], points[:, 2].min())
@@ -145,10 +145,12 @@ def label_wood(
 def post_rows(points: np.ndarray, labels: np.ndarray, orchard: Orchard) -> np.ndarray:
     """Rows of the support posts among limbs that were grown on what looks like wood or a post.
 
-    No wood is so straight, upright and even as a post, which is a cylinder: what lies in it is
-    post, to where the points end. Of other limbs those are posts most of whose points say so.
+    No wood that stands on the ground is so straight, upright and even as a post, which is a
+    cylinder: what lies in it is post, to where the points end. Of other limbs those are posts most
+    of whose points say so.
     """
     found = np.zeros(len(points), bool)
+    ground = points[labels == Label.GROUND]
     for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
         if limbs is None:
             continue
@@ -157,7 +159,10 @@ def post_rows(points: np.ndarray, labels: np.ndarray, orchard: Orchard) -> np.nd
         is_said = 2 * said > np.bincount(limbs.member, minlength=len(limbs.limbs))
         for number, limb in enumerate(limbs.limbs):
             if _is_pole(limb.tube):
-                found[rows[_in_cylinder(points[rows], limb.tube, limbs.spacing)]] = True
+                own = rows[_in_cylinder(points[rows], limb.tube, limbs.spacing)]
+                foot = points[own[[points[own, 2].argmin()]]]
+                level = ground_height(foot[:, :2], ground, foot[0, 2])
+                found[own] |= foot[0, 2] - level[0] <= STANDS_M
             elif is_said[number]:
                 found[entered[limbs.member == number]] = True
     logger.info("%s points are of support posts", f"{found.sum():,}")
