@@ -16,7 +16,7 @@ from cherrypicker.files import write_json
 from cherrypicker.intake.gravity import stated_up
 from cherrypicker.photos import exif_orientation, photo_files
 from cherrypicker.placement.align import AlignOptions, align
-from cherrypicker.placement.camera_geometry import turns_from_exif
+from cherrypicker.placement.up import turns_from_exif
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.runner import run, stage_parser

@@ -1,5 +1,7 @@
 """Alignment: known vertical and ground come out of scenes in arbitrary frames."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scan_scene import (
@@ -12,8 +14,10 @@ from scan_scene import (
 )
 
 from cherrypicker.errors import StageError
-from cherrypicker.placement.align import AlignOptions, align, rodrigues
-from cherrypicker.placement.camera_geometry import angle_deg, camera_up, look_at_point
+from cherrypicker.placement.align import AlignOptions, align
+from cherrypicker.placement.directions import angle_deg, rodrigues
+from cherrypicker.placement.region import look_at_point
+from cherrypicker.placement.up import photos_up
 
 TARGET = np.array([0.0, 0.0, 1.2])
 
@@ -66,7 +70,7 @@ def test_camera_up_needs_no_ground_and_survives_rolls_and_portrait_photos():
     centers = ring(36)
     turns = np.where(rng.random(36) < 0.4, 1, 0)
     poses = look_at_poses(centers, TARGET, roll_deg=1.5 + rng.normal(0, 2, 36), turns=turns)
-    result = camera_up(poses)
+    result = photos_up(poses)
     assert angle_deg(result.up, [0, 0, 1]) < 1.0
     np.testing.assert_array_equal(result.turns, turns)
 
@@ -75,7 +79,7 @@ def test_level_ring_of_sideways_photos_needs_exif_for_the_sign():
     centers = ring(32, heights=(1.2,))
     for turn in (1, 3):
         poses = look_at_poses(centers, TARGET, turns=turn)
-        up = camera_up(poses, stated_turns=np.full(32, turn)).up
+        up = photos_up(poses, stated_turns=np.full(32, turn)).up
         assert angle_deg(up, [0, 0, 1]) < 0.5
 
 
@@ -228,6 +232,28 @@ def test_up_from_ground_is_the_grounds_normal(plane):
     assert tilt == pytest.approx(8, abs=0.5)
     assert result.report["up_to_ground_deg"] == pytest.approx(0, abs=1e-6)
     assert aligned_errors(points, poses)[0] < 1.0
+
+
+def test_each_source_of_up_is_what_it_says():
+    """Ground that slopes towards x under cameras all held askew towards y: neither is the other."""
+    rng = np.random.default_rng(20)
+    points, poses = on_a_slope(rng, 3)
+    centers, askew = poses.centers, rotation_about([1, 0, 0], 2)
+    held = look_at_poses(centers, TARGET, roll_deg=rng.normal(0, 1, len(centers)))
+    turns = np.array([rotation @ askew for rotation in held.rotations])
+    shifts = -np.einsum("nij,nj->ni", turns, centers)[:, :, None]
+    poses = replace(held, cam_from_world=np.concatenate([turns, shifts], axis=2))
+    of_ground = np.array([-np.tan(np.radians(3)), 0, 1.0])
+    of_cameras = askew.T @ [0, 0, 1.0]
+
+    def up_by(up_from):
+        options = AlignOptions(up_from=up_from)
+        return align(points, poses, options).rotation.T @ [0, 0, 1.0]
+
+    ground, cameras, auto = (up_by(up_from) for up_from in ("ground", "cameras", "auto"))
+    assert angle_deg(ground, of_ground) < 0.5
+    assert angle_deg(cameras, of_cameras) < 0.5
+    assert 0.005 < angle_deg(auto, cameras) < angle_deg(auto, ground) < angle_deg(cameras, ground)
 
 
 PAPER = AlignOptions(plane="ransac", up_from="ground", flip="mass")

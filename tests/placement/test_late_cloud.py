@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cherrypicker.errors import StageError
-from cherrypicker.placement.late_cloud import import_cloud, parse_up_axis, rotation_to_z
+from cherrypicker.placement.late_cloud import import_cloud, parse_up_axis
 from cherrypicker.pointcloud import PointCloud, write_cloud
 
 
@@ -14,11 +14,14 @@ def ply(tmp_path):
 
 
 @pytest.mark.parametrize("axis", ["x", "-x", "y", "-y", "z", "-z"])
-def test_the_up_axis_becomes_z_by_a_rotation(axis):
-    up = parse_up_axis(axis)
-    rotation = rotation_to_z(up)
-    np.testing.assert_array_equal(rotation @ up, [0, 0, 1])
-    assert np.linalg.det(rotation) == 1.0
+def test_the_up_axis_becomes_z_by_a_rotation(ply, axis):
+    path, points = ply
+    moved = import_cloud(path, up=axis).points
+    np.testing.assert_array_equal(moved[:, 2], points @ parse_up_axis(axis))
+    rotation = np.linalg.lstsq(points, moved, rcond=None)[0].T
+    np.testing.assert_allclose(np.linalg.det(rotation), 1.0)
+    if axis == "-z":  # half a turn about x
+        np.testing.assert_array_equal(moved, points * [1, -1, -1])
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import pytest
 from scan_scene import arbitrary_frame, ground_points, look_at_poses, ring, tree_points
 
 from cherrypicker.placement.align import align
-from cherrypicker.placement.camera_geometry import angle_deg
-from cherrypicker.placement.gravity import gravity_up
+from cherrypicker.placement.directions import angle_deg
+from cherrypicker.placement.up import Evidence, photos_up, solve_up
 
 TARGET = np.array([0.0, 0.0, 1.2])
 UP = np.array([0.0, 0.0, 1.0])
@@ -29,12 +29,28 @@ def test_photos_agree_on_a_direction_and_some_wrong_ones_do_not_move_it():
     poses = look_at_poses(ring(30), TARGET)
     ups = stated(poses)
     ups[3], ups[9], ups[20] = None, np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
-    found = gravity_up(poses, ups)
-    assert found.n_photos == 29 and angle_deg(found.up, UP) < 0.6
-    sigma = np.degrees(np.sqrt(np.linalg.eigvalsh(found.covariance)[-1]))
-    assert 0.5 <= sigma < 0.7 and found.spread_deg == pytest.approx(1.2, abs=0.4)
-    np.testing.assert_allclose(found.covariance @ found.up, 0, atol=1e-12)
-    assert gravity_up(poses, [None] * 28 + ups[:2]) is None
+    rolls, found = photos_up(poses), photos_up(poses, stated_ups=ups)
+    assert found.gravity["gravity_n_photos"] == 29 and angle_deg(found.up, UP) < 0.6
+    assert found.gravity["gravity_spread_deg"] == pytest.approx(1.2, abs=0.4)
+    assert not rolls.gravity["gravity_is_used"]
+    few = photos_up(poses, stated_ups=[None] * 28 + ups[:2])
+    assert not few.gravity["gravity_is_used"] and not few.warnings
+    np.testing.assert_array_equal(few.up, rolls.up)
+
+
+def test_what_an_accelerometer_is_off_in_all_photos_is_solved_for():
+    """By 2 degrees, of photos from one side, where it does not cancel."""
+    poses, errors = look_at_poses(ring(40, arc_deg=150), TARGET), []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        offset, noise = np.radians(rng.normal(0, 2.0, 3)), np.radians(1.0)
+        values = poses.rotations @ UP + offset + rng.normal(0, noise, (40, 3))
+        known = solve_up([Evidence(poses.rotations, values, noise, np.radians(2.0))], UP)
+        blind = solve_up([Evidence(poses.rotations, values, noise)], UP)
+        errors.append([angle_deg(known[0], UP), angle_deg(blind[0], UP)])
+    known_rms, blind_rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert known_rms < 0.5 * blind_rms
+    assert 0.5 < known_rms / known[1] < 2.0
 
 
 def test_gravity_takes_the_place_of_rolls():

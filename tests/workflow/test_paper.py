@@ -36,7 +36,7 @@ from cherrypicker.limbs.files import write_orchard
 from cherrypicker.limbs.orchard import grow_orchard
 from cherrypicker.markers.geometry import Observations, intersect_rays
 from cherrypicker.markers.marker_scales import measure_marker
-from cherrypicker.placement.align import rodrigues
+from cherrypicker.placement.directions import rodrigues
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import write_poses
 from cherrypicker.runner import _bundled, keys_of_stage, options_of

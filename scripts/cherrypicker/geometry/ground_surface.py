@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 
-__all__ = ["REACH_M", "GroundSurface", "ground_level"]
+__all__ = ["REACH_M", "GroundSurface", "ground_level", "robust_plane"]
 
 # Guesses, for stems of 2 to 30 cm
 REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
@@ -57,15 +57,35 @@ def ground_level(ground: np.ndarray, at: np.ndarray, radius: float) -> float | N
     count = np.bincount(sector, minlength=N_SECTORS)
     if (count > 0).sum() < FEWEST_SECTORS:
         return float(np.median(ground[:, 2]))
-    design = np.column_stack([np.ones(len(ground)), offset])
-    balance = 1.0 / np.sqrt(count[sector])
-    weights, plane = balance, np.zeros(3)
+    plane, _ = robust_plane(offset, ground[:, 2], 1.0 / np.sqrt(count[sector]))
+    return float(plane[0])
+
+
+def robust_plane(
+    xy: np.ndarray, z: np.ndarray, balance: np.ndarray | float = 1.0
+) -> tuple[np.ndarray, float]:
+    """Plane ``z = a + b x + c y`` by Tukey's biweight.
+
+    Parameters
+    ----------
+    xy : ndarray of shape (n, 2)
+    z : ndarray of shape (n,)
+    balance : ndarray of shape (n,) or float, default 1
+        Weights beside those of the residuals.
+
+    Returns
+    -------
+    plane : ndarray of shape (3,)
+        a, b, c.
+    sigma : float
+        Robust standard deviation of the residuals.
+    """
+    design = np.column_stack([np.ones(len(xy)), xy])
+    weights, plane, sigma = np.broadcast_to(balance, len(xy)), np.zeros(3), 0.0
     for _ in range(N_ROUNDS):
         root_weights = np.sqrt(weights)[:, None]
-        plane = np.linalg.lstsq(
-            design * root_weights, ground[:, 2] * root_weights[:, 0], rcond=None
-        )[0]
-        residual = ground[:, 2] - design @ plane
+        plane = np.linalg.lstsq(design * root_weights, z * root_weights[:, 0], rcond=None)[0]
+        residual = z - design @ plane
         sigma = max(robust_sigma(residual), LEAST_SIGMA_M)
         weights = balance * (1.0 - np.clip(np.abs(residual) / (TUKEY * sigma), 0, 1) ** 2) ** 2
-    return float(plane[0])
+    return plane, sigma

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 MAD_TO_SIGMA = 1.4826
 #: Tukey's biweight ends here, in standard deviations: 95 % efficiency on Gaussian residuals.
 TUKEY = 4.685
+#: Cauchy's loss turns from quadratic here, in standard deviations: the same efficiency.
+CAUCHY = 2.385
 
 
 def robust_sigma(residuals: NDArray) -> float:

@@ -4,9 +4,9 @@ The paper (section Alignment) fits a ground plane by RANSAC, rotates its normal 
 formula, and turns the cloud over when its centre of mass lies below: the options plane "ransac",
 up_from "ground" and flip "mass". The default differs in two points.
 Several planes are tried and judged by the camera poses too, since the largest plane may be a wall.
-The vertical then joins the ground's normal with the cameras' rolls, each by its own uncertainty,
-since ground near a tree is rarely level while photos taken all around it average out to level;
-where the photos state gravity themselves, that takes the place of the rolls.
+The vertical then is what the ground's normal, the cameras' rolls and the gravity that photos state
+agree on (:mod:`cherrypicker.placement.up`), since ground near a tree is rarely level while photos
+taken all around it average out to level.
 The x/y origin is what the cameras look at. Which tree stands there is not asked here: without a
 scale and without classes a stem, a post and a sign look alike.
 """
@@ -15,49 +15,42 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import thin_randomly, voxel_sample
-from cherrypicker.placement.camera_geometry import (
-    CameraUp,
-    angle_deg,
-    camera_up,
-    look_at_point,
-    photographer_axes,
-    roll_costs,
-    tangent_basis,
-    unit,
-)
-from cherrypicker.placement.gravity import contradiction, gravity_up
+from cherrypicker.placement.directions import angle_deg, rodrigues, tangent_basis
 from cherrypicker.placement.ground import (
+    REACH,
     Plane,
-    ground_height_at,
+    ground_height,
     ground_tilt,
-    ground_tolerance,
     judge_plane,
     largest_plane,
     plane_candidates,
+)
+from cherrypicker.placement.region import look_at_point
+from cherrypicker.placement.up import (
+    Evidence,
+    PhotosUp,
+    photographer_axes,
+    photos_up,
+    roll_costs,
+    solve_up,
 )
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
 _MIN_POINTS = 100
-# Below this product of factors a plane is no ground: 0.6 for each of six would be a poor one.
-_MIN_SCORE = 0.02
 _SUBSAMPLE = 400_000  # bounds the time
-# Guesses; lengths are shares of the cameras' distance to what they look at
-_PLANES_WITHIN = 4
-_AROUND = 0.12  # radius of the ground below the target
-_MASS_WITHIN = 1.5
-_LOW_WITHIN, _LOW_PERCENTILE = 0.5, 1  # what stands for the ground where no plane does
-_LEAST_SLOPE, _LEAST_COSINE = 0.3, 0.1  # keep divisions finite
-_SLOPES_DEG = 5  # a ground that is off the cameras' up by more is worth a warning,
-_SURE = 2  # where the cameras are this much surer
+# Guesses
+_MIN_SCORE = 0.5  # of the photos speak for the ground, or it is none
+_LOWEST_PERCENTILE = 1  # stands for the ground where no plane does
+_LEAST_SLOPE = 0.3  # keeps a division finite
+_SLOPES_DEG = 5  # a ground that is off the cameras' up by more is worth a warning
 _MAX_COST, _MAX_SIGMA_DEG = 0.45, 15  # beyond them the cameras tell no vertical
 _LEAST_MARGIN = 0.05  # of the cameras' cost upside down
 
@@ -73,31 +66,6 @@ class Alignment:
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Aligned coordinates of points of shape (n_points, 3)."""
         return points @ self.rotation.T + self.translation
-
-
-def rodrigues(source: ArrayLike, destination: ArrayLike) -> np.ndarray:
-    """Rotation of the unit vector `source` onto `destination` by Rodrigues' formula.
-
-    Parameters
-    ----------
-    source, destination : array-like of shape (3,)
-
-    Returns
-    -------
-    ndarray of shape (3, 3)
-        The smallest rotation; for opposite vectors a half turn about an axis orthogonal to both.
-    """
-    source, destination = unit(source), unit(destination)
-    axis = np.cross(source, destination)
-    sine, cosine = np.linalg.norm(axis), float(source @ destination)
-    if sine < 1e-12:
-        if cosine > 0:
-            return np.eye(3)
-        axis = tangent_basis(source)[0]
-        return 2 * np.outer(axis, axis) - np.eye(3)
-    x, y, z = axis / sine
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + sine * k + (1 - cosine) * (k @ k)
 
 
 @dataclass(frozen=True)
@@ -130,7 +98,7 @@ def align(
         Same frame.
     stated_turns : ndarray of shape (n_cameras,), int, optional
         Quarter turns of the stored photos according to EXIF
-        (:func:`cherrypicker.placement.camera_geometry.turns_from_exif`).
+        (:func:`cherrypicker.placement.up.turns_from_exif`).
     stated_ups : sequence of (ndarray of shape (3,) or None), optional
         The way up in each camera's axes according to the phone
         (:func:`cherrypicker.intake.gravity.stated_up`).
@@ -141,60 +109,77 @@ def align(
         If the cloud or the poses are too few, or neither ground nor cameras tell the vertical.
     """
     options = options or AlignOptions()
-    up_from = options.up_from
     _check_input(points, poses)
     points = np.asarray(thin_randomly(points, _SUBSAMPLE, seed), float)
     target, distance = look_at_point(poses, points)
-    threshold = options.ground_distance_fraction * distance
-    scene = _Scene(points, poses, stated_turns, stated_ups or [], target, distance, threshold)
-    warnings: list[str] = []
     is_alone = options.plane == "ransac"  # the plane decides, whatever the cameras say
-    planes = _judged_planes(scene, options, seed)
+    planes = _judged_planes(points, poses, target, distance, options, stated_turns, seed)
     ground = planes[0] if planes and (is_alone or planes[0].score >= _MIN_SCORE) else None
-    if ground is not None and options.flip == "mass" and ground.height(scene.points).mean() < 0:
+    if ground is not None and options.flip == "mass" and ground.height(points).mean() < 0:
         ground.normal, ground.offset = -ground.normal, -ground.offset
+    photos = photos_up(
+        poses,
+        stated_turns=stated_turns,
+        stated_ups=stated_ups or [],
+        start=None if ground is None else ground.normal,
+    )
+    warnings = list(photos.warnings)
     if ground is None:
-        up, angles = _vertical_from_cameras(scene, up_from, seed, warnings)
+        up = _photos_alone(photos, options, warnings)
+        angles = {"ground_to_cameras_deg": None}
     else:
-        up, angles = _vertical_from_both(scene, ground, options, warnings)
+        up, angles = _vertical(points - target, distance, ground, target, photos, options, warnings)
         if options.flip == "mass" and up @ ground.normal < 0:
             up = -up
     rotation = rodrigues(up, [0.0, 0.0, 1.0])
-    # The ground plane gives a first z = 0 under the target; the ground's true shape refines it.
-    base = _ground_level(scene, ground, rotation)
-    upright = (points - target) @ rotation.T - [0, 0, base]
-    below = 0.0 if is_alone else _ground_below(upright, scene, warnings)
-    origin = np.array([0.0, 0.0, below])
-    translation = -(rotation @ target) - origin - np.array([0.0, 0.0, base])
+    upright = (points - target) @ rotation.T
+    if ground is None:
+        near = np.hypot(upright[:, 0], upright[:, 1]) < distance
+        level = float(
+            np.percentile(upright[near if near.any() else slice(None), 2], _LOWEST_PERCENTILE)
+        )
+    else:  # down the vertical from the target to the plane
+        level = -ground.height(target) / max(up @ ground.normal, _LEAST_SLOPE)
+    upright[:, 2] -= level
+    if not is_alone:  # the ground's true shape refines what the plane says
+        below = ground_height(upright, distance)
+        if below is None:
+            warnings.append(
+                "no ground seen below what the cameras look at: z = 0 is only approximate"
+            )
+        else:
+            upright[:, 2] -= below
+            level += below
+    translation = -(rotation @ target) - np.array([0.0, 0.0, level])
     report = {
         "transform": np.vstack([np.column_stack([rotation, translation]), [0.0, 0.0, 0.0, 1.0]]),
         "camera_distance": distance,
         "look_at": rotation @ target + translation,
-        "up_from": up_from,
+        "up_from": options.up_from,
         "plane": options.plane,
         "flip": options.flip,
         "ground_found": ground is not None,
+        "cameras_up": photos.up,
+        "cameras_sigma_deg": photos.sigma_deg,
+        "cameras_roll_std_deg": photos.roll_std_deg,
+        "cameras_quarter_turns": np.bincount(photos.turns, minlength=4),
+        **photos.gravity,
         **angles,
-        "half_turn": _half_turn_check(upright - origin, scene, up, warnings),
-        "candidates": [_plane_report(plane, up) for plane in planes],
+        "half_turn": _half_turn_check(upright, distance, poses, stated_turns, up, warnings),
+        "candidates": [
+            {
+                "score": plane.score,
+                "n_inliers": plane.n_inliers,
+                "angle_to_up_deg": angle_deg(plane.normal, up),
+                "factors": plane.factors,
+            }
+            for plane in planes
+        ],
         "warnings": warnings,
     }
     for warning in warnings:
         logger.warning("%s", warning)
     return Alignment(rotation, translation, report)
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """The thinned cloud and what the poses say about it; `distance` is the unit of thresholds."""
-
-    points: np.ndarray
-    poses: Poses
-    stated_turns: np.ndarray | None
-    stated_ups: Sequence[np.ndarray | None]
-    target: np.ndarray
-    distance: float
-    threshold: float
 
 
 def _check_input(points: np.ndarray, poses: Poses) -> None:
@@ -206,75 +191,86 @@ def _check_input(points: np.ndarray, poses: Poses) -> None:
         raise StageError("fewer than two photos are registered", key="sfm.min_registered_fraction")
 
 
-def _judged_planes(scene: _Scene, options: AlignOptions, seed: int) -> list[Plane]:
+def _judged_planes(
+    points: np.ndarray,
+    poses: Poses,
+    target: np.ndarray,
+    distance: float,
+    options: AlignOptions,
+    stated_turns: np.ndarray | None,
+    seed: int,
+) -> list[Plane]:
     """Candidate planes near the target, the best ground first; or the largest plane of all."""
-    away = np.linalg.norm(scene.points - scene.target, axis=1)
-    near = scene.points[away < _PLANES_WITHIN * scene.distance]
-    thinned, *_ = voxel_sample(near if len(near) >= _MIN_POINTS else scene.points, scene.threshold)
+    threshold = options.ground_distance_fraction * distance
+    near = points[np.linalg.norm(points - target, axis=1) < REACH * distance]
+    thinned, *_ = voxel_sample(near if len(near) >= _MIN_POINTS else points, threshold)
     if options.plane == "ransac":
-        planes = [largest_plane(scene.points, scene.threshold, seed=seed)]
+        planes = [largest_plane(points, threshold, seed=seed)]
     else:
-        planes = plane_candidates(thinned, scene.threshold, n_planes=options.n_planes, seed=seed)
+        planes = plane_candidates(thinned, threshold, n_planes=options.n_planes, seed=seed)
     for plane in planes:
         judge_plane(
             plane,
             thinned,
-            scene.poses,
-            target=scene.target,
-            distance=scene.distance,
-            inlier_distance=scene.threshold,
-            stated_turns=scene.stated_turns,
+            poses,
+            target=target,
+            distance=distance,
+            inlier_distance=threshold,
+            stated_turns=stated_turns,
         )
     planes.sort(key=lambda plane: -plane.score)
     for plane in planes:
         factors = ", ".join(f"{key} {value:.2f}" for key, value in plane.factors.items())
         logger.info(
-            "plane candidate: %s of %s voxels, score %.3f (%s)",
+            "plane candidate: %s inliers, score %.3f (%s)",
             f"{plane.n_inliers:,}",
-            f"{len(thinned):,}",
             plane.score,
             factors,
         )
     return planes
 
 
-def _vertical_from_both(
-    scene: _Scene, ground: Plane, options: AlignOptions, warnings: list[str]
+def _vertical(
+    from_target: np.ndarray,
+    distance: float,
+    ground: Plane,
+    target: np.ndarray,
+    photos: PhotosUp,
+    options: AlignOptions,
+    warnings: list[str],
 ) -> tuple[np.ndarray, dict]:
-    """Up direction from the ground's far normal and the cameras, and the angles between them."""
-    cameras = camera_up(scene.poses, stated_turns=scene.stated_turns, start=ground.normal)
-    cameras, gravity = _with_gravity(scene, cameras, warnings)
+    """Up direction from the ground and the photos, and the angles between them."""
     rotation = rodrigues(ground.normal, [0.0, 0.0, 1.0])
-    flat = (scene.points - scene.target) @ rotation.T
-    flat[:, 2] += ground.height(scene.target[None])[0]
-    tilt, sigma_deg, near_far = ground_tilt(flat, scene.distance, scene.threshold)
+    flat = from_target @ rotation.T + [0.0, 0.0, ground.height(target)]
+    tilt, sigma_deg, near_far = ground_tilt(flat, distance)
     normal = ground.normal if options.plane == "ransac" else rotation.T @ tilt
+    disagreement = angle_deg(normal, photos.up)
+    # What the photos do not allow is a slope: as much of its angle is no error of theirs.
+    noise_deg = np.sqrt(max(sigma_deg**2, disagreement**2 - photos.sigma_deg**2))
+    level = Evidence(tangent_basis(normal)[None], np.zeros((1, 2)), np.radians(noise_deg))
     up = {
-        "ground": normal,
-        "cameras": cameras.up,
-        "auto": _fuse(normal, sigma_deg, cameras.up, cameras.covariance),
-    }[options.up_from]
-    disagreement = angle_deg(normal, cameras.up)
+        "ground": lambda: normal,
+        "cameras": lambda: photos.up,
+        "auto": lambda: solve_up([*photos.evidence, level], photos.up)[0],
+    }[options.up_from]()
     angles = {
         "ground_normal": normal,
         "ground_sigma_deg": sigma_deg,
         "ground_near_far_deg": near_far,
-        **_camera_report(cameras),
-        **gravity,
         "ground_to_cameras_deg": disagreement,
         "up_to_ground_deg": angle_deg(up, normal),
-        "up_to_cameras_deg": angle_deg(up, cameras.up),
+        "up_to_cameras_deg": angle_deg(up, photos.up),
     }
     logger.info(
         "up: ground (+- %.2f deg) and cameras (+- %.2f deg) differ by %.2f deg; the result is "
         "%.2f deg from the ground's normal and %.2f deg from the cameras' up",
         sigma_deg,
-        angles["cameras_sigma_deg"],
+        photos.sigma_deg,
         disagreement,
         angles["up_to_ground_deg"],
         angles["up_to_cameras_deg"],
     )
-    if disagreement > _SLOPES_DEG and angles["cameras_sigma_deg"] < disagreement / _SURE:
+    if disagreement > max(_SLOPES_DEG, 2 * photos.sigma_deg):
         warnings.append(
             f"the ground slopes by {disagreement:.1f} degrees against the cameras' mean up "
             f"direction (align.up_from is {options.up_from})"
@@ -282,17 +278,12 @@ def _vertical_from_both(
     return up, angles
 
 
-def _vertical_from_cameras(
-    scene: _Scene, up_from: str, seed: int, warnings: list[str]
-) -> tuple[np.ndarray, dict]:
+def _photos_alone(photos: PhotosUp, options: AlignOptions, warnings: list[str]) -> np.ndarray:
     """Up direction where no plane can be the ground."""
-    cameras = camera_up(scene.poses, stated_turns=scene.stated_turns, seed=seed)
-    cameras, gravity = _with_gravity(scene, cameras, warnings)
-    report = _camera_report(cameras) | gravity
-    if up_from == "ground":
+    if options.up_from == "ground":
         raise StageError("no plane of the cloud can be the ground", key="align.up_from")
-    is_held_askew = cameras.cost > _MAX_COST and not gravity["gravity_is_used"]
-    if is_held_askew or report["cameras_sigma_deg"] > _MAX_SIGMA_DEG:
+    is_held_askew = photos.cost > _MAX_COST and not photos.gravity["gravity_is_used"]
+    if is_held_askew or photos.sigma_deg > _MAX_SIGMA_DEG:
         raise StageError(
             "no plane of the cloud can be the ground, and the cameras do not tell the vertical",
             key="align.ground_distance_fraction",
@@ -301,96 +292,29 @@ def _vertical_from_cameras(
         "no ground plane found: up is the cameras' mean up direction, z = 0 the lowest part of "
         "what they look at"
     )
-    return cameras.up, report | {"ground_to_cameras_deg": None}
+    return photos.up
 
 
-def _with_gravity(scene: _Scene, rolls: CameraUp, warnings: list[str]) -> tuple[CameraUp, dict]:
-    """Put the gravity that the photos state in the place of their rolls; and what align.json says.
-
-    Readings that contradict one another or the rolls by too much count for nothing.
-    """
-    gravity = gravity_up(scene.poses, scene.stated_ups)
-    if gravity is None:
-        return rolls, {"gravity_is_used": False}
-    cause = contradiction(gravity, rolls)
-    report = {
-        "gravity_is_used": cause is None,
-        "gravity_n_photos": gravity.n_photos,
-        "gravity_spread_deg": gravity.spread_deg,
-        "gravity_to_rolls_deg": angle_deg(gravity.up, rolls.up),
-    }
-    if cause is not None:
-        warnings.append(f"what {gravity.n_photos} photos say of gravity is not used: {cause}")
-        return rolls, report
-    logger.info(
-        "%d photos state gravity, to %.1f degrees in the median; %.1f degrees off their rolls",
-        gravity.n_photos,
-        gravity.spread_deg,
-        report["gravity_to_rolls_deg"],
-    )
-    return replace(rolls, up=gravity.up, covariance=gravity.covariance), report
-
-
-def _camera_report(cameras: CameraUp) -> dict:
-    """What the cameras say about the vertical, for align.json."""
-    sigma = np.sqrt(np.linalg.eigvalsh(cameras.covariance)[-1])
-    return {
-        "cameras_up": cameras.up,
-        "cameras_sigma_deg": float(np.degrees(sigma)),
-        "cameras_roll_std_deg": cameras.roll_std_deg,
-        "cameras_quarter_turns": np.bincount(cameras.turns, minlength=4),
-    }
-
-
-def _fuse(
-    normal: np.ndarray, sigma_deg: float, up: np.ndarray, covariance: np.ndarray
-) -> np.ndarray:
-    """Join the ground's normal and the cameras' up by inverse variance.
-
-    Where the two differ by more than their uncertainties allow, the ground is the one that slopes:
-    its variance grows by the excess. Directions that the cameras leave open stay with the ground.
-    """
-    values, vectors = np.linalg.eigh(covariance)
-    axes, variances = vectors[:, 1:].T, values[1:]  # the smallest belongs to `up` itself
-    offset = axes @ (normal / max(normal @ up, _LEAST_COSINE))
-    sigma2 = np.radians(sigma_deg) ** 2
-    excess = np.maximum(0.0, offset**2 - variances - sigma2)
-    share = variances / (variances + sigma2 + excess)
-    return unit(up + (share * offset) @ axes)
-
-
-def _ground_level(scene: _Scene, ground: Plane | None, rotation: np.ndarray) -> float:
-    """First height of the ground under the target, which is the origin of the upright frame."""
-    if ground is not None:
-        # Down the vertical from the target to the plane.
-        slope = (rotation @ ground.normal)[2]
-        return float(-ground.height(scene.target[None])[0] / max(slope, _LEAST_SLOPE))
-    upright = (scene.points - scene.target) @ rotation.T
-    near = np.hypot(upright[:, 0], upright[:, 1]) < _LOW_WITHIN * scene.distance
-    return float(np.percentile(upright[near, 2] if near.any() else upright[:, 2], _LOW_PERCENTILE))
-
-
-def _ground_below(upright: np.ndarray, scene: _Scene, warnings: list[str]) -> float:
-    """Height of the ground under the point that the cameras look at, hills and all."""
-    tolerance = ground_tolerance(scene.distance, scene.threshold)
-    z = ground_height_at(upright, (0.0, 0.0), _AROUND * scene.distance, tolerance)
-    if z is None:
-        warnings.append("no ground seen below what the cameras look at: z = 0 is only approximate")
-        return 0.0
-    return z
+def _heights_near(upright: np.ndarray, distance: float) -> np.ndarray:
+    """Heights of the points within a distance of the z axis; of all where there are none."""
+    near = np.hypot(upright[:, 0], upright[:, 1]) < distance
+    return upright[near if near.any() else slice(None), 2]
 
 
 def _half_turn_check(
-    aligned: np.ndarray, scene: _Scene, up: np.ndarray, warnings: list[str]
+    aligned: np.ndarray,
+    distance: float,
+    poses: Poses,
+    stated_turns: np.ndarray | None,
+    up: np.ndarray,
+    warnings: list[str],
 ) -> dict:
     """The paper's check by centre of mass, beside what the cameras say about up and down."""
-    near = np.hypot(aligned[:, 0], aligned[:, 1]) < _MASS_WITHIN * scene.distance
-    mass = float(aligned[near, 2].mean()) if near.any() else float(aligned[:, 2].mean())
-    costs, turns = roll_costs(scene.poses, np.stack([up, -up]), scene.stated_turns)
+    mass = float(_heights_near(aligned, distance).mean())
+    costs, turns = roll_costs(poses, np.stack([up, -up]), stated_turns)
     margin = float(costs[1].mean() - costs[0].mean())
-    _, up_axes = photographer_axes(scene.poses)
-    mean_up = float((up_axes[np.arange(len(turns[0])), turns[0]] @ up).mean())
-    stored_up = float((scene.poses.up @ up).mean())
+    up_axes = photographer_axes(poses)[1][np.arange(len(poses)), turns[0]]
+    stored_up = float((poses.up @ up).mean())
     if mass <= 0 or margin < _LEAST_MARGIN:
         warnings.append(
             f"up and down may be swapped: centre of mass at z = {mass:.3g}, mean up of the photos "
@@ -398,18 +322,8 @@ def _half_turn_check(
         )
     return {
         "center_of_mass_z": mass,
-        "cameras_mean_up_z": mean_up,
+        "cameras_mean_up_z": float((up_axes @ up).mean()),
         "cameras_stored_up_z": stored_up,
         "cameras_margin": margin,
         "agree": bool(mass > 0 and margin > 0),
-    }
-
-
-def _plane_report(plane: Plane, up: np.ndarray) -> dict:
-    """A candidate for align.json."""
-    return {
-        "score": plane.score,
-        "n_inliers": plane.n_inliers,
-        "angle_to_up_deg": angle_deg(plane.normal, up),
-        "factors": plane.factors,
     }

@@ -16,25 +16,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.ground_surface import GroundSurface
 from cherrypicker.geometry.sampling import thin_randomly
-from cherrypicker.placement.camera_geometry import look_at_point
 from cherrypicker.placement.footprint import Footprint
-from cherrypicker.placement.ground import CELL, REACH, ground_cells
-from cherrypicker.placement.region import find_region
+from cherrypicker.placement.ground import CELL, REACH, TOLERANCE, ground_cells
+from cherrypicker.placement.region import find_region, look_at_point
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
 _SEARCH_POINTS = 400_000  # bounds the time
-# Height that may still be ground, a share of the cameras' distance (guess)
-_TOLERANCE = 0.3
-# Percentiles of the ground's heights and of all heights that are its lowest, and the places asked
-# (guesses)
-_LOWEST_GROUND, _LOWEST_POINT = 1, 0.1
-_FLOOR_POINTS = 20_000
+_LOWEST_PERCENTILE = 1  # of the ground's heights is its lowest (guess)
 # The ground is kept for the segmentation; what lies deeper under it is noise (guess)
-_DEPTH_BELOW_GROUND = 0.05
+_DEPTH = 0.05
 
 
 @dataclass
@@ -85,12 +78,22 @@ def crop_roi(
     is_box = region == "cameras" and not several
     center, distance, footprint, warnings = _footprint(poses, search, several, is_box)
     footprint = footprint.widened(margin_fraction)
-    cells = ground_cells(search, CELL * distance, REACH * distance, _TOLERANCE * distance)
-    inside = _inside(points, footprint)
-    floor = float(points[inside, 2].min())
-    if not is_box:
-        floor = _floor(GroundSurface(cells), cells, points[inside], distance)
-    keep = _above_floor(points, inside, floor)
+    inside = footprint.inward(points[:, :2]) >= 0
+    if not inside.any():
+        raise StageError(
+            "the region of interest holds no point: x {:.3g} to {:.3g}, y {:.3g} to {:.3g}".format(
+                *footprint.limits().T.ravel()
+            ),
+            key="crop.margin_fraction",
+        )
+    floor = float(points[inside, 2].min()) if is_box else _floor(search, footprint, distance)
+    keep = inside & (points[:, 2] >= floor)
+    if not keep.any():
+        raise StageError(
+            f"no point of the region of interest lies above z = {floor:.3g}; the cloud may be "
+            "upside down",
+            key="align.up_from",
+        )
     kept = int(keep.sum())
     logger.info(
         "kept %s of %s points (%.1f %%); %s more inside the region lie below z = %.3g",
@@ -139,35 +142,10 @@ def _footprint(
     return center, distance, footprint, [] if several else [warning]
 
 
-def _inside(points: np.ndarray, footprint: Footprint) -> np.ndarray:
-    """Mask of the points above the footprint; refuse when there are none."""
-    inside = footprint.inward(points[:, :2]) >= 0
-    if not inside.any():
-        raise StageError(
-            "the region of interest holds no point: x {:.3g} to {:.3g}, y {:.3g} to {:.3g}".format(
-                *footprint.limits().T.ravel()
-            ),
-            key="crop.margin_fraction",
-        )
-    return inside
-
-
-def _above_floor(points: np.ndarray, inside: np.ndarray, floor: float) -> np.ndarray:
-    """Mask of the points inside that are not below the ground; refuse when there are none."""
-    keep = inside & (points[:, 2] >= floor)
-    if not keep.any():
-        raise StageError(
-            f"no point of the region of interest lies above z = {floor:.3g}; the cloud may be "
-            "upside down",
-            key="align.up_from",
-        )
-    return keep
-
-
-def _floor(surface: GroundSurface, cells: np.ndarray, points: np.ndarray, distance: float) -> float:
+def _floor(points: np.ndarray, footprint: Footprint, distance: float) -> float:
     """Lowest height kept: a little below the lowest ground inside the region."""
-    margin = _DEPTH_BELOW_GROUND * distance
-    if len(cells) == 0:
-        return float(np.percentile(points[:, 2], _LOWEST_POINT) - margin)
-    spots = points[:: max(1, len(points) // _FLOOR_POINTS), :2]
-    return float(min(np.percentile(surface(spots), _LOWEST_GROUND), 0.0) - margin)
+    cells = ground_cells(points, CELL * distance, REACH * distance, TOLERANCE * distance)
+    cells = cells[footprint.inward(cells[:, :2]) >= 0]
+    heights = cells[:, 2] if len(cells) else points[footprint.inward(points[:, :2]) >= 0, 2]
+    lowest = np.percentile(heights, _LOWEST_PERCENTILE) if len(heights) else 0.0
+    return float(min(lowest, 0.0) - _DEPTH * distance)

@@ -10,6 +10,7 @@ import numpy as np
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
+from cherrypicker.placement.directions import rodrigues
 from cherrypicker.placement.las_promise import check_las_promise
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.units import UNITS_M
@@ -43,20 +44,6 @@ def parse_up_axis(text: str) -> np.ndarray:
     return vector
 
 
-def rotation_to_z(up: np.ndarray) -> np.ndarray:
-    """Return the rotation that turns an axis onto z by the least angle, entries exactly 0 or 1.
-
-    ``-z`` is turned about x.
-    """
-    axis = int(np.flatnonzero(up)[0])
-    sign = up[axis]
-    if axis == 0:  # x to z, about y
-        return np.array([[0.0, 0.0, -sign], [0.0, 1.0, 0.0], [sign, 0.0, 0.0]])
-    if axis == 1:  # y to z, about x
-        return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -sign], [0.0, sign, 0.0]])
-    return np.diag([1.0, sign, sign])
-
-
 def import_cloud(
     path: str | os.PathLike, unit: str = "", up: str = "", scale: str = ""
 ) -> PointCloud:
@@ -85,7 +72,7 @@ def import_cloud(
     """
     cloud = _read_any(Path(path))
     _check_labels(cloud, path)
-    rotation = rotation_to_z(parse_up_axis(up or "z"))
+    rotation = rodrigues(parse_up_axis(up or "z"), [0.0, 0.0, 1.0])
     if scale == "none":
         height = float(np.ptp(cloud.points @ rotation[2]))
         if height <= 0:

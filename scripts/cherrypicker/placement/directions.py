@@ -1,0 +1,53 @@
+"""Directions: their length, the angle between two, and the turn of one onto another."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = ["angle_deg", "rodrigues", "tangent_basis", "unit"]
+
+
+def unit(vectors: ArrayLike) -> np.ndarray:
+    """Scale vectors of shape (..., 3) to length one."""
+    vectors = np.asarray(vectors, float)
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+
+
+def angle_deg(a: ArrayLike, b: ArrayLike) -> float:
+    """Angle between two vectors in degrees, precise near zero."""
+    a, b = unit(a), unit(b)
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def tangent_basis(direction: ArrayLike) -> np.ndarray:
+    """Two unit vectors, shape (2, 3), that span the plane orthogonal to `direction`."""
+    direction = unit(direction)
+    helper = np.eye(3)[np.argmin(np.abs(direction))]
+    first = unit(np.cross(direction, helper))
+    return np.stack([first, np.cross(direction, first)])
+
+
+def rodrigues(source: ArrayLike, destination: ArrayLike) -> np.ndarray:
+    """Rotation of the unit vector `source` onto `destination` by Rodrigues' formula.
+
+    Parameters
+    ----------
+    source, destination : array-like of shape (3,)
+
+    Returns
+    -------
+    ndarray of shape (3, 3)
+        The smallest rotation; for opposite vectors a half turn about an axis orthogonal to both,
+        of -z onto z about x. Between axes of the frame all entries are exactly 0, 1 or -1.
+    """
+    source, destination = unit(source), unit(destination)
+    axis = np.cross(source, destination)
+    sine, cosine = np.linalg.norm(axis), float(source @ destination)
+    if sine < 1e-12:
+        if cosine > 0:
+            return np.eye(3)
+        axis = tangent_basis(source)[1]
+        return 2 * np.outer(axis, axis) - np.eye(3)
+    k = np.cross(axis / sine, -np.eye(3))
+    return np.eye(3) + sine * k + (1 - cosine) * (k @ k)

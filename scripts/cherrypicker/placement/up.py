@@ -1,0 +1,221 @@
+"""Which way is up, by what the photos say: how they were held, and what their phones measured.
+
+One robust least-squares problem over the direction up. What measures it (the photos' rolls, the
+gravity that they state, the ground's normal) differs only in its rows, its noise, and the error
+that all of its rows share, which is solved for: no accelerometer is without an offset.
+
+A photo may be stored in any of four quarter turns (COLMAP ignores the EXIF orientation): each takes
+the turn at which it is upright, with EXIF as a hint.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cherrypicker.geometry.robust import CAUCHY, robust_sigma
+from cherrypicker.placement.directions import angle_deg, tangent_basis, unit
+from cherrypicker.poses import Poses
+
+logger = logging.getLogger(__name__)
+
+_TURN_OF_EXIF = {1: 0, 6: 1, 3: 2, 8: 3}
+# Scales of roll and pitch of hand-held photos, by which a photo chooses its quarter turn, and what
+# each turn away from EXIF's costs of a cost below 1; the tag may be missing or wrong (guesses)
+_ROLL_DEG, _PITCH_DEG, _TURN_COST = 8.0, 45.0, 0.15
+_LEAST_NOISE_DEG = 0.2  # nobody holds a camera, and no phone measures, better than this
+_N_ROUNDS = 3  # of turns and noise, each by the direction before
+# Photos that must state gravity; their largest median angle to their common direction, and its
+# largest to the rolls' up, degrees (guesses; a phone's photos of a trunk: 23, 1.1 and 4.6)
+_FEWEST, _MOST_SPREAD_DEG, _MOST_OFF_DEG = 3, 5.0, 20.0
+_OFFSET_DEG = 0.5  # of an accelerometer, in all photos alike (guess)
+# Median angle to the middle of a two-dimensional normal distribution, in its standard deviations
+_MEDIAN_OF_RAYLEIGH = 1.1774
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Rows whose products with the way up were measured."""
+
+    rows: np.ndarray  # (n, k, 3): of each of n measurements, k components
+    values: np.ndarray  # (n, k): what the products are
+    noise: float  # standard deviation of each product, rad
+    shared: float = 0.0  # of the error that all n have in common, one a component, rad
+
+
+@dataclass(frozen=True)
+class PhotosUp:
+    """Vertical direction that the photos agree on."""
+
+    up: np.ndarray  # (3,): unit vector, world frame
+    sigma_deg: float  # standard deviation in the direction least known
+    # (n_photos,) int: quarter turn of each photo, 0 stored upright, 1 EXIF 6, 2 upside down, 3
+    # EXIF 8
+    turns: np.ndarray
+    roll_std_deg: float  # robust spread of the rolls about the up of the rolls alone
+    cost: float  # mean robust disagreement in [0, 1]; below 0.3 the cameras agree well
+    evidence: list[Evidence]  # to be joined with other evidence
+    gravity: dict  # what align.json says of the stated gravity
+    warnings: list[str]
+
+
+def solve_up(evidence: Sequence[Evidence], start: ArrayLike) -> tuple[np.ndarray, float]:
+    """Direction that fits all evidence best, by least squares with Cauchy's loss.
+
+    Parameters
+    ----------
+    evidence : sequence of Evidence
+    start : array-like of shape (3,)
+        Where to begin; what no evidence tells stays there.
+
+    Returns
+    -------
+    up : ndarray of shape (3,)
+    sigma_deg : float
+        Its standard deviation in the direction least known, at most some 45 degrees.
+    """
+    from scipy.optimize import least_squares
+
+    start = unit(start)
+    basis = tangent_basis(start)
+    ends = 2 + np.cumsum([one.rows.shape[1] for one in evidence])
+
+    def residuals(unknown: np.ndarray) -> np.ndarray:
+        """Of the tilt from the start, then of each evidence's products and its shared errors."""
+        up = unit(start + unknown[:2] @ basis)
+        parts = [unknown[:2] / np.radians(_PITCH_DEG)]
+        for one, end in zip(evidence, ends, strict=True):
+            shared = unknown[end - one.rows.shape[1] : end]
+            off = one.rows @ up - one.values - one.shared * shared
+            parts += [off.ravel() / one.noise, shared]
+        return np.concatenate(parts)
+
+    fit = least_squares(residuals, np.zeros(ends[-1]), loss="cauchy", f_scale=CAUCHY, x_scale="jac")
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac)[:2, :2]
+    sigma = np.sqrt(np.linalg.eigvalsh(covariance)[-1])
+    return unit(start + fit.x[:2] @ basis), float(np.degrees(sigma))
+
+
+def turns_from_exif(orientations: Iterable[int]) -> np.ndarray:
+    """Quarter turns, shape (n,), that EXIF orientations (1 to 8) state; mirrored count as 1."""
+    return np.array([_TURN_OF_EXIF.get(int(value), 0) for value in orientations], int)
+
+
+def photographer_axes(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+    """Right and up axes of every photo at each quarter turn, world, each (n_cameras, 4, 3)."""
+    x, down = poses.rotations[:, 0], poses.rotations[:, 1]
+    # As stored; EXIF 6: up is the image's left; EXIF 3: upside down; EXIF 8
+    return np.stack([x, -down, -x, down], axis=1), np.stack([-down, -x, down, x], axis=1)
+
+
+def roll_costs(
+    poses: Poses, directions: ArrayLike, stated_turns: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """How badly each photo fits each hypothetical up direction, at its best quarter turn.
+
+    A level photo has its right axis orthogonal to up (roll) and its up axis not too far from up
+    (pitch); the second term rejects the horizontal directions to which the image axes of a level
+    ring of cameras are orthogonal as well.
+
+    Parameters
+    ----------
+    directions : ndarray of shape (n_directions, 3)
+    stated_turns : ndarray of shape (n_cameras,), int, optional
+        As :func:`turns_from_exif` gives them; all 0 without.
+
+    Returns
+    -------
+    costs : ndarray of shape (n_directions, n_cameras)
+        In [0, 1), robust.
+    turns : ndarray of shape (n_directions, n_cameras), int
+    """
+    right, up = photographer_axes(poses)
+    directions = unit(np.atleast_2d(directions))
+    roll = np.degrees(np.arcsin(np.clip(np.einsum("nki,hi->hnk", right, directions), -1, 1)))
+    pitch = np.degrees(np.arccos(np.clip(np.einsum("nki,hi->hnk", up, directions), -1, 1)))
+    squared = (roll / _ROLL_DEG) ** 2 + (pitch / _PITCH_DEG) ** 2
+    misfit = squared / (1.0 + squared)
+    stated = np.zeros(len(right), int) if stated_turns is None else stated_turns
+    turned = (np.arange(4) - stated[:, None]) % 4
+    costs = misfit + _TURN_COST * np.minimum(turned, 4 - turned) * (1.0 - misfit)
+    return costs.min(axis=2), costs.argmin(axis=2)
+
+
+def photos_up(
+    poses: Poses,
+    *,
+    stated_turns: np.ndarray | None = None,
+    stated_ups: Sequence[np.ndarray | None] = (),
+    start: np.ndarray | None = None,
+) -> PhotosUp:
+    """Estimate the vertical from how the photos were held and from the gravity that they state.
+
+    Every photo contributes its horizontal axis (image x, or y for a portrait photo stored
+    sideways), which ought to be orthogonal to up whatever the pitch. Readings of gravity that
+    contradict one another or the rolls by too much count for nothing: a program that turned the
+    photos has kept them.
+
+    Parameters
+    ----------
+    stated_turns : ndarray of shape (n_cameras,), int, optional
+        Quarter turns according to EXIF.
+    stated_ups : sequence of (ndarray of shape (3,) or None), optional
+        The way up in each camera's axes according to the phone
+        (:func:`cherrypicker.intake.gravity.stated_up`).
+    start : ndarray of shape (3,), optional
+        Take the solution near this direction (a ground normal, sign included); else search among
+        the photos' own.
+    """
+    right, up_axes = photographer_axes(poses)
+    if start is None:
+        directions = up_axes.reshape(-1, 3)
+        start = directions[roll_costs(poses, directions, stated_turns)[0].mean(axis=1).argmin()]
+    up = unit(start)
+    for _ in range(_N_ROUNDS):
+        turns = roll_costs(poses, up, stated_turns)[1][0]
+        held = right[np.arange(len(right)), turns]
+        # The median of |roll| also feels a shared bias, which is then part of the noise.
+        noise = max(robust_sigma(held @ up), np.radians(_LEAST_NOISE_DEG))
+        evidence = [Evidence(held[:, None], np.zeros((len(held), 1)), noise)]
+        up, sigma_deg = solve_up(evidence, up)
+    costs, turns = roll_costs(poses, up, stated_turns)
+    stated, report, warnings = _stated_gravity(poses, stated_ups, up)
+    if stated is not None:
+        evidence = [stated]  # what hands do, all of a half ring alike, is no better than a guess
+        up, sigma_deg = solve_up(evidence, up)
+    roll_std_deg, cost = float(np.degrees(noise)), float(costs.mean())
+    return PhotosUp(up, sigma_deg, turns[0], roll_std_deg, cost, evidence, report, warnings)
+
+
+def _stated_gravity(
+    poses: Poses, stated: Sequence[np.ndarray | None], rolls_up: np.ndarray
+) -> tuple[Evidence | None, dict, list[str]]:
+    """What the phones measured, None where it cannot be right; for align.json; and warnings."""
+    known = {i: up for i, up in enumerate(stated) if up is not None}
+    if len(known) < _FEWEST:
+        return None, {"gravity_is_used": False}, []
+    values, rows = unit(list(known.values())), poses.rotations[list(known)]
+    ups = np.einsum("nij,ni->nj", rows, values)
+    common = np.median(ups, axis=0)
+    spread_deg = max(float(np.median([angle_deg(up, common) for up in ups])), _LEAST_NOISE_DEG)
+    off_deg = angle_deg(common, rolls_up)
+    is_used = spread_deg <= _MOST_SPREAD_DEG and off_deg <= _MOST_OFF_DEG
+    report = {
+        "gravity_is_used": is_used,
+        "gravity_n_photos": len(known),
+        "gravity_spread_deg": spread_deg,
+        "gravity_to_rolls_deg": off_deg,
+    }
+    says = (
+        f"{len(known)} photos state gravity, to {spread_deg:.1f} degrees in the median, "
+        f"{off_deg:.1f} degrees off the way that they were held"
+    )
+    if not is_used:
+        return None, report, [f"{says}: gravity is not used"]
+    logger.info("%s", says)
+    noise = np.radians(spread_deg) / _MEDIAN_OF_RAYLEIGH
+    return Evidence(rows, values, noise, np.radians(_OFFSET_DEG)), report, []
