@@ -199,6 +199,20 @@ def test_no_ground_uses_the_cameras_and_says_so():
     assert not result.report["ground_found"]
 
 
+def test_without_a_ground_cameras_held_anyhow_tell_no_vertical():
+    rng = np.random.default_rng(21)
+    poses = look_at_poses(ring(), TARGET)
+    anyhow = np.linalg.qr(rng.normal(size=(len(poses), 3, 3)))[0]
+    anyhow *= np.linalg.det(anyhow)[:, None, None]
+    poses = replace(poses, cam_from_world=anyhow @ poses.cam_from_world)
+    with pytest.raises(StageError, match="do not tell the vertical") as caught:
+        align(tree_points(rng), poses)
+    assert caught.value.key == "align.ground_distance_fraction"
+    with pytest.raises(StageError, match="no plane") as caught:
+        align(tree_points(rng), poses, AlignOptions(up_from="ground"))
+    assert caught.value.key == "align.up_from"
+
+
 def test_equal_input_gives_equal_output():
     rng = np.random.default_rng(14)
     points, poses = scene(rng, ring())

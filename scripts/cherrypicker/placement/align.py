@@ -20,16 +20,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.sampling import thin_randomly, voxel_sample
+from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.directions import angle_deg, rodrigues, tangent_basis
 from cherrypicker.placement.ground import (
-    REACH,
+    LOWEST_PERCENTILE,
+    MOST_POINTS,
+    SLOPE_DEG,
     Plane,
     ground_height,
     ground_tilt,
-    judge_plane,
+    judged,
+    judged_planes,
     largest_plane,
-    plane_candidates,
 )
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.placement.up import (
@@ -45,14 +47,10 @@ from cherrypicker.poses import Poses
 logger = logging.getLogger(__name__)
 
 _MIN_POINTS = 100
-_SUBSAMPLE = 400_000  # bounds the time
 # Guesses
 _MIN_SCORE = 0.5  # of the photos speak for the ground, or it is none
-_LOWEST_PERCENTILE = 1  # stands for the ground where no plane does
 _LEAST_SLOPE = 0.3  # keeps a division finite
-_SLOPES_DEG = 5  # a ground that is off the cameras' up by more is worth a warning
-_MAX_COST, _MAX_SIGMA_DEG = 0.45, 15  # beyond them the cameras tell no vertical
-_LEAST_MARGIN = 0.05  # of the cameras' cost upside down
+_MOST_DEG = 15  # rolls that differ by more, or an up that is less sure, tell no vertical
 
 
 @dataclass
@@ -110,10 +108,25 @@ def align(
     """
     options = options or AlignOptions()
     _check_input(points, poses)
-    points = np.asarray(thin_randomly(points, _SUBSAMPLE, seed), float)
+    points = np.asarray(thin_randomly(points, MOST_POINTS, seed), float)
     target, distance = look_at_point(poses, points)
     is_alone = options.plane == "ransac"  # the plane decides, whatever the cameras say
-    planes = _judged_planes(points, poses, target, distance, options, stated_turns, seed)
+    threshold = options.ground_distance_fraction * distance
+    if is_alone:
+        plane = largest_plane(points, threshold, seed=seed)
+        inliers = points[np.abs(plane.height(points)) < threshold]
+        planes = [judged(plane, inliers, poses, target, distance, stated_turns)]
+    else:
+        planes = judged_planes(
+            points,
+            poses,
+            target,
+            distance,
+            threshold,
+            n_planes=options.n_planes,
+            stated_turns=stated_turns,
+            seed=seed,
+        )
     ground = planes[0] if planes and (is_alone or planes[0].score >= _MIN_SCORE) else None
     if ground is not None and options.flip == "mass" and ground.height(points).mean() < 0:
         ground.normal, ground.offset = -ground.normal, -ground.offset
@@ -136,7 +149,7 @@ def align(
     if ground is None:
         near = np.hypot(upright[:, 0], upright[:, 1]) < distance
         level = float(
-            np.percentile(upright[near if near.any() else slice(None), 2], _LOWEST_PERCENTILE)
+            np.percentile(upright[near if near.any() else slice(None), 2], LOWEST_PERCENTILE)
         )
     else:  # down the vertical from the target to the plane
         level = -ground.height(target) / max(up @ ground.normal, _LEAST_SLOPE)
@@ -191,45 +204,6 @@ def _check_input(points: np.ndarray, poses: Poses) -> None:
         raise StageError("fewer than two photos are registered", key="sfm.min_registered_fraction")
 
 
-def _judged_planes(
-    points: np.ndarray,
-    poses: Poses,
-    target: np.ndarray,
-    distance: float,
-    options: AlignOptions,
-    stated_turns: np.ndarray | None,
-    seed: int,
-) -> list[Plane]:
-    """Candidate planes near the target, the best ground first; or the largest plane of all."""
-    threshold = options.ground_distance_fraction * distance
-    near = points[np.linalg.norm(points - target, axis=1) < REACH * distance]
-    thinned, *_ = voxel_sample(near if len(near) >= _MIN_POINTS else points, threshold)
-    if options.plane == "ransac":
-        planes = [largest_plane(points, threshold, seed=seed)]
-    else:
-        planes = plane_candidates(thinned, threshold, n_planes=options.n_planes, seed=seed)
-    for plane in planes:
-        judge_plane(
-            plane,
-            thinned,
-            poses,
-            target=target,
-            distance=distance,
-            inlier_distance=threshold,
-            stated_turns=stated_turns,
-        )
-    planes.sort(key=lambda plane: -plane.score)
-    for plane in planes:
-        factors = ", ".join(f"{key} {value:.2f}" for key, value in plane.factors.items())
-        logger.info(
-            "plane candidate: %s inliers, score %.3f (%s)",
-            f"{plane.n_inliers:,}",
-            plane.score,
-            factors,
-        )
-    return planes
-
-
 def _vertical(
     from_target: np.ndarray,
     distance: float,
@@ -270,7 +244,7 @@ def _vertical(
         angles["up_to_ground_deg"],
         angles["up_to_cameras_deg"],
     )
-    if disagreement > max(_SLOPES_DEG, 2 * photos.sigma_deg):
+    if disagreement > max(SLOPE_DEG, 2 * photos.sigma_deg):
         warnings.append(
             f"the ground slopes by {disagreement:.1f} degrees against the cameras' mean up "
             f"direction (align.up_from is {options.up_from})"
@@ -282,8 +256,8 @@ def _photos_alone(photos: PhotosUp, options: AlignOptions, warnings: list[str]) 
     """Up direction where no plane can be the ground."""
     if options.up_from == "ground":
         raise StageError("no plane of the cloud can be the ground", key="align.up_from")
-    is_held_askew = photos.cost > _MAX_COST and not photos.gravity["gravity_is_used"]
-    if is_held_askew or photos.sigma_deg > _MAX_SIGMA_DEG:
+    is_held_askew = photos.roll_std_deg > _MOST_DEG and not photos.gravity["gravity_is_used"]
+    if is_held_askew or photos.sigma_deg > _MOST_DEG:
         raise StageError(
             "no plane of the cloud can be the ground, and the cameras do not tell the vertical",
             key="align.ground_distance_fraction",
@@ -315,7 +289,8 @@ def _half_turn_check(
     margin = float(costs[1].mean() - costs[0].mean())
     up_axes = photographer_axes(poses)[1][np.arange(len(poses)), turns[0]]
     stored_up = float((poses.up @ up).mean())
-    if mass <= 0 or margin < _LEAST_MARGIN:
+    agree = bool(mass > 0 and margin > 0)
+    if not agree:
         warnings.append(
             f"up and down may be swapped: centre of mass at z = {mass:.3g}, mean up of the photos "
             f"as stored z = {stored_up:.2f}"
@@ -325,5 +300,5 @@ def _half_turn_check(
         "cameras_mean_up_z": float((up_axes @ up).mean()),
         "cameras_stored_up_z": stored_up,
         "cameras_margin": margin,
-        "agree": bool(mass > 0 and margin > 0),
+        "agree": agree,
     }

@@ -18,14 +18,12 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.footprint import Footprint
-from cherrypicker.placement.ground import CELL, REACH, TOLERANCE, ground_cells
+from cherrypicker.placement.ground import LOWEST_PERCENTILE, MOST_POINTS, ground_cells
 from cherrypicker.placement.region import find_region, look_at_point
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
-_SEARCH_POINTS = 400_000  # bounds the time
-_LOWEST_PERCENTILE = 1  # of the ground's heights is its lowest (guess)
 # The ground is kept for the segmentation; what lies deeper under it is noise (guess)
 _DEPTH = 0.05
 
@@ -74,7 +72,7 @@ def crop_roi(
     StageError
         If the region holds no point.
     """
-    search = thin_randomly(points, _SEARCH_POINTS, seed)
+    search = thin_randomly(points, MOST_POINTS, seed)
     is_box = region == "cameras" and not several
     center, distance, footprint, warnings = _footprint(poses, search, several, is_box)
     footprint = footprint.widened(margin_fraction)
@@ -144,8 +142,8 @@ def _footprint(
 
 def _floor(points: np.ndarray, footprint: Footprint, distance: float) -> float:
     """Lowest height kept: a little below the lowest ground inside the region."""
-    cells = ground_cells(points, CELL * distance, REACH * distance, TOLERANCE * distance)
+    cells = ground_cells(points, distance)
     cells = cells[footprint.inward(cells[:, :2]) >= 0]
     heights = cells[:, 2] if len(cells) else points[footprint.inward(points[:, :2]) >= 0, 2]
-    lowest = np.percentile(heights, _LOWEST_PERCENTILE) if len(heights) else 0.0
+    lowest = np.percentile(heights, LOWEST_PERCENTILE) if len(heights) else 0.0
     return float(min(lowest, 0.0) - _DEPTH * distance)

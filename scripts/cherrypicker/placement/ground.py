@@ -6,29 +6,31 @@ at.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.ground_surface import robust_plane
-from cherrypicker.geometry.sampling import thin_randomly
+from cherrypicker.geometry.sampling import thin_randomly, voxel_sample
 from cherrypicker.placement.directions import angle_deg, unit
 from cherrypicker.placement.up import roll_costs
 from cherrypicker.poses import Poses
 
+logger = logging.getLogger(__name__)
+
 # Lengths without a unit are shares of the cameras' distance to what they look at; all are guesses
 N_TRIES, TEST_POINTS = 1500, 5000  # of RANSAC
+MOST_POINTS = 400_000  # of a cloud that are asked: bounds the time
 LEAST_REST = 0.01  # share of the points in which another plane is sought
-GROUND_NEAR = 0.3  # of the middle of a camera's way to the target, as seen from above
-# The ground's cells: width, and how far around the target; heights that may be ground
-CELL, REACH, TOLERANCE = 0.1, 2.5, 0.3
+# The ground's cells: width, how far around the target, and the fewest that make a plane; heights
+# that may be ground
+CELL, REACH, FEWEST_CELLS, TOLERANCE = 0.1, 2.5, 12, 0.3
+SPOT_CELL, N_SPOT = 0.024, 80  # below a spot: 7 cm wide seen from 3 m, a stem fills few
 LOW_QUANTILE = 0.1  # of the heights in a cell; low, since what is not ground stands on it
-FEWEST_IN_CELL, FEWEST_CELLS = 3, 12
-# Cells below a spot, 7 cm wide seen from 3 m, and how many: a stem fills few of them
-SPOT_CELL, SPOT_CELLS = 0.024, 80
-LEVEL_DEG = 0.7  # what ground near a tree is off level at best
-UNSEEN_DEG = 5.0  # what a level plane is off, where hardly any ground was seen
+LOWEST_PERCENTILE = 1  # of heights that stands for the lowest: what is below is noise
+LEVEL_DEG, SLOPE_DEG = 0.7, 5.0  # what ground near a tree is off level: at best, and remarkably
 
 
 @dataclass
@@ -47,31 +49,42 @@ class Plane:
         return points @ self.normal + self.offset
 
 
-def plane_candidates(
-    points: np.ndarray, distance: float, *, n_planes: int, seed: int = 0
+def judged_planes(
+    points: np.ndarray,
+    poses: Poses,
+    target: np.ndarray,
+    distance: float,
+    inlier_distance: float,
+    *,
+    n_planes: int,
+    stated_turns: np.ndarray | None = None,
+    seed: int = 0,
 ) -> list[Plane]:
-    """Find planes one after the other, each the largest of what the ones before it left.
+    """Planes near the target, each the largest of what the ones before it left, best ground first.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3)
-        Thinned cloud.
+    target : ndarray of shape (3,)
+        Point that the cameras look at.
     distance : float
+        Median distance of the cameras to the target.
+    inlier_distance : float
         Largest distance of an inlier from its plane.
-
-    Returns
-    -------
-    list of Plane
-        Fewer than `n_planes` when the points run out.
+    n_planes : int
+        Fewer come where the points run out.
+    stated_turns : ndarray of shape (n_cameras,), int, optional
+        Quarter turns of the stored photos according to EXIF.
     """
-    rest, planes = points, list[Plane]()
-    while len(planes) < n_planes and len(rest) > max(3, LEAST_REST * len(points)):
-        plane = largest_plane(thin_randomly(rest, TEST_POINTS, seed), distance, seed=seed)
-        is_inlier = np.abs(plane.height(rest)) < distance
-        plane.n_inliers = int(is_inlier.sum())
-        planes.append(plane)
-        rest = rest[~is_inlier]
-    return planes
+    near = points[np.linalg.norm(points - target, axis=1) < REACH * distance]
+    thinned, *_ = voxel_sample(near if len(near) else points, inlier_distance)
+    rest, planes = thinned, list[Plane]()
+    while len(planes) < n_planes and len(rest) > max(2, LEAST_REST * len(thinned)):
+        plane = largest_plane(thin_randomly(rest, TEST_POINTS, seed), inlier_distance, seed=seed)
+        is_inlier = np.abs(plane.height(rest)) < inlier_distance
+        inliers, rest = rest[is_inlier], rest[~is_inlier]
+        planes.append(judged(plane, inliers, poses, target, distance, stated_turns))
+    return sorted(planes, key=lambda plane: -plane.score)
 
 
 def largest_plane(points: np.ndarray, distance: float, *, seed: int = 0) -> Plane:
@@ -86,16 +99,14 @@ def largest_plane(points: np.ndarray, distance: float, *, seed: int = 0) -> Plan
     return Plane(np.array(normal) / length, offset / length, len(inliers))
 
 
-def judge_plane(
+def judged(
     plane: Plane,
-    points: np.ndarray,
+    inliers: np.ndarray,
     poses: Poses,
-    *,
     target: np.ndarray,
     distance: float,
-    inlier_distance: float,
     stated_turns: np.ndarray | None = None,
-) -> None:
+) -> Plane:
     """Rate how well a plane serves as the ground: by the photos that stand on it.
 
     A photo speaks for a plane where its camera is above it, is held upright over it, and has some
@@ -104,52 +115,51 @@ def judge_plane(
     Parameters
     ----------
     plane : Plane
-        Gets its normal turned to the cameras' side, its factors and its score.
-    points : ndarray of shape (n_points, 3)
-        Thinned cloud.
-    target : ndarray of shape (3,)
-        Point that the cameras look at.
-    distance : float
-        Median distance of the cameras to the target.
-    stated_turns : ndarray of shape (n_cameras,), int, optional
-        Quarter turns of the stored photos according to EXIF.
+    inliers : ndarray of shape (n_inliers, 3)
+        Points on it.
+    target, distance, stated_turns
+        As in :func:`judged_planes`.
+
+    Returns
+    -------
+    Plane
+        With its normal on the cameras' side, its factors and its score.
     """
-    centers = poses.centers
-    if np.median(plane.height(centers)) < 0:
-        plane.normal, plane.offset = -plane.normal, -plane.offset
-    ways = (centers + target) / 2
+    side = 1.0 if np.median(plane.height(poses.centers)) > 0 else -1.0
+    plane = Plane(side * plane.normal, side * plane.offset, len(inliers))
+    ways = (poses.centers + target) / 2
     feet = ways - plane.height(ways)[:, None] * plane.normal
-    inliers = points[np.abs(plane.height(points)) < inlier_distance]
     said = {
         "upright": 1.0 - roll_costs(poses, plane.normal, stated_turns)[0][0],
-        "above": plane.height(centers) > 0,
-        "beneath": cKDTree(inliers).query(feet)[0] < GROUND_NEAR * distance,
+        "above": plane.height(poses.centers) > 0,
+        "beneath": cKDTree(inliers).query(feet)[0] < 2 * CELL * distance,
     }
     plane.factors = {name: float(value.mean()) for name, value in said.items()}
     plane.score = float(np.mean(said["upright"] * said["above"] * said["beneath"]))
+    logger.info("plane of %d points: score %.3f %s", len(inliers), plane.score, plane.factors)
+    return plane
 
 
-def ground_cells(points: np.ndarray, cell: float, reach: float, tolerance: float) -> np.ndarray:
+def ground_cells(points: np.ndarray, distance: float, width: float = CELL) -> np.ndarray:
     """Low points of the cells of a grid around the z axis: the ground where it was seen.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3)
         Frame with z up, ground near z = 0.
-    cell : float
-        Width of a cell.
-    reach : float
-        Radius about the z axis.
-    tolerance : float
-        Points further than this from z = 0 are no ground.
+    distance : float
+        Cameras' median distance to the target.
+    width : float, default 0.1
+        Of a cell, a share of that distance.
 
     Returns
     -------
     ndarray of shape (n_cells, 3)
         Mean x, y and a low quantile of z of each cell.
     """
-    near = (np.hypot(points[:, 0], points[:, 1]) < reach) & (np.abs(points[:, 2]) < tolerance)
-    points = points[near]
+    cell, reach = width * distance, REACH * distance
+    near = np.hypot(points[:, 0], points[:, 1]) < reach
+    points = points[near & (np.abs(points[:, 2]) < TOLERANCE * distance)]
     if len(points) == 0:
         return np.empty((0, 3))
     keys = np.floor((points[:, :2] + reach) / cell).astype(np.int64)
@@ -160,7 +170,7 @@ def ground_cells(points: np.ndarray, cell: float, reach: float, tolerance: float
     counts = np.diff(starts, append=len(flat))
     low = points[starts + (LOW_QUANTILE * (counts - 1)).astype(int), 2]
     middle = np.add.reduceat(points[:, :2], starts, axis=0) / counts[:, None]
-    return np.column_stack([middle, low])[counts >= FEWEST_IN_CELL]
+    return np.column_stack([middle, low])
 
 
 def ground_tilt(points: np.ndarray, distance: float) -> tuple[np.ndarray, float, float | None]:
@@ -182,13 +192,13 @@ def ground_tilt(points: np.ndarray, distance: float) -> tuple[np.ndarray, float,
     near_far_deg : float or None
         Angle between the fits within one and within 2.5 distances; None where too little was seen.
     """
-    cells = ground_cells(points, CELL * distance, REACH * distance, TOLERANCE * distance)
+    cells = ground_cells(points, distance)
     near = cells[np.hypot(cells[:, 0], cells[:, 1]) < distance]
     if len(cells) < FEWEST_CELLS:
-        return np.array([0.0, 0.0, 1.0]), UNSEEN_DEG, None
+        return np.array([0.0, 0.0, 1.0]), SLOPE_DEG, None
     normal = _normal(cells)
     if len(near) < FEWEST_CELLS:
-        return normal, UNSEEN_DEG, None
+        return normal, SLOPE_DEG, None
     # Hills give themselves away by the near and the far ground disagreeing.
     near_far = angle_deg(_normal(near), normal)
     return normal, LEVEL_DEG + near_far, near_far
@@ -210,9 +220,9 @@ def ground_height(points: np.ndarray, distance: float) -> float | None:
     distance : float
         Cameras' median distance to the target.
     """
-    cells = ground_cells(points, SPOT_CELL * distance, distance, TOLERANCE * distance)
+    cells = ground_cells(points, distance, SPOT_CELL)
     if len(cells) < FEWEST_CELLS:
         return None
-    nearest = np.argsort(np.hypot(cells[:, 0], cells[:, 1]), kind="stable")[:SPOT_CELLS]
+    nearest = np.argsort(np.hypot(cells[:, 0], cells[:, 1]), kind="stable")[:N_SPOT]
     (level, _, _), _ = robust_plane(cells[nearest, :2], cells[nearest, 2])
     return float(level)

@@ -57,7 +57,6 @@ class PhotosUp:
     # EXIF 8
     turns: np.ndarray
     roll_std_deg: float  # robust spread of the rolls about the up of the rolls alone
-    cost: float  # mean robust disagreement in [0, 1]; below 0.3 the cameras agree well
     evidence: list[Evidence]  # to be joined with other evidence
     gravity: dict  # what align.json says of the stated gravity
     warnings: list[str]
@@ -182,13 +181,12 @@ def photos_up(
         noise = max(robust_sigma(held @ up), np.radians(_LEAST_NOISE_DEG))
         evidence = [Evidence(held[:, None], np.zeros((len(held), 1)), noise)]
         up, sigma_deg = solve_up(evidence, up)
-    costs, turns = roll_costs(poses, up, stated_turns)
+    turns = roll_costs(poses, up, stated_turns)[1][0]
     stated, report, warnings = _stated_gravity(poses, stated_ups, up)
     if stated is not None:
         evidence = [stated]  # what hands do, all of a half ring alike, is no better than a guess
         up, sigma_deg = solve_up(evidence, up)
-    roll_std_deg, cost = float(np.degrees(noise)), float(costs.mean())
-    return PhotosUp(up, sigma_deg, turns[0], roll_std_deg, cost, evidence, report, warnings)
+    return PhotosUp(up, sigma_deg, turns, float(np.degrees(noise)), evidence, report, warnings)
 
 
 def _stated_gravity(
