@@ -267,7 +267,8 @@ def test_each_source_of_up_is_what_it_says():
     ground, cameras, auto = (up_by(up_from) for up_from in ("ground", "cameras", "auto"))
     assert angle_deg(ground, of_ground) < 0.5
     assert angle_deg(cameras, of_cameras) < 0.5
-    assert 0.005 < angle_deg(auto, cameras) < angle_deg(auto, ground) < angle_deg(cameras, ground)
+    # A slope that the photos are sure of hardly pulls at what both say.
+    assert 0.005 < angle_deg(auto, cameras) < 0.05 < angle_deg(auto, ground)
 
 
 PAPER = AlignOptions(plane="ransac", up_from="ground", flip="mass")

@@ -21,7 +21,7 @@ from cherrypicker.poses import Poses
 logger = logging.getLogger(__name__)
 
 # Lengths without a unit are shares of the cameras' distance to what they look at; all are guesses
-N_TRIES, TEST_POINTS = 1500, 5000  # of RANSAC
+N_TRIES, TEST_POINTS = 1500, 3000  # of RANSAC
 MOST_POINTS = 400_000  # of a cloud that are asked: bounds the time
 LEAST_REST = 0.01  # share of the points in which another plane is sought
 # The ground's cells: width, how far around the target, and the fewest that make a plane; heights
@@ -80,7 +80,7 @@ def judged_planes(
     thinned, *_ = voxel_sample(near if len(near) else points, inlier_distance)
     rest, planes = thinned, list[Plane]()
     while len(planes) < n_planes and len(rest) > max(2, LEAST_REST * len(thinned)):
-        plane = largest_plane(thin_randomly(rest, TEST_POINTS, seed), inlier_distance, seed=seed)
+        plane = _largest_plane(rest, inlier_distance, seed)
         is_inlier = np.abs(plane.height(rest)) < inlier_distance
         inliers, rest = rest[is_inlier], rest[~is_inlier]
         planes.append(judged(plane, inliers, poses, target, distance, stated_turns))
@@ -88,8 +88,11 @@ def judged_planes(
 
 
 def largest_plane(points: np.ndarray, distance: float, *, seed: int = 0) -> Plane:
-    """The plane with the most of the points (n_points, 3) within `distance`, by Open3D's RANSAC."""
-    import open3d  # takes half a second
+    """The plane with the most of the points (n_points, 3) within `distance`, by Open3D's RANSAC.
+
+    The paper's; the default does without Open3D, which needs libraries that pip cannot bring.
+    """
+    import open3d
 
     open3d.utility.random.seed(seed)
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
@@ -97,6 +100,21 @@ def largest_plane(points: np.ndarray, distance: float, *, seed: int = 0) -> Plan
     (*normal, offset), inliers = cloud.segment_plane(distance, 3, N_TRIES, probability=1.0)
     length = float(np.linalg.norm(normal))
     return Plane(np.array(normal) / length, offset / length, len(inliers))
+
+
+def _largest_plane(points: np.ndarray, distance: float, seed: int) -> Plane:
+    """The best of planes through three points each, refitted to its inliers by least squares."""
+    rng = np.random.default_rng(seed)
+    first, second, third = points[rng.integers(len(points), size=(3, N_TRIES))]
+    across = np.cross(second - first, third - first)
+    normals = unit(across)
+    off = thin_randomly(points, TEST_POINTS, seed) @ normals.T - np.sum(first * normals, axis=1)
+    counts = (np.abs(off) < distance).sum(axis=0)
+    best = np.argmax(counts * (np.linalg.norm(across, axis=1) > distance**2))
+    inliers = points[np.abs((points - first[best]) @ normals[best]) < distance]
+    center = inliers.mean(axis=0)
+    normal = np.linalg.eigh(np.cov(inliers - center, rowvar=False, bias=True))[1][:, 0]
+    return Plane(normal, float(-normal @ center), len(inliers))
 
 
 def judged(
