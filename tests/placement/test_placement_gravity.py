@@ -65,14 +65,18 @@ def test_gravity_takes_the_place_of_rolls():
     assert not plain.report["gravity_is_used"]
 
 
-@pytest.mark.parametrize("what", ["turned by a program", "at random"])
+@pytest.mark.parametrize("what", ["turned by a program", "at random", "loosely", "all askew"])
 def test_gravity_that_contradicts_itself_or_the_rolls_is_not_used(what):
     points, poses = half_ring_held_askew()
     ups = stated(poses)
     if what == "turned by a program":
         ups = [np.array([-y, x, z]) for x, y, z in ups]
-    else:
+    elif what == "at random":
         ups = list(np.random.default_rng(1).normal(size=(30, 3)))
+    elif what == "loosely":  # about the true direction
+        ups = stated(poses, noise_deg=8.0)
+    else:  # by 30 degrees about a level axis, in close agreement
+        ups = list(poses.rotations @ [0.0, 0.5, np.sqrt(0.75)])
     result = align(points, poses, stated_ups=ups)
     np.testing.assert_array_equal(result.rotation, align(points, poses).rotation)
     assert not result.report["gravity_is_used"]
