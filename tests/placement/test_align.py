@@ -16,6 +16,7 @@ from scan_scene import (
 from cherrypicker.errors import StageError
 from cherrypicker.placement.align import AlignOptions, align
 from cherrypicker.placement.directions import angle_deg, rodrigues
+from cherrypicker.placement.ground import ground_tilt
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.placement.up import photos_up
 
@@ -142,6 +143,34 @@ def test_a_roof_over_the_cameras_does_not_win():
     tilt, origin, _ = aligned_errors(points, poses)
     assert tilt < 0.5
     assert abs(origin[2]) < 0.03
+
+
+@pytest.mark.parametrize("what", ["netting among the cameras", "a field below a wall"])
+def test_a_level_plane_larger_than_the_ground_does_not_win(what):
+    """Level as the ground and denser, but not what most cameras stand over."""
+    rng = np.random.default_rng(22)
+    n = 200_000
+    if what == "netting among the cameras":  # a third of them stand below it
+        level = np.column_stack([rng.uniform(-4, 4, (n, 2)), rng.normal(1.2, 0.005, n)])
+    else:
+        level = np.column_stack([rng.uniform((3, -7), (8, 7), (n, 2)), rng.normal(-2, 0.005, n)])
+    points, poses = scene(rng, ring(), extra=[level])
+    few_left = np.hypot(*points[:, :2].T) < 3.5
+    points = points[few_left | (np.abs(points[:, 2]) > 0.5)]
+    tilt, origin, result = aligned_errors(points, poses)
+    assert tilt < 0.5
+    assert_below_what_is_looked_at(origin)
+    ground, *others = [plane["n_inliers"] for plane in result.report["candidates"]]
+    assert ground < max(others)
+
+
+def test_ground_near_that_is_not_as_the_far_is_trusted_less():
+    rng = np.random.default_rng(23)
+    level = ground_points(rng)
+    mound = level + [0, 0, 0.1] * (np.hypot(*level[:, :2].T) < 3)[:, None] * level[:, :1] / 3
+    (_, even, _), (_, doubted, near_far) = (ground_tilt(points, 3.0) for points in (level, mound))
+    assert even < 1.0 and doubted > even + near_far / 2
+    assert near_far == pytest.approx(np.degrees(np.arctan(0.1 / 3)), rel=0.3)
 
 
 def test_photos_all_sideways_and_from_one_side():
