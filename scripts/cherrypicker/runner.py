@@ -60,6 +60,11 @@ def status_name(rule: str, wildcards: Iterable[str] = ()) -> str:
     return ".".join([rule, *(str(each).replace("/", "_") for each in wildcards)]) + ".json"
 
 
+def told_of(wildcards: Mapping[str, str]) -> str:
+    """Return what a job is of, as its failure names it on the console."""
+    return " ".join(f"{name}={value}" for name, value in (wildcards or {"tree": NO_TREE}).items())
+
+
 class Option(NamedTuple):
     """An option of a stage: a typed keyword of its ``main``, or a field of its class."""
 
@@ -252,7 +257,7 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
         status.unlink(missing_ok=True)
         return
     line = StageError(**failure).describe()
-    whose = " ".join(f"{name}={value}" for name, value in wildcards.items()) or f"tree={tree}"
+    whose = told_of(wildcards)
     # The console first: on a full disk it is all that is left to tell the reason.
     console.write(f"ERROR {whose} rule={rule}: {line}; log: {log_path}\n")
     console.flush()

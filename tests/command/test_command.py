@@ -1,5 +1,7 @@
 """The command: its subcommands but serve and check, each as a user calls it."""
 
+import io
+import json
 import os
 import re
 import subprocess
@@ -9,16 +11,17 @@ import pytest
 import yaml
 from finished_tree import write_finished_tree
 from PIL import Image
+from rich.console import Console
 
 from cherrypicker.batch.config import load_schema, read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.command import doctor, run
 from cherrypicker.command.main import SUBCOMMANDS, main
-from cherrypicker.command.snakemake_lines import read_events
 from cherrypicker.command.time_left import TimeLeft
 from cherrypicker.formats.table import FORMATS
 from cherrypicker.progress import duration
 from cherrypicker.runner import SCHEMA_FILE
+from snakemake_logger_plugin_cherrypicker import SEPARATOR
 
 
 @pytest.fixture
@@ -146,57 +149,86 @@ def test_run_passes_its_options_and_shows_a_dry_run(work, capfd):
     assert "import_cloud" in shown and "dry-run" in shown
 
 
-SNAKEFILE = """
+SNAKEFILE = r"""
+import json, pathlib
+def note(tree, **told):
+    path = pathlib.Path(f"logs/status/{tree}/import_cloud.json")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    told |= {"state": "failed", "log": f"logs/import_cloud/{tree}.log"}
+    path.write_text(json.dumps(told))
+if workflow.is_main_process:
+    note("killed", cause="of an earlier run", file=None, key=None)
+    os.utime("logs/status/killed/import_cloud.json", (0, 0))
+wildcard_constraints:
+    tree=r"\w+",
 rule all:
-    input: "good.txt", "bad.txt", "killed.txt"
+    input: expand("{tree}.txt", tree=TREES)
 rule measure_traits:
-    output: "good.txt"
-    message: "good: measure the traits"
-    shell: "echo '[good measure_traits] half' >&2; touch {output}"
+    output: "traits/{tree}.txt"
+    message: "{wildcards.tree}: measure the traits"
+    shell: "echo '[{wildcards.tree} measure_traits] half' >&2; touch {output}"
 rule import_cloud:
-    output: "bad.txt"
-    message: "bad: import the ready cloud"
-    shell: "echo 'ERROR tree=bad rule=import_cloud: no points; log: x' >&2; exit 1"
-rule extract_graph:
-    output: "killed.txt"
-    message: "gone: connect the skeleton"
-    shell: "kill -9 $$"
+    input: "traits/{tree}.txt"
+    output: "{tree}.txt"
+    log: "logs/import_cloud/{tree}.log"
+    message: "{wildcards.tree}: import the ready cloud"
+    run:
+        if wildcards.tree == "bad":
+            note("bad", cause="no points", file="bad.ply", key="cloud in trees.tsv")
+            raise ValueError
+        if wildcards.tree == "full":
+            shell("echo 'ERROR tree=full rule=import_cloud: no room; log: x' >&2; exit 1")
+        if wildcards.tree == "killed":
+            shell("kill -9 $$")
+        shell("touch {output}")
 """
 
 
-def test_run_tells_a_line_a_job_and_a_failure(work, capsys, monkeypatch):
-    (work / "Snakefile").write_text(SNAKEFILE)
+def run_of(work, monkeypatch, capsys, *trees):
+    """Run a small workflow over these trees; return the exit status and what was shown."""
+    (work / "Snakefile").write_text(f"import os\nTREES = {list(trees)}\n{SNAKEFILE}")
     (work / "results").mkdir()
-    table = (
-        "tree,status,failed_stage,cause,height_m\ngood,done,,,1.2\nbad,failed,import_cloud,none,\n"
-    )
+    table = "tree,status,failed_stage,cause,height_m\ngood,done,,,1.2\nbad,failed,stage,none,\n"
     (work / "results/traits.csv").write_text(table)
     monkeypatch.setattr(run, "PROJECT", work)
-    assert main(["run", "-d", str(work), "--cores", "1", "--keep-going"]) == 1
-    shown = capsys.readouterr().out
-    assert "[1/4] good: measure the traits, " in shown and "left" in shown
-    assert "FAILED bad import_cloud: no points; log: x" in shown
-    assert shown.count("FAILED") == 2 and "FAILED gone extract_graph: it ended" in shown
-    assert "[good measure_traits] half" in shown
-    assert "Complete log" in shown and "1.2" in shown and "import_cloud: none" in shown
-    assert "Select jobs" not in shown
+    status = main(["run", "-d", str(work), "--cores", "1", "--keep-going"])
+    return status, capsys.readouterr().out
 
 
-def test_the_table_of_jobs_and_the_cores_are_read():
-    lines = ["Provided cores: 4", "Job stats:", "job      count", "-----  -------", "a_b         3"]
-    lines += ["total       3", "", "2 of 3 steps (67%) done"]
-    events = [event for event in read_events(lines) if event.kind != "other"]
-    assert [(event.kind, event.rule, event.n_all) for event in events] == [
-        ("cores", "", 4),
-        ("counts", "a_b", 3),
-        ("steps", "", 3),
+def test_run_tells_a_line_a_job_and_a_failure(work, capsys, monkeypatch):
+    status, shown = run_of(work, monkeypatch, capsys, "good", "bad", "full", "killed")
+    assert status == 1
+    assert re.search(r"^\[\d/9\] good: measure the traits, \d+ s; about .* left$", shown, re.M)
+    assert sorted(line for line in shown.splitlines() if "FAILED" in line) == [
+        "FAILED bad import_cloud: no points; file: bad.ply; change: cloud in trees.tsv; "
+        "log: logs/import_cloud/bad.log",
+        "FAILED full import_cloud: no room; log: x",
+        "FAILED killed import_cloud: it ended without a word (killed, or out of memory?); "
+        "log: logs/import_cloud/killed.log",
     ]
+    assert "[good measure_traits] half" in shown
+    assert ".snakemake.log" in shown and "1.2" in shown and "stage: none" in shown
+    assert "Select jobs" not in shown and "RuleException" not in shown
 
 
-def test_the_number_of_a_job_that_starts_breaks_nothing():
-    lines = ["localrule all:", "    jobid: 0", "Error in rule fuse_depth:", "    jobid: 7"]
-    broken = [event for event in read_events(lines) if event.kind == "broken"]
-    assert [(event.job, event.rule) for event in broken] == [(7, "fuse_depth")]
+def test_a_run_that_succeeds_tells_of_no_failure(work, capsys, monkeypatch):
+    status, shown = run_of(work, monkeypatch, capsys, "good")
+    assert status == 0 and "FAILED" not in shown and "[3/3] all" in shown
+
+
+def test_the_jobs_and_the_cores_are_counted():
+    left = TimeLeft({})
+    view = run._View(Console(file=io.StringIO()), left)
+    stats = {"a_b": 3, "all": 1, "total": 4}
+    for told in ({"event": "run_info", "stats": stats}, {"event": "resources_info", "cores": 4}):
+        view.take(SEPARATOR + json.dumps(told | {"level": 20}))
+    assert left.waiting == {"a_b": 3, "all": 1} and left.cores == 4
+
+
+def test_what_stops_a_run_before_its_jobs_is_told(work, capfd):
+    (work / "config/trees.tsv").write_text("tree\tclod\n")
+    assert main(["run", "-d", str(work), "--cores", "1"]) == 1
+    assert "unknown column 'clod'; did you mean 'cloud'?" in capfd.readouterr().out
 
 
 def test_time_left_follows_the_forecast_and_the_pace(monkeypatch):

@@ -13,27 +13,34 @@ shown instead. Examples:
 from __future__ import annotations
 
 import csv
+import json
+import logging
 import os
 import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Table
 
-from cherrypicker.command.snakemake_lines import FIRST_JOBS, LAST_JOBS, Event, read_events
+import snakemake_logger_plugin_cherrypicker
 from cherrypicker.command.time_left import TimeLeft, seconds_of_stages
 from cherrypicker.command.work_folder import batch_here, enter, folder_parser
 from cherrypicker.errors import StageError
 from cherrypicker.files import PROJECT
 from cherrypicker.progress import duration
+from cherrypicker.runner import NO_TREE, status_folder, status_name, told_of
+from snakemake_logger_plugin_cherrypicker import SEPARATOR
 
 TRAITS_TABLE = Path("results/traits.csv")
+LOGS = Path(".snakemake/log")
 FILE_WIDTH = 120  # of the closing table where no terminal is
+_CLOCKS_DIFFER_S = 60.0  # at most, between this machine and the one that a stage ran on
 SHOWN = ("tree", "status", "height_m", "trunk_diameter_m", "total_length_m", "n_tips")
 
 parser = folder_parser(__doc__)
@@ -52,17 +59,32 @@ def main(arguments: Sequence[str]) -> int:
         return subprocess.run(command, check=False).returncode
     view = _View(console, TimeLeft(_forecast()))
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+        [*command, "--logger", "cherrypicker"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        env=_with_plugin(os.environ),
     ) as process:
         assert process.stdout is not None
         with view.progress:
-            for event in read_events(_lines(process.stdout)):
-                view.take(event)
+            for line in _lines(process.stdout):
+                view.take(line.rstrip("\n"))
     view.close()
-    if view.has_run and TRAITS_TABLE.is_file():
-        console.print(closing_table(TRAITS_TABLE))
-        console.print(f"pages: {Path('results/summary.html').resolve()}")
+    if view.has_run:
+        log = max(LOGS.glob("*.log"), default=LOGS)
+        console.print(f"Snakemake's own log: {log.absolute()}")
+        if TRAITS_TABLE.is_file():
+            console.print(closing_table(TRAITS_TABLE))
+            console.print(f"pages: {Path('results/summary.html').resolve()}")
     return process.returncode
+
+
+def _with_plugin(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment with the package of the logger plugin on Python's path."""
+    folder = os.fspath(Path(snakemake_logger_plugin_cherrypicker.__file__).parents[1])
+    paths = [folder, *filter(None, [environment.get("PYTHONPATH")])]
+    return {**environment, "PYTHONPATH": os.pathsep.join(paths)}
 
 
 def _forecast() -> dict[str, float]:
@@ -95,6 +117,39 @@ def _lines(stream: Iterable[str]) -> Iterable[str]:
             continue
 
 
+@dataclass
+class _Job:
+    """A job that runs."""
+
+    rule: str
+    name: str  # for the reader
+    wildcards: dict[str, str]
+    log: list[str]
+    start: float  # seconds since the epoch
+    task: TaskID
+    last_words: str = ""
+
+    @property
+    def whose(self) -> str:
+        """The tree, or what else it is of, and the rule, as the stages' runner tells them."""
+        return " ".join([*self.wildcards.values(), self.rule])
+
+    def cause(self) -> str:
+        """Why it failed: what the stage noted, else what it said last (on a full disk)."""
+        others = [value for name, value in self.wildcards.items() if name != "tree"]
+        folder = status_folder(self.wildcards.get("tree", NO_TREE))
+        note = folder / status_name(self.rule, others)
+        try:
+            told = json.loads(note.read_text(encoding="utf-8"))
+            if told["state"] == "failed" and note.stat().st_mtime >= self.start - _CLOCKS_DIFFER_S:
+                failure = StageError(told["cause"], file=told["file"], key=told["key"])
+                return f"{failure.describe()}; log: {told['log']}"
+        except (OSError, ValueError, LookupError, TypeError):
+            pass
+        log = f"; log: {self.log[0]}" if self.log else ""
+        return self.last_words or f"it ended without a word (killed, or out of memory?){log}"
+
+
 class _View:
     """What of a run is shown: on a terminal a bar and the running jobs, elsewhere a line a job."""
 
@@ -110,92 +165,83 @@ class _View:
             disable=not console.is_terminal,
         )
         self._all = self.progress.add_task("stages", total=None, said="")
+        self._jobs: dict[int, _Job] = {}
         self._head: list[str] = []
-        self._tail: list[str] = []
-        self._jobs: dict[int, tuple[str, str, float, TaskID]] = {}
-        self._told: set[tuple[str, str]] = set()
         self._last = ""
-        self._show = {
-            "started": self._started,
-            "finished": self._finished,
-            "steps": self._steps,
-            "failed": self._failed,
-            "broken": self._broken,
-            "detail": self._detail,
-        }
 
-    def take(self, event: Event) -> None:
-        """Show what a line of Snakemake tells."""
-        if event.kind == "counts":
-            self.time_left.waiting[event.rule] = event.n_all
-        elif event.kind == "cores":
-            self.time_left.cores = event.n_all
-        if event.line.startswith(FIRST_JOBS):
-            self.has_run = True
-        if not self.has_run:
-            self._head.append(event.line)
-        elif event.line.startswith(LAST_JOBS) or self._tail:
-            self._tail.append(event.line)
-        else:
-            self._show.get(event.kind, self._other)(event)
+    def take(self, line: str) -> None:
+        """Show what a line tells: a record of the logger plugin, or a job's own line."""
+        if not line.startswith(SEPARATOR):
+            self._said_by_job(line)
+            return
+        told = json.loads(line[len(SEPARATOR) :])
+        show = getattr(self, f"_{told['event']}", None)
+        if show:
+            show(told)
+        is_news = told["event"] in ("", "error") and told["level"] >= logging.WARNING
+        if self.has_run and told.get("exception") == "RuleException":
+            pass  # a job's, which is told as its failure
+        elif is_news:
+            self.console.print(told["text"])
+        elif told.get("text"):
+            self._head.append(told["text"])
 
     def close(self) -> None:
-        """Show what Snakemake said where it ran nothing, else where its log is."""
+        """Show what Snakemake said where it ran nothing."""
         if not self.has_run:
             self.console.print("\n".join(self._head))
-        for line in self._tail:
-            if line.startswith("Complete log"):
-                self.console.print(line)
 
-    def _started(self, event: Event) -> None:
-        name = f"{event.tree}: {event.text}" if event.tree else event.text
-        task = self.progress.add_task(name, total=None, said="")
-        self._jobs[event.job] = (event.tree, event.text, time.monotonic(), task)
-
-    def _finished(self, event: Event) -> None:
-        self.time_left.finish(event.rule)
-        tree, text, start, task = self._jobs.pop(event.job, ("", "", time.monotonic(), None))
-        if task is not None:
-            self.progress.remove_task(task)
-        took = duration(time.monotonic() - start)
-        name = f"{tree}: {text or event.rule}" if tree else (text or event.rule)
-        self._last = f"{name}, {took}"
-
-    def _steps(self, event: Event) -> None:
-        left = f"about {duration(self.time_left.left_s())} left"
-        self.progress.update(
-            self._all,
-            total=event.n_all,
-            completed=event.n_done,
-            said=f"{event.n_done} of {event.n_all}, {left}",
+    def _run_info(self, told: dict) -> None:
+        self.time_left.waiting.update(
+            {rule: count for rule, count in (told["stats"] or {}).items() if rule != "total"}
         )
-        self.console.print(f"[{event.n_done}/{event.n_all}] {self._last}; {left}")
 
-    def _failed(self, event: Event) -> None:
-        self._told.add((event.tree, event.rule))
-        self.time_left.fail(event.rule)
-        self.console.print(f"FAILED {event.tree} {event.rule}: {event.text}")
+    def _resources_info(self, told: dict) -> None:
+        self.time_left.cores = told["cores"] or self.time_left.cores
 
-    def _broken(self, event: Event) -> None:
-        tree, text, _, task = self._jobs.pop(event.job, ("", "", 0.0, None))
-        if task is not None:
-            self.progress.remove_task(task)
-        if not {(tree, event.rule), ("_batch", event.rule)} & self._told:
-            log = f"logs/{event.rule}/{tree}.log" if tree else f"logs/{event.rule}.log"
-            self.console.print(
-                f"FAILED {tree} {event.rule}: it ended without a word (killed, or out of memory?); "
-                f"log: {log}"
-            )
+    def _job_started(self, told: dict) -> None:
+        self.has_run = True
 
-    def _detail(self, event: Event) -> None:
-        for tree, _, _, task in self._jobs.values():
-            if tree == event.tree:
-                self.progress.update(task, said=event.text)
-        if not self.console.is_terminal:
-            self.console.print(event.line)
+    def _job_info(self, told: dict) -> None:
+        name = told["rule_msg"] or told["rule_name"]
+        task = self.progress.add_task(name, total=None, said="")
+        self._jobs[told["jobid"]] = _Job(
+            told["rule_name"], name, told["wildcards"], told["log"], time.time(), task
+        )
 
-    def _other(self, event: Event) -> None:
-        """Leave it to Snakemake's log."""
+    def _job_finished(self, told: dict) -> None:
+        job = self._end(told["job_id"])
+        if job:
+            self.time_left.finish(job.rule)
+            self._last = f"{job.name}, {duration(time.time() - job.start)}"
+
+    def _progress(self, told: dict) -> None:
+        left = f"about {duration(self.time_left.left_s())} left"
+        steps = f"{told['done']} of {told['total']}, {left}"
+        self.progress.update(self._all, total=told["total"], completed=told["done"], said=steps)
+        self.console.print(f"[{told['done']}/{told['total']}] {self._last}; {left}")
+
+    def _job_error(self, told: dict) -> None:
+        job = self._end(told["jobid"])
+        if job:
+            self.time_left.fail(job.rule)
+            self.console.print(f"FAILED {job.whose}: {job.cause()}")
+
+    def _end(self, number: int) -> _Job | None:
+        job = self._jobs.pop(number, None)
+        if job:
+            self.progress.remove_task(job.task)
+        return job
+
+    def _said_by_job(self, line: str) -> None:
+        for job in self._jobs.values():
+            _, is_error, words = line.partition(f"rule={job.rule}: ")
+            if line.startswith(f"[{job.whose}] "):
+                self.progress.update(job.task, said=line.partition("] ")[2])
+                if not self.console.is_terminal:
+                    self.console.print(line)
+            elif is_error and line.startswith(f"ERROR {told_of(job.wildcards)} "):
+                job.last_words = words
 
 
 def closing_table(path: Path) -> Table:
