@@ -2,13 +2,13 @@
 
 Reads config/config.yaml and config/trees.tsv of the working directory and the headers of the
 photos and clouds that they name; nothing is written. Where benchmarks/ holds three or more runs of
-a stage, these correct the shipped rates. Without --nodes the time is that on a laptop, a
-workstation with a GPU and 20 nodes. --photos and --size stand for scans not yet taken; --formulas
-prints what the numbers are made of.
+a stage, these correct the shipped rates. The time is that of so many cores at the least: all of
+them busy, or the longest tree. --photos and --size stand for scans not yet taken; --formulas prints
+what the numbers are made of.
 Examples:
 
     python scripts/forecast.py --directory WORK
-    python scripts/forecast.py --directory WORK --nodes 5 --cores 32 --memory_gb 120 --gpus 1
+    python scripts/forecast.py --directory WORK --cores 32 --gpu
     python scripts/forecast.py --scans 30 --photos 250 --size 4000x3000
 """
 
@@ -22,20 +22,16 @@ from pathlib import Path
 from cherrypicker.batch.batch import CONFIG_FILE, read_batch
 from cherrypicker.batch.config import load_schema, read_config_file, resolve_config
 from cherrypicker.batch.forecast import (
-    LAPTOP,
-    NODES,
-    WORKSTATION,
-    forecast_hours,
     forecast_stages,
     forecast_text,
     formula_table,
-    on_machine,
+    least_hours,
     read_corrections,
+    with_stereo,
 )
 from cherrypicker.batch.photo_sizes import PhotoSizes
 from cherrypicker.batch.resources import ScanSize, size_of_photos
 from cherrypicker.batch.scans import size_of_tree
-from cherrypicker.batch.schedule import Machine
 from cherrypicker.errors import StageError
 from cherrypicker.runner import stage_parser
 
@@ -52,18 +48,11 @@ def main(args: argparse.Namespace) -> None:
         scans, backends, labelled = assumed_scans(args.scans, args.photos, args.size)
     else:
         scans, backends, labelled = scans_of_batch()
+    scans = with_stereo(scans, backends, args.gpu)
     corrections = read_corrections("benchmarks", scans)
     stages = forecast_stages(scans, labelled, corrections, args.cores)
-    hours: dict[str, float | str] = {}
-    for machine in machines(args):
-        run = on_machine(scans, backends, machine)
-        label = f"{machine.name} ({machine.cores} cores, {machine.memory_gb:g} GB, "
-        label += f"{machine.gpus} GPUs each)"
-        try:
-            hours[label] = forecast_hours(run, machine, labelled, corrections)
-        except ValueError as error:
-            hours[label] = f"does not fit, {error}"
-    print(forecast_text(stages, hours, len(scans)))
+    hours = least_hours(scans, labelled, corrections, args.cores)
+    print(forecast_text(stages, len(scans), hours, args.cores))
 
 
 def scans_of_batch() -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
@@ -92,16 +81,6 @@ def assumed_scans(
     return dict.fromkeys(names, scan), dict.fromkeys(names, settings["mvs"]["backend"]), []
 
 
-def machines(args: argparse.Namespace) -> list[Machine]:
-    """Return the machines to ask for: the one that is described, or the three of the docs."""
-    if args.nodes is None:
-        return [LAPTOP, WORKSTATION, NODES]
-    start_s = NODES.start_s if args.nodes > 1 else LAPTOP.start_s
-    name = f"{args.nodes} machines" if args.nodes > 1 else "1 machine"
-    cores = args.cores or os.cpu_count() or 1
-    return [Machine(name, args.nodes, cores, args.memory_gb, args.gpus, start_s)]
-
-
 def photo_size(text: str) -> tuple[int, int]:
     """Parse a size in pixels such as ``4000x3000``."""
     match = re.fullmatch(r"(\d+)x(\d+)", text)
@@ -124,10 +103,10 @@ parser.add_argument("--photos", type=count, help="photos of each scan, instead o
 parser.add_argument(
     "--size", type=photo_size, default=(4000, 3000), help="with --photos: size of a photo, px"
 )
-parser.add_argument("--nodes", type=count, help="number of machines")
-parser.add_argument("--cores", type=count, help="cores of each machine")
-parser.add_argument("--memory_gb", type=float, default=16.0, help="memory of each machine, GB")
-parser.add_argument("--gpus", type=int, default=0, help="GPUs of each machine")
+parser.add_argument(
+    "--cores", type=count, default=os.cpu_count() or 1, help="cores in all, default this machine's"
+)
+parser.add_argument("--gpu", action="store_true", help="depth maps on a GPU")
 parser.add_argument("--formulas", action="store_true", help="print the formulas and rates instead")
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from cherrypicker.batch.resources import (
     threads_to_ask,
 )
 from cherrypicker.batch.scans import size_of_photo_scan
-from cherrypicker.batch.stage_costs import CLOUD_STAGES, ENLARGED_BELOW_MP, PHOTO_STAGES
+from cherrypicker.batch.stage_costs import ENLARGED_BELOW_MP, PHOTO_STAGES
 from cherrypicker.batch.trees import Tree
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.sfm.features import PLAIN_FIRST_MP
@@ -118,7 +118,7 @@ def test_a_scan_that_needs_it_has_its_photos_prepared(tmp_path):
 
     assert "prepare_photos" not in size().stages
     reduced = size(max_size_px=200)
-    assert reduced.stages["extract_features"].after == ("prepare_photos",)
+    assert next(iter(reduced.stages)) == "prepare_photos"
     assert reduced.photo_mp == pytest.approx(0.25 * size().photo_mp)
     assert size(replace(tree, masks="own")).is_prepared
     (plain / "walk.mp4").touch()
@@ -236,14 +236,6 @@ def test_points_of_a_laser_scan_come_from_its_header(tmp_path):
     struct.pack_into("<Q", long, 247, 5_000_000_000)
     (tmp_path / "long.las").write_bytes(long)
     assert count_points(tmp_path / "long.las") == 5_000_000_000
-
-
-def test_every_stage_has_rates_and_stands_behind_those_it_waits_for():
-    for stages in (PHOTO_STAGES, CLOUD_STAGES):
-        seen = set()
-        for rule, stage in stages.items():
-            assert set(stage.after) <= seen, rule
-            seen.add(rule)
 
 
 def test_photo_sizes_are_read_from_headers_once(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""What a batch will cost before anything is run: CPU hours, memory, disk and time."""
+"""What a batch will cost before anything is run: CPU hours, memory, disk and least time."""
 
 from __future__ import annotations
 
@@ -18,20 +18,14 @@ from cherrypicker.batch.resources import (
     speedup,
     threads_to_ask,
 )
-from cherrypicker.batch.schedule import Job, Machine, wall_seconds
 from cherrypicker.batch.stage_costs import CLOUD_STAGES, PHOTO_STAGES
-from cherrypicker.mvs.backends.table import BACKENDS, first_choice
+from cherrypicker.mvs.backends.table import first_choice
 from cherrypicker.progress import duration
 
 # Benchmarks of a stage from which on they count for more than the shipped rates
 ENOUGH_BENCHMARKS = 3
 # Below this Snakemake's samples of a stage's CPU time, up to 30 s apart, say too little
 _LEAST_CPU_S = 5.0
-
-LAPTOP = Machine("one laptop", 1, 8, 30.0)
-WORKSTATION = Machine("one GPU workstation", 1, 16, 60.0, gpus=1)
-# Slurm's queue and the looks at a job's state cost each job about half a minute
-NODES = Machine("20 nodes", 20, 16, 60.0, start_s=40.0)
 
 
 @dataclass(frozen=True)
@@ -111,45 +105,33 @@ def forecast_stages(
     ]
 
 
-def forecast_hours(
+def least_hours(
     scans: Mapping[str, ScanSize],
-    machine: Machine,
     labelled: Sequence[str] = (),
     corrections: Mapping[str, Correction] | None = None,
+    cores: int = 1,
 ) -> float:
-    """Return the hours from start to end of the batch on a machine.
-
-    Raises
-    ------
-    ValueError
-        If one job does not fit the machine; the message names its stage.
-    """
-    jobs: list[Job] = []
-    places: dict[str, dict[str, int]] = {name: {} for name in scans}
-    for name, rule, threads, cpu_s, memory_gb in _costs(
-        scans, labelled, corrections or {}, machine.cores
-    ):
-        before = _befores(scans[name], rule, places[name])
-        gpus = int(rule == "estimate_depth" and BACKENDS[scans[name].stereo].needs_cuda)
-        places[name][rule] = len(jobs)
-        jobs.append(Job(rule, cpu_s / speedup(threads), memory_gb, threads, gpus, before))
-    return wall_seconds(jobs, machine) / 3600.0
+    """Return the hours that so many cores need at least: all of them busy, or the longest tree."""
+    held_s, of_tree = 0.0, dict.fromkeys(scans, 0.0)
+    for name, _, threads, cpu_s, _ in _costs(scans, labelled, corrections or {}, cores):
+        job_s = cpu_s / speedup(threads)
+        held_s += threads * job_s
+        of_tree[name] += job_s
+    return max([held_s / cores, *of_tree.values()]) / 3600.0
 
 
-def on_machine(
-    scans: Mapping[str, ScanSize], backends: Mapping[str, str], machine: Machine
+def with_stereo(
+    scans: Mapping[str, ScanSize], backends: Mapping[str, str], has_gpu: bool
 ) -> dict[str, ScanSize]:
-    """Return the scans as they run on a machine: depth maps on its GPU where the config allows it.
+    """Return the scans with depth maps on a GPU where there is one and the config allows it.
 
     Parameters
     ----------
-    scans : mapping
-        Size of each scan by its id.
     backends : mapping
         The key ``mvs.backend`` of each scan.
     """
     return {
-        name: replace(scan, stereo=first_choice(backends[name], machine.gpus > 0))
+        name: replace(scan, stereo=first_choice(backends[name], has_gpu))
         for name, scan in scans.items()
     }
 
@@ -188,18 +170,8 @@ def read_corrections(
     return corrections
 
 
-def forecast_text(
-    stages: Sequence[StageForecast], hours: Mapping[str, float | str], n_scans: int
-) -> str:
-    """Return the forecast as a table to read.
-
-    Parameters
-    ----------
-    stages : sequence of StageForecast
-        From :func:`forecast_stages`.
-    hours : mapping
-        Hours by machine, or why the batch does not fit it.
-    """
+def forecast_text(stages: Sequence[StageForecast], n_scans: int, hours: float, cores: int) -> str:
+    """Return the forecast as a table to read, with the hours that so many cores need at least."""
     lines = [
         f"{n_scans} scans",
         f"{'stage':20s}{'jobs':>6s}{'threads':>9s}{'CPU h':>9s}{'min a job':>11s}"
@@ -217,8 +189,7 @@ def forecast_text(
         f"{max((row.memory_gb for row in stages), default=0.0):10.1f}"
         f"{sum(row.disk_gb for row in stages):9.1f}"
     )
-    for name, value in hours.items():
-        lines.append(f"{name}: {value if isinstance(value, str) else duration(3600.0 * value)}")
+    lines.append(f"{cores} cores: at least {duration(3600.0 * hours)}")
     return "\n".join(lines)
 
 
@@ -243,11 +214,3 @@ def _formula(factors: Mapping[str, float]) -> str:
         else:
             terms.append(name if factor == 1.0 else f"{factor:g} {name}")
     return " + ".join(terms)
-
-
-def _befores(scan: ScanSize, rule: str, place: Mapping[str, int]) -> tuple[int, ...]:
-    """Positions of the jobs that a stage waits for, past those that the scan skips."""
-    found: list[int] = []
-    for before in scan.stages[rule].after:
-        found += [place[before]] if before in place else _befores(scan, before, place)
-    return tuple(found)

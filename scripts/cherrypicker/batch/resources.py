@@ -10,7 +10,7 @@ import math
 import os
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from cherrypicker.batch.stage_costs import (
@@ -78,13 +78,7 @@ class ScanSize:
         if not self.is_photo_scan:
             return CLOUD_STAGES
         stages = PHOTO_STAGES | {"estimate_depth": stereo_stage(BACKENDS[self.stereo])}
-        if not self.is_prepared:
-            return stages
-        first = tuple(PREPARED)
-        return PREPARED | {
-            rule: stage if stage.after else replace(stage, after=first)
-            for rule, stage in stages.items()
-        }
+        return PREPARED | stages if self.is_prepared else stages
 
     def quantities(self, points_m: float, cropped_share: float) -> dict[str, float]:
         """Return what the factors of :class:`StageCost` multiply.

@@ -35,7 +35,6 @@ class StageCost:
     thread_memory_mb: Mapping[str, float] = field(default_factory=dict)
     disk_mb: Mapping[str, float] = field(default_factory=dict)  # what the stage leaves on disk, MB
     max_threads: int = 1  # threads beyond which the stage gains nothing
-    after: tuple[str, ...] = ()  # stages that must be done before, within the same tree
 
 
 # A point in our PLY files, with colour, normal and the number of views; a label and its confidence
@@ -53,7 +52,6 @@ def stereo_stage(backend: Backend) -> StageCost:
         # Two depth maps of 4 and two normal maps of 12 bytes a pixel
         disk_mb={"dense_mp": 32.0},
         max_threads=backend.max_threads,
-        after=("undistort_photos", "segment_sky"),
     )
 
 
@@ -80,14 +78,12 @@ PHOTO_STAGES = {
         memory_mb={"base": 220.0, "photos": 3.0},
         disk_mb={"photos": 1.0},
         max_threads=8,
-        after=("extract_features",),
     ),
     "reconstruct_sparse": StageCost(
         cpu_s={"base": 2.0, "photos": 0.1, "photos_squared": 0.017},
         memory_mb={"base": 220.0, "photos": 4.0},
         disk_mb={"photos": 0.1},
         max_threads=8,
-        after=("match_features",),
     ),
     "undistort_photos": StageCost(
         cpu_s={"base": 1.0, "photo_mp": 0.13},
@@ -95,7 +91,6 @@ PHOTO_STAGES = {
         thread_memory_mb={"largest_photo_mp": 7.0},
         disk_mb={"dense_mp": 0.6},
         max_threads=4,
-        after=("reconstruct_sparse",),
     ),
     "segment_sky": StageCost(
         cpu_s={"base": 2.0, "photos": 0.65, "photo_mp": 0.13},
@@ -107,7 +102,6 @@ PHOTO_STAGES = {
         cpu_s={"base": 1.5, "dense_mp": 0.04},
         memory_mb={"base": 200.0, "largest_photo_mp": 20.0},
         disk_mb={"dense_mp": 0.1},
-        after=("undistort_photos", "segment_sky"),
     ),
     "estimate_depth": stereo_stage(BACKENDS["cpu"]),
     "fuse_depth": StageCost(
@@ -117,45 +111,38 @@ PHOTO_STAGES = {
         memory_mb={"base": 320.0, "fusion_mb": 1.0, "dense_mp": 4.0, "points_m": 120.0},
         disk_mb=_CLOUD_MB,
         max_threads=4,
-        after=("estimate_depth", "gather_evidence"),
     ),
     "align_cloud": StageCost(
         cpu_s={"base": 1.5, "points_m": 0.7},
         memory_mb={"base": 150.0, "points_m": 160.0},
         disk_mb=_CLOUD_MB,
-        after=("fuse_depth",),
     ),
     "crop_roi": StageCost(
         cpu_s={"base": 1.0, "points_m": 0.5},
         memory_mb={"base": 130.0, "points_m": 150.0},
         disk_mb=_CROPPED_MB,
-        after=("align_cloud",),
     ),
     "denoise_cloud": StageCost(
         cpu_s={"base": 5.0, "cropped_m": 7.5},
         memory_mb={"base": 600.0, "cropped_m": 125.0, "largest_photo_mp": 20.0},
         disk_mb=_CROPPED_MB,
         max_threads=2,
-        after=("crop_roi",),
     ),
     "estimate_scale": StageCost(
         cpu_s={"base": 1.0, "photos": 0.37, "photo_mp": 0.03},
         memory_mb={"base": 400.0, "largest_photo_mp": 10.0},
         max_threads=2,
-        after=("reconstruct_sparse",),
     ),
     "scale_cloud": StageCost(
         cpu_s={"base": 0.5, "cropped_m": 0.4},
         memory_mb={"base": 80.0, "cropped_m": 125.0},
         disk_mb=_CROPPED_MB,
-        after=("denoise_cloud", "estimate_scale"),
     ),
     "segment_cloud": StageCost(
         cpu_s={"base": 44.0, "cropped_m": 4.6},
         memory_mb={"base": 750.0, "cropped_m": 215.0},
         disk_mb=_LABELLED_MB,
         max_threads=2,
-        after=("scale_cloud",),
     ),
 }
 
@@ -165,7 +152,7 @@ CLOUD_STAGES = {
         memory_mb={"base": 130.0, "points_m": 250.0},
         disk_mb=_CLOUD_MB,
     ),
-    "segment_cloud": replace(PHOTO_STAGES["segment_cloud"], after=("import_cloud",)),
+    "segment_cloud": PHOTO_STAGES["segment_cloud"],
 }
 
 # The skeleton is drawn from a bounded number of points, so its time hardly grows with the cloud;
@@ -176,46 +163,40 @@ _TREE_STAGES = {
         memory_mb={"base": 450.0, "cropped_m": 60.0},
         disk_mb={"base": 0.6},
         max_threads=2,
-        after=("segment_cloud",),
     ),
     "extract_graph": StageCost(
         cpu_s={"base": 36.0, "cropped_m": 0.6},
         memory_mb={"base": 290.0, "cropped_m": 125.0},
         disk_mb={"base": 1.5},
         max_threads=2,
-        after=("contract_cloud",),
     ),
     "measure_traits": StageCost(
         cpu_s={"base": 14.0, "cropped_m": 1.8},
         memory_mb={"base": 640.0, "cropped_m": 130.0},
-        after=("extract_graph",),
     ),
     "report_tree": StageCost(
         cpu_s={"base": 14.0, "cropped_m": 3.5},
         memory_mb={"base": 850.0, "cropped_m": 270.0, "largest_photo_mp": 20.0},
         disk_mb={"base": 9.0},
-        after=("measure_traits",),
     ),
 }
 
 # Photos refute what is not there, and judge the skeleton before it is measured
-_CONTRACT, _GRAPH = (_TREE_STAGES[name] for name in ("contract_cloud", "extract_graph"))
+_GRAPH = _TREE_STAGES["extract_graph"]
 _REFUTED = replace(
     _GRAPH,
     cpu_s={**_GRAPH.cpu_s, "dense_mp": 0.06},
     memory_mb={**_GRAPH.memory_mb, "largest_photo_mp": 20.0},
-    after=("contract_cloud", "gather_evidence"),
 )
 _CHECK = StageCost(
     cpu_s={"base": 8.0, "dense_mp": 0.2},
     memory_mb={"base": 450.0, "dense_mp": 5.0, "cropped_m": 125.0},
     disk_mb={"base": 1.0},
     max_threads=4,
-    after=("extract_graph", "gather_evidence"),
 )
-_MEASURED = replace(_TREE_STAGES["measure_traits"], after=("check_photos",))
-PHOTO_STAGES |= {"contract_cloud": _CONTRACT, "extract_graph": _REFUTED, "check_photos": _CHECK}
-PHOTO_STAGES |= {"measure_traits": _MEASURED, "report_tree": _TREE_STAGES["report_tree"]}
+PHOTO_STAGES |= {"contract_cloud": _TREE_STAGES["contract_cloud"], "extract_graph": _REFUTED}
+PHOTO_STAGES |= {"check_photos": _CHECK}  # between these two: stages stand in the order of a run
+PHOTO_STAGES |= {rule: _TREE_STAGES[rule] for rule in ("measure_traits", "report_tree")}
 CLOUD_STAGES |= _TREE_STAGES
 
 # Of a scan of several trees, shared by them: not in the forecast of a batch, which counts a scan as
@@ -228,12 +209,10 @@ ROW_STAGES = {
     "find_trees": StageCost(
         cpu_s={"base": 3.0, "cropped_m": 4.0},
         memory_mb={"base": 450.0, "cropped_m": 1000.0},
-        after=("segment_cloud",),
     ),
     "split_scan": StageCost(
         cpu_s={"base": 2.0, "cropped_m": 2.0},
         memory_mb={"base": 200.0, "cropped_m": 250.0},
         disk_mb=_LABELLED_MB,
-        after=("find_trees",),
     ),
 }
