@@ -199,6 +199,16 @@ def test_no_rule_file_defines_a_name_of_another(project):
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
 
 
+def test_what_a_rule_watches_beside_modules_is_there(project, scripts):
+    rules = "".join(path.read_text() for path in (project / "workflow/rules").rglob("*.smk"))
+    watched = re.findall(r'code\(\s*"[\w/]+",((?:[^()]|\([^()]*\))*)\)', rules)
+    names = [name for call in watched for name in re.findall(r'"([^"]+)"', call)]
+    assert len(names) > 10
+    for name in names:
+        root = project / "resources" if name.startswith("weights/") else scripts / PRODUCT
+        assert list(root.glob(name)), name
+
+
 def test_an_edit_of_the_contraction_graph_or_traits_relabels_nothing(scripts):
     later = ("contraction/", "graph/", "traits/", "photo_check/")
     for stage in ("segment_cloud", "grow_limbs"):

@@ -66,6 +66,19 @@ def test_editing_a_library_module_reruns_the_stages_that_use_it(finished):
     assert finished.planned() == set()
 
 
+def test_moving_the_clone_reruns_nothing(finished):
+    before, after = finished.project, finished.project.with_name("moved")
+    before.rename(after)
+    finished.project = after
+    try:
+        assert "Nothing to be done" in finished.run()
+        (after / MODULE).touch()
+        assert "Nothing to be done" in finished.run(), "its content is the same"
+    finally:
+        after.rename(before)
+        finished.project = before
+
+
 def test_editing_one_parameter_reruns_its_stage_and_what_follows(finished):
     finished.configure({"graph": {"spacing_m": 0.017}})
     assert finished.ran() == {*of_tree("a", *STAGES[3:]), *of_tree("b", *STAGES[3:]), SUMMARY}

@@ -32,7 +32,7 @@ from cherrypicker.batch.stale_lock import begin_start, claim_lock, end_start
 from cherrypicker.batch.series import compare_rest
 from cherrypicker.batch.summary import summarise
 from cherrypicker.batch.trees import TREE_PATTERN, series_of
-from cherrypicker.batch.watched_modules import imported_modules
+from cherrypicker.batch.watched_modules import digest_of_code
 from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import captures_in
@@ -200,18 +200,19 @@ def row(column):
     return lambda wildcards: getattr(BATCH.row(wildcards.tree), column)
 
 
-def code(script):
-    """Return an input function: the library modules that a stage script imports, to be watched.
+def code(script, *files):
+    """Return a params function: the digest of a stage's code and of the files that it reads with it.
 
-    They are looked for when a job of the stage is planned, not for the rules that are not needed.
+    So an edit of a module reruns its stages, and moving the project nothing.
     """
-    modules = cache(lambda: imported_modules(SCRIPTS / f"{script}.py", LIBRARY))
-    return lambda wildcards: modules()
-
-
-def viewer_modules():
-    """Return the scripts of the report's 3D view."""
-    return sorted(map(str, LIBRARY.glob("cherrypicker/report/viewer_js/*.js")))
+    digest = cache(
+        lambda: digest_of_code(
+            SCRIPTS / f"{script}.py",
+            LIBRARY,
+            [LIBRARY / "cherrypicker" / file for file in files],
+        )
+    )
+    return lambda wildcards: digest()
 
 
 def resource(path):
@@ -219,12 +220,12 @@ def resource(path):
     return str(PROJECT / "resources" / path)
 
 
-def weights_of(key, shipped):
-    """Return an input function: a network's weights; none where missing, which the stage reports."""
+def weights_of(key):
+    """Return an input function: a network's weights that a user names, if they are there."""
 
     def inputs(wildcards):
-        path = cfg(key)(wildcards) or resource(shipped)
-        return [path] if Path(path).is_file() else []
+        path = cfg(key)(wildcards)
+        return [path] if path and Path(path).is_file() else []
 
     return inputs
 

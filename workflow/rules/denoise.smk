@@ -9,7 +9,6 @@ rule denoise_cloud:
         evidence="results/{tree}/evidence",
         depth="results/{tree}/dense/depth.json",
         sky_colors="results/{tree}/sky_colors.npz",
-        code=code("denoise_cloud"),
     output:
         denoised=ensure("results/{tree}/denoised.ply", non_empty=True),
         report="results/{tree}/denoise.json",
@@ -26,6 +25,7 @@ rule denoise_cloud:
         gpu=0,
     params:
         **options("denoise_cloud"),
+        code=code("denoise_cloud"),
     message:
         "{wildcards.tree}: remove outliers and sky silhouettes"
     script:

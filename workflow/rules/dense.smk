@@ -5,7 +5,6 @@ rule undistort_photos:
     input:
         model="results/{tree}/sfm/model/images.bin",
         photos=photos_of,
-        code=code("undistort_photos"),
     output:
         undistorted=ensure("results/{tree}/dense/undistorted.json", non_empty=True),
     log:
@@ -21,6 +20,7 @@ rule undistort_photos:
         gpu=0,
     params:
         **options("undistort_photos"),
+        code=code("undistort_photos"),
     message:
         "{wildcards.tree}: undistort the photos"
     script:
@@ -33,7 +33,6 @@ rule gather_evidence:
         undistorted="results/{tree}/dense/undistorted.json",
         sky_masks="results/{tree}/sky",
         cameras="results/{tree}/sfm/model/cameras.bin",
-        code=code("gather_evidence"),
     output:
         evidence=directory("results/{tree}/evidence"),
     log:
@@ -47,6 +46,8 @@ rule gather_evidence:
         mem_mb=mb_for("gather_evidence"),
         runtime=minutes_for("gather_evidence"),
         gpu=0,
+    params:
+        code=code("gather_evidence"),
     message:
         "{wildcards.tree}: tell clear sky, thin wood and solids in the photos"
     script:
@@ -58,7 +59,6 @@ rule estimate_depth:
         undistorted="results/{tree}/dense/undistorted.json",
         cameras="results/{tree}/sfm/model/cameras.bin",
         sky_masks=sky_masks_for_stereo,
-        code=code("estimate_depth"),
     output:
         depth=ensure("results/{tree}/dense/depth.json", non_empty=True),
     log:
@@ -74,6 +74,7 @@ rule estimate_depth:
         gpu=stereo_gpus,
     params:
         **options("estimate_depth"),
+        code=code("estimate_depth"),
         several=is_of_several,
     message:
         "{wildcards.tree}: estimate depth maps"
@@ -85,7 +86,6 @@ rule fuse_depth:
     input:
         depth="results/{tree}/dense/depth.json",
         evidence="results/{tree}/evidence",
-        code=code("fuse_depth"),
     output:
         cloud=ensure("results/{tree}/cloud.ply", non_empty=True),
         coverage=ensure("results/{tree}/dense/coverage.json", non_empty=True),
@@ -102,6 +102,7 @@ rule fuse_depth:
         gpu=0,
     params:
         **options("fuse_depth"),
+        code=code("fuse_depth"),
         several=is_of_several,
     message:
         "{wildcards.tree}: fuse the depth maps"

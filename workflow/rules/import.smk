@@ -8,7 +8,6 @@ ruleorder: import_segmented_cloud > segment_cloud
 rule import_cloud:
     input:
         source=cloud_of,
-        code=code("import_cloud"),
     output:
         imported=ensure("results/{tree}/metric.ply", non_empty=True),
     log:
@@ -25,6 +24,7 @@ rule import_cloud:
         runtime=minutes_for("import_cloud"),
         gpu=0,
     params:
+        code=code("import_cloud"),
         cloud=row("cloud"),
         unit=row("cloud_unit"),
         up=row("cloud_up"),

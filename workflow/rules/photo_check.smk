@@ -12,7 +12,6 @@ rule check_photos:
         metric_poses=shared_file("results/{scan}/metric_poses.npz"),
         evidence=shared_file("results/{scan}/evidence"),
         depth=shared_file("results/{scan}/dense/depth.json"),
-        code=code("check_photos"),
     output:
         report=ensure("results/{tree}/photo_check.json", non_empty=True),
         worst="results/{tree}/photo_check/worst.jpg",
@@ -30,6 +29,7 @@ rule check_photos:
         gpu=0,
     params:
         **options("check_photos"),
+        code=code("check_photos"),
     message:
         "{wildcards.tree}: let the photos judge the skeleton"
     script:

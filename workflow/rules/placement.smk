@@ -3,7 +3,6 @@ rule align_cloud:
         cloud="results/{tree}/cloud.ply",
         poses="results/{tree}/poses.npz",
         photos=photos_of,
-        code=code("align_cloud"),
     output:
         aligned=ensure("results/{tree}/aligned.ply", non_empty=True),
         aligned_poses=ensure("results/{tree}/aligned_poses.npz", non_empty=True),
@@ -21,6 +20,7 @@ rule align_cloud:
         gpu=0,
     params:
         **options("align_cloud"),
+        code=code("align_cloud"),
     message:
         "{wildcards.tree}: turn the cloud upright, the ground to z = 0"
     script:
@@ -31,7 +31,6 @@ rule crop_roi:
     input:
         cloud="results/{tree}/aligned.ply",
         poses="results/{tree}/aligned_poses.npz",
-        code=code("crop_roi"),
     output:
         cropped=ensure("results/{tree}/cropped.ply", non_empty=True),
         report="results/{tree}/crop.json",
@@ -48,6 +47,7 @@ rule crop_roi:
         gpu=0,
     params:
         **options("crop_roi"),
+        code=code("crop_roi"),
         several=is_of_several,
     message:
         "{wildcards.tree}: crop to the region of interest"

@@ -39,17 +39,6 @@ rule report_tree:
         edits=lambda wildcards: (
             edits_of(wildcards.tree) if wildcards.tree in EDITED_TREES else []
         ),
-        code=code("report_tree"),
-        template=[
-            str(LIBRARY / "cherrypicker/report/report.html.j2"),
-            str(LIBRARY / "cherrypicker/report/viewer.html.j2"),
-            str(LIBRARY / "cherrypicker/report/viewer.css"),
-            str(LIBRARY / "cherrypicker/report/accuracy.html.j2"),
-            str(LIBRARY / "cherrypicker/report/scaffold.html.j2"),
-            str(LIBRARY / "cherrypicker/report/scaffold.js"),
-            str(LIBRARY / "cherrypicker/report/style.css"),
-            *viewer_modules(),
-        ],
     output:
         report=report(
             ensure("results/{tree}/report.html", non_empty=True),
@@ -101,6 +90,16 @@ rule report_tree:
         gpu=0,
     params:
         **options("report_tree"),
+        code=code(
+            "report_tree",
+            "report/report.html.j2",
+            "report/viewer.html.j2",
+            "report/viewer.css",
+            "report/accuracy.html.j2",
+            "report/scaffold.*",
+            "report/style.css",
+            "report/viewer_js/*.js",
+        ),
         tree=row("tree"),
         date=row("date"),
         series=row("series"),
@@ -119,14 +118,6 @@ rule summarise_batch:
             "results/{tree}/measures.json",
             tree=[name for name in MEASURED_TREES if name in LISTED_TREES],
         ),
-        code=code("summarise_batch"),
-        template=[
-            str(LIBRARY / "cherrypicker/report/summary.html.j2"),
-            str(LIBRARY / "cherrypicker/report/summary.css"),
-            str(LIBRARY / "cherrypicker/report/summary.js"),
-            str(LIBRARY / "cherrypicker/report/accuracy.html.j2"),
-            str(LIBRARY / "cherrypicker/report/style.css"),
-        ],
     output:
         table=report(
             ensure("results/traits.csv", non_empty=True),
@@ -155,6 +146,12 @@ rule summarise_batch:
         runtime=10,
         gpu=0,
     params:
+        code=code(
+            "summarise_batch",
+            "report/summary.*",
+            "report/accuracy.html.j2",
+            "report/style.css",
+        ),
         trees=of_known_trees("tree"),
         dates=of_known_trees("date"),
         series=of_known_trees("series"),

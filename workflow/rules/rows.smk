@@ -9,7 +9,6 @@ checkpoint find_trees:
         segmented="results/{tree}/segmented.ply",
         limbs="results/{tree}/limbs.npz",
         metric=photo_only("results/{tree}/metric.json"),
-        code=code("find_trees"),
     output:
         trees=ensure("results/{tree}/trees.json", non_empty=True),
         owners=ensure("results/{tree}/owners.npz", non_empty=True),
@@ -28,6 +27,7 @@ checkpoint find_trees:
         gpu=0,
     params:
         **options("find_trees"),
+        code=code("find_trees"),
         scan=row("tree"),
     message:
         "{wildcards.tree}: find the trees of the scan"
@@ -43,7 +43,6 @@ rule split_scan:
         owners=shared_file("results/{scan}/owners.npz"),
         metric=photo_only("results/{scan}/metric.json"),
         shared=shared_with_tree,
-        code=code("split_scan"),
     output:
         cloud=ensure("results/{tree}/segmented.ply", non_empty=True),
         limbs=ensure("results/{tree}/limbs.npz", non_empty=True),
@@ -62,6 +61,7 @@ rule split_scan:
         runtime=minutes_for("split_scan"),
         gpu=0,
     params:
+        code=code("split_scan"),
         tree=row("tree"),
     message:
         "{wildcards.tree}: take the tree out of its scan"

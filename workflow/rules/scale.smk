@@ -7,7 +7,6 @@ rule estimate_scale:
         frames="results/{tree}/sfm/model/frames.bin",
         rigs="results/{tree}/sfm/model/rigs.bin",
         cloud=cloud_of_taped,
-        code=code("estimate_scale"),
     output:
         scale=ensure("results/{tree}/scale.json", non_empty=True),
     log:
@@ -23,6 +22,7 @@ rule estimate_scale:
         gpu=0,
     params:
         **options("estimate_scale"),
+        code=code("estimate_scale"),
         cell=row("scale"),
         dictionary=row("marker_dictionary"),
         sides_m=row("marker_sides_m"),
@@ -38,7 +38,6 @@ rule scale_cloud:
         poses="results/{tree}/aligned_poses.npz",
         scale="results/{tree}/scale.json",
         crop="results/{tree}/crop.json",
-        code=code("scale_cloud"),
     output:
         metric=ensure("results/{tree}/metric.ply", non_empty=True),
         metric_poses=ensure("results/{tree}/metric_poses.npz", non_empty=True),
@@ -54,6 +53,8 @@ rule scale_cloud:
         mem_mb=mb_for("scale_cloud"),
         runtime=minutes_for("scale_cloud"),
         gpu=0,
+    params:
+        code=code("scale_cloud"),
     message:
         "{wildcards.tree}: scale the cloud"
     script:

@@ -10,8 +10,7 @@ rule segment_cloud:
         scale=photo_only("results/{tree}/scale.json"),
         align=photo_only("results/{tree}/align.json"),
         metric=photo_only("results/{tree}/metric.json"),
-        weights_file=weights_of("segment.weights", "weights/dgcnn.pt"),
-        code=code("segment_cloud"),
+        weights_file=weights_of("segment.weights"),
     output:
         segmented=ensure("results/{tree}/segmented.ply", non_empty=True),
         limbs=ensure("results/{tree}/limbs.npz", non_empty=True),
@@ -28,6 +27,7 @@ rule segment_cloud:
         gpu=0,
     params:
         **options("segment_cloud"),
+        code=code("segment_cloud", resource("weights/dgcnn.pt")),
         is_row=is_of_several,
     message:
         "{wildcards.tree}: label the cloud and grow its limbs"
@@ -39,7 +39,6 @@ rule segment_cloud:
 rule grow_limbs:
     input:
         segmented="results/{tree}/segmented.ply",
-        code=code("grow_limbs"),
     output:
         limbs=ensure("results/{tree}/limbs.npz", non_empty=True),
     log:
@@ -57,6 +56,7 @@ rule grow_limbs:
         gpu=0,
     params:
         **options("grow_limbs"),
+        code=code("grow_limbs"),
         is_row=is_of_several,
     message:
         "{wildcards.tree}: grow the limbs"

@@ -10,11 +10,6 @@ rule compare_series:
         scales=shared_files_of_series("scale.json"),
         poses=shared_files_of_series("poses.npz"),
         metric_poses=shared_files_of_series("metric_poses.npz"),
-        code=code("compare_series"),
-        template=[
-            str(LIBRARY / "cherrypicker/report/series.html.j2"),
-            str(LIBRARY / "cherrypicker/report/style.css"),
-        ],
     output:
         page=report(
             ensure("results/series/{series}/report.html", non_empty=True),
@@ -39,6 +34,7 @@ rule compare_series:
         runtime=20,
         gpu=0,
     params:
+        code=code("compare_series", "report/series.html.j2", "report/style.css"),
         series=lambda wildcards: "".join(series_column(wildcards.series, "series")[:1]),
         trees=lambda wildcards: series_column(wildcards.series, "tree"),
         dates=lambda wildcards: series_column(wildcards.series, "date"),

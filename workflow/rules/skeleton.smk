@@ -6,7 +6,6 @@ rule contract_cloud:
         segmented="results/{tree}/segmented.ply",
         limbs="results/{tree}/limbs.npz",
         metric=frame_of,
-        code=code("contract_cloud"),
     output:
         contracted=ensure("results/{tree}/contracted.ply", non_empty=True),
         report="results/{tree}/contract.json",
@@ -26,6 +25,7 @@ rule contract_cloud:
         gpu=0,
     params:
         **options("contract_cloud"),
+        code=code("contract_cloud"),
     message:
         "{wildcards.tree}: contract the target's wood to its skeleton points"
     script:
@@ -42,7 +42,6 @@ rule extract_graph:
         metric_poses=photo_only("results/{scan}/metric_poses.npz"),
         evidence=photo_only("results/{scan}/evidence"),
         depth=photo_only("results/{scan}/dense/depth.json"),
-        code=code("extract_graph"),
     output:
         skeleton_graph=ensure("results/{tree}/skeleton.graphml", non_empty=True),
         skeleton_ply=ensure("results/{tree}/skeleton.ply", non_empty=True),
@@ -64,6 +63,7 @@ rule extract_graph:
         gpu=0,
     params:
         **options("extract_graph"),
+        code=code("extract_graph"),
     message:
         "{wildcards.tree}: connect the skeleton and measure its radii"
     script:
@@ -81,7 +81,6 @@ rule solve_graph:
         metric_poses=photo_only("results/{scan}/metric_poses.npz"),
         evidence=photo_only("results/{scan}/evidence"),
         depth=photo_only("results/{scan}/dense/depth.json"),
-        code=code("extract_graph"),
     output:
         skeleton_graph=ensure("results/{tree}/solved.graphml", non_empty=True),
         report="results/{tree}/graph.json",
@@ -100,6 +99,7 @@ rule solve_graph:
         gpu=0,
     params:
         **options("extract_graph"),
+        code=code("extract_graph"),
     message:
         "{wildcards.tree}: connect the skeleton and measure its radii"
     script:
@@ -110,7 +110,6 @@ rule edit_graph:
     input:
         solved="results/{tree}/solved.graphml",
         edits=lambda wildcards: edits_of(wildcards.tree),
-        code=code("edit_graph"),
     output:
         skeleton_graph=ensure("results/{tree}/skeleton.graphml", non_empty=True),
         skeleton_ply=ensure("results/{tree}/skeleton.ply", non_empty=True),
@@ -130,6 +129,8 @@ rule edit_graph:
         mem_mb=mb_for("extract_graph"),
         runtime=minutes_for("extract_graph"),
         gpu=0,
+    params:
+        code=code("edit_graph"),
     message:
         "{wildcards.tree}: apply the hand corrections to the skeleton"
     script:

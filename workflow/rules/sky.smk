@@ -5,8 +5,7 @@ rule segment_sky:
     input:
         photos=photos_of,
         photo_masks=photo_masks_of,
-        weights_file=weights_of("sky.weights", "weights/sky_unet.npz"),
-        code=code("segment_sky"),
+        weights_file=weights_of("sky.weights"),
     output:
         masks=directory("results/{tree}/sky"),
         colors=ensure("results/{tree}/sky_colors.npz", non_empty=True),
@@ -23,6 +22,7 @@ rule segment_sky:
         gpu=0,
     params:
         **options("segment_sky"),
+        code=code("segment_sky", resource("weights/sky_unet.npz")),
         problem=problem_of,
         photo_folder=photo_folder,
     message:

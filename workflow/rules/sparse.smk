@@ -6,7 +6,6 @@ rule prepare_photos:
     input:
         captures=captures_of,
         user_masks=user_masks_of,
-        code=code("prepare_photos"),
     output:
         photos=directory("results/{tree}/photos"),
         photo_masks=directory("results/{tree}/photo_masks"),
@@ -24,6 +23,7 @@ rule prepare_photos:
         gpu=0,
     params:
         **options("prepare_photos"),
+        code=code("prepare_photos"),
         problem=problem_of,
         folder=row("photos"),
         masks=row("masks"),
@@ -37,7 +37,6 @@ rule extract_features:
     input:
         photos=photos_of,
         photo_masks=photo_masks_of,
-        code=code("extract_features"),
     output:
         database=ensure("results/{tree}/sfm/features.db", non_empty=True),
         listing=ensure("results/{tree}/sfm/photos.json", non_empty=True),
@@ -54,6 +53,7 @@ rule extract_features:
         gpu=0,
     params:
         **options("extract_features"),
+        code=code("extract_features"),
         problem=problem_of,
         folder=photo_folder,
     message:
@@ -65,7 +65,6 @@ rule extract_features:
 rule match_features:
     input:
         features="results/{tree}/sfm/features.db",
-        code=code("match_features"),
     output:
         database=ensure("results/{tree}/sfm/database.db", non_empty=True),
     log:
@@ -81,6 +80,7 @@ rule match_features:
         gpu=0,
     params:
         **options("match_features"),
+        code=code("match_features"),
     message:
         "{wildcards.tree}: match the photos"
     script:
@@ -93,7 +93,6 @@ rule reconstruct_sparse:
         listing="results/{tree}/sfm/photos.json",
         photos=photos_of,
         photo_masks=photo_masks_of,
-        code=code("reconstruct_sparse"),
     output:
         cameras=ensure("results/{tree}/sfm/model/cameras.bin", non_empty=True),
         images=ensure("results/{tree}/sfm/model/images.bin", non_empty=True),
@@ -115,6 +114,7 @@ rule reconstruct_sparse:
         gpu=0,
     params:
         **options("reconstruct_sparse"),
+        code=code("reconstruct_sparse"),
     message:
         "{wildcards.tree}: reconstruct the camera poses"
     script:

@@ -17,8 +17,6 @@ rule measure_traits:
         edits=lambda wildcards: (
             "results/{tree}/edits.json" if wildcards.tree in EDITED_TREES else []
         ),
-        code=code("measure_traits"),
-        factors=str(LIBRARY / "cherrypicker/traits/interval_factors.yaml"),
     output:
         traits=ensure("results/{tree}/traits.json", non_empty=True),
         branches=ensure("results/{tree}/branches.csv", non_empty=True),
@@ -37,6 +35,7 @@ rule measure_traits:
         gpu=0,
     params:
         **options("measure_traits"),
+        code=code("measure_traits", "traits/interval_factors.yaml"),
     message:
         "{wildcards.tree}: measure the traits"
     script:
@@ -52,7 +51,6 @@ rule compare_measures:
         skeleton="results/{tree}/skeleton.graphml",
         scale=photo_only("results/{scan}/scale.json"),
         photo_check=photo_only("results/{tree}/photo_check.json"),
-        code=code("compare_measures"),
     output:
         measures=ensure("results/{tree}/measures.json", non_empty=True),
     log:
@@ -67,6 +65,7 @@ rule compare_measures:
         runtime=10,
         gpu=0,
     params:
+        code=code("compare_measures"),
         tree=row("tree"),
         rows=lambda wildcards: measures_of(wildcards.tree),
     message:

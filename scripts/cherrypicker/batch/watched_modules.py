@@ -1,14 +1,15 @@
 """Which library modules a stage script relies on, so that Snakemake can watch them.
 
-Snakemake tracks a rule's script but never what it imports; the rules therefore list the modules
-found here as inputs.
+Snakemake tracks a rule's script but never what it imports; the rules therefore have a digest of
+the modules found here among their params.
 """
 
 from __future__ import annotations
 
 import ast
+import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -37,6 +38,38 @@ def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list
                 found.add(module)
                 waiting.append(module)
     return sorted(str(module) for module in found)
+
+
+def digest_of_code(
+    script: str | os.PathLike, root: str | os.PathLike, patterns: Iterable[Path] = ()
+) -> str:
+    """Return a digest of the content of what a script imports, wherever all that lies.
+
+    Parameters
+    ----------
+    root : path-like
+        The folder that holds the packages.
+    patterns : iterable of Path
+        Files that it reads as well; their last part may be a pattern. One that is missing is for
+        the stage to report.
+
+    Raises
+    ------
+    FileNotFoundError
+        As :func:`imported_modules`.
+    """
+    digest = hashlib.sha256()
+    for module in imported_modules(script, root):
+        digest.update(_content(Path(module)))
+    for pattern in patterns:
+        for path in sorted(pattern.parent.glob(pattern.name)):
+            digest.update(_content(path))
+    return digest.hexdigest()[:16]
+
+
+@cache
+def _content(path: Path) -> bytes:
+    return path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest()
 
 
 @cache

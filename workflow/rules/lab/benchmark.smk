@@ -14,8 +14,6 @@ rule benchmark_dense:
 
 
 rule render_benchmark_scene:
-    input:
-        code=code("lab/render_benchmark_scene"),
     output:
         rendered="results/benchmark/scenes/{scan}/rendered.json",
     log:
@@ -29,6 +27,7 @@ rule render_benchmark_scene:
         gpu=0,
     params:
         **options("render_benchmark_scene"),
+        code=code("lab/render_benchmark_scene"),
         preset="{scan}",
     message:
         "{wildcards.scan}: render the scene"
@@ -39,7 +38,6 @@ rule render_benchmark_scene:
 rule match_benchmark_photos:
     input:
         photos=benchmark_photo_files,
-        code=code("lab/match_benchmark_photos"),
     output:
         features=temp("results/benchmark/dense/{scan}/features.db"),
         database=ensure("results/benchmark/dense/{scan}/database.db", non_empty=True),
@@ -55,6 +53,7 @@ rule match_benchmark_photos:
         gpu=0,
     params:
         **options("match_benchmark_photos"),
+        code=code("lab/match_benchmark_photos"),
         folder=benchmark_photos,
     message:
         "{wildcards.scan}: match the photos"
@@ -65,7 +64,6 @@ rule match_benchmark_photos:
 rule mask_benchmark_sky:
     input:
         photos=benchmark_photo_files,
-        code=code("segment_sky"),
     output:
         masks=directory("results/benchmark/dense/{scan}/sky"),
         colors=ensure("results/benchmark/dense/{scan}/sky_colors.npz", non_empty=True),
@@ -79,6 +77,7 @@ rule mask_benchmark_sky:
         runtime=120,
         gpu=0,
     params:
+        code=code("segment_sky"),
         photo_folder=benchmark_photos,
         seed=cfg("seed"),
     message:
@@ -91,7 +90,6 @@ rule place_benchmark_cameras:
     input:
         database="results/benchmark/dense/{scan}/database.db",
         listing="results/benchmark/dense/{scan}/photos.json",
-        code=code("lab/place_benchmark_cameras"),
     output:
         images=ensure(
             "results/benchmark/dense/{scan}/{cameras}/model/images.bin", non_empty=True
@@ -111,6 +109,7 @@ rule place_benchmark_cameras:
         gpu=0,
     params:
         **options("place_benchmark_cameras"),
+        code=code("lab/place_benchmark_cameras"),
         cameras="{cameras}",
         folder=benchmark_photos,
         poses=lambda wildcards: f"{benchmark_truth(wildcards)}/poses.npz",
@@ -125,7 +124,6 @@ rule measure_stereo:
         undistorted="results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
         images="results/benchmark/dense/{scan}/{cameras}/model/images.bin",
         sky_masks=benchmark_sky,
-        code=code("lab/measure_stereo"),
     output:
         measurement=ensure(
             "results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/measurement.json",
@@ -149,6 +147,7 @@ rule measure_stereo:
         gpu=lambda wildcards: int(ALL_BACKENDS[wildcards.backend].needs_cuda),
     params:
         **options("measure_stereo"),
+        code=code("lab/measure_stereo"),
         scan="{scan}",
         cameras="{cameras}",
         backend="{backend}",
@@ -163,7 +162,6 @@ rule score_surface:
     input:
         cloud="results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/cloud.ply",
         poses="results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
-        code=code("lab/score_surface"),
     output:
         scores=ensure(
             "results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/scores.json",
@@ -184,6 +182,7 @@ rule score_surface:
         gpu=0,
     params:
         **options("score_surface"),
+        code=code("lab/score_surface"),
         truth=benchmark_truth,
         fit=lambda wildcards: "none" if wildcards.cameras == "true" else "surface",
     message:
@@ -196,7 +195,6 @@ rule score_surface:
 rule report_benchmark:
     input:
         results=benchmark_result_files(),
-        code=code("lab/report_benchmark"),
     output:
         table=ensure("results/benchmark/dense/table.md", non_empty=True),
     log:
@@ -209,6 +207,7 @@ rule report_benchmark:
         runtime=30,
         gpu=0,
     params:
+        code=code("lab/report_benchmark"),
         measurements=[f"{run}/measurement.json" for run in BENCHMARK_RUNS],
         backends=BENCHMARK["backends"],
     message:

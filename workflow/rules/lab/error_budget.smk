@@ -16,7 +16,6 @@ rule measure_error_budget:
         database="results/{tree}/sfm/database.db",
         masks="results/{tree}/sky",
         truth_files=truth_files_of,
-        code=code("lab/measure_error_budget"),
     output:
         budget=ensure("results/error_budget/{tree}/budget.json", non_empty=True),
     log:
@@ -34,6 +33,7 @@ rule measure_error_budget:
         runtime=240,
         gpu=stereo_gpus,
     params:
+        code=code("lab/measure_error_budget"),
         tree="{tree}",
         found=results_of,
         truth=truth_of,
@@ -49,7 +49,6 @@ rule measure_error_budget:
 rule report_error_budget:
     input:
         budgets=expand("results/error_budget/{tree}/budget.json", tree=TREES_WITH_TRUTH),
-        code=code("lab/report_error_budget"),
     output:
         table=ensure("results/error_budget/table.md", non_empty=True),
     log:
@@ -61,6 +60,8 @@ rule report_error_budget:
         mem_mb=more_at_each_attempt(2000),
         runtime=10,
         gpu=0,
+    params:
+        code=code("lab/report_error_budget"),
     message:
         "table of what each stage costs"
     script:

@@ -12,8 +12,6 @@ rule fit_intervals:
 
 
 rule measure_grown_intervals:
-    input:
-        code=code("lab/measure_interval_cases"),
     output:
         cases=ensure(
             "results/benchmark/intervals/{grown}/{tree_seed}.json", non_empty=True
@@ -30,6 +28,7 @@ rule measure_grown_intervals:
         runtime=30,
         gpu=0,
     params:
+        code=code("lab/measure_interval_cases"),
         source=lambda wildcards: wildcards.grown,
         number=lambda wildcards: int(wildcards.tree_seed),
         n_points=INTERVALS["n_points"],
@@ -42,7 +41,6 @@ rule measure_grown_intervals:
 rule measure_scan_intervals:
     input:
         traits=of_scan("results", file="traits.json"),
-        code=code("lab/measure_interval_cases"),
     output:
         cases=ensure(
             "results/benchmark/intervals/scans/{tree_seed}.json", non_empty=True
@@ -57,6 +55,7 @@ rule measure_scan_intervals:
         runtime=30,
         gpu=0,
     params:
+        code=code("lab/measure_interval_cases"),
         source=of_scan("source"),
         results=of_scan("results"),
         truth=of_scan("truth"),
@@ -69,7 +68,6 @@ rule measure_scan_intervals:
 rule fit_interval_factors:
     input:
         cases=interval_cases(),
-        code=code("lab/fit_interval_factors"),
         present=str(LIBRARY / "cherrypicker/traits/interval_factors.yaml"),
     output:
         factors=ensure(
@@ -86,6 +84,7 @@ rule fit_interval_factors:
         runtime=10,
         gpu=0,
     params:
+        code=code("lab/fit_interval_factors"),
         checked=INTERVALS["checked"],
     message:
         "factors of the traits' intervals"

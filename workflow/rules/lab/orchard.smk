@@ -28,8 +28,6 @@ rule orchard_skeletons:
 
 
 rule make_orchard_scene:
-    input:
-        code=code("lab/make_orchard_scene"),
     output:
         as_seen=ensure(
             "results/orchard/scenes/{scene_seed}/as_seen.ply", non_empty=True
@@ -62,6 +60,7 @@ rule make_orchard_scene:
         gpu=0,
     params:
         **options("make_orchard_scene"),
+        code=code("lab/make_orchard_scene"),
         seed=lambda wildcards: int(wildcards.scene_seed),
         chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
     message:
@@ -74,7 +73,6 @@ rule render_orchard_scene:
     input:
         scene="results/orchard/scenes/{scene_seed}/truth/scene.json",
         poses="results/orchard/scenes/{scene_seed}/truth/poses.npz",
-        code=code("lab/render_orchard_scene"),
     output:
         rendered="results/orchard/scenes/{scene_seed}/rendered.json",
     log:
@@ -90,6 +88,7 @@ rule render_orchard_scene:
         gpu=0,
     params:
         **options("render_orchard_scene"),
+        code=code("lab/render_orchard_scene"),
         seed=lambda wildcards: int(wildcards.scene_seed),
         chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
     message:
@@ -99,8 +98,6 @@ rule render_orchard_scene:
 
 
 rule make_skeleton_set:
-    input:
-        code=code("lab/make_skeleton_set"),
     output:
         index=ensure("results/orchard/skeletons/index.json", non_empty=True),
     log:
@@ -115,6 +112,7 @@ rule make_skeleton_set:
         runtime=60,
         gpu=0,
     params:
+        code=code("lab/make_skeleton_set"),
         seed=ORCHARD["seed"],
         n_trees=ORCHARD["skeleton_trees"],
     message:

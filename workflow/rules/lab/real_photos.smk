@@ -7,7 +7,6 @@ rule real_photos:
     input:
         reports=expand("results/{tree}/report.html", tree=LISTED_TREES),
         traits="results/traits.csv",
-        code=code("lab/report_real_photos"),
     output:
         table=ensure("results/real_photos/table.md", non_empty=True),
         scores=ensure("results/real_photos/scores.json", non_empty=True),
@@ -21,6 +20,7 @@ rule real_photos:
         runtime=10,
         gpu=0,
     params:
+        code=code("lab/report_real_photos"),
         benchmarks="benchmarks",
     message:
         "table of what the runs of real scans say"

@@ -13,8 +13,6 @@ rule benchmark_series:
 
 
 rule measure_series_benchmark:
-    input:
-        code=code("lab/measure_series_benchmark"),
     output:
         pairs=ensure(
             "results/benchmark/series/{walk}/{tree_seed}/pairs.json", non_empty=True
@@ -31,6 +29,7 @@ rule measure_series_benchmark:
         runtime=30,
         gpu=0,
     params:
+        code=code("lab/measure_series_benchmark"),
         tree_seed=lambda wildcards: int(wildcards.tree_seed),
         walk=lambda wildcards: wildcards.walk,
         n_points=SERIES_BENCHMARK["n_points"],
@@ -50,7 +49,6 @@ rule report_series_benchmark:
                 SERIES_BENCHMARK["first_seed"] + SERIES_BENCHMARK["n_trees"],
             ),
         ),
-        code=code("lab/report_series_benchmark"),
     output:
         table=ensure("results/benchmark/series/table.md", non_empty=True),
     log:
@@ -62,6 +60,8 @@ rule report_series_benchmark:
         mem_mb=more_at_each_attempt(1000),
         runtime=10,
         gpu=0,
+    params:
+        code=code("lab/report_series_benchmark"),
     message:
         "table of the benchmark of two dates"
     script:

@@ -26,7 +26,6 @@ rule benchmark_trunks:
 
 rule measure_skeletons:
     input:
-        code=code("lab/measure_skeletons"),
         peer_code=str(SCRIPTS / "lab/run_pc_skeletor.py"),
         pytlidar_code=str(SCRIPTS / "lab/run_pytlidar.py"),
     output:
@@ -46,6 +45,7 @@ rule measure_skeletons:
         runtime=60,
         gpu=0,
     params:
+        code=code("lab/measure_skeletons"),
         number=lambda wildcards: int(wildcards.number),
         methods=methods_of_kind,
         peer_python=peer_of_kind,
@@ -58,8 +58,6 @@ rule measure_skeletons:
 
 
 rule sample_timing_cloud:
-    input:
-        code=code("lab/sample_timing_cloud"),
     output:
         cloud=temp("results/benchmark/skeleton/time/{n}/cloud.npz"),
     log:
@@ -72,6 +70,7 @@ rule sample_timing_cloud:
         runtime=30,
         gpu=0,
     params:
+        code=code("lab/sample_timing_cloud"),
         n_points=lambda wildcards: int(wildcards.n),
         seed=SKELETON_BENCHMARK["seed"],
     message:
@@ -83,7 +82,6 @@ rule sample_timing_cloud:
 rule time_skeleton:
     input:
         cloud="results/benchmark/skeleton/time/{n}/cloud.npz",
-        code=code("lab/time_skeleton"),
     output:
         times=ensure("results/benchmark/skeleton/time/{n}/times.json", non_empty=True),
     log:
@@ -99,6 +97,7 @@ rule time_skeleton:
         runtime=120,
         gpu=0,
     params:
+        code=code("lab/time_skeleton"),
         peer_python=SKELETON_BENCHMARK["peer_python"],
         peer_iterations=peer_iterations_of,
     message:
@@ -111,7 +110,6 @@ rule report_skeletons:
     input:
         scores=scores_of_skeletons(),
         times=times_of_skeletons(),
-        code=code("lab/report_skeletons"),
     output:
         table=ensure("results/benchmark/skeleton/table.md", non_empty=True),
     log:
@@ -124,6 +122,7 @@ rule report_skeletons:
         runtime=30,
         gpu=0,
     params:
+        code=code("lab/report_skeletons"),
         notes=notes_on_skeletons(),
     message:
         "tables and figures of the benchmark of skeletons"
@@ -133,7 +132,6 @@ rule report_skeletons:
 
 rule measure_trunk_ratio:
     input:
-        code=code("lab/measure_trunk_ratio"),
         peer_code=str(SCRIPTS / "lab/run_pc_skeletor.py"),
     output:
         scores=ensure(
@@ -150,6 +148,7 @@ rule measure_trunk_ratio:
         runtime=240,
         gpu=0,
     params:
+        code=code("lab/measure_trunk_ratio"),
         number=lambda wildcards: int(wildcards.number),
         trunk_radius=lambda wildcards: int(wildcards.millimetres) / 1000,
         rules=SKELETON_BENCHMARK["trunk_rules"],
@@ -165,7 +164,6 @@ rule measure_trunk_ratio:
 rule report_trunk_ratio:
     input:
         scores=scores_of_trunks(),
-        code=code("lab/report_trunk_ratio"),
     output:
         table=ensure("results/benchmark/skeleton/trunks/table.md", non_empty=True),
     log:
@@ -177,6 +175,8 @@ rule report_trunk_ratio:
         mem_mb=more_at_each_attempt(2000),
         runtime=30,
         gpu=0,
+    params:
+        code=code("lab/report_trunk_ratio"),
     message:
         "S-LBC over LBC by trunk radius"
     script:

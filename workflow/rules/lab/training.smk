@@ -2,8 +2,6 @@
 
 
 rule train_sky:
-    input:
-        code=code("lab/train_sky"),
     output:
         weights=ensure("results/training/sky/sky_unet.npz", non_empty=True),
         metrics=ensure("results/training/sky/metrics.json", non_empty=True),
@@ -20,6 +18,7 @@ rule train_sky:
         gpu=0,
     params:
         **options("train_sky"),
+        code=code("lab/train_sky"),
     message:
         "train the sky network on photos with sky masks"
     script:
@@ -27,8 +26,6 @@ rule train_sky:
 
 
 rule train_segmentation:
-    input:
-        code=code("lab/train_segmentation"),
     output:
         weights=ensure("results/segmentation/dgcnn.pt", non_empty=True),
         metrics=ensure("results/segmentation/dgcnn.json", non_empty=True),
@@ -45,6 +42,7 @@ rule train_segmentation:
         gpu=0,
     params:
         **options("train_segmentation"),
+        code=code("lab/train_segmentation"),
         # The scenes and the checkpoint outlive a killed run here, so they are no outputs.
         workspace="results/segmentation/training",
     message:

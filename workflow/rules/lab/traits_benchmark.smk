@@ -21,8 +21,6 @@ rule benchmark_traits:
 
 
 rule measure_traits_benchmark:
-    input:
-        code=code("lab/measure_traits_benchmark"),
     output:
         pairs=ensure("results/benchmark/traits/{tree_seed}/pairs.json", non_empty=True),
     log:
@@ -37,6 +35,7 @@ rule measure_traits_benchmark:
         runtime=30,
         gpu=0,
     params:
+        code=code("lab/measure_traits_benchmark"),
         tree_seed=lambda wildcards: int(wildcards.tree_seed),
         bearing=lambda wildcards: int(wildcards.tree_seed) in BEARING_TREE_SEEDS,
         n_points=TRAITS_BENCHMARK["n_points"],
@@ -52,7 +51,6 @@ rule report_traits_benchmark:
             "results/benchmark/traits/{tree_seed}/pairs.json",
             tree_seed=sorted({*TRAITS_BENCHMARK_SEEDS, *BEARING_TREE_SEEDS}),
         ),
-        code=code("lab/report_traits_benchmark"),
     output:
         table=ensure("results/benchmark/traits/table.md", non_empty=True),
         figure=ensure("results/benchmark/traits/traits.png", non_empty=True),
@@ -65,6 +63,8 @@ rule report_traits_benchmark:
         mem_mb=more_at_each_attempt(2000),
         runtime=10,
         gpu=0,
+    params:
+        code=code("lab/report_traits_benchmark"),
     message:
         "table and figure of the benchmark of traits"
     script:
