@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import psutil
@@ -19,7 +18,6 @@ from reliability_scene import same_files
 from sfm_scene import centers_of, similarity_errors, write_orbit
 from workspace import PROJECT, Workspace, kill_group
 
-from cherrypicker.batch import stale_lock
 from cherrypicker.files import atomic_path, leftovers, temporary_folder
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import read_poses
@@ -229,26 +227,29 @@ def test_a_number_that_another_process_bears_again_keeps_no_leftover(tmp_path):
 START = """
 import os, sys, time
 sys.path.insert(0, {scripts!r})
-from cherrypicker.batch import stale_lock
-print(stale_lock.begin_start(patience_s=float(sys.argv[1])), flush=True)
+from cherrypicker.batch import run_lock
+print(run_lock.begin_start(patience_s=float(sys.argv[1])), flush=True)
 sys.stdin.readline()
-stale_lock.end_start()
+run_lock.end_start()
 print("next", flush=True)
 sys.stdin.readline()
 """
 
 
-def test_runs_start_one_after_the_other_and_a_killed_one_holds_nobody_up(tmp_path):
+def start_in(folder, patience_s):
     code = START.format(scripts=str(PROJECT / "scripts"))
+    return subprocess.Popen(
+        [sys.executable, "-c", code, str(patience_s)],
+        cwd=folder,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
 
+
+def test_runs_start_one_after_the_other_and_a_killed_one_holds_nobody_up(tmp_path):
     def start(patience_s):
-        return subprocess.Popen(
-            [sys.executable, "-c", code, str(patience_s)],
-            cwd=tmp_path,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        return start_in(tmp_path, patience_s)
 
     first = start(10)
     assert first.stdout.readline() == "True\n"
@@ -267,17 +268,29 @@ def test_runs_start_one_after_the_other_and_a_killed_one_holds_nobody_up(tmp_pat
         process.communicate()
 
 
-def test_a_lock_is_released_only_when_its_owner_is_gone(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    lock = Path(".snakemake/locks/0.input.lock")
-    assert not stale_lock.claim_lock()
+def test_a_lock_is_released_only_when_nobody_runs(tmp_path):
+    lock = tmp_path / ".snakemake/locks/0.input.lock"
+
+    def left_by_next():
+        """Whether the lock is still there when the next run has started and ended."""
+        run = start_in(tmp_path, 10)
+        assert run.stdout.readline() == "True\n"
+        run.communicate("\n\n")
+        return lock.exists()
+
+    alive = start_in(tmp_path, 10)
+    assert alive.stdout.readline() == "True\n"
+    alive.stdin.write("\n")
+    alive.stdin.flush()
+    assert alive.stdout.readline() == "next\n"
     lock.parent.mkdir()
     lock.touch()
-    assert not stale_lock.claim_lock(), "its owner, this process, is alive"
-    assert lock.exists()
-    owner = json.loads(stale_lock.OWNER_FILE.read_text())
-    stale_lock.OWNER_FILE.write_text(json.dumps(owner | {"host": "elsewhere", "pid": 1 << 22}))
-    assert not stale_lock.claim_lock(), "nobody here can know"
-    stale_lock.OWNER_FILE.write_text(json.dumps(owner | {"started": owner["started"] - 99}))
-    assert stale_lock.claim_lock(), "another process has its number by now"
-    assert not lock.exists()
+    assert left_by_next(), "its owner runs"
+    alive.kill()
+    alive.communicate()
+    note = tmp_path / ".snakemake/running"
+    here = note.read_text()
+    note.write_text("elsewhere")
+    assert left_by_next(), "nobody here can know"
+    note.write_text(here)
+    assert not left_by_next()

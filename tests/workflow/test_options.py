@@ -14,7 +14,7 @@ from snakemake.settings.types import OutputSettings, ResourceSettings
 from workspace import PROJECT, Workspace
 
 from cherrypicker.batch.config import load_schema, resolve_config
-from cherrypicker.batch.stale_lock import end_start
+from cherrypicker.batch.run_lock import end_start
 from cherrypicker.classes import CLASS_NAMES
 from cherrypicker.runner import keys_of_stage, options_of
 

@@ -28,7 +28,7 @@ from cherrypicker.batch.resources import (
     threads_to_ask,
 )
 from cherrypicker.batch.scans import size_of_photo_scan
-from cherrypicker.batch.stale_lock import begin_start, claim_lock, end_start
+from cherrypicker.batch.run_lock import begin_start, end_start
 from cherrypicker.batch.series import compare_rest
 from cherrypicker.batch.summary import summarise
 from cherrypicker.batch.trees import TREE_PATTERN, series_of
@@ -454,4 +454,3 @@ def compare_finished():
 
 if workflow.is_main_process:
     begin_start()
-    claim_lock()

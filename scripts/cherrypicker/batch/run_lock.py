@@ -1,0 +1,103 @@
+"""Let a batch resume after a power cut, and keep two runs in one folder out of each other's way.
+
+Snakemake locks its folder, and a killed run cannot unlock it; nor does it look for a lock and take
+it in one step. So each run holds two locks of the system, which die with its process: `starting`
+alone, until Snakemake has its own, and `running` together with other runs. Who can have `running`
+alone knows that nobody else runs, and unlocks the folder as `snakemake --unlock` does.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import os
+import socket
+import time
+from pathlib import Path
+
+logger = logging.getLogger(__name__)
+
+FOLDER = Path(".snakemake")
+
+_POLL_S = 0.1
+_starting: list[int] = []
+_running: list[int] = []  # until the end of the process
+
+
+def begin_start(patience_s: float = 120.0) -> bool:
+    """Wait until no other run is starting in this folder; the next one then waits for this one.
+
+    A file system that cannot lock, or a run that takes longer than that to start, is no reason not
+    to go on: Snakemake's own lock is still to come.
+
+    Parameters
+    ----------
+    patience_s : float, default 120
+        Longest wait, seconds.
+
+    Returns
+    -------
+    bool
+        Whether other runs now wait for :func:`end_start`, or for the end of this process.
+    """
+    try:
+        FOLDER.mkdir(exist_ok=True)
+        starting, running = (
+            os.open(FOLDER / name, os.O_RDWR | os.O_CREAT, 0o644)
+            for name in ("starting", "running")
+        )
+        is_first = _wait(starting, patience_s)
+        _running.append(running)
+        if is_first:
+            _starting.append(starting)
+        else:
+            os.close(starting)
+        if is_first and _take(running, fcntl.LOCK_EX):
+            _unlock_if_ours(running)
+        fcntl.flock(running, fcntl.LOCK_SH)
+    except OSError as error:  # a folder that takes no file, a file system without locks
+        logger.warning("cannot look for other runs in this folder: %s", error)
+        return False
+    return is_first
+
+
+def end_start() -> None:
+    """Let the next run start: this one holds Snakemake's own lock by now."""
+    while _starting:
+        os.close(_starting.pop())
+
+
+def _wait(descriptor: int, patience_s: float) -> bool:
+    deadline, is_told = time.monotonic() + patience_s, False
+    while not _take(descriptor, fcntl.LOCK_EX):
+        if time.monotonic() > deadline:
+            logger.warning("another run has been starting in this folder for long; going on")
+            return False
+        if not is_told:
+            logger.warning("another run is starting in this folder; waiting for it")
+            is_told = True
+        time.sleep(_POLL_S)
+    return True
+
+
+def _take(descriptor: int, kind: int) -> bool:
+    try:
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _unlock_if_ours(running: int) -> None:
+    """Release what a killed run left, unless on another machine, whose locks may not reach here."""
+    note, here = FOLDER / "running", socket.gethostname()
+    is_locked = any((FOLDER / "locks").glob("*"))
+    if is_locked and note.read_text(encoding="utf-8") != here:
+        return
+    os.truncate(running, 0)
+    os.pwrite(running, here.encode(), 0)
+    if is_locked:
+        from snakemake.persistence.file import FilePersistence
+
+        FilePersistence().cleanup_locks()
+        logger.warning("released the lock of a run that was killed")
