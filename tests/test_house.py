@@ -205,7 +205,7 @@ def test_what_a_rule_watches_beside_modules_is_there(project, scripts):
     names = [name for call in watched for name in re.findall(r'"([^"]+)"', call)]
     assert len(names) > 10
     for name in names:
-        root = project / "resources" if name.startswith("weights/") else scripts / PRODUCT
+        root = project if name.startswith("resources/") else scripts / PRODUCT
         assert list(root.glob(name)), name
 
 

@@ -58,7 +58,11 @@ rule estimate_depth:
     input:
         undistorted="results/{tree}/dense/undistorted.json",
         cameras="results/{tree}/sfm/model/cameras.bin",
-        sky_masks=sky_masks_for_stereo,
+        sky_masks=lambda wildcards: (
+            "results/{tree}/sky"
+            if cfg("mvs.use_sky_masks")(wildcards) or row("masks")(wildcards)
+            else []
+        ),
     output:
         depth=ensure("results/{tree}/dense/depth.json", non_empty=True),
     log:

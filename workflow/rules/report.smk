@@ -30,14 +30,10 @@ rule report_tree:
         photo_check=photo_only("results/{tree}/photo_check.json"),
         worst_photo=photo_only("results/{tree}/photo_check/worst.jpg"),
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
-        measures=lambda wildcards: (
-            "results/{tree}/measures.json" if wildcards.tree in MEASURED_TREES else []
-        ),
-        photos=lambda wildcards: (
-            photos_of(wildcards) if BATCH.row(wildcards.tree).is_photo_scan else []
-        ),
+        measures=only_for(MEASURED_TREES, "results/{tree}/measures.json"),
+        photos=photos_of,
         edits=lambda wildcards: (
-            edits_of(wildcards.tree) if wildcards.tree in EDITED_TREES else []
+            BATCH.edits_of(wildcards.tree) if wildcards.tree in EDITED_TREES else []
         ),
     output:
         report=report(
@@ -155,7 +151,9 @@ rule summarise_batch:
         trees=of_known_trees("tree"),
         dates=of_known_trees("date"),
         series=of_known_trees("series"),
-        measured=measured_trees,
+        measured=lambda wildcards: [
+            name for name in BATCH.known() if name in MEASURED_TREES
+        ],
     message:
         "Summarise the batch"
     script:

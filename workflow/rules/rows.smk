@@ -42,7 +42,11 @@ rule split_scan:
         trees=shared_file("results/{scan}/trees.json"),
         owners=shared_file("results/{scan}/owners.npz"),
         metric=photo_only("results/{scan}/metric.json"),
-        shared=shared_with_tree,
+        shared=lambda wildcards: [
+            shared_file(f"results/{{scan}}/{name}")(wildcards)
+            for name in ("scale.json", "poses.npz", "metric_poses.npz")
+            if BATCH.row(wildcards.tree).is_photo_scan
+        ],
     output:
         cloud=ensure("results/{tree}/segmented.ply", non_empty=True),
         limbs=ensure("results/{tree}/limbs.npz", non_empty=True),

@@ -6,7 +6,11 @@ rule estimate_scale:
         points="results/{tree}/sfm/model/points3D.bin",
         frames="results/{tree}/sfm/model/frames.bin",
         rigs="results/{tree}/sfm/model/rigs.bin",
-        cloud=cloud_of_taped,
+        cloud=lambda wildcards: (
+            "results/{tree}/denoised.ply"
+            if "trunk" in [one["kind"] for one in cfg("scale.references")(wildcards)]
+            else []
+        ),
     output:
         scale=ensure("results/{tree}/scale.json", non_empty=True),
     log:

@@ -27,7 +27,7 @@ rule segment_cloud:
         gpu=0,
     params:
         **options("segment_cloud"),
-        code=code("segment_cloud", resource("weights/dgcnn.pt")),
+        code=code("segment_cloud", PROJECT / "resources/weights/dgcnn.pt"),
         is_row=is_of_several,
     message:
         "{wildcards.tree}: label the cloud and grow its limbs"

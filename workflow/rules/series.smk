@@ -3,13 +3,13 @@
 
 rule compare_series:
     input:
-        skeletons=files_of_series("skeleton.graphml"),
-        branches=files_of_series("branches.csv"),
-        traits=files_of_series("traits.json"),
-        segmented=files_of_series("segmented.ply"),
-        scales=shared_files_of_series("scale.json"),
-        poses=shared_files_of_series("poses.npz"),
-        metric_poses=shared_files_of_series("metric_poses.npz"),
+        skeletons=of_series("results/{tree}/skeleton.graphml"),
+        branches=of_series("results/{tree}/branches.csv"),
+        traits=of_series("results/{tree}/traits.json"),
+        segmented=of_series("results/{tree}/segmented.ply"),
+        scales=of_series("results/{scan}/scale.json"),
+        poses=of_series("results/{scan}/poses.npz"),
+        metric_poses=of_series("results/{scan}/metric_poses.npz"),
     output:
         page=report(
             ensure("results/series/{series}/report.html", non_empty=True),
@@ -26,6 +26,8 @@ rule compare_series:
         "logs/compare_series/{series}.log",
     benchmark:
         "benchmarks/compare_series/{series}.tsv"
+    wildcard_constraints:
+        series=any_of(SERIES),
     conda:
         "../../envs/report.yaml"
     threads: 1
@@ -35,9 +37,11 @@ rule compare_series:
         gpu=0,
     params:
         code=code("compare_series", "report/series.html.j2", "report/style.css"),
-        series=lambda wildcards: "".join(series_column(wildcards.series, "series")[:1]),
-        trees=lambda wildcards: series_column(wildcards.series, "tree"),
-        dates=lambda wildcards: series_column(wildcards.series, "date"),
+        series=lambda wildcards: "".join(
+            {row.series for row in SERIES.get(wildcards.series, ())}
+        ),
+        trees=lambda wildcards: [row.tree for row in SERIES.get(wildcards.series, ())],
+        dates=lambda wildcards: [row.date for row in SERIES.get(wildcards.series, ())],
         folder=lambda wildcards: f"results/series/{wildcards.series}",
     message:
         "{wildcards.series}: compare the dates of the tree"

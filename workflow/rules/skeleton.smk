@@ -5,7 +5,12 @@ rule contract_cloud:
     input:
         segmented="results/{tree}/segmented.ply",
         limbs="results/{tree}/limbs.npz",
-        metric=frame_of,
+        # Where the tree stands: a tree of a scan of several has a file of its own
+        metric=lambda wildcards: (
+            photo_only("results/{tree}/metric.json")(wildcards)
+            if wildcards.tree in TREES
+            else "results/{tree}/tree.json"
+        ),
     output:
         contracted=ensure("results/{tree}/contracted.ply", non_empty=True),
         report="results/{tree}/contract.json",
@@ -71,16 +76,7 @@ rule extract_graph:
 
 
 # A tree with hand corrections: the solver's skeleton is kept, so that an edit costs no new solution.
-rule solve_graph:
-    input:
-        contracted="results/{tree}/contracted.ply",
-        contract_report="results/{tree}/contract.json",
-        limbs="results/{tree}/limbs.npz",
-        segmented="results/{tree}/segmented.ply",
-        undistorted=photo_only("results/{scan}/dense/undistorted.json"),
-        metric_poses=photo_only("results/{scan}/metric_poses.npz"),
-        evidence=photo_only("results/{scan}/evidence"),
-        depth=photo_only("results/{scan}/dense/depth.json"),
+use rule extract_graph as solve_graph with:
     output:
         skeleton_graph=ensure("results/{tree}/solved.graphml", non_empty=True),
         report="results/{tree}/graph.json",
@@ -90,26 +86,12 @@ rule solve_graph:
         "benchmarks/solve_graph/{tree}.tsv"
     wildcard_constraints:
         tree=any_of(EDITED_TREES),
-    conda:
-        "../../envs/pointcloud.yaml"
-    threads: threads_for("extract_graph")
-    resources:
-        mem_mb=mb_for("extract_graph"),
-        runtime=minutes_for("extract_graph"),
-        gpu=0,
-    params:
-        **options("extract_graph"),
-        code=code("extract_graph"),
-    message:
-        "{wildcards.tree}: connect the skeleton and measure its radii"
-    script:
-        "../../scripts/extract_graph.py"
 
 
 rule edit_graph:
     input:
         solved="results/{tree}/solved.graphml",
-        edits=lambda wildcards: edits_of(wildcards.tree),
+        edits=of_tree(BATCH.edits_of),
     output:
         skeleton_graph=ensure("results/{tree}/skeleton.graphml", non_empty=True),
         skeleton_ply=ensure("results/{tree}/skeleton.ply", non_empty=True),

@@ -4,7 +4,9 @@
 rule segment_sky:
     input:
         photos=photos_of,
-        photo_masks=photo_masks_of,
+        photo_masks=lambda wildcards: (
+            "results/{tree}/photo_masks" if row("masks")(wildcards) else []
+        ),
         weights_file=weights_of("sky.weights"),
     output:
         masks=directory("results/{tree}/sky"),
@@ -22,8 +24,8 @@ rule segment_sky:
         gpu=0,
     params:
         **options("segment_sky"),
-        code=code("segment_sky", resource("weights/sky_unet.npz")),
-        problem=problem_of,
+        code=code("segment_sky", PROJECT / "resources/weights/sky_unet.npz"),
+        problem=lambda wildcards, input: SCANS.problem(wildcards.tree),
         photo_folder=photo_folder,
     message:
         "{wildcards.tree}: tell sky from everything else in the photos"

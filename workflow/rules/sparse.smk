@@ -24,7 +24,7 @@ rule prepare_photos:
     params:
         **options("prepare_photos"),
         code=code("prepare_photos"),
-        problem=problem_of,
+        problem=lambda wildcards, input: SCANS.problem(wildcards.tree),
         folder=row("photos"),
         masks=row("masks"),
     message:
@@ -36,7 +36,9 @@ rule prepare_photos:
 rule extract_features:
     input:
         photos=photos_of,
-        photo_masks=photo_masks_of,
+        photo_masks=lambda wildcards: (
+            "results/{tree}/photo_masks" if row("masks")(wildcards) else []
+        ),
     output:
         database=ensure("results/{tree}/sfm/features.db", non_empty=True),
         listing=ensure("results/{tree}/sfm/photos.json", non_empty=True),
@@ -54,7 +56,7 @@ rule extract_features:
     params:
         **options("extract_features"),
         code=code("extract_features"),
-        problem=problem_of,
+        problem=lambda wildcards, input: SCANS.problem(wildcards.tree),
         folder=photo_folder,
     message:
         "{wildcards.tree}: extract features of the photos"
@@ -92,7 +94,9 @@ rule reconstruct_sparse:
         database="results/{tree}/sfm/database.db",
         listing="results/{tree}/sfm/photos.json",
         photos=photos_of,
-        photo_masks=photo_masks_of,
+        photo_masks=lambda wildcards: (
+            "results/{tree}/photo_masks" if row("masks")(wildcards) else []
+        ),
     output:
         cameras=ensure("results/{tree}/sfm/model/cameras.bin", non_empty=True),
         images=ensure("results/{tree}/sfm/model/images.bin", non_empty=True),

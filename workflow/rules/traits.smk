@@ -14,9 +14,7 @@ rule measure_traits:
         evidence=photo_only("results/{scan}/evidence"),
         depth=photo_only("results/{scan}/dense/depth.json"),
         photo_check=photo_only("results/{tree}/photo_check.json"),
-        edits=lambda wildcards: (
-            "results/{tree}/edits.json" if wildcards.tree in EDITED_TREES else []
-        ),
+        edits=only_for(EDITED_TREES, "results/{tree}/edits.json"),
     output:
         traits=ensure("results/{tree}/traits.json", non_empty=True),
         branches=ensure("results/{tree}/branches.csv", non_empty=True),
@@ -67,7 +65,7 @@ rule compare_measures:
     params:
         code=code("compare_measures"),
         tree=row("tree"),
-        rows=lambda wildcards: measures_of(wildcards.tree),
+        rows=of_tree(BATCH.measures_of),
     message:
         "{wildcards.tree}: compare with hand measurements"
     script:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from glob import escape, glob
+from pathlib import Path
 
 from cherrypicker.accuracy.measures import Measure, read_measures
 from cherrypicker.batch.config import config_notes, read_config_file, resolve_config
@@ -18,7 +21,7 @@ from cherrypicker.batch.rows import (
     places_of,
     split_name,
 )
-from cherrypicker.batch.trees import Tree, read_trees
+from cherrypicker.batch.trees import Tree, read_trees, series_of
 from cherrypicker.errors import StageError
 from cherrypicker.runner import status_folder
 
@@ -43,6 +46,10 @@ class Batch:
         """Return the row of the table that a tree is from; most trees are one themselves."""
         whose = split_name(tree, self.places)
         return whose[0] if whose else tree
+
+    def is_of_several(self, tree: str) -> bool:
+        """Whether a scan is of several trees, whichever of them or itself is asked for."""
+        return self.scan_of(tree) in self.places
 
     def has(self, tree: str) -> bool:
         """Whether a name can be one of a tree with results: a scan of several has none itself."""
@@ -76,6 +83,60 @@ class Batch:
             return names_found(scan)
         return [f"{scan}_{number}" for number in range(1, len(places) + 1)]
 
+    @property
+    def open_scans(self) -> list[str]:
+        """Scans whose trees are known when somebody has looked."""
+        return [scan for scan, places in self.places.items() if places == ALL]
+
+    def ready_clouds(self) -> tuple[list[str], list[str]]:
+        """Return the scans that are ready clouds: those with labels, and those without."""
+        late = [name for name, row in self.trees.items() if not row.is_photo_scan]
+        labelled = [name for name in late if self.trees[name].has_labelled_cloud()]
+        return labelled, [name for name in late if name not in labelled]
+
+    def known(self) -> list[str]:
+        """Return every tree as far as it is known, in the table's order."""
+        return [name for scan in self.trees for name in self.names(scan)]
+
+    def listed(self) -> list[str]:
+        """Return the trees that the table and the config name, whatever is found in a scan."""
+        return [
+            name for scan in self.trees if scan not in self.open_scans for name in self.names(scan)
+        ]
+
+    def series(self) -> dict[str, list[Tree]]:
+        """Return the series of two scans or more, by the name of their folder."""
+        return series_of(map(self.row, filter(self.has, self.known())))
+
+    def edits_of(self, tree: str) -> str:
+        """Return the file of a tree's hand corrections, whether it is there or not."""
+        return self.settings_for(tree)["graph"]["edits"].replace("{tree}", tree)
+
+    def edited(self) -> list[str]:
+        """Return the trees that have a file of hand corrections, those not yet found as well."""
+        names = self.listed()
+        for scan in self.open_scans:
+            before, *after = self.settings_for(f"{scan}_1")["graph"]["edits"].split("{tree}")
+            files = glob(f"{scan}_*".join(map(escape, (before, *after))))
+            name, again = (
+                rf"(?P<tree>{re.escape(scan)}_\d+)",
+                "(?P=tree)",
+            )  # it may stand there twice
+            pattern = re.escape(before) + name + again.join(map(re.escape, after))
+            found = [re.fullmatch(pattern, file) for file in files]
+            names += sorted({each["tree"] for each in found if each and self.has(each["tree"])})
+        return [
+            name for name in names if self.edits_of(name) and Path(self.edits_of(name)).is_file()
+        ]
+
+    def measured(self) -> list[str]:
+        """Return the trees with hand measurements."""
+        return list(dict.fromkeys(row.tree for row in self.measures if self.has(row.tree)))
+
+    def measures_of(self, tree: str) -> list[str]:
+        """Return a tree's hand measurements as text, the same wherever they stand in the table."""
+        return [str(replace(row, line=0)) for row in self.measures if row.tree == tree]
+
     def rows_to_tell(self, logs: str | os.PathLike) -> list[Tree]:
         """Return a row a tree, and one a scan of several that failed or was not looked at."""
         rows: list[Tree] = []
@@ -94,8 +155,7 @@ class Batch:
         lines = []
         for row in self.measures:
             if not self.has(row.tree):
-                known = [name for scan in self.trees for name in self.names(scan)]
-                near = difflib.get_close_matches(row.tree, known, n=1)
+                near = difflib.get_close_matches(row.tree, self.known(), n=1)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
                 place = f"line {row.line} of {self.settings['measures']}"
                 lines.append(f"{place}: no tree {row.tree!r} in {self.settings['trees']}{hint}")

@@ -1,15 +1,21 @@
-"""The size of a tree's scan, from the headers of its photos or of its cloud."""
+"""A tree's scan before anything is run: its size by headers, and what is wrong with it."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from pathlib import Path
 
+from cherrypicker.batch.batch import Batch
 from cherrypicker.batch.photo_sizes import PhotoSizes
 from cherrypicker.batch.resources import ScanSize, size_of_cloud, size_of_photos
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import are_plain, captures_in
+from cherrypicker.intake.masks import masks_in
 from cherrypicker.intake.prepare import is_too_large
+from cherrypicker.markers.references import check_scale
+from cherrypicker.mvs.backends.table import first_choice
 
 
 def size_of_tree(tree: Tree, settings: Mapping, known: PhotoSizes) -> ScanSize:
@@ -57,3 +63,85 @@ def size_of_photo_scan(
         or any(is_too_large(size, limit) for size in sizes)
     )
     return size_of_photos(sizes, settings, stereo=stereo, is_prepared=is_prepared)
+
+
+class Scans:
+    """What stands before each tree's first stage: its files, their size, what is wrong with them.
+
+    Files that are missing are left out, for the first stage to report.
+    """
+
+    def __init__(self, batch: Batch, is_kept: bool) -> None:
+        self._batch, self._is_kept = batch, is_kept  # whether headers are remembered for the next
+        self._headers = PhotoSizes()
+        self._known: dict[str, ScanSize] = {}
+
+    def size(self, tree: str) -> ScanSize:
+        """Return how large the scan is that a tree is from; empty where no photo can be read."""
+        scan = self._batch.scan_of(tree)
+        if scan not in self._known:
+            row, settings = self._batch.trees[scan], self._batch.settings_of[scan]
+            stereo = first_choice(settings["mvs"]["backend"])
+            self._known[scan] = (
+                size_of_photo_scan(row, settings, self._headers, stereo=stereo)
+                if row.is_photo_scan
+                else size_of_cloud(row.cloud)
+            )
+            if self._is_kept:
+                self._headers.save()
+        return self._known[scan]
+
+    def captures(self, tree: str) -> list[str]:
+        """Return what lies in the folder of photos."""
+        return list(filter(is_plain, map(str, captures_in(self._batch.row(tree).photos))))
+
+    def photo_folder(self, tree: str) -> str:
+        """Return the folder of the photos that stages read: a user's, or that of prepared ones."""
+        is_prepared = self.size(tree).is_prepared
+        prepared = f"results/{self._batch.scan_of(tree)}/photos"
+        return prepared if is_prepared else self._batch.row(tree).photos
+
+    def photos(self, tree: str) -> list[str]:
+        """Return the photos that stages read, or the folder of prepared ones; none for a cloud."""
+        if not self._batch.row(tree).is_photo_scan:
+            return []
+        return [self.photo_folder(tree)] if self.size(tree).is_prepared else self.captures(tree)
+
+    def masks(self, tree: str) -> list[str]:
+        """Return a tree's own masks."""
+        return list(filter(is_plain, map(str, masks_in(self._batch.row(tree).masks or "-"))))
+
+    def cloud(self, tree: str) -> list[str]:
+        """Return the ready cloud."""
+        path = self._batch.row(tree).cloud
+        return [path] if Path(path).is_file() and is_plain(path) else []
+
+    def problem(self, tree: str) -> dict:
+        """Return what is wrong with a scan from photos, for its first stages to refuse it.
+
+        Returns
+        -------
+        dict
+            Arguments of :class:`StageError`; {} if nothing is wrong.
+        """
+        row, scale = self._batch.row(tree), self._batch.settings_for(tree)["scale"]
+        for path in map(str, captures_in(row.photos)):
+            if not is_plain(path):
+                cause = "Snakemake cannot take a path with {name} or <name> in it; rename the photo"
+                return {"cause": cause, "file": path, "key": "photos in trees.tsv"}
+        columns = row.marker_dictionary, row.marker_sides_m
+        try:
+            check_scale(row.scale, scale["mode"], *columns, scale["references"])
+        except StageError as error:
+            is_column = not str(error.key).startswith("scale.")
+            file = self._batch.settings["trees"] if is_column else None
+            return {"cause": error.cause, "file": file, "key": error.key}
+        return {}
+
+
+def is_plain(path: str) -> bool:
+    """Whether Snakemake takes a path as it is: it fills in {name} and <name>, with no way out."""
+    from snakemake.io import contains_wildcard
+    from snakemake.pathvars import PATHVAR_REGEX
+
+    return not (contains_wildcard(path) or re.search(PATHVAR_REGEX, path))

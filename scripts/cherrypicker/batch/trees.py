@@ -102,6 +102,16 @@ def read_trees(path: str | os.PathLike) -> list[Tree]:
     return trees
 
 
+def any_of(names: Iterable[str]) -> str:
+    """Return a wildcard constraint that matches these names only."""
+    return "|".join(map(re.escape, names)) or "(?!)"
+
+
+def none_of(names: Iterable[str]) -> str:
+    """Return a wildcard constraint that matches all trees but these."""
+    return rf"(?!(?:{any_of(names)})(?:/|$)){TREE_PATTERN}"
+
+
 def folder_name(name: str, empty: str = "_") -> str:
     """Return a name as that of a folder of results: what one cannot have is an underscore."""
     return re.sub(rf"(?!{TREE_PATTERN}).", "_", name).lstrip(".") or empty

@@ -1,5 +1,6 @@
 # What the rules of the benchmark of dense stereo share.
 
+from cherrypicker.photos import photos_in
 from cherrypicker_lab.dense.backends import ALL_BACKENDS, backends_here
 from cherrypicker_lab.dense.jobs import (
     benchmark_runs,

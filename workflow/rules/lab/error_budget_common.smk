@@ -1,5 +1,7 @@
 # What the rules of the error budget share.
 
+import dataclasses
+
 TRUTH_FILES = ("poses.npz", "skeleton.csv", "cloud.ply", "traits.json")
 
 
@@ -31,7 +33,7 @@ def settings_of_tree(wildcards):
 TREES_WITH_TRUTH = [
     name
     for name, tree in TREES.items()
-    if name in SINGLE_TREES
+    if name not in ROW_SCANS
     and tree.is_photo_scan
     and all(Path(path).is_file() for path in truth_files_of({"tree": name}))
 ]
