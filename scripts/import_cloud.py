@@ -7,7 +7,7 @@ Reads PLY, LAS, LAZ or text, writes metric.ply, or segmented.ply for a PLY that 
 
 from typing import Annotated
 
-from cherrypicker.placement.late_cloud import import_cloud
+from cherrypicker.placement.late_cloud import HeightOptions, import_cloud
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 
@@ -18,8 +18,11 @@ def main(
     unit: Annotated[str, "m, cm, mm, ft or metres per unit"] = "m",
     up: Annotated[str, "axis of the file that points up"] = "z",
     scale: Annotated[str, "metres per unit, or none"] = "",
+    *,
+    heights: HeightOptions,
 ) -> None:
-    write_cloud(imported, import_cloud(cloud, unit=unit, up=up, scale=scale))
+    """Import and save."""
+    write_cloud(imported, import_cloud(cloud, unit=unit, up=up, scale=scale, heights=heights))
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

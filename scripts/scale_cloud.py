@@ -12,6 +12,7 @@ from typing import Annotated
 
 from cherrypicker.files import read_json, write_json
 from cherrypicker.markers.scale_scene import scale_scene
+from cherrypicker.placement.late_cloud import HeightOptions, check_height
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.runner import run, stage_parser
@@ -25,11 +26,14 @@ def main(
     metric: Annotated[str, "metric cloud to write"],
     metric_poses: Annotated[str, "metric poses to write"],
     report: Annotated[str, "JSON of the unit and the region to write"],
+    *,
+    heights: HeightOptions,
 ) -> None:
     """Load, scale, save."""
     scaled, scaled_poses, details = scale_scene(
         read_cloud(cloud), read_poses(poses), read_json(scale), read_json(crop)
     )
+    check_height(scaled, heights, "the scale in trees.tsv (marker_sides_m, scale)", cloud)
     write_cloud(metric, scaled)
     write_poses(metric_poses, scaled_poses)
     write_json(report, details)

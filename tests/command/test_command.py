@@ -12,6 +12,7 @@ import yaml
 from finished_tree import write_finished_tree
 from PIL import Image
 from rich.console import Console
+from workspace import small_tree
 
 from cherrypicker.batch.config import load_schema, read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
@@ -19,6 +20,7 @@ from cherrypicker.command import doctor, run
 from cherrypicker.command.main import SUBCOMMANDS, main
 from cherrypicker.command.time_left import TimeLeft
 from cherrypicker.formats.table import FORMATS
+from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.progress import duration
 from cherrypicker.runner import SCHEMA_FILE
 from snakemake_logger_plugin_cherrypicker import SEPARATOR
@@ -115,6 +117,42 @@ def test_init_finds_scans_by_sub_folder(tmp_path, capsys):
     assert settings == {"method": "default"}
     assert main(["init", str(tmp_path)]) == 1
     assert "nothing was written" in capsys.readouterr().err
+
+
+def test_init_follows_links_once_and_never_upward(tmp_path, capsys):
+    elsewhere, work = tmp_path / "card/DCIM/100", tmp_path / "work"
+    for i in range(3):
+        photo(elsewhere / f"{i}.jpg")
+        photo(work / "own" / f"{i}.jpg")
+    for name, target in (("tree", elsewhere), ("again", work / "own"), ("up", tmp_path)):
+        (work / name).symlink_to(target)
+    assert main(["init", str(work)]) == 0
+    rows = read_trees(work / "config/trees.tsv")
+    assert [(row.tree, row.photos) for row in rows] == [("own", "own"), ("tree", "tree")]
+    assert "nothing found" not in capsys.readouterr().out
+
+
+def test_init_says_what_it_looked_for(tmp_path, capsys):
+    photo(tmp_path / "few/1.jpg")
+    assert main(["init", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert f"nothing found below {tmp_path}: looked for folders with 3 photos" in shown
+    assert ".laz" in shown
+
+
+def test_check_of_an_empty_table_says_so(work, capsys):
+    (work / "config/trees.tsv").write_text("tree\tcloud\n")
+    assert main(["check", "-d", str(work)]) == 1
+    assert "the table has no tree" in capsys.readouterr().err
+
+
+def test_check_refuses_a_cloud_whose_unit_is_wrong(work, capsys):
+    write_cloud(work / "a.ply", PointCloud(1000 * small_tree().points))
+    (work / "config/trees.tsv").write_text("tree\tcloud\tcloud_unit\na\ta.ply\t\nb\ta.ply\tmm\n")
+    assert main(["check", "-d", str(work)]) == 1
+    refused, key, taken = capsys.readouterr().out.splitlines()
+    assert refused == "a: cannot run" and "m high" in key and "cloud_unit" in key
+    assert taken.startswith("b: go, a ready cloud of") and "1.2" in taken
 
 
 def test_every_key_of_the_commented_config_is_one(tmp_path):

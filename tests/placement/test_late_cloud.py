@@ -2,8 +2,15 @@ import numpy as np
 import pytest
 
 from cherrypicker.errors import StageError
-from cherrypicker.placement.late_cloud import import_cloud, parse_up_axis
+from cherrypicker.placement.late_cloud import (
+    HeightOptions,
+    check_height,
+    import_cloud,
+    parse_up_axis,
+)
 from cherrypicker.pointcloud import PointCloud, write_cloud
+
+ANY_HEIGHT = HeightOptions(0.0, 1e9)
 
 
 @pytest.fixture
@@ -29,7 +36,7 @@ def test_the_up_axis_becomes_z_by_a_rotation(ply, axis):
 )
 def test_units_and_order(ply, unit, factor):
     path, points = ply
-    cloud = import_cloud(path, unit=unit)
+    cloud = import_cloud(path, unit=unit, heights=ANY_HEIGHT)
     np.testing.assert_allclose(cloud.points, factor * points, rtol=1e-6)
     assert cloud.unit == "m"
 
@@ -37,7 +44,7 @@ def test_units_and_order(ply, unit, factor):
 def test_a_given_scale_wins_over_the_unit(ply):
     path, points = ply
     np.testing.assert_allclose(
-        import_cloud(path, unit="mm", scale="2").points, 2 * points, rtol=1e-6
+        import_cloud(path, unit="mm", scale="2", heights=ANY_HEIGHT).points, 2 * points, rtol=1e-6
     )
 
 
@@ -83,3 +90,29 @@ def test_labels_out_of_range_are_refused(tmp_path):
     write_cloud(tmp_path / "a.ply", PointCloud(np.eye(3), fields={"label": labels}))
     with pytest.raises(StageError, match="99"):
         import_cloud(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "told"),
+    [
+        ("m", "", "more than 60 m.*cloud_unit in trees.tsv, or scale.most_height_m"),
+        ("mm", "0.00001", "less than 0.1 m.*scale in trees.tsv, or scale.least_height_m"),
+    ],
+)
+def test_a_height_that_no_tree_has_is_refused_until_a_key_says_so(ply, unit, scale, told):
+    path, points = ply
+    with pytest.raises(StageError, match=told) as caught:
+        import_cloud(path, unit=unit, scale=scale)
+    assert caught.value.file == str(path)
+    heights = HeightOptions(0.001, 4000.0)
+    assert len(import_cloud(path, unit=unit, scale=scale, heights=heights)) == len(points)
+    assert len(import_cloud(path, unit="mm")) == len(points), "3 m is a tree"
+    assert import_cloud(path, scale="none").unit == "arbitrary"
+
+
+def test_a_cloud_without_a_unit_has_any_height():
+    tall = PointCloud(np.array([[0, 0, 0], [0, 0, 99.0]]), unit="arbitrary")
+    check_height(tall, HeightOptions(), "x")
+    tall.unit = "m"
+    with pytest.raises(StageError, match="99 m high"):
+        check_height(tall, HeightOptions(), "x")

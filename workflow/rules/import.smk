@@ -24,6 +24,7 @@ rule import_cloud:
         runtime=minutes_for("import_cloud"),
         gpu=0,
     params:
+        **options("import_cloud"),
         code=code("import_cloud"),
         cloud=row("cloud"),
         unit=row("cloud_unit"),

@@ -58,6 +58,7 @@ rule scale_cloud:
         runtime=minutes_for("scale_cloud"),
         gpu=0,
     params:
+        **options("scale_cloud"),
         code=code("scale_cloud"),
     message:
         "{wildcards.tree}: scale the cloud"

@@ -16,6 +16,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from cherrypicker.batch.batch import Batch
 from cherrypicker.batch.trees import Tree
 from cherrypicker.capture.contact_sheet import write_contact_sheet
@@ -28,6 +30,7 @@ from cherrypicker.intake.kinds import are_plain, list_captures
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos
 from cherrypicker.markers.detection import marker_dictionary
 from cherrypicker.markers.references import check_scale
+from cherrypicker.placement.late_cloud import HeightOptions, import_cloud
 
 parser = folder_parser(__doc__)
 parser.add_argument("trees", nargs="*", metavar="TREE", help="default all trees of the table")
@@ -44,6 +47,8 @@ def main(arguments: Sequence[str]) -> int:
     unknown = [tree for tree in args.trees if tree not in batch.trees]
     if unknown:
         raise StageError(f"no tree {unknown[0]!r} in the table", file=batch.settings["trees"])
+    if not batch.trees:
+        raise StageError("the table has no tree: nothing to check", file=batch.settings["trees"])
     all_go = True
     for tree in args.trees or batch.trees:
         try:
@@ -56,13 +61,13 @@ def main(arguments: Sequence[str]) -> int:
 
 def _check(batch: Batch, tree: str, cores: int) -> bool:
     """Check one tree and tell of it; return whether it can go."""
-    row = batch.trees[tree]
+    row, scale = batch.trees[tree], batch.settings_of[tree]["scale"]
     if not row.is_photo_scan:
-        if not Path(row.cloud).is_file():
-            raise StageError("the point cloud is missing", file=row.cloud, key="cloud in trees.tsv")
-        print(f"{tree}: go, a ready cloud", flush=True)
+        heights = HeightOptions(scale["least_height_m"], scale["most_height_m"])
+        cloud = import_cloud(row.cloud, row.cloud_unit, row.cloud_up, row.scale, heights)
+        height = f"{np.ptp(cloud.points[:, 2]):.3g} {cloud.unit.replace('arbitrary', 'units')}"
+        print(f"{tree}: go, a ready cloud of {len(cloud):,} points, {height} high", flush=True)
         return True
-    scale = batch.settings_of[tree]["scale"]
     columns = row.marker_dictionary, row.marker_sides_m
     sides, _ = check_scale(row.scale, scale["mode"], *columns, scale["references"])
     dictionary = marker_dictionary(row.marker_dictionary) if sides else None

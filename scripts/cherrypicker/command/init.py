@@ -91,6 +91,13 @@ def main(arguments: Sequence[str]) -> int:
     write_text(folder / CONFIG_FILE, commented_config())
     read_trees(folder / TABLE_FILE)
     print(f"{folder / TABLE_FILE}: {len(rows)} scans")
+    if not rows:
+        where = args.photos or folder
+        print(
+            f"nothing found below {where}: looked for folders with {MIN_PHOTOS} photos or a video "
+            f"in them, and for files {', '.join(_CLOUD_SUFFIXES)}; write the table by hand, or "
+            "say where with --photos"
+        )
     print(f"{folder / CONFIG_FILE}: the common keys, commented out")
     if rows and not (args.marker_sides_m or args.scale):
         print("fill in the marker of each scan (or scale) in the table")
@@ -108,26 +115,41 @@ def find_scans(root: Path, folder: Path) -> Iterator[dict[str, str]]:
         The work folder: paths inside it are written as seen from there.
     """
     seen: set[str] = set()
-    walked = []
-    for place, names, files in os.walk(root):
-        names[:] = sorted(
-            name for name in names if not name.startswith(".") and name not in _OWN_FOLDERS
-        )
-        walked.append((place, files, captures_in(place)))
+    walked = [(place, files, captures_in(place)) for place, files in _folders(root)]
     masks = _mask_folders({place: photos for place, _, photos in walked if photos})
     for place, files, photos in walked:
         if place in masks.values():
             continue
         has_film = any(kind_of(path) is Kind.VIDEO for path in photos)
         if len(photos) >= MIN_PHOTOS or has_film:
-            tree = _id_of(Path(place).resolve(), root.resolve(), seen)
+            tree = _id_of(_absolute(place), _absolute(root), seen)
             row = {"tree": tree, "photos": _as_seen(place, folder), "date": date_of(photos[0])}
             yield row | ({"masks": _as_seen(masks[place], folder)} if place in masks else {})
         for name in sorted(files):
             if Path(name).suffix.lower() in _CLOUD_SUFFIXES and not name.startswith("."):
                 path = Path(place, name)
-                tree = _id_of(path.resolve().with_suffix(""), root.resolve(), seen)
+                tree = _id_of(_absolute(path).with_suffix(""), _absolute(root), seen)
                 yield {"tree": tree, "photos": "", "cloud": _as_seen(path, folder)}
+
+
+def _folders(root: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield every folder below `root` once, with its files; what is linked after what is there."""
+    waiting, seen = [os.fspath(root)], set()
+    here = os.path.realpath(root)
+    while waiting:
+        for place, names, files in os.walk(waiting.pop(0)):
+            real = os.path.realpath(place)
+            is_above = place != os.fspath(root) and os.path.commonpath([real, here]) == real
+            if real in seen or is_above:
+                names[:] = []
+                continue
+            seen.add(real)
+            names[:] = sorted(
+                name for name in names if not name.startswith(".") and name not in _OWN_FOLDERS
+            )
+            links = (os.path.join(place, name) for name in names)
+            waiting += filter(os.path.islink, links)
+            yield place, files
 
 
 def _mask_folders(captures: dict[str, list[Path]]) -> dict[str, str]:
@@ -183,9 +205,14 @@ def _id_of(path: Path, root: Path, seen: set[str]) -> str:
     return name
 
 
+def _absolute(path: str | Path) -> Path:
+    """Return a path from the root, a link left as it is."""
+    return Path(os.path.abspath(path))
+
+
 def _as_seen(path: str | Path, folder: Path) -> str:
     """Return a path as seen from the work folder where it lies in it, else from the root."""
-    path, folder = Path(path).resolve(), folder.resolve()
+    path, folder = _absolute(path), _absolute(folder)
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,54 @@ NORMALISED_HEIGHT = 3.0
 _TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
 _MAX_8_BIT, _MAX_16_BIT = 255, 65535
 _LAS_POINTS_AT_A_TIME = 500_000  # some 20 MB; a header that promises more takes none for it
-_USUAL_EXTENT_M = (0.1, 500.0)  # of a cloud; another is worth a question (guess)
+
+
+@dataclass(frozen=True)
+class HeightOptions:
+    """Config keys ``scale.least_height_m`` and ``most_height_m``.
+
+    Attributes
+    ----------
+    least_height_m, most_height_m : float
+        What a cloud with a tree in it can be high.
+    """
+
+    least_height_m: float = 0.1
+    most_height_m: float = 60.0
+
+
+def check_height(
+    cloud: PointCloud, options: HeightOptions, where: str, file: str | os.PathLike | None = None
+) -> None:
+    """Refuse a metric cloud that is too high or too low for a tree: its unit is wrong, most likely.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        z up; one without a unit passes.
+    where : str
+        The column or key that gave the unit, for the error.
+    file : path-like, optional
+
+    Raises
+    ------
+    StageError
+    """
+    if cloud.unit != "m" or len(cloud) == 0:
+        return
+    height = float(np.ptp(cloud.points[:, 2]))
+    least, most = options.least_height_m, options.most_height_m
+    if height > most:
+        cause, key = f"more than {most:g} m", "most_height_m"
+    elif height < least:
+        cause, key = f"less than {least:g} m", "least_height_m"
+    else:
+        return
+    raise StageError(
+        f"the cloud is {height:.3g} m high, and a tree of {cause} is not believed",
+        file=file,
+        key=f"{where}, or scale.{key} if the unit is right",
+    )
 
 
 def parse_up_axis(text: str) -> np.ndarray:
@@ -45,7 +93,11 @@ def parse_up_axis(text: str) -> np.ndarray:
 
 
 def import_cloud(
-    path: str | os.PathLike, unit: str = "", up: str = "", scale: str = ""
+    path: str | os.PathLike,
+    unit: str = "",
+    up: str = "",
+    scale: str = "",
+    heights: HeightOptions | None = None,
 ) -> PointCloud:
     """Read a ready cloud and bring it to metres and z up; points and order stay.
 
@@ -59,6 +111,7 @@ def import_cloud(
         Axis of the file that points up.
     scale : str, optional
         Metres per unit, which wins over ``unit``, or ``none``: the height becomes 3 units.
+    heights : HeightOptions, optional
 
     Returns
     -------
@@ -68,7 +121,8 @@ def import_cloud(
     Raises
     ------
     StageError
-        If the file is missing, unreadable, empty, not finite, or its labels are out of range.
+        If the file is missing, unreadable, empty, not finite, its labels are out of range, or it is
+        too high or too low for a tree.
     """
     cloud = _read_any(Path(path))
     _check_labels(cloud, path)
@@ -86,19 +140,13 @@ def import_cloud(
     logger.info(
         "imported %s points, %.3g x %.3g x %.3g %s", f"{len(imported):,}", *size, imported.unit
     )
-    _warn_about_size(float(size.max()), new_unit, path)
+    column = "scale" if scale else "cloud_unit"
+    check_height(imported, heights or HeightOptions(), f"{column} in trees.tsv", path)
     return imported
 
 
 def _metres_per_unit(text: str) -> float:
     return UNITS_M[text] if text in UNITS_M else float(text)
-
-
-def _warn_about_size(extent: float, unit: str, path: str | os.PathLike) -> None:
-    if unit == "m" and not _USUAL_EXTENT_M[0] <= extent <= _USUAL_EXTENT_M[1]:
-        logger.warning(
-            "the cloud measures %.3g m across: is cloud_unit in trees.tsv right? (%s)", extent, path
-        )
 
 
 def _read_any(path: Path) -> PointCloud:
