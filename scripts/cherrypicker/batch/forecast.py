@@ -200,17 +200,6 @@ def formula_table() -> str:
         "|---|---|---|---|---|---|",
     ]
     for rule, stage in (PHOTO_STAGES | {"import_cloud": CLOUD_STAGES["import_cloud"]}).items():
-        parts = (stage.cpu_s, stage.memory_mb, stage.thread_memory_mb, stage.disk_mb)
-        cells = " | ".join(_formula(factors) for factors in parts)
+        cells = " | ".join((stage.cpu_s, stage.memory_mb, stage.thread_memory_mb, stage.disk_mb))
         lines.append(f"| {rule} | {cells} | {stage.max_threads} |")
     return "\n".join(lines)
-
-
-def _formula(factors: Mapping[str, float]) -> str:
-    terms = []
-    for name, factor in factors.items():
-        if name == "base":
-            terms.append(f"{factor:g}")
-        else:
-            terms.append(name if factor == 1.0 else f"{factor:g} {name}")
-    return " + ".join(terms)

@@ -25,6 +25,7 @@ from cherrypicker.batch.stage_costs import (
     ROW_STAGES,
     StageCost,
     stereo_stage,
+    weigh,
 )
 from cherrypicker.mvs.backends.table import BACKENDS
 from cherrypicker.ply import PlyError, read_ply_header
@@ -81,7 +82,7 @@ class ScanSize:
         return PREPARED | stages if self.is_prepared else stages
 
     def quantities(self, points_m: float, cropped_share: float) -> dict[str, float]:
-        """Return what the factors of :class:`StageCost` multiply.
+        """Return what the formulas of :class:`StageCost` are of.
 
         Parameters
         ----------
@@ -91,7 +92,6 @@ class ScanSize:
             How many of them the crop leaves; a ready cloud is not cropped.
         """
         return asdict(self) | {
-            "base": 1.0,
             "photos": float(self.n_photos),
             "photos_squared": float(self.n_photos) ** 2,
             "pairs": float(self.n_pairs),
@@ -200,20 +200,18 @@ def count_pairs(n_photos: int, sfm: Mapping) -> int:
 
 def cpu_seconds(stage: StageCost, scan: ScanSize) -> float:
     """Return the CPU time to expect of a stage, seconds."""
-    return _weigh(stage.cpu_s, scan.quantities(scan.points_m, CROPPED_SHARE))
+    return weigh(stage.cpu_s, scan.quantities(scan.points_m, CROPPED_SHARE))
 
 
 def memory_mb(stage: StageCost, scan: ScanSize, threads: int = 1) -> float:
     """Return the peak resident memory to expect of a stage, MB, without any margin."""
     quantities = scan.quantities(scan.most_points_m, MOST_CROPPED_SHARE)
-    return _weigh(stage.memory_mb, quantities) + threads * _weigh(
-        stage.thread_memory_mb, quantities
-    )
+    return weigh(stage.memory_mb, quantities) + threads * weigh(stage.thread_memory_mb, quantities)
 
 
 def disk_mb(stage: StageCost, scan: ScanSize) -> float:
     """Return what a stage leaves on disk, MB."""
-    return _weigh(stage.disk_mb, scan.quantities(scan.points_m, CROPPED_SHARE))
+    return weigh(stage.disk_mb, scan.quantities(scan.points_m, CROPPED_SHARE))
 
 
 def _stage(rule: str, scan: ScanSize) -> StageCost:
@@ -243,10 +241,6 @@ def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1
 def speedup(threads: int) -> float:
     """Return how much faster so many threads are than one."""
     return 1.0 + THREAD_EFFICIENCY * (max(threads, 1) - 1)
-
-
-def _weigh(factors: Mapping[str, float], quantities: Mapping[str, float]) -> float:
-    return sum(factor * quantities[name] for name, factor in factors.items())
 
 
 def _megapixels(sizes: Sequence[tuple[int, int]], limit_px: int) -> list[float]:

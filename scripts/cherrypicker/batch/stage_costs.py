@@ -3,13 +3,14 @@
 The one place for these numbers, but those of the stereo, which stand with its backends. They were
 fitted to Snakemake's benchmark files and to the peak memory of single stages; docs/cluster.md lists
 the runs. Memory is an upper line through the measured peaks, CPU time the middle of the measured
-times.
+times. ``2 + 0.2 photo_mp`` is two, and a fifth of the photos' megapixels: the quantities are those
+of :meth:`cherrypicker.batch.resources.ScanSize.quantities`, those of photos 0 for a ready cloud.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 from cherrypicker.mvs.backends.table import BACKENDS, Backend
 
@@ -27,192 +28,102 @@ MOST_CROPPED_SHARE = 0.5
 
 @dataclass(frozen=True)
 class StageCost:
-    """Cost of one stage; every mapping holds a quantity of the scan and its factor."""
+    """Cost of one stage."""
 
-    cpu_s: Mapping[str, float]  # CPU seconds: ``base`` and seconds per unit of a quantity
-    memory_mb: Mapping[str, float]  # resident memory of the stage's process, MB
-    # What each thread adds to it, MB
-    thread_memory_mb: Mapping[str, float] = field(default_factory=dict)
-    disk_mb: Mapping[str, float] = field(default_factory=dict)  # what the stage leaves on disk, MB
+    cpu_s: str
+    memory_mb: str  # resident memory of the stage's process
+    thread_memory_mb: str = ""  # what each thread adds to it
+    disk_mb: str = ""  # what the stage leaves on disk
     max_threads: int = 1  # threads beyond which the stage gains nothing
 
 
-# A point in our PLY files, with colour, normal and the number of views; a label and its confidence
-_POINT_BYTES, _LABEL_BYTES = 32.0, 5.0
-_CLOUD_MB = {"points_m": _POINT_BYTES}
-_CROPPED_MB = {"cropped_m": _POINT_BYTES}
-_LABELLED_MB = {"cropped_m": _POINT_BYTES + _LABEL_BYTES}
+def weigh(formula: str, quantities: Mapping[str, float]) -> float:
+    """Return the value of a formula of this table."""
+    total = 0.0
+    for term in filter(None, formula.split(" + ")):
+        *factor, last = term.split()
+        value = quantities[last] if last.isidentifier() else float(last)
+        total += value * (float(factor[0]) if factor else 1.0)
+    return total
 
 
 def stereo_stage(backend: Backend) -> StageCost:
     """Return what ``estimate_depth`` costs with a backend."""
-    return StageCost(
-        cpu_s=backend.cpu_s,
-        memory_mb=backend.memory_mb,
-        # Two depth maps of 4 and two normal maps of 12 bytes a pixel
-        disk_mb={"dense_mp": 32.0},
-        max_threads=backend.max_threads,
-    )
+    # Two depth maps of 4 and two normal maps of 12 bytes a pixel
+    return StageCost(backend.cpu_s, backend.memory_mb, "", "32 dense_mp", backend.max_threads)
 
 
-# Of scans that need it alone
-PREPARED = {
+# In the order in which a tree goes through them. A point in our PLY files, with colour, normal and
+# the number of views, has 32 bytes, a label and its confidence 5
+_LABELLED = "37 cropped_m"
+_ALL = {
     "prepare_photos": StageCost(
-        cpu_s={"base": 2.0, "photo_mp": 0.2},
-        memory_mb={"base": 200.0},
-        thread_memory_mb={"largest_photo_mp": 20.0},
-        disk_mb={"photo_mp": 0.8},
-        max_threads=4,
-    )
-}
-PHOTO_STAGES = {
+        "2 + 0.2 photo_mp", "200", "20 largest_photo_mp", "0.8 photo_mp", 4
+    ),
     "extract_features": StageCost(
-        cpu_s={"base": 2.0, "sift_mp": 0.24, "photo_mp": 0.18},
-        memory_mb={"base": 200.0},
-        thread_memory_mb={"largest_feature_mp": 300.0},
-        disk_mb={"photos": 0.7},
-        max_threads=8,
+        "2 + 0.24 sift_mp + 0.18 photo_mp", "200", "300 largest_feature_mp", "0.7 photos", 8
     ),
-    "match_features": StageCost(
-        cpu_s={"base": 2.0, "pairs": 0.06},
-        memory_mb={"base": 220.0, "photos": 3.0},
-        disk_mb={"photos": 1.0},
-        max_threads=8,
-    ),
+    "match_features": StageCost("2 + 0.06 pairs", "220 + 3 photos", "", "photos", 8),
     "reconstruct_sparse": StageCost(
-        cpu_s={"base": 2.0, "photos": 0.1, "photos_squared": 0.017},
-        memory_mb={"base": 220.0, "photos": 4.0},
-        disk_mb={"photos": 0.1},
-        max_threads=8,
+        "2 + 0.1 photos + 0.017 photos_squared", "220 + 4 photos", "", "0.1 photos", 8
     ),
     "undistort_photos": StageCost(
-        cpu_s={"base": 1.0, "photo_mp": 0.13},
-        memory_mb={"base": 140.0},
-        thread_memory_mb={"largest_photo_mp": 7.0},
-        disk_mb={"dense_mp": 0.6},
-        max_threads=4,
+        "1 + 0.13 photo_mp", "140", "7 largest_photo_mp", "0.6 dense_mp", 4
     ),
     "segment_sky": StageCost(
-        cpu_s={"base": 2.0, "photos": 0.65, "photo_mp": 0.13},
-        memory_mb={"base": 690.0, "largest_photo_mp": 20.0},
-        disk_mb={"photo_mp": 0.01},
-        max_threads=2,
+        "2 + 0.65 photos + 0.13 photo_mp", "690 + 20 largest_photo_mp", "", "0.01 photo_mp", 2
     ),
     "gather_evidence": StageCost(
-        cpu_s={"base": 1.5, "dense_mp": 0.04},
-        memory_mb={"base": 200.0, "largest_photo_mp": 20.0},
-        disk_mb={"dense_mp": 0.1},
+        "1.5 + 0.04 dense_mp", "200 + 20 largest_photo_mp", "", "0.1 dense_mp"
     ),
     "estimate_depth": stereo_stage(BACKENDS["cpu"]),
+    # Twigs from silhouettes take 0.3 CPU seconds a megapixel of these, and 4 bytes a pixel when the
+    # fusion has given back its own
     "fuse_depth": StageCost(
-        # Twigs from silhouettes take 0.3 CPU seconds a megapixel of these, and 4 bytes a pixel when
-        # the fusion has given back its own
-        cpu_s={"base": 2.0, "dense_mp": 0.67},
-        memory_mb={"base": 320.0, "fusion_mb": 1.0, "dense_mp": 4.0, "points_m": 120.0},
-        disk_mb=_CLOUD_MB,
-        max_threads=4,
+        "2 + 0.67 dense_mp", "320 + fusion_mb + 4 dense_mp + 120 points_m", "", "32 points_m", 4
     ),
-    "align_cloud": StageCost(
-        cpu_s={"base": 1.5, "points_m": 0.7},
-        memory_mb={"base": 150.0, "points_m": 160.0},
-        disk_mb=_CLOUD_MB,
-    ),
-    "crop_roi": StageCost(
-        cpu_s={"base": 1.0, "points_m": 0.5},
-        memory_mb={"base": 130.0, "points_m": 150.0},
-        disk_mb=_CROPPED_MB,
-    ),
+    "align_cloud": StageCost("1.5 + 0.7 points_m", "150 + 160 points_m", "", "32 points_m"),
+    "crop_roi": StageCost("1 + 0.5 points_m", "130 + 150 points_m", "", "32 cropped_m"),
     "denoise_cloud": StageCost(
-        cpu_s={"base": 5.0, "cropped_m": 7.5},
-        memory_mb={"base": 600.0, "cropped_m": 125.0, "largest_photo_mp": 20.0},
-        disk_mb=_CROPPED_MB,
-        max_threads=2,
+        "5 + 7.5 cropped_m", "600 + 125 cropped_m + 20 largest_photo_mp", "", "32 cropped_m", 2
     ),
     "estimate_scale": StageCost(
-        cpu_s={"base": 1.0, "photos": 0.37, "photo_mp": 0.03},
-        memory_mb={"base": 400.0, "largest_photo_mp": 10.0},
-        max_threads=2,
+        "1 + 0.37 photos + 0.03 photo_mp", "400 + 10 largest_photo_mp", max_threads=2
     ),
-    "scale_cloud": StageCost(
-        cpu_s={"base": 0.5, "cropped_m": 0.4},
-        memory_mb={"base": 80.0, "cropped_m": 125.0},
-        disk_mb=_CROPPED_MB,
-    ),
-    "segment_cloud": StageCost(
-        cpu_s={"base": 44.0, "cropped_m": 4.6},
-        memory_mb={"base": 750.0, "cropped_m": 215.0},
-        disk_mb=_LABELLED_MB,
-        max_threads=2,
-    ),
-}
-
-CLOUD_STAGES = {
-    "import_cloud": StageCost(
-        cpu_s={"base": 1.0, "points_m": 2.0},
-        memory_mb={"base": 130.0, "points_m": 250.0},
-        disk_mb=_CLOUD_MB,
-    ),
-    "segment_cloud": PHOTO_STAGES["segment_cloud"],
-}
-
-# The skeleton is drawn from a bounded number of points, so its time hardly grows with the cloud;
-# the bases are those of a tree of 2.8 m with 68 m of wood
-_TREE_STAGES = {
-    "contract_cloud": StageCost(
-        cpu_s={"base": 4.0, "cropped_m": 0.6},
-        memory_mb={"base": 450.0, "cropped_m": 60.0},
-        disk_mb={"base": 0.6},
-        max_threads=2,
-    ),
+    "scale_cloud": StageCost("0.5 + 0.4 cropped_m", "80 + 125 cropped_m", "", "32 cropped_m"),
+    "import_cloud": StageCost("1 + 2 points_m", "130 + 250 points_m", "", "32 points_m"),
+    "segment_cloud": StageCost("44 + 4.6 cropped_m", "750 + 215 cropped_m", "", _LABELLED, 2),
+    # The skeleton is drawn from a bounded number of points, so its time hardly grows with the
+    # cloud; the bases are those of a tree of 2.8 m with 68 m of wood
+    "contract_cloud": StageCost("4 + 0.6 cropped_m", "450 + 60 cropped_m", "", "0.6", 2),
     "extract_graph": StageCost(
-        cpu_s={"base": 36.0, "cropped_m": 0.6},
-        memory_mb={"base": 290.0, "cropped_m": 125.0},
-        disk_mb={"base": 1.5},
+        "36 + 0.6 cropped_m + 0.06 dense_mp",
+        "290 + 125 cropped_m + 20 largest_photo_mp",
+        disk_mb="1.5",
         max_threads=2,
     ),
-    "measure_traits": StageCost(
-        cpu_s={"base": 14.0, "cropped_m": 1.8},
-        memory_mb={"base": 640.0, "cropped_m": 130.0},
+    "check_photos": StageCost(
+        "8 + 0.2 dense_mp", "450 + 5 dense_mp + 125 cropped_m", disk_mb="1", max_threads=4
     ),
+    "measure_traits": StageCost("14 + 1.8 cropped_m", "640 + 130 cropped_m"),
     "report_tree": StageCost(
-        cpu_s={"base": 14.0, "cropped_m": 3.5},
-        memory_mb={"base": 850.0, "cropped_m": 270.0, "largest_photo_mp": 20.0},
-        disk_mb={"base": 9.0},
+        "14 + 3.5 cropped_m", "850 + 270 cropped_m + 20 largest_photo_mp", disk_mb="9"
     ),
 }
-
-# Photos refute what is not there, and judge the skeleton before it is measured
-_GRAPH = _TREE_STAGES["extract_graph"]
-_REFUTED = replace(
-    _GRAPH,
-    cpu_s={**_GRAPH.cpu_s, "dense_mp": 0.06},
-    memory_mb={**_GRAPH.memory_mb, "largest_photo_mp": 20.0},
-)
-_CHECK = StageCost(
-    cpu_s={"base": 8.0, "dense_mp": 0.2},
-    memory_mb={"base": 450.0, "dense_mp": 5.0, "cropped_m": 125.0},
-    disk_mb={"base": 1.0},
-    max_threads=4,
-)
-PHOTO_STAGES |= {"contract_cloud": _TREE_STAGES["contract_cloud"], "extract_graph": _REFUTED}
-PHOTO_STAGES |= {"check_photos": _CHECK}  # between these two: stages stand in the order of a run
-PHOTO_STAGES |= {rule: _TREE_STAGES[rule] for rule in ("measure_traits", "report_tree")}
-CLOUD_STAGES |= _TREE_STAGES
+_PHOTOS_ALONE = frozenset(_ALL) - {
+    *("import_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
+    *("measure_traits", "report_tree"),
+}
+PREPARED = {"prepare_photos": _ALL["prepare_photos"]}  # of scans that need it alone
+PHOTO_STAGES = {
+    rule: cost for rule, cost in _ALL.items() if rule not in ("prepare_photos", "import_cloud")
+}
+CLOUD_STAGES = {rule: cost for rule, cost in _ALL.items() if rule not in _PHOTOS_ALONE}
 
 # Of a scan of several trees, shared by them: not in the forecast of a batch, which counts a scan as
-# one tree
+# one tree; `grow_limbs` is of clouds that came with labels, else `segment_cloud` does it
 ROW_STAGES = {
-    "grow_limbs": StageCost(  # of clouds that came with labels; else `segment_cloud` does it
-        cpu_s={"base": 24.0, "cropped_m": 0.6},
-        memory_mb={"base": 450.0, "cropped_m": 60.0},
-    ),
-    "find_trees": StageCost(
-        cpu_s={"base": 3.0, "cropped_m": 4.0},
-        memory_mb={"base": 450.0, "cropped_m": 1000.0},
-    ),
-    "split_scan": StageCost(
-        cpu_s={"base": 2.0, "cropped_m": 2.0},
-        memory_mb={"base": 200.0, "cropped_m": 250.0},
-        disk_mb=_LABELLED_MB,
-    ),
+    "grow_limbs": StageCost("24 + 0.6 cropped_m", "450 + 60 cropped_m"),
+    "find_trees": StageCost("3 + 4 cropped_m", "450 + 1000 cropped_m"),
+    "split_scan": StageCost("2 + 2 cropped_m", "200 + 250 cropped_m", "", _LABELLED),
 }

@@ -6,8 +6,8 @@ imported before it runs: the forecast and the rules' resources read this table a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ class Backend:
     # the names of the photos that have maps
     run: Callable[[Workspace, StereoOptions, int, SkyMasks | None], set[str]]
     # cpu_s, memory_mb: what the stage costs with it, see `cherrypicker.batch.stage_costs.StageCost`
-    cpu_s: Mapping[str, float] = field(default_factory=dict)
-    memory_mb: Mapping[str, float] = field(default_factory=dict)
+    cpu_s: str = ""
+    memory_mb: str = ""
     max_threads: int = 8  # threads beyond which it gains nothing
     needs_cuda: bool = False  # it runs where `has_cuda`, on a GPU
     cause: str = "mvs.backend"  # config keys to change when it leaves all maps empty
@@ -78,8 +78,8 @@ BACKENDS = {
         _cuda,
         # A data-centre GPU was not at hand: the rate is assumed, nothing was measured. What the
         # CPU does beside it is reading and writing
-        cpu_s={"base": 20.0, "stereo_mp": 1.5},
-        memory_mb={"base": 1500.0, "stereo_mb": 2.0},
+        cpu_s="20 + 1.5 stereo_mp",
+        memory_mb="1500 + 2 stereo_mb",
         max_threads=2,
         needs_cuda=True,
     ),
@@ -89,8 +89,8 @@ BACKENDS = {
         # Per megapixel of a reference photo with six sources. Where a third of the photo is sky,
         # which is left out, the kernels take 4.3 to 4.8, and the stage took 5.7 on a machine with
         # other jobs
-        cpu_s={"base": 10.0, "stereo_mp": 6.0},
-        memory_mb={"base": 260.0, "stereo_mb": 1.0},
+        cpu_s="10 + 6 stereo_mp",
+        memory_mb="260 + stereo_mb",
         cause="mvs.max_cost, mvs.min_consistent",
     ),
 }
