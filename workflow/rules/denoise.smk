@@ -22,7 +22,6 @@ rule denoise_cloud:
     resources:
         mem_mb=mb_for("denoise_cloud"),
         runtime=minutes_for("denoise_cloud"),
-        gpu=0,
     params:
         **options("denoise_cloud"),
         code=code("denoise_cloud"),

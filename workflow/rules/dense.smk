@@ -17,7 +17,6 @@ rule undistort_photos:
     resources:
         mem_mb=mb_for("undistort_photos"),
         runtime=minutes_for("undistort_photos"),
-        gpu=0,
     params:
         **options("undistort_photos"),
         code=code("undistort_photos"),
@@ -45,7 +44,6 @@ rule gather_evidence:
     resources:
         mem_mb=mb_for("gather_evidence"),
         runtime=minutes_for("gather_evidence"),
-        gpu=0,
     params:
         code=code("gather_evidence"),
     message:
@@ -103,7 +101,6 @@ rule fuse_depth:
     resources:
         mem_mb=mb_for("fuse_depth"),
         runtime=minutes_for("fuse_depth"),
-        gpu=0,
     params:
         **options("fuse_depth"),
         code=code("fuse_depth"),

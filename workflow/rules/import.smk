@@ -22,7 +22,6 @@ rule import_cloud:
     resources:
         mem_mb=mb_for("import_cloud"),
         runtime=minutes_for("import_cloud"),
-        gpu=0,
     params:
         **options("import_cloud"),
         code=code("import_cloud"),

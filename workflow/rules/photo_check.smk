@@ -26,7 +26,6 @@ rule check_photos:
     resources:
         mem_mb=mb_for("check_photos"),
         runtime=minutes_for("check_photos"),
-        gpu=0,
     params:
         **options("check_photos"),
         code=code("check_photos"),

@@ -17,7 +17,6 @@ rule align_cloud:
     resources:
         mem_mb=mb_for("align_cloud"),
         runtime=minutes_for("align_cloud"),
-        gpu=0,
     params:
         **options("align_cloud"),
         code=code("align_cloud"),
@@ -44,7 +43,6 @@ rule crop_roi:
     resources:
         mem_mb=mb_for("crop_roi"),
         runtime=minutes_for("crop_roi"),
-        gpu=0,
     params:
         **options("crop_roi"),
         code=code("crop_roi"),

@@ -83,7 +83,6 @@ rule report_tree:
     resources:
         mem_mb=mb_for("report_tree"),
         runtime=minutes_for("report_tree"),
-        gpu=0,
     params:
         **options("report_tree"),
         code=code(
@@ -140,7 +139,6 @@ rule summarise_batch:
     resources:
         mem_mb=more_at_each_attempt(1000),
         runtime=10,
-        gpu=0,
     params:
         code=code(
             "summarise_batch",

@@ -24,7 +24,6 @@ checkpoint find_trees:
     resources:
         mem_mb=mb_for("find_trees"),
         runtime=minutes_for("find_trees"),
-        gpu=0,
     params:
         **options("find_trees"),
         code=code("find_trees"),
@@ -63,7 +62,6 @@ rule split_scan:
     resources:
         mem_mb=mb_for("split_scan"),
         runtime=minutes_for("split_scan"),
-        gpu=0,
     params:
         code=code("split_scan"),
         tree=row("tree"),

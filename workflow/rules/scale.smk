@@ -23,7 +23,6 @@ rule estimate_scale:
     resources:
         mem_mb=mb_for("estimate_scale"),
         runtime=minutes_for("estimate_scale"),
-        gpu=0,
     params:
         **options("estimate_scale"),
         code=code("estimate_scale"),
@@ -56,7 +55,6 @@ rule scale_cloud:
     resources:
         mem_mb=mb_for("scale_cloud"),
         runtime=minutes_for("scale_cloud"),
-        gpu=0,
     params:
         **options("scale_cloud"),
         code=code("scale_cloud"),

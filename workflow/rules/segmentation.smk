@@ -24,7 +24,6 @@ rule segment_cloud:
     resources:
         mem_mb=mb_for("segment_cloud"),
         runtime=minutes_for("segment_cloud"),
-        gpu=0,
     params:
         **options("segment_cloud"),
         code=code("segment_cloud", PROJECT / "resources/weights/dgcnn.pt"),
@@ -53,7 +52,6 @@ rule grow_limbs:
     resources:
         mem_mb=mb_for("grow_limbs"),
         runtime=minutes_for("grow_limbs"),
-        gpu=0,
     params:
         **options("grow_limbs"),
         code=code("grow_limbs"),

@@ -34,7 +34,6 @@ rule compare_series:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=20,
-        gpu=0,
     params:
         code=code("compare_series", "report/series.html.j2", "report/style.css"),
         series=lambda wildcards: "".join(

@@ -27,7 +27,6 @@ rule contract_cloud:
     resources:
         mem_mb=mb_for("contract_cloud"),
         runtime=minutes_for("contract_cloud"),
-        gpu=0,
     params:
         **options("contract_cloud"),
         code=code("contract_cloud"),
@@ -65,7 +64,6 @@ rule extract_graph:
     resources:
         mem_mb=mb_for("extract_graph"),
         runtime=minutes_for("extract_graph"),
-        gpu=0,
     params:
         **options("extract_graph"),
         code=code("extract_graph"),
@@ -110,7 +108,6 @@ rule edit_graph:
     resources:
         mem_mb=mb_for("extract_graph"),
         runtime=minutes_for("extract_graph"),
-        gpu=0,
     params:
         code=code("edit_graph"),
     message:

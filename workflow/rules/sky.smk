@@ -21,7 +21,6 @@ rule segment_sky:
     resources:
         mem_mb=mb_for("segment_sky"),
         runtime=minutes_for("segment_sky"),
-        gpu=0,
     params:
         **options("segment_sky"),
         code=code("segment_sky", PROJECT / "resources/weights/sky_unet.npz"),

@@ -20,7 +20,6 @@ rule prepare_photos:
     resources:
         mem_mb=mb_for("prepare_photos"),
         runtime=minutes_for("prepare_photos"),
-        gpu=0,
     params:
         **options("prepare_photos"),
         code=code("prepare_photos"),
@@ -52,7 +51,6 @@ rule extract_features:
     resources:
         mem_mb=mb_for("extract_features"),
         runtime=minutes_for("extract_features"),
-        gpu=0,
     params:
         **options("extract_features"),
         code=code("extract_features"),
@@ -79,7 +77,6 @@ rule match_features:
     resources:
         mem_mb=mb_for("match_features"),
         runtime=minutes_for("match_features"),
-        gpu=0,
     params:
         **options("match_features"),
         code=code("match_features"),
@@ -115,7 +112,6 @@ rule reconstruct_sparse:
     resources:
         mem_mb=mb_for("reconstruct_sparse"),
         runtime=minutes_for("reconstruct_sparse"),
-        gpu=0,
     params:
         **options("reconstruct_sparse"),
         code=code("reconstruct_sparse"),

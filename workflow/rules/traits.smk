@@ -30,7 +30,6 @@ rule measure_traits:
     resources:
         mem_mb=mb_for("measure_traits"),
         runtime=minutes_for("measure_traits"),
-        gpu=0,
     params:
         **options("measure_traits"),
         code=code("measure_traits", "traits/interval_factors.yaml"),
@@ -61,7 +60,6 @@ rule compare_measures:
     resources:
         mem_mb=more_at_each_attempt(1000),
         runtime=10,
-        gpu=0,
     params:
         code=code("compare_measures"),
         tree=row("tree"),

@@ -24,7 +24,6 @@ rule render_benchmark_scene:
     resources:
         mem_mb=more_at_each_attempt(4000),
         runtime=240,
-        gpu=0,
     params:
         **options("render_benchmark_scene"),
         code=code("lab/render_benchmark_scene"),
@@ -50,7 +49,6 @@ rule match_benchmark_photos:
     resources:
         mem_mb=more_at_each_attempt(8000),
         runtime=240,
-        gpu=0,
     params:
         **options("match_benchmark_photos"),
         code=code("lab/match_benchmark_photos"),
@@ -75,7 +73,6 @@ rule mask_benchmark_sky:
     resources:
         mem_mb=more_at_each_attempt(6000),
         runtime=120,
-        gpu=0,
     params:
         code=code("segment_sky"),
         photo_folder=benchmark_photos,
@@ -106,7 +103,6 @@ rule place_benchmark_cameras:
     resources:
         mem_mb=more_at_each_attempt(8000),
         runtime=120,
-        gpu=0,
     params:
         **options("place_benchmark_cameras"),
         code=code("lab/place_benchmark_cameras"),
@@ -179,7 +175,6 @@ rule score_surface:
     resources:
         mem_mb=more_at_each_attempt(4000),
         runtime=60,
-        gpu=0,
     params:
         **options("score_surface"),
         code=code("lab/score_surface"),
@@ -205,7 +200,6 @@ rule report_benchmark:
     resources:
         mem_mb=more_at_each_attempt(4000),
         runtime=30,
-        gpu=0,
     params:
         code=code("lab/report_benchmark"),
         measurements=[f"{run}/measurement.json" for run in BENCHMARK_RUNS],

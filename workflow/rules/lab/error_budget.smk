@@ -59,7 +59,6 @@ rule report_error_budget:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=10,
-        gpu=0,
     params:
         code=code("lab/report_error_budget"),
     message:

@@ -26,7 +26,6 @@ rule measure_grown_intervals:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=30,
-        gpu=0,
     params:
         code=code("lab/measure_interval_cases"),
         source=lambda wildcards: wildcards.grown,
@@ -53,7 +52,6 @@ rule measure_scan_intervals:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=30,
-        gpu=0,
     params:
         code=code("lab/measure_interval_cases"),
         source=of_scan("source"),
@@ -82,7 +80,6 @@ rule fit_interval_factors:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=10,
-        gpu=0,
     params:
         code=code("lab/fit_interval_factors"),
         checked=INTERVALS["checked"],

@@ -57,7 +57,6 @@ rule make_orchard_scene:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=20,
-        gpu=0,
     params:
         **options("make_orchard_scene"),
         code=code("lab/make_orchard_scene"),
@@ -85,7 +84,6 @@ rule render_orchard_scene:
     resources:
         mem_mb=more_at_each_attempt(4000),
         runtime=240,
-        gpu=0,
     params:
         **options("render_orchard_scene"),
         code=code("lab/render_orchard_scene"),
@@ -110,7 +108,6 @@ rule make_skeleton_set:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=60,
-        gpu=0,
     params:
         code=code("lab/make_skeleton_set"),
         seed=ORCHARD["seed"],

@@ -18,7 +18,6 @@ rule real_photos:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=10,
-        gpu=0,
     params:
         code=code("lab/report_real_photos"),
         benchmarks="benchmarks",

@@ -27,7 +27,6 @@ rule measure_series_benchmark:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=30,
-        gpu=0,
     params:
         code=code("lab/measure_series_benchmark"),
         tree_seed=lambda wildcards: int(wildcards.tree_seed),
@@ -59,7 +58,6 @@ rule report_series_benchmark:
     resources:
         mem_mb=more_at_each_attempt(1000),
         runtime=10,
-        gpu=0,
     params:
         code=code("lab/report_series_benchmark"),
     message:

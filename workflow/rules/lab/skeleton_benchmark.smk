@@ -43,7 +43,6 @@ rule measure_skeletons:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=60,
-        gpu=0,
     params:
         code=code("lab/measure_skeletons"),
         number=lambda wildcards: int(wildcards.number),
@@ -68,7 +67,6 @@ rule sample_timing_cloud:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=30,
-        gpu=0,
     params:
         code=code("lab/sample_timing_cloud"),
         n_points=lambda wildcards: int(wildcards.n),
@@ -95,7 +93,6 @@ rule time_skeleton:
     resources:
         mem_mb=more_at_each_attempt(4000),
         runtime=120,
-        gpu=0,
     params:
         code=code("lab/time_skeleton"),
         peer_python=SKELETON_BENCHMARK["peer_python"],
@@ -120,7 +117,6 @@ rule report_skeletons:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=30,
-        gpu=0,
     params:
         code=code("lab/report_skeletons"),
         notes=notes_on_skeletons(),
@@ -146,7 +142,6 @@ rule measure_trunk_ratio:
     resources:
         mem_mb=more_at_each_attempt(4000),
         runtime=240,
-        gpu=0,
     params:
         code=code("lab/measure_trunk_ratio"),
         number=lambda wildcards: int(wildcards.number),
@@ -174,7 +169,6 @@ rule report_trunk_ratio:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=30,
-        gpu=0,
     params:
         code=code("lab/report_trunk_ratio"),
     message:

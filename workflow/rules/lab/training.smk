@@ -15,7 +15,6 @@ rule train_sky:
     resources:
         mem_mb=more_at_each_attempt(6000),
         runtime=720,
-        gpu=0,
     params:
         **options("train_sky"),
         code=code("lab/train_sky"),
@@ -39,7 +38,6 @@ rule train_segmentation:
     resources:
         mem_mb=more_at_each_attempt(8000),
         runtime=720,
-        gpu=0,
     params:
         **options("train_segmentation"),
         code=code("lab/train_segmentation"),

@@ -33,7 +33,6 @@ rule measure_traits_benchmark:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=30,
-        gpu=0,
     params:
         code=code("lab/measure_traits_benchmark"),
         tree_seed=lambda wildcards: int(wildcards.tree_seed),
@@ -62,7 +61,6 @@ rule report_traits_benchmark:
     resources:
         mem_mb=more_at_each_attempt(2000),
         runtime=10,
-        gpu=0,
     params:
         code=code("lab/report_traits_benchmark"),
     message:
