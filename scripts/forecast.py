@@ -29,9 +29,8 @@ from cherrypicker.batch.forecast import (
     read_corrections,
     with_stereo,
 )
-from cherrypicker.batch.photo_sizes import PhotoSizes
 from cherrypicker.batch.resources import ScanSize, size_of_photos
-from cherrypicker.batch.scans import size_of_tree
+from cherrypicker.batch.scans import Scans
 from cherrypicker.errors import StageError
 from cherrypicker.runner import stage_parser
 
@@ -59,15 +58,17 @@ def scans_of_batch() -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
     """Return size and stereo backend of every tree of the table, and the labelled clouds."""
     config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
     batch = read_batch(load_schema(SCHEMA), config)
-    known = PhotoSizes()
-    scans, backends, labelled = {}, {}, []
-    for name, tree in batch.trees.items():
-        settings = batch.settings_of[name]
-        backends[name] = settings["mvs"]["backend"]
-        scans[name] = size_of_tree(tree, settings, known)
-        if tree.has_labelled_cloud():
-            labelled.append(name)
-    return scans, backends, labelled
+    known = Scans(batch, is_kept=False)
+    scans = {name: known.size(name) for name in batch.trees}
+    for name, row in batch.trees.items():
+        if row.is_photo_scan and not scans[name].n_photos:
+            raise StageError(
+                f"tree {name}: the folder holds no photo that can be read",
+                file=row.photos,
+                key="photos in trees.tsv",
+            )
+    backends = {name: batch.settings_of[name]["mvs"]["backend"] for name in batch.trees}
+    return scans, backends, batch.ready_clouds()[0]
 
 
 def assumed_scans(

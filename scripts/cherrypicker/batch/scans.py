@@ -18,33 +18,6 @@ from cherrypicker.markers.references import check_scale
 from cherrypicker.mvs.backends.table import first_choice
 
 
-def size_of_tree(tree: Tree, settings: Mapping, known: PhotoSizes) -> ScanSize:
-    """Return how large a tree's scan is.
-
-    Parameters
-    ----------
-    settings : mapping
-        The tree's whole config.
-    known : PhotoSizes
-        Reads headers, and remembers them.
-
-    Raises
-    ------
-    StageError
-        If its folder holds no photo that can be read.
-    """
-    if not tree.is_photo_scan:
-        return size_of_cloud(tree.cloud)
-    scan = size_of_photo_scan(tree, settings, known)
-    if not scan.n_photos:
-        raise StageError(
-            f"tree {tree.tree}: the folder holds no photo that can be read",
-            file=tree.photos,
-            key="photos in trees.tsv",
-        )
-    return scan
-
-
 def size_of_photo_scan(
     tree: Tree, settings: Mapping, known: PhotoSizes, *, stereo: str = "cpu"
 ) -> ScanSize:

@@ -8,10 +8,7 @@ from collections.abc import Mapping
 
 from cherrypicker.batch.batch import Batch
 from cherrypicker.batch.forecast import forecast_stages, read_corrections
-from cherrypicker.batch.photo_sizes import PhotoSizes
-from cherrypicker.batch.resources import ScanSize
-from cherrypicker.batch.scans import size_of_tree
-from cherrypicker.errors import StageError
+from cherrypicker.batch.scans import Scans
 
 # Rules of another name that do the work of a stage of the forecast
 _SAME = {
@@ -25,16 +22,10 @@ _ENOUGH_DONE = 0.05
 
 def seconds_of_stages(batch: Batch) -> dict[str, float]:
     """Return the CPU seconds of a job of each stage, the mean over the batch's trees."""
-    known, scans, labelled = PhotoSizes(), {}, []
-    for name, tree in batch.trees.items():
-        try:
-            scans[name] = size_of_tree(tree, batch.settings_of[name], known)
-        except StageError:  # the first stage of that tree will tell
-            scans[name] = ScanSize(is_photo_scan=tree.is_photo_scan)
-        if tree.has_labelled_cloud():
-            labelled.append(name)
+    known = Scans(batch, is_kept=False)
+    scans = {name: known.size(name) for name in batch.trees}
     corrections = read_corrections("benchmarks", scans)
-    stages = forecast_stages(scans, labelled, corrections)
+    stages = forecast_stages(scans, batch.ready_clouds()[0], corrections)
     return {row.rule: 3600.0 * row.cpu_hours / row.n_jobs for row in stages}
 
 
