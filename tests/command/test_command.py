@@ -218,18 +218,20 @@ rule import_cloud:
             shell("echo 'ERROR tree=full rule=import_cloud: no room; log: x' >&2; exit 1")
         if wildcards.tree == "killed":
             shell("kill -9 $$")
+        if wildcards.tree == "twice":
+            shell("test -e once || (touch once; exit 1)")
         shell("touch {output}")
 """
 
 
-def run_of(work, monkeypatch, capsys, *trees):
+def run_of(work, monkeypatch, capsys, *trees, options=()):
     """Run a small workflow over these trees; return the exit status and what was shown."""
     (work / "Snakefile").write_text(f"import os\nTREES = {list(trees)}\n{SNAKEFILE}")
     (work / "results").mkdir()
     table = "tree,status,failed_stage,cause,height_m\ngood,done,,,1.2\nbad,failed,stage,none,\n"
     (work / "results/traits.csv").write_text(table)
     monkeypatch.setattr(run, "PROJECT", work)
-    status = main(["run", "-d", str(work), "--cores", "1", "--keep-going"])
+    status = main(["run", "-d", str(work), "--cores", "1", "--keep-going", *options])
     return status, capsys.readouterr().out
 
 
@@ -247,6 +249,14 @@ def test_run_tells_a_line_a_job_and_a_failure(work, capsys, monkeypatch):
     assert "[good measure_traits] half" in shown
     assert ".snakemake.log" in shown and "1.2" in shown and "stage: none" in shown
     assert "Select jobs" not in shown and "RuleException" not in shown
+
+
+def test_a_job_that_is_tried_again_is_told(work, capsys, monkeypatch):
+    status, shown = run_of(work, monkeypatch, capsys, "twice", options=["--retries", "1"])
+    assert status == 0
+    told = [line for line in shown.splitlines() if "import the ready" in line or "FAILED" in line]
+    assert told[0].startswith("FAILED twice import_cloud: it ended without a word")
+    assert told[1] == "again: twice: import the ready cloud" and told[2].startswith("[2/3]")
 
 
 def test_a_run_that_succeeds_tells_of_no_failure(work, capsys, monkeypatch):

@@ -166,6 +166,7 @@ class _View:
         )
         self._all = self.progress.add_task("stages", total=None, said="")
         self._jobs: dict[int, _Job] = {}
+        self._failed: set[int] = set()
         self._head: list[str] = []
         self._last = ""
 
@@ -204,6 +205,8 @@ class _View:
 
     def _job_info(self, told: dict) -> None:
         name = told["rule_msg"] or told["rule_name"]
+        if told["jobid"] in self._failed:
+            self.console.print(f"again: {name}")
         task = self.progress.add_task(name, total=None, said="")
         self._jobs[told["jobid"]] = _Job(
             told["rule_name"], name, told["wildcards"], told["log"], time.time(), task
@@ -225,6 +228,7 @@ class _View:
         job = self._end(told["jobid"])
         if job:
             self.time_left.fail(job.rule)
+            self._failed.add(told["jobid"])
             self.console.print(f"FAILED {job.whose}: {job.cause()}")
 
     def _end(self, number: int) -> _Job | None:
