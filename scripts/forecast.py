@@ -19,7 +19,7 @@ import re
 import sys
 from pathlib import Path
 
-from cherrypicker.batch.batch import CONFIG_FILE, read_batch
+from cherrypicker.batch.batch import CONFIG_FILE
 from cherrypicker.batch.config import load_schema, read_config_file, resolve_config
 from cherrypicker.batch.forecast import (
     forecast_stages,
@@ -31,10 +31,9 @@ from cherrypicker.batch.forecast import (
 )
 from cherrypicker.batch.resources import ScanSize, size_of_photos
 from cherrypicker.batch.scans import Scans
+from cherrypicker.command.work_folder import batch_here
 from cherrypicker.errors import StageError
-from cherrypicker.runner import stage_parser
-
-SCHEMA = Path(__file__).resolve().parents[1] / "workflow/schemas/config.schema.yaml"
+from cherrypicker.runner import SCHEMA_FILE, stage_parser
 
 
 def main(args: argparse.Namespace) -> None:
@@ -56,8 +55,7 @@ def main(args: argparse.Namespace) -> None:
 
 def scans_of_batch() -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
     """Return size and stereo backend of every tree of the table, and the labelled clouds."""
-    config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
-    batch = read_batch(load_schema(SCHEMA), config)
+    batch = batch_here()
     known = Scans(batch, is_kept=False)
     scans = {name: known.size(name) for name in batch.trees}
     for name, row in batch.trees.items():
@@ -76,7 +74,7 @@ def assumed_scans(
 ) -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
     """Return so many equal scans with the working directory's config, if there is one."""
     config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
-    settings = resolve_config(load_schema(SCHEMA), config, source=CONFIG_FILE)
+    settings = resolve_config(load_schema(SCHEMA_FILE), config, source=CONFIG_FILE)
     scan = size_of_photos([size] * n_photos, settings)
     names = [f"scan{i + 1}" for i in range(n_scans)]
     return dict.fromkeys(names, scan), dict.fromkeys(names, settings["mvs"]["backend"]), []

@@ -43,12 +43,18 @@ class LogHandler(LogHandlerBase):
     has_formatter = False
     needs_rulegraph = False
 
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Take every record; what --quiet leaves out is text, a failure is told all the same."""
+        self._is_shown = bool(super().filter(record))
+        return True
+
     def emit(self, record: logging.LogRecord) -> None:
         """Write one record."""
         event = str(getattr(record, "event", ""))
         told = {name: getattr(record, name, None) for name in _FIELDS.get(event, ())}
         told |= {"event": event, "level": record.levelno}
-        if event not in _WITHOUT_TEXT or self.common_settings.dryrun:
+        has_text = event not in _WITHOUT_TEXT or self.common_settings.dryrun
+        if has_text and self._is_shown:
             told["text"] = self.format(record)
         try:
             line = f"{SEPARATOR}{json.dumps(told, default=str)}\n"

@@ -179,12 +179,12 @@ class _View:
         show = getattr(self, f"_{told['event']}", None)
         if show:
             show(told)
-        is_news = told["event"] in ("", "error") and told["level"] >= logging.WARNING
-        if self.has_run and told.get("exception") == "RuleException":
-            pass  # a job's, which is told as its failure
-        elif is_news:
+        is_job = self.has_run and told.get("exception") == "RuleException"  # told as its failure
+        if not told.get("text") or is_job:
+            return
+        if told["event"] in ("", "error") and told["level"] >= logging.WARNING:
             self.console.print(told["text"])
-        elif told.get("text"):
+        else:
             self._head.append(told["text"])
 
     def close(self) -> None:
