@@ -113,6 +113,7 @@ def test_a_height_that_no_tree_has_is_refused_until_a_key_says_so(ply, unit, sca
 def test_a_cloud_without_a_unit_has_any_height():
     tall = PointCloud(np.array([[0, 0, 0], [0, 0, 99.0]]), unit="arbitrary")
     check_height(tall, HeightOptions(), "x")
+    check_height(PointCloud(np.ones((1, 3)), unit="m"), HeightOptions(), "x")
     tall.unit = "m"
     with pytest.raises(StageError, match="99 m high"):
         check_height(tall, HeightOptions(), "x")

@@ -63,7 +63,7 @@ def check_height(
     least, most = options.least_height_m, options.most_height_m
     if height > most:
         cause, key = f"more than {most:g} m", "most_height_m"
-    elif height < least:
+    elif 0 < height < least:  # a cloud without height is refused by what it lacks
         cause, key = f"less than {least:g} m", "least_height_m"
     else:
         return
