@@ -19,13 +19,13 @@ import numpy as np
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.markers.detection import marker_dictionary
 from cherrypicker.markers.geometry import intersect_rays
-from cherrypicker.markers.layouts import Sightings
+from cherrypicker.markers.layouts import Sightings, scale_and_misfit
 
 _MAX_FACES = 3  # of a cube that one photo shows
 # Guesses. Grids are sought in photos reduced to this longer side, corners refined in the full ones
 _SEARCH_SIDE_PX = 2400
 _MAX_PAIRS, _MIN_PARALLAX_DEG = 600, 3.0
-_IRREGULAR = 0.1  # of a grid's spacing: what corners located from two photos may be off
+_IRREGULAR = 0.1  # what corners located from two photos may be off a grid, of its extent
 _NEAR_CELLS = 0.25  # of a grid's spacing in a photo: a corner this near is the same
 _REFINE_ROUNDS, _REFINED_PX = 30, 0.001  # cv2.cornerSubPix: steps at most, and what ends them
 
@@ -175,7 +175,8 @@ def name_faces(grids: list[Sightings], n: int, *, min_photos: int, seed: int) ->
         located, members = best
         names = {index for index, _ in members}
         grids = [grid for index, grid in enumerate(grids) if index not in names]
-        middle, spacing = located.mean(axis=0), _spacing(located.reshape(n, n, 3))
+        middle, (cells, _) = located.mean(axis=0), _fit_grid(located, n)
+        spacing = 1 / cells
         first = first or (middle, spacing)
         # Centres of two faces of a cube are an edge apart at most, n + 1 cells.
         is_near = np.linalg.norm(middle - first[0]) < 1.2 * (n + 1) * first[1]
@@ -207,7 +208,7 @@ def _best_face(
             origins = np.stack([one.centers, other.centers], axis=1)
             rays = np.stack([one.rays, other.rays[turned]], axis=1)
             located = intersect_rays(origins, rays)
-            if not np.isfinite(located).all() or not _is_regular(located.reshape(n, n, 3)):
+            if _fit_grid(located, n)[1] > _IRREGULAR:
                 continue
             score = sum(_match(grid, located, n) is not None for grid in grids)
             if best is None or score > best[0]:
@@ -229,22 +230,13 @@ def _turns(n: int) -> list[np.ndarray]:
     return [each.ravel() for each in turned]
 
 
-def _spacing(grid: np.ndarray) -> float:
-    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).ravel() for axis in (0, 1)]
-    return float(np.mean(np.concatenate(steps)))
-
-
-def _is_regular(grid: np.ndarray) -> bool:
-    """Whether corners (n, n, 3) are those of squares."""
-    n = len(grid)
-    centred = (grid - grid.mean(axis=(0, 1))).reshape(-1, 3)
-    at = np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2) - (n - 1) / 2
-    axes = at.T @ centred / np.square(at[:, 0]).sum()  # the steps across and down
-    lengths = np.linalg.norm(axes, axis=1)
-    spacing = lengths.mean()
-    off = np.linalg.norm(centred - at @ axes, axis=1).max()
-    skew = max(abs(axes[0] @ axes[1]) / spacing, np.ptp(lengths))
-    return bool(spacing > 0 and off < _IRREGULAR * spacing and skew < _IRREGULAR * spacing)
+def _fit_grid(located: np.ndarray, n: int) -> tuple[float, float]:
+    """Cells a unit of corners (n * n, 3) as a grid of squares, and how far off one they are."""
+    grid = np.stack([*np.meshgrid(np.arange(n), np.arange(n)), np.zeros((n, n))], axis=-1)
+    if not np.isfinite(located).all():
+        return 1.0, np.inf
+    fitted = scale_and_misfit(located, grid.reshape(-1, 3), np.zeros(n * n, int))
+    return fitted or (1.0, np.inf)
 
 
 def _match(grid: Sightings, located: np.ndarray, n: int) -> np.ndarray | None:

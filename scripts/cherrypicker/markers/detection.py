@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -20,6 +20,8 @@ from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 # A marker that explains less of the grey values than this is no such marker, or is covered: on
 # foreign_b, phone_b and cherry_vase markers explain 0.97 and more, bricks read as one 0.90 at most
@@ -162,37 +164,45 @@ def detect_markers(
         If a photo cannot be read or does not have the size of its camera.
     """
 
-    def search(index: int) -> list[Detection]:
-        return _search_photo(index, photos[index], cameras[index], dictionary)
+    def find(index: int, grey: np.ndarray) -> list[Detection | None]:
+        camera = cameras[index]
+        if grey.shape != (camera.height, camera.width):
+            raise StageError(
+                f"the photo has {grey.shape[1]} x {grey.shape[0]} px, its camera in the sparse "
+                f"model {camera.width} x {camera.height}",
+                file=photos[index],
+                key="photos in trees.tsv",
+            )
+        return [
+            _refine(index, marker_id, corners, grey, camera, marker_pattern(dictionary, marker_id))
+            for marker_id, corners in find_markers(grey, dictionary)
+        ]
 
-    detections: list[Detection] = []
+    found = search_photos(photos, find, "markers", threads=threads)
+    return [detection for each in found for detection in each if detection is not None]
+
+
+def search_photos(
+    photos: Sequence[str | Path],
+    find: Callable[[int, np.ndarray], list[T]],
+    what: str,
+    *,
+    threads: int = 1,
+) -> list[list[T]]:
+    """What `find` tells of each photo, given its index and its grey values."""
+
+    def search(index: int) -> list[T]:
+        return find(index, cv2.cvtColor(read_photo(photos[index]), cv2.COLOR_RGB2GRAY))
+
+    found = []
     with (
         ThreadPoolExecutor(max(1, threads)) as pool,
-        Progress(len(photos), "photos searched for markers") as bar,
+        Progress(len(photos), f"photos searched for {what}") as bar,
     ):
-        for found in pool.map(search, range(len(photos))):
-            detections.extend(found)
+        for each in pool.map(search, range(len(photos))):
+            found.append(each)
             bar.step()
-    return detections
-
-
-def _search_photo(
-    index: int, path: str | Path, camera: Any, dictionary: cv2.aruco.Dictionary
-) -> list[Detection]:
-    """Detections of all markers in one photo."""
-    grey = cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY)
-    if grey.shape != (camera.height, camera.width):
-        raise StageError(
-            f"the photo has {grey.shape[1]} x {grey.shape[0]} px, its camera in the sparse model "
-            f"{camera.width} x {camera.height}",
-            file=path,
-            key="photos in trees.tsv",
-        )
-    found = [
-        _refine(index, marker_id, corners, grey, camera, marker_pattern(dictionary, marker_id))
-        for marker_id, corners in find_markers(grey, dictionary)
-    ]
-    return [detection for detection in found if detection is not None]
+    return found
 
 
 def _refine(

@@ -84,7 +84,16 @@ def estimate_scale(
             logger.warning(
                 "scale.references are not used: the scale is said to be %s", cell or mode
             )
-        return _without_markers(mode, value)
+        unit = "m" if mode == "number" else "arbitrary"
+        counts = {"scale_std": None, "n_images": 0, "n_rays": 0}
+        lists = ("markers", "other_markers", "unsolved_markers", "false_reads", "warnings")
+        return {
+            "mode": mode,
+            "unit": unit,
+            "scale": value,
+            **counts,
+            **{name: [] for name in lists},
+        }
     views = _views(photos, reconstruction)
     scan = Scan(
         [view[0] for view in views],
@@ -102,7 +111,9 @@ def estimate_scale(
     measured = marker_references(shown, reads.doubts)
     for reference in sorted(known, key=lambda reference: reference.kind == "trunk"):
         own = markers.get(reference.values.get("dictionary", ""), {})
-        measured.append(measure_reference(reference, scan, own, _first_guess(measured)))
+        scales = [one["scale"] for one in measured if one["used"]]
+        guess = float(np.median(scales)) if scales else None
+        measured.append(measure_reference(reference, scan, own, guess))
     return _report(scan, measured, shown, reads, dictionary)
 
 
@@ -147,12 +158,6 @@ def _find_markers(
     return markers, reads
 
 
-def _first_guess(measured: list[dict]) -> float | None:
-    """Scale of the references so far, for a height in metres; None without any."""
-    scales = [one["scale"] for one in measured if one["used"]]
-    return float(np.median(scales)) if scales else None
-
-
 def _report(
     scan: Scan,
     measured: list[dict],
@@ -167,7 +172,7 @@ def _report(
             doubts.append(f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}")
     scale, scale_std = combine(measured, doubts)
     warnings = list(doubts)
-    _check_plausible(scale, scale_std, scan.cam_from_world, markers, warnings)
+    _check_plausible(scale, scale_std, scan.centers, markers, warnings)
     for marker in markers:
         marker.pop("sightings", None)
         marker["images"] = [Path(scan.photos[index]).name for index in marker["images"]]
@@ -182,6 +187,7 @@ def _report(
         ", ".join(one["name"] for one in used),
     )
     shown = [marker for marker in markers if marker["used"]]
+    names = ("name", "kind", "key", "used", "length_m", "scale", "scale_std", "check", "flags")
     return {
         "mode": "marker" if markers else "reference",
         "unit": "m",
@@ -191,45 +197,23 @@ def _report(
         "n_rays": sum(marker["n_rays"] for marker in shown),
         "dictionary": dictionary,
         "markers": markers,
-        "references": [_summary(one) for one in measured],
-        "other_markers": [_square(marker) for marker in reads.squares],
+        "references": [
+            {name: ({"length_m": one.get("side_m")} | one).get(name) for name in names}
+            for one in measured
+        ],
+        "other_markers": [
+            {
+                "id": marker["id"],
+                "corners": marker["corners"],
+                "n_images": len(marker["images"]),
+                "rms_px": marker["rms_reprojection_px"],
+            }
+            for marker in reads.squares
+        ],
         "unsolved_markers": reads.unsolved,
         "false_reads": reads.false,
         "doubts": doubts,
         "warnings": warnings,
-    }
-
-
-def _square(marker: dict) -> dict:
-    """What scale.json says of a marker that the table does not name."""
-    return {
-        "id": marker["id"],
-        "corners": marker["corners"],
-        "n_images": len(marker["images"]),
-        "rms_px": marker["rms_reprojection_px"],
-    }
-
-
-def _summary(one: dict) -> dict:
-    """What scale.json says of a reference of any kind."""
-    names = ("name", "kind", "key", "used", "length_m", "scale", "scale_std", "check", "flags")
-    known = {"length_m": one.get("side_m")} | one
-    return {name: known.get(name) for name in names}
-
-
-def _without_markers(mode: str, value: float | None) -> dict:
-    return {
-        "mode": mode,
-        "unit": "m" if mode == "number" else "arbitrary",
-        "scale": value,
-        "scale_std": None,
-        "n_images": 0,
-        "n_rays": 0,
-        "markers": [],
-        "other_markers": [],
-        "unsolved_markers": [],
-        "false_reads": [],
-        "warnings": [],
     }
 
 
@@ -282,13 +266,11 @@ def _check_found(
 def _check_plausible(
     scale: float,
     scale_std: float,
-    cam_from_world: np.ndarray,
+    centers: np.ndarray,
     markers: list[dict],
     warnings: list[str],
 ) -> None:
     """Refuse scales under which the photographer stood impossibly near or far."""
-    rotation, shift = cam_from_world[:, :, :3], cam_from_world[:, :, 3]
-    centers = -np.einsum("nji,nj->ni", rotation, shift)
     used = [marker["corners"] for marker in markers if marker["used"]]
     corners = np.concatenate(used) if used else centers
     distance = float(scale * np.median(np.linalg.norm(centers - corners.mean(axis=0), axis=1)))

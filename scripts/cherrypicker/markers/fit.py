@@ -49,11 +49,9 @@ class MarkerFit:
     # (4, 2): in the pixel coordinates given, clockwise from the pattern's top left
     corners: np.ndarray
     corner_std: float  # one standard deviation of a corner coordinate, px
-    blur_px: float  # standard deviation of the blur, px
     # Share of the grey values' variance that the model explains, 1 at best; outlying pixels count
     # as little as they did in the fit
     agreement: float
-    covered: float  # share of the pixels that the fit used at more than half weight
     # Whether one homography explains the whole marker; where not (curled paper), the corners are
     # those of its flat part, extended
     is_flat: bool
@@ -147,9 +145,7 @@ def fit_marker(
         corners=fitted,
         # Neighbouring pixels share their noise (demosaicing, JPEG): about four count as one.
         corner_std=float(2 * np.sqrt(np.mean(np.diag(covariance)[:8]))),
-        blur_px=_blur_px(model),
         agreement=float(1 - squares / total) if total > 0 else 0.0,
-        covered=covered,
         is_flat=bool(covered >= _MIN_COVERED or moved < max(_STAYS_PX, _STAYS_SIDES * side)),
     )
 
@@ -180,11 +176,6 @@ def _coverage(
     return 1 - blackened(*inside) - shared, by_model
 
 
-def _blur_px(model: np.ndarray) -> float:
-    """Standard deviation of the blur: of the lens, and of a pixel, which sees a square."""
-    return float(np.sqrt(np.exp(2 * model[8]) + 1 / 12))
-
-
 def _places(model: np.ndarray, n: int, pixels: np.ndarray) -> np.ndarray:
     """Columns and rows of pixels in modules, the blur along both and its covariance, (5, n)."""
     x, y = model[:8].reshape(4, 2).T
@@ -194,7 +185,9 @@ def _places(model: np.ndarray, n: int, pixels: np.ndarray) -> np.ndarray:
     h = np.append(np.linalg.solve(rows, np.append(u, v)), 1.0).reshape(3, 3)
     at = h[:, :2] @ pixels.T + h[:, 2:]
     places = at[:2] / at[2]
-    blur = _blur_px(model) * (h[:2, :2, None] - places[:, None] * h[2, :2, None]) / at[2]
+    # Of the lens, and of a pixel, which sees a square
+    blur_px = np.sqrt(np.exp(2 * model[8]) + 1 / 12)
+    blur = blur_px * (h[:2, :2, None] - places[:, None] * h[2, :2, None]) / at[2]
     return np.vstack([places, np.linalg.norm(blur, axis=1), np.sum(blur[0] * blur[1], axis=0)])
 
 

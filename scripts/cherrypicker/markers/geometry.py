@@ -28,7 +28,7 @@ _N_ROUNDS = 5  # of refining the corners and asking again who agrees
 # What the poses add to a corner's noise, px; beyond so many of both a residual loses influence
 POSES_PX, _LOSS_SCALES = 0.25, 2.0
 # What a square's corners may be off their plane and off a square, of its side, or as many errors
-_MAX_OFF_PLANE, _MAX_OFF_SQUARE, _MAX_OFF_ERRORS = 0.02, 0.02, 5
+_MAX_OFF, _MAX_OFF_ERRORS = 0.02, 5
 _LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
 
 
@@ -85,15 +85,6 @@ class MarkerGeometry:
     # for what moves all corners of a photo alike, which is its pose's; and its degrees of freedom
     misfit: float
     misfit_dof: int
-
-
-@dataclass
-class MarkerPlace:
-    """Where the middle of something read as a marker is, whatever its corners do."""
-
-    middle: np.ndarray  # (3,)
-    radius: float  # of its print around the middle, the error of the middle included
-    inliers: np.ndarray  # (n,) bool: sightings that agree
 
 
 def intersect_rays(
@@ -174,16 +165,32 @@ def _measured(
 ) -> MarkerGeometry:
     """What the sightings that count say of a square at these corners."""
     used = observations.select(inliers)
-    residuals = used.residuals_px(corners)
-    side, side_std, misfit = _fit_square(used, corners)
-    rms_px = float(np.sqrt(np.mean(np.sum(residuals**2, axis=-1))))
+    side, side_std, misfit, misfit_dof = _fit_square(used, corners)
+    rms_px = float(np.sqrt(np.mean(np.sum(used.residuals_px(corners) ** 2, axis=-1))))
     noise = _MAX_OFF_ERRORS * rms_px / float(np.median(used.side_px)) / np.sqrt(len(used))
-    return _describe(corners, side, side_std, misfit, inliers, rms_px, noise)
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
+    diagonals = np.linalg.norm(corners[:2] - corners[2:], axis=1) / np.sqrt(2)
+    centered = corners - corners.mean(axis=0)
+    off_plane = float(np.abs(centered @ np.linalg.svd(centered)[2][2]).max() / sides.mean())
+    off_square = float(np.abs(np.concatenate([sides, diagonals]) / sides.mean() - 1).max())
+    return MarkerGeometry(
+        corners=corners,
+        side_lengths=sides,
+        side=side,
+        side_std=side_std,
+        inliers=inliers,
+        rms_px=rms_px,
+        off_plane=off_plane,
+        off_square=off_square,
+        is_square=max(off_plane, off_square) < max(_MAX_OFF, noise),
+        misfit=misfit,
+        misfit_dof=misfit_dof,
+    )
 
 
 def locate_middle(
     observations: Observations, *, max_error_px: float = 2.0, seed: int = 0
-) -> MarkerPlace | None:
+) -> tuple[np.ndarray, float] | None:
     """Find where most rays through the middles meet, for corners that no square explains.
 
     Parameters
@@ -193,8 +200,9 @@ def locate_middle(
 
     Returns
     -------
-    MarkerPlace or None
-        None where no two photos agree on a position.
+    (ndarray of shape (3,), float) or None
+        The middle, and the radius of the print around it with the error of the middle; None where
+        no two photos agree on a position.
     """
     middles = replace(observations, corners=observations.middles[:, None])
     tolerance = _tolerance(observations, max_error_px)
@@ -212,43 +220,11 @@ def locate_middle(
     weights = (used.focal / (depth * _loss_scale(used)[:, 0, 0])) ** 2
     normal = np.einsum("n,nij->ij", weights, np.eye(3) - rays[:, :, None] * rays[:, None, :])
     error = np.sqrt(1 / np.linalg.eigvalsh(normal)[0])
-    return MarkerPlace(middle, float(reach.max() + error), agree)
+    return middle, float(reach.max() + error)
 
 
 def _tolerance(observations: Observations, max_error_px: float) -> np.ndarray:
     return np.maximum(max_error_px, _TOLERANCE_SIDES * observations.side_px)
-
-
-def _describe(
-    corners: np.ndarray,
-    side: float,
-    side_std: float,
-    misfit: tuple[float, int],
-    inliers: np.ndarray,
-    rms_px: float,
-    noise: float,
-) -> MarkerGeometry:
-    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
-    diagonals = np.linalg.norm(corners[:2] - corners[2:], axis=1) / np.sqrt(2)
-    centered = corners - corners.mean(axis=0)
-    normal = np.linalg.svd(centered)[2][2]
-    mean = sides.mean()
-    off_plane = float(np.abs(centered @ normal).max() / mean)
-    off_square = float(np.abs(np.concatenate([sides, diagonals]) / mean - 1).max())
-    return MarkerGeometry(
-        corners=corners,
-        side_lengths=sides,
-        side=side,
-        side_std=side_std,
-        inliers=inliers,
-        rms_px=rms_px,
-        off_plane=off_plane,
-        off_square=off_square,
-        is_square=off_plane < max(_MAX_OFF_PLANE, noise)
-        and off_square < max(_MAX_OFF_SQUARE, noise),
-        misfit=misfit[0],
-        misfit_dof=misfit[1],
-    )
 
 
 def _agree(observations: Observations, corners: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
@@ -310,7 +286,7 @@ def _refine_corners(used: Observations, corners: np.ndarray) -> np.ndarray:
     return corners + unit * solution.x.reshape(4, 3)
 
 
-def _fit_square(used: Observations, corners: np.ndarray) -> tuple[float, float, tuple[float, int]]:
+def _fit_square(used: Observations, corners: np.ndarray) -> tuple[float, float, float, int]:
     """Side of the square with the least reprojection error, its standard error, and its misfit.
 
     The error is a sandwich estimate that takes each photo as one independent draw, since the four
@@ -340,5 +316,5 @@ def _fit_square(used: Observations, corners: np.ndarray) -> tuple[float, float, 
     sandwich = (inverse @ (blocks.T @ blocks) @ inverse)[6, 6] * n / max(n - 1, 1)
     own = raw.reshape(n, 4, 2) - raw.reshape(n, 4, 2).mean(axis=1, keepdims=True)
     misfit_dof = 6 * n - 4  # a square's turn and side are fitted
-    misfit = float(np.sum(own**2) / misfit_dof), misfit_dof
-    return side, float(side * np.sqrt(max(plain, sandwich))), misfit
+    misfit = float(np.sum(own**2) / misfit_dof)
+    return side, float(side * np.sqrt(max(plain, sandwich))), misfit, misfit_dof

@@ -82,7 +82,7 @@ def scale_of_layout(
         if (agree == inliers).all():
             break
         inliers = agree
-    fitted = _similarity(located, layout, parts)
+    fitted = scale_and_misfit(located, layout, parts)
     photos = np.unique(sightings.photos[inliers])
     if fitted is None or len(photos) < FEWEST_PHOTOS:
         return None
@@ -93,7 +93,7 @@ def scale_of_layout(
         if not (used.photos == photo).any():
             continue
         rest = _solved(matrices.sum(axis=0) - matrices[photo], rights.sum(axis=0) - rights[photo])
-        fitted = _similarity(rest, layout, parts)
+        fitted = scale_and_misfit(rest, layout, parts)
         if fitted is not None:
             left_out.append(np.log(fitted[0] / scale))
     n = len(left_out)
@@ -135,7 +135,7 @@ def _solved(matrices: np.ndarray, rights: np.ndarray) -> np.ndarray:
     return np.where(open_[:, None], np.nan, points)
 
 
-def _similarity(
+def scale_and_misfit(
     located: np.ndarray, layout: np.ndarray, parts: np.ndarray
 ) -> tuple[float, float] | None:
     """Scale from the located points to the layout, and what is left, of the layout's extent."""

@@ -109,14 +109,15 @@ def sort_reads(reads: list[Detection], markers: dict[int, dict], scan: Scan) -> 
                 result.unsolved.append(_place(known))
         false: list[Detection] = []
         while rest and (place := locate_middle(observe(rest, scan.cam_from_world), **_how(scan))):
-            here, elsewhere = _split(rest, place.middle, scan)
+            middle, radius = place
+            here, elsewhere = _split(rest, middle, scan)
             if not here:
                 break
             square = _square_of(here, known["side_m"], scan)
             if square is None and _is_none(here, noise, scan):
                 false += here
             elif square is None:
-                found = {"center": place.middle, "radius": place.radius}
+                found = {"center": middle, "radius": radius}
                 n_images = len({read.photo for read in here})
                 result.unsolved.append({"id": marker_id, **found, "n_images": n_images})
             elif noise and noise[0].explains(square["misfit"], square["misfit_dof"]):

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
@@ -24,13 +22,12 @@ from cherrypicker.markers.boards import (
     name_faces,
     sightings_of,
 )
+from cherrypicker.markers.detection import search_photos
 from cherrypicker.markers.gps import local_metres, scale_of_positions
 from cherrypicker.markers.layouts import FEWEST_PHOTOS, Sightings, scale_of_layout
 from cherrypicker.markers.marker_scales import DRIFT, marker_centers
 from cherrypicker.markers.references import Reference
 from cherrypicker.markers.tape import scale_of_trunk
-from cherrypicker.photos import read_photo
-from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
 
@@ -67,18 +64,7 @@ class Scan:
 
     def search(self, find: Callable[[np.ndarray], list[Found]], what: str) -> list[Sightings]:
         """Run a finder of boards on every photo."""
-
-        def search_photo(path: str | Path) -> list[Found]:
-            return find(cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY))
-
-        found = []
-        with (
-            ThreadPoolExecutor(max(1, self.threads)) as pool,
-            Progress(len(self.photos), f"photos searched for {what}") as bar,
-        ):
-            for boards in pool.map(search_photo, self.photos):
-                found.append(boards)
-                bar.step()
+        found = search_photos(self.photos, lambda _, grey: find(grey), what, threads=self.threads)
         return sightings_of(found, self.cameras, self.cam_from_world)
 
 
@@ -115,6 +101,8 @@ def measure_reference(
     except _NoScale as reason:
         report["flags"].append(str(reason))
         return report
+    except KeyError as missing:  # given by hand, past the config's schema
+        raise StageError(f"{reference.kind} needs {missing}", key=reference.key) from missing
     own = 0.0 if reference.kind == "gps" else reference.tolerance_m / reference.length_m
     std = float(scale * np.sqrt(error**2 + own**2 + DRIFT**2))
     logger.info("%s: %.6g +- %.2g metres per unit", reference.name, scale, std)
