@@ -7,6 +7,7 @@ from marker_scene import charuco_pattern, checker_pattern, marker_scan, rectangl
 from PIL import Image
 from scan_scene import look_at_poses, ring
 
+from cherrypicker.batch.config import load_schema, resolve_config
 from cherrypicker.errors import StageError
 from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import charuco_finder
@@ -133,20 +134,40 @@ def test_a_bar_whose_marker_is_not_seen(scan):
 @pytest.mark.parametrize(
     ("entry", "text", "key"),
     [
-        ({"kind": "rope", "length_m": 1.0}, "'rope' is no kind", "scale.references.0.kind"),
-        ({"kind": "distance", "markers": [7, 8]}, "needs length_m", "scale.references.0.length_m"),
-        (BAR | {"height_m": 1.0}, "has no height_m", "scale.references.0.height_m"),
-        (BAR | {"length_m": -1}, "no length above 0", "scale.references.0.length_m"),
-        (BAR | {"markers": [7, 7]}, "two markers", "scale.references.0.markers"),
-        (BAR | {"markers": [7, 50]}, "0 to 49", "scale.references.0"),
+        ({"kind": "rope", "length_m": 1.0}, "'rope' is not one of", "scale.references.0.kind"),
+        ({"kind": "distance", "markers": [7, 8]}, "'length_m' is a req", "scale.references.0"),
+        ({"kind": "distance", "length_m": 1.0}, "'markers' is a req", "scale.references.0"),
+        ({"kind": "charuco", "length_m": 1.0}, "'marker_m' is a req", "scale.references.0"),
+        ({"kind": "cube", "length_m": 1.0}, "'cells' is a req", "scale.references.0"),
+        ({"kind": "trunk", "length_m": 1.0}, "'height_m' is a req", "scale.references.0"),
+        ({"kind": "gps", "length_m": 1.0}, "'length_m' is not one of", "scale.references.0"),
+        (BAR | {"height_m": 1.0}, "'height_m' is not one of", "scale.references.0"),
+        (BAR | {"length_m": -1}, "less than", "scale.references.0.length_m"),
+        (BAR | {"length_m": True}, "not of type 'number'", "scale.references.0.length_m"),
+        (BAR | {"length_m": float("nan")}, "no length", "scale.references.0.length_m"),
+        (BAR | {"markers": [7, 7]}, "non-unique", "scale.references.0.markers"),
+        (BAR | {"markers": [7, 50]}, "0 to 49", "scale.references.0.markers"),
+        (BAR | {"dictionary": "DICT_4X4"}, "no marker dict", "scale.references.0.dictionary"),
+        (BOARD | {"squares": [2, 4]}, "less than", "scale.references.0.squares.0"),
         (BOARD | {"marker_m": 0.08}, "smaller than its squares", "scale.references.0.marker_m"),
-        (CUBE | {"cells": 3}, "cannot be found", "scale.references.0.cells"),
+        (CUBE | {"cells": 3}, "less than", "scale.references.0.cells"),
     ],
 )
-def test_a_reference_that_cannot_be_is_refused_by_its_key(entry, text, key):
+def test_a_reference_that_cannot_be_is_refused_by_its_key(project, entry, text, key):
+    schema = load_schema(project / "workflow/schemas/config.schema.yaml")
     with pytest.raises(StageError, match=text) as caught:
-        check_scale("", "marker", DICTIONARY, "", [entry])
+        settings = resolve_config(schema, {"scale": {"references": [entry]}})
+        check_scale("", "marker", DICTIONARY, "", settings["scale"]["references"])
     assert caught.value.key == key
+
+
+def test_a_reference_by_hand_goes_past_the_schema_and_is_refused_by_its_key(scan):
+    for bad in ("{kind: rope}", "[", "kind", "{kind: cube, length_m: 0.2}"):
+        with pytest.raises(StageError) as caught:
+            scale_of(scan, bad, photos=slice(2))
+        assert caught.value.key == "scale.references.0"
+    (bar,) = check_scale("", "marker", DICTIONARY, "", ["{kind: trunk, length_m: 2}"])[1]
+    assert (bar.kind, bar.length_m, bar.tolerance_m) == ("trunk", 2.0, 0.001)
 
 
 def entry(name, scale, std, slack=0.0):

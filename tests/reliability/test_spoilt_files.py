@@ -22,7 +22,6 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import is_number, parse_yaml, read_json
 from cherrypicker.intake.prepare import size_of_capture
 from cherrypicker.lens import read_model
-from cherrypicker.markers.references import parse_references
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.late_cloud import import_cloud
 from cherrypicker.skeleton import axes
@@ -157,9 +156,6 @@ def test_a_value_that_does_not_fit_its_tag_is_refused(text):
 def test_true_is_no_length(tmp_path):
     assert is_number(1) and is_number(0.5) and not is_number(True)
     assert not is_number(10**400) and not is_number(float("nan")) and not is_number("1")
-    with pytest.raises(StageError, match="True is no length") as caught:
-        parse_references([{"kind": "trunk", "length_m": True, "height_m": 0.3}])
-    assert caught.value.key == "scale.references.0.length_m"
     for text in ("cut: {at: [0, yes, 1]}", "{cut: {at: [0, 0, 1]}, tolerance_m: true}"):
         (tmp_path / "a.yaml").write_text(f"edits:\n  - {text}\n")
         with pytest.raises(StageError, match="number"):

@@ -5,25 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pycolmap
 
 from cherrypicker.geometry.similarity import best_turn
 from cherrypicker.intake.places import Place
 
-# WGS 84: equatorial radius, m, and first eccentricity squared
-_RADIUS_M, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3
 _FEWEST = 3  # positions: fewer leave the turn open
 
 
 def local_metres(places: Sequence[Place]) -> np.ndarray:
     """East, north and up, m, from the mean of n places, (n, 3); altitudes are needed."""
     positions = np.array(places)
-    latitude, longitude = np.radians(positions[:, 0]), np.radians(positions[:, 1])
-    mean = latitude.mean()
-    bend = 1 - _ECCENTRICITY2 * np.sin(mean) ** 2
-    north = _RADIUS_M * (1 - _ECCENTRICITY2) / bend**1.5
-    east = _RADIUS_M / np.sqrt(bend) * np.cos(mean)
-    up = positions[:, 2] - np.mean(positions[:, 2])
-    return np.column_stack([east * (longitude - longitude.mean()), north * (latitude - mean), up])
+    earth = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
+    return np.array(earth.ellipsoid_to_enu(positions, *positions.mean(axis=0)))
 
 
 def scale_of_positions(
