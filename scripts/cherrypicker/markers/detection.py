@@ -30,12 +30,11 @@ _COARSE_STD_PX = 1.0  # of corners that no pattern was fitted to (guess), or thi
 _COARSE_STD_SIDES = 0.02
 _LEAST_STD_PX = 0.02  # no fit is better (guess)
 _REACH_PX, _REACH_MODULES = 1.5, 1.5  # a fit stays this near to the coarse corners (guess)
-# Photos up to this size are searched once more at twice the size for small markers (guess)
+# Photos up to this size are searched at twice the size for small markers (guess)
 _UPSCALE_BELOW_PX = 4_000_000
 # OpenCV's search: a marker's least side, px, and perimeter (OpenCV's own), a share of the photo's
-# longer side; the widest window of the thresholds and their step, px (guess; OpenCV's: 23 and 10)
+# longer side
 _LEAST_SIDE_PX, _LEAST_PERIMETER = 12, 0.03
-_WIDEST_WINDOW_PX, _WINDOW_STEP_PX = 43, 10
 _COMMON_DICTIONARIES = (
     "DICT_4X4_50",
     "DICT_5X5_250",
@@ -101,18 +100,9 @@ def find_markers(
     list of (int, ndarray of shape (4, 2))
         Ids and corners, px, pixel centres at (0.5, 0.5). An id can occur more than once.
     """
-    found = _detect(grey, dictionary, 1.0)
-    if grey.size <= _UPSCALE_BELOW_PX:
-        larger = cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
-        for marker_id, corners in _detect(larger, dictionary, 2.0):
-            center = corners.mean(axis=0)
-            reach = np.linalg.norm(corners - center, axis=1).max()
-            known = any(
-                other_id == marker_id and np.linalg.norm(other.mean(axis=0) - center) < reach
-                for other_id, other in found
-            )
-            if not known:
-                found.append((marker_id, corners))
+    factor = 2.0 if grey.size <= _UPSCALE_BELOW_PX else 1.0
+    larger = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+    found = _detect(larger, dictionary, factor)
     return sorted(found, key=lambda item: (item[0], *item[1].mean(axis=0)))
 
 
@@ -123,8 +113,6 @@ def _detect(
     longest = max(grey.shape)
     least = 4 * _LEAST_SIDE_PX * factor / longest
     parameters.minMarkerPerimeterRate = min(_LEAST_PERIMETER, least)
-    parameters.adaptiveThreshWinSizeMax = _WIDEST_WINDOW_PX
-    parameters.adaptiveThreshWinSizeStep = _WINDOW_STEP_PX
     corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(grey)
     if ids is None:
         return []
