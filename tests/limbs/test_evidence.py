@@ -1,4 +1,4 @@
-"""Tests of the evidence for short limbs."""
+"""Tests of the evidence for limbs."""
 
 import numpy as np
 import pytest
@@ -19,29 +19,34 @@ def limb(length, n_points, rng, start=0.02):
     return points + rng.normal(0, NOISE, points.shape), shoot, stem
 
 
-def test_a_shoot_is_told_and_one_that_hangs_on_nothing_is_not():
+def is_told(points, shoot, stem, *, share=1.0, noise=NOISE, together=1.0):
+    weight = np.full(len(points), share)
+    return tell_limb(points, shoot, stem, weight=weight, noise=noise, together=together)
+
+
+def test_a_shoot_is_told_and_a_bump_is_not():
     rng = np.random.default_rng(0)
     points, shoot, stem = limb(0.03, 12, rng)
-    assert tell_limb(points, shoot, stem, start=0.02, noise=NOISE, together=1.0)
-    beyond = points + [0.1, 0, 0]
-    shoot.nodes[-1, 0] += 0.1
-    assert not tell_limb(beyond, shoot, stem, start=0.02, noise=NOISE, together=1.0)
+    assert is_told(points, shoot, stem)
+    # as far off the tube, and all equally far off the stem: a patch of bark beside it
+    bark = points.copy()
+    bark[:, 2] = np.linspace(-0.015, 0.015, len(bark))
+    bark[:, 0] = 0.03 + rng.normal(0, NOISE, len(bark))
+    along = np.array([[0.03, 0, -0.02], [0.03, 0, 0.02]])
+    assert not is_told(bark, Tube(along, np.array([0.003, 0.003])), stem)
 
 
 def test_noise_of_the_parent_is_no_limb():
     rng = np.random.default_rng(1)
     points, shoot, stem = limb(0.002, 30, rng, start=0.018)
-    assert not tell_limb(points, shoot, stem, start=0.02, noise=2 * NOISE, together=1.0)
+    assert not is_told(points, shoot, stem, noise=2 * NOISE)
 
 
-def test_points_that_err_together_tell_less():
-    rng = np.random.default_rng(2)
-    points, shoot, stem = limb(0.03, 12, rng)
-    told = [
-        tell_limb(points, shoot, stem, start=0.02, noise=NOISE, together=together)
-        for together in (1.0, 12.0)
-    ]
-    assert told == [True, False]
+def test_points_that_err_together_or_are_few_for_their_wood_tell_less():
+    points, shoot, stem = limb(0.03, 12, np.random.default_rng(2))
+    assert is_told(points, shoot, stem)
+    assert not is_told(points, shoot, stem, together=30.0)
+    assert not is_told(points, shoot, stem, share=0.02)
 
 
 @pytest.mark.parametrize(("cell", "low", "high"), [(0.0, 1.0, 1.5), (0.1, 15.0, 40.0)])

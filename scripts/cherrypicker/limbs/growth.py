@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
-from cherrypicker.limbs.evidence import points_that_err_together, tell_limb
+from cherrypicker.limbs.evidence import N_TOGETHER, points_that_err_together, tell_limb
 from cherrypicker.limbs.joints import back_to
-from cherrypicker.limbs.rings import BAND, ring_forest
+from cherrypicker.limbs.rings import ring_forest, ways_over_wood
 from cherrypicker.limbs.tubes import Limb, Seen, Tube, fit_tube, resample, seen_from, stretch
 
 __all__ = ["Limbs", "chains_of", "claim_radius", "grow_limbs", "limbs_of_wood", "spacing_of"]
@@ -30,10 +30,6 @@ STEP = 1.5  # in spacings: nodes of an axis are this far apart,
 STEP_IN_RADII = 1.0  # or this many radii, where that is more: a limb bends no faster
 NEAR_SURFACE = 1.0  # in spacings: points this near a surface belong to the limb,
 ROUGHNESS = 0.25  # and this share of its radius more
-# In spacings and in noises: what sticks out of its parent's surface farther is a limb, what is
-# shorter has to be told by its points. Of foreign_a's 209 tips 3, 3.5 and 4 spacings alone find
-# 227, 220 and 209, of cherry_vase's 73 they find 66, 63 and 59.
-LONG, LONG_IN_NOISES = 3.5, 4.0
 NOISE_SHARE = 0.3  # of the spacing: the noise before any limb has told it
 LEAST_NOISE = 0.1  # of the spacing: what a perfect cloud is taken to have
 FREE_SHARE = 0.5  # of a ring's points that no tube has claimed, for the ring to be free
@@ -124,7 +120,13 @@ def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
     return chains
 
 
-def grow_limbs(points: np.ndarray, base: npt.ArrayLike, *, stem: np.ndarray | None = None) -> Limbs:
+def grow_limbs(
+    points: np.ndarray,
+    base: npt.ArrayLike,
+    *,
+    stem: np.ndarray | None = None,
+    count: np.ndarray | None = None,
+) -> Limbs:
     """The limbs of one tree.
 
     Parameters
@@ -135,6 +137,8 @@ def grow_limbs(points: np.ndarray, base: npt.ArrayLike, *, stem: np.ndarray | No
         Middle of the stem's lowest end.
     stem : ndarray of shape (n_points,), bool, optional
         What is known to be the stem: gaps in it are crossed at no price.
+    count : ndarray of shape (n_points,), optional
+        Points of the whole cloud that each stands for: of wood as many as of what bears it.
 
     Returns
     -------
@@ -150,13 +154,9 @@ def grow_limbs(points: np.ndarray, base: npt.ArrayLike, *, stem: np.ndarray | No
     spacing = spacing_of(points) if len(points) >= LEAST_POINTS else 0.0
     if not spacing > 0:
         raise ValueError(f"{len(points)} points make no limb")
-    growth = _Growth(points, spacing, stem)
-    runs = chains_of(growth.forest.parent, growth.forest.size)
-    while runs:
-        free = growth.free_runs(runs.pop(0))
-        if free:
-            runs[:0] = free[1:]
-            growth.add(free[0])
+    growth = _Growth(points, spacing, stem, count)
+    while growth.add_round():  # what no tube claims tells the next
+        pass
     if not growth.limbs:
         raise ValueError(f"{len(points)} points make no limb")
     return growth.finish(base)
@@ -181,12 +181,20 @@ def limbs_of_wood(
 class _Growth:
     """Limbs as they grow: which points are taken, and the noise so far."""
 
-    def __init__(self, points: np.ndarray, spacing: float, stem: np.ndarray | None) -> None:
+    def __init__(
+        self,
+        points: np.ndarray,
+        spacing: float,
+        stem: np.ndarray | None,
+        count: np.ndarray | None,
+    ) -> None:
         self.points, self.spacing = points, spacing
-        self.forest = ring_forest(points, np.zeros(3), self.spacing, stem)
-        by_ring = np.argsort(self.forest.ring, kind="stable")
-        self.rows_of = np.split(by_ring, np.cumsum(self.forest.size)[:-1])
+        self.ways = ways_over_wood(points, np.zeros(3), spacing, stem)
         self.tree = cKDTree(points)
+        self.weight = np.ones(len(points))
+        if count is not None:
+            around = self.tree.query(points, k=min(N_TOGETHER, len(points)))[1]
+            self.weight = np.minimum(count / count[around].mean(axis=1), 1.0)
         self.owner = np.full(len(points), -1, dtype=np.int64)
         self.limbs: list[Limb] = []
         self.noises: list[tuple[float, int]] = []
@@ -201,12 +209,29 @@ class _Growth:
 
     @property
     def together(self) -> float:
-        """How many points tell as much as one, by the thick limbs so far."""
+        """How many points tell as much as one, by the limbs so far."""
         return _middle(self.togethers) if self.togethers else 1.0
+
+    def add_round(self) -> bool:
+        """Cut what no tube has claimed into rings, and make limbs of their chains; whether of any.
+
+        In a band of all wood the points of a short limb beside its parent are one ring with it.
+        """
+        rows = np.flatnonzero(self.owner < 0)
+        if not len(rows):
+            return False
+        self.forest, n_before = ring_forest(self.ways, rows), len(self.limbs)
+        runs = chains_of(self.forest.parent, self.forest.size)
+        while runs:
+            free = self.free_runs(runs.pop(0))
+            if free:
+                runs[:0] = free[1:]
+                self.add(free[0])
+        return len(self.limbs) > n_before
 
     def free_runs(self, chain: np.ndarray) -> list[np.ndarray]:
         """Runs of a chain's rings that no tube has claimed, the longest first."""
-        free = [np.mean(self.owner[self.rows_of[ring]] < 0) > FREE_SHARE for ring in chain]
+        free = [np.mean(self.owner[self.forest.rows[ring]] < 0) > FREE_SHARE for ring in chain]
         change = np.flatnonzero(np.diff(np.array(free, dtype=int), prepend=0, append=0))
         runs = [chain[start:end] for start, end in zip(change[::2], change[1::2])]
         return sorted(runs, key=lambda run: -len(run))
@@ -217,27 +242,19 @@ class _Growth:
 
     def add(self, run: np.ndarray) -> None:
         """Make a limb of a run of rings, if it is one, and let it claim its points."""
-        spacing = self.spacing
-        tube = self._through_middles(run)
-        if tube is None:
+        tube, parent = self._through_middles(run), self._owner_before(run[0])
+        own = self.free(np.concatenate([self.forest.rows[ring] for ring in run]))
+        if tube is None or len(own) < LEAST_POINTS:
             return
-        longest = max(LONG * spacing, LONG_IN_NOISES * self.noise)
-        is_long = len(run) > 1 and tube.length + BAND * spacing >= longest
-        before = self.forest.parent[run[0]]  # a short limb's first points lie in its parent's ring
-        rings = run if is_long or before < 0 else [before, *run]
-        own = self.free(np.concatenate([self.rows_of[ring] for ring in rings]))
-        if len(own) < LEAST_POINTS:
-            return
-        parent = self._owner_before(run[0])
         tube = self._fitted(tube, own, parent)
         if parent >= 0:
-            tube = back_to(self.limbs[parent].tube, tube, spacing)
+            tube = back_to(self.limbs[parent].tube, tube, self.spacing)
         inside, seen = self._claimed(tube)
         is_free = self.owner[inside] < 0
         inside, way = inside[is_free], seen.way[is_free]
         if len(inside) < LEAST_POINTS:
             return
-        if not is_long and (parent < 0 or not self._is_told(tube, self.limbs[parent].tube, inside)):
+        if parent >= 0 and not self._is_told(tube, self.limbs[parent].tube, inside):
             return
         start = way.min() if parent < 0 else 0.0
         if way.max() <= start:
@@ -318,10 +335,7 @@ class _Growth:
                     rest is None
                     or not self._leaves(limb.tube, parent)
                     or rest.length < np.median(rest.radius)  # it is longer than thick
-                    or not (
-                        rest.length >= LONG * self.spacing
-                        or self._is_told(limb.tube, parent, np.flatnonzero(member == old))
-                    )
+                    or not self._is_told(limb.tube, parent, np.flatnonzero(member == old))
                 ):
                     number[old] = limb.parent
                     continue
@@ -351,13 +365,12 @@ class _Growth:
         return bool(leaves_claim and _way_out(tube, parent)[-1] > NEAR_SURFACE * self.spacing)
 
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
-        """Whether its points tell a short limb from what else they may be."""
-        rest = _outside(tube, self._claim(parent))
-        return rest is not None and tell_limb(
+        """Whether a limb's points tell it from noise and bumps of its parent."""
+        return _outside(tube, self._claim(parent)) is not None and tell_limb(
             self.points[rows],
             tube,
             parent,
-            start=tube.length - rest.length,
+            weight=self.weight[rows],
             noise=self.noise,
             together=self.together,
         )
@@ -365,17 +378,18 @@ class _Growth:
     def _through_middles(self, run: np.ndarray) -> Tube | None:
         """A tube through the middles of the free points of a run's rings.
 
-        A single ring has its heading from the ring before it.
+        A single ring has its heading from the points before it.
         """
-        free = [self.points[self.free(self.rows_of[ring])] for ring in run]
+        free = [self.points[self.free(self.forest.rows[ring])] for ring in run]
         nodes = np.array([own.mean(axis=0) for own in free])
         radius = np.array(
             [np.sqrt(np.square(own - own.mean(axis=0)).sum(axis=1).mean()) for own in free]
         )
         radius = np.array([np.median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
-        before = self.forest.parent[run[0]]
-        if len(run) == 1 and before >= 0:
-            nodes = np.vstack([self.forest.centre[before], nodes])
+        before = self.ways.before[self.forest.rows[run[0]]]
+        before = before[before >= 0]
+        if len(run) == 1 and len(before):
+            nodes = np.vstack([self.points[before].mean(axis=0), nodes])
             radius = np.repeat(radius, 2)
         return self._with_even_nodes(Tube(nodes, radius))
 
@@ -411,14 +425,14 @@ class _Growth:
             return tube
         widest = self._radius_of_parent(tube, parent)
         tube, residual = self._fit(tube, around, self.noise, capture, widest)
-        if np.median(tube.radius) > SURE_RADIUS * self.noise:
-            near = np.abs(residual) < capture
-            spread = robust_sigma(residual[near]) if near.any() else 0.0
-            if spread > 0:
+        near = np.abs(residual) < capture
+        spread = robust_sigma(residual[near]) if near.any() else 0.0
+        if spread > 0:
+            if np.median(tube.radius) > SURE_RADIUS * self.noise:
                 self.noises.append((spread, int(np.count_nonzero(near))))
-                sure = np.abs(residual) < TUKEY * spread
-                together = points_that_err_together(self.points[around][sure], residual[sure])
-                self.togethers.append((together, int(np.count_nonzero(sure))))
+            sure = np.abs(residual) < TUKEY * spread
+            together = points_that_err_together(self.points[around][sure], residual[sure])
+            self.togethers.append((together, int(np.count_nonzero(sure))))
         return tube
 
     def _near(self, tube: Tube, margin: float, in_radii: float = 0.0) -> tuple[np.ndarray, Seen]:
@@ -433,15 +447,12 @@ class _Growth:
         return rows[near], seen.select(near)
 
     def _owner_before(self, ring: int) -> int:
-        """The limb that claimed most of the points on the way from a ring to the foot."""
-        ring = self.forest.parent[ring]
-        while ring >= 0:
-            claimed = self.owner[self.rows_of[ring]]
-            claimed = claimed[claimed >= 0]
-            if len(claimed):
-                return int(np.bincount(claimed).argmax())
-            ring = self.forest.parent[ring]
-        return -1
+        """The limb that most ways from a ring to the foot meet first, -1 where there is none."""
+        at = self.forest.rows[ring]
+        while (at >= 0).any() and (self.owner[at[at >= 0]] < 0).any():
+            at = np.where((at >= 0) & (self.owner[at] < 0), self.ways.before[at], at)
+        owners = self.owner[at[at >= 0]]
+        return int(np.bincount(owners).argmax()) if len(owners) else -1
 
     def _nearest_limbs(self) -> np.ndarray:
         """Limb whose surface is the nearest to each point."""

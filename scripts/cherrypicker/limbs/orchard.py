@@ -11,6 +11,7 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
@@ -149,8 +150,10 @@ def _grow(
     )
     label = majority_label(labels[member >= 0], member[member >= 0], len(thin))
     stem = agreed_labels(thin, label) == Label.TRUNK
+    nearest = cKDTree(points[source]).query(points)[1]
+    count = np.bincount(nearest, minlength=len(source))
     try:
-        return source, grow_limbs(points[source], base, stem=stem)
+        return source, grow_limbs(points[source], base, stem=stem, count=count)
     except ValueError as error:  # no limb
         logger.warning("stem at (%.2f, %.2f): %s", *base[:2], error)
         return source[:0], None

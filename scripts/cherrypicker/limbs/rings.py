@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges, sparse_graph
 
-__all__ = ["RingForest", "ring_forest", "ways_from_foot"]
+__all__ = ["RingForest", "Ways", "ring_forest", "ways_from_foot", "ways_over_wood"]
 
 N_NEIGHBORS = 6  # a mesh on a surface has six on average (Euler); more reach the next twig
 REACH = 2.5  # in spacings: neighbours this near touch
@@ -41,24 +41,47 @@ MOST_GAPS = 50  # of a piece beyond a turn that are compared, a ring each
 
 
 @dataclass
+class Ways:
+    """Shortest ways over wood from the foot of the tree.
+
+    Attributes
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    height : ndarray of shape (n_points,), float64
+        Of each point's way, in bands.
+    before : ndarray of shape (n_points,), int64
+        The point before on the way, -1 at the foot.
+    edges : ndarray of shape (n_edges, 2), int64
+        Touching neighbours, points that one beside them joins, and the links between pieces.
+    """
+
+    points: np.ndarray
+    height: np.ndarray
+    before: np.ndarray
+    edges: np.ndarray
+
+
+@dataclass
 class RingForest:
     """Rings in the order of their distance from the foot.
 
     Attributes
     ----------
-    ring : ndarray of shape (n_points,), int64
-        Ring of each point.
-    parent : ndarray of shape (n_rings,), int64
-        The ring before on the way to the foot, of a smaller number; -1 at the foot.
-    centre : ndarray of shape (n_rings, 3), float64
-    size : ndarray of shape (n_rings,), int64
+    rows : list of ndarray of int64
         Points of each ring.
+    parent : ndarray of shape (n_rings,), int64
+        The ring before on the way to the foot, of a smaller number; -1 where there is none.
+    centre : ndarray of shape (n_rings, 3), float64
     """
 
-    ring: np.ndarray
+    rows: list[np.ndarray]
     parent: np.ndarray
     centre: np.ndarray
-    size: np.ndarray
+
+    @property
+    def size(self) -> np.ndarray:
+        """Number of points of each ring, (n_rings,) int64."""
+        return np.array([len(rows) for rows in self.rows], dtype=np.int64)
 
 
 def ways_from_foot(
@@ -171,10 +194,10 @@ def _foot(points: np.ndarray, base: np.ndarray, spacing: float) -> tuple[np.ndar
     return foot, points[foot, 2] - points[foot, 2].min()
 
 
-def ring_forest(
+def ways_over_wood(
     points: np.ndarray, base: np.ndarray, spacing: float, stem: np.ndarray | None = None
-) -> RingForest:
-    """Cut the wood into rings of equal way from the foot, and join them to a forest.
+) -> Ways:
+    """The ways that rings are cut from; wood beyond a turn has crossed a gap where that is shorter.
 
     Parameters
     ----------
@@ -183,35 +206,59 @@ def ring_forest(
 
     Returns
     -------
+    Ways
+    """
+    found = ways_from_foot(points, base, spacing, stem)
+    ways = _in_bands(points, spacing, *found)
+    everything = np.arange(len(points))
+    over = _gaps_beyond_turns(points, spacing, found[0], found[2], ring_forest(ways, everything))
+    if not len(over):
+        return ways
+    return _in_bands(points, spacing, *ways_from_foot(points, base, spacing, stem, over))
+
+
+def _in_bands(
+    points: np.ndarray, spacing: float, way: np.ndarray, before: np.ndarray, edges: np.ndarray
+) -> Ways:
+    joined = _in_two_steps(points, edges, REACH_OVER * spacing)
+    return Ways(points, way / (BAND * spacing), before, joined)
+
+
+def ring_forest(ways: Ways, rows: np.ndarray) -> RingForest:
+    """Cut some of the wood into rings of equal way from the foot, and join them to a forest.
+
+    Parameters
+    ----------
+    ways : Ways
+    rows : ndarray of int64
+        Of the points that are looked at: between others, that have their limb, they lie apart.
+
+    Returns
+    -------
     RingForest
     """
-    ways = ways_from_foot(points, base, spacing, stem)
-    forest = _cut_to_rings(points, spacing, *ways)
-    over = _gaps_beyond_turns(points, spacing, ways[0], ways[2], forest)
-    if not len(over):
-        return forest
-    return _cut_to_rings(points, spacing, *ways_from_foot(points, base, spacing, stem, over))
-
-
-def _cut_to_rings(
-    points: np.ndarray, spacing: float, way: np.ndarray, before: np.ndarray, edges: np.ndarray
-) -> RingForest:
-    """Rings of equal way and their forest, from `ways_from_foot`."""
-    height = way / (BAND * spacing)
+    number = np.full(len(ways.points), -1)
+    number[rows] = np.arange(len(rows))
+    edges = number[ways.edges]
+    before = np.where(ways.before[rows] < 0, -1, number[ways.before[rows]])
+    height = ways.height[rows]
     band = np.floor(height).astype(np.int64)
-    ring = _pieces_of_bands(height, band, _in_two_steps(points, edges, REACH_OVER * spacing))
+    ring = _pieces_of_bands(height, band, edges[(edges >= 0).all(axis=1)])
     n_rings = ring.max() + 1
     level = np.zeros(n_rings, dtype=np.int64)
     level[ring] = band
     order = np.argsort(level, kind="stable")
-    number = np.empty(n_rings, dtype=np.int64)
-    number[order] = np.arange(n_rings)
-    ring = number[ring]
+    rank = np.empty(n_rings, dtype=np.int64)
+    rank[order] = np.arange(n_rings)
+    ring = rank[ring]
     size = np.bincount(ring, minlength=n_rings)
-    centre = np.stack([np.bincount(ring, c, n_rings) for c in points.T], axis=1) / size[:, None]
+    sums = np.stack([np.bincount(ring, c, n_rings) for c in ways.points[rows].T], axis=1)
+    centre = sums / size[:, None]
     parent = _votes(ring, before, n_rings)
-    _stack_foot(parent, centre, level[order])
-    return RingForest(ring, parent, centre, size)
+    at_foot = np.bincount(ring, ways.before[rows] < 0, n_rings) > 0
+    _stack_foot(parent, centre, level[order], at_foot)
+    own = np.split(rows[np.argsort(ring, kind="stable")], np.cumsum(size)[:-1])
+    return RingForest(own, parent, centre)
 
 
 def _gaps_beyond_turns(
@@ -223,7 +270,9 @@ def _gaps_beyond_turns(
     that touches may lead up another limb and down a twig of its own. What lies beyond such a turn
     may cross a gap as well, at the price that pieces pay that touch nothing.
     """
-    turn = _turns(forest.parent, forest.centre)[forest.ring]
+    ring = np.empty(len(points), dtype=np.int64)
+    ring[np.concatenate(forest.rows)] = np.repeat(np.arange(len(forest.rows)), forest.size)
+    turn = _turns(forest.parent, forest.centre)[ring]
     rest = np.flatnonzero(turn < 0)
     around = cKDTree(points[rest])
     found = [np.empty((0, 2), dtype=np.int64)]
@@ -232,8 +281,8 @@ def _gaps_beyond_turns(
         gap, nearest = around.query(points[rows])
         beyond = way[rest[nearest]] + gap * np.maximum(1.0, gap / spacing)
         gain = way[rows] - beyond
-        order = np.lexsort((-gain, forest.ring[rows]))
-        starts = order[np.unique(forest.ring[rows][order], return_index=True)[1]]
+        order = np.lexsort((-gain, ring[rows]))
+        starts = order[np.unique(ring[rows][order], return_index=True)[1]]
         starts = starts[np.argsort(-gain[starts], kind="stable")[:MOST_GAPS]]
         starts = starts[gain[starts] > 0]
         if not len(starts):
@@ -301,9 +350,11 @@ def _pieces_of_bands(height: np.ndarray, band: np.ndarray, edges: np.ndarray) ->
     return np.unique(piece[:n], return_inverse=True)[1]
 
 
-def _stack_foot(parent: np.ndarray, centre: np.ndarray, level: np.ndarray) -> None:
+def _stack_foot(
+    parent: np.ndarray, centre: np.ndarray, level: np.ndarray, at_foot: np.ndarray
+) -> None:
     """Rings that ways start in stand on the nearest such ring of the level below."""
-    starts = np.flatnonzero(parent < 0)
+    starts = np.flatnonzero((parent < 0) & at_foot)
     for ring in starts:
         below = starts[level[starts] < level[ring]]
         if len(below):
