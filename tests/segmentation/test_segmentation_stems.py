@@ -6,7 +6,7 @@ import pytest
 from cherrypicker.classes import WOOD, Label
 from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.segmentation.stems import label_wood, post_rows, rooted_trunk
+from cherrypicker.segmentation.stems import label_wood, post_rows
 
 
 def _relabel(points, labels, *, colors=None, known=None):
@@ -199,32 +199,6 @@ def test_a_foot_that_passes_for_ground_in_grass_is_trunk():
     found = _relabel(points, labels)[0]
     assert (found[foot] == Label.TRUNK).mean() > 0.9
     assert (found[len(stem) :] == Label.GROUND).all()
-
-
-def test_trunk_that_hangs_together_with_none_near_the_ground_is_branch():
-    rng = np.random.default_rng(7)
-    tree, part = _fork(rng, 0.7)
-    points = np.vstack([tree, _ground(rng)])
-    labels = np.full(len(points), Label.GROUND, np.uint8)
-    labels[: len(tree)] = np.where(part == 0, Label.TRUNK, Label.BRANCH)
-    island = np.append((part == 1) & (tree[:, 2] > 1.4), np.zeros(len(points) - len(tree), bool))
-    labels[island] = Label.TRUNK
-    after = rooted_trunk(points, labels, 0.25)
-    assert (after[island] == Label.BRANCH).all()
-    assert (after[~island] == labels[~island]).all()
-    alone = rooted_trunk(points[island], labels[island], 0.25)  # nothing else is there
-    assert (alone == Label.TRUNK).all()
-
-
-def test_trunk_above_a_hidden_piece_of_the_stem_stays_trunk():
-    rng = np.random.default_rng(7)
-    stem = _tube(rng, (0, 0, 0), (0, 0, 1.5), 0.03, 0.02)
-    seen = stem[np.abs(stem[:, 2] - 0.8) > 0.25]  # half a metre lies behind a board
-    points = np.vstack([seen, _ground(rng)])
-    labels = np.full(len(points), Label.GROUND, np.uint8)
-    labels[: len(seen)] = Label.TRUNK
-    assert np.array_equal(rooted_trunk(points, labels, 0.6), labels)
-    assert (rooted_trunk(points, labels, 0.3)[: len(seen)][seen[:, 2] > 1] == Label.BRANCH).all()
 
 
 def _leader(rng):

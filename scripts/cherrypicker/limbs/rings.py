@@ -118,14 +118,14 @@ def ways_from_foot(
     edges : ndarray of shape (n_edges, 2), int64
         Touching neighbours, and the links between pieces.
     """
-    edges = knn_edges(points, N_NEIGHBORS, REACH * spacing)
+    touching = edges = knn_edges(points, N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([edges, _bridges(points, edges, component_links(points, edges), spacing)])
     if over is not None:
         edges = np.vstack([edges, over])
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
     price = length * np.maximum(1.0, length / spacing)
     if stem is not None and stem.any():
-        along = _stem_edges(points, edges, np.flatnonzero(stem), spacing)
+        along = _stem_edges(points, touching, np.flatnonzero(stem), spacing)
         edges = np.vstack([edges, along])
         steps = np.linalg.norm(points[along[:, 0]] - points[along[:, 1]], axis=1)
         price = np.append(price, steps)
@@ -164,11 +164,10 @@ def _bridges(
 def _stem_edges(
     points: np.ndarray, edges: np.ndarray, stem: np.ndarray, spacing: float
 ) -> np.ndarray:
-    """Edges over the gaps between pieces of the stem: one thing, whatever hides a part of it."""
-    number = np.full(len(points), -1)
-    number[stem] = np.arange(len(stem))
-    own = number[edges]
-    own = own[(own >= 0).all(axis=1)]
+    """Edges over the gaps between pieces of the stem that no wood joins: a board hides it there."""
+    piece = components(len(points), edges)[0][stem]
+    order = np.argsort(piece, kind="stable")
+    own = np.stack([order[:-1], order[1:]], axis=1)[np.diff(piece[order]) == 0]
     return stem[_bridges(points[stem], own, component_links(points[stem], own), spacing)]
 
 

@@ -27,7 +27,7 @@ from cherrypicker.segmentation.spheres import (
     neighbor_graphs,
     tree_frame,
 )
-from cherrypicker.segmentation.stems import label_wood, post_rows, rooted_trunk
+from cherrypicker.segmentation.stems import label_wood, post_rows
 from cherrypicker.segmentation.things import (
     GROUP_COLUMNS,
     group_of,
@@ -212,7 +212,6 @@ def segment_cloud(
         cloud = cloud.with_fields(label=labels)
         orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
     else:
-        labels = rooted_trunk(cloud.points, labels, growth.stem_gap_m)
         cloud = cloud.with_fields(label=labels)
         like_wood = replace(growth, classes=(*growth.classes, Label.SUPPORT_POST))
         orchard = grow_orchard(cloud, like_wood, region=region, is_row=is_row)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.geometry.ground_surface import ground_level
-from cherrypicker.geometry.neighbors import link_components, rows_in_box
+from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.limbs.growth import Limbs, claim_radius
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
@@ -27,7 +27,7 @@ from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.feet import ground_height
 
-__all__ = ["label_wood", "rooted_trunk"]
+__all__ = ["label_wood", "post_rows"]
 
 logger = logging.getLogger(__name__)
 
@@ -55,25 +55,6 @@ class _Tubes:
         result = np.zeros(len(self.nodes), bool)
         result[self.trunk] = True
         return result
-
-
-def rooted_trunk(points: np.ndarray, labels: np.ndarray, stem_gap_m: float) -> np.ndarray:
-    """Labels (n_points,) in which trunk that hangs together with none near the ground is branch.
-
-    Pieces hang together over gaps of `stem_gap_m`, in metres, as for the growth, which takes what
-    is called trunk for one stem: islands in the arms of a vase made limbs through the air.
-    """
-    result, rows = labels.copy(), np.flatnonzero(labels == Label.TRUNK)
-    if not len(rows):
-        return result
-    piece = link_components(points[rows], stem_gap_m)
-    lowest = rows[np.lexsort((points[rows, 2], piece))]
-    lowest = lowest[np.diff(np.sort(piece), prepend=-1) > 0]  # of each piece
-    level = ground_height(points[lowest, :2], points[labels == Label.GROUND], points[:, 2].min())
-    is_rooted = points[lowest, 2] - level <= STANDS_M
-    is_rooted[0] |= not is_rooted.any()  # the largest
-    result[rows[~is_rooted[piece]]] = Label.BRANCH
-    return result
 
 
 def label_wood(

@@ -1,0 +1,20 @@
+"""Ways over the wood, from which rings are cut."""
+
+import numpy as np
+import pytest
+
+from cherrypicker.limbs.rings import ways_from_foot
+
+
+def test_only_what_no_wood_joins_is_crossed_within_the_stem():
+    """An arm that bends out and back, both ends called stem, with its middle there or hidden."""
+    spacing, turn = 0.01, np.linspace(0, np.pi, 60)
+    low = np.column_stack([np.zeros((40, 2)), np.arange(40) * spacing])
+    bend = np.column_stack([0.19 * np.sin(turn), np.zeros(60), 0.6 - 0.2 * np.cos(turn)])
+    points = np.vstack([low, bend, low + [0, 0, 0.81]])
+    stem = (points[:, 2] < 0.395) | (points[:, 2] > 0.805)
+    way = ways_from_foot(points, np.zeros(3), spacing, stem)[0]
+    assert way[-1] == pytest.approx(0.8 + 0.6, abs=0.1)  # along the bend
+    seen = (np.arange(len(points)) < 50) | (np.arange(len(points)) >= 90)
+    way = ways_from_foot(points[seen], np.zeros(3), spacing, stem[seen])[0]
+    assert way[-1] == pytest.approx(1.2, abs=0.05)  # straight, at no more than its length
