@@ -136,7 +136,7 @@ def grow_limbs(
     base : array-like of 3 floats
         Middle of the stem's lowest end.
     stem : ndarray of shape (n_points,), bool, optional
-        What is known to be the stem: gaps in it are crossed at no price.
+        What is known to be the stem: gaps that no wood crosses cost no more than they are long.
     count : ndarray of shape (n_points,), optional
         Points of the whole cloud that each stands for: of wood as many as of what bears it.
 

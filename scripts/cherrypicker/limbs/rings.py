@@ -105,7 +105,7 @@ def ways_from_foot(
     spacing : float
         Between neighbouring points.
     stem : ndarray of shape (n_points,), bool, optional
-        What is known to be the stem: gaps within it cost no more than they are long.
+        What is known to be the stem: gaps that no wood crosses cost no more than they are long.
     over : ndarray of shape (n_gaps, 2), int64, optional
         Gaps that may be crossed as well.
 
