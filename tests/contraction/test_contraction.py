@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
-from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
+from skeleton_shapes import (
+    labelled_cloud,
+    sample_axes,
+    small_tree,
+    stacked_least_squares,
+    tube,
+)
 
 from cherrypicker.contraction.contract_points import SkeletonOptions, contract_points
 from cherrypicker.contraction.contract_wood import contract_wood
@@ -48,9 +54,7 @@ def test_one_solve_equals_the_stacked_least_squares():
     points = rng.random((40, 3))
     L, _ = cotangent_laplacian(points, n_neighbors=12)
     w_l, w_h = rng.random(40) + 0.5, rng.random(40) + 0.5
-    A = np.vstack([np.diag(w_l) @ L.toarray(), np.diag(w_h)])
-    b = np.vstack([np.zeros((40, 3)), w_h[:, None] * points])
-    expected = np.linalg.lstsq(A, b, rcond=None)[0]
+    expected = stacked_least_squares(L, w_l, w_h, points)
     np.testing.assert_allclose(solve_contraction(L, w_l, w_h, points), expected, atol=1e-8)
 
 

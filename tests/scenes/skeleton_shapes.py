@@ -121,3 +121,10 @@ def sample_skeleton(skeleton, step=0.005):
         n = int(np.linalg.norm(b - a) / step)
         points.append(a + np.linspace(0, 1, n + 2)[1:-1, None] * (b - a))
     return np.vstack(points)
+
+
+def stacked_least_squares(L, w_l, w_h, points):
+    """Contraction by its definition: rows of W_L L stacked on W_H, solved densely (n, 3)."""
+    A = np.vstack([np.diag(w_l) @ L.toarray(), np.diag(w_h)])
+    b = np.vstack([np.zeros_like(points), w_h[:, None] * points])
+    return np.linalg.lstsq(A, b, rcond=None)[0]

@@ -104,18 +104,23 @@ def test_report_tells_why_photos_are_missing(model):
     assert report["pair_agreement"] > 0.9
 
 
-def test_too_few_registered_is_an_error_with_the_key(model, tmp_path):
-    arguments = (
+def _map_again(model, folder, options):
+    """Report of the matched scan mapped with other options, into a folder."""
+    return reconstruct_sparse(
         model["folder"] / "database.db",
         model["photos"],
         model["folder"] / "photos.json",
-        tmp_path / "model",
-        tmp_path / "report.json",
-        tmp_path / "poses.npz",
-        MappingOptions(wanted_registered_fraction=0.5, min_registered_fraction=0.9),
+        folder / "model",
+        folder / "report.json",
+        folder / "poses.npz",
+        options,
     )
+
+
+def test_too_few_registered_is_an_error_with_the_key(model, tmp_path):
+    options = MappingOptions(wanted_registered_fraction=0.5, min_registered_fraction=0.9)
     with pytest.raises(StageError, match="9 of 11") as caught:
-        reconstruct_sparse(*arguments)
+        _map_again(model, tmp_path, options)
     assert "sfm.min_registered_fraction" in caught.value.key
     assert (tmp_path / "report.json").is_file(), "the report explains the failure"
     assert not (tmp_path / "poses.npz").exists()
@@ -229,19 +234,11 @@ def test_a_camera_that_is_not_known_is_in_no_later_file(model, tmp_path):
     errors = {name: each["error_px"] for name, each in model["report"]["photos"].items()}
     worst = max((name for name in errors if errors[name]), key=lambda name: errors[name])
     rest = sorted(error for name, error in errors.items() if error and name != worst)
-    report = reconstruct_sparse(
-        model["folder"] / "database.db",
-        model["photos"],
-        model["folder"] / "photos.json",
-        tmp_path / "model",
-        tmp_path / "report.json",
-        tmp_path / "poses.npz",
-        MappingOptions(
-            wanted_registered_fraction=0.8,
-            max_camera_error_px=0.5 * (errors[worst] + rest[-1]),
-            max_attempts=1,
-        ),
+    limit = 0.5 * (errors[worst] + rest[-1])
+    options = MappingOptions(
+        wanted_registered_fraction=0.8, max_camera_error_px=limit, max_attempts=1
     )
+    report = _map_again(model, tmp_path, options)
     assert report["n_left_out"] >= 1
     assert report["photos"][worst]["reason"].startswith("left out: its camera is known within")
     poses = read_poses(tmp_path / "poses.npz")
