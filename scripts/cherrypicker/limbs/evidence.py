@@ -57,9 +57,9 @@ def tell_limb(
 ) -> bool:
     """Whether points tell a tube from noise of its parent's surface and from a bump of it.
 
-    Of the parent's points some are stray, beyond Tukey's cutoff. The points of a bump (a knob, a
-    patch of bark, a section that is no circle) lie a height off the parent's surface, with a
-    scatter of their own; those of a limb lead away from it, and lie on the tube with one of theirs.
+    The points of a bump (a knob, a patch of bark, a section that is no circle) lie a height off the
+    parent's surface, with a scatter of their own; those of a limb lead away from it, and lie on the
+    tube with one of theirs. Neither scatters less than the noise.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CHANNELS, WOOD, Label
+from cherrypicker.classes import CHANNELS, WOOD, Label, wood_mask
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.segmentation.known_markers import BOARD, THICKNESS, KnownMarkers
@@ -144,7 +144,7 @@ def loose_wood(
     of it. Points (n, 3), owners (n,) as of `cherrypicker.wood.target_wood.SharedWood`.
     """
     result = labels.copy()
-    loose = np.flatnonzero(np.isin(labels, WOOD) & (owner < 0))
+    loose = np.flatnonzero(wood_mask(labels) & (owner < 0))
     result[loose] = Label.BRANCH
     things = np.flatnonzero(np.isin(labels, THINGS))
     if not len(things) or not len(loose):
