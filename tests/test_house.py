@@ -28,7 +28,7 @@ LAB_LAYERS = [
     *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "series", "training"),
     *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts", "real_photos"),
     "up_direction",
-    "published",
+    *("published", "written_pages"),
 ]
 STAGES = [
     "prepare_photos",

@@ -1,8 +1,9 @@
 """Take what was measured into docs/figures.json, and render the pages' tables from that file.
 
-Without options the tables alone are rendered. With --demo or --budget the figures of the trees
-that are finished there are taken first, with --peers those of the benchmark of peers, with --row
-those that measure_scanned_row.py wrote. Example:
+Without options the tables alone are rendered, and the pages of config keys and traits are written.
+With --demo or --budget the figures of the trees that are finished there are taken first, with
+--peers those of the benchmark of peers, with --row those that measure_scanned_row.py wrote.
+Example:
 
     python scripts/lab/render_figures.py --demo results --budget results/error_budget
 """
@@ -23,6 +24,7 @@ from cherrypicker_lab.published import (
     measure_row,
     render,
 )
+from cherrypicker_lab.written_pages import written_pages
 
 
 def main(demo=None, budget=None, peers=None, row=None):
@@ -51,6 +53,8 @@ def main(demo=None, budget=None, peers=None, row=None):
         text = (PROJECT / page).read_text(encoding="utf-8")
         write_text(PROJECT / page, render(text, figures))
         logging.getLogger("cherrypicker").info("%s is rendered", page)
+    for page, text in written_pages(PROJECT).items():
+        write_text(PROJECT / page, text)
 
 
 parser = stage_parser(__doc__)

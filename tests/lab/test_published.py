@@ -2,12 +2,15 @@
 
 import copy
 import json
+import re
 
 import pytest
+import yaml
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker_lab.published import FIGURES, PAGES, measure_peers, peers_table, render
+from cherrypicker_lab.written_pages import SCHEMA, written_pages
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +24,28 @@ def test_a_page_says_what_was_measured(project, figures, name):
     page = (project / name).read_text(encoding="utf-8")
     assert "<!-- figures: " in page
     assert render(page, figures) == page
+
+
+def test_a_written_page_follows_the_code(project):
+    """Where this fails: python scripts/lab/render_figures.py."""
+    for name, text in written_pages(project).items():
+        assert (project / name).read_text(encoding="utf-8") == text
+
+
+def keys_of(section, prefix=""):
+    """Every key of a section of the schema that has a value of its own."""
+    for key, entry in section["properties"].items():
+        if entry.get("default") == {} and "properties" in entry:
+            yield from keys_of(entry, f"{prefix}{key}.")
+        else:
+            yield prefix + key
+
+
+def test_every_config_key_stands_on_one_page(project):
+    schema = yaml.safe_load((project / SCHEMA).read_text(encoding="utf-8"))
+    pages = written_pages(project).values()
+    told = [key for page in pages for key in re.findall(r"^\| `([\w.]+)` \| `", page, re.M)]
+    assert sorted(told) == sorted(keys_of(schema))
 
 
 def test_another_figure_is_another_page(project, figures):
