@@ -1,5 +1,6 @@
 """The pages name what there is: keys, commands, scripts, one version."""
 
+import os
 import re
 import tomllib
 
@@ -7,6 +8,7 @@ import pytest
 import yaml
 
 import cherrypicker
+from cherrypicker_lab.written_pages import WRITTEN
 
 # Written from others, or told of the past
 NOT_READ = {"CHANGELOG.md"}
@@ -14,18 +16,20 @@ NOT_READ = {"CHANGELOG.md"}
 
 @pytest.fixture(scope="module")
 def pages(project):
-    """Text of every page by its name."""
+    """Text of every page that people write, by its name."""
     found = [*project.glob("*.md"), *project.glob(".github/*.md")]
     found += [
         path for room in ("docs", "config", "resources") for path in project.glob(f"{room}/**/*.md")
     ]
     names = {path.relative_to(project).as_posix() for path in found} - NOT_READ
-    return {name: (project / name).read_text(encoding="utf-8") for name in names}
+    texts = {name: (project / name).read_text(encoding="utf-8") for name in names}
+    return {name: text for name, text in texts.items() if not text.startswith(WRITTEN)}
 
 
 # Sections whose tables describe and are not measured
 DESCRIBED = {
     "docs/api.md: Coming from pc-skeletor",
+    "docs/batch.md: Hand measurements",
     "docs/command.md: `export`",
     "docs/orchard.md: Walks and backgrounds",
     "docs/paper.md: Equations",
@@ -33,7 +37,7 @@ DESCRIBED = {
     "docs/orchard.md: Bearing trees",
     "docs/photographing.md: How far away",
     "docs/scale.md: What can be known",
-    "docs/traits.md: traits.json",
+    "docs/traits.md: Flags",
     "resources/demo/README.md: The demo orchard",
 }
 
@@ -57,6 +61,26 @@ def undated_tables(pages):
 
 def test_every_measured_table_says_when(pages):
     assert set(undated_tables(pages)) == DESCRIBED
+
+
+def torn_tables(pages):
+    """Rows of tables that do not hang on a head and its rule."""
+    for page, text in pages.items():
+        plain = re.sub(r"(?ms)^```.*?^```", "", text)
+        for block in re.findall(r"(?:^[ ]*\|.*\n?)+", plain, re.M):
+            rows = block.splitlines()
+            if len(rows) < 3 or not re.fullmatch(r"[ ]*\|([ ]?:?-+:?[ ]?\|)+", rows[1]):
+                yield f"{page}: {rows[0]}"
+
+
+def test_no_table_is_torn(pages):
+    """A line amid a table ends it, and what follows is no table any more."""
+    assert list(torn_tables(pages)) == []
+
+
+def test_a_torn_table_is_found():
+    page = "| a | b |\n|---|---|\n| c | 0.1 |\n\nMeasured.\n| d | 0.2 |\n"
+    assert list(torn_tables({"a.md": page})) == ["a.md: | d | 0.2 |"]
 
 
 def test_a_table_without_a_date_is_found():
@@ -86,6 +110,32 @@ def test_every_config_key_that_a_page_names_exists(project, pages):
     missing = [each for each in named if each[2] not in keys[each[1]] and each[2] not in files]
     assert len(named) > 60
     assert missing == []
+
+
+def slug(heading):
+    """The anchor that GitHub and the site give a heading."""
+    words = re.sub(r"[^\w\- ]", "", re.sub(r"\[(.*?)\]\(.*?\)", r"\1", heading).lower())
+    return words.replace(" ", "-")
+
+
+def broken_links(project, pages):
+    """Links to files that are not there, and to headings that the page does not have."""
+    plain = {name: re.sub(r"(?ms)^```.*?^```", "", text) for name, text in pages.items()}
+
+    def headings(name):
+        text = plain[name] if name in plain else (project / name).read_text(encoding="utf-8")
+        return {slug(heading) for heading in re.findall(r"^#+ (.*)$", text, re.M)}
+
+    for page, text in plain.items():
+        for path, anchor in re.findall(r"\]\((?![a-z]+:)([^)#\s]*)#?([^)\s]*)\)", text):
+            found = project / page if not path else (project / page).parent / path
+            name = os.path.relpath(found, project)
+            if not found.exists() or (anchor and anchor not in headings(name)):
+                yield f"{page}: {path}#{anchor}"
+
+
+def test_no_link_is_broken(project, pages):
+    assert list(broken_links(project, pages)) == []
 
 
 def test_every_script_and_target_that_a_page_calls_exists(project, pages):
@@ -122,5 +172,6 @@ def test_there_is_one_version(project):
 def test_every_page_stands_in_the_sites_contents(project):
     """Else `make docs`, which is strict, fails."""
     contents = (project / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1]
-    named = set(re.findall(r": (\w+\.md)$", contents, re.M))
-    assert {path.name for path in project.glob("docs/*.md")} <= named
+    named = set(re.findall(r": ([\w/]+\.md)$", contents, re.M))
+    docs = project / "docs"
+    assert {path.relative_to(docs).as_posix() for path in docs.rglob("*.md")} <= named
