@@ -22,6 +22,7 @@ from cherrypicker.skeleton import axes, read_skeleton, read_topology
 from cherrypicker.traits.branch_points import branch_cloud
 from cherrypicker.traits.branches import branches_csv
 from cherrypicker.traits.measure import TraitOptions, measure_traits
+from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.table import LIMB_COLUMNS
 
 
@@ -56,13 +57,15 @@ def main(
         tree,
         cloud,
         read_topology(topology),
-        scale=read_json(scale) if scale else None,
-        sparse=read_json(sparse) if sparse else None,
-        target=read_json(target) if target else None,
-        edits=read_json(edits) if edits else None,
-        photo_check=read_json(photo_check) if photo_check else None,
-        poses=poses,
-        photos=photos,
+        Reports(
+            scale=read_json(scale) if scale else {},
+            sparse=read_json(sparse) if sparse else {},
+            target=read_json(target) if target else {},
+            edits=read_json(edits) if edits else {},
+            photo_check=read_json(photo_check) if photo_check else {},
+            poses=poses,
+            photos=photos,
+        ),
         options=options,
         seed=seed,
     )

@@ -18,8 +18,9 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import axes, axis_of_node, read_skeleton, read_skeleton_csv
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.flags import scan_flags
+from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.missing_top import find_missing_top
+from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.support import densify
 from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
 from cherrypicker_lab.spoilt_skeletons import Spoilt
@@ -76,7 +77,7 @@ class FinishedScan:
             for each in (spoilt.skeleton, left)
         )
         top = find_missing_top(self.photos, wood, spoilt.skeleton.points[0])
-        flags = scan_flags("m", photo_check=report, missing_top=top)
+        flags = quality_flags(Reports(photo_check=report), missing_top=top)
         return {
             "length": spoilt.length,
             "precision": before["skeleton_precision_all"],

@@ -12,8 +12,9 @@ from cherrypicker.files import write_json
 from cherrypicker.mvs.raster import make_raster
 from cherrypicker.mvs.workspace import view_of
 from cherrypicker.placement.region import find_region
-from cherrypicker.traits.flags import scan_flags
+from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.missing_top import find_missing_top
+from cherrypicker.traits.reports import Reports
 
 TARGET = np.array([0.0, 0.0, 1.2])
 SIZE, FOCAL = (300, 400), 300.0
@@ -122,7 +123,7 @@ def test_a_cloud_without_its_top_is_told(scan):
     assert cut.found == pytest.approx(2.0, abs=0.01)
     assert cut.height == pytest.approx(2.4, abs=0.08)
     assert cut.n_photos > 12
-    (flag,) = scan_flags("m", missing_top=cut)
+    (flag,) = quality_flags(Reports(), missing_top=cut)
     assert flag.startswith("top_not_in_cloud: ")
     assert f"up to {cut.height:.2f} m" in flag
 

@@ -8,7 +8,8 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label
 from cherrypicker.photo_check.check import check_photos
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.traits.flags import scan_flags
+from cherrypicker.traits.flags import quality_flags
+from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.spoilt_skeletons import APART_M, LEAVES_M, spoil
 
 SPOILT = [
@@ -53,7 +54,7 @@ def test_the_photos_tell_it_every_time(scan, finished, kind, size):
     report, _ = check_photos(
         spoilt.skeleton, spoilt.cloud, scan, finished[1].points, other_stems=np.empty((0, 2))
     )
-    flags = [flag.partition(":")[0] for flag in scan_flags("m", photo_check=report)]
+    flags = [flag.partition(":")[0] for flag in quality_flags(Reports(photo_check=report))]
     assert flags == ["not_in_photos" if kind.startswith("strand") else "wood_missing"]
     if spoilt.length and not kind.startswith("strand"):
         assert report["missing_from_cloud_length"] > 0.5 * report["missing_length"]

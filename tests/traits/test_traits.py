@@ -16,6 +16,7 @@ from cherrypicker.skeleton import Skeleton, axes, fold
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.measure import TraitOptions, measure_traits
+from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import BRANCH_COLUMNS, LIMB_COLUMNS, TRAITS
 
@@ -308,7 +309,7 @@ def test_scale_error_widens_intervals(y_tree):
     skeleton, scan = y_tree.skeleton(), y_tree.scan()
     loose = {"scale": 2.0, "scale_std": 0.04, "unit": "m"}
     plain, _ = measure_traits(skeleton, scan, options=draws(80))
-    wide, _ = measure_traits(skeleton, scan, options=draws(80), scale=loose)
+    wide, _ = measure_traits(skeleton, scan, options=draws(80), reports=Reports(scale=loose))
     assert wide["height_m_se"] == pytest.approx(0.02 * wide["height_m"], rel=0.3)
     assert wide["trunk_diameter_m_se"] > plain["trunk_diameter_m_se"]
     assert any(flag.startswith("scale_uncertain") for flag in wide["flags"])
@@ -320,8 +321,9 @@ def test_unsure_cameras_are_flagged(y_tree):
         sure = {"median": 0.4, "max": 1.2, "worst": "IMG_7.jpg"}
         photos = {"IMG_6.jpg": {"doubt": ""}, "IMG_7.jpg": {"doubt": doubt}}
         sparse = {"n_photos": 9, "n_registered": 7, "n_left_out": 2, "photos": photos}
+        sparse["camera_error_px"] = sure
         traits, _ = measure_traits(
-            skeleton, scan, options=draws(30), sparse=sparse | {"camera_error_px": sure}
+            skeleton, scan, reports=Reports(sparse=sparse), options=draws(30)
         )
         flags = {flag.split(":")[0]: flag for flag in traits["flags"]}
         assert ("cameras_uncertain" in flags) is bool(doubt)

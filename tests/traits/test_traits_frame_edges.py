@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from cherrypicker.poses import Poses
-from cherrypicker.traits.flags import scan_flags
+from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.frame_edges import frame_edges
+from cherrypicker.traits.reports import Reports
 
 N_PHOTOS, DISTANCE, FOCAL = 12, 4.0, 1000.0
 
@@ -43,7 +44,7 @@ def test_top_outside():
     assert edge.azimuth_deg is None
     assert edge.beyond == pytest.approx(0.05 * 1.98, rel=0.01)
     assert (edge.n_photos, edge.n_usual) == (0, N_PHOTOS)
-    (flag,) = scan_flags("m", edges=[edge])
+    (flag,) = quality_flags(Reports(), edges=[edge])
     assert flag.startswith("top_outside_photos: 0 photos frame what is 0.10 m above")
 
 
@@ -53,7 +54,7 @@ def test_sides_outside():
     edges = frame_edges(cut, column(top=1.5, half_width=0.28))
     assert {edge.azimuth_deg for edge in edges} >= {90.0, 270.0}
     assert not {0.0, 180.0, None} & {edge.azimuth_deg for edge in edges}
-    (flag,) = scan_flags("m", edges=edges)
+    (flag,) = quality_flags(Reports(), edges=edges)
     assert flag.startswith("side_outside_photos: towards azimuth")
 
 

@@ -5,8 +5,9 @@ import pytest
 
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows
-from cherrypicker.traits.flags import scan_flags
+from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.measure import _photo_shares
+from cherrypicker.traits.reports import Reports
 
 GOOD = {
     "photo_precision": 0.99,
@@ -25,13 +26,13 @@ GOOD = {
 
 
 def names(check):
-    return [flag.split(":")[0] for flag in scan_flags("m", photo_check=check)]
+    return [flag.split(":")[0] for flag in quality_flags(Reports(photo_check=check))]
 
 
 def test_a_skeleton_that_the_photos_confirm_has_no_flag():
-    assert names(GOOD) == names(None) == []
+    assert names(GOOD) == names({}) == []
     assert _photo_shares(GOOD).keys() < GOOD.keys()
-    assert _photo_shares(None) == {}
+    assert _photo_shares({}) == {}
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,8 @@ from cherrypicker.files import read_json, write_json
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import write_cloud
-from cherrypicker.traits.flags import scan_flags
+from cherrypicker.traits.flags import quality_flags
+from cherrypicker.traits.reports import Reports
 from cherrypicker.wood.target import CLOSE_CALL, TREE_SHARE, choose_target, target_report
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
@@ -130,7 +131,7 @@ def test_two_trees_of_equal_size_are_a_close_call(rng):
     assert report["runner_up"] == other and report["margin"] == wood.choice.margin
     assert report["other_stems_xy"] == [other["base"][:2]]
     assert other["crop_target_xy"] == pytest.approx(np.array(other["base"][:2]) / 2, abs=1e-4)
-    flags = scan_flags("m", target=report)
+    flags = quality_flags(Reports(target=report))
     assert [flag.split(":")[0] for flag in flags] == ["target_close", "second_tree"]
     assert f"crop.target_xy: {other['crop_target_xy']}" in flags[0]
     # what the flag proposes takes the other one

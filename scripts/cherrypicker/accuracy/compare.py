@@ -12,6 +12,7 @@ from cherrypicker.accuracy.places import TOLERANCE_M, Place, Places
 from cherrypicker.files import rounded
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.intervals import Z90, diameter_terms, interval, typical_scatter
+from cherrypicker.traits.reports import relative_error
 
 # A trunk diameter was measured at the height of a section if it lies this close, m
 _SAME_HEIGHT_M = 0.005
@@ -51,9 +52,7 @@ class ComparedTree:
         foot = traits.get("foot") or skeleton.points[0].tolist()
         self.places = Places(skeleton, axes(skeleton), foot[2])
         self.typical = typical_scatter(skeleton)
-        self.scale_error = 0.0
-        if scale and scale.get("scale") and scale.get("scale_std"):
-            self.scale_error = scale["scale_std"] / scale["scale"]
+        self.scale_error = relative_error(scale)
         # Photos that were surer than the points scaled the whole branch (`traits.branches`)
         self.by_photos = {
             row["branch_id"]: row["diameter"] / row["tube_diameter"]

@@ -12,7 +12,6 @@ from PIL import Image
 
 import cherrypicker
 from cherrypicker.report.accuracy import accuracy_section
-from cherrypicker.report.advice import advice_for
 from cherrypicker.report.branches import branch_facts, branch_table
 from cherrypicker.report.cameras import camera_views
 from cherrypicker.report.edit_file import edit_file
@@ -22,6 +21,7 @@ from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
 from cherrypicker.report.text import page_template, script_json, with_uncertainty
 from cherrypicker.report.viewer import ShownSkeleton, module_map, viewer_data
+from cherrypicker.traits.flags import advice_for
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.units import unit_name
 

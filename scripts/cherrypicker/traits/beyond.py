@@ -8,7 +8,7 @@ on, and a value is told to be the least.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,35 +16,11 @@ from cherrypicker.traits.crown import Crown, horizontal_width, hull_of
 from cherrypicker.traits.missing_top import VOXEL, MissingTop
 from cherrypicker.traits.shoot_ends import Hull
 
-#: Flag to the traits of which more is there than was found.
-AT_LEAST = {
-    "top_not_in_cloud": ("height_m", "crown_volume_m3", "total_length_m"),
-    "top_outside_photos": ("height_m", "crown_volume_m3", "total_length_m"),
-    "side_outside_photos": ("crown_width_m", "crown_volume_m3", "total_length_m"),
-    "wood_missing": ("total_length_m",),
-    "wood_left_out": ("total_length_m",),
-    "wood_loose": ("total_length_m",),
-}
-
-
-def at_least(flags: Sequence[str], outgrown: Sequence[str] = ()) -> list[str]:
-    """Names of the traits whose value is the least that it can be.
-
-    Parameters
-    ----------
-    flags : sequence of str
-        Of the tree.
-    outgrown : sequence of str
-        Traits that wood which is known to be missing makes larger than their error allows.
-    """
-    told = {name for flag in flags for name in AT_LEAST.get(flag.partition(":")[0], ())}
-    return sorted(told.union(outgrown))
-
 
 def missing_wood(
     left_out: np.ndarray,
-    target: dict | None,
-    photo_check: dict | None,
+    target: Mapping,
+    photo_check: Mapping,
     top: MissingTop | None,
     foot: np.ndarray,
 ) -> np.ndarray:
@@ -54,15 +30,15 @@ def missing_wood(
     ----------
     left_out : ndarray of shape (n_boxes, 2, 3), float64
         Lower and upper corners around wood that the skeleton left out.
-    target : dict, optional
+    target : mapping
         ``target.json``, with the loose pieces that were no part of its wood.
-    photo_check : dict, optional
+    photo_check : mapping
         ``photo_check.json``, with pieces of thin wood that photos show and the skeleton lacks.
     top : MissingTop, optional
         Above the foot; told to a voxel, one of which it may be taller.
     foot : ndarray of shape (3,), float64
     """
-    pieces = [*(target or {}).get("loose", ()), *(photo_check or {}).get("missing_pieces", ())]
+    pieces = [*target.get("loose", ()), *photo_check.get("missing_pieces", ())]
     boxes = np.array([[piece["low"], piece["high"]] for piece in pieces if "low" in piece])
     boxes = np.concatenate([left_out, boxes.reshape(-1, 2, 3)])
     which = np.indices((2, 2, 2)).reshape(3, -1).T  # lower or upper end along each axis

@@ -34,7 +34,7 @@ def branch_rows(
     foot_z: float,
     *,
     scale_error: float = 0.0,
-    photo_check: dict | None = None,
+    photo_check: Mapping | None = None,
 ) -> list:
     """Measure every axis.
 
@@ -124,7 +124,7 @@ def _intervals(shape: dict, typical: float | None, scale_error: float) -> dict:
 
 
 def _use_photos(
-    shape: dict, intervals: dict, photo_check: dict | None, scale_error: float
+    shape: dict, intervals: dict, photo_check: Mapping | None, scale_error: float
 ) -> dict[str, list]:
     """Mean diameters by the photos and their errors, None where the points are surer.
 
@@ -152,7 +152,7 @@ def _use_photos(
     return found
 
 
-def _existence(n_axes: int, photo_check: dict | None) -> list[float | None]:
+def _existence(n_axes: int, photo_check: Mapping | None) -> list[float | None]:
     """How probable each axis is by the photos, None where nobody was asked."""
     told = {each["branch_id"]: each["p_exists"] for each in (photo_check or {}).get("axes", ())}
     return [told.get(row) for row in range(n_axes)]

@@ -1,267 +1,379 @@
-"""Quality warnings of a tree's traits: "name: sentence", in a fixed order."""
+"""Quality warnings of a tree's traits: a row each says when, in which words, and what helps.
+
+Nothing heavy is imported: pages ask here for advice.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from cherrypicker.traits.foot import Foot
-from cherrypicker.traits.missing_top import MissingTop
-from cherrypicker.traits.support import Support
-from cherrypicker.traits.trunk import TrunkDiameter
+from cherrypicker.traits.reports import Reports
 from cherrypicker.units import unit_name
 
-# From where on a user should look. Guesses but for the share of missed wood: with it the faulty
-# tree of docs/traits.md is told and six sound ones are not
-_LOW_ARC_DEG = 240.0
-_LOW_CONFIDENCE = 0.6
-_ROUGH = 0.12  # share of the radius that the points scatter
-_HIDDEN_FOOT_M = 0.1
-_FEW_PHOTOS = 0.9  # share that is registered
-_MISSED_SHARE, _MISSED_LENGTH_M = 0.01, 0.15
-_LOOSE_SCALE = 0.01
-_PHOTOS_AGREE = 0.95  # shares below are told; guess
-_PLAUSIBLE_HEIGHT_M = (0.15, 25.0)  # of a fruit tree
+if TYPE_CHECKING:
+    from cherrypicker.traits.foot import Foot
+    from cherrypicker.traits.frame_edges import FrameEdge
+    from cherrypicker.traits.missing_top import MissingTop
+    from cherrypicker.traits.support import Support
+    from cherrypicker.traits.trunk import TrunkDiameter
+
+# A piece of wood longer than this is told, or a larger share. With 1 % of the points the faulty
+# tree of docs/traits.md is told and six sound ones are not; the photos' share is a guess
+_LONG_M, _MISSED_PERCENT, _PHOTOS_AGREE = 0.15, 1.0, 0.95
+
+
+@dataclass(frozen=True)
+class Flag:
+    """A quality warning, told as "name: sentence"."""
+
+    name: str
+    when: Callable[[Any], Any]  # of the facts that `quality_flags` gathers
+    sentence: str  # which tells these facts, a format of ``f``
+    advice: str
+    least: tuple[str, ...] = ()  # traits of which more is there than was found
+
+
+def _is_doubtful(share: float | None, longest: float) -> bool:
+    return share is not None and (share < _PHOTOS_AGREE or longest > _LONG_M)
+
+
+_HEIGHT = ("height_m", "crown_volume_m3", "total_length_m")
+_ROWS = (
+    Flag(
+        "unscaled",
+        lambda f: f.unit != "m",
+        "the scan has no scale, all lengths are in arbitrary units",
+        "Put a marker beside the tree and name it in marker_sides_m, or give a scale.",
+    ),
+    Flag(
+        "odd_height",  # for a fruit tree (guess)
+        lambda f: f.unit == "m" and f.height is not None and not 0.15 <= f.height <= 25.0,
+        "a tree {f.height:.3g} m tall is odd; check scale, marker_sides_m or cloud_unit in "
+        "trees.tsv",
+        "Check scale, marker_sides_m or cloud_unit in trees.tsv.",
+    ),
+    Flag(
+        "scale_uncertain",
+        lambda f: f.scale_error > 1.0,  # guess
+        "the scale's standard error is {f.scale_error:.1f} %",
+        "Photograph the markers from nearer and from more sides, or use larger ones.",
+    ),
+    Flag(
+        "scale_doubtful",
+        lambda f: f.doubts,
+        "{f.doubts}",
+        "Compare the known lengths below: measure again the one that is named, and look for it in "
+        "the photos.",
+    ),
+    Flag(
+        "few_photos",
+        lambda f: (
+            f.n_used is not None and f.n_used < 0.9 * (f.sparse.get("n_photos") or 0)
+        ),  # guess
+        "{f.n_used} of {f.sparse[n_photos]} photos are used{f.left_out}",
+        "See below which photos failed and why. Take more, with more overlap.",
+    ),
+    Flag(
+        "cameras_uncertain",
+        lambda f: f.n_doubtful and f.camera_error,
+        "{f.n_doubtful} of {f.n_used} used photos are doubtful, {f.camera_error[worst]} "
+        "is known within {f.camera_error[max]:.1f} px at the tree, the median within "
+        "{f.camera_error[median]:.1f} px; photos should overlap more",
+        "Take the photos closer together, so that each part stands in more.",
+    ),
+    Flag(
+        "top_outside_photos",
+        lambda f: f.top,
+        "{f.top.n_photos} photos frame what is {f.top.beyond:.2f} {f.m} above the highest wood, "
+        "{f.top.n_usual} the tree; height may be too small, photograph the tree from farther away",
+        "Photograph the tree from farther away, with its top in the picture.",
+        _HEIGHT,
+    ),
+    Flag(
+        "side_outside_photos",
+        lambda f: f.side,
+        "towards azimuth {f.azimuths} degrees as few as {f.side.n_photos} photos frame what is "
+        "{f.side.beyond:.2f} {f.m} beyond the outermost wood, {f.side.n_usual} the tree; the "
+        "crown's width may be too small",
+        "Photograph the tree from farther away, with that side in the picture.",
+        ("crown_width_m", "crown_volume_m3", "total_length_m"),
+    ),
+    Flag(
+        "top_not_in_cloud",
+        lambda f: f.missing_top,
+        "{f.missing_top.n_photos} photos show wood up to {f.missing_top.height:.2f} {f.m} over the "
+        "foot, the cloud ends at {f.missing_top.found:.2f}; height, crown and lengths are too "
+        "small, look at mvs.max_image_size_px and the depth maps",
+        "Raise mvs.max_image_size_px, and look at the depth maps below.",
+        _HEIGHT,
+    ),
+    Flag(
+        "dropped_by_photos",
+        lambda f: _is_doubtful(
+            1.0 - f.before["dropped_length"] / f.before["length"], f.longest["dropped"]
+        ),
+        "{f.before[dropped_length]:.2f} of {f.before[length]:.2f} {f.m} of skeleton are more "
+        "likely not there by all photos together and were dropped, the longest piece "
+        "{f.longest[dropped]:.2f} {f.m}",
+        "Look at the worst photo below: what is purple was dropped. Nothing is to do if it is no "
+        "wood.",
+    ),
+    Flag(
+        "not_in_photos",
+        lambda f: _is_doubtful(f.photo_check.get("photo_precision"), f.longest["refuted"]),
+        "of {f.photo_check[length]:.2f} {f.m} of skeleton {f.photo_check[refuted_length]:.2f} are "
+        "likely not there by the photos, the longest piece {f.longest[refuted]:.2f} {f.m}",
+        "Look at the worst photo below, and delete in the view what is red there.",
+    ),
+    Flag(
+        "wood_missing",
+        lambda f: _is_doubtful(f.photo_check.get("photo_recall"), f.longest["missing"]),
+        "the photos show {f.photo_check[missing_length]:.2f} {f.m} of thin wood that the skeleton "
+        "lacks, the longest piece {f.longest[missing]:.2f} {f.m}, and about "
+        "{f.photo_check[unseen_length]:.2f} more may be missing where they have no sky behind the "
+        "tree; height, crown and lengths may be too small",
+        "Look at the worst photo below: what is orange lacks. Photograph again where the table "
+        "below says, or raise mvs.max_image_size_px.",
+        ("total_length_m",),
+    ),
+    Flag(
+        "target_close",
+        lambda f: f.warnings.get("target_close"),
+        "{f.warnings[target_close]}",
+        "Look whether the right tree was taken; else set crop.target_xy to the other.",
+    ),
+    Flag(
+        "target_far",
+        lambda f: f.warnings.get("target_far"),
+        "{f.warnings[target_far]}",
+        "Correct crop.target_xy: the places of the candidates stand below.",
+    ),
+    Flag(
+        "second_tree",
+        lambda f: f.n_others,
+        "{f.n_others} other tree(s) stand beside the target; crop.target_xy chooses between them",
+        "Look whether the right tree was taken; else set crop.target_xy.",
+    ),
+    Flag(
+        "wood_loose",
+        lambda f: f.loose_length > _LONG_M,
+        "{f.n_loose} piece(s) of wood near the tree hang on nothing and are not in the skeleton, "
+        "{f.loose_length:.2f} {f.m} in all, the largest {f.longest_loose[0]:.2f} {f.m} long and "
+        "{f.longest_loose[1][gap]:.2f} off; height, crown and lengths may be too small",
+        "In the view, look for wood beside the skeleton. Is it the tree's? Then raise "
+        "contract.gap_m over its distance, or photograph what lies between from nearer.",
+        ("total_length_m",),
+    ),
+    Flag(
+        "edits_lost",
+        lambda f: f.lost,
+        "{f.n_lost} of {f.edits[n_edits]} hand corrections no longer find their place ({f.lost})",
+        "Look whether these corrections are still needed. If so, make them again in the view; take "
+        "the lost ones out of the file.",
+    ),
+    Flag(
+        "trunk_not_measured",
+        lambda f: f.trunk and f.trunk.source == "skeleton",
+        "no circle fits the stem points, the trunk diameter is the skeleton's and has no "
+        "uncertainty",
+        "Look at the trunk sections below. Photograph the stem from all sides, or set "
+        "traits.trunk_height_m where it is seen whole.",
+    ),
+    Flag(
+        "arc_coverage_low",
+        lambda f: f.trunk and f.trunk.source == "points" and f.trunk.arc_deg < 240.0,  # guess
+        "points cover {f.trunk.arc_deg:.0f} of 360 degrees of the trunk at height "
+        "{f.trunk.height:.2f} {f.m}",
+        "Photograph the stem from the sides that lack, or set traits.trunk_height_m where it is "
+        "seen whole.",
+    ),
+    Flag(
+        "trunk_rough",
+        lambda f: f.rough > 12.0,  # guess
+        "points scatter by {f.trunk.residual:.4f} {f.m} around the trunk's surface, "
+        "{f.rough:.0f} % of its radius",
+        "Look at the trunk sections: a fork, a burr or a tie there? Set traits.trunk_height_m "
+        "above or below it.",
+    ),
+    Flag(
+        "trunk_height_moved",
+        lambda f: f.trunk and abs(f.trunk.height - f.wanted_height) > 1e-6,
+        "the trunk diameter was taken at height {f.trunk.height:.2f} {f.m}, not "
+        "{f.wanted_height:.2f}",
+        "Set traits.trunk_height_m to a height that the trunk reaches.",
+    ),
+    Flag(
+        "no_diameter",
+        lambda f: f.unmeasured,
+        "the trunk has no measurable diameter at {f.unmeasured} {f.m}",
+        "Take these heights out of traits.trunk_heights_m, or photograph the stem there.",
+    ),
+    Flag(
+        "no_ground",
+        lambda f: f.foot and f.foot.source == "wood",
+        "no ground below the stem, its foot is its lowest points",
+        "Photograph the ground around the stem. Until then all heights lack what is below the "
+        "lowest point.",
+    ),
+    Flag(
+        "foot_unseen",
+        lambda f: f.foot and f.foot.source == "root",
+        "neither ground nor stem around the skeleton's root, its foot",
+        "Photograph the foot of the stem. Look whether the skeleton's root is the tree's.",
+    ),
+    Flag(
+        "foot_hidden",
+        lambda f: f.foot and f.foot.gap > 0.1,  # guess
+        "the lowest stem points lie {f.foot.gap:.2f} {f.m} over the ground, nothing of the stem "
+        "was found below them",
+        "Clear the grass from the foot and photograph it, or trust heights less.",
+    ),
+    Flag(
+        "gaps_bridged",
+        lambda f: f.support and len(f.support.gaps),
+        "the skeleton bridges {f.support.gaps.size} gap(s) without points, the longest "
+        "{f.longest_gap:.2f} {f.m}",
+        "Sort the branches by their flags and look at those with a gap. Cut what is not one "
+        "branch; photograph that side from nearer.",
+    ),
+    Flag(
+        "stray_pieces",
+        lambda f: f.support and f.support.n_stray,
+        "{f.support.n_stray} piece(s) of skeleton, {f.support.stray_length:.2f} {f.m} in all, are "
+        "shorter than the gaps that they hang on and do not count for height and crown",
+        "In the view, connect the pieces that are the tree's and delete the others.",
+    ),
+    Flag(
+        "wood_left_out",
+        lambda f: f.support and (f.missed > _MISSED_PERCENT or f.support.missed_length > _LONG_M),
+        "{f.missed:.1f} % of the wood points lie far from the skeleton, the largest piece "
+        "is {f.support.missed_length:.2f} {f.m} long; height, crown and lengths may be too small",
+        "In the view, look for wood without a line. Is it the tree's? Then photograph it from "
+        "nearer. Is it not? Then crop closer.",
+        ("total_length_m",),
+    ),
+    Flag(
+        "no_crown",
+        lambda f: f.crown_width == 0,
+        "nothing leaves the stem, crown width and volume are 0",
+        "Is this the tree? Set crop.target_xy to its place, or look at the classes.",
+    ),
+    Flag(
+        "labels_uncertain",
+        lambda f: f.confidence is not None and f.confidence < 0.6,  # guess
+        "the median confidence of the wood is {f.confidence:.2f}",
+        "Colour the points by confidence in the view, and correct by editing what follows from a "
+        "wrong class.",
+    ),
+)
+#: Name to warning, in the order in which they are told.
+FLAGS = {flag.name: flag for flag in _ROWS}
 
 
 def quality_flags(
-    trunk: TrunkDiameter,
-    wanted_height: float,
-    missing: list[float],
-    foot: Foot,
-    support: Support,
-    crown_width: float,
-    confidence: float | None,
-    unit: str,
-) -> list[str]:
-    """Warnings that follow from the measurement itself.
-
-    Parameters
-    ----------
-    wanted_height : float
-        Height at which the diameter was asked for.
-    missing : list of float
-        Further heights that the trunk reaches but where no diameter could be measured.
-    confidence : float or None
-        Median confidence of the wood labels.
-    unit : str
-        ``m`` or ``arbitrary``.
-    """
-    length = unit_name(unit)
-    flags = []
-    if trunk.source == "skeleton":
-        flags.append(
-            "trunk_not_measured: no circle fits the stem points, the trunk diameter is the "
-            "skeleton's and has no uncertainty"
-        )
-    elif trunk.arc_deg < _LOW_ARC_DEG:
-        flags.append(
-            f"arc_coverage_low: points cover {trunk.arc_deg:.0f} of 360 degrees of the trunk at "
-            f"height {trunk.height:.2f} {length}"
-        )
-    if trunk.source == "points" and trunk.residual > _ROUGH * trunk.diameter / 2:
-        flags.append(
-            f"trunk_rough: points scatter by {trunk.residual:.4f} {length} around the trunk's "
-            f"surface, {200 * trunk.residual / trunk.diameter:.0f} % of its radius"
-        )
-    if abs(trunk.height - wanted_height) > 1e-6:
-        flags.append(
-            f"trunk_height_moved: the trunk diameter was taken at height {trunk.height:.2f} "
-            f"{length}, not {wanted_height:.2f}"
-        )
-    if missing:
-        heights = ", ".join(f"{height:.2f}" for height in missing)
-        flags.append(f"no_diameter: the trunk has no measurable diameter at {heights} {length}")
-    flags += _shape_flags(foot, support, crown_width, confidence, length)
-    return flags
-
-
-def _shape_flags(
-    foot: Foot, support: Support, crown_width: float, confidence: float | None, length: str
-) -> list[str]:
-    flags = []
-    if foot.source == "wood":
-        flags.append("no_ground: no ground below the stem, its foot is its lowest points")
-    elif foot.source == "root":
-        flags.append("foot_unseen: neither ground nor stem around the skeleton's root, its foot")
-    elif foot.gap > _HIDDEN_FOOT_M:
-        flags.append(
-            f"foot_hidden: the lowest stem points lie {foot.gap:.2f} {length} over the ground, "
-            "nothing of the stem was found below them"
-        )
-    if len(support.gaps):
-        flags.append(
-            f"gaps_bridged: the skeleton bridges {len(support.gaps)} gap(s) without points, the "
-            f"longest {np.max(support.gaps):.2f} {length}"
-        )
-    if support.n_stray:
-        flags.append(
-            f"stray_pieces: {support.n_stray} piece(s) of skeleton, {support.stray_length:.2f} "
-            f"{length} in all, are shorter than the gaps that they hang on and do not count for "
-            "height and crown"
-        )
-    if support.missed_share > _MISSED_SHARE or support.missed_length > _MISSED_LENGTH_M:
-        flags.append(
-            f"wood_left_out: {100 * support.missed_share:.1f} % of the wood points lie far from "
-            f"the skeleton, the largest piece is {support.missed_length:.2f} {length} long; "
-            "height, crown and lengths may be too small"
-        )
-    if crown_width == 0:
-        flags.append("no_crown: nothing leaves the stem, crown width and volume are 0")
-    if confidence is not None and confidence < _LOW_CONFIDENCE:
-        flags.append(f"labels_uncertain: the median confidence of the wood is {confidence:.2f}")
-    return flags
-
-
-def scan_flags(
-    unit: str,
+    reports: Reports,
+    unit: str = "m",
     *,
     height: float | None = None,
-    scale: dict | None = None,
-    sparse: dict | None = None,
-    target: dict | None = None,
-    edits: dict | None = None,
-    photo_check: dict | None = None,
-    edges: Sequence = (),
+    trunk: TrunkDiameter | None = None,
+    wanted_height: float = 0.0,
+    unmeasured: Sequence[float] = (),
+    foot: Foot | None = None,
+    support: Support | None = None,
+    crown_width: float | None = None,
+    confidence: float | None = None,
+    edges: Sequence[FrameEdge] = (),
     missing_top: MissingTop | None = None,
 ) -> list[str]:
-    """Warnings that earlier stages left in their reports, and an odd size of the whole.
+    """The warnings of a tree, "name: sentence" each, by what is known of it.
 
     Parameters
     ----------
-    unit : str
+    unit : str, default "m"
         ``m`` or ``arbitrary``.
-    height : float, optional
-        Of the tree, in that unit.
-    scale, sparse, target, edits, photo_check : dict, optional
-        As of :func:`cherrypicker.traits.measure.measure_traits`.
+    wanted_height : float
+        At which the diameter of `trunk` was asked for.
+    unmeasured : sequence of float
+        Further heights that the trunk reaches but where no diameter could be measured.
+    confidence : float, optional
+        Median confidence of the wood labels.
     edges : sequence of FrameEdge
         Sides of the tree beyond which few photos look.
     missing_top : MissingTop, optional
         How much taller the photos show the tree than its cloud is.
     """
-    flags = []
-    if unit != "m":
-        flags.append("unscaled: the scan has no scale, all lengths are in arbitrary units")
-    elif height is not None and not _PLAUSIBLE_HEIGHT_M[0] <= height <= _PLAUSIBLE_HEIGHT_M[1]:
-        flags.append(
-            f"odd_height: a tree {height:.3g} m tall is odd; check scale, marker_sides_m or "
-            "cloud_unit in trees.tsv"
-        )
-    if scale and scale.get("scale") and scale.get("scale_std"):
-        share = scale["scale_std"] / scale["scale"]
-        if share > _LOOSE_SCALE:
-            flags.append(f"scale_uncertain: the scale's standard error is {100 * share:.1f} %")
-    if scale and scale.get("doubts"):
-        flags.append(f"scale_doubtful: {'; '.join(scale['doubts'])}")
-    if sparse:
-        n_photos, n_registered = sparse.get("n_photos"), sparse.get("n_registered")
-        if n_photos and n_registered is not None and n_registered < _FEW_PHOTOS * n_photos:
-            lost = sparse.get("n_left_out", 0)
-            flags.append(
-                f"few_photos: {n_registered} of {n_photos} photos are used"
-                + (f", {lost} were left out for their cameras' errors" if lost else "")
-            )
-        n_doubtful = sum(bool(facts.get("doubt")) for facts in sparse.get("photos", {}).values())
-        unsure = sparse.get("camera_error_px")
-        if n_doubtful and unsure:
-            flags.append(
-                f"cameras_uncertain: {n_doubtful} of {n_registered} used photos are doubtful, "
-                f"{unsure['worst']} is known within {unsure['max']:.1f} px at the tree, the median "
-                f"within {unsure['median']:.1f} px; photos should overlap more"
-            )
-    flags += _edge_flags(edges, unit_name(unit))
-    if missing_top is not None:
-        flags.append(
-            f"top_not_in_cloud: {missing_top.n_photos} photos show wood up to "
-            f"{missing_top.height:.2f} {unit_name(unit)} over the foot, the cloud ends at "
-            f"{missing_top.found:.2f}; height, crown and lengths are too small, look at "
-            "mvs.max_image_size_px and the depth maps"
-        )
-    flags += _photo_flags(photo_check or {}, unit_name(unit))
-    flags += _target_flags(target or {}, unit_name(unit))
-    if edits and edits["lost"]:
-        flags.append(
-            f"edits_lost: {len(edits['lost'])} of {edits['n_edits']} hand corrections no longer "
-            f"find their place ({'; '.join(edits['lost'])})"
-        )
-    return flags
-
-
-def _photo_flags(check: dict, length: str) -> list:
-    """What the photos refute of the skeleton, and what they show that it lacks."""
-    flags = []
-    longest = {
-        name: max((piece["length"] for piece in check.get(f"{name}_pieces", ())), default=0.0)
-        for name in ("refuted", "missing")
+    check, target, lost = reports.photo_check, reports.target, reports.edits.get("lost", ())
+    before = check.get("before") or {"dropped_length": 0.0, "length": 1.0}
+    pieces = {
+        "dropped": before.get("dropped_pieces", ()),
+        "refuted": check.get("refuted_pieces", ()),
+        "missing": check.get("missing_pieces", ()),
     }
-    precision, recall = check.get("photo_precision"), check.get("photo_recall")
-    before = check.get("before") or {"dropped_length": 0.0, "length": 1.0, "dropped_pieces": ()}
-    dropped = max((piece["length"] for piece in before["dropped_pieces"]), default=0.0)
-    if _is_doubtful(1.0 - before["dropped_length"] / before["length"], dropped):
-        flags.append(
-            f"dropped_by_photos: {before['dropped_length']:.2f} of {before['length']:.2f} {length} "
-            f"of skeleton are more likely not there by all photos together and were dropped, the "
-            f"longest piece {dropped:.2f} {length}"
-        )
-    if _is_doubtful(precision, longest["refuted"]):
-        flags.append(
-            f"not_in_photos: of {check['length']:.2f} {length} of skeleton "
-            f"{check['refuted_length']:.2f} are likely not there by the photos, the longest piece "
-            f"{longest['refuted']:.2f} {length}"
-        )
-    if _is_doubtful(recall, longest["missing"]):
-        flags.append(
-            f"wood_missing: the photos show {check['missing_length']:.2f} {length} of thin wood "
-            f"that the skeleton lacks, the longest piece {longest['missing']:.2f} {length}, and "
-            f"about {check['unseen_length']:.2f} more may be missing where they have no sky behind "
-            "the tree; height, crown and lengths may be too small"
-        )
-    return flags
-
-
-def _is_doubtful(share: float | None, longest: float) -> bool:
-    return share is not None and (share < _PHOTOS_AGREE or longest > _MISSED_LENGTH_M)
-
-
-def _target_flags(target: dict, length: str) -> list:
-    """What ``target.json`` doubts, and which other trees it saw."""
-    flags = list(target.get("warnings") or [])
-    others = target.get("other_stems_xy") or []
-    if others:
-        flags.append(
-            f"second_tree: {len(others)} other tree(s) stand beside the target; "
-            "crop.target_xy chooses between them"
-        )
-    loose = target.get("loose") or []
-    spans = [np.linalg.norm(np.subtract(piece["high"], piece["low"])) for piece in loose]
-    if sum(spans) > _MISSED_LENGTH_M:
-        flags.append(
-            f"wood_loose: {len(loose)} piece(s) of wood near the tree hang on nothing and are not "
-            f"in the skeleton, {sum(spans):.2f} {length} in all, the largest {max(spans):.2f} "
-            f"{length} long and {loose[int(np.argmax(spans))]['gap']:.2f} off; height, crown and "
-            "lengths may be too small"
-        )
-    return flags
-
-
-def _edge_flags(edges: Sequence, length: str) -> list[str]:
-    """One warning for a top that the photos may cut off, one for all such sides of the crown."""
-    top = [edge for edge in edges if edge.azimuth_deg is None]
+    longest = {
+        name: max((piece["length"] for piece in some), default=0.0) for name, some in pieces.items()
+    }
+    loose = [(math.dist(one["low"], one["high"]), one) for one in target.get("loose") or ()]
     sides = [edge for edge in edges if edge.azimuth_deg is not None]
-    flags = [
-        f"top_outside_photos: {edge.n_photos} photos frame what is {edge.beyond:.2f} {length} "
-        f"above the highest wood, {edge.n_usual} the tree; height may be too small, photograph "
-        "the tree from farther away"
-        for edge in top
-    ]
-    if sides:
-        azimuths = ", ".join(f"{edge.azimuth_deg:.0f}" for edge in sides)
-        least = min(sides, key=lambda edge: edge.n_photos)
-        flags.append(
-            f"side_outside_photos: towards azimuth {azimuths} degrees as few as {least.n_photos} "
-            f"photos frame what is {least.beyond:.2f} {length} beyond the outermost wood, "
-            f"{least.n_usual} the tree; the crown's width may be too small"
-        )
-    return flags
+    n_left_out = reports.sparse.get("n_left_out")
+    photos = reports.sparse.get("photos", {}).values()
+    facts = SimpleNamespace(
+        **vars(reports),
+        unit=unit,
+        m=unit_name(unit),
+        height=height,
+        trunk=trunk,
+        rough=200 * trunk.residual / trunk.diameter if trunk else 0.0,
+        wanted_height=wanted_height,
+        unmeasured=", ".join(f"{height:.2f}" for height in unmeasured),
+        foot=foot,
+        support=support,
+        longest_gap=max(support.gaps, default=0.0) if support else 0.0,
+        missed=100 * support.missed_share if support else 0.0,
+        crown_width=crown_width,
+        confidence=confidence,
+        top=next((edge for edge in edges if edge.azimuth_deg is None), None),
+        side=min(sides, key=lambda edge: edge.n_photos, default=None),
+        azimuths=", ".join(f"{edge.azimuth_deg:.0f}" for edge in sides),
+        missing_top=missing_top,
+        scale_error=100 * reports.scale_error,
+        doubts="; ".join(reports.scale.get("doubts") or ()),
+        n_used=reports.sparse.get("n_registered"),
+        left_out=f", {n_left_out} were left out for their cameras' errors" if n_left_out else "",
+        n_doubtful=sum(bool(photo.get("doubt")) for photo in photos),
+        camera_error=reports.sparse.get("camera_error_px"),
+        before=before,
+        longest=longest,
+        warnings=dict(warning.split(": ", 1) for warning in target.get("warnings") or ()),
+        n_others=len(target.get("other_stems_xy") or ()),
+        n_loose=len(loose),
+        loose_length=sum(length for length, _ in loose),
+        longest_loose=max(loose, key=lambda one: one[0], default=None),
+        n_lost=len(lost),
+        lost="; ".join(lost),
+    )
+    told = (flag for flag in _ROWS if flag.when(facts))
+    return [f"{flag.name}: {flag.sentence.format(f=facts)}" for flag in told]
+
+
+def at_least(flags: Sequence[str], outgrown: Sequence[str] = ()) -> list[str]:
+    """Names of the traits whose value is the least that it can be.
+
+    Parameters
+    ----------
+    flags : sequence of str
+        Of the tree.
+    outgrown : sequence of str
+        Traits that wood which is known to be missing makes larger than their error allows.
+    """
+    known = [FLAGS[name] for flag in flags if (name := flag.partition(":")[0]) in FLAGS]
+    return sorted({name for flag in known for name in flag.least}.union(outgrown))
+
+
+def advice_for(warning: str) -> str:
+    """What to do about a warning "name: sentence", or about one without a name."""
+    flag = FLAGS.get(warning.partition(":")[0])
+    return flag.advice if flag else "Look at the stage that says so, below."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,13 +12,11 @@ import numpy as np
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
-from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import Topology
-from cherrypicker.traits.beyond import at_least, growth_by, missing_wood
+from cherrypicker.traits.beyond import growth_by, missing_wood
 from cherrypicker.traits.branches import branch_rows, totals_by_order
 from cherrypicker.traits.crown import alpha_volume, crown_of, hull_of, measure_crown, projected_area
 from cherrypicker.traits.crown_forms import (
@@ -26,13 +25,14 @@ from cherrypicker.traits.crown_forms import (
     ellipsoid_volume,
     tree_row_volume,
 )
-from cherrypicker.traits.flags import quality_flags, scan_flags
+from cherrypicker.traits.flags import at_least, quality_flags
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.intervals import CI90, Terms, interval, spread, typical_scatter
 from cherrypicker.traits.limb_sections import measure_limbs
 from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, squares_terms
 from cherrypicker.traits.missing_top import find_missing_top
+from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.scaffold import Limb, StemSurface, clear_stem, crown_start, find_limbs
 from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
@@ -72,14 +72,8 @@ def measure_traits(
     skeleton: Skeleton,
     cloud: PointCloud,
     topology: Topology | None = None,
+    reports: Reports | None = None,
     *,
-    scale: dict | None = None,
-    sparse: dict | None = None,
-    target: dict | None = None,
-    edits: dict | None = None,
-    photo_check: dict | None = None,
-    poses: Poses | None = None,
-    photos: ScanPhotos | None = None,
     options: TraitOptions | None = None,
     seed: int = 0,
 ) -> tuple[dict, dict[str, list[dict]]]:
@@ -91,17 +85,8 @@ def measure_traits(
         The segmented cloud, z up, in the skeleton's frame and unit, with a ``label`` field.
     topology : Topology, optional
         Counts junctions and tips; the skeleton's own without it.
-    scale, sparse, target : dict, optional
-        ``scale.json`` and ``sfm/report.json`` of a scan from photos, and ``target.json``; the
-        scale's standard error enters every uncertainty.
-    edits : dict, optional
-        ``edits.json`` of a tree with hand corrections.
-    photo_check : dict, optional
-        ``photo_check.json`` of a scan from photos.
-    poses : Poses, optional
-        Of the photos, in the cloud's frame and unit: tells where they, not the tree, end.
-    photos : ScanPhotos, optional
-        Of the scan, in that frame: tell where they show a top that the cloud does not hold.
+    reports : Reports, optional
+        What earlier stages say of the scan; its scale's standard error enters every uncertainty.
 
     Returns
     -------
@@ -115,7 +100,8 @@ def measure_traits(
     StageError
         If the skeleton has no edge or the cloud no wood.
     """
-    settings = options or TraitOptions()
+    settings, reports = options or TraitOptions(), reports or Reports()
+    photo_check = reports.photo_check
     is_wood = _checked_wood(skeleton, cloud)
     wood = cloud.points[is_wood]
     rng = np.random.default_rng(seed)
@@ -171,16 +157,16 @@ def measure_traits(
         n_samples=settings.n_bootstrap,
         rng=rng,
     )
-    scale_error = _scale_error(scale, cloud.unit)
+    scale_error = reports.scale_error if cloud.unit == "m" else 0.0
     rows = branch_rows(
         skeleton, axis_list, foot.point[2], scale_error=scale_error, photo_check=photo_check
     )
     confidence = float(np.median(cloud["confidence"][is_wood])) if "confidence" in cloud else None
 
     top = None
-    if photos is not None:
-        top = find_missing_top(photos, tree_points, foot.point)
-    missing = missing_wood(support.missed_boxes, target, photo_check, top, foot.point)
+    if reports.photos is not None:
+        top = find_missing_top(reports.photos, tree_points, foot.point)
+    missing = missing_wood(support.missed_boxes, reports.target, photo_check, top, foot.point)
 
     traits: dict[str, Any] = {"unit": cloud.unit}
     grown = growth_by(missing, crown, hull)
@@ -216,25 +202,19 @@ def measure_traits(
     unmeasured = [
         h for h, item in further.items() if item is None and h <= stem.height[-1] - _END_M
     ]
-    traits["flags"] = scan_flags(
+    traits["flags"] = quality_flags(
+        reports,
         cloud.unit,
         height=traits["height_m"],
-        scale=scale,
-        sparse=sparse,
-        target=target,
-        edits=edits,
-        photo_check=photo_check,
-        edges=() if poses is None else frame_edges(poses, tree_points),
+        trunk=trunk,
+        wanted_height=settings.trunk_height_m,
+        unmeasured=unmeasured,
+        foot=foot,
+        support=support,
+        crown_width=crown.width,
+        confidence=confidence,
+        edges=() if reports.poses is None else frame_edges(reports.poses, tree_points),
         missing_top=top,
-    ) + quality_flags(
-        trunk,
-        settings.trunk_height_m,
-        unmeasured,
-        foot,
-        support,
-        crown.width,
-        confidence,
-        cloud.unit,
     )
     traits["at_least"] = at_least(traits["flags"], traits.get("at_least", ()))
     for flag in traits["flags"]:
@@ -327,19 +307,10 @@ def _shoots(rows: list) -> dict:
     }
 
 
-def _photo_shares(photo_check: dict | None) -> dict:
+def _photo_shares(photo_check: Mapping[str, Any]) -> dict:
     """What the photos say of the skeleton as a whole; nothing without photos."""
-    if photo_check is None:
-        return {}
     names = ("photo_precision", "photo_recall", "photo_sky_share", "n_photos", "photo_confirmed")
-    return {name: photo_check[name] for name in names}
-
-
-def _scale_error(scale: dict | None, unit: str) -> float:
-    """Relative standard error of the scale; 0 where it is unknown."""
-    if unit != "m" or not scale or not scale.get("scale") or not scale.get("scale_std"):
-        return 0.0
-    return scale["scale_std"] / scale["scale"]
+    return {name: photo_check[name] for name in names if name in photo_check}
 
 
 def _add(

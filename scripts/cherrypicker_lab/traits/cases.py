@@ -14,6 +14,7 @@ from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
 from cherrypicker.traits.branch_shapes import axis_shapes
 from cherrypicker.traits.intervals import branch_terms, typical_scatter
 from cherrypicker.traits.measure import measure_traits
+from cherrypicker.traits.reports import Reports, relative_error
 from cherrypicker.traits.table import BRANCH_COLUMNS
 from cherrypicker_lab.evaluation import compare_cameras
 from cherrypicker_lab.orchard.truth import TRUNK_HEIGHT_M, width_of_wood
@@ -61,8 +62,7 @@ def scan_cases(source, results, truth):
     found = read_poses(results / "metric_poses.npz")
     moved = compare_cameras(found, read_poses(truth / "poses.npz"))
     true.points = (true.points - moved["translation"]) @ moved["rotation"]
-    scale = read_json(results / "scale.json")
-    error = scale["scale_std"] / scale["scale"] if scale.get("scale_std") else 0.0
+    error = relative_error(read_json(results / "scale.json"))
     return _cases(source, results.name, whole, true, skeleton, traits, rows, error)
 
 
@@ -87,7 +87,7 @@ def grown_cases(source, number, n_points):
         tree, cloud = make_tree(number, n_points, bearing=source == "bearing")
         true = true_skeleton(tree.skeleton())
     skeleton, target = skeleton_of(cloud)
-    traits, tables = measure_traits(skeleton, cloud, target=target)
+    traits, tables = measure_traits(skeleton, cloud, reports=Reports(target=target))
     rows = tables["branches"]
     return _cases(source, str(number), whole_truth(true), true, skeleton, traits, rows, 0.0)
 

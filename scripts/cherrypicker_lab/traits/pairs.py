@@ -14,6 +14,7 @@ from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.skeleton import axes, axis_polyline
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker.traits.measure import measure_traits
+from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.orchard.grow.growth import HABITS
 from cherrypicker_lab.orchard.grow.templates import BEARING
 from cherrypicker_lab.orchard.scene.layout import generate_scene
@@ -86,7 +87,7 @@ def measure_tree(seed, n_points, *, bearing=False):
     """
     tree, cloud = make_tree(seed, n_points, bearing=bearing)
     skeleton, target = skeleton_of(cloud)
-    traits, tables = measure_traits(skeleton, cloud, target=target)
+    traits, tables = measure_traits(skeleton, cloud, reports=Reports(target=target))
     pairs = tree_pairs(tree, traits)
     branches, n_axes, n_matched = branch_pairs(tree, skeleton, tables["branches"])
     return {
