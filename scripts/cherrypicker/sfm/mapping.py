@@ -110,7 +110,6 @@ def map_photos(
     """
     # Guided matches are twice as many, but some pairs have wrong ones only: those do not judge
     pairs = read_verified_pairs(database)
-    add_guided_matches(database, options, seed=seed, threads=threads)
     mapper = _Mapper(database, photos, scratch, options, refining, pairs, masks, seed, threads)
     attempts = [mapper.attempt(Policy(options.mapper, options.mapper, "as configured"))]
     further: list[Policy] = []
@@ -123,6 +122,7 @@ def map_photos(
             too_few=attempts[0].fraction < options.wanted_registered_fraction,
             has_exif_focal=has_exif_focal,
         )
+        add_guided_matches(database, options, seed=seed, threads=threads)
     for policy in further[: options.max_attempts - 1]:
         logger.warning("%s; trying again: %s", _complaint(attempts[-1], options), policy.reason)
         model = attempts[0].model

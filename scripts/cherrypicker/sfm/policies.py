@@ -47,7 +47,10 @@ def further_policies(
     """
     if too_few:
         reason = "the missing photos matched anew by pooled descriptors"
-        policies = [Policy("pooled", mapper, reason, pooled=True)]
+        policies = [
+            Policy("guided", mapper, "verified pairs matched again along their epipolar lines"),
+            Policy("pooled", mapper, reason, pooled=True),
+        ]
     else:
         half_px = max_error_px / 2
         reason = f"pairs verified again at {half_px:g} px, observations within {TIGHT_PX:g} px"
