@@ -24,7 +24,7 @@ from cherrypicker_lab.skeletons.graph_scores import THICK_M
 from cherrypicker_lab.skeletons.tables import gather, table_rows
 
 #: Pages with rendered tables, from the project's root.
-PAGES = ("README.md", "docs/error_budget.md", "docs/benchmarks.md", "docs/rows.md")
+PAGES = ("README.md", "docs/lab/error_budget.md", "docs/lab/benchmarks.md", "docs/lab/rows.md")
 FIGURES = "docs/figures.json"
 _BLOCK = re.compile(
     r"(?P<head><!-- figures: (?P<section>\w+)(?P<tree>( \w+)?) -->\n)"

@@ -1,7 +1,7 @@
 """Measure the workflow's results of a rendered row of trees: whose wood is whose, trunks, heights.
 
 The row is rendered by ``render_scene.py --row SEED``, run with ``crop.target_xy: all``
-(docs/rows.md), and held against its truth. With --check a missed bar makes the exit code 1.
+(docs/lab/rows.md), and held against its truth. With --check a missed bar makes the exit code 1.
 Example:
 
     python scripts/lab/measure_scanned_row.py --results results --scan row_53 \\

@@ -1,6 +1,6 @@
 """Contract a labelled cloud with pc-skeletor, the paper authors' program, and take its graph.
 
-Runs in that program's own Python (docs/skeleton.md says how to make one), so it imports nothing of
+Runs in that program's own Python (docs/lab/skeleton.md makes one), so it imports nothing of
 this project. Reads points and labels from an NPZ file; writes the contracted points and the graph's
 nodes and edges as NPZ, and what they cost as JSON. Example:
 

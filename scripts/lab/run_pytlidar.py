@@ -1,6 +1,6 @@
 """Model a cloud of wood with PyTLidar, which is TreeQSM in Python, as cylinders.
 
-Runs in that program's own Python (docs/skeleton.md says how to make one), so it imports nothing of
+Runs in that program's own Python (docs/lab/skeleton.md makes one), so it imports nothing of
 this project. Reads points from an NPZ file; writes the cylinders as NPZ, and what they cost as
 JSON. The sizes of its patches are those that it estimates itself from the cloud. Example:
 

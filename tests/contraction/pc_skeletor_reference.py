@@ -1,7 +1,7 @@
 """What pc-skeletor, the paper authors' program, makes of a small cloud, step by step.
 
 Writes pc_skeletor_reference.npz beside it, with the Python of an environment that has pc-skeletor
-(docs/skeleton.md says how to make one). In the folder of the tests:
+(docs/lab/skeleton.md says how to make one). In the folder of the tests:
 
     PYTHONPATH=../scripts:scenes python contraction/pc_skeletor_reference.py PEER/bin/python
 """

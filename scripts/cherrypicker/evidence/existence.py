@@ -28,7 +28,7 @@ PRIOR = 0.95
 # place, and a map that misses a twig is seldom alone. And how far wood that is there, or is not,
 # goes on in the mean, in steps between places, which share one word of a photo: they are as far
 # beside the wood as one another. Both are the most likely of 72 combinations on two scenes with
-# truth, each by itself (docs/photo_check.md)
+# truth, each by itself (docs/lab/photo_check.md)
 WEIGHT, RUN_STEPS = 0.2, 10.0
 # Points of a cloud that the photos learn from
 MOST_SURE = 20_000

@@ -23,7 +23,7 @@ __all__ = [
 BLOCKS_ACROSS = 40  # the largest side of a cloud in blocks of farthest point sampling
 LEAST_GROWTH = 1.05  # of voxels that leave too many points
 # Points that `draw_evenly` leaves for each voxel of a block, and voxels across a block: of 1, 1.25,
-# 1.5 and 2 points, 16 and 32 voxels (docs/skeleton.md, Time and memory)
+# 1.5 and 2 points, 16 and 32 voxels (docs/lab/skeleton.md, Time and memory)
 DRAWN_A_VOXEL, VOXELS_ACROSS_BLOCK = 1.5, 32
 _DRAWS = 26  # the stream of draws
 

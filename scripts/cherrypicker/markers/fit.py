@@ -6,7 +6,7 @@ value, which moves every edge towards the dark side. So the marker's known patte
 homography and blurred by a Gaussian, is encoded as sRGB and fitted to the grey values with a free
 tone curve for what a camera does beside it. Its white cells and its black ones shift against each
 other under a wrong tone curve, which is what tells the curve from the marker's size. Without sRGB's
-the free one is too smooth near black: edges of sharp photos came 0.06 px inside (`docs/scale.md`).
+the free one is too smooth near black: edges of sharp photos came 0.06 px inside.
 
 The pattern is a sum of cells, and a cell the product of two intervals. Blurred, an interval is a
 difference of two normal distribution functions, and what the two of a tilted cell have in common

@@ -13,9 +13,9 @@ from cherrypicker.markers.detection import Detection
 from cherrypicker.markers.geometry import Observations, locate_marker
 from cherrypicker.markers.layouts import Sightings
 
-# What no scatter of the sightings shows, root mean squares over the nine rendered scenes of
-# docs/scale.md: how far all of a marker's edges lie off together, px, and how far the scale where
-# the marker stands is from that of the whole ring of cameras
+# What no scatter of the sightings shows, root mean squares over nine rendered scenes
+# (docs/lab/scale.md): how far all of a marker's edges lie off together, px, and how far the scale
+# where the marker stands is from that of the whole ring of cameras
 EDGE_PX, DRIFT = 0.02, 5e-4
 # Printers and rulers: two correct markers may differ by 0.5 %, three of these each (guess)
 PRINT_STD = 0.0017

@@ -39,7 +39,7 @@ AROUND = 1.3
 TELLING = 0.5
 # Wood that is missing where the photos have no sky to show it before, a share of the skeleton that
 # stands there: the true recall of seven scans was within 0.055 of what follows
-# (docs/photo_check.md)
+# (docs/lab/photo_check.md)
 UNSEEN = 0.3
 # Layers of the tree's height in which missing wood is counted
 N_LAYERS = 10

@@ -19,7 +19,7 @@ from cherrypicker.series.wood import Wood
 
 PIECE_M = 0.12  # wood is missed in pieces of about this length (guess)
 # Upper ends of classes of radius; the share of their wood that a scan misses before any was counted
-# (measured on generated pairs, docs/series.md) and the length that this is worth
+# (measured on generated pairs, docs/lab/series.md) and the length that this is worth
 CLASSES_M = np.array([0.002, 0.003, 0.004, 0.006, 0.010])
 USUALLY_MISSED = np.array([0.20, 0.08, 0.04, 0.02, 0.01, 0.01])
 WORTH_M = 3.0

@@ -19,7 +19,7 @@ from cherrypicker.series.wood import STEP_M, Wood
 
 NOISE_REACH_M = 0.045  # wood farther apart than this says nothing of the noise (of `bend.WIDTHS_M`)
 # The tolerance in medians of the distances. These have heavy tails: 97 % of the wood that two
-# scans of an unchanged tree share lies within it (measured on generated pairs, docs/series.md)
+# scans of an unchanged tree share lies within it (measured on generated pairs, docs/lab/series.md)
 TAIL = 6.0
 SAME_WAY = 0.5  # least cosine between directions of the same wood (guess)
 AXIS_SHARE = 0.5  # least share of the shorter axis's matched length that a pair of axes has

@@ -2,7 +2,7 @@
 
 The shape of a spot is fitted to what it looks like (Mikolajczyk and Schmid 2004), so that photos
 match which show it from sides 24 degrees apart and more. That takes 0.4 CPU s a photo more than
-round spots, and on phone photos it took the worst camera from 21 mm off to 8 (docs/sparse.md).
+round spots, and on phone photos it took the worst camera from 21 mm off to 8 (docs/lab/cameras.md).
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ __all__ = [
     "node_order",
 ]
 
-TRUNK_KEEPS = 0.8  # share of the radius that a trunk keeps over a fork (docs/segmentation.md)
+TRUNK_KEEPS = 0.8  # share of the radius that a trunk keeps over a fork (docs/lab/segmentation.md)
 # Children this close in radius are told apart by how far they reach (guess). Of the length of 14
 # skeletons 0.722 has the order that its generator gave it; 0.692 by the thickest child alone, 0.718
 # where far and straight decide.

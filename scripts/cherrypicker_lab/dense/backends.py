@@ -14,7 +14,7 @@ def _sgbm(*work: Any) -> set[str]:
     return run_sgbm(*work)
 
 
-# Photos of 1.2 megapixels, docs/dense.md
+# Photos of 1.2 megapixels, docs/lab/dense.md
 _SGBM = Backend("SGBM (OpenCV)", _sgbm, {"base": 2.0, "stereo_mp": 3.5}, {"base": 430.0})
 ALL_BACKENDS = {
     "cpu": BACKENDS["cpu"],

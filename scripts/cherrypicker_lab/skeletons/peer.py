@@ -45,7 +45,7 @@ def _call(python, runner, arguments, *, program, key):
 def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
     """Run the peer on a cloud whose mean it gets at the origin, as our contraction does.
 
-    robust-laplacian's normals depend on the frame (docs/skeleton.md).
+    robust-laplacian's normals depend on the frame (docs/lab/skeleton.md).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-# The benchmark of dense stereo, see docs/dense.md. Only `snakemake benchmark_dense` runs it.
+# The benchmark of dense stereo, see docs/lab/dense.md. Only `snakemake benchmark_dense` runs it.
 
 
 wildcard_constraints:

@@ -1,4 +1,4 @@
-# What each stage costs on generated scenes, see docs/error_budget.md. Only `snakemake error_budget`
+# What each stage costs on generated scenes, see docs/lab/error_budget.md. Only `snakemake error_budget`
 # runs it: for every tree of the batch whose photos have the scene's truth beside them.
 
 

@@ -1,4 +1,4 @@
-# The synthetic orchard, see docs/orchard.md. Only `snakemake orchard` and `orchard_skeletons` run it.
+# The synthetic orchard, see docs/lab/orchard.md. Only `snakemake orchard` and `orchard_skeletons` run it.
 
 import json
 

@@ -1,4 +1,4 @@
-# The benchmark of two dates of one tree, see docs/series.md. Only `snakemake benchmark_series` runs it.
+# The benchmark of two dates of one tree, see docs/lab/series.md. Only `snakemake benchmark_series` runs it.
 
 SERIES_BENCHMARK = SETTINGS["benchmark"]["series"]
 

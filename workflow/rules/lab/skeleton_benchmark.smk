@@ -1,4 +1,4 @@
-# The benchmark of skeletons, see docs/skeleton.md. Only `snakemake benchmark_skeleton`,
+# The benchmark of skeletons, see docs/lab/skeleton.md. Only `snakemake benchmark_skeleton`,
 # `snakemake benchmark_peers` and `snakemake benchmark_trunks` run it.
 
 

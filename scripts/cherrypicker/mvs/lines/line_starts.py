@@ -26,11 +26,11 @@ _0 = np.float32(0.0)
 _HALF = np.float32(0.5)
 _1 = np.float32(1.0)
 # Grey levels that a line may differ by between two photos: the shaded side of a branch (on the
-# scene of docs/dense.md 12 loses an eighth of what 24 finds, 40 gains a twentieth)
+# scene of docs/lab/dense.md 12 loses an eighth of what 24 finds, 40 gains a twentieth)
 GREY_DIFFERENCE = 40
 # Depths that are asked lie so many px of parallax apart; lines are three pixels wide (1.5 px and
 # four tried depths find 4 % more for a quarter more of the photometric time; the cloud of the scene
-# of docs/dense.md then has a recall below 5 mm of radius of 0.993 instead of 0.991)
+# of docs/lab/dense.md then has a recall below 5 mm of radius of 0.993 instead of 0.991)
 STEP_PX = np.float32(2.0)
 # A line is met at so many depths beside one another, which are one: its width, and half a step
 RUN_STEPS = np.float32(2.5)

@@ -13,7 +13,7 @@ from whose pixel it is taken to come:
 - Floaters lie off along the ray, holes are spheres without points.
 
 The parameters' defaults are fitted to what the dense stage made of rendered photos, see
-docs/orchard.md; `AsSeen.random` draws other scans around them.
+docs/lab/orchard.md; `AsSeen.random` draws other scans around them.
 """
 
 from dataclasses import dataclass
