@@ -36,7 +36,6 @@ DESCRIBED = {
     "docs/paper.md: Parameters",
     "docs/photographing.md: How far away",
     "docs/scale.md: What can be known",
-    "docs/traits.md: Flags",
     "resources/demo/README.md: The demo orchard",
 }
 

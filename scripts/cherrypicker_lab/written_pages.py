@@ -1,16 +1,18 @@
-"""Pages that are written from the code: config keys from the schema, traits from their table.
+"""Pages that are written from the code: config keys from the schema, traits and flags from tables.
 
 `scripts/lab/render_figures.py` writes them, and a test compares both.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from cherrypicker.traits.flags import FLAGS
 from cherrypicker.traits.table import BRANCH_COLUMNS, LIMB_COLUMNS, TRAITS
 
 SCHEMA = "workflow/schemas/config.schema.yaml"
@@ -111,11 +113,11 @@ def _key_row(name: str, entry: Mapping[str, Any], stages: list[str], up: str) ->
 
 
 def trait_page() -> str:
-    """Return the page of every trait and column as Markdown."""
+    """Return the page of every trait, column and flag as Markdown."""
     lines = [
         WRITTEN,
         "",
-        "# Every trait",
+        "# Every trait and flag",
         "",
         "From [the table of traits](../scripts/cherrypicker/traits/table.py), in `traits.json` and "
         "`traits.csv`; [Traits](traits.md) says how sure they are. A unit of 1 is a count or a "
@@ -133,4 +135,17 @@ def trait_page() -> str:
             f"`{column.name}` ({column.title})" for column in columns.values() if column.title
         )
         lines += ["", f"The tree's page shows of `{file}`: {shown}."]
+    lines += [
+        "",
+        "## Flags",
+        "",
+        "From [the table of flags](../scripts/cherrypicker/traits/flags.py). They stand in "
+        "`traits.json`, on the tree's page and in the batch's table.",
+        "",
+        "| flag | what it says | what helps |",
+        "|---|---|---|",
+    ]
+    for flag in FLAGS.values():
+        said = re.sub(r"\{[^{}]*\}", "…", flag.sentence).replace("|", "\\|")
+        lines.append(f"| `{flag.name}` | {said} | {flag.advice} |")
     return "\n".join(lines) + "\n"
