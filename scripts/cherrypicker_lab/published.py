@@ -1,9 +1,9 @@
 """Figures that pages show, in one committed file from which the pages' tables are rendered.
 
 ``docs/figures.json`` holds what a run measured, a section a table, with the command that measured
-it. A table stands in its page, with date and command below it, between
-``<!-- figures: SECTION TREE... -->`` and ``<!-- end of figures -->``; nobody writes there by hand,
-and a test compares both.
+it; its section ``tables`` holds tables as a benchmark's script wrote them. A table stands in its
+page, with date and command below it, between ``<!-- figures: SECTION NAME -->`` and
+``<!-- end of figures -->``; nobody writes there by hand, and a test compares both.
 """
 
 from __future__ import annotations
@@ -24,7 +24,12 @@ from cherrypicker_lab.skeletons.graph_scores import THICK_M
 from cherrypicker_lab.skeletons.tables import gather, table_rows
 
 #: Pages with rendered tables, from the project's root.
-PAGES = ("README.md", "docs/lab/error_budget.md", "docs/lab/benchmarks.md", "docs/lab/rows.md")
+_LAB = (
+    *("benchmarks", "cameras", "capture", "cluster", "denoising", "dense", "error_budget"),
+    *("photo_check", "placement", "real", "rows", "scale", "segmentation", "series", "skeleton"),
+    *("sky", "traits"),
+)
+PAGES = ("README.md", *(f"docs/lab/{name}.md" for name in _LAB))
 FIGURES = "docs/figures.json"
 _BLOCK = re.compile(
     r"(?P<head><!-- figures: (?P<section>\w+)(?P<tree>( \w+)?) -->\n)"
@@ -180,6 +185,37 @@ def peers_table(section: Mapping[str, Any]) -> str:
     return f"{table_rows(header, lines, 1)}\nMeans over {', '.join(trees)}.\n"
 
 
+def read_table(text: str) -> dict[str, Any]:
+    """Take the first table of a Markdown text, as the benchmarks' scripts write them.
+
+    Returns
+    -------
+    dict
+        ``columns``, how each is ``aligned`` (Markdown's rule), and ``rows`` of cells, all str.
+
+    Raises
+    ------
+    StageError
+        If there is none, or a row has another number of cells.
+    """
+    found = re.search(r"(?m)^\|.*\n\|[-:| ]+\|\n(?:\|.*(?:\n|$))*", text)
+    if found is None:
+        raise StageError("no table in this text: a head, a rule and rows between bars")
+    cells = [
+        [cell.strip() for cell in re.split(r"(?<!\\)\|", line.strip()[1:-1])]
+        for line in found[0].strip().splitlines()
+    ]
+    if len({len(row) for row in cells}) != 1:
+        raise StageError("a row of the table has another number of cells than its head")
+    return {"columns": cells[0], "aligned": cells[1], "rows": cells[2:]}
+
+
+def adopted_table(table: Mapping[str, Any]) -> str:
+    """Return a table of `read_table` as Markdown."""
+    rows = [table["columns"], table["aligned"], *table["rows"]]
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
 def measure_row(path: Path) -> dict[str, Any]:
     """What a row of photos is published with: the JSON of `scripts/lab/measure_scanned_row.py`."""
     return _rounded(read_json(path))
@@ -299,8 +335,12 @@ def render(page: str, figures: Mapping[str, Any]) -> str:
     def table(match: re.Match) -> str:
         section, tree = match["section"], match["tree"].strip()
         try:
-            trees = figures[section]["trees"]
-            if section == "peers":
+            measured = figures[section]
+            trees = measured.get("trees", {})
+            if section == "tables":
+                measured = measured[tree]
+                text = adopted_table(measured)
+            elif section == "peers":
                 text = peers_table(figures[section])
             elif section == "demo":
                 text = demo_table(trees)
@@ -310,7 +350,8 @@ def render(page: str, figures: Mapping[str, Any]) -> str:
                 text = error_budget.markdown({tree: trees[tree]})
         except KeyError as error:
             raise StageError(f"no figures of {error}", file=FIGURES) from error
-        said = f"Measured {figures[section]['date']} by {figures[section]['command']}."
+        by = f" by {measured['command']}" if measured["command"] else ""
+        said = f"Measured {measured['date']}{by}."
         return f"{match['head']}\n{text.rstrip()}\n\n{said}\n\n{match['end']}"
 
     return _BLOCK.sub(table, page)

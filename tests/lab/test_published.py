@@ -9,7 +9,15 @@ import yaml
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
-from cherrypicker_lab.published import FIGURES, PAGES, measure_peers, peers_table, render
+from cherrypicker_lab.published import (
+    FIGURES,
+    PAGES,
+    adopted_table,
+    measure_peers,
+    peers_table,
+    read_table,
+    render,
+)
 from cherrypicker_lab.written_pages import SCHEMA, written_pages
 
 
@@ -54,6 +62,20 @@ def test_another_figure_is_another_page(project, figures):
     other["demo"]["trees"]["cherry_vase"]["scale_error"] += 0.01
     changed = [a for a, b in zip(page.splitlines(), render(page, other).splitlines()) if a != b]
     assert [line.split(" | ")[0] for line in changed] == ["| scale error"]
+
+
+def test_a_table_of_a_benchmark_is_taken_as_it_is():
+    text = "Words.\n\n| tree | off by |\n| --- | ---: |\n| a \\| b | 0.1 % |\n| c |  |\n\nMore.\n"
+    table = read_table(text)
+    assert table["columns"] == ["tree", "off by"]
+    assert table["rows"] == [["a \\| b", "0.1 %"], ["c", ""]]
+    assert adopted_table(table) == text.split("\n\n")[1] + "\n"
+    page = "<!-- figures: tables new -->\n<!-- end of figures -->"
+    measured = {"tables": {"new": {"date": "2026-11-25", "command": "`make demo`"} | table}}
+    assert "| c |  |\n\nMeasured 2026-11-25 by `make demo`.\n" in render(page, measured)
+    for bad in ("no table", "| a | b |\n|---|---|\n| c |\n"):
+        with pytest.raises(StageError, match="table"):
+            read_table(bad)
 
 
 def test_figures_that_nobody_measured_are_an_error(figures):
