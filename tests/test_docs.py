@@ -8,6 +8,10 @@ import pytest
 import yaml
 
 import cherrypicker
+from cherrypicker.accuracy.measures import COLUMNS as MEASURES_COLUMNS
+from cherrypicker.batch.trees import COLUMNS as TREES_COLUMNS
+from cherrypicker.formats.table import FORMATS
+from cherrypicker.markers.references import KINDS
 from cherrypicker_lab.written_pages import WRITTEN
 
 # Written from others, or told of the past
@@ -26,12 +30,15 @@ def pages(project):
     return {name: text for name, text in texts.items() if not text.startswith(WRITTEN)}
 
 
+# By hand: on the pages of docs/lab, and on all others
+MOST_WORDS_IN_LABORATORY = 5000
+MOST_WORDS = 19421
+
 # Sections whose tables describe and are not measured
 DESCRIBED = {
     "docs/api.md: Coming from pc-skeletor",
     "docs/batch.md: Hand measurements",
     "docs/command.md: `export`",
-    "docs/lab/orchard.md: Walks and backgrounds",
     "docs/paper.md: Equations",
     "docs/paper.md: Parameters",
     "docs/photographing.md: How far away",
@@ -134,6 +141,35 @@ def broken_links(project, pages):
 
 def test_no_link_is_broken(project, pages):
     assert list(broken_links(project, pages)) == []
+
+
+@pytest.mark.parametrize(
+    ("page", "section", "names"),
+    [
+        ("config/README.md", "Columns of `trees.tsv`", TREES_COLUMNS),
+        ("docs/batch.md", "Hand measurements", MEASURES_COLUMNS),
+        ("docs/command.md", "`export`", FORMATS),
+        ("docs/scale.md", "What can be known", KINDS),
+    ],
+)
+def test_every_column_format_and_known_length_has_a_row(pages, page, section, names):
+    body = pages[page].split(f"## {section}\n")[1].split("\n## ")[0]
+    cells = " ".join(re.findall(r"^\| (`.*?) \|", body, re.M))
+    assert set(re.findall(r"`([\w-]+)`", cells)) == set(names)
+
+
+def words_by_hand(text):
+    """How many words of a page people wrote: those with a letter or a digit, no rendered table."""
+    plain = re.sub(r"(?s)<!-- figures: .*?<!-- end of figures -->", "", text)
+    return sum(bool(re.search(r"\w", word)) for word in plain.split())
+
+
+def test_there_are_no_more_words_than_there_were(pages):
+    """Who says something new says something else shorter; a smaller number goes in here."""
+    words = {name: words_by_hand(text) for name, text in pages.items()}
+    in_laboratory = sum(each for name, each in words.items() if name.startswith("docs/lab/"))
+    assert in_laboratory <= MOST_WORDS_IN_LABORATORY
+    assert sum(words.values()) - in_laboratory <= MOST_WORDS
 
 
 def test_every_script_and_target_that_a_page_calls_exists(project, pages):
