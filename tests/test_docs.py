@@ -140,7 +140,8 @@ def broken_links(project, pages):
 
 
 def test_no_link_is_broken(project, pages):
-    assert list(broken_links(project, pages)) == []
+    changes = {name: (project / name).read_text(encoding="utf-8") for name in NOT_READ}
+    assert list(broken_links(project, pages | changes)) == []
 
 
 @pytest.mark.parametrize(
