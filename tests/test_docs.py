@@ -190,6 +190,29 @@ def test_every_script_and_target_that_a_page_calls_exists(project, pages):
     assert not [path for path in scripts - old if not (project / path).is_file()]
 
 
+def test_every_file_that_readme_promises_comes_from_a_rule(project, pages):
+    rules = "".join(
+        path.read_text(encoding="utf-8") for path in project.glob("workflow/rules/**/*.smk")
+    )
+    promised = re.findall(
+        r"`(?:results/)?([\w{}/]+\.(?:ply|npz|json|csv|graphml|html))`", pages["README.md"]
+    )
+    assert len(promised) > 20
+    assert [name for name in promised if name not in rules] == []
+
+
+def test_readme_names_what_is_pinned(project, pages):
+    described = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
+    least, most = re.search(
+        r">=(3\.\d+),<(3\.\d+)", described["project"]["requires-python"]
+    ).groups()
+    span = f"Python {least} to 3.{int(most.split('.')[1]) - 1}"
+    pinned = (project / "envs/requirements.txt").read_text(encoding="utf-8")
+    (version,) = re.findall(r"^pycolmap==(\S+)", pinned, re.M)
+    assert span in pages["README.md"] and span in pages["docs/install.md"]
+    assert f"pycolmap-cuda12=={version}" in pages["README.md"]
+
+
 def test_there_is_one_version(project):
     described = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
     cited = yaml.safe_load((project / "CITATION.cff").read_text(encoding="utf-8"))
