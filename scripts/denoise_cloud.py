@@ -1,16 +1,15 @@
 """Remove isolated points and sky silhouettes from the cropped cloud.
 
 Reads cropped.ply, aligned_poses.npz, the undistorted photos' cameras, what each photo shows
-(evidence), the depth maps and sky_colors.npz; writes denoised.ply and denoise.json with the number
-of points that each filter removed. Example:
+(evidence) and sky_colors.npz; writes denoised.ply and denoise.json with the number of points that
+each filter removed. Example:
 
     python scripts/denoise_cloud.py --cloud cropped.ply --poses aligned_poses.npz \\
-        --undistorted dense/undistorted.json --evidence evidence --depth dense/depth.json \\
+        --cameras dense/poses.npz --evidence evidence \\
         --sky_colors sky_colors.npz --denoised denoised.ply --report denoise.json
 """
 
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -28,19 +27,18 @@ from cherrypicker.sky.colors import read_sky_colors
 def main(
     cloud: Annotated[str, "cropped cloud"],
     poses: Annotated[str, "poses in the cloud's frame"],
-    undistorted: Annotated[str, "manifest beside the undistorted photos"],
+    cameras: Annotated[str, "poses.npz of the undistorted photos"],
     evidence: Annotated[str, "folder of what each photo shows"],
     sky_colors: Annotated[str, "dominant sky colours"],
     denoised: Annotated[str, "cloud to write"],
     report: Annotated[str, "counts to write (JSON)"],
-    depth: Annotated[str | None, "manifest of the depth maps"] = None,
     *,
     options: DenoiseOptions,
     seed: int = 0,
 ) -> None:
     """Load cloud, photos and sky, filter, save cloud and counts."""
     views = read_poses(poses)
-    photos = ScanPhotos(Path(undistorted).parent, evidence, views)
+    photos = ScanPhotos(read_poses(cameras), evidence, views)
     kept, counts = denoise_cloud(
         read_cloud(cloud),
         read_sky_colors(sky_colors),

@@ -1,25 +1,31 @@
 """Estimate depth and normal maps of the undistorted photos.
 
-Reads the dense workspace (its manifest undistorted.json), writes photometric and geometric maps in
-COLMAP's layout and the manifest depth.json. Whole maps of the same settings are kept. Example:
+Reads the dense workspace (images/ and sparse/ in one folder), writes photometric and geometric maps
+in COLMAP's layout beside them, the depths alone as a small raster a photo, and depth.json: which
+photos have maps. What a killed run left of the maps, in .stereo there, is taken up. Example:
 
-    python scripts/estimate_depth.py --undistorted dense/undistorted.json --depth dense/depth.json
+    python scripts/estimate_depth.py --images dense/images --sparse dense/sparse \\
+        --maps dense/stereo --depth depth --report dense/depth.json
 """
 
 from pathlib import Path
 from typing import Annotated
 
-from cherrypicker.files import read_json, write_json
-from cherrypicker.mvs.backends.choice import estimate_workspace
+from cherrypicker.files import write_json
+from cherrypicker.mvs.backends.choice import estimate_apart
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
+from cherrypicker.mvs.workspace import Workspace, workspace_of
 from cherrypicker.runner import run, stage_parser
 
 
 def main(
-    undistorted: Annotated[str, "manifest of the dense workspace"],
-    depth: Annotated[str, "manifest of the depth maps to write"],
-    cameras: Annotated[str | None, "cameras.bin of the photos as stored, for the sky masks"] = None,
+    images: Annotated[str, "folder of the undistorted photos"],
+    sparse: Annotated[str, "folder of their sparse model"],
+    maps: Annotated[str, "folder of the maps to write, beside it"],
+    depth: Annotated[str, "folder of the depths to write"],
+    report: Annotated[str, "JSON to write: which photos have maps"],
+    lenses: Annotated[str | None, "cameras.bin of the photos as stored, for the sky masks"] = None,
     sky_masks: Annotated[str | None, "folder of sky masks; what they cover is left out"] = None,
     several: Annotated[bool, "whether the scan is of several trees"] = False,
     *,
@@ -28,20 +34,22 @@ def main(
     use_sky_masks: bool = True,
     threads: int = 2,
 ) -> None:
-    """Estimate the maps, then write the manifest."""
+    """Estimate the maps, then write their depths and which photos have any."""
+    folder = workspace_of(images=images, sparse=sparse, stereo=maps)
     masks = None
-    if sky_masks and cameras:
-        names = [photo["name"] for photo in read_json(undistorted)["photos"]]
-        masks = SkyMasks(sky_masks, Path(cameras).parent, names, with_sky=use_sky_masks)
-    manifest = estimate_workspace(
-        Path(undistorted).parent,
+    if sky_masks and lenses:
+        names = Workspace(folder).poses.names
+        masks = SkyMasks(sky_masks, Path(lenses).parent, names, with_sky=use_sky_masks)
+    content = estimate_apart(
+        folder,
+        Path(depth),
         options,
         several=several,
         backend=backend,
         threads=threads,
         sky_masks=masks,
     )
-    write_json(depth, manifest)
+    write_json(report, content)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -1,8 +1,8 @@
 """Make the skeleton and the topology graph from the contracted points.
 
 Reads contracted.ply, contract.json, limbs.npz and segmented.ply, and for a scan from photos the
-undistorted photos' cameras, metric_poses.npz, what each photo shows (evidence) and the depth maps,
-which refute what is not there; writes skeleton.graphml, skeleton.ply, skeleton.swc,
+undistorted photos' cameras, metric_poses.npz, what each photo shows (evidence) and how far that is
+(depth), which refute what is not there; writes skeleton.graphml, skeleton.ply, skeleton.swc,
 topology.graphml and graph.json (the last four where a path is given). With the method limbs the
 points are taken where they were before they moved, with slbc and lbc where the contraction put
 them. Example:
@@ -12,7 +12,6 @@ them. Example:
         --skeleton_ply skeleton.ply --skeleton_swc skeleton.swc --topology topology.graphml
 """
 
-from pathlib import Path
 from typing import Annotated, Any
 
 from cherrypicker.classes import wood_mask
@@ -45,10 +44,10 @@ def main(
     topology: Annotated[str | None, "topology.graphml"] = None,
     contract_report: Annotated[str | None, "contract.json: which stem, and its base"] = None,
     limbs: Annotated[str | None, "limbs.npz of the cloud's trees; else they are grown"] = None,
-    undistorted: Annotated[str | None, "manifest beside the undistorted photos"] = None,
+    cameras: Annotated[str | None, "poses.npz of the undistorted photos"] = None,
     metric_poses: Annotated[str | None, "poses in the labelled cloud's frame"] = None,
     evidence: Annotated[str | None, "folder of what each photo shows"] = None,
-    depth: Annotated[str | None, "manifest of the depth maps"] = None,
+    depth: Annotated[str | None, "folder of the depths of each photo"] = None,
     report: Annotated[str | None, "graph.json: what the photos refuted"] = None,
     *,
     options: GraphOptions,
@@ -72,8 +71,9 @@ def main(
         limbs=grown,
     )
     refuted = None
-    if drop.drop_refuted and undistorted and metric_poses and evidence:
-        photos = ScanPhotos(Path(undistorted).parent, evidence, read_poses(metric_poses))
+    if drop.drop_refuted and cameras and metric_poses and evidence:
+        poses = read_poses(metric_poses)
+        photos = ScanPhotos(read_poses(cameras), evidence, poses, depth=depth)
         wood = cloud.points[wood_mask(cloud["label"])]
         skeleton, refuted = drop_refuted(skeleton, photos, wood, seed=seed)
     axis_list = axes(skeleton)

@@ -1,13 +1,15 @@
 """Fuse the depth maps into the dense cloud.
 
-Reads the dense workspace (its manifest depth.json) and what each photo shows (evidence), writes
+Reads the dense workspace (images/, sparse/ and stereo/ in one folder), depth.json, the depths of
+each photo and what it shows (evidence), writes
 cloud.ply with colours, normals and the number of photos that saw each point, and coverage.json: for
 the region that the cameras look at, in voxels, how many photos frame it, how many depth maps hold
 something there, and how probable wood is there by the photos. With silhouettes, twigs that photos
 show before the sky and the depth maps lack are added; the field from_silhouette is 1 for their
 points. Example:
 
-    python scripts/fuse_depth.py --depth dense/depth.json --evidence evidence \\
+    python scripts/fuse_depth.py --images dense/images --sparse dense/sparse --maps dense/stereo \\
+        --report dense/depth.json --cameras dense/poses.npz --depth depth --evidence evidence \\
         --cloud cloud.ply --coverage dense/coverage.json
 """
 
@@ -20,12 +22,20 @@ from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.silhouettes import add_silhouettes
+from cherrypicker.mvs.workspace import Workspace, workspace_of
+from cherrypicker.photos import read_photo
 from cherrypicker.pointcloud import write_cloud
+from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 
 
 def main(
-    depth: Annotated[str, "manifest of the depth maps"],
+    images: Annotated[str, "folder of the undistorted photos"],
+    sparse: Annotated[str, "folder of their sparse model"],
+    maps: Annotated[str, "folder of their depth and normal maps"],
+    report: Annotated[str, "depth.json: which photos have maps"],
+    cameras: Annotated[str, "poses.npz of the undistorted photos"],
+    depth: Annotated[str, "folder of the depths of each photo"],
     evidence: Annotated[str, "folder of what each photo shows"],
     cloud: Annotated[str, "cloud to write, PLY"],
     coverage: Annotated[str, "coverage.json to write"],
@@ -38,13 +48,19 @@ def main(
     threads: int = 2,
 ) -> None:
     """Load, fuse, add twigs, save, and count what the region holds."""
-    names = read_json(depth)["maps"]
-    photos = ScanPhotos(Path(depth).parent, evidence, several=several)
-    fused = fuse_workspace(photos, names, options, method=fusion, threads=threads)
-    region = photos.region
+    workspace = Workspace(workspace_of(images=images, sparse=sparse, stereo=maps), several=several)
+    names = read_json(report)["maps"]
+    fused = fuse_workspace(workspace, names, options, method=fusion, threads=threads)
+    photos = ScanPhotos(
+        read_poses(cameras),
+        evidence,
+        depth=depth,
+        read_photo=lambda name, longest_px: read_photo(Path(images) / name),
+    )
+    region = workspace.region
     content: dict = {"region": None}
     if region is not None:
-        content = measure_coverage(photos, region, names)
+        content = measure_coverage(photos, region)
         if silhouettes:
             inside = fused.points[region.holds(fused.points)]
             words = words_of_clear_sky(photos, inside, seed=seed)

@@ -3,8 +3,8 @@
 Reads the undistorted photos, the sky masks and the sparse model's cameras; writes one raster a
 photo (``{stem}.png``), which all stages read that ask what the photos show. Example:
 
-    python scripts/gather_evidence.py --undistorted dense/undistorted.json --sky_masks sky \\
-        --cameras sfm/model/cameras.bin --evidence evidence
+    python scripts/gather_evidence.py --images dense/images --cameras dense/poses.npz \\
+        --sky_masks sky --lenses sfm/model/cameras.bin --evidence evidence
 """
 
 from pathlib import Path
@@ -12,20 +12,21 @@ from typing import Annotated
 
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.raster import write_rasters
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 
 
 def main(
-    undistorted: Annotated[str, "manifest beside the undistorted photos"],
+    images: Annotated[str, "folder of the undistorted photos"],
+    cameras: Annotated[str, "their poses.npz"],
     sky_masks: Annotated[str, "folder of sky masks"],
-    cameras: Annotated[str, "cameras.bin of the photos as stored"],
+    lenses: Annotated[str, "cameras.bin of the photos as stored"],
     evidence: Annotated[str, "folder of rasters to write"],
 ) -> None:
     """Load, look, save."""
-    workspace = Workspace(Path(undistorted).parent)
-    masks = SkyMasks(sky_masks, Path(cameras).parent, workspace.poses.names)
-    write_rasters(workspace, masks, Path(evidence))
+    poses = read_poses(cameras)
+    masks = SkyMasks(sky_masks, Path(lenses).parent, poses.names)
+    write_rasters(Path(images), poses, masks, Path(evidence))
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -1,16 +1,15 @@
 """Measure a tree's traits on its skeleton and its labelled cloud.
 
 Reads skeleton.graphml, topology.graphml, segmented.ply and target.json, and for a scan from photos
-scale.json, metric_poses.npz, sfm/report.json, photo_check.json, the undistorted photos' cameras,
-what each photo shows (evidence) and the depth maps (with hand corrections edits.json); writes
-traits.json, branches.csv and, where a path is given, limbs.csv and branches.ply, the wood with the
-branch of each point. Example:
+scale.json, metric_poses.npz, sfm/report.json, photo_check.json, the undistorted photos' cameras
+and what each photo shows (evidence) (with hand corrections edits.json); writes traits.json,
+branches.csv and, where a path is given, limbs.csv and branches.ply, the wood with the branch of
+each point. Example:
 
     python scripts/measure_traits.py --skeleton skeleton.graphml --topology topology.graphml \\
         --segmented segmented.ply --traits traits.json --branches branches.csv --limbs limbs.csv
 """
 
-from pathlib import Path
 from typing import Annotated
 
 from cherrypicker.files import read_json, write_json, write_text
@@ -40,9 +39,8 @@ def main(
     edits: Annotated[str | None, "edits.json of a tree with hand corrections"] = None,
     photo_check: Annotated[str | None, "photo_check.json of a scan from photos"] = None,
     metric_poses: Annotated[str | None, "poses in the segmented cloud's frame"] = None,
-    undistorted: Annotated[str | None, "manifest beside the undistorted photos"] = None,
+    cameras: Annotated[str | None, "poses.npz of the undistorted photos"] = None,
     evidence: Annotated[str | None, "folder of what each photo shows"] = None,
-    depth: Annotated[str | None, "manifest of the depth maps"] = None,
     *,
     options: TraitOptions,
     seed: int = 0,
@@ -50,8 +48,8 @@ def main(
     cloud = read_cloud(segmented, required=("label",))
     poses = read_poses(metric_poses) if metric_poses else None
     photos = None
-    if undistorted and evidence and poses:
-        photos = ScanPhotos(Path(undistorted).parent, evidence, poses)
+    if cameras and evidence and poses:
+        photos = ScanPhotos(read_poses(cameras), evidence, poses)
     tree = read_skeleton(skeleton)
     numbers, tables = measure_traits(
         tree,

@@ -1,38 +1,38 @@
 """Undistort the registered photos into a dense workspace.
 
-Reads the sparse model and the photos, writes COLMAP's dense workspace (images/, sparse/, stereo/)
-and its manifest undistorted.json. Example:
+Reads the sparse model and the photos, writes COLMAP's dense workspace (images/ and sparse/ in one
+folder) and the cameras of the undistorted photos. Example:
 
     python scripts/undistort_photos.py --model sfm/model/images.bin --photos photos/*.jpg \
-        --undistorted dense/undistorted.json
+        --images dense/images --sparse dense/sparse --cameras dense/poses.npz
 """
 
 from pathlib import Path
 from typing import Annotated
 
-from cherrypicker.files import write_json
 from cherrypicker.mvs.undistort import undistort
+from cherrypicker.mvs.workspace import workspace_of
 from cherrypicker.photos import photo_files
+from cherrypicker.poses import write_poses
 from cherrypicker.runner import run, stage_parser
 
 
 def main(
     model: Annotated[str, "images.bin of the sparse model"],
     photos: Annotated[list[str], "the photos of the tree"],
-    undistorted: Annotated[str, "manifest to write, in the workspace"],
+    images: Annotated[str, "folder of undistorted photos to write"],
+    sparse: Annotated[str, "folder of their sparse model to write, beside it"],
+    cameras: Annotated[str, "poses.npz of the undistorted photos to write"],
     *,
     max_image_size_px: int = 1600,
     threads: int = 2,
 ) -> None:
-    """Undistort, then write the manifest, whose folder is the workspace."""
-    manifest = undistort(
-        Path(model).parent,
-        photo_files(photos),
-        Path(undistorted).parent,
-        max_image_size_px,
-        threads=threads,
+    """Undistort, then write the cameras."""
+    workspace = workspace_of(images=images, sparse=sparse)
+    poses = undistort(
+        Path(model).parent, photo_files(photos), workspace, max_image_size_px, threads=threads
     )
-    write_json(undistorted, manifest)
+    write_poses(cameras, poses)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

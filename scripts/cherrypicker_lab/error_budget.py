@@ -172,7 +172,7 @@ def write_work_folder(folder: Path, tree: str, row: Mapping[str, str], settings:
     lines = ["\t".join(["tree", *cells]), "\t".join([tree, *cells.values()])]
     own = {name: dict(value) if isinstance(value, Mapping) else value
            for name, value in settings.items()}  # fmt: skip
-    own["trees"] = "config/trees.tsv"
+    own["trees"], own["keep"] = "config/trees.tsv", {"dense": True}
     for section in ("sky", "segment"):
         if own[section].get("weights"):
             own[section]["weights"] = str(Path(own[section]["weights"]).absolute())

@@ -12,8 +12,10 @@ from scipy.stats import spearmanr
 from cherrypicker.classes import wood_mask
 from cherrypicker.files import read_json
 from cherrypicker.mvs.scan_photos import ScanPhotos
+from cherrypicker.mvs.undistort import UndistortedPhotos
 from cherrypicker.photo_check.check import check_photos
 from cherrypicker.photo_check.drop import drop_refuted
+from cherrypicker.photos import list_photos
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import axes, axis_of_node, read_skeleton, read_skeleton_csv
@@ -45,7 +47,14 @@ class FinishedScan:
     def __init__(self, results: Path, truth: Path, threads: int) -> None:
         self.threads = threads
         poses = read_poses(results / "metric_poses.npz")
-        self.photos = ScanPhotos(results / "dense", results / "evidence", poses)
+        photos = UndistortedPhotos(results / "sfm/model", list_photos(truth.parent / "photos"))
+        self.photos = ScanPhotos(
+            read_poses(results / "dense/poses.npz"),
+            results / "evidence",
+            poses,
+            depth=results / "depth",
+            read_photo=photos.read,
+        )
         self.fused = self.photos.placed(read_cloud(results / "cloud.ply").points)
         self.skeleton = read_skeleton(results / "skeleton.graphml")
         self.cloud = read_cloud(results / "segmented.ply", required=("label",))

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json
+from cherrypicker.mvs.depth_rasters import write_depth_raster
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
@@ -108,6 +109,7 @@ def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) 
         for view in workspace.views:
             depth, normals = scene.depth(view, threads)
             workspace.write_maps(view, "geometric", depth, normals)
+            write_depth_raster(results / "depth", view.name, depth)
             shares[view.name] = float((depth > 0).mean())
             bar.step()
     workspace.write_fusion_config()

@@ -20,7 +20,7 @@ SCHEMA = "workflow/schemas/config.schema.yaml"
 WRITTEN = "<!-- written by scripts/lab/render_figures.py -->"
 #: Purpose to the schema's sections that serve it; "" are the keys outside sections.
 PURPOSES = {
-    "The batch": ("",),
+    "The batch": ("", "keep"),
     "Photos and cameras": ("photos", "sfm"),
     "The cloud": ("mvs", "sky", "align", "crop", "denoise"),
     "Scale": ("scale",),

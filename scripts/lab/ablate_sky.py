@@ -23,7 +23,6 @@ from cherrypicker.files import atomic_path, temporary_folder
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.raster import write_rasters
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
@@ -61,12 +60,11 @@ def ablate_scene(tree, scene, masks, options):
     placed, _ = place(cloud.points, tree / "aligned_poses.npz", scene / "truth", surface, "surface")
     ground = GROUND_SHARE * float(np.median(poses.centers[:, 2]))
     sky = read_sky_colors(tree / "sky_colors.npz")
-    workspace = Workspace(tree / "dense")
+    cameras = read_poses(tree / "dense/poses.npz")
     with temporary_folder(tree, "evidence") as rasters:
-        write_rasters(
-            workspace, SkyMasks(masks, tree / "sfm/model", workspace.poses.names), rasters
-        )
-        ask = partial(ask_points, ScanPhotos(tree / "dense", rasters, poses))
+        sky_masks = SkyMasks(masks, tree / "sfm/model", cameras.names)
+        write_rasters(tree / "dense/images", cameras, sky_masks, rasters)
+        ask = partial(ask_points, ScanPhotos(cameras, rasters, poses))
         return ablate(cloud, placed, surface, sky, ask, options, ground)
 
 

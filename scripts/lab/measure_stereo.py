@@ -1,9 +1,9 @@
 """Run dense stereo on a workspace with one backend and measure it.
 
-Reads a dense workspace (its manifest undistorted.json), makes a copy beside the measurement to
+Reads a dense workspace (poses.npz in it), makes a copy beside the measurement to
 work in, writes measurement.json and the fused cloud.ply. Example:
 
-    python scripts/lab/measure_stereo.py --undistorted dense/undistorted.json --backend sgbm \\
+    python scripts/lab/measure_stereo.py --undistorted dense/poses.npz --backend sgbm \\
         --measurement benchmark/measurement.json --cloud benchmark/cloud.ply
 """
 
@@ -52,7 +52,7 @@ def main(
 
 
 parser = stage_parser(__doc__)
-parser.add_argument("--undistorted", required=True, help="manifest of the dense workspace")
+parser.add_argument("--undistorted", required=True, help="poses.npz in the dense workspace")
 parser.add_argument("--measurement", required=True, help="JSON to write; its folder takes the copy")
 parser.add_argument("--cloud", required=True, help="fused cloud to write, PLY")
 parser.add_argument("--backend", default="cpu", choices=ALL_BACKENDS)

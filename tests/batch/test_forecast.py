@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,8 +30,11 @@ def test_stages_add_up_over_scans():
     expected = 2 * cpu_seconds(SCAN.stages["estimate_depth"], SCAN) / 3600
     assert depth.n_jobs == 2
     assert depth.cpu_hours == pytest.approx(expected)
-    # two depth maps and two normal maps of 1.92 megapixels, 250 photos, two scans
-    assert depth.disk_gb == pytest.approx(2 * 250 * 1.92 * 32 / 1000)
+    # 250 photos of 1.92 megapixels, two scans: their depths, and two depth and normal maps if kept
+    assert depth.disk_gb == pytest.approx(2 * 250 * 1.92 * 0.7 / 1000)
+    kept = forecast_stages({"a": replace(SCAN, keeps_dense=True)})
+    disk = {row.rule: row.disk_gb for row in kept}
+    assert disk["estimate_depth"] == pytest.approx(250 * 1.92 * 32.7 / 1000)
     assert rows["import_cloud"].n_jobs == 1
     assert rows["segment_cloud"].n_jobs == 2
     assert rows["report_tree"].n_jobs == 3
@@ -134,7 +138,7 @@ def test_the_command_prints_its_formulas():
     printed = run_command("--formulas")
     (line,) = [line for line in printed.splitlines() if line.startswith("| estimate_depth ")]
     assert "260 + stereo_mb" in line
-    assert "32 dense_mp" in line
+    assert "32 kept_mp" in line
     (line,) = [line for line in printed.splitlines() if line.startswith("| extract_features ")]
     assert "300 largest_feature_mp" in line
 

@@ -36,10 +36,7 @@ class Photos:
         return make_raster(np.full((*sky.shape, 3), 200, np.uint8), sky & ~hidden, hidden)
 
     def depth(self, i):
-        return None
-
-    def read_depth(self, view, kind):
-        return self._maps[view.name]
+        return self._maps.get(self.views[i].name)
 
 
 @pytest.fixture(scope="module")
@@ -99,8 +96,8 @@ def test_what_a_user_hides_is_framed_by_no_photo(scan):
 def test_coverage_counts_photos_and_maps_and_goes_through_json(scan, tmp_path):
     poses, skies, pole, maps = scan
     region = find_region(poses)
-    half = set(poses.names[:12])
-    coverage = measure_coverage(Photos(poses, skies, maps), region, half)
+    half = {name: maps[name] for name in poses.names[:12]}
+    coverage = measure_coverage(Photos(poses, skies, half), region)
     write_json(tmp_path / "coverage.json", coverage, indent=None)
     content = json.loads((tmp_path / "coverage.json").read_text())
     centers = voxel_centers(region, np.array(content["cells"]), content["n_across"])

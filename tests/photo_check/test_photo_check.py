@@ -194,7 +194,7 @@ def test_the_cameras_stand_where_the_metric_poses_say(tmp_path):
     moved = poses.transformed(2.0, turn, np.array([1.0, -2.0, 0.5]))
     rows = np.arange(len(moved)) != 3
     fewer = Poses(*(getattr(moved, name)[rows] for name in vars(moved)))
-    workspace = ScanPhotos(tmp_path / "dense", tmp_path, fewer)
+    workspace = ScanPhotos(poses, tmp_path, fewer)
     assert workspace.unit == pytest.approx(2.0)
     assert workspace.poses.names.tolist() == fewer.names.tolist()
     assert workspace.poses.cam_from_world == pytest.approx(fewer.cam_from_world)

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 import yaml
-from PIL import Image
 
+from cherrypicker.errors import StageError
 from cherrypicker.poses import Poses
 from cherrypicker.report.branches import branch_facts, branch_table
 from cherrypicker.report.cameras import camera_views
@@ -44,7 +44,7 @@ def test_lines_follow_a_file_of_corrections(text):
         assert about["text"] == text  # comments stay
 
 
-def test_a_camera_sees_its_picture_where_the_poses_say(tmp_path):
+def test_a_camera_sees_its_picture_where_the_poses_say():
     r = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along +y
     K = np.array([[800.0, 0, 500], [0, 800, 300], [0, 0, 1]])
     poses = Poses(
@@ -54,9 +54,13 @@ def test_a_camera_sees_its_picture_where_the_poses_say(tmp_path):
         [1000] * 2,
         [600] * 2,
     )
-    Image.new("RGB", (1000, 600)).save(tmp_path / "a.jpg")
-    (tmp_path / "b.jpg").write_bytes(b"no image")
-    first, second = camera_views(poses, tmp_path, {"a.jpg": "worst_photo"})
+
+    def read(name, longest_px):
+        if name == "b.jpg":
+            raise StageError("no image")
+        return np.zeros((round(0.6 * longest_px), longest_px, 3), np.uint8)
+
+    first, second = camera_views(poses, read, {"a.jpg": "worst_photo"})
     assert first["photo"].startswith("data:image/jpeg;base64,") and second["photo"] == ""
     assert (first["picture"], second["picture"]) == ("worst_photo", "")
     u, v, w = first["matrix"] @ [0.25, 0.0, 1.0, 1.0]

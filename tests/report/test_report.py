@@ -212,8 +212,8 @@ def test_scan_from_photos_has_its_stages(build):
         aligned_poses=folder / "poses.npz",
         cropped=folder / "aligned.ply",
         denoised=folder / "denoised.ply",
-        sky_colors=folder / "sky_colors.npz",
-        depth=folder / "dense" / "depth.json",
+        sky_masks=sky,
+        depth=folder / "depth",
     )
     assert "4 of 5" in text
     assert "blurred &lt;b&gt;" in text

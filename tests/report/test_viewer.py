@@ -5,6 +5,7 @@ place.
 """
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -92,7 +93,7 @@ def render(skeleton, tmp_path, *, tree_id="cherry", edits=None, flags="", poses=
         "edits": edits,
     }
     if poses is not None:
-        data |= {"metric_poses": poses, "depth": tmp_path}
+        data |= {"metric_poses": poses, "cameras": tmp_path, "photos": list(tmp_path.glob("*.jpg"))}
     about = {"tree": tree_id, "date": "2026-02-11", "series": ""}
     page = render_report(about, data, [], ReportOptions(figure_width_px=400, viewer_points=3000))
     path = tmp_path / "report.html"
@@ -298,13 +299,14 @@ def test_the_keys_pick_a_branch_and_delete_it(opened, spoilt_page):
     assert int(picked(view)[0]) in view.ask(gone)
 
 
-def test_what_the_user_names_is_text(opened, spoilt, tmp_path):
+def test_what_the_user_names_is_text(opened, spoilt, tmp_path, monkeypatch):
     r = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along +y
     K = np.array([[300.0, 0, 200], [0, 300, 150], [0, 0, 1]])
     name = f"{HOSTILE}.jpg".replace("/", "")
     poses = Poses([name], [np.column_stack([r, -r @ [1.0, -1.0, 1.0]])], [K], [400], [300])
-    (tmp_path / "images").mkdir()
-    Image.new("RGB", (400, 300), (90, 120, 200)).save(tmp_path / "images" / name)
+    Image.new("RGB", (400, 300), (90, 120, 200)).save(tmp_path / name)
+    flat = SimpleNamespace(read=lambda name, px: np.full((315, 420, 3), 120, np.uint8))
+    monkeypatch.setattr("cherrypicker.report.page.UndistortedPhotos", lambda *given: flat)
     path = render(spoilt, tmp_path, tree_id=f"{HOSTILE}</script>", flags=HOSTILE, poses=poses)
     view = opened(path)
     view.page.locator("table.branches tr[data-branch='1']").click()

@@ -13,7 +13,8 @@ from cherrypicker.classes import Label
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.raster import write_rasters
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.undistort import UndistortedPhotos
+from cherrypicker.photos import list_photos
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton.model import Skeleton
 
@@ -69,8 +70,9 @@ def open_scan(folder: Path) -> ScanPhotos:
     """Write the scan and open it as the stages do."""
     poses = write_scan(folder)
     masks = SkyMasks(folder / "sky", folder / "dense/sparse", poses.names)
-    write_rasters(Workspace(folder / "dense"), masks, folder / "evidence")
-    return ScanPhotos(folder / "dense", folder / "evidence", poses)
+    write_rasters(folder / "dense/images", poses, masks, folder / "evidence")
+    images = UndistortedPhotos(folder / "dense/sparse", list_photos(folder / "dense/images"))
+    return ScanPhotos(poses, folder / "evidence", read_photo=images.read)
 
 
 def skeleton_of(rods: tuple) -> Skeleton:

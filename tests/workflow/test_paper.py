@@ -158,7 +158,7 @@ def denoise(scene, settings):
         return np.where((asked[:, 0] > 0) | (asked[:, 0] < -0.9), -9.0, 9.0)
 
     scene.patch("denoise_cloud", ask_points=ask, ScanPhotos=lambda *given: None)
-    files = {"undistorted": "u/manifest.json", "evidence": "e", "sky_colors": sky}
+    files = {"cameras": poses, "evidence": "e", "sky_colors": sky}
     files |= {"denoised": out, "report": scene.out("d.json")}
     run_stage("denoise_cloud", settings, cloud=cloud, poses=poses, **files)
     return read_cloud(out).points.tobytes()
@@ -234,11 +234,11 @@ def graph(scene, settings, **files):
     def half(skeleton, *given, **named):
         return skeleton.select(np.arange(len(skeleton)) < len(skeleton) // 2), []
 
-    def nothing(*given):
+    def nothing(*given, **named):
         return None
 
     scene.patch("extract_graph", drop_refuted=half, ScanPhotos=nothing, read_poses=nothing)
-    photos = dict.fromkeys(("undistorted", "metric_poses", "evidence"), "m/x")
+    photos = dict.fromkeys(("cameras", "metric_poses", "evidence"), "m/x")
     files = {"contracted": contracted, "segmented": segmented, **photos, **files}
     run_stage("extract_graph", settings, skeleton_graph=out, **files)
     return read_skeleton(out).points.tobytes()
@@ -269,21 +269,31 @@ def fuse(scene, settings):
     scene.patch(
         "fuse_depth",
         read_json=lambda path: {"maps": []},
-        ScanPhotos=lambda *a, **k: Stand(region=Stand(holds=lambda points: slice(None))),
+        ScanPhotos=lambda *a, **k: None,
+        Workspace=lambda *a, **k: Stand(region=Stand(holds=lambda points: slice(None))),
+        read_poses=lambda path: None,
         fuse_workspace=lambda w, names, options, **named: said.append((options, named)) or none,
         words_of_clear_sky=lambda *a, **k: None,
         measure_coverage=lambda *a: {},
         add_silhouettes=lambda *a, **k: said.append("silhouettes"),
         write_cloud=lambda *a: None,
     )  # fmt: skip
-    files = {"depth": "d/depth.json", "evidence": "e", "cloud": "c"}
+    files = {
+        "images": "d/images",
+        "sparse": "d/sparse",
+        "maps": "d/stereo",
+        "report": "d/depth.json",
+    }
+    files |= {"cameras": "p", "depth": "d", "evidence": "e", "cloud": "c"}
     run_stage("fuse_depth", settings, **files, coverage=scene.out("coverage.json"))
     return repr(said)
 
 
 def stereo(scene, settings):
-    scene.patch("estimate_depth", read_json=lambda path: {"photos": []}, SkyMasks=taken)
-    files = {"undistorted": "d/u.json", "depth": "d.json", "cameras": "m/c", "sky_masks": "m"}
+    names = Stand(poses=Stand(names=[]))
+    scene.patch("estimate_depth", Workspace=lambda folder: names, SkyMasks=taken)
+    files = {"images": "d/images", "sparse": "d/sparse", "maps": "d/stereo", "depth": "e"}
+    files |= {"report": "d.json", "lenses": "m/c", "sky_masks": "m"}
     with pytest.raises(Taken) as caught:
         run_stage("estimate_depth", settings, **files)
     return str(caught.value)

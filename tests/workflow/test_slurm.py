@@ -148,8 +148,8 @@ def stand_in_for_earlier_stages(folder):
     for name in ("cameras", "images", "points3D", "frames", "rigs"):
         (folder / "sfm/model").mkdir(parents=True, exist_ok=True)
         (folder / f"sfm/model/{name}.bin").write_bytes(b"")
-    (folder / "dense").mkdir()
-    (folder / "dense/undistorted.json").write_text("{}")
+    for part in ("images", "sparse"):
+        (folder / "dense" / part).mkdir(parents=True)
     for name in ("sky_colors.npz", "poses.npz"):
         (folder / name).write_bytes(b"")
 

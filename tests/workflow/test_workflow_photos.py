@@ -1,6 +1,7 @@
 """Scans from photos: what is cached step by step, and how bad scans end, by real Snakemake runs."""
 
 import csv
+import shutil
 
 import cv2
 import numpy as np
@@ -8,12 +9,15 @@ import pytest
 from sfm_scene import texture, write_orbit
 from workspace import Workspace
 
-from cherrypicker.mvs.workspace import Workspace as DenseWorkspace
+from cherrypicker.mvs.depth_rasters import read_depth_raster
+from cherrypicker.poses import read_poses
 
 SPARSE = ["extract_features", "match_features", "reconstruct_sparse"]
 DENSE = ["undistort_photos", "gather_evidence", "estimate_depth", "fuse_depth"]
-CONFIG = {"sfm": {"max_features": 1000}, "mvs": {"backend": "cpu"}}
+LEAN = {"sfm": {"max_features": 1000}, "mvs": {"backend": "cpu"}}
+CONFIG = {**LEAN, "keep": {"dense": True}}
 CLOUD = "results/box/cloud.ply"
+KEPT = ["coverage.json", "depth.json", "poses.npz"]
 
 
 def of_box(*stages):
@@ -57,6 +61,19 @@ def test_a_changed_step_is_run_with_what_follows(box):
     assert "Nothing to be done" in box.run(CLOUD)
 
 
+def test_what_killed_runs_left_of_the_maps_is_taken_up(box):
+    """A whole map of the same settings is not made again, and nothing undeclared stays."""
+    dense = box.folder / "results/box/dense"
+    left = dense / ".stereo"
+    shutil.copytree(dense / "stereo", left / "stereo")
+    before = {path.name: path.stat().st_ino for path in (left / "stereo/depth_maps").iterdir()}
+    box.configure(CONFIG)
+    box.run(CLOUD, "--forcerun", "estimate_depth")
+    assert not left.exists()
+    after = {path.name: path.stat().st_ino for path in (dense / "stereo/depth_maps").iterdir()}
+    assert after == before
+
+
 def test_prepared_photos_are_read_by_every_stage(box):
     """Half of each photo hidden by the user's masks: a stage more, and nothing of that half."""
     (box.folder / "own").mkdir()
@@ -64,7 +81,7 @@ def test_prepared_photos_are_read_by_every_stage(box):
         mask = np.full(cv2.imread(str(path)).shape[:2], 255, np.uint8)
         mask[:, :100] = 0
         cv2.imwrite(str(box.folder / f"own/{path.stem}.png"), mask)
-    box.configure(CONFIG)
+    box.configure(LEAN)
     box.table("tree | photos | scale | masks", "half | photos | none | own")
     cloud = "results/half/cloud.ply"
     stages = {"prepare_photos", *SPARSE, "segment_sky", *DENSE}
@@ -72,10 +89,14 @@ def test_prepared_photos_are_read_by_every_stage(box):
     assert "Nothing to be done" in box.run(cloud)
     results = box.folder / "results/half"
     assert (results / "photos/photo 00.jpg").samefile(box.folder / "photos/photo 00.jpg")
-    workspace = DenseWorkspace(results / "dense")
-    for view in workspace.views:
-        shown = workspace.read_depth(view, "geometric") > 0
+    assert sorted(path.name for path in (results / "dense").iterdir()) == KEPT
+    for name in read_poses(results / "dense/poses.npz").names:
+        shown = read_depth_raster(results / "depth", name) > 0
         assert not shown[:, :90].any() and shown[:, 110:].any()
+    # What is large is gone, and no later stage asks for it; the fusion itself would
+    assert box.planned("results/half/aligned.ply") == {("align_cloud", "half")}
+    box.configure({**LEAN, "mvs": {"backend": "cpu", "min_views": 3}})
+    assert box.planned(cloud) == {(stage, "half") for stage in DENSE}
 
 
 def test_bad_scans_end_with_one_line_each_and_the_batch_goes_on(box):

@@ -74,6 +74,11 @@ def of_each_tree(path):
     return [*known, *map(of_one, BATCH.open_scans)]
 
 
+def large(path):
+    """A file or folder that goes when all who read it have, unless the config asks for it."""
+    return path if SETTINGS["keep"]["dense"] else temp(path)
+
+
 def shared_file(path):
     """A file of a tree, ``{tree}``, or of the scan that it is from, ``{scan}``."""
     return lambda wildcards: path.format(

@@ -5,9 +5,8 @@ rule denoise_cloud:
     input:
         cloud="results/{tree}/cropped.ply",
         poses="results/{tree}/aligned_poses.npz",
-        undistorted="results/{tree}/dense/undistorted.json",
+        cameras="results/{tree}/dense/poses.npz",
         evidence="results/{tree}/evidence",
-        depth="results/{tree}/dense/depth.json",
         sky_colors="results/{tree}/sky_colors.npz",
     output:
         denoised=ensure("results/{tree}/denoised.ply", non_empty=True),

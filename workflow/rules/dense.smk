@@ -1,4 +1,5 @@
-# Dense stereo in three steps: undistorted photos, depth maps, the fused cloud.
+# Dense stereo in three steps: undistorted photos, depth maps, the fused cloud. What is large goes
+# when it is fused, unless keep.dense asks for it; later stages read cameras, evidence and depths.
 
 
 rule undistort_photos:
@@ -6,7 +7,9 @@ rule undistort_photos:
         model="results/{tree}/sfm/model/images.bin",
         photos=photos_of,
     output:
-        undistorted=ensure("results/{tree}/dense/undistorted.json", non_empty=True),
+        images=large(directory("results/{tree}/dense/images")),
+        sparse=large(directory("results/{tree}/dense/sparse")),
+        cameras=ensure("results/{tree}/dense/poses.npz", non_empty=True),
     log:
         "logs/undistort_photos/{tree}.log",
     benchmark:
@@ -29,9 +32,10 @@ rule undistort_photos:
 # One raster a photo, which all ask who want to know what the photos show.
 rule gather_evidence:
     input:
-        undistorted="results/{tree}/dense/undistorted.json",
+        images="results/{tree}/dense/images",
+        cameras="results/{tree}/dense/poses.npz",
         sky_masks="results/{tree}/sky",
-        cameras="results/{tree}/sfm/model/cameras.bin",
+        lenses="results/{tree}/sfm/model/cameras.bin",
     output:
         evidence=directory("results/{tree}/evidence"),
     log:
@@ -54,15 +58,18 @@ rule gather_evidence:
 
 rule estimate_depth:
     input:
-        undistorted="results/{tree}/dense/undistorted.json",
-        cameras="results/{tree}/sfm/model/cameras.bin",
+        images="results/{tree}/dense/images",
+        sparse="results/{tree}/dense/sparse",
+        lenses="results/{tree}/sfm/model/cameras.bin",
         sky_masks=lambda wildcards: (
             "results/{tree}/sky"
             if cfg("mvs.use_sky_masks")(wildcards) or row("masks")(wildcards)
             else []
         ),
     output:
-        depth=ensure("results/{tree}/dense/depth.json", non_empty=True),
+        maps=large(directory("results/{tree}/dense/stereo")),
+        depth=directory("results/{tree}/depth"),
+        report=ensure("results/{tree}/dense/depth.json", non_empty=True),
     log:
         "logs/estimate_depth/{tree}.log",
     benchmark:
@@ -86,7 +93,12 @@ rule estimate_depth:
 
 rule fuse_depth:
     input:
-        depth="results/{tree}/dense/depth.json",
+        images="results/{tree}/dense/images",
+        sparse="results/{tree}/dense/sparse",
+        maps="results/{tree}/dense/stereo",
+        report="results/{tree}/dense/depth.json",
+        cameras="results/{tree}/dense/poses.npz",
+        depth="results/{tree}/depth",
         evidence="results/{tree}/evidence",
     output:
         cloud=ensure("results/{tree}/cloud.ply", non_empty=True),

@@ -42,10 +42,10 @@ rule extract_graph:
         contract_report="results/{tree}/contract.json",
         limbs="results/{tree}/limbs.npz",
         segmented="results/{tree}/segmented.ply",
-        undistorted=photo_only("results/{scan}/dense/undistorted.json"),
+        cameras=photo_only("results/{scan}/dense/poses.npz"),
         metric_poses=photo_only("results/{scan}/metric_poses.npz"),
         evidence=photo_only("results/{scan}/evidence"),
-        depth=photo_only("results/{scan}/dense/depth.json"),
+        depth=photo_only("results/{scan}/depth"),
     output:
         skeleton_graph=ensure("results/{tree}/skeleton.graphml", non_empty=True),
         skeleton_ply=ensure("results/{tree}/skeleton.ply", non_empty=True),

@@ -10,9 +10,8 @@ rule measure_traits:
         scale=photo_only("results/{scan}/scale.json"),
         metric_poses=photo_only("results/{scan}/metric_poses.npz"),
         sparse=photo_only("results/{scan}/sfm/report.json"),
-        undistorted=photo_only("results/{scan}/dense/undistorted.json"),
+        cameras=photo_only("results/{scan}/dense/poses.npz"),
         evidence=photo_only("results/{scan}/evidence"),
-        depth=photo_only("results/{scan}/dense/depth.json"),
         photo_check=photo_only("results/{tree}/photo_check.json"),
         edits=only_for(EDITED_TREES, "results/{tree}/edits.json"),
     output:

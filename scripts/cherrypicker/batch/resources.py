@@ -56,6 +56,7 @@ class ScanSize:
     is_photo_scan: bool = False
     stereo: str = "cpu"  # the backend of its depth maps
     is_prepared: bool = False  # whether stages read prepared photos
+    keeps_dense: bool = False  # whether undistorted photos and the stereo's maps stay
     n_photos: int = 0
     n_pairs: int = 0  # of photos to match
     n_sources: int = 0  # source photos of each depth map
@@ -93,6 +94,7 @@ class ScanSize:
         """
         return asdict(self) | {
             "photos": float(self.n_photos),
+            "kept_mp": self.dense_mp if self.keeps_dense else 0.0,
             "photos_squared": float(self.n_photos) ** 2,
             "pairs": float(self.n_pairs),
             "stereo_mp": self.dense_mp * self.n_sources / SOURCES_OF_RATE,
@@ -118,7 +120,7 @@ def size_of_photos(
     sizes : sequence of (int, int)
         Width and height of each photo, px.
     settings : mapping
-        The tree's whole config; the sections ``sfm`` and ``mvs`` are read.
+        The tree's whole config; the sections ``photos``, ``sfm``, ``mvs`` and ``keep`` are read.
     stereo : str, default "cpu"
         The backend of the depth maps.
     is_prepared : bool, default False
@@ -135,6 +137,7 @@ def size_of_photos(
         is_photo_scan=True,
         is_prepared=is_prepared,
         stereo=stereo,
+        keeps_dense=settings["keep"]["dense"],
         n_photos=len(sizes),
         n_pairs=count_pairs(len(sizes), sfm),
         n_sources=min(mvs["n_sources"], max(len(sizes) - 1, 1)),

@@ -49,8 +49,9 @@ def weigh(formula: str, quantities: Mapping[str, float]) -> float:
 
 def stereo_stage(backend: Backend) -> StageCost:
     """Return what ``estimate_depth`` costs with a backend."""
-    # Two depth maps of 4 and two normal maps of 12 bytes a pixel
-    return StageCost(backend.cpu_s, backend.memory_mb, "", "32 dense_mp", backend.max_threads)
+    # Two depth maps of 4 and two normal maps of 12 bytes a pixel, where they stay, and the depths
+    disk_mb = "32 kept_mp + 0.7 dense_mp"
+    return StageCost(backend.cpu_s, backend.memory_mb, "", disk_mb, backend.max_threads)
 
 
 # In the order in which a tree goes through them. A point in our PLY files, with colour, normal and
@@ -68,7 +69,7 @@ _ALL = {
         "2 + 0.1 photos + 0.017 photos_squared", "220 + 4 photos", "", "0.1 photos", 8
     ),
     "undistort_photos": StageCost(
-        "1 + 0.13 photo_mp", "140", "7 largest_photo_mp", "0.6 dense_mp", 4
+        "1 + 0.13 photo_mp", "140", "7 largest_photo_mp", "0.6 kept_mp", 4
     ),
     "segment_sky": StageCost(
         "2 + 0.65 photos + 0.13 photo_mp", "690 + 20 largest_photo_mp", "", "0.01 photo_mp", 2
@@ -103,7 +104,10 @@ _ALL = {
         max_threads=2,
     ),
     "check_photos": StageCost(
-        "8 + 0.2 dense_mp", "450 + 5 dense_mp + 125 cropped_m", disk_mb="1", max_threads=4
+        "8 + 0.2 dense_mp + 0.02 photo_mp",
+        "450 + 5 dense_mp + 125 cropped_m + 20 largest_photo_mp",
+        disk_mb="1",
+        max_threads=4,
     ),
     "measure_traits": StageCost("14 + 1.8 cropped_m", "640 + 130 cropped_m"),
     "report_tree": StageCost(

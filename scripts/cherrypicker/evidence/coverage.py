@@ -9,14 +9,12 @@ tell, since a cloud that ends is no error.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cherrypicker.evidence.existence import summed
 from cherrypicker.evidence.witnesses import UNASKED, count, look, shares, words
-from cherrypicker.mvs.backends.map_keys import GEOMETRIC
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.workspace import View
 from cherrypicker.placement.region import Region
@@ -44,13 +42,8 @@ class Voxels(NamedTuple):
     p_wood: np.ndarray
 
 
-def measure_coverage(photos: ScanPhotos, region: Region, names: Collection[str]) -> dict[str, Any]:
+def measure_coverage(photos: ScanPhotos, region: Region) -> dict[str, Any]:
     """Count, for every voxel of the region, what photos and depth maps have there.
-
-    Parameters
-    ----------
-    names : collection of str
-        Photos with a depth map.
 
     Returns
     -------
@@ -62,10 +55,10 @@ def measure_coverage(photos: ScanPhotos, region: Region, names: Collection[str])
     """
     grid = Grid(region)
     n_holding = np.zeros(len(grid.centers), dtype=int)
-    for view in photos.views:
-        if view.name in names:
-            depth = photos.read_depth(view, GEOMETRIC)[::STEP_PX, ::STEP_PX]
-            n_holding[grid.occupied(_points_of(view, depth))] += 1
+    for i, view in enumerate(photos.views):
+        depth = photos.depth(i)
+        if depth is not None:
+            n_holding[grid.occupied(_points_of(view, depth[::STEP_PX, ::STEP_PX]))] += 1
     held = n_holding > 0
     shown = ask_voxels(photos, grid.centers, grid.size, held, ~held, prior=float(held.mean()))
     logger.info(

@@ -18,8 +18,9 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.intake.masks import read_grey
 from cherrypicker.mvs.clear_sky import MIN_CONTRAST, SkyMasks, thin_contrast, thin_window
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.workspace import view_of
 from cherrypicker.photos import read_photo
+from cherrypicker.poses import Poses
 from cherrypicker.progress import Progress
 
 # Contrasts of a thin structure, grey levels of 255, at which the next level begins: a ladder of
@@ -55,12 +56,13 @@ def make_raster(photo: np.ndarray, sky: np.ndarray, hidden: np.ndarray) -> np.nd
     return raster
 
 
-def write_rasters(workspace: Workspace, masks: SkyMasks, folder: Path) -> None:
-    """Write what each photo of a workspace shows, ``{stem}.png``, into a folder."""
+def write_rasters(images: Path, poses: Poses, masks: SkyMasks, folder: Path) -> None:
+    """Write what each undistorted photo in ``images`` shows, ``{stem}.png``, into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    with Progress(len(workspace.views), "photos asked for sky, thin and solid") as bar:
-        for view in workspace.views:
-            raster = make_raster(read_photo(workspace.photo_path(view)), *masks.both(view))
+    views = [view_of(poses, i) for i in range(len(poses))]
+    with Progress(len(views), "photos asked for sky, thin and solid") as bar:
+        for view in views:
+            raster = make_raster(read_photo(images / view.name), *masks.both(view))
             write_raster(folder / f"{Path(view.name).stem}.png", raster)
             bar.step()
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.map_keys import GEOMETRIC
+from cherrypicker.mvs.depth_rasters import read_depth_raster
 from cherrypicker.mvs.raster import read_raster
-from cherrypicker.mvs.workspace import Workspace, view_of
+from cherrypicker.mvs.workspace import view_of
 from cherrypicker.poses import Poses
 
 # What poses and the middle of a tube may be off at best, px. At half of it, one place in a thousand
@@ -19,72 +20,86 @@ from cherrypicker.poses import Poses
 SLACK_PX = 1.0
 
 
-class ScanPhotos(Workspace):
-    """A dense workspace whose cameras stand in a frame of one's own, and what its photos show.
+class ScanPhotos:
+    """A scan's undistorted photos with their cameras in a frame of one's own, and what they show.
 
     Parameters
     ----------
-    folder : path-like
-        The dense workspace.
-    rasters : path-like
+    cameras : Poses
+        Of the undistorted photos, in COLMAP's frame.
+    evidence : path-like
         Folder of what each photo shows, see `cherrypicker.mvs.raster`.
     poses : Poses, optional
         Of the same photos, in another frame and unit; photos without one are left out. The
-        workspace's own where none are given.
-    several : bool, default False
+        cameras' own where none are given.
+    depth : path-like, optional
+        Folder of how far that is, see `cherrypicker.mvs.depth_rasters`.
+    read_photo : callable, optional
+        Takes a photo's name and its longer side, px, and returns it, (height, width, 3) uint8.
 
     Raises
     ------
     StageError
-        As `Workspace`, and when no photo has a pose.
+        When no photo has a pose.
     """
 
     def __init__(
         self,
-        folder: str | os.PathLike,
-        rasters: str | os.PathLike,
+        cameras: Poses,
+        evidence: str | os.PathLike,
         poses: Poses | None = None,
         *,
-        several: bool = False,
+        depth: str | os.PathLike | None = None,
+        read_photo: Callable[[str, int], np.ndarray] | None = None,
     ):
-        super().__init__(folder, several=several)
-        self._rasters = Path(rasters)
-        # Of a depth map's unit, in that of the poses
+        self.poses = cameras
+        self._evidence, self._depth, self._read_photo = Path(evidence), depth, read_photo
+        # Of a depth's unit, in that of the poses
         self.unit = 1.0
         self._turn, self._shift = np.eye(3), np.zeros(3)
         if poses is not None:
-            own = self.poses
             row = {name: i for i, name in enumerate(poses.names.tolist())}
-            kept = np.flatnonzero([name in row for name in own.names.tolist()])
+            kept = np.flatnonzero([name in row for name in cameras.names.tolist()])
             if not len(kept):
-                raise StageError("no undistorted photo has a pose", file=folder)
-            there = np.array([row[name] for name in own.names[kept].tolist()])
+                raise StageError("no undistorted photo has a pose", file=self._evidence)
+            there = np.array([row[name] for name in cameras.names[kept].tolist()])
             self.poses = replace(
-                own.select(kept),
+                cameras.select(kept),
                 cam_from_world=poses.cam_from_world[there],
                 error_px=poses.error_px[there],
             )
-            self.unit = _spread(self.poses.centers) / max(_spread(own.centers[kept]), 1e-12)
-            self._turn = self.poses.rotations[0].T @ own.rotations[kept[0]]
-            self._shift = self.poses.centers[0] - self.unit * self._turn @ own.centers[kept[0]]
-            self.views = [view_of(self.poses, i) for i in range(len(kept))]
+            self.unit = _spread(self.poses.centers) / max(_spread(cameras.centers[kept]), 1e-12)
+            self._turn = self.poses.rotations[0].T @ cameras.rotations[kept[0]]
+            self._shift = self.poses.centers[0] - self.unit * self._turn @ cameras.centers[kept[0]]
+        self.views = [view_of(self.poses, i) for i in range(len(self.poses))]
         self.slack_px = SLACK_PX + np.nan_to_num(self.poses.error_px)
 
     def raster(self, i: int) -> np.ndarray:
         """What photo ``i`` shows, (height, width) uint8."""
         view = self.views[i]
-        path = self._rasters / f"{Path(view.name).stem}.png"
+        path = self._evidence / f"{Path(view.name).stem}.png"
         return read_raster(path, (view.height, view.width))
+
+    def photo(self, i: int) -> np.ndarray:
+        """Photo ``i`` itself, (height, width, 3) uint8."""
+        assert self._read_photo is not None
+        view = self.views[i]
+        photo = self._read_photo(view.name, max(view.width, view.height))
+        if photo.shape[:2] != (view.height, view.width):
+            raise StageError(
+                f"the undistorted photo {view.name} is {photo.shape[1]} x {photo.shape[0]} px, its "
+                f"camera {view.width} x {view.height} px",
+                file=self._evidence,
+            )
+        return photo
 
     def depth(self, i: int) -> np.ndarray | None:
         """Depth of photo ``i`` in the unit of its pose, (height, width), 0 where unknown."""
-        view = self.views[i]
-        if not self.depth_path(view, GEOMETRIC).exists():
-            return None
-        return self.unit * self.read_depth(view, GEOMETRIC)
+        found = read_depth_raster(Path(self._depth), self.views[i].name) if self._depth else None
+        return None if found is None else self.unit * found
 
     def placed(self, points: np.ndarray) -> np.ndarray:
-        """Points (n, 3) of the workspace's own frame in that of the poses."""
+        """Points (n, 3) of the cameras' own frame in that of the poses."""
         return self.unit * points @ self._turn.T + self._shift
 
 

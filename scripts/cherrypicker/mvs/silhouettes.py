@@ -32,7 +32,6 @@ from cherrypicker.mvs.lines.lines import (
     project_place,
 )
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.photos import read_photo
 from cherrypicker.placement.region import NEAREST, Region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
@@ -349,7 +348,7 @@ def _twigs_of(photos: ScanPhotos, lines: Lines, i: int, region: Region, threads:
     at = np.floor(uv[kept]).astype(int)
     return PointCloud(
         points,
-        colors=read_photo(photos.photo_path(view))[at[:, 1], at[:, 0]] / 255.0,
+        colors=photos.photo(i)[at[:, 1], at[:, 0]] / 255.0,
         normals=_across(view.center - points, axes[kept]),
         fields={
             "n_views": np.minimum(counts[kept], 255).astype(np.uint8),

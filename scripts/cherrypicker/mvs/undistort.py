@@ -1,4 +1,4 @@
-"""The dense workspace: photos without lens distortion, beside the sparse model."""
+"""Photos without lens distortion: the dense workspace, and a photo at a time for later stages."""
 
 from __future__ import annotations
 
@@ -8,17 +8,87 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import temporary_folder
 from cherrypicker.lens import read_model
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.photos import read_photo
+from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
 # COLMAP's default recompresses at a quality that blurs twigs (guess)
 JPEG_QUALITY = 96
+
+
+class UndistortedPhotos:
+    """Photos of a sparse model without lens distortion, each made when it is asked for.
+
+    The dense workspace's photos are large and go after the fusion; the few readers after it have
+    the same pixels, less the JPEG's loss, from here.
+
+    Parameters
+    ----------
+    model : path-like
+        Folder of the sparse model.
+    photos : sequence of path-like
+        Photo files; those that the model names are asked for.
+
+    Raises
+    ------
+    StageError
+        If the model cannot be read.
+    """
+
+    def __init__(self, model: str | os.PathLike, photos: Sequence[str | os.PathLike]) -> None:
+        self._model = read_model(model)
+        self._images = {image.name: image for image in self._model.images.values()}
+        # Of the camera that was last asked for: most scans have one
+        self._from: tuple[int, tuple[np.ndarray, np.ndarray]] | None = None
+        self._files = {Path(photo).name: Path(photo) for photo in photos}
+
+    def read(self, name: str, longest_px: int) -> np.ndarray:
+        """Return a photo with a longer side of at most so many pixels, (height, width, 3) uint8.
+
+        Raises
+        ------
+        StageError
+            If the photo is missing, unreadable or of another size than its camera.
+        """
+        image, path = self._images.get(name), self._files.get(name)
+        if image is None or path is None:
+            raise StageError(f"{name} is not among the photos", key="photos in trees.tsv")
+        photo = _checked(path, image.camera)
+        if self._from is None or self._from[0] != image.camera_id:
+            self._from = image.camera_id, _sources(image.camera)
+        whole = cv2.remap(photo, *self._from[1], cv2.INTER_LINEAR)
+        options = pycolmap.UndistortCameraOptions()
+        options.max_image_size = longest_px
+        pinhole = pycolmap.undistort_camera(options, image.camera)
+        size = pinhole.width, pinhole.height
+        return (
+            whole
+            if size == whole.shape[1::-1]
+            else cv2.resize(whole, size, None, 0, 0, cv2.INTER_AREA)
+        )
+
+
+def _sources(camera: pycolmap.Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Where each pixel of a camera's whole undistorted photo lies in its photo, for OpenCV."""
+    pinhole = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), camera)
+    x, y = np.arange(pinhole.width) + 0.5, np.arange(pinhole.height) + 0.5
+    at = np.empty((2, pinhole.height, pinhole.width), dtype=np.float32)
+    ray = np.ones((pinhole.width, 3))
+    ray[:, 0] = (x - pinhole.principal_point_x) / pinhole.focal_length_x
+    for row, height in enumerate((y - pinhole.principal_point_y) / pinhole.focal_length_y):
+        ray[:, 1] = height
+        at[:, row] = np.asarray(camera.img_from_cam(ray)).T - 0.5
+    maps = cv2.convertMaps(at[0], at[1], cv2.CV_16SC2)
+    return np.asarray(maps[0]), np.asarray(maps[1])
 
 
 def undistort(
@@ -28,12 +98,11 @@ def undistort(
     max_image_size: int,
     *,
     threads: int = 1,
-) -> dict:
-    """Undistort the photos of a sparse model into a new dense workspace.
+) -> Poses:
+    """Undistort the photos of a sparse model into a dense workspace, ``images`` and ``sparse``.
 
     The cameras are those of ``pycolmap.undistort_camera`` with default options, scaled down to
-    ``max_image_size``. What the workspace held before is removed, depth maps included: they belong
-    to other photos or cameras.
+    ``max_image_size``.
 
     Parameters
     ----------
@@ -46,8 +115,8 @@ def undistort(
 
     Returns
     -------
-    dict
-        ``max_image_size`` and, under ``photos``, name, width and height of each undistorted photo.
+    Poses
+        Of the undistorted photos.
 
     Raises
     ------
@@ -55,29 +124,28 @@ def undistort(
         If a photo of the model is missing, unreadable or of another size than its camera.
     """
     workspace = Path(workspace)
-    reconstruction = read_model(model)
-    folder = _photo_folder(reconstruction, photos)
-    for part in ("images", "sparse", "stereo"):
-        shutil.rmtree(workspace / part, ignore_errors=True)
-    workspace.mkdir(parents=True, exist_ok=True)
+    folder = _photo_folder(read_model(model), photos)
     options = pycolmap.UndistortCameraOptions()
     options.max_image_size = max_image_size
-    try:
-        pycolmap.undistort_images(
-            workspace,
-            model,
-            folder,
-            undistort_options=options,
-            jpeg_quality=JPEG_QUALITY,
-            num_threads=threads,
-        )
-    except (RuntimeError, ValueError) as error:
-        raise StageError(f"undistortion failed ({error})", file=folder) from error
-    views = Workspace(workspace).views
-    sizes = [{"name": view.name, "width": view.width, "height": view.height} for view in views]
-    megapixels = sum(view.width * view.height for view in views) / 1e6
-    logger.info("undistorted %d photos, %.1f megapixels", len(sizes), megapixels)
-    return {"max_image_size": max_image_size, "photos": sizes}
+    with temporary_folder(workspace, ".undistorted.") as made:
+        try:
+            pycolmap.undistort_images(
+                made,
+                model,
+                folder,
+                undistort_options=options,
+                jpeg_quality=JPEG_QUALITY,
+                num_threads=threads,
+            )
+        except (RuntimeError, ValueError) as error:
+            raise StageError(f"undistortion failed ({error})", file=folder) from error
+        for part in ("images", "sparse"):
+            shutil.rmtree(workspace / part, ignore_errors=True)
+            (made / part).rename(workspace / part)
+    poses = Workspace(workspace).poses
+    megapixels = float((poses.width * poses.height).sum()) / 1e6
+    logger.info("undistorted %d photos, %.1f megapixels", len(poses), megapixels)
+    return poses
 
 
 def _photo_folder(
@@ -92,12 +160,18 @@ def _photo_folder(
                 f"the sparse model names {image.name}, which is not among the photos",
                 key="photos in trees.tsv",
             )
-        height, width = read_photo(path).shape[:2]
-        if (width, height) != (image.camera.width, image.camera.height):
-            raise StageError(
-                f"the photo is {width} x {height} px, its camera "
-                f"{image.camera.width} x {image.camera.height} px",
-                file=path,
-                key="photos in trees.tsv",
-            )
+        _checked(path, image.camera)
     return next(iter(paths.values())).parent
+
+
+def _checked(path: Path, camera: pycolmap.Camera) -> np.ndarray:
+    """Read a photo, (height, width, 3) uint8, of the size that its camera has."""
+    photo = read_photo(path)
+    height, width = photo.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise StageError(
+            f"the photo is {width} x {height} px, its camera {camera.width} x {camera.height} px",
+            file=path,
+            key="photos in trees.tsv",
+        )
+    return photo

@@ -161,6 +161,21 @@ class Workspace:
         return array
 
 
+def workspace_of(**parts: str | os.PathLike) -> Path:
+    """Return the workspace whose parts ``images``, ``sparse`` and ``stereo`` these folders are.
+
+    Raises
+    ------
+    StageError
+        If one has another name, or they do not lie in one folder.
+    """
+    folders = {Path(path).parent for path in parts.values()}
+    if len(folders) > 1 or any(Path(path).name != name for name, path in parts.items()):
+        where = " and ".join(map(str, parts.values()))
+        raise StageError(f"{where} are not {' and '.join(parts)} of one workspace")
+    return folders.pop()
+
+
 def view_of(poses: Poses, i: int) -> View:
     """Return photo ``i`` of some poses as a view."""
     return View(

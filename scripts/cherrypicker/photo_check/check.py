@@ -19,7 +19,6 @@ from cherrypicker.photo_check.pictures import draw_verdict
 from cherrypicker.photo_check.pieces import pieces_of
 from cherrypicker.photo_check.places import Places, ask_photos, places_along, step_of
 from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
-from cherrypicker.photos import read_photo
 from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
@@ -150,9 +149,10 @@ def _widths(photos: ScanPhotos, places: Places) -> tuple[np.ndarray, np.ndarray]
     """Widths and sizes of a pixel, see `silhouette_widths`, in all photos."""
     width, pixel = np.empty((2, len(photos.views), len(places.points)), dtype=np.float32)
     with Progress(len(photos.views), "photos asked how thick wood is") as bar:
-        for i, view in enumerate(photos.views):
-            photo = read_photo(photos.photo_path(view))
-            width[i], pixel[i] = silhouette_widths(photo, photos.raster(i), photos.poses, i, places)
+        for i in range(len(photos.views)):
+            width[i], pixel[i] = silhouette_widths(
+                photos.photo(i), photos.raster(i), photos.poses, i, places
+            )
             bar.step()
     return width, pixel
 

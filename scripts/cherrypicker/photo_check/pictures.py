@@ -11,7 +11,6 @@ from PIL import Image
 from cherrypicker.files import atomic_path
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
-from cherrypicker.photos import read_photo
 
 # RGB of what is there, what no photo can judge, what is not there, and what is missing
 THERE, UNJUDGED, REFUTED, MISSING = (40, 170, 60), (60, 110, 220), (225, 30, 30), (255, 150, 0)
@@ -52,7 +51,7 @@ def draw_verdict(
     ndarray of shape (height, width, 3), uint8
     """
     view = photos.views[i]
-    photo = read_photo(photos.photo_path(view))
+    photo = photos.photo(i)
     uv, depth = view.project(places.points)
     also, far = view.project(missing)
     low, high = _box(uv[depth > 0], photo.shape)

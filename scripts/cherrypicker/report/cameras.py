@@ -5,12 +5,12 @@ from __future__ import annotations
 import base64
 import io
 import logging
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 from PIL import Image
 
-from cherrypicker.photos import UNREADABLE
+from cherrypicker.errors import StageError
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
@@ -20,15 +20,17 @@ _QUALITY = 55
 _BUDGET = 1_500_000  # bytes of all pictures; beyond, every second, third ... photo has one
 
 
-def camera_views(poses: Poses, folder: Path | None, pictures: dict[str, str]) -> list[dict]:
+def camera_views(
+    poses: Poses, read: Callable[[str, int], np.ndarray] | None, pictures: dict[str, str]
+) -> list[dict]:
     """Return the cameras of the view.
 
     Parameters
     ----------
     poses : Poses
         Of the undistorted photos, in the skeleton's frame.
-    folder : Path or None
-        Of the undistorted photos.
+    read : callable or None
+        Takes a photo's name and its longer side, px; returns it undistorted.
     pictures : dict of str to str
         Photo to the id of its figure on the page.
 
@@ -39,7 +41,7 @@ def camera_views(poses: Poses, folder: Path | None, pictures: dict[str, str]) ->
         picture), ``matrix`` (3, 4; from the frame to px of the picture), ``photo`` (its address,
         empty where it has no picture) and ``picture`` (the figure's id, or empty).
     """
-    shown = _pictures(poses, folder)
+    shown = _pictures(poses, read)
     return [
         _view(poses, i) | {"photo": shown.get(i, ""), "picture": pictures.get(str(name), "")}
         for i, name in enumerate(poses.names)
@@ -61,11 +63,11 @@ def _view(poses: Poses, i: int) -> dict:
     }
 
 
-def _pictures(poses: Poses, folder: Path | None) -> dict[int, str]:
+def _pictures(poses: Poses, read: Callable[[str, int], np.ndarray] | None) -> dict[int, str]:
     """Address of the picture of each photo that has one."""
-    if folder is None:
+    if read is None:
         return {}
-    files = {i: data for i in range(len(poses)) if (data := _small(folder / str(poses.names[i])))}
+    files = {i: data for i, name in enumerate(poses.names.tolist()) if (data := _small(read, name))}
     step = -(-sum(map(len, files.values())) // _BUDGET) or 1
     if step > 1:
         logger.info("every %dth photo has a picture in the view", step)
@@ -75,15 +77,11 @@ def _pictures(poses: Poses, folder: Path | None) -> dict[int, str]:
     }
 
 
-def _small(path: Path) -> bytes:
+def _small(read: Callable[[str, int], np.ndarray], name: str) -> bytes:
     """The photo as a small JPEG; empty where it cannot be read."""
+    stream = io.BytesIO()
     try:
-        with Image.open(path) as photo:
-            photo.draft("RGB", (2 * _LONGEST_PX, 2 * _LONGEST_PX))
-            zoom = _LONGEST_PX / max(photo.size)
-            size = max(round(zoom * photo.size[0]), 1), max(round(zoom * photo.size[1]), 1)
-            stream = io.BytesIO()
-            photo.convert("RGB").resize(size).save(stream, "JPEG", quality=_QUALITY)
-            return stream.getvalue()
-    except UNREADABLE:
+        Image.fromarray(read(name, _LONGEST_PX)).save(stream, "JPEG", quality=_QUALITY)
+    except StageError:
         return b""
+    return stream.getvalue()

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import cherrypicker
+from cherrypicker.mvs.undistort import UndistortedPhotos
 from cherrypicker.report.accuracy import accuracy_section
 from cherrypicker.report.branches import branch_facts, branch_table
 from cherrypicker.report.cameras import camera_views
@@ -160,7 +161,10 @@ def _cameras(data: dict) -> list[dict]:
             max(judged, key=lambda name: share[name]): "best_photo",
             min(judged, key=lambda name: share[name]): "worst_photo",
         }
-    return camera_views(poses, data["depth"] and data["depth"] / "images", pictures)
+    read = None
+    if data["cameras"] and data["photos"]:
+        read = UndistortedPhotos(data["cameras"], data["photos"]).read
+    return camera_views(poses, read, pictures)
 
 
 def _warnings(data: dict) -> list[dict]:

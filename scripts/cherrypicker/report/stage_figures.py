@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from PIL import Image
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.evidence.coverage import voxel_centers
+from cherrypicker.mvs.depth_rasters import read_depth_raster
 from cherrypicker.photos import UNREADABLE
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.region import Region
@@ -200,7 +200,7 @@ def contraction_figure(
 
 
 def example_figure(
-    photos: list[Path], sky_folder: Path | None, depth_of: Callable | None, n_examples: int
+    photos: list[Path], sky_folder: Path | None, depth_folder: Path | None, n_examples: int
 ) -> Figure | None:
     """Photos with their sky masks and depth maps.
 
@@ -210,8 +210,8 @@ def example_figure(
         Registered photos.
     sky_folder : Path or None
         Folder of masks ``{stem}.png``.
-    depth_of : callable or None
-        Returns a depth map (height, width), 0 where unknown, or None, for a photo's name.
+    depth_folder : Path or None
+        Folder of depths, see `cherrypicker.mvs.depth_rasters`.
 
     Returns
     -------
@@ -228,7 +228,7 @@ def example_figure(
         mask = _thumbnail(sky_folder / f"{path.stem}.png", photo.size) if sky_folder else None
         if mask is not None:
             tiles.append(("sky mask", _tinted(photo, mask), {}))
-        depth = depth_of(path.name) if depth_of else None
+        depth = read_depth_raster(depth_folder, path.name) if depth_folder else None
         if depth is not None:
             tiles.append(("depth map", *_depth_tile(depth)))
         rows.append(tiles)

@@ -6,12 +6,10 @@ Stages that a tree did not go through have no section; a report that lacks a fac
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 
-from cherrypicker.errors import StageError
 from cherrypicker.lens import PhotoLenses
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.report.marker_figure import marker_figure
@@ -111,28 +109,9 @@ def _sparse(data: dict, width_px: int) -> dict:
 def _examples(data: dict, n_examples: int) -> dict:
     registered = set(data["metric_poses"].names) if data["metric_poses"] is not None else set()
     photos = [path for path in data["photos"] if path.name in registered] or data["photos"]
-    dense = data["depth"]
-    figure = example_figure(
-        photos, data["sky_colors"], _depth_reader(dense) if dense else None, n_examples
-    )
+    figure = example_figure(photos, data["sky_masks"], data["depth"], n_examples)
     caption = "Example photos with their sky masks (blue) and depth maps (near is bright)."
     return section("Sky and depth", figures=[(figure, caption)])
-
-
-def _depth_reader(folder: Path) -> Callable:
-    from cherrypicker.mvs.workspace import read_map
-
-    def depth_of(name: str) -> np.ndarray | None:
-        for kind in ("geometric", "photometric"):
-            path = Path(folder) / "stereo" / "depth_maps" / f"{name}.{kind}.bin"
-            if path.is_file():
-                try:
-                    return read_map(path)
-                except StageError as error:
-                    logger.warning("depth map left out: %s", error.describe())
-        return None
-
-    return depth_of
 
 
 def _gravity(report: dict) -> str | None:

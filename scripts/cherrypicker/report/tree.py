@@ -65,10 +65,8 @@ FILES = {
     "aligned_poses": _File(read_poses, "poses in the aligned cloud's frame"),
     "cropped": _File(read_cloud, "cropped cloud"),
     "denoised": _File(read_cloud, "denoised cloud"),
-    "sky_colors": _File(
-        lambda path: Path(path).parent / "sky", "sky_colors.npz, beside the folder sky/ of masks"
-    ),
-    "depth": _File(lambda path: Path(path).parent, "dense/depth.json, beside the depth maps"),
+    "sky_masks": _File(Path, "folder of sky masks"),
+    "depth": _File(Path, "folder of the depths of each photo"),
     "coverage": _File(read_json, "dense/coverage.json"),
     "edits": _File(_text, "hand corrections that the skeleton holds"),
     "photo_check": _File(read_json, "photo_check.json"),

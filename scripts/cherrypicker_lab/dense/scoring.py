@@ -98,8 +98,8 @@ def place(points, poses, truth, surface: TrueSurface, fit: str):
 
 def _cameras(poses):
     poses = Path(poses)
-    if poses.is_dir() or poses.suffix == ".json":
-        views = Workspace(poses if poses.is_dir() else poses.parent).views
+    if poses.is_dir():
+        views = Workspace(poses).views
         return [view.name for view in views], np.array([view.center for view in views])
     read = read_poses(poses)
     return read.names, read.centers

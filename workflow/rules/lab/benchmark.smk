@@ -92,7 +92,7 @@ rule place_benchmark_cameras:
             "results/benchmark/dense/{scan}/{cameras}/model/images.bin", non_empty=True
         ),
         undistorted=ensure(
-            "results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
+            "results/benchmark/dense/{scan}/{cameras}/dense/poses.npz",
             non_empty=True,
         ),
     log:
@@ -117,7 +117,7 @@ rule place_benchmark_cameras:
 
 rule measure_stereo:
     input:
-        undistorted="results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
+        undistorted="results/benchmark/dense/{scan}/{cameras}/dense/poses.npz",
         images="results/benchmark/dense/{scan}/{cameras}/model/images.bin",
         sky_masks=benchmark_sky,
     output:
@@ -157,7 +157,7 @@ rule measure_stereo:
 rule score_surface:
     input:
         cloud="results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/cloud.ply",
-        poses="results/benchmark/dense/{scan}/{cameras}/dense/undistorted.json",
+        poses="results/benchmark/dense/{scan}/{cameras}/dense/poses.npz",
     output:
         scores=ensure(
             "results/benchmark/dense/{scan}/{cameras}/{size}/{backend}/scores.json",

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -13,6 +15,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.map_keys import GEOMETRIC, PHOTOMETRIC
 from cherrypicker.mvs.backends.table import AUTO, BACKENDS, Backend, first_choice, has_cuda
 from cherrypicker.mvs.clear_sky import SkyMasks
+from cherrypicker.mvs.depth_rasters import write_depth_raster
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.workspace import Workspace
 
@@ -98,6 +101,37 @@ def estimate_workspace(
         "maps": list(shares),
         "share_with_depth": shares,
     }
+
+
+def estimate_apart(folder: Path, depth: Path, *args: Any, **options: Any) -> dict:
+    """Write a workspace's maps when all are made, and their depths as a raster a photo.
+
+    They are made in ``.stereo`` beside ``stereo``: a killed run leaves nothing under the final
+    name, and the next takes up what is whole.
+
+    Parameters
+    ----------
+    folder, depth : Path
+        The workspace, with ``images`` and ``sparse``, and the folder of rasters to write.
+    *args, **options
+        As of :func:`estimate_workspace`, whose manifest is returned.
+    """
+    apart = folder / ".stereo"
+    for name in ("depth_maps", "normal_maps", "consistency_graphs"):  # COLMAP makes none of them
+        (apart / "stereo" / name).mkdir(parents=True, exist_ok=True)
+    for name in ("images", "sparse"):
+        link = apart / name
+        link.unlink(missing_ok=True)
+        link.symlink_to(Path("..") / name)
+    manifest = estimate_workspace(apart, *args, **options)
+    workspace = Workspace(apart)
+    for view in workspace.views:
+        if view.name in manifest["maps"]:
+            write_depth_raster(depth, view.name, workspace.read_depth(view, GEOMETRIC))
+    shutil.rmtree(folder / "stereo", ignore_errors=True)
+    (apart / "stereo").rename(folder / "stereo")
+    shutil.rmtree(apart)
+    return manifest
 
 
 def run_backend(

@@ -12,7 +12,6 @@ from cherrypicker.mvs.lines.sky_lines import FLANK_PX, SkyLines, find_sky_lines
 from cherrypicker.mvs.raster import HIDDEN
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.workspace import View
-from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
 
 # A place is on a photo's line within so many pixels across: the error of poses and of lines
@@ -135,9 +134,9 @@ def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
     found, clear = [], []
     first = np.zeros(len(views) + 1, dtype=np.int64)
     with Progress(len(views), "photos searched for twigs before the sky") as bar:
-        for i, view in enumerate(views):
+        for i in range(len(views)):
             raster = photos.raster(i)
-            own = find_sky_lines(read_photo(photos.photo_path(view)), raster, TOLERANCE_PX)
+            own = find_sky_lines(photos.photo(i), raster, TOLERANCE_PX)
             own = seen_lines(own, raster == HIDDEN)
             maps[starts[i] : starts[i + 1]] = _line_map(own, first[i]).ravel()
             clear.append(own.clear.mean())
