@@ -31,10 +31,10 @@ def test_stages_add_up_over_scans():
     assert depth.n_jobs == 2
     assert depth.cpu_hours == pytest.approx(expected)
     # 250 photos of 1.92 megapixels, two scans: their depths, and two depth and normal maps if kept
-    assert depth.disk_gb == pytest.approx(2 * 250 * 1.92 * 0.7 / 1000)
+    assert depth.disk_gb == pytest.approx(2 * 250 * 1.92 * 0.4 / 1000)
     kept = forecast_stages({"a": replace(SCAN, keeps_dense=True)})
     disk = {row.rule: row.disk_gb for row in kept}
-    assert disk["estimate_depth"] == pytest.approx(250 * 1.92 * 32.7 / 1000)
+    assert disk["estimate_depth"] == pytest.approx(250 * 1.92 * 32.4 / 1000)
     assert rows["import_cloud"].n_jobs == 1
     assert rows["segment_cloud"].n_jobs == 2
     assert rows["report_tree"].n_jobs == 3

@@ -206,15 +206,6 @@ def test_measurements_that_are_gone_from_the_table_do_not_count(batch):
     assert "3.0" not in (batch.root / "measures.csv").read_text()
 
 
-def test_second_writing_touches_nothing(batch):
-    batch.add_traits("tree")
-    batch("tree")
-    page = batch.root / "summary.html"
-    os.utime(page, (1e9, 1e9))
-    batch("tree")
-    assert page.stat().st_mtime == 1e9
-
-
 def test_links_only_to_what_is_there(batch):
     batch.add_traits("tree")
     rows = [{"tree": "tree"}]

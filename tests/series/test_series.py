@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cherrypicker.batch.series import compare_rest
+from cherrypicker.batch.finished import finished_series
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.similarity import fit_rigid
@@ -297,22 +297,13 @@ def test_the_stage_names_a_broken_scan_and_compares_the_others(stage, results, t
         stage("row 1", ["a", "c"], days[:2], str(tmp_path), str(results))
 
 
-def test_the_finished_scans_of_a_series_are_compared_though_one_failed(
-    results, project, tmp_path, monkeypatch, capfd
-):
+def test_of_a_series_with_a_failure_the_finished_scans_are_left(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "results").mkdir()
     for tree in "ab":
-        (tmp_path / "results" / tree).symlink_to(results / tree)
-        (results / tree / "traits.json").write_text('{"unit": "m"}')
+        (tmp_path / "results" / tree).mkdir(parents=True)
+        (tmp_path / "results" / tree / "traits.json").write_text('{"unit": "m"}')
     rows = [Tree(tree, series="row 1", date=f"202{n}-02-01") for n, tree in enumerate("abc")]
-    compare_rest("row_1", rows[:2], project / "scripts/compare_series.py")
-    assert not (tmp_path / "results/series").exists()  # its rule has done that
-    compare_rest("row_1", rows, project / "scripts/compare_series.py")
-    assert "c not finished, the others are compared" in capfd.readouterr().err
-    page = tmp_path / "results/series/row_1/report.html"
-    assert "it is not finished" in page.read_text()
-    assert page.stat().st_mtime < (results / "a/branches.csv").stat().st_mtime  # not the last word
+    assert finished_series({"row_1": rows, "row_2": rows[1:]}) == {"row_1": rows[:2]}
 
 
 def test_a_scan_without_date_or_scale_is_refused(results, tmp_path):

@@ -29,6 +29,7 @@ ELSEWHERE = {
     "method": "the batch: which defaults the keys have",
     "trees": "the batch: which trees there are",
     "measures": "the batch: what was measured by hand on which trees",
+    "finished_only": "the rules of the summary and the series: which trees are their inputs",
     "keep.dense": "the rules of the dense stage: which outputs are temporary",
     "graph.edits": "edit_graph: its input, and which rule makes a tree's skeleton",
     "orchard.n_scenes": "orchard: which scenes are made",

@@ -120,7 +120,7 @@ def test_hand_measurements_concern_their_tree_alone(finished):
 def test_a_bad_tree_is_told_and_the_others_stay(finished):
     (finished.folder / "broken.ply").write_text("not a cloud")
     finished.table(*PAIR, "broken | broken.ply | ", "gone | gone.ply | ")
-    assert finished.ran(fails=True) == set()
+    assert finished.ran(fails=True) == {SUMMARY}  # of those that are finished
     for tree, cause in (("broken", "not a PLY"), ("gone", "missing")):
         (line,) = [line for line in finished.printed.splitlines() if f"ERROR tree={tree}" in line]
         assert f"{tree}.ply" in line
@@ -153,3 +153,16 @@ def test_a_series_of_two_scans_is_compared_and_one_of_one_is_not(finished):
     printed = finished.run("--dry-run")
     assert "row_1: compare the dates of the tree" in printed
     assert "row_2" not in printed
+
+
+def test_of_a_series_with_a_failure_the_finished_scans_are_compared(finished):
+    finished.table(
+        "tree | cloud | config | series | date",
+        "a | a.ply |  | row 1 | 2025-02-01",
+        "b | b.ply | config/b.yaml | row 1 | 2026-02-01",
+        "lost | gone.ply |  | row 1 | 2027-02-01",
+    )
+    finished.run(fails=True)
+    page = finished.folder / "results/series/row_1/report.html"
+    assert "lost" in page.read_text() and "it is not finished" in page.read_text()
+    assert "series/row_1/report.html" in (finished.folder / "results/summary.html").read_text()

@@ -14,14 +14,15 @@ SCRIPTS = PROJECT / "scripts"
 LIBRARY = SCRIPTS if (SCRIPTS / "cherrypicker").is_dir() else PROJECT.parents[1]
 sys.path.insert(0, str(LIBRARY))
 
-from cherrypicker.batch import hooks
 from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.config import load_schema, lookup as lookup_key
+from cherrypicker.batch.finished import finished_series, summarise_finished
 from cherrypicker.batch.resources import mb_to_ask, minutes_to_ask, threads_to_ask
 from cherrypicker.batch.run_lock import begin_start, end_start
 from cherrypicker.batch.scans import Scans, is_plain
 from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of
 from cherrypicker.batch.watched_modules import digest_of_code
+from cherrypicker.batch.work_folder import check_results
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.runner import keys_of_stage
@@ -42,7 +43,9 @@ def told(function, *arguments):
 
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
 BATCH = told(read_batch, SCHEMA, config, workflow.config_settings.config)
-SERIES = told(BATCH.series)
+ALL_SERIES = told(BATCH.series)
+ONLY_FINISHED = BATCH.settings["finished_only"]
+SERIES = finished_series(ALL_SERIES) if ONLY_FINISHED else ALL_SERIES
 SCANS = Scans(BATCH, is_kept=workflow.is_main_process)
 # Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
 SETTINGS, TREES, SETTINGS_OF = BATCH.settings, BATCH.trees, BATCH.settings_of
@@ -60,18 +63,24 @@ if workflow.is_main_process:
     begin_start()
 
 
-def of_each_tree(path):
-    """A file of every tree; of a scan with ``all``, when its trees are found."""
+def of_each_tree(path, trees=None):
+    """A file of every tree, or of these; of a scan with ``all``, when its trees are found."""
+
+    def paths(names):
+        return [
+            path.format(tree=each) for each in names if trees is None or each in trees
+        ]
 
     def of_one(scan):
         def found(wildcards):
             checkpoints.find_trees.get(tree=scan)
-            return [path.format(tree=tree) for tree in BATCH.names(scan)]
+            return paths(BATCH.names(scan))
 
         return found
 
-    known = [path.format(tree=tree) for tree in LISTED_TREES]
-    return [*known, *map(of_one, BATCH.open_scans)]
+    if ONLY_FINISHED:
+        return [file for file in paths(BATCH.known()) if Path(file).is_file()]
+    return [*paths(LISTED_TREES), *map(of_one, BATCH.open_scans)]
 
 
 def large(path):
@@ -147,9 +156,14 @@ def row(column):
 
 
 def of_known_trees(column):
-    """A column of the table for every tree that is known."""
+    """A column of the table for every tree that is known, with failed scans once some ended."""
     return lambda wildcards: [
-        getattr(BATCH.row(tree), column) for tree in BATCH.known()
+        getattr(row, column)
+        for row in (
+            BATCH.rows_to_tell("logs")
+            if ONLY_FINISHED
+            else map(BATCH.row, BATCH.known())
+        )
     ]
 
 

@@ -108,11 +108,7 @@ rule summarise_batch:
     input:
         of_each_tree("results/{tree}/traits.json"),
         of_each_tree("results/{tree}/report.html"),
-        # A tree of an open scan that is measured: its report waits for the comparison
-        measures=expand(
-            "results/{tree}/measures.json",
-            tree=[name for name in MEASURED_TREES if name in LISTED_TREES],
-        ),
+        of_each_tree("results/{tree}/measures.json", MEASURED_TREES),
     output:
         table=report(
             ensure("results/traits.csv", non_empty=True),

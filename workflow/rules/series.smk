@@ -41,6 +41,11 @@ rule compare_series:
         ),
         trees=lambda wildcards: [row.tree for row in SERIES.get(wildcards.series, ())],
         dates=lambda wildcards: [row.date for row in SERIES.get(wildcards.series, ())],
+        unfinished=lambda wildcards: [
+            row.tree
+            for row in ALL_SERIES.get(wildcards.series, ())
+            if row not in SERIES[wildcards.series]
+        ],
         folder=lambda wildcards: f"results/series/{wildcards.series}",
     message:
         "{wildcards.series}: compare the dates of the tree"

@@ -50,7 +50,7 @@ def weigh(formula: str, quantities: Mapping[str, float]) -> float:
 def stereo_stage(backend: Backend) -> StageCost:
     """Return what ``estimate_depth`` costs with a backend."""
     # Two depth maps of 4 and two normal maps of 12 bytes a pixel, where they stay, and the depths
-    disk_mb = "32 kept_mp + 0.7 dense_mp"
+    disk_mb = "32 kept_mp + 0.4 dense_mp"
     return StageCost(backend.cpu_s, backend.memory_mb, "", disk_mb, backend.max_threads)
 
 

@@ -1,7 +1,6 @@
 """The batch's tables and page: every tree with its traits, or with the stage and cause of failure.
 
-Called by Snakemake's ``onsuccess`` and ``onerror`` handlers inside the main process, so nothing
-heavy is imported here and no single broken file may keep the other trees from being listed.
+No single broken file may keep the other trees from being listed.
 """
 
 from __future__ import annotations
@@ -50,9 +49,6 @@ def summarise(
     Beside the table of traits lie ``measures.csv`` and ``accuracy.csv``, of hand measurements, and
     ``datapackage.json``, which says what the columns of all three are.
 
-    Files are only touched when their content changes, so that writing them after every run does
-    not make anything out of date.
-
     Parameters
     ----------
     trees : list of dict
@@ -72,13 +68,13 @@ def summarise(
         "accuracy.csv": (ACCURACY_COLUMNS, accuracy_rows(pairs)),
     }
     for name, (columns, rows) in tables.items():
-        _write_if_changed(Path(out_csv).with_name(name), csv_text(columns, rows))
+        write_text(Path(out_csv).with_name(name), csv_text(columns, rows))
     dictionary = data_package({name: columns for name, (columns, _) in tables.items()})
-    _write_if_changed(Path(out_csv).with_name("datapackage.json"), dictionary)
+    write_text(Path(out_csv).with_name("datapackage.json"), dictionary)
     costs = read_benchmarks(benchmarks_dir, {result.tree for result in results})
     stages = sorted(costs, key=lambda rule: _ORDER.get(rule, len(_ORDER)))
     page = summary_html(results, {rule: costs[rule] for rule in stages}, series)
-    _write_if_changed(out_html, page)
+    write_text(out_html, page)
 
 
 def collect_results(
@@ -183,13 +179,3 @@ def _read_object(path: Path) -> tuple[dict, str]:
     if not isinstance(content, dict) or not content:
         return {}, f"{path.name} holds no JSON object"
     return content, ""
-
-
-def _write_if_changed(path: str | os.PathLike, text: str) -> None:
-    path = Path(path)
-    try:
-        is_same = path.read_text(encoding="utf-8") == text
-    except (OSError, UnicodeDecodeError):
-        is_same = False
-    if not is_same:
-        write_text(path, text)

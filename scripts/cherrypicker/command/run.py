@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> int:
     console.print(f"running: {shlex.join(command)}")
     if args.plain:
         return subprocess.run(command, check=False).returncode
-    view = _View(console, TimeLeft(_forecast()))
+    view, start = _View(console, TimeLeft(_forecast())), time.time()
     with subprocess.Popen(
         [*command, "--logger", "cherrypicker"],
         stdout=subprocess.PIPE,
@@ -74,7 +74,8 @@ def main(arguments: Sequence[str]) -> int:
     if view.has_run:
         log = max(LOGS.glob("*.log"), default=LOGS)
         console.print(f"Snakemake's own log: {log.absolute()}")
-        if TRAITS_TABLE.is_file():
+        # A run for some files alone does not write it
+        if TRAITS_TABLE.is_file() and TRAITS_TABLE.stat().st_mtime >= start - _CLOCKS_DIFFER_S:
             console.print(closing_table(TRAITS_TABLE))
             console.print(f"pages: {Path('results/summary.html').resolve()}")
     return process.returncode
