@@ -209,6 +209,8 @@ def test_readme_names_what_is_pinned(project, pages):
     (version,) = re.findall(r"^pycolmap==(\S+)", pinned, re.M)
     assert span in pages["README.md"] and span in pages["docs/install.md"]
     assert f"pycolmap-cuda12=={version}" in pages["README.md"]
+    profile = yaml.safe_load((project / "profiles/default/profile.yaml").read_text("utf-8"))
+    assert "gpu=1" in profile["resources"]  # one rule on the GPU at a time
 
 
 def test_there_is_one_version(project):

@@ -41,7 +41,7 @@ TOUCH_M = 0.05  # the same with the shipped weights' voxels
 STANDS_M = 0.5  # a thing that stands comes this near to the ground (a guess)
 # A roof's points with their nearest have a least variance of at most this share of all of it, and a
 # middle one of at least this share of the largest, or stand in an upright rod (cosine of 15
-# degrees). Guesses, held against laser scans of trees without a roof (docs/segmentation.md)
+# degrees). Guesses, held against laser scans of trees without a roof (docs/lab/segmentation.md)
 N_NEAR, FLAT, BROAD, UPRIGHT = 30, 0.05, 0.15, 0.966
 
 

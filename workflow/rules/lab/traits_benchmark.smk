@@ -1,4 +1,4 @@
-# The benchmark of traits, see docs/traits.md. Only `snakemake benchmark_traits` runs it.
+# The benchmark of traits, see docs/lab/traits.md. Only `snakemake benchmark_traits` runs it.
 
 TRAITS_BENCHMARK = SETTINGS["benchmark"]["traits"]
 TRAITS_BENCHMARK_SEEDS = range(
