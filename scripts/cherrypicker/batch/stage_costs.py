@@ -1,7 +1,7 @@
 """What each stage costs: CPU time, memory and disk as linear functions of the size of a scan.
 
 The one place for these numbers, but those of the stereo, which stand with its backends. They were
-fitted to Snakemake's benchmark files and to the peak memory of single stages; docs/lab/cluster.md has
+fitted to Snakemake's benchmark files and to peak memory of single stages; docs/lab/cluster.md has
 the runs. Memory is an upper line through the measured peaks, CPU time the middle of the measured
 times. ``2 + 0.2 photo_mp`` is two, and a fifth of the photos' megapixels: the quantities are those
 of :meth:`cherrypicker.batch.resources.ScanSize.quantities`, those of photos 0 for a ready cloud.
