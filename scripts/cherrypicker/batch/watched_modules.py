@@ -1,7 +1,7 @@
 """Which library modules a stage script relies on, so that Snakemake can watch them.
 
-Snakemake tracks a rule's script but never what it imports; the rules therefore have a digest of
-the modules found here among their params.
+Snakemake tracks a rule's script by its time and never what it imports; the rules therefore have a
+digest of both, wherever they lie, among their params.
 """
 
 from __future__ import annotations
@@ -33,17 +33,16 @@ def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list
     found: set[Path] = set()
     waiting = [Path(script).resolve()]
     while waiting:
-        for module in _imports_of(waiting.pop(), root):
-            if module not in found:
-                found.add(module)
-                waiting.append(module)
-    return sorted(str(module) for module in found)
+        new = _imports_of(waiting.pop(), root) - found
+        found |= new
+        waiting += new
+    return sorted(map(str, found))
 
 
 def digest_of_code(
     script: str | os.PathLike, root: str | os.PathLike, patterns: Iterable[Path] = ()
 ) -> str:
-    """Return a digest of the content of what a script imports, wherever all that lies.
+    """Return a digest of the content of a script and what it imports, wherever all that lies.
 
     Parameters
     ----------
@@ -58,13 +57,9 @@ def digest_of_code(
     FileNotFoundError
         As :func:`imported_modules`.
     """
-    digest = hashlib.sha256()
-    for module in imported_modules(script, root):
-        digest.update(_content(Path(module)))
-    for pattern in patterns:
-        for path in sorted(pattern.parent.glob(pattern.name)):
-            digest.update(_content(path))
-    return digest.hexdigest()[:16]
+    files = [Path(script), *map(Path, imported_modules(script, root))]
+    files += [path for each in patterns for path in sorted(each.parent.glob(each.name))]
+    return hashlib.sha256(b"".join(map(_content, files))).hexdigest()[:16]
 
 
 @cache
@@ -73,53 +68,30 @@ def _content(path: Path) -> bytes:
 
 
 @cache
-def _imports_of(path: Path, root: Path) -> tuple[Path, ...]:
-    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
-    modules: set[Path] = set()
-    for node in _imports_in(tree):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                modules.update(_files_of(alias.name, (), root))
-        else:
-            name = _absolute_name(node, path, root)
-            modules.update(_files_of(name, tuple(alias.name for alias in node.names), root))
-    return tuple(sorted(modules - {path}))
+def _imports_of(path: Path, root: Path) -> set[Path]:
+    """The files behind a file's imports, the parents' ``__init__`` included."""
+    found: set[Path] = set()
+    for name, members in _names_in(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        parts = name.split(".")
+        if parts[0] not in PACKAGES:
+            continue
+        place = root.joinpath(*parts)
+        if not (place.is_dir() or place.with_suffix(".py").is_file()):
+            raise FileNotFoundError(f"{place} is imported by {path} but does not exist")
+        folders = [root.joinpath(*parts[:depth]) for depth in range(1, len(parts) + 1)]
+        within = [place / member for member in members]
+        files = [folder / "__init__.py" for folder in (*folders, *within)]
+        files += [each.with_suffix(".py") for each in (place, *within)]
+        found.update(filter(Path.is_file, files))
+    return found - {path}
 
 
-def _imports_in(block: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
-    """Yield a block's imports, those of the blocks in it too; no expression holds one."""
+def _names_in(block: ast.AST) -> Iterator[tuple[str, list[str]]]:
+    """Yield what a block imports, and the blocks in it, and from where; no expression does."""
     for node in ast.iter_child_nodes(block):
-        if isinstance(node, (ast.Import, ast.ImportFrom)):
-            yield node
-        elif isinstance(node, (ast.stmt, ast.excepthandler, ast.match_case)):
-            yield from _imports_in(node)
-
-
-def _absolute_name(node: ast.ImportFrom, path: Path, root: Path) -> str:
-    if node.level == 0:
-        return node.module or ""
-    parts = path.relative_to(root).with_suffix("").parts
-    package = parts[: len(parts) - node.level]
-    return ".".join([*package, *([node.module] if node.module else [])])
-
-
-def _files_of(name: str, members: tuple[str, ...], root: Path) -> set[Path]:
-    """Return the files behind ``from name import members``, parents' __init__ included."""
-    parts = name.split(".")
-    if parts[0] not in PACKAGES:
-        return set()
-    files = {root.joinpath(*parts[:depth], "__init__.py") for depth in range(1, len(parts))}
-    folder = root.joinpath(*parts)
-    if folder.is_dir():
-        files.add(folder / "__init__.py")
-        for member in members:
-            if (folder / f"{member}.py").is_file():
-                files.add(folder / f"{member}.py")
-            elif (folder / member / "__init__.py").is_file():
-                files.add(folder / member / "__init__.py")
-    else:
-        files.add(folder.with_suffix(".py"))
-    for path in files:
-        if not path.is_file():
-            raise FileNotFoundError(f"{path} is imported but does not exist")
-    return files
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, []) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module or "", [alias.name for alias in node.names]
+        elif isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
+            yield from _names_in(node)
