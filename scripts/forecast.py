@@ -56,7 +56,7 @@ def main(args: argparse.Namespace) -> None:
 def scans_of_batch() -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
     """Return size and stereo backend of every tree of the table, and the labelled clouds."""
     batch = batch_here()
-    known = Scans(batch, is_kept=False)
+    known = Scans(batch)
     scans = {name: known.size(name) for name in batch.trees}
     for name, row in batch.trees.items():
         if row.is_photo_scan and not scans[name].n_photos:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import json
 import math
 import os
 import re
 import shutil
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
@@ -279,6 +280,91 @@ def read_table(
     if any(row[name] is None for row in rows for name in required):
         raise StageError("a row is shorter than the header", file=path)
     return list(enumerate(rows, start=2))
+
+
+def read_user_table(
+    path: str | os.PathLike,
+    title: str,
+    columns: Sequence[str],
+    needed: Sequence[str],
+    *,
+    separators: str = "\t",
+    key: str | None = None,
+) -> tuple[list[tuple[int, dict[str, str]]], str]:
+    """Read a table that a user writes, with a head.
+
+    A byte order mark, CRLF line ends, blank lines and lines that start with ``#`` are allowed.
+
+    Parameters
+    ----------
+    title : str
+        What to call the table in an error.
+    columns, needed : sequence of str
+        Those that it may have, and must.
+    separators : str
+        The one that the head has most of separates the cells.
+    key : str, optional
+        Config key that names the table.
+
+    Returns
+    -------
+    rows : list of (int, dict)
+        Line of the file and cells by column, stripped, "" where there is none.
+    separator : str
+        "" for a file without a head.
+
+    Raises
+    ------
+    StageError
+        For a file that cannot be read, an unknown, doubled or missing column, or a row that is
+        longer than the head.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        cause = f"{title} cannot be read ({error.strerror})"
+        raise StageError(cause, file=path, key=key) from error
+    except UnicodeDecodeError as error:
+        raise StageError(f"{title} is not UTF-8", file=path, key=key) from error
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip(" " + separators) and not line.startswith("#")
+    ]
+    if not lines:
+        return [], ""
+    separator = max(separators, key=lines[0][1].count)
+    try:
+        rows = list(csv.reader((line for _, line in lines), delimiter=separator))
+    except csv.Error as error:
+        raise StageError(f"{title} cannot be read ({error})", file=path, key=key) from error
+    if len(rows) != len(lines):
+        cause = f"a cell of {title} spans several lines: a quote too many?"
+        raise StageError(cause, file=path, key=key)
+    head = [name.strip() for name in rows[0]]
+    _check_head(head, columns, needed, path)
+    found = []
+    for (number, _), cells in zip(lines[1:], rows[1:], strict=True):
+        if any(cell.strip() for cell in cells[len(head) :]):
+            raise StageError(f"line {number} has more cells than the header", file=path, key=key)
+        given = {name: cell.strip() for name, cell in zip(head, cells, strict=False)}
+        found.append((number, dict.fromkeys(columns, "") | given))
+    return found, separator
+
+
+def _check_head(
+    head: list[str], columns: Sequence[str], needed: Sequence[str], path: str | os.PathLike
+) -> None:
+    for name in head:
+        if name not in columns:
+            near = difflib.get_close_matches(name, columns, n=1, cutoff=0.0)[0]
+            cause = f"unknown column {name!r}; did you mean {near!r}?"
+            raise StageError(cause, file=path, key=name)
+    if len(set(head)) != len(head):
+        raise StageError("a column is named twice", file=path)
+    for name in needed:
+        if name not in head:
+            raise StageError(f"the column {name!r} is missing", file=path, key=name)
 
 
 def is_number(value: object) -> TypeGuard[int | float]:

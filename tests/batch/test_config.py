@@ -54,6 +54,13 @@ def test_numbers_arrive_as_strings(text):
     assert resolve_config(schema, {"a": text})["a"] == 0.25
 
 
+@pytest.mark.parametrize("text", [".inf", "-.inf", ".nan"])
+def test_a_number_is_finite(schema, text):
+    value = yaml.safe_load(text)
+    with pytest.raises(StageError, match=r"graph\.spacing_m: .* is not of type 'number'"):
+        resolve_config(schema, {"graph": {"spacing_m": value}})
+
+
 def test_an_unknown_key_is_named_with_the_nearest_one(schema):
     with pytest.raises(StageError, match=r"'mvs\.backedn'.*'mvs\.backend'"):
         resolve_config(schema, {"mvs": {"backedn": "cpu"}})

@@ -1,7 +1,5 @@
 """What jobs ask for, from the size of a scan."""
 
-import json
-import os
 import struct
 from dataclasses import replace
 
@@ -11,7 +9,6 @@ from PIL import Image
 from workspace import PROJECT, small_tree
 
 from cherrypicker.batch.config import load_schema, resolve_config
-from cherrypicker.batch.photo_sizes import PhotoSizes
 from cherrypicker.batch.resources import (
     ScanSize,
     count_pairs,
@@ -25,7 +22,7 @@ from cherrypicker.batch.resources import (
     size_of_photos,
     threads_to_ask,
 )
-from cherrypicker.batch.scans import size_of_photo_scan
+from cherrypicker.batch.scans import size_of_photo_scan, sizes_of
 from cherrypicker.batch.stage_costs import ENLARGED_BELOW_MP, PHOTO_STAGES
 from cherrypicker.batch.trees import Tree
 from cherrypicker.pointcloud import write_cloud
@@ -114,7 +111,7 @@ def test_a_scan_that_needs_it_has_its_photos_prepared(tmp_path):
 
     def size(row=tree, **photos):
         settings = {**SETTINGS, "photos": {**SETTINGS["photos"], **photos}}
-        return size_of_photo_scan(row, settings, PhotoSizes(tmp_path / "cache.json"))
+        return size_of_photo_scan(row, settings)
 
     assert "prepare_photos" not in size().stages
     reduced = size(max_size_px=200)
@@ -238,29 +235,9 @@ def test_points_of_a_laser_scan_come_from_its_header(tmp_path):
     assert count_points(tmp_path / "long.las") == 5_000_000_000
 
 
-def test_photo_sizes_are_read_from_headers_once(tmp_path, monkeypatch):
+def test_sizes_come_from_headers_and_what_cannot_be_read_is_left_out(tmp_path):
     for name, size in (("a.png", (30, 20)), ("b.jpg", (64, 48))):
         Image.new("RGB", size).save(tmp_path / name)
     (tmp_path / "c.jpg").write_bytes(b"no photo")
     photos = [tmp_path / name for name in ("a.png", "b.jpg", "c.jpg", "gone.jpg")]
-    cache = tmp_path / "cache.json"
-    sizes = PhotoSizes(cache)
-    assert sizes.of(photos) == [(30, 20), (64, 48)]
-    sizes.save()
-
-    real_open = Image.open
-    opened = []
-    monkeypatch.setattr(Image, "open", lambda path: opened.append(path) or real_open(path))
-    assert PhotoSizes(cache).of(photos[:2]) == [(30, 20), (64, 48)]
-    assert not opened
-    Image.new("RGB", (10, 10)).save(tmp_path / "a.png")
-    os.utime(tmp_path / "a.png", ns=(1, 1))
-    assert PhotoSizes(cache).of(photos[:2]) == [(10, 10), (64, 48)]
-    assert opened == [photos[0]]
-
-
-@pytest.mark.parametrize("content", ["", "[1]", "{broken", json.dumps({"x": [1, 2, "3", None]})])
-def test_a_broken_cache_of_photo_sizes_is_only_a_loss(tmp_path, content):
-    Image.new("RGB", (30, 20)).save(tmp_path / "a.png")
-    (tmp_path / "cache.json").write_text(content)
-    assert PhotoSizes(tmp_path / "cache.json").of([tmp_path / "a.png"]) == [(30, 20)]
+    assert sizes_of(photos) == [(30, 20), (64, 48)]

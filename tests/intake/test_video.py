@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from sfm_scene import texture
 
-from cherrypicker.batch.photo_sizes import PhotoSizes
+from cherrypicker.batch.scans import sizes_of
 from cherrypicker.errors import StageError
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos, size_of_capture
 from cherrypicker.intake.video import choose_frames, film_header
@@ -122,4 +122,4 @@ def test_a_header_that_promises_a_year_of_film_counts_no_more_than_the_file_hold
         content[at : at + 4] = (2**31 - 1).to_bytes(4, "little")
     path.write_bytes(content)
     assert film_header(path).n_frames == 2**31 - 1
-    assert len(PhotoSizes(tmp_path / "none.json").of([path])) <= len(content)
+    assert len(sizes_of([path])) <= len(content)

@@ -6,7 +6,7 @@ from dng_file import write_dng
 from fuzz_bench import Reader
 from PIL import Image
 
-from cherrypicker.batch.photo_sizes import PhotoSizes
+from cherrypicker.batch.scans import sizes_of
 from cherrypicker.capture.look import look_at
 from cherrypicker.command.init import date_of
 from cherrypicker.intake.gravity import stated_up
@@ -99,7 +99,7 @@ def frames_of(path):
 
 def size_at_the_start(path):
     """What Snakemake's own process reads of a photo or film: it must never stop the batch."""
-    return PhotoSizes(path.with_name("none.json")).of([path])
+    return sizes_of([path])
 
 
 def prepared(path):

@@ -9,7 +9,6 @@ from cherrypicker.accuracy.measures import read_measures
 from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.benchmarks import read_benchmark
 from cherrypicker.batch.config import load_schema, lookup, read_config_file, resolve_config
-from cherrypicker.batch.photo_sizes import PhotoSizes
 from cherrypicker.batch.rows import names_found, places_of
 from cherrypicker.batch.summary import summarise
 from cherrypicker.batch.trees import read_trees
@@ -175,10 +174,6 @@ def trees_found(path):
     return names_found(path.parent.name, str(path.parents[1]))
 
 
-def remembered_sizes(path):
-    return PhotoSizes(path).of(["a.jpg"])
-
-
 READERS = [
     Reader("trees", trees_of, _text("trees.tsv", _TREES)),
     Reader("measures", read_measures, _text("measures.csv", _MEASURES)),
@@ -191,5 +186,4 @@ READERS = [
     Reader("scale_record", scaled, _records),
     Reader("found_trees", trees_found, _found_trees),
     Reader("benchmark", read_benchmark, _text("a.tsv", "s\tcpu_time\tmax_rss\n1.5\t1.2\t300\n")),
-    Reader("photo_sizes", remembered_sizes, _text("sizes.json", '{"/a.jpg":[1,2,3,4,0.0]}\n')),
 ]

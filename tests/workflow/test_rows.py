@@ -59,8 +59,13 @@ def test_a_list_makes_a_tree_a_place_and_all_every_tree_that_stands_there(row):
 @pytest.mark.parametrize(
     "given, rows, told, key",
     [
-        ([[1, 2], 3], [], "tree 'row': [[1, 2], 3] is neither a pair of numbers", "crop.target_xy"),
-        ("every", [], "crop.target_xy: 'every' does not match", "crop.target_xy"),
+        (
+            [[1, 2], 3],
+            [],
+            "[[1, 2], 3] is neither a pair of numbers",
+            "crop.target_xy",
+        ),
+        ("every", [], "crop.target_xy: 'every' is neither a pair of numbers", "crop.target_xy"),
         ("all", ["ROW_2\trow.ply"], "bears the name of a tree of the scan 'row'", "tree"),
         ("all", ["b\trow.ply\ts"], "tree 'b': the trees of a series must keep", "crop.target_xy"),
     ],

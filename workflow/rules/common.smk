@@ -46,7 +46,7 @@ BATCH = told(read_batch, SCHEMA, config, workflow.config_settings.config)
 ALL_SERIES = told(BATCH.series)
 ONLY_FINISHED = BATCH.settings["finished_only"]
 SERIES = finished_series(ALL_SERIES) if ONLY_FINISHED else ALL_SERIES
-SCANS = Scans(BATCH, is_kept=workflow.is_main_process)
+SCANS = Scans(BATCH)
 # Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
 SETTINGS, TREES, SETTINGS_OF = BATCH.settings, BATCH.trees, BATCH.settings_of
 # ROW_SCANS are of several trees: they have no tree's results themselves.

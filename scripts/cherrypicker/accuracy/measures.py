@@ -5,9 +5,7 @@ Read by Snakemake's main process at every start, so nothing heavy is imported.
 
 from __future__ import annotations
 
-import csv
 import difflib
-import io
 import math
 import os
 from collections.abc import Mapping
@@ -16,6 +14,7 @@ from pathlib import Path
 
 from cherrypicker.accuracy.quantities import NAMES, QUANTITIES, Quantity, known_unit, sensible_units
 from cherrypicker.errors import StageError
+from cherrypicker.files import read_user_table
 
 CONFIG_KEY = "measures"
 _NEEDED = ("tree", "trait", "value", "unit")
@@ -81,38 +80,12 @@ def read_measures(path: str | os.PathLike, *, may_miss: bool = False) -> list[Me
     """
     if may_miss and not Path(path).exists():
         return []
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        cause = f"the table of hand measurements cannot be read ({error.strerror})"
-        raise StageError(cause, file=path, key=CONFIG_KEY) from error
-    except UnicodeDecodeError as error:
-        cause = "the table of hand measurements is not UTF-8"
-        raise StageError(cause, file=path, key=CONFIG_KEY) from error
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip(" \t,;") and not line.startswith("#")
-    ]
-    if not lines:
-        return []
-    separator = max(",;\t", key=lines[0][1].count)
-    stream = io.StringIO("\n".join(line for _, line in lines))
-    try:
-        rows = list(csv.reader(stream, delimiter=separator))
-    except csv.Error as error:
-        cause = f"the table of hand measurements cannot be read ({error})"
-        raise StageError(cause, file=path, key=CONFIG_KEY) from error
-    if len(rows) != len(lines):
-        cause = "a cell of the table of hand measurements spans several lines: a quote too many?"
-        raise StageError(cause, file=path, key=CONFIG_KEY)
-    header = [name.strip() for name in rows[0]]
-    _check_header(header, path)
+    title = "the table of hand measurements"
+    rows, separator = read_user_table(
+        path, title, COLUMNS, _NEEDED, separators=",;\t", key=CONFIG_KEY
+    )
     found = []
-    for (number, _), cells in zip(lines[1:], rows[1:], strict=True):
-        row = dict.fromkeys(COLUMNS, "") | {
-            name: cell.strip() for name, cell in zip(header, cells, strict=False)
-        }
+    for number, row in rows:
         try:
             found.append(_measure(row, number, has_comma=separator != ","))
         except _RowError as error:
@@ -127,17 +100,6 @@ class _RowError(Exception):
     def __init__(self, column: str, reason: str) -> None:
         super().__init__(reason)
         self.column = column
-
-
-def _check_header(header: list[str], path: str | os.PathLike) -> None:
-    for name in header:
-        if name not in COLUMNS:
-            near = difflib.get_close_matches(name, COLUMNS, n=1, cutoff=0.0)[0]
-            cause = f"unknown column {name!r}; did you mean {near!r}?"
-            raise StageError(cause, file=path, key=name)
-    for name in _NEEDED:
-        if name not in header:
-            raise StageError(f"the column {name!r} is missing", file=path, key=name)
 
 
 def _measure(row: dict[str, str], line: int, *, has_comma: bool) -> Measure:

@@ -200,7 +200,7 @@ def _places(
 ) -> dict[str, str | list]:
     """The scans of several trees; refuse names and series that they cannot have."""
     files = {name: row.config or CONFIG_FILE for name, row in trees.items()}
-    asked = {name: places_of(settings_of[name], name, files[name]) for name in trees}
+    asked = {name: places_of(settings_of[name]) for name in trees}
     several = {name: places for name, places in asked.items() if places is not None}
     check_names(trees, several, settings["trees"])
     for name, places in several.items():

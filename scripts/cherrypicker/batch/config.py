@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import difflib
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -11,14 +12,31 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from jsonschema import Draft202012Validator
+from jsonschema import Draft202012Validator, FormatChecker
+from jsonschema.exceptions import ValidationError
+from jsonschema.validators import extend
 
 from cherrypicker.batch.old_keys import take_old_keys
 from cherrypicker.errors import StageError
-from cherrypicker.files import parse_yaml
+from cherrypicker.files import is_number, parse_yaml
 
 # The schema is read at every start; written in C, the same loader takes a sixth of the time.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+# A number is finite: infinity would pass each least value, and NaN every bound
+_Validator = extend(
+    Draft202012Validator,
+    type_checker=Draft202012Validator.TYPE_CHECKER.redefine(
+        "number", lambda _, value: is_number(value)
+    ),
+)
+_FORMATS = FormatChecker(["date"])
+
+
+@_FORMATS.checks("positive number", ValueError)
+def _is_positive(text: object) -> bool:
+    return isinstance(text, str) and 0.0 < float(text) < math.inf
 
 
 def load_schema(path: str | os.PathLike) -> dict:
@@ -74,11 +92,30 @@ def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None)
     merged, _ = _merged(layers)
     _check_keys(schema, merged, (), source)
     resolved = _fill(schema, merged, _method(merged))
-    errors = sorted(Draft202012Validator(schema).iter_errors(resolved), key=lambda e: list(e.path))
-    if errors:
-        key = ".".join(str(part) for part in errors[0].absolute_path)
-        raise StageError(f"{key}: {errors[0].message}", file=source, key=key)
+    refusal = first_refusal(schema, resolved)
+    if refusal:
+        key, reason = refusal
+        raise StageError(f"{key}: {reason}", file=source, key=key)
     return resolved
+
+
+def first_refusal(schema: Mapping, value: object) -> tuple[str, str] | None:
+    """Return the dotted key of the first thing that a schema refuses, and why; None if nothing.
+
+    A schema's own words are its ``refusal``, in which ``{value}`` is what was given; ``column``
+    names the key of a rule that is of several.
+    """
+    errors = sorted(_Validator(schema, format_checker=_FORMATS).iter_errors(value), key=_place)
+    if not errors:
+        return None
+    error, own = errors[0], errors[0].schema if isinstance(errors[0].schema, Mapping) else {}
+    key = own.get("column") or ".".join(map(str, error.absolute_path))
+    reason = own.get("refusal", "").replace("{value}", repr(error.instance))
+    return key, reason or error.message
+
+
+def _place(error: ValidationError) -> list[str]:
+    return list(map(str, error.absolute_path))
 
 
 def config_notes(schema: Mapping, *layers: Mapping) -> list[str]:

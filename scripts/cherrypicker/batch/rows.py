@@ -10,11 +10,10 @@ import logging
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from cherrypicker.batch.config import lookup
 from cherrypicker.errors import StageError
-from cherrypicker.files import is_number, read_json
+from cherrypicker.files import read_json
 
 logger = logging.getLogger(__name__)
 
@@ -25,43 +24,13 @@ ALL = "all"
 _NUMBERED = re.compile(r"(.+)_([1-9][0-9]*)")
 
 
-def places_of(settings: Mapping, tree: str, file: str) -> str | list | None:
-    """Return which trees of a scan are asked for.
+def places_of(settings: Mapping) -> str | list | None:
+    """Return which trees of a scan its config asks for: ``all``, or a list of pairs of numbers.
 
-    Parameters
-    ----------
-    settings : mapping
-        The whole config of the scan.
-    tree, file : str
-        The scan, and where the config was read, for the error.
-
-    Returns
-    -------
-    "all", list of pairs of numbers, or None
-        None for a scan of one tree.
-
-    Raises
-    ------
-    StageError
-        If the key holds neither a pair, nor a list of pairs, nor ``all``.
+    None for a scan of one tree.
     """
     value = lookup(settings, KEY)
-    if value is None or _is_pair(value):
-        return None
-    if value == ALL:
-        return ALL
-    if isinstance(value, list) and value and all(map(_is_pair, value)):
-        return value
-    raise StageError(
-        f"tree {tree!r}: {value!r} is neither a pair of numbers, nor a list of such pairs, nor "
-        f"{ALL!r}",
-        file=file,
-        key=KEY,
-    )
-
-
-def _is_pair(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+    return value if value == ALL or (value and isinstance(value[0], list)) else None
 
 
 def split_name(tree: str, scans: Iterable[str]) -> tuple[str, int] | None:

@@ -3,38 +3,47 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch
-from cherrypicker.batch.photo_sizes import PhotoSizes
 from cherrypicker.batch.resources import ScanSize, size_of_cloud, size_of_photos
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import are_plain, captures_in
 from cherrypicker.intake.masks import masks_in
-from cherrypicker.intake.prepare import is_too_large
+from cherrypicker.intake.prepare import is_too_large, size_of_capture
 from cherrypicker.markers.references import check_scale
 from cherrypicker.mvs.backends.table import first_choice
 
+# Photos that a second of film gives: a slow walk round a tree takes 40 s and gives 40 (guess)
+FRAMES_PER_S = 1.0
 
-def size_of_photo_scan(
-    tree: Tree, settings: Mapping, known: PhotoSizes, *, stereo: str = "cpu"
-) -> ScanSize:
-    """Return how large a scan from photos is; empty where no photo can be read.
 
-    Parameters
-    ----------
-    stereo : str
-        The backend of its depth maps.
+def sizes_of(captures: Iterable[Path]) -> list[tuple[int, int]]:
+    """Return width and height of photos and of a film's frames, px, by their headers.
+
+    One that is missing or no image is left out: to report it is the first stage's work.
     """
+    found: list[tuple[int, int]] = []
+    for path in captures:
+        with suppress(OSError, StageError):
+            width, height, seconds = size_of_capture(path)
+            found += [(width, height)] * max(round(FRAMES_PER_S * seconds), 1)
+    return found
+
+
+def size_of_photo_scan(tree: Tree, settings: Mapping) -> ScanSize:
+    """Return how large a scan from photos is; empty where no photo can be read."""
     captures = captures_in(tree.photos)
-    sizes, limit = known.of(captures), settings["photos"]["max_size_px"]
+    sizes, limit = sizes_of(captures), settings["photos"]["max_size_px"]
     is_prepared = (
         bool(tree.masks)
         or not are_plain(captures)
         or any(is_too_large(size, limit) for size in sizes)
     )
+    stereo = first_choice(settings["mvs"]["backend"])
     return size_of_photos(sizes, settings, stereo=stereo, is_prepared=is_prepared)
 
 
@@ -44,9 +53,8 @@ class Scans:
     Files that are missing are left out, for the first stage to report.
     """
 
-    def __init__(self, batch: Batch, is_kept: bool) -> None:
-        self._batch, self._is_kept = batch, is_kept  # whether headers are remembered for the next
-        self._headers = PhotoSizes()
+    def __init__(self, batch: Batch) -> None:
+        self._batch = batch
         self._known: dict[str, ScanSize] = {}
 
     def size(self, tree: str) -> ScanSize:
@@ -54,14 +62,9 @@ class Scans:
         scan = self._batch.scan_of(tree)
         if scan not in self._known:
             row, settings = self._batch.trees[scan], self._batch.settings_of[scan]
-            stereo = first_choice(settings["mvs"]["backend"])
             self._known[scan] = (
-                size_of_photo_scan(row, settings, self._headers, stereo=stereo)
-                if row.is_photo_scan
-                else size_of_cloud(row.cloud)
+                size_of_photo_scan(row, settings) if row.is_photo_scan else size_of_cloud(row.cloud)
             )
-            if self._is_kept:
-                self._headers.save()
         return self._known[scan]
 
     def captures(self, tree: str) -> list[str]:

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import datetime
-import difflib
-import io
-import math
 import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from pathlib import Path
 
+from cherrypicker.batch.config import first_refusal, load_schema
 from cherrypicker.errors import StageError
-from cherrypicker.placement.late_cloud import parse_up_axis
+from cherrypicker.files import read_user_table
 from cherrypicker.ply import PlyError, vertex_properties
-from cherrypicker.units import UNITS_M
+from cherrypicker.runner import SCHEMA_FILE
 
 TREE_PATTERN = r"[A-Za-z0-9_.\-]+"
 
@@ -57,9 +52,7 @@ COLUMNS = tuple(column.name for column in fields(Tree))
 
 
 def read_trees(path: str | os.PathLike) -> list[Tree]:
-    """Read and check the table of trees.
-
-    A byte order mark, CRLF line ends, blank lines and lines that start with ``#`` are allowed.
+    """Read the table of trees and check it by its schema, row by row.
 
     Raises
     ------
@@ -67,39 +60,26 @@ def read_trees(path: str | os.PathLike) -> list[Tree]:
         For an unknown or missing column, a duplicate or unusable id, or a cell that is not valid;
         the message names the row.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise StageError(
-            f"the table of trees cannot be read ({error.strerror})", file=path
-        ) from error
-    except UnicodeDecodeError as error:
-        raise StageError("the table of trees is not UTF-8", file=path) from error
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.startswith("#")
-    ]
-    if not lines:
+    rows, separator = read_user_table(path, "the table of trees", COLUMNS, ["tree"])
+    if not separator:
         raise StageError("the table of trees has no header", file=path)
-    stream = io.StringIO("\n".join(line for _, line in lines))
-    try:
-        rows = list(csv.reader(stream, delimiter="\t"))
-    except csv.Error as error:
-        raise StageError(f"the table of trees cannot be read ({error})", file=path) from error
-    header = [name.strip() for name in rows[0]]
-    _check_header(header, path)
-    trees = []
-    for (number, _), cells in zip(lines[1:], rows[1:]):
-        if len(cells) > len(header) and any(cell.strip() for cell in cells[len(header) :]):
-            raise StageError(f"line {number} has more cells than the header", file=path)
-        row = Tree(
-            **{name: cell.strip() for name, cell in zip(header, cells)} | _no_id(header, cells)
-        )
-        _check_row(row, number, path)
-        trees.append(row)
-    _check_duplicates(trees, path)
-    return trees
+    schema = load_schema(SCHEMA_FILE.with_name("trees.schema.yaml"))
+    trees: dict[str, Tree] = {}
+    for line, cells in rows:
+        refusal = first_refusal(schema, {name: cell for name, cell in cells.items() if cell})
+        if refusal:
+            column, reason = refusal
+            cause = f"line {line}, tree {cells['tree']!r}: {reason}"
+            raise StageError(cause, file=path, key=column)
+        if cells["tree"].casefold() in trees:
+            raise StageError(
+                f"tree {cells['tree']!r} stands twice (ids differ by more than upper and lower "
+                "case)",
+                file=path,
+                key="tree",
+            )
+        trees[cells["tree"].casefold()] = Tree(**cells)
+    return list(trees.values())
 
 
 def any_of(names: Iterable[str]) -> str:
@@ -137,79 +117,3 @@ def series_of(trees: Iterable[Tree]) -> dict[str, list[Tree]]:
                 key="series in trees.tsv",
             )
     return {folder: rows for folder, rows in found.items() if len(rows) > 1}
-
-
-def _no_id(header: list[str], cells: list[str]) -> dict:
-    """Give a row that is too short for its id an empty one, so that the check names the line."""
-    return {} if len(cells) > header.index("tree") else {"tree": ""}
-
-
-def _check_header(header: list[str], path: str | os.PathLike) -> None:
-    for name in header:
-        if name not in COLUMNS:
-            near = difflib.get_close_matches(name, COLUMNS, n=1, cutoff=0.0)
-            raise StageError(
-                f"unknown column {name!r}; did you mean {near[0]!r}?", file=path, key=name
-            )
-    if len(set(header)) != len(header):
-        raise StageError("a column is named twice", file=path)
-    if "tree" not in header:
-        raise StageError("the column 'tree' is missing", file=path, key="tree")
-    if "photos" not in header and "cloud" not in header:
-        raise StageError(
-            "one of the columns 'photos' and 'cloud' is needed", file=path, key="photos"
-        )
-
-
-def _check_row(row: Tree, number: int, path: str | os.PathLike) -> None:
-    def refuse(column: str, reason: str) -> None:
-        raise StageError(f"line {number}, tree {row.tree!r}: {reason}", file=path, key=column)
-
-    for column in COLUMNS:
-        if re.search(r"[\x00-\x1f\x7f-\x9f]", getattr(row, column)):
-            refuse(column, "a cell holds a control character")
-    if not re.fullmatch(TREE_PATTERN, row.tree) or row.tree.strip(".") == "" or row.tree[0] == ".":
-        refuse("tree", "an id has letters, digits, '-', '_' and '.', and does not start with '.'")
-    if bool(row.photos) == bool(row.cloud):
-        refuse("photos", "give exactly one of 'photos' and 'cloud'")
-    if row.masks and row.cloud:
-        refuse("masks", "a ready cloud has no photos to mask")
-    if row.cloud_unit and row.cloud_unit not in UNITS_M and _positive(row.cloud_unit) is None:
-        refuse(
-            "cloud_unit", f"{row.cloud_unit!r} is none of {', '.join(UNITS_M)} nor metres per unit"
-        )
-    if row.cloud_up:
-        try:
-            parse_up_axis(row.cloud_up)
-        except ValueError as error:
-            refuse("cloud_up", str(error))
-    if row.scale and row.scale not in ("marker", "none") and _positive(row.scale) is None:
-        refuse("scale", f"{row.scale!r} is neither 'marker', 'none' nor a positive number")
-    if row.scale == "marker" and row.cloud:
-        refuse("scale", "a ready cloud has no photos to find a marker in; give a number or 'none'")
-    if row.date:
-        try:
-            datetime.date.fromisoformat(row.date)
-        except ValueError:
-            refuse("date", f"{row.date!r} is no ISO date (YYYY-MM-DD)")
-
-
-def _check_duplicates(trees: list[Tree], path: str | os.PathLike) -> None:
-    seen: dict[str, str] = {}
-    for row in trees:
-        folded = row.tree.casefold()
-        if folded in seen:
-            raise StageError(
-                f"tree {row.tree!r} stands twice (ids differ by more than upper and lower case)",
-                file=path,
-                key="tree",
-            )
-        seen[folded] = row.tree
-
-
-def _positive(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) and value > 0 else None

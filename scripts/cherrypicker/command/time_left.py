@@ -22,7 +22,7 @@ _ENOUGH_DONE = 0.05
 
 def seconds_of_stages(batch: Batch) -> dict[str, float]:
     """Return the CPU seconds of a job of each stage, the mean over the batch's trees."""
-    known = Scans(batch, is_kept=False)
+    known = Scans(batch)
     scans = {name: known.size(name) for name in batch.trees}
     corrections = read_corrections("benchmarks", scans)
     stages = forecast_stages(scans, batch.ready_clouds()[0], corrections)
