@@ -352,17 +352,17 @@ def test_removed_points():
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "power", "unit", "expected"),
+    ("value", "error", "name", "unit", "expected"),
     [
-        (1.23456, 0.0123, 1, "m", "1.235 ± 0.012 m"),
-        (1.2, None, 3, "arbitrary", "1.200 units³"),
-        (0.5, None, None, "m", "0.500"),
-        (None, None, 1, "m", "–"),
-        (float("nan"), None, 1, "m", "–"),
+        (1.23456, 0.0123, "x_m", "m", "1.235 ± 0.012 m"),
+        (1.2, None, "x_m3", "arbitrary", "1.200 units³"),
+        (0.5, None, "x_share", "m", "0.500"),
+        (None, None, "x_m", "m", "–"),
+        (float("nan"), None, "x_m", "m", "–"),
     ],
 )
-def test_numbers_with_errors(value, error, power, unit, expected):
-    assert with_uncertainty(value, error, Trait("x", "X", power), unit) == expected
+def test_numbers_with_errors(value, error, name, unit, expected):
+    assert with_uncertainty(value, error, Trait(name, "X", None), unit) == expected
 
 
 def test_branches_as_the_traits_write_them(tmp_path):

@@ -6,7 +6,6 @@ import pytest
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker.traits.flags import quality_flags
-from cherrypicker.traits.measure import _photo_shares
 from cherrypicker.traits.reports import Reports
 
 GOOD = {
@@ -31,8 +30,6 @@ def names(check):
 
 def test_a_skeleton_that_the_photos_confirm_has_no_flag():
     assert names(GOOD) == names({}) == []
-    assert _photo_shares(GOOD).keys() < GOOD.keys()
-    assert _photo_shares({}) == {}
 
 
 @pytest.mark.parametrize(

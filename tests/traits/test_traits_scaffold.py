@@ -5,7 +5,7 @@ import pytest
 from test_traits import Tree, draws
 
 from cherrypicker.skeleton import Skeleton, axes
-from cherrypicker.traits.crown_forms import cone_volume, contour_volume, ellipsoid_volume
+from cherrypicker.traits.crown import contour_volume
 from cherrypicker.traits.interval_factors import FACTORS
 from cherrypicker.traits.intervals import spread
 from cherrypicker.traits.limb_table import by_diameter, ratio_terms, squares_terms
@@ -164,15 +164,13 @@ def test_a_leader_above_a_burl_is_no_limb():
     assert len(stem.axes) == 1 and len(limbs) == 2
 
 
-def test_crown_formulas():
+def test_the_contour_of_a_cylinder():
     rng = np.random.default_rng(0)
     turn, away = rng.uniform(0, 2 * np.pi, 20_000), np.sqrt(rng.random(20_000))
     height = rng.uniform(1, 3, 20_000)
     points = np.column_stack([5 + away * np.cos(turn), away * np.sin(turn), height])
     assert contour_volume(points, np.array([5.0, 0.0])) == pytest.approx(2 * np.pi, rel=0.01)
     assert contour_volume(np.zeros((0, 3)), np.zeros(2)) == 0.0
-    assert ellipsoid_volume(2.0, 2.0) == pytest.approx(4 / 3 * np.pi)
-    assert cone_volume(2.0, 3.0) == pytest.approx(np.pi)
 
 
 def test_limbs_are_counted_by_diameter(limbed):

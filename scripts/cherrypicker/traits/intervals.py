@@ -9,6 +9,7 @@ such a quantity is a factor of ``interval_factors.yaml``, fitted to trees whose 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from cherrypicker.traits.interval_factors import FACTORS
 
 Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
 CI90 = (0.05, 0.95)
+FEWEST_DRAWN = 20  # that a spread is told from
+CM2 = 1e4  # of a square metre
 #: Name of a factor to what it multiplies, in the trait's unit; ``fit`` and ``scale`` are standard
 #: errors that a fit and the markers tell, and need no factor.
 Terms = Mapping[str, float | np.ndarray]
@@ -49,6 +52,49 @@ def interval(
     """
     half = Z90 * spread(terms)
     return np.maximum(value - np.hypot(half, drawn[0]), 0.0), value + np.hypot(half, drawn[1])
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A trait's value, and how sure it is where that is known."""
+
+    value: float
+    se: float | None = None  # standard error
+    ends: tuple[float, float] | None = None  # of the 90 % interval
+    # What the error follows: `Terms`, and how far drawn values lie below and above the value
+    terms: Terms = field(default_factory=dict)
+    is_outgrown: bool = False  # more is known to be missing than the interval allows
+
+    @classmethod
+    def of(
+        cls, value: float, terms: Terms, drawn: np.ndarray | None = None, missing: float = 0.0
+    ) -> Estimate:
+        """An estimate whose error follows its terms; one without an error where there are none.
+
+        Parameters
+        ----------
+        drawn : ndarray of shape (n_samples,), float64, optional
+            How far drawn values lie off `value`.
+        missing : float, default 0
+            How much larger it is with the wood that is known to be missing.
+        """
+        if not terms or (drawn is not None and len(drawn) < FEWEST_DRAWN):
+            return cls(value)
+        arms, sd, is_outgrown = (0.0, 0.0), spread(terms), False
+        if drawn is not None:
+            low, high = np.maximum(np.quantile(drawn, CI90) * [-1, 1], 0.0)
+            is_outgrown = bool(value + missing > interval(value, terms, (low, high))[1])
+            arms, sd = (low, max(high, missing)), np.hypot(sd, drawn.std(ddof=1))
+        told = {"drawn_low": arms[0], "drawn_high": arms[1], **terms}
+        return cls(value, float(sd), interval(value, terms, arms), told, is_outgrown)
+
+    def circle_area(self) -> Estimate:
+        """Area of the circle of this diameter: cm² of metres."""
+        area = np.pi / 4 * CM2
+        if self.se is None or self.ends is None:
+            return Estimate(area * self.value**2)
+        low, high = (area * end**2 for end in self.ends)
+        return Estimate(area * self.value**2, 2 * area * self.value * self.se, (low, high))
 
 
 def typical_scatter(skeleton: Skeleton) -> float | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,40 +12,40 @@ from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton import axes
+from cherrypicker.skeleton import axes, fold
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import Topology
 from cherrypicker.traits.beyond import growth_by, missing_wood
 from cherrypicker.traits.branches import branch_rows, totals_by_order
-from cherrypicker.traits.crown import alpha_volume, crown_of, hull_of, measure_crown, projected_area
-from cherrypicker.traits.crown_forms import (
-    cone_volume,
+from cherrypicker.traits.crown import (
+    alpha_volume,
     contour_volume,
-    ellipsoid_volume,
-    tree_row_volume,
+    crown_of,
+    hull_of,
+    measure_crown,
+    projected_area,
 )
 from cherrypicker.traits.flags import at_least, quality_flags
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.frame_edges import frame_edges
-from cherrypicker.traits.intervals import CI90, Terms, interval, spread, typical_scatter
+from cherrypicker.traits.intervals import CM2, Estimate, Terms, typical_scatter
 from cherrypicker.traits.limb_sections import measure_limbs
 from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, squares_terms
 from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.reports import Reports
-from cherrypicker.traits.scaffold import Limb, StemSurface, clear_stem, crown_start, find_limbs
+from cherrypicker.traits.scaffold import StemSurface, clear_stem, crown_start, find_limbs
 from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import TRAITS
-from cherrypicker.traits.trunk import Stem, TrunkDiameter, measure_near, stem_of
+from cherrypicker.traits.trunk import TrunkDiameter, measure_near, stem_of
 
 logger = logging.getLogger(__name__)
 
 _MIN_WOOD_POINTS = 10  # fewer are noise (guess)
 _ALPHA_SHARE = 0.15  # of the crown's width: hollows wider than this are outside (guess)
 _ALPHA_CELLS = 5.0  # cells of the thinned points across such a hollow
+_HECTARE_M2 = 1e4
 _END_M = 0.02  # so far below its end a trunk is no longer measured (guess)
-_FEWEST_SAMPLES = 20  # that a spread is told from
-_CM2 = 1e4  # of a square metre
 _OVER_GRAFT_M = 0.30  # where the stem is measured for the limb-to-trunk ratio (Schupp 2017)
 _LIMB_DRAWS = 25  # limbs have a stream of draws of their own
 
@@ -66,6 +65,186 @@ class TraitOptions:
     graft_height_m: float | None = None
     row_distance_m: float | None = None
     n_bootstrap: int = 200
+
+
+class ScannedTree:
+    """A tree's skeleton and its original points, and what its traits are read off, once each.
+
+    Parameters as of `measure_traits`. The rows of `cherrypicker.traits.table.TRAITS` read the
+    attributes.
+    """
+
+    def __init__(
+        self,
+        skeleton: Skeleton,
+        cloud: PointCloud,
+        topology: Topology | None,
+        reports: Reports,
+        options: TraitOptions,
+        seed: int,
+    ) -> None:
+        if len(skeleton) < 2:
+            raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
+        is_wood = wood_mask(cloud["label"])
+        if (n_wood := np.count_nonzero(is_wood)) < _MIN_WOOD_POINTS:
+            raise StageError(
+                f"{n_wood} points are labelled trunk or branch, {_MIN_WOOD_POINTS} are needed",
+                key="segment",
+            )
+        self.skeleton, self.cloud, self.reports, self.options = skeleton, cloud, reports, options
+        self.topology = fold(skeleton) if topology is None else topology
+        self.scale_error = reports.scale_error if cloud.unit == "m" else 0.0
+        wood, rng = cloud.points[is_wood], np.random.default_rng(seed)
+        tree = quick_tree(wood)
+        self.axes, self.reach = axes(skeleton), support_reach(tree)
+        self.support = find_support(skeleton, tree, self.reach, max_gap=options.max_gap_m)
+        self.points = wood[self.support.point]
+        if not len(self.points):
+            raise StageError("no wood point lies near the skeleton", key="graph")
+        has_confidence = "confidence" in cloud
+        self.confidence = float(np.median(cloud["confidence"][is_wood])) if has_confidence else None
+        self.foot = find_foot(skeleton, cloud.points, cloud["label"])
+        foot_z = self.foot.point[2]
+        logger.info(
+            "foot at z = %.3f (%s); %s of %s wood points near the skeleton (%.1f %%)",
+            foot_z,
+            self.foot.source,
+            f"{len(self.points):,}",
+            f"{n_wood:,}",
+            100 * len(self.points) / n_wood,
+        )
+
+        # The stem, and its diameters
+        fit: dict[str, Any] = {
+            "half_height": options.slab_half_height_m,
+            "min_points": options.min_points,
+            "min_arc_deg": options.min_arc_deg,
+            "rng": rng,
+        }
+        self.stem = stem_of(skeleton, self.axes[0].nodes, self.foot)
+        self.trunk = measure_near(self.stem, wood, options.trunk_height_m, **fit)
+        further = {
+            height: measure_near(self.stem, wood, height, max_shift=0.0, **fit)
+            for height in sorted(options.trunk_heights_m)
+            if height <= self.stem.height[-1] - _END_M
+        }
+        self.sections = {h: item for h, item in further.items() if item.source == "points"}
+        self.unmeasured = sorted(further.keys() - self.sections.keys())
+
+        # Its limbs
+        surface = StemSurface(skeleton, self.axes)
+        limbs = find_limbs(
+            skeleton, self.axes, surface, least=options.min_limb_m, kept=self.support.node
+        )
+        clear = clear_stem(skeleton, self.axes, limbs, surface)
+        draws = np.random.default_rng([seed, _LIMB_DRAWS])
+        self.limbs = measure_limbs(skeleton, self.axes, limbs, surface, tree, draws)
+        self.limb_trunk = self.trunk
+        if options.graft_height_m is not None:
+            at = options.graft_height_m + _OVER_GRAFT_M
+            self.limb_trunk = measure_near(self.stem, wood, at, **fit)
+
+        # The crown above it, what of it is known to be missing, and where photos end before it
+        self.crown_points = wood[crown_of(skeleton, clear, wood, self.support)]
+        hull = hull_of(self.crown_points) if len(self.crown_points) else None
+        crown, samples = measure_crown(
+            self.points,
+            hull,
+            find_shoot_ends(skeleton, self.support.node, tree, self.reach),
+            typical_scatter(skeleton) or 0.0,
+            self.reach,
+            in_crown=~clear,
+            n_samples=options.n_bootstrap,
+            rng=rng,
+        )
+        self.missing_top = None
+        if reports.photos is not None:
+            self.missing_top = find_missing_top(reports.photos, self.points, self.foot.point)
+        boxes, check = self.support.missed_boxes, reports.photo_check
+        missing = missing_wood(boxes, reports.target, check, self.missing_top, self.foot.point)
+        self.edges = () if reports.poses is None else frame_edges(reports.poses, self.points)
+        drawn = (samples - [crown.top, crown.width, crown.volume]).T
+        grown = growth_by(missing, crown, hull)
+        area = 0.0 if hull is None else hull.areas.sum()
+        over_foot = {"fit": self.foot.error, "top_error": self.reach}
+        self.height = self._estimate(crown.top - foot_z, over_foot, 1, drawn[0], grown[0])
+        width_terms, hull_terms = {"width_error": self.reach}, {"hull_error": self.reach * area}
+        self.crown_width = self._estimate(crown.width, width_terms, 1, drawn[1], grown[1])
+        self.crown_volume = self._estimate(crown.volume, hull_terms, 3, drawn[2], grown[2])
+        base = skeleton.points[max(crown_start(self.axes, self.limbs, surface), 0)]
+        # None without a crown
+        self.crown_base_height = base[2] - foot_z if len(self.crown_points) else None
+        self.crown_projected_area = 0.0 if hull is None else projected_area(hull.points)
+        self.crown_alpha = _ALPHA_SHARE * max(crown.width, 1e-9)
+        cell = self.crown_alpha / _ALPHA_CELLS
+        self.crown_alpha_volume = alpha_volume(self.crown_points, self.crown_alpha, cell)
+        self.crown_contour = contour_volume(self.crown_points, base[:2])
+
+        # Its branches
+        self.rows = branch_rows(
+            skeleton, self.axes, foot_z, scale_error=self.scale_error, photo_check=check
+        )
+        self.limb_rows = limb_rows(
+            skeleton,
+            self.axes,
+            self.limbs,
+            self.rows,
+            self.limb_trunk.diameter,
+            foot_z,
+            scale_error=self.scale_error,
+        )
+        self.total_length = float(skeleton.edge_length.sum())
+        self.orders = totals_by_order(self.rows)
+        self.wood_volume = sum(total["volume"] for total in self.orders.values())
+        # Candidates for last year's shoots: what lies beyond the last lateral of every side axis
+        self.shoots = [row["shoot_length_m"] for row in self.rows if row["order"] > 0]
+        self.spacings = [row["lateral_spacing_m"] for row in self.rows if row["lateral_spacing_m"]]
+
+    def _estimate(
+        self,
+        value: float,
+        terms: Terms,
+        power: int,
+        drawn: np.ndarray | None = None,
+        missing: float = 0.0,
+    ) -> Estimate:
+        """A trait of a power of the length unit: the scale errs besides."""
+        terms = terms and {**terms, "scale": power * self.scale_error * value}
+        return Estimate.of(value, terms, drawn, missing)
+
+    def diameter(self, section: TrunkDiameter) -> Estimate:
+        """The stem's diameter at one of its sections."""
+        return self._estimate(section.diameter, section.terms, 1)
+
+    @property
+    def limb_area(self) -> Estimate:
+        """Sum of the limbs' cross-sections, cm²."""
+        square, area = np.pi / 4 * CM2, sum(limb.diameter**2 for limb in self.limbs)
+        terms = {name: square * term for name, term in squares_terms(self.limbs).items()}
+        return self._estimate(square * area, terms, 2)
+
+    @property
+    def limb_trunk_ratio(self) -> Estimate:
+        """That sum over the stem's cross-section (Schupp 2017)."""
+        stem = self.limb_trunk
+        ratio = sum(limb.diameter**2 for limb in self.limbs) / stem.diameter**2
+        terms = ratio_terms(squares_terms(self.limbs), ratio, stem.diameter, stem.terms)
+        return self._estimate(ratio, terms, 0)
+
+    @property
+    def crown_box(self) -> float:
+        """Crown's width squared times its depth, from its base to the tree's height."""
+        base = self.crown_base_height
+        depth = 0.0 if base is None else max(self.height.value - base, 0.0)
+        return self.crown_width.value**2 * depth
+
+    @property
+    def tree_row_volume(self) -> float | None:
+        """That of a row of such trees, m³ a hectare; None where rows or metres are not known."""
+        distance = self.options.row_distance_m
+        if distance is None or self.cloud.unit != "m":
+            return None
+        return self.height.value * self.crown_width.value * _HECTARE_M2 / distance
 
 
 def measure_traits(
@@ -100,281 +279,60 @@ def measure_traits(
     StageError
         If the skeleton has no edge or the cloud no wood.
     """
-    settings, reports = options or TraitOptions(), reports or Reports()
-    photo_check = reports.photo_check
-    is_wood = _checked_wood(skeleton, cloud)
-    wood = cloud.points[is_wood]
-    rng = np.random.default_rng(seed)
-    axis_list = axes(skeleton)
-    foot = find_foot(skeleton, cloud.points, cloud["label"])
-    tree = quick_tree(wood)
-    reach = support_reach(tree)
-    support = find_support(
-        skeleton,
-        tree,
-        reach,
-        max_gap=settings.max_gap_m,
-    )
-    if not support.point.any():
-        raise StageError("no wood point lies near the skeleton", key="graph")
-    logger.info(
-        "foot at z = %.3f (%s); %s of %s wood points near the skeleton (%.1f %%)",
-        foot.point[2],
-        foot.source,
-        f"{support.point.sum():,}",
-        f"{len(wood):,}",
-        100 * support.point.mean(),
-    )
-
-    fit: dict[str, Any] = {
-        "half_height": settings.slab_half_height_m,
-        "min_points": settings.min_points,
-        "min_arc_deg": settings.min_arc_deg,
-        "rng": rng,
-    }
-    stem = stem_of(skeleton, axis_list[0].nodes, foot)
-    trunk = measure_near(stem, wood, settings.trunk_height_m, **fit)
-    heights = sorted(settings.trunk_heights_m)
-    further = {height: _measured(stem, wood, height, fit) for height in heights}
-    tree_points = wood[support.point]
-    surface = StemSurface(skeleton, axis_list)
-    limbs = find_limbs(skeleton, axis_list, surface, least=settings.min_limb_m, kept=support.node)
-    clear = clear_stem(skeleton, axis_list, limbs, surface)
-    draws = np.random.default_rng([seed, _LIMB_DRAWS])
-    limbs = measure_limbs(skeleton, axis_list, limbs, surface, tree, draws)
-    below = trunk
-    if settings.graft_height_m is not None:
-        below = measure_near(stem, wood, settings.graft_height_m + _OVER_GRAFT_M, **fit)
-    crown_points = wood[crown_of(skeleton, clear, wood, support)]
-    hull = hull_of(crown_points) if len(crown_points) else None
-    crown, samples = measure_crown(
-        tree_points,
-        hull,
-        find_shoot_ends(skeleton, support.node, tree, reach),
-        typical_scatter(skeleton) or 0.0,
-        reach,
-        in_crown=~clear,
-        n_samples=settings.n_bootstrap,
-        rng=rng,
-    )
-    scale_error = reports.scale_error if cloud.unit == "m" else 0.0
-    rows = branch_rows(
-        skeleton, axis_list, foot.point[2], scale_error=scale_error, photo_check=photo_check
-    )
-    confidence = float(np.median(cloud["confidence"][is_wood])) if "confidence" in cloud else None
-
-    top = None
-    if reports.photos is not None:
-        top = find_missing_top(reports.photos, tree_points, foot.point)
-    missing = missing_wood(support.missed_boxes, reports.target, photo_check, top, foot.point)
-
+    reports, options = reports or Reports(), options or TraitOptions()
+    tree = ScannedTree(skeleton, cloud, topology, reports, options, seed)
     traits: dict[str, Any] = {"unit": cloud.unit}
-    grown = growth_by(missing, crown, hull)
-    off = samples - [crown.top, crown.width, crown.volume]
-    over_foot: Terms = {"fit": foot.error, "top_error": reach}
-    hull_terms = {"hull_error": reach * (0.0 if hull is None else hull.areas.sum())}
-    _add(traits, "height_m", crown.top - foot.point[2], over_foot, scale_error, off[:, 0], grown[0])
-    _add(traits, "trunk_diameter_m", trunk.diameter, trunk.terms, scale_error)
-    width_terms = {"width_error": reach}
-    _add(traits, "crown_width_m", crown.width, width_terms, scale_error, off[:, 1], grown[1])
-    _add(traits, "crown_volume_m3", crown.volume, hull_terms, scale_error, off[:, 2], grown[2])
-    traits["trunk_height_m"] = rounded(trunk.height)
-    traits |= _section_area(traits)
-    traits["crown_projected_area_m2"] = rounded(
-        projected_area(crown_points if hull is None else hull.points)
-    )
-    base = skeleton.points[max(crown_start(axis_list, limbs, surface), 0)]
-    traits |= _crown_forms(traits, crown_points, base, foot.point[2], settings.row_distance_m)
-    alpha = _ALPHA_SHARE * max(crown.width, 1e-9)
-    traits["crown_alpha_m"] = rounded(alpha)
-    traits["crown_alpha_volume_m3"] = rounded(
-        alpha_volume(crown_points, alpha, alpha / _ALPHA_CELLS)
-    )
-    _add_limbs(traits, limbs, below, scale_error)
-    traits["n_limbs_by_diameter"] = by_diameter(limbs, settings.limb_classes_m)
-    traits |= _counts(skeleton, topology, rows)
-    traits |= _shoots(rows)
-    traits |= _sections(trunk, further, scale_error)
-    traits["foot"] = [rounded(value) for value in foot.point]
-    traits["crown_volume_method"] = "convex hull"
-    traits["trunk_end_height_m"] = rounded(stem.height[-1])
-    traits |= _photo_shares(photo_check)
-    unmeasured = [
-        h for h, item in further.items() if item is None and h <= stem.height[-1] - _END_M
-    ]
-    traits["flags"] = quality_flags(
-        reports,
-        cloud.unit,
-        height=traits["height_m"],
-        trunk=trunk,
-        wanted_height=settings.trunk_height_m,
-        unmeasured=unmeasured,
-        foot=foot,
-        support=support,
-        crown_width=crown.width,
-        confidence=confidence,
-        edges=() if reports.poses is None else frame_edges(reports.poses, tree_points),
-        missing_top=top,
-    )
-    traits["at_least"] = at_least(traits["flags"], traits.get("at_least", ()))
+    terms, outgrown = {}, []
+    for name, trait in TRAITS.items():
+        if trait.value is None:
+            if name in reports.photo_check:
+                traits[name] = reports.photo_check[name]
+            continue
+        found = trait.value(tree)
+        if isinstance(found, Estimate) and found.se is not None and found.ends is not None:
+            traits[f"{name}_se"] = rounded(found.se)
+            traits[f"{name}_ci90"] = [rounded(end) for end in found.ends]
+            if found.terms:
+                terms[name] = {key: rounded(float(term)) for key, term in found.terms.items()}
+            if found.is_outgrown:
+                outgrown.append(name)
+        value = found.value if isinstance(found, Estimate) else found
+        traits[name] = value if value is None else round(value, trait.digits)
+    diameters = {f"{h:.2f}": tree.diameter(item) for h, item in tree.sections.items()}
+    by_order = {str(order): total for order, total in tree.orders.items()}
+    traits |= {
+        "trunk_diameters": {h: rounded(found.value) for h, found in diameters.items()},
+        "trunk_diameters_se": {h: rounded(found.se or 0.0) for h, found in diameters.items()},
+        "trunk_sections": [_section(item) for item in (tree.trunk, *tree.sections.values())],
+        "n_limbs_by_diameter": by_diameter(tree.limbs, options.limb_classes_m),
+        "n_branches_by_order": {k: total["n"] for k, total in by_order.items()},
+        "length_by_order_m": {k: rounded(total["length"]) for k, total in by_order.items()},
+        "volume_by_order_m3": {k: round(total["volume"], 8) for k, total in by_order.items()},
+        "mean_diameter_by_order_m": {
+            k: rounded(total["mean_diameter"]) for k, total in by_order.items()
+        },
+        "crown_volume_method": "convex hull",
+        "foot": [rounded(value) for value in tree.foot.point],
+        "interval_terms": terms,
+        "flags": quality_flags(
+            reports,
+            cloud.unit,
+            height=tree.height.value,
+            trunk=tree.trunk,
+            wanted_height=options.trunk_height_m,
+            unmeasured=tree.unmeasured,
+            foot=tree.foot,
+            support=tree.support,
+            crown_width=tree.crown_width.value,
+            confidence=tree.confidence,
+            edges=tree.edges,
+            missing_top=tree.missing_top,
+        ),
+    }
+    traits["at_least"] = at_least(traits["flags"], outgrown)
     for flag in traits["flags"]:
         logger.info("flag: %s", flag)
-    pruners = limb_rows(
-        skeleton, axis_list, limbs, rows, below.diameter, foot.point[2], scale_error=scale_error
-    )
-    return traits, {"branches": rows, "limbs": pruners}
-
-
-def _checked_wood(skeleton: Skeleton, cloud: PointCloud) -> np.ndarray:
-    """Which points are wood, (n_points,) bool; refuse where there is nothing to measure."""
-    if len(skeleton) < 2:
-        raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
-    is_wood = wood_mask(cloud["label"])
-    n_wood = np.count_nonzero(is_wood)
-    if n_wood < _MIN_WOOD_POINTS:
-        raise StageError(
-            f"{n_wood} points are labelled trunk or branch, {_MIN_WOOD_POINTS} are needed",
-            key="segment",
-        )
-    return is_wood
-
-
-def _measured(stem: Stem, wood: np.ndarray, height: float, options: dict) -> TrunkDiameter | None:
-    """The diameter at a further height; None where the trunk does not reach it or no fit holds."""
-    if height > stem.height[-1] - _END_M:
-        return None
-    found = measure_near(stem, wood, height, max_shift=0.0, **options)
-    return found if found.source == "points" else None
-
-
-def _crown_forms(
-    traits: dict, points: np.ndarray, base: np.ndarray, foot_z: float, row_distance: float | None
-) -> dict:
-    """Where the crown begins, and its volumes by the field's formulas."""
-    height, width = traits["height_m"], traits["crown_width_m"]
-    depth = max(height - (base[2] - foot_z), 0.0) if len(points) else 0.0
-    return {
-        "crown_base_height_m": rounded(base[2] - foot_z) if len(points) else None,
-        "crown_cone_volume_m3": rounded(cone_volume(width, depth)),
-        "crown_ellipsoid_volume_m3": rounded(ellipsoid_volume(width, depth)),
-        "crown_contour_volume_m3": rounded(contour_volume(points, base[:2])),
-        "tree_row_volume_m3_ha": round(tree_row_volume(height, width, row_distance), 1)
-        if row_distance is not None and traits["unit"] == "m"
-        else None,
-    }
-
-
-def _add_limbs(traits: dict, limbs: list[Limb], below: TrunkDiameter, scale_error: float) -> None:
-    """Enter the limbs' number and area, and what that is to the stem's."""
-    squares, terms = sum(limb.diameter**2 for limb in limbs), squares_terms(limbs)
-    area, ratio = np.pi / 4 * _CM2, squares / below.diameter**2
-    traits["n_limbs"] = len(limbs)
-    of_area = {name: area * term for name, term in terms.items()}
-    _add(traits, "limb_area_cm2", area * squares, of_area, scale_error)
-    of_ratio = ratio_terms(terms, ratio, below.diameter, below.terms)
-    _add(traits, "limb_trunk_ratio", ratio, of_ratio, scale_error)
-    traits["limb_trunk_height_m"] = rounded(below.height)
-
-
-def _counts(skeleton: Skeleton, topology: Topology | None, rows: list) -> dict:
-    n_children = skeleton.n_children
-    totals, length = totals_by_order(rows), float(skeleton.edge_length.sum())
-    n_junctions = int((n_children[1:] > 1).sum())
-    n_tips = int((n_children == 0).sum())
-    return {
-        "total_length_m": rounded(length),
-        "n_junctions": n_junctions if topology is None else topology.n_junctions,
-        "n_tips": n_tips if topology is None else topology.n_tips,
-        "branching_index_per_m": rounded((len(rows) - 1) / length),
-        "length_by_order_m": {str(k): rounded(v["length"]) for k, v in totals.items()},
-        "n_branches_by_order": {str(k): v["n"] for k, v in totals.items()},
-        "volume_by_order_m3": {str(k): round(v["volume"], 8) for k, v in totals.items()},
-        "mean_diameter_by_order_m": {
-            str(k): rounded(v["mean_diameter"]) for k, v in totals.items()
-        },
-        "wood_volume_m3": round(sum(v["volume"] for v in totals.values()), 8),
-    }
-
-
-def _shoots(rows: list) -> dict:
-    """Candidates for last year's shoots: what lies beyond the last lateral of every side axis."""
-    lengths = [row["shoot_length_m"] for row in rows if row["order"] > 0]
-    spacing = [row["lateral_spacing_m"] for row in rows if row["lateral_spacing_m"]]
-    return {
-        "n_shoots": len(lengths),
-        "mean_shoot_length_m": rounded(np.mean(lengths)) if lengths else 0.0,
-        "lateral_spacing_m": rounded(np.median(spacing)) if spacing else None,
-    }
-
-
-def _photo_shares(photo_check: Mapping[str, Any]) -> dict:
-    """What the photos say of the skeleton as a whole; nothing without photos."""
-    names = ("photo_precision", "photo_recall", "photo_sky_share", "n_photos", "photo_confirmed")
-    return {name: photo_check[name] for name in names if name in photo_check}
-
-
-def _add(
-    traits: dict,
-    name: str,
-    value: float,
-    terms: Terms,
-    scale_error: float,
-    drawn: np.ndarray | None = None,
-    missing: float = 0.0,
-) -> None:
-    """Enter a trait with its standard error and 90 % interval, where they are known.
-
-    Parameters
-    ----------
-    terms : Terms
-        What its error follows, but for the scale's; none for a trait without an error.
-    drawn : ndarray of shape (n_samples,), float64, optional
-        How far drawn values lie off `value`.
-    missing : float, default 0
-        How much larger it is with the wood that is known to be missing; where the found wood's
-        interval does not reach as far, the value is the least.
-    """
-    traits[name] = rounded(value)
-    if not terms or (drawn is not None and len(drawn) < _FEWEST_SAMPLES):
-        return
-    terms = {**terms, "scale": (TRAITS[name].power or 0) * scale_error * value}
-    arms, sd = (0.0, 0.0), spread(terms)
-    if drawn is not None:
-        low, high = np.maximum(np.quantile(drawn, CI90) * [-1, 1], 0.0)
-        if value + missing > interval(value, terms, (low, high))[1]:
-            traits.setdefault("at_least", []).append(name)
-        arms, sd = (low, max(high, missing)), np.hypot(sd, drawn.std(ddof=1))
-    traits[f"{name}_se"] = rounded(float(sd))
-    traits[f"{name}_ci90"] = [rounded(end) for end in interval(value, terms, arms)]
-    told = {"drawn_low": arms[0], "drawn_high": arms[1], **terms}
-    traits.setdefault("interval_terms", {})[name] = {k: rounded(float(v)) for k, v in told.items()}
-
-
-def _section_area(traits: dict) -> dict:
-    """The trunk's cross-section area as a circle's of its diameter, with the diameter's error."""
-    name, diameter = "tcsa_cm2", traits["trunk_diameter_m"]
-    area: dict[str, Any] = {name: rounded(np.pi / 4 * _CM2 * diameter**2)}
-    if "trunk_diameter_m_ci90" in traits:
-        error, ends = traits["trunk_diameter_m_se"], traits["trunk_diameter_m_ci90"]
-        area[f"{name}_se"] = rounded(np.pi / 2 * _CM2 * diameter * error)
-        area[f"{name}_ci90"] = [rounded(np.pi / 4 * _CM2 * end**2) for end in ends]
-    return area
-
-
-def _sections(
-    trunk: TrunkDiameter, further: dict[float, TrunkDiameter | None], scale_error: float
-) -> dict:
-    """Diameters at the further heights, and what each diameter rests on."""
-    found = {height: item for height, item in further.items() if item is not None}
-    errors = {
-        height: spread({**item.terms, "scale": scale_error * item.diameter})
-        for height, item in found.items()
-    }
-    return {
-        "trunk_diameters": {f"{h:.2f}": rounded(item.diameter) for h, item in found.items()},
-        "trunk_diameters_se": {f"{h:.2f}": rounded(float(error)) for h, error in errors.items()},
-        "trunk_sections": [_section(item) for item in (trunk, *found.values())],
-    }
+    return traits, {"branches": tree.rows, "limbs": tree.limb_rows}
 
 
 def _section(item: TrunkDiameter) -> dict:

@@ -1,41 +1,62 @@
 """Every trait and every column of ``branches.csv`` and ``limbs.csv``, once: files, pages, batch and
 docs follow it.
 
-A new trait is a row here and a value in `cherrypicker.traits.measure`; what its truth is stands in
-the laboratory (`cherrypicker_lab.traits.table`). Nothing heavy is imported: the batch reads it.
+A new trait is a row here, with the number that it reads off a
+`cherrypicker.traits.measure.ScannedTree`; what its truth is stands in the laboratory
+(`cherrypicker_lab.traits.table`). Nothing heavy is imported: the batch reads it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from math import pi
+from statistics import fmean, median
+from typing import Any
+
+# Ending of a name to its unit in a scan with a scale, as tables spell it, and the power of the
+# length unit in it; the longest that fits counts
+_UNITS: dict[str, tuple[str, int]] = {
+    "_m3_ha": ("m3/ha", 1),
+    "_per_m": ("1/m", -1),
+    "_cm2": ("cm2", 2),
+    "_m2": ("m2", 2),
+    "_m3": ("m3", 3),
+    "_m": ("m", 1),
+    "_ratio": ("1", 0),
+}
 
 
 @dataclass(frozen=True)
 class Trait:
     """A number of ``traits.json``."""
 
-    name: str  # its key there
+    name: str  # its key there, which ends in its unit
     title: str  # its name on the pages
-    power: int | None = 1  # of the length unit; None for a count or a share, 0 for a ratio
+    # Of a `ScannedTree`: an `Estimate`, or a number without an error; None for what the check of
+    # the photos says
+    value: Callable[[Any], Any] | None
+    definition: str = ""  # for the dictionary of ``traits.csv``; docs/traits.md says more
     decimals: int = 3  # shown at least, in metric units; a small error adds some
     is_shown: bool = False  # a row of the report, a column and a chart of the batch
     has_error: bool = False  # with a standard error and a 90 % interval where they can be had
+    digits: int = 6  # rounded to in ``traits.json``
     has_error_column: bool = False  # the standard error is a column of ``traits.csv`` as well
-    definition: str = ""  # for the dictionary of ``traits.csv``; docs/traits.md says more
-
-    @property
-    def is_cm2(self) -> bool:
-        """In square centimetres where there is a scale, else in 1e-4 square units."""
-        return self.name.endswith("_cm2")
 
     @property
     def unit(self) -> str:
         """Its unit in a scan with a scale, as the tables spell it; "1" for a number without."""
-        if self.is_cm2:
-            return "cm2"
-        if self.is_per_hectare:
-            return "m3/ha"
-        return {None: "1", 0: "1", -1: "1/m", 1: "m", 2: "m2", 3: "m3"}[self.power]
+        return next((unit for end, (unit, _) in _UNITS.items() if self.name.endswith(end)), "1")
+
+    @property
+    def power(self) -> int | None:
+        """Of the length unit; None for a count or a share, 0 for a ratio."""
+        return next((power for end, (_, power) in _UNITS.items() if self.name.endswith(end)), None)
+
+    @property
+    def is_cm2(self) -> bool:
+        """In square centimetres where there is a scale, else in 1e-4 square units."""
+        return self.unit == "cm2"
 
     @property
     def is_count(self) -> bool:
@@ -45,230 +66,241 @@ class Trait:
     @property
     def is_per_hectare(self) -> bool:
         """In cubic metres a hectare, of trees with a scale alone."""
-        return self.name.endswith("_m3_ha")
+        return self.unit == "m3/ha"
 
 
 _SHOWN = {"is_shown": True}
 _SURE = {"is_shown": True, "has_error": True}
+_SURE_COLUMN = _SURE | {"has_error_column": True}
 _ROWS = (
     Trait(
         "height_m",
         "Height",
-        **_SURE,
-        has_error_column=True,
-        definition="third highest wood point that the skeleton supports, or the likely end of a "
-        "shoot that reaches higher, over the stem's foot",
+        lambda t: t.height,
+        "third highest wood point that the skeleton supports, or the likely end of a shoot that "
+        "reaches higher, over the stem's foot",
+        **_SURE_COLUMN,
     ),
     Trait(
         "trunk_diameter_m",
         "Trunk diameter",
+        lambda t: t.diameter(t.trunk),
+        "diameter of the circle of the area that the outline of the stem's points encloses in a "
+        "slab across its axis, at trunk_height_m",
         decimals=4,
-        **_SURE,
-        has_error_column=True,
-        definition="diameter of the circle of the area that the outline of the stem's points "
-        "encloses in a slab across its axis, at trunk_height_m",
+        **_SURE_COLUMN,
     ),
     Trait(
         "trunk_height_m",
         "Height of that diameter",
+        lambda t: t.trunk.height,
+        "height over the stem's foot at which the trunk diameter is measured",
         decimals=2,
         **_SHOWN,
-        definition="height over the stem's foot at which the trunk diameter is measured",
     ),
     Trait(
         "tcsa_cm2",
         "Trunk cross-section area",
-        2,
-        1,
-        **_SURE,
-        has_error_column=True,
-        definition="pi / 4 times the square of the trunk diameter",
+        lambda t: t.diameter(t.trunk).circle_area(),
+        "pi / 4 times the square of the trunk diameter",
+        decimals=1,
+        **_SURE_COLUMN,
     ),
     Trait(
         "crown_width_m",
         "Crown width",
+        lambda t: t.crown_width,
+        "mean of the crown's widest horizontal extent and the one across it, with the likely ends"
+        " of its shoots",
         **_SURE,
-        definition="mean of the crown's widest horizontal extent and the one across it, with the "
-        "likely ends of its shoots",
     ),
     Trait(
         "crown_volume_m3",
         "Crown volume",
-        3,
+        lambda t: t.crown_volume,
+        "convex hull of the crown's points (all but the stem below its lowest limb), with the "
+        "likely ends of its shoots",
         **_SURE,
-        definition="convex hull of the crown's points (all but the stem below its lowest limb), "
-        "with the likely ends of its shoots",
     ),
     Trait(
         "crown_base_height_m",
         "Height of the crown's base",
+        lambda t: t.crown_base_height,
+        "where the lowest limb leaves the stem, over the stem's foot",
         decimals=2,
-        definition="where the lowest limb leaves the stem, over the stem's foot",
     ),
     Trait(
         "crown_projected_area_m2",
         "Projected area of the crown",
-        2,
-        definition="convex hull of the crown's points seen from above",
+        lambda t: t.crown_projected_area,
+        "convex hull of the crown's points seen from above",
     ),
     Trait(
         "crown_alpha_m",
         "Widest hollow of the alpha volume",
-        definition="largest circumsphere's radius of the tetrahedra of the alpha volume",
+        lambda t: t.crown_alpha,
+        "largest circumsphere's radius of the tetrahedra of the alpha volume",
     ),
     Trait(
         "crown_alpha_volume_m3",
         "Alpha volume of the crown",
-        3,
-        definition="tetrahedra of the crown's Delaunay mesh whose circumspheres' radius is at most "
+        lambda t: t.crown_alpha_volume,
+        "tetrahedra of the crown's Delaunay mesh whose circumspheres' radius is at most "
         "crown_alpha_m",
     ),
     Trait(
         "crown_cone_volume_m3",
         "Crown volume by the cone's formula",
-        3,
-        definition="pi / 12 times the square of the crown's width times its depth, from its base "
-        "to the tree's height",
+        lambda t: pi / 12 * t.crown_box,
+        "pi / 12 times the square of the crown's width times its depth, from its base to the "
+        "tree's height",
     ),
     Trait(
         "crown_ellipsoid_volume_m3",
         "Crown volume by the ellipsoid's formula",
-        3,
-        definition="pi / 6 times the square of the crown's width times its depth, from its base to "
-        "the tree's height",
+        lambda t: pi / 6 * t.crown_box,
+        "pi / 6 times the square of the crown's width times its depth, from its base to the "
+        "tree's height",
     ),
     Trait(
         "crown_contour_volume_m3",
         "Crown volume by its contour",
-        3,
-        definition="eight sectors around the stem at each of five levels, each as wide as the "
-        "farthest crown point in it",
+        lambda t: t.crown_contour,
+        "eight sectors around the stem at each of five levels, each as wide as the farthest crown"
+        " point in it",
     ),
     Trait(
         "tree_row_volume_m3_ha",
         "Tree row volume",
+        lambda t: t.tree_row_volume,
+        "height times crown width times 10,000 m2 over the distance of the rows; configs with "
+        "traits.row_distance_m alone",
         decimals=0,
-        definition="height times crown width times 10,000 m2 over the distance of the rows; "
-        "configs with traits.row_distance_m alone",
+        digits=1,
     ),
     Trait(
         "n_limbs",
         "Limbs",
-        None,
-        0,
+        lambda t: len(t.limbs),
+        "axes that leave the stem and come traits.min_limb_m clear of its surface",
+        decimals=0,
         **_SHOWN,
-        definition="axes that leave the stem and come traits.min_limb_m clear of its surface",
     ),
     Trait(
         "limb_area_cm2",
         "Limbs' cross-section area",
-        2,
-        1,
+        lambda t: t.limb_area,
+        "sum of the cross-sections of the limbs 2.5 cm beyond the stem's surface",
+        decimals=1,
         has_error=True,
-        definition="sum of the cross-sections of the limbs 2.5 cm beyond the stem's surface",
     ),
     Trait(
         "limb_trunk_ratio",
         "Limb-to-trunk ratio",
-        0,
-        2,
+        lambda t: t.limb_trunk_ratio,
+        "limbs' cross-section area over the stem's at limb_trunk_height_m",
+        decimals=2,
         **_SURE,
-        definition="limbs' cross-section area over the stem's at limb_trunk_height_m",
     ),
     Trait(
         "limb_trunk_height_m",
         "Height of the trunk's area of that ratio",
+        lambda t: t.limb_trunk.height,
+        "0.30 m over the graft union where traits.graft_height_m tells it, else the height of the"
+        " trunk diameter",
         decimals=2,
-        definition="0.30 m over the graft union where traits.graft_height_m tells it, else the "
-        "height of the trunk diameter",
     ),
     Trait(
         "branching_index_per_m",
         "Branching index",
-        -1,
-        2,
-        definition="side axes over the total length of wood",
+        lambda t: (len(t.rows) - 1) / t.total_length,
+        "side axes over the total length of wood",
+        decimals=2,
     ),
     Trait(
         "total_length_m",
         "Total length of wood",
+        lambda t: t.total_length,
+        "length of the skeleton",
         decimals=2,
         **_SHOWN,
-        definition="length of the skeleton",
     ),
     Trait(
         "n_junctions",
         "Junctions",
-        None,
-        0,
+        lambda t: t.topology.n_junctions,
+        "nodes of the skeleton above its root where branches part",
+        decimals=0,
         **_SHOWN,
-        definition="nodes of the skeleton above its root where branches part",
     ),
-    Trait("n_tips", "Tips", None, 0, **_SHOWN, definition="ends of the skeleton"),
+    Trait(
+        "n_tips", "Tips", lambda t: t.topology.n_tips, "ends of the skeleton", decimals=0, **_SHOWN
+    ),
     Trait(
         "wood_volume_m3",
         "Volume of wood",
-        3,
-        definition="sum of the cone frusta between the nodes of each axis",
+        lambda t: t.wood_volume,
+        "sum of the cone frusta between the nodes of each axis",
+        digits=8,
     ),
-    Trait("n_shoots", "Shoots", None, 0, definition="side axes"),
+    Trait("n_shoots", "Shoots", lambda t: len(t.shoots), "side axes", decimals=0),
     Trait(
         "mean_shoot_length_m",
         "Mean length of shoots",
-        definition="mean way of the side axes from their last lateral to their tip",
+        lambda t: fmean(t.shoots) if t.shoots else 0.0,
+        "mean way of the side axes from their last lateral to their tip",
     ),
     Trait(
         "lateral_spacing_m",
         "Spacing of laterals",
-        definition="median over the axes of the median way between successive laterals",
+        lambda t: median(t.spacings) if t.spacings else None,
+        "median over the axes of the median way between successive laterals",
     ),
     Trait(
         "trunk_end_height_m",
         "Height of the trunk's end",
+        lambda t: t.stem.height[-1],
+        "where the trunk's axis ends, over the stem's foot",
         decimals=2,
-        definition="where the trunk's axis ends, over the stem's foot",
     ),
     Trait(
         "photo_precision",
         "Skeleton that the photos do not refute, share",
         None,
-        3,
+        "share of the skeleton's judged length that the photos do not refute; scans from photos "
+        "alone",
         **_SHOWN,
-        definition="share of the skeleton's judged length that the photos do not refute; scans "
-        "from photos alone",
     ),
     Trait(
         "photo_recall",
         "Thin wood of the photos in the skeleton, share",
         None,
-        3,
+        "length of skeleton that the photos confirm, over that and the length of thin wood that "
+        "they show before the sky and it lacks; scans from photos alone",
         **_SHOWN,
-        definition="length of skeleton that the photos confirm, over that and the length of thin "
-        "wood that they show before the sky and it lacks; scans from photos alone",
     ),
     Trait(
         "photo_sky_share",
         "Skeleton with sky behind it in the photos, share",
         None,
-        2,
-        definition="share of the skeleton's length that stands before the sky in the photos, where "
-        "they can judge it; scans from photos alone",
+        "share of the skeleton's length that stands before the sky in the photos, where they can "
+        "judge it; scans from photos alone",
+        decimals=2,
     ),
     Trait(
         "n_photos",
         "Photos that judge the skeleton",
         None,
-        0,
-        definition="photos that judge the skeleton; scans from photos alone",
+        "photos that judge the skeleton; scans from photos alone",
+        decimals=0,
     ),
     Trait(
         "photo_confirmed",
         "Wood that photos confirm, share",
         None,
-        2,
-        definition="share of the length of the skeleton and of the wood that it lacks that photos "
-        "confirm: where it is low, much is refuted, missing or out of sight; scans from photos "
-        "alone",
+        "share of the length of the skeleton and of the wood that it lacks that photos confirm: "
+        "where it is low, much is refuted, missing or out of sight; scans from photos alone",
+        decimals=2,
     ),
 )
 #: Name to trait, in the pages' order.
