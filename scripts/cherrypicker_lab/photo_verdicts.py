@@ -20,10 +20,10 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import axes, axis_of_node, read_skeleton, read_skeleton_csv
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.samples import densify
 from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.reports import Reports
-from cherrypicker.traits.support import densify
 from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
 from cherrypicker_lab.spoilt_skeletons import Spoilt
 

@@ -15,7 +15,7 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.support import densify
+from cherrypicker.skeleton.samples import densify
 
 __all__ = ["SIZES", "Spoilt", "spoil"]
 

@@ -10,7 +10,7 @@ from cherrypicker.traits.missing_top import MissingTop
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.table import TRAITS
 
-FOOT = np.array([0.1, 0.2, -0.5])
+NONE, FOOT = np.empty((0, 3)), np.array([0.1, 0.2, -0.5])
 CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (1.0, 2.0)])
 
 
@@ -20,7 +20,7 @@ def crown_and_hull():
 
 
 def test_nothing_missing_adds_nothing():
-    none = missing_wood(np.empty((0, 2, 3)), {}, {}, None, FOOT)
+    none = missing_wood(NONE, {}, {}, None, FOOT)
     assert none.shape == (0, 3)
     assert growth_by(none, *crown_and_hull()).tolist() == [0.0, 0.0, 0.0]
 
@@ -28,20 +28,20 @@ def test_nothing_missing_adds_nothing():
 def test_wood_within_the_crown_adds_nothing_and_wood_beyond_does():
     inside = {"missing_pieces": [{"length": 0.2, "low": [0.2, 0.2, 1.2], "high": [0.4, 0.3, 1.5]}]}
     assert growth_by(
-        missing_wood(np.empty((0, 2, 3)), {}, inside, None, FOOT), *crown_and_hull()
+        missing_wood(NONE, {}, inside, None, FOOT), *crown_and_hull()
     ) == pytest.approx([0.0, 0.0, 0.0])
-    left_out = np.array([[[0.5, 0.5, 1.5], [0.6, 0.6, 2.3]]])
+    left_out = np.array([[0.5, 0.5, 1.5], [0.6, 0.6, 2.3]])
     missing = missing_wood(left_out, {}, inside, None, FOOT)
     top, width, volume = growth_by(missing, *crown_and_hull())
     assert (top, width) == (pytest.approx(0.3), 0.0)
     assert 0.09 < volume < 0.15
-    beside = np.array([[[1.0, 0.0, 1.0], [3.0, 0.1, 1.1]]])
+    beside = np.array([[1.0, 0.0, 1.0], [3.0, 0.1, 1.1]])
     assert growth_by(missing_wood(beside, {}, {}, None, FOOT), *crown_and_hull())[1] > 0.5
 
 
 def test_a_loose_piece_of_the_cloud_counts_as_missing():
     loose = {"loose": [{"low": [0.5, 0.5, 2.1], "high": [0.6, 0.6, 2.3], "n_points": 30}]}
-    missing = missing_wood(np.empty((0, 2, 3)), loose, {}, None, FOOT)
+    missing = missing_wood(NONE, loose, {}, None, FOOT)
     assert growth_by(missing, *crown_and_hull())[0] == pytest.approx(0.3)
     loose["loose"][0]["gap"] = 0.4
     (flag,) = quality_flags(Reports(target=loose))
@@ -50,7 +50,7 @@ def test_a_loose_piece_of_the_cloud_counts_as_missing():
 
 
 def test_a_top_that_the_photos_show_counts_from_the_foot():
-    shown = missing_wood(np.empty((0, 2, 3)), {}, {}, MissingTop(2.9, 2.5, 12), FOOT)
+    shown = missing_wood(NONE, {}, {}, MissingTop(2.9, 2.5, 12), FOOT)
     assert shown.tolist() == [[0.1, 0.2, pytest.approx(2.45)]]  # 2.9 - 0.5, and a voxel of 5 cm
     assert growth_by(shown, *crown_and_hull())[0] == pytest.approx(0.45)
     assert growth_by(shown, crown_and_hull()[0], None) == pytest.approx([0.45, 0.0, 0.0])

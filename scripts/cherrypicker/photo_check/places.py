@@ -11,7 +11,7 @@ from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.support import densify
+from cherrypicker.skeleton.samples import densify
 
 # Places on the skeleton, pixels of the photos apart: a line's point is one pixel
 STEP_PX = 2.0

@@ -16,6 +16,7 @@ from cherrypicker.skeleton.exports import (
     write_topology_graphml,
 )
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.samples import densify
 from cherrypicker.skeleton.topology import Topology, TopologyEdge, fold
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "axes",
     "axis_of_node",
     "axis_polyline",
+    "densify",
     "fold",
     "node_order",
     "read_skeleton",

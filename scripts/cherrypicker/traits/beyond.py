@@ -24,12 +24,12 @@ def missing_wood(
     top: MissingTop | None,
     foot: np.ndarray,
 ) -> np.ndarray:
-    """Corners of the boxes around what is known to be missing, (n, 3) float64.
+    """Places that what is known to be missing reaches to, (n, 3) float64.
 
     Parameters
     ----------
-    left_out : ndarray of shape (n_boxes, 2, 3), float64
-        Lower and upper corners around wood that the skeleton left out.
+    left_out : ndarray of shape (n_left_out, 3), float64
+        Wood that the skeleton left out.
     target : mapping
         ``target.json``, with the loose pieces that were no part of its wood.
     photo_check : mapping
@@ -40,12 +40,12 @@ def missing_wood(
     """
     pieces = [*target.get("loose", ()), *photo_check.get("missing_pieces", ())]
     boxes = np.array([[piece["low"], piece["high"]] for piece in pieces if "low" in piece])
-    boxes = np.concatenate([left_out, boxes.reshape(-1, 2, 3)])
     which = np.indices((2, 2, 2)).reshape(3, -1).T  # lower or upper end along each axis
-    corners = boxes[:, which, np.arange(3)].reshape(-1, 3)
+    corners = boxes.reshape(-1, 2, 3)[:, which, np.arange(3)].reshape(-1, 3)
+    missing = np.vstack([left_out, corners])
     if top is None:
-        return corners
-    return np.vstack([corners, [*foot[:2], foot[2] + top.height + VOXEL * top.found]])
+        return missing
+    return np.vstack([missing, [*foot[:2], foot[2] + top.height + VOXEL * top.found]])
 
 
 def growth_by(missing: np.ndarray, crown: Crown, hull: Hull | None) -> np.ndarray:

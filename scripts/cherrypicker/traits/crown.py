@@ -10,14 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
+from scipy.spatial import ConvexHull, Delaunay, QhullError
 
-from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.sampling import voxel_keys
-from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.interval_factors import FACTORS
 from cherrypicker.traits.shoot_ends import Hull, ShootEnds, draw_losses, grow_hull
-from cherrypicker.traits.support import Support
 
 _N_RADIALS, _N_LEVELS = 8, 5  # of the contour (Culver and Till 1967)
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
@@ -60,36 +57,6 @@ def robust_top(z: np.ndarray) -> float:
     """z of the third highest point (of the highest with fewer points)."""
     rank = min(_TOP_RANK, len(z))
     return float(np.partition(z, len(z) - rank)[len(z) - rank])
-
-
-def crown_of(
-    skeleton: Skeleton, is_clear_stem: np.ndarray, wood: np.ndarray, support: Support
-) -> np.ndarray:
-    """Wood points of the crown: everything but the stem below its lowest limb.
-
-    Parameters
-    ----------
-    is_clear_stem : ndarray of shape (n_nodes,), bool
-        From `cherrypicker.traits.scaffold.clear_stem`.
-    wood : ndarray of shape (n_wood, 3), float64
-    support : Support
-        Of these points.
-
-    Returns
-    -------
-    ndarray of shape (n_wood,), bool
-        None set where the tree has no limb.
-    """
-    if is_clear_stem.all():
-        return np.zeros(len(wood), dtype=bool)
-    # Only points beside the clear stem can have one of its nodes as the nearest.
-    stem, away = skeleton.points[is_clear_stem], support.farthest + skeleton.edge_length.max() / 2
-    beside = rows_in_box(wood, stem.min(axis=0) - away, stem.max(axis=0) + away)
-    beside = beside[support.point[beside]]
-    _, nearest = cKDTree(skeleton.points).query(wood[beside])
-    in_crown = support.point.copy()
-    in_crown[beside] = ~is_clear_stem[nearest]
-    return in_crown
 
 
 def measure_crown(

@@ -16,11 +16,8 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.stem_slabs import cut_slab, section_of
-from cherrypicker.skeleton.axes import Axis, axis_of_node
-from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.intervals import typical_scatter
+from cherrypicker.skeleton.axes import Axis
 from cherrypicker.traits.scaffold import Limb, StemSurface
-from cherrypicker.traits.support import densify
 
 _HALF_M = 0.03  # of the slab: 3 cm are surer than 2 (142 against 153 limbs off by a tenth and more)
 _CLEAR_M = 0.005  # outside the stem's surface: points nearer may be the stem's bark
@@ -29,7 +26,6 @@ _RADII = (0.4, 1.8)  # of the nodes' radius: the smallest and the largest sectio
 _ROOM_M = 0.005  # added to the largest
 _TOLERANCE, _TOLERANCE_M = 0.15, (0.002, 0.02)  # as for the trunk
 _SURE = 0.05  # standard error, of the radius; 3 to 12 % do as well on generated trees
-_STEP_M = 0.01  # along the skeleton
 
 
 def limb_of_axis(parents: list[int], limbs: list[int]) -> np.ndarray:
@@ -51,11 +47,12 @@ def limb_of_axis(parents: list[int], limbs: list[int]) -> np.ndarray:
 
 
 def measure_limbs(
-    skeleton: Skeleton,
     axis_list: list[Axis],
     limbs: list[Limb],
     stem: StemSurface,
     wood: cKDTree,
+    axis_of_wood: np.ndarray,
+    typical: float | None,
     rng: np.random.Generator,
 ) -> list[Limb]:
     """Limbs with diameters, errors and scatters from the points around the places of measure.
@@ -66,22 +63,22 @@ def measure_limbs(
         From `find_limbs`.
     wood : cKDTree
         Of the wood points.
+    axis_of_wood : ndarray of shape (n_wood,), int64
+        Axis that each of them lies nearest to.
+    typical : float or None
+        Scatter of the points where a limb has none of its own; what limbs have without it.
     """
-    carried = limb_of_axis([axis.parent for axis in axis_list], [limb.axis for limb in limbs])
-    samples, node, _, _ = densify(skeleton, _STEP_M)
-    carrier = carried[axis_of_node(skeleton, axis_list)[node]]
-    nearest = cKDTree(samples)
+    carrier = limb_of_axis([axis.parent for axis in axis_list], [limb.axis for limb in limbs])
     found = []
     for limb in limbs:
         reach = np.hypot(_HALF_M, _RADII[1] * limb.beyond)
-        near = wood.data[sorted(wood.query_ball_point(limb.place, reach))]
-        if len(near):
-            near = near[carrier[nearest.query(near)[1]] == limb.axis]
-        if len(near):
-            near = near[stem.over(near)[0] > _CLEAR_M]
-        found.append(_measured(limb, near, rng))
+        rows = np.array(sorted(wood.query_ball_point(limb.place, reach)), dtype=np.int64)
+        own = wood.data[rows[carrier[axis_of_wood[rows]] == limb.axis]]
+        if len(own):
+            own = own[stem.over(own)[0] > _CLEAR_M]
+        found.append(_measured(limb, own, rng))
     known = [limb.scatter for limb in found if limb.scatter]
-    typical = typical_scatter(skeleton) or (float(np.median(known)) if known else 0.0)
+    typical = typical or (float(np.median(known)) if known else 0.0)
     return [replace(limb, scatter=limb.scatter or typical) for limb in found]
 
 

@@ -12,7 +12,7 @@ from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton import axes, fold
+from cherrypicker.skeleton import axes, axis_of_node, fold
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import Topology
 from cherrypicker.traits.beyond import growth_by, missing_wood
@@ -20,7 +20,6 @@ from cherrypicker.traits.branches import branch_rows, totals_by_order
 from cherrypicker.traits.crown import (
     alpha_volume,
     contour_volume,
-    crown_of,
     hull_of,
     measure_crown,
     projected_area,
@@ -85,6 +84,7 @@ class ScannedTree:
     ) -> None:
         if len(skeleton) < 2:
             raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
+        check = reports.photo_check
         is_wood = wood_mask(cloud["label"])
         if (n_wood := np.count_nonzero(is_wood)) < _MIN_WOOD_POINTS:
             raise StageError(
@@ -96,6 +96,7 @@ class ScannedTree:
         self.scale_error = reports.scale_error if cloud.unit == "m" else 0.0
         wood, rng = cloud.points[is_wood], np.random.default_rng(seed)
         tree = quick_tree(wood)
+        typical = typical_scatter(skeleton)
         self.axes, self.reach = axes(skeleton), support_reach(tree)
         self.support = find_support(skeleton, tree, self.reach, max_gap=options.max_gap_m)
         self.points = wood[self.support.point]
@@ -138,20 +139,28 @@ class ScannedTree:
         )
         clear = clear_stem(skeleton, self.axes, limbs, surface)
         draws = np.random.default_rng([seed, _LIMB_DRAWS])
-        self.limbs = measure_limbs(skeleton, self.axes, limbs, surface, tree, draws)
+        self.limbs = measure_limbs(
+            self.axes,
+            limbs,
+            surface,
+            tree,
+            axis_of_node(skeleton, self.axes)[self.support.owner],
+            typical,
+            draws,
+        )
         self.limb_trunk = self.trunk
         if options.graft_height_m is not None:
             at = options.graft_height_m + _OVER_GRAFT_M
             self.limb_trunk = measure_near(self.stem, wood, at, **fit)
 
         # The crown above it, what of it is known to be missing, and where photos end before it
-        self.crown_points = wood[crown_of(skeleton, clear, wood, self.support)]
+        self.crown_points = wood[self.support.point & ~clear[self.support.owner]]
         hull = hull_of(self.crown_points) if len(self.crown_points) else None
         crown, samples = measure_crown(
             self.points,
             hull,
             find_shoot_ends(skeleton, self.support.node, tree, self.reach),
-            typical_scatter(skeleton) or 0.0,
+            typical or 0.0,
             self.reach,
             in_crown=~clear,
             n_samples=options.n_bootstrap,
@@ -160,8 +169,9 @@ class ScannedTree:
         self.missing_top = None
         if reports.photos is not None:
             self.missing_top = find_missing_top(reports.photos, self.points, self.foot.point)
-        boxes, check = self.support.missed_boxes, reports.photo_check
-        missing = missing_wood(boxes, reports.target, check, self.missing_top, self.foot.point)
+        missing = missing_wood(
+            self.support.missed, reports.target, check, self.missing_top, self.foot.point
+        )
         self.edges = () if reports.poses is None else frame_edges(reports.poses, self.points)
         drawn = (samples - [crown.top, crown.width, crown.volume]).T
         grown = growth_by(missing, crown, hull)

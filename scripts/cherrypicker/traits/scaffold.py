@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.skeleton.axes import Axis, axis_polyline
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.samples import densify
 from cherrypicker.traits.branch_shapes import LEAST_WINDOW_M
-from cherrypicker.traits.support import densify
 
 BEYOND_M = 0.025  # beyond the stem's surface: where a limb is measured (Schupp 2017)
 _STEP_M = 0.005  # along a limb and along the stem
