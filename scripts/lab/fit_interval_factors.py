@@ -1,11 +1,11 @@
 """Fit the factors of the traits' 90 % intervals to trees whose truth is known.
 
-Reads JSONs of measure_interval_cases.py; writes the factors as scripts/cherrypicker/traits/
+Reads JSONs of measure_interval_cases.py; writes the factors as scripts/cherrypicker/geometry/
 interval_factors.yaml has them, with what each was fitted on, and a table of how many truths the
 intervals hold, by source, also with factors that are fitted without that source. Example:
 
     python scripts/lab/fit_interval_factors.py --cases cases/*.json --checked foreign \\
-        --factors scripts/cherrypicker/traits/interval_factors.yaml --table table.md
+        --factors scripts/cherrypicker/geometry/interval_factors.yaml --table table.md
 """
 
 import logging
@@ -14,8 +14,8 @@ import yaml
 
 import lab_path  # noqa: F401
 from cherrypicker.files import read_json, write_text
+from cherrypicker.geometry.error_terms import FACTORS_FILE
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.traits.interval_factors import FACTORS_FILE
 from cherrypicker_lab.traits.interval_fit import fit_all
 
 logger = logging.getLogger("cherrypicker")

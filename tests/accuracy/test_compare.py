@@ -11,9 +11,9 @@ from cherrypicker.accuracy.compare import ComparedTree
 from cherrypicker.accuracy.measures import read_measures
 from cherrypicker.accuracy.places import Places
 from cherrypicker.batch.summary import summarise
+from cherrypicker.geometry.error_terms import FACTORS
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows
-from cherrypicker.traits.interval_factors import FACTORS
 
 HEAD = "tree,trait,value,unit,who,height_m,azimuth_deg,distance_m,x_m,y_m,z_m,order\n"
 FOOT_Z, STEP, N_STEPS = 0.2, 0.02, 40

@@ -9,12 +9,12 @@ import pytest
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
+from cherrypicker.geometry.error_terms import FACTORS, FACTORS_FILE, KNOWN, spread
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.crown import horizontal_width, hull_of, measure_crown
 from cherrypicker.traits.foot import find_foot
-from cherrypicker.traits.interval_factors import FACTORS, FACTORS_FILE
-from cherrypicker.traits.intervals import KNOWN, Z90, branch_terms, interval, spread
+from cherrypicker.traits.intervals import Z90, branch_terms, interval
 from cherrypicker.traits.shoot_ends import ShootEnds, draw_losses, find_shoot_ends, grow_hull
 from cherrypicker.traits.trunk import Stem, measure_diameter
 

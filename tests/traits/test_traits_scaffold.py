@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from test_traits import Tree, draws
 
+from cherrypicker.geometry.error_terms import FACTORS, spread
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.crown import contour_volume
-from cherrypicker.traits.interval_factors import FACTORS
-from cherrypicker.traits.intervals import spread
 from cherrypicker.traits.limb_table import by_diameter, ratio_terms, squares_terms
 from cherrypicker.traits.measure import TraitOptions, measure_traits
 from cherrypicker.traits.scaffold import Limb, StemSurface, clear_stem, find_limbs

@@ -25,7 +25,7 @@ rule estimate_scale:
         runtime=minutes_for("estimate_scale"),
     params:
         **options("estimate_scale"),
-        code=code("estimate_scale"),
+        code=code("estimate_scale", "geometry/interval_factors.yaml"),
         cell=row("scale"),
         dictionary=row("marker_dictionary"),
         sides_m=row("marker_sides_m"),

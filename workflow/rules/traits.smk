@@ -31,7 +31,7 @@ rule measure_traits:
         runtime=minutes_for("measure_traits"),
     params:
         **options("measure_traits"),
-        code=code("measure_traits", "traits/interval_factors.yaml"),
+        code=code("measure_traits", "geometry/interval_factors.yaml"),
     message:
         "{wildcards.tree}: measure the traits"
     script:

@@ -17,10 +17,20 @@ from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sections import Section, circles_through, fit_section
 
-__all__ = ["cut_slab", "search_circle", "section_of", "sector_weights", "steady_levels"]
+__all__ = [
+    "cut_slab",
+    "search_circle",
+    "section_of",
+    "sector_weights",
+    "stem_section",
+    "steady_levels",
+]
 
 N_SECTORS = 36
 _MAX_BALANCE = 5.0
+_MOST_POINTS = 4000  # of a slab
+# How far off a circle points support it, as a share of its radius and in metres (guesses)
+_TOLERANCE, _TOLERANCE_M = 0.15, (0.002, 0.02)
 _PROMISING = 40  # circles whose sectors are looked at
 
 
@@ -38,6 +48,62 @@ def cut_slab(
     inside = np.abs(local[:, 2]) <= half_height
     inside &= np.hypot(local[:, 0], local[:, 1]) <= reach
     return local[inside], frame
+
+
+def tolerance_of(radius: float) -> float:
+    """How far off a circle of about this radius, m, points support it."""
+    return float(np.clip(_TOLERANCE * radius, *_TOLERANCE_M))
+
+
+def stem_section(
+    points: np.ndarray,
+    slab: tuple[np.ndarray, np.ndarray, float, float],
+    tolerance: float,
+    radius_range: tuple[float, float],
+    min_points: int,
+    rng: np.random.Generator,
+) -> tuple[Section, np.ndarray]:
+    """The section of a stem through the points of a slab: its outline over its steady levels.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+    slab : tuple
+        Centre and axis, (3,) both, half its height and its reach, as for `cut_slab`.
+    tolerance, radius_range : float, tuple of float
+        Of the circle that it starts from, see `search_circle`.
+    min_points : int
+        Fewer are no stem.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Section
+    frame : ndarray of shape (3, 3)
+        From `cut_slab`.
+
+    Raises
+    ------
+    StageError
+        If there are too few points, no section, or points at one end of the slab alone: a stem that
+        is hidden in its middle would be carried on over the gap.
+    """
+    local, frame = cut_slab(points, *slab)
+    z = slab[0][2]
+    if len(local) < min_points:
+        raise StageError(f"{len(local)} stem points around z = {z:.2f}, not {min_points}")
+    if len(local) > _MOST_POINTS:
+        local = local[rng.choice(len(local), _MOST_POINTS, replace=False)]
+    fit = section_of(local, tolerance, radius_range, rng, waves=False)
+    local = local[steady_levels(local, fit)]
+    if len(local) < min_points:
+        raise StageError(f"{len(local)} stem points in steady levels around z = {z:.2f}")
+    fit = section_of(local, tolerance, radius_range, rng, waves=True)
+    # Points spread evenly reach sqrt(3) standard deviations from their mean
+    along = local[fit.weights > 0, 2]
+    if abs(along.mean()) > np.sqrt(3.0) * along.std():
+        raise StageError(f"the stem points around z = {z:.2f} end above or below it")
+    return fit, frame
 
 
 def section_of(

@@ -14,8 +14,9 @@ import numpy as np
 from scipy import ndimage
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.error_terms import spread, trunk_terms
 from cherrypicker.geometry.sections import Section
-from cherrypicker.geometry.stem_slabs import cut_slab, section_of, steady_levels
+from cherrypicker.geometry.stem_slabs import stem_section
 
 logger = logging.getLogger(__name__)
 
@@ -24,10 +25,7 @@ logger = logging.getLogger(__name__)
 _HALF_HEIGHT_M, _CELL_M, _RADII_M = 0.05, 0.015, (0.008, 0.5)
 _LEAST_ARC_DEG, _ROUGH, _LEAST_UPRIGHT = 200.0, 0.15, 0.7
 _N_ROUNDS, _SETTLED = 12, 1e-4
-_LEAST_POINTS, _MOST_POINTS = 60, 4000
-# What no fit sees of a diameter: a part of the points' scatter, and of the diameter
-# (`traits/interval_factors.yaml`, trunk_shared and trunk_hidden, fitted on rendered scenes)
-_SHARED, _HIDDEN = 0.771, 0.00812
+_LEAST_POINTS = 60
 
 
 def scale_of_trunk(
@@ -63,12 +61,7 @@ def scale_of_trunk(
             break
     else:
         raise StageError(f"no scale makes a trunk of {diameter_m:g} m at {height_m:g} m")
-    error = np.sqrt(
-        (2 * section.error) ** 2
-        + (_SHARED * section.noise) ** 2
-        + (_HIDDEN * 2 * section.radius) ** 2
-    )
-    return scale, float(error / (2 * section.radius))
+    return scale, float(spread(trunk_terms(section)) / (2 * section.radius))
 
 
 def _stem_at(
@@ -124,9 +117,10 @@ def _round_section(
     axis, radii = np.array([0.0, 0.0, 1.0]), (low / scale, min(high / scale, reach))
     section = None
     for _ in range(2):
-        local, frame = cut_slab(points, center, axis, half, reach)
-        section = _fit(local, radii, rng)
-        if section is None:
+        slab = center, axis, half, reach
+        try:
+            section, frame = stem_section(points, slab, 0.05 * radii[1], radii, _LEAST_POINTS, rng)
+        except StageError:
             return None
         center = center + section.parameters[:2] @ frame[:2]
         axis = np.append(section.parameters[3:5], 1.0) @ frame
@@ -135,19 +129,3 @@ def _round_section(
         return None
     is_round = section.arc_deg >= _LEAST_ARC_DEG and section.noise <= _ROUGH * section.radius
     return section if is_round and section.n_inliers >= 0.5 * len(thing) else None
-
-
-def _fit(local: np.ndarray, radii: tuple[float, float], rng: np.random.Generator) -> Section | None:
-    if len(local) < _LEAST_POINTS:
-        return None
-    if len(local) > _MOST_POINTS:
-        local = local[rng.choice(len(local), _MOST_POINTS, replace=False)]
-    tolerance = 0.05 * radii[1]
-    try:
-        first = section_of(local, tolerance, radii, rng, waves=False)
-        steady = local[steady_levels(local, first)]
-        if len(steady) < _LEAST_POINTS:
-            return None
-        return section_of(steady, tolerance, radii, rng, waves=True)
-    except StageError:
-        return None

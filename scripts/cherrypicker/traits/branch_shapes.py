@@ -6,12 +6,11 @@ import numpy as np
 
 from cherrypicker.skeleton.axes import Axis, axis_polyline
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.lines import NEAR, Line
 
 LEAST_WINDOW_M = 0.08  # of the stretch at an axis's base that its direction is taken over (guess)
 WINDOW_RADII = 4.0  # of its first node: the same, where it is thick (guess)
 TIP_WINDOW_M = 0.03  # of the stretch that the tip's diameter is taken over (guess)
-N_SAMPLES = 12  # of a stretch whose direction is taken
-NEAR = 1e-9  # lengths below this are none
 
 
 def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarray]:
@@ -31,7 +30,7 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
         for name in ("arc_deg", "n_points", "residual", "radius_error", "gap")
     )
     radius, length = skeleton.radius, skeleton.edge_length
-    lines = [_Line(skeleton.points[axis_polyline(axis)]) for axis in axis_list]
+    lines = [Line(skeleton.points[axis_polyline(axis)]) for axis in axis_list]
     place = np.zeros(len(skeleton))  # of a node along its own axis
     for axis, line in zip(axis_list, lines, strict=True):
         place[axis.nodes] = line.along[-len(axis.nodes) :]
@@ -47,7 +46,10 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
         direction = line.direction(skip, skip + window)
         below = np.array([0.0, 0.0, 1.0])
         if axis.attach >= 0:
-            below = lines[axis.parent].direction_through(place[axis.attach], window)
+            # Through the place that it hangs on; where its parent ends, of what lies below
+            parent, at = lines[axis.parent], place[axis.attach]
+            is_end = at >= parent.along[-1] - NEAR
+            below = parent.direction(at - 2 * window if is_end else at - window, at + window)
         base = _stretch(place[nodes], skip, skip + window)
         tip = _stretch(place[nodes], total - TIP_WINDOW_M, total)
         laterals = place[nodes][is_foot[nodes]]
@@ -73,35 +75,6 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
             }
         )
     return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in rows[0]}
-
-
-class _Line:
-    """A polyline from the node that an axis hangs on, and the way along it."""
-
-    def __init__(self, points: np.ndarray) -> None:
-        self.points = points
-        self.along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-
-    def direction(self, low: float, high: float) -> np.ndarray:
-        """Unit direction over a stretch: a line fitted to even samples of it."""
-        end = self.along[-1]
-        if end <= 0:
-            return np.array([0.0, 0.0, 1.0])
-        low, high = max(low, 0.0), min(high, end)
-        if high - low < NEAR:
-            low, high = 0.0, end
-        at = np.linspace(low, high, N_SAMPLES)
-        samples = np.column_stack([np.interp(at, self.along, axis) for axis in self.points.T])
-        offset = at - at.mean()
-        slope = offset @ samples / (offset @ offset)
-        if np.linalg.norm(slope) < NEAR:  # it comes back to where it started
-            slope = samples[-1] - samples[0]
-        return slope / max(np.linalg.norm(slope), 1e-12)
-
-    def direction_through(self, at: float, window: float) -> np.ndarray:
-        """Direction around a place, over `window` on either side; of what lies below at the end."""
-        is_end = at >= self.along[-1] - NEAR
-        return self.direction(at - 2 * window if is_end else at - window, at + window)
 
 
 def _stretch(place: np.ndarray, low: float, high: float) -> np.ndarray:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError
 
+from cherrypicker.geometry.error_terms import FACTORS
 from cherrypicker.geometry.sampling import voxel_keys
-from cherrypicker.traits.interval_factors import FACTORS
 from cherrypicker.traits.shoot_ends import Hull, ShootEnds, draw_losses, grow_hull
 
 _N_RADIALS, _N_LEVELS = 8, 5  # of the contour (Culver and Till 1967)

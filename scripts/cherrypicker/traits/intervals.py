@@ -1,10 +1,4 @@
-"""90 % intervals of traits: independent errors, each a factor times something that was measured.
-
-A fit tells the standard error of its own. What it cannot see (photogrammetry moves whole surfaces,
-the contraction bends whole stretches) follows quantities that the scan knows: the scatter of
-points, the distance at which they have company. What an error is of
-such a quantity is a factor of ``interval_factors.yaml``, fitted to trees whose truth is known.
-"""
+"""90 % intervals of traits, by what their errors follow (`cherrypicker.geometry.error_terms`)."""
 
 from __future__ import annotations
 
@@ -13,23 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cherrypicker.geometry.error_terms import Terms, spread
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.interval_factors import FACTORS
 
 Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
 CI90 = (0.05, 0.95)
 FEWEST_DRAWN = 20  # that a spread is told from
 CM2 = 1e4  # of a square metre
-#: Name of a factor to what it multiplies, in the trait's unit; ``fit`` and ``scale`` are standard
-#: errors that a fit and the markers tell, and need no factor.
-Terms = Mapping[str, float | np.ndarray]
-KNOWN = ("fit", "scale")
-
-
-def spread(terms: Terms) -> float | np.ndarray:
-    """Standard deviation of a trait's error, the root of the sum of its terms' squares."""
-    parts = [(1.0 if name in KNOWN else FACTORS[name]) * term for name, term in terms.items()]
-    return np.sqrt(sum(part**2 for part in parts))
 
 
 def interval(

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.stem_slabs import cut_slab, section_of
+from cherrypicker.geometry.stem_slabs import cut_slab, section_of, tolerance_of
 from cherrypicker.skeleton.axes import Axis
 from cherrypicker.traits.scaffold import Limb, StemSurface
 
@@ -24,7 +24,6 @@ _CLEAR_M = 0.005  # outside the stem's surface: points nearer may be the stem's 
 _FEWEST = 12  # points of a section
 _RADII = (0.4, 1.8)  # of the nodes' radius: the smallest and the largest section looked for (guess)
 _ROOM_M = 0.005  # added to the largest
-_TOLERANCE, _TOLERANCE_M = 0.15, (0.002, 0.02)  # as for the trunk
 _SURE = 0.05  # standard error, of the radius; 3 to 12 % do as well on generated trees
 
 
@@ -89,10 +88,11 @@ def _measured(limb: Limb, own: np.ndarray, rng: np.random.Generator) -> Limb:
     local, _ = cut_slab(own, limb.place, limb.direction, _HALF_M, _RADII[1] * limb.beyond)
     if len(local) < _FEWEST:
         return fallback
-    tolerance = float(np.clip(_TOLERANCE * guess, *_TOLERANCE_M))
     low, high = _RADII
     try:
-        fit = section_of(local, tolerance, (low * guess, high * guess + _ROOM_M), rng, waves=False)
+        fit = section_of(
+            local, tolerance_of(guess), (low * guess, high * guess + _ROOM_M), rng, waves=False
+        )
     except StageError:
         return fallback
     is_near = (

@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cherrypicker.geometry.error_terms import Terms
 from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.intervals import Terms, diameter_terms, interval
+from cherrypicker.traits.intervals import diameter_terms, interval
 from cherrypicker.traits.limb_sections import limb_of_axis
 from cherrypicker.traits.scaffold import Limb
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
+from cherrypicker.geometry.error_terms import Terms
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import axes, axis_of_node, fold
 from cherrypicker.skeleton.model import Skeleton
@@ -27,7 +29,7 @@ from cherrypicker.traits.crown import (
 from cherrypicker.traits.flags import at_least, quality_flags
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.frame_edges import frame_edges
-from cherrypicker.traits.intervals import CM2, Estimate, Terms, typical_scatter
+from cherrypicker.traits.intervals import CM2, Estimate, typical_scatter
 from cherrypicker.traits.limb_sections import measure_limbs
 from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, squares_terms
 from cherrypicker.traits.missing_top import find_missing_top
@@ -36,7 +38,7 @@ from cherrypicker.traits.scaffold import StemSurface, clear_stem, crown_start, f
 from cherrypicker.traits.shoot_ends import find_shoot_ends
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import TRAITS
-from cherrypicker.traits.trunk import TrunkDiameter, measure_near, stem_of
+from cherrypicker.traits.trunk import TOP_M, TrunkDiameter, measure_near, stem_of
 
 logger = logging.getLogger(__name__)
 
@@ -44,7 +46,6 @@ _MIN_WOOD_POINTS = 10  # fewer are noise (guess)
 _ALPHA_SHARE = 0.15  # of the crown's width: hollows wider than this are outside (guess)
 _ALPHA_CELLS = 5.0  # cells of the thinned points across such a hollow
 _HECTARE_M2 = 1e4
-_END_M = 0.02  # so far below its end a trunk is no longer measured (guess)
 _OVER_GRAFT_M = 0.30  # where the stem is measured for the limb-to-trunk ratio (Schupp 2017)
 _LIMB_DRAWS = 25  # limbs have a stream of draws of their own
 
@@ -116,19 +117,19 @@ class ScannedTree:
         )
 
         # The stem, and its diameters
-        fit: dict[str, Any] = {
-            "half_height": options.slab_half_height_m,
-            "min_points": options.min_points,
-            "min_arc_deg": options.min_arc_deg,
-            "rng": rng,
-        }
         self.stem = stem_of(skeleton, self.axes[0].nodes, self.foot)
-        self.trunk = measure_near(self.stem, wood, options.trunk_height_m, **fit)
-        further = {
-            height: measure_near(self.stem, wood, height, max_shift=0.0, **fit)
-            for height in sorted(options.trunk_heights_m)
-            if height <= self.stem.height[-1] - _END_M
-        }
+        measured = partial(
+            measure_near,
+            self.stem,
+            wood,
+            half_height=options.slab_half_height_m,
+            min_points=options.min_points,
+            min_arc_deg=options.min_arc_deg,
+            rng=rng,
+        )
+        self.trunk = measured(options.trunk_height_m)
+        reached = [h for h in sorted(options.trunk_heights_m) if h <= self.stem.height[-1] - TOP_M]
+        further = {height: measured(height, max_shift=0.0) for height in reached}
         self.sections = {h: item for h, item in further.items() if item.source == "points"}
         self.unmeasured = sorted(further.keys() - self.sections.keys())
 
@@ -150,8 +151,7 @@ class ScannedTree:
         )
         self.limb_trunk = self.trunk
         if options.graft_height_m is not None:
-            at = options.graft_height_m + _OVER_GRAFT_M
-            self.limb_trunk = measure_near(self.stem, wood, at, **fit)
+            self.limb_trunk = measured(options.graft_height_m + _OVER_GRAFT_M)
 
         # The crown above it, what of it is known to be missing, and where photos end before it
         self.crown_points = wood[self.support.point & ~clear[self.support.owner]]

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
+from cherrypicker.geometry.error_terms import FACTORS
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.interval_factors import FACTORS
 
 # The end of a shoot, in the distance within which wood points have company (guesses): stretch of
 # its direction; stretch whose points are counted, how far ahead of the tip and aside of the axis

@@ -11,7 +11,8 @@ branches of it were found.
 import numpy as np
 from scipy.optimize import minimize
 
-from cherrypicker.traits.intervals import KNOWN, Z90
+from cherrypicker.geometry.error_terms import KNOWN
+from cherrypicker.traits.intervals import Z90
 from cherrypicker_lab.traits.table import JUDGED
 
 MISSED = 0.1  # share of the truths that may lie outside

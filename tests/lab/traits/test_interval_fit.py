@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cherrypicker.traits.interval_factors import FACTORS_FILE
+from cherrypicker.geometry.error_terms import FACTORS_FILE
 from cherrypicker_lab.traits.interval_fit import TraitCases, fit, fit_all
 
 PRESENT = yaml.safe_load(FACTORS_FILE.read_text(encoding="utf-8"))

@@ -66,7 +66,7 @@ rule measure_scan_intervals:
 rule fit_interval_factors:
     input:
         cases=interval_cases(),
-        present=str(LIBRARY / "cherrypicker/traits/interval_factors.yaml"),
+        present=str(LIBRARY / "cherrypicker/geometry/interval_factors.yaml"),
     output:
         factors=ensure(
             "results/benchmark/intervals/interval_factors.yaml", non_empty=True
