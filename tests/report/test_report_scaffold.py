@@ -13,7 +13,7 @@ from cherrypicker.report.text import page_template
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv, read_limb_rows
 from cherrypicker.traits.limb_table import limb_rows
-from cherrypicker.traits.scaffold import StemSurface, find_limbs
+from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.table import LIMB_COLUMNS
 
 STEM_M, N_STEM, N_LIMB = 0.10, 81, 31
@@ -36,13 +36,12 @@ def tree():
 @pytest.fixture(scope="module")
 def limbed():
     skeleton = tree()
-    axis_list = axes(skeleton)
-    rows = branch_rows(skeleton, axis_list, 0.0)
-    limbs = find_limbs(skeleton, axis_list, StemSurface(skeleton, axis_list), least=0.1)
-    table = limb_rows(skeleton, axis_list, limbs, rows, STEM_M, 0.0)
+    scaffold = Scaffold(skeleton, least=0.1)
+    rows = branch_rows(skeleton, scaffold.axes, 0.0)
+    table = limb_rows(scaffold, rows, STEM_M, 0.0)
     traits = {
         "unit": "m",
-        "limb_trunk_ratio": sum(limb.diameter**2 for limb in limbs) / STEM_M**2,
+        "limb_trunk_ratio": sum(limb.diameter**2 for limb in scaffold.limbs) / STEM_M**2,
         "limb_trunk_height_m": 0.3,
         "crown_volume_m3": 2.0,
         "crown_width_m": 1.6,

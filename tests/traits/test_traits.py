@@ -86,7 +86,8 @@ class Tree:
 
     def skeleton(self):
         n = len(self.points)
-        return Skeleton(self.points, self.parent, self.radii, np.full(n, 1))
+        fields = {"residual": np.full(n, 0.001), "radius_error": np.full(n, 2e-4)}
+        return Skeleton(self.points, self.parent, self.radii, np.full(n, 1), fields)
 
     def scan(self, unit="m"):
         labels = np.concatenate(self.labels)

@@ -12,10 +12,10 @@ from cherrypicker.classes import Label
 from cherrypicker.geometry.error_terms import FACTORS, FACTORS_FILE, KNOWN, spread
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv
-from cherrypicker.traits.crown import horizontal_width, hull_of, measure_crown
+from cherrypicker.traits.crown import grown, horizontal_width, hull_of, measure_crown
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.intervals import Z90, branch_terms, interval
-from cherrypicker.traits.shoot_ends import ShootEnds, draw_losses, find_shoot_ends, grow_hull
+from cherrypicker.traits.shoot_ends import ShootEnds, draw_tips, find_shoot_ends
 from cherrypicker.traits.trunk import Stem, measure_diameter
 
 
@@ -112,18 +112,27 @@ def as_skeleton(*lines):
     return Skeleton(np.vstack(lines), parent, np.full(size, 0.003), np.ones(size, dtype=int))
 
 
+def ends_of(skeleton, points):
+    everything = np.ones(len(skeleton), bool)
+    return find_shoot_ends(skeleton, axes(skeleton), everything, cKDTree(points), 0.03)
+
+
+def crown_of(skeleton, points, crown_points, scatter, n_samples):
+    """Extent and samples of a crown, and the hull of its points."""
+    rng, hull = np.random.default_rng(0), hull_of(crown_points)
+    tips = draw_tips(ends_of(skeleton, points), n_samples, rng)
+    in_crown = np.ones(tips.shape[1], bool)
+    return *measure_crown(points, hull, tips, in_crown, scatter, rng), hull
+
+
 def test_a_top_that_thins_out_is_higher_and_less_sure():
     tops = {}
     for name, step in (("sparse", 0.01), ("dense", 0.0005)):
         line, points = shoot([0.0, 0.0, 1.0], [0.0, 0.0, 1.0], 1.0, step)
-        skeleton = as_skeleton(line)
-        ends = find_shoot_ends(skeleton, np.ones(len(line), bool), cKDTree(points), 0.03)
-        crown, samples = measure_crown(
-            points, None, ends, 0.0, 0.03, n_samples=4000, rng=np.random.default_rng(0)
-        )
+        extent, samples, _ = crown_of(as_skeleton(line), points, points[:0], 0.0, 4000)
         low, high = np.quantile(samples[:, 0], [0.05, 0.95])
-        tops[name] = crown.top - 2.0, low - 2.0, high - 2.0
-        assert crown.top == np.median(samples[:, 0])
+        tops[name] = extent[0] - 2.0, low - 2.0, high - 2.0
+        assert extent[0] == np.median(samples[:, 0])
         assert (samples[:, 1:] == 0).all()
     # 4 cm of shoot: four spacings, twice that is the scale of a loss; one of five is 3 scales long
     assert tops["sparse"][2] == pytest.approx(0.08, abs=0.02)
@@ -149,7 +158,7 @@ def test_the_trunk_is_as_unsure_as_its_points_are_rough():
 
 def test_losses_are_short_for_most_and_long_for_some():
     ends = ShootEnds(np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[:1], np.array([0.02]), 0.003)
-    losses = draw_losses(ends, 100_000, np.random.default_rng(0)) + 0.003
+    losses = draw_tips(ends, 100_000, np.random.default_rng(0))[:, 0, 0] + 0.003
     assert losses.min() >= 0
     assert losses.mean() == pytest.approx(0.02 * (0.8 * 0.3 + 0.2 * 3.0), rel=0.02)
     assert np.median(losses) == pytest.approx(0.006, rel=0.1)
@@ -158,8 +167,7 @@ def test_losses_are_short_for_most_and_long_for_some():
 def test_a_tube_along_a_shoot_counts_its_points():
     line, points = shoot([0.2, 0.1, 0.5], np.array([0.6, 0.0, 0.8]), 0.4, 0.004)
     aside = points + [0.0, 0.02, 0.0]  # beyond the tube
-    wood = cKDTree(np.vstack([points, aside]))
-    ends = find_shoot_ends(as_skeleton(line), np.ones(len(line), bool), wood, 0.03)
+    ends = ends_of(as_skeleton(line), np.vstack([points, aside]))
     np.testing.assert_allclose(ends.points, [line[-1]])
     np.testing.assert_allclose(ends.directions, [[0.6, 0.0, 0.8]], atol=1e-9)
     np.testing.assert_allclose(ends.scale, 2.0 * 0.0399 / 10)  # points at 0, 4, ... 36 mm
@@ -168,16 +176,14 @@ def test_a_tube_along_a_shoot_counts_its_points():
 def test_a_lost_end_widens_the_crown_and_noise_narrows_it():
     corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
     hull = hull_of(corners)
-    assert hull.volume == pytest.approx(2.0)
-    assert hull.areas.sum() == pytest.approx(10.0)
-    tip = np.array([[0.9, 0.0, 0.5]])
-    end = ShootEnds(np.zeros(1, int), tip, np.eye(3)[:1], np.array([0.01]), 0.0)
-    losses, over = np.array([[0.0], [0.1], [0.4], [0.0]]), np.array([0.0, 0.0, 0.0, 0.01])
-    width, volume = grow_hull(hull, end, losses, over).T
+    assert (hull.volume, hull.area) == pytest.approx((2.0, 10.0))
+    tips = [np.array([[0.9 + lost, 0.0, 0.5]]) for lost in (0.0, 0.1, 0.4, 0.0)]
+    over = [0.0, 0.0, 0.0, 0.01]
+    width, volume = np.transpose([grown(hull, *each) for each in zip(tips, over, strict=True)])
     way = np.radians(27.0)  # of the diagonal, to whole degrees
     plain = (3.0 * np.cos(way) + 3.0 * np.sin(way)) / 2
     np.testing.assert_allclose(width[:2], plain, rtol=1e-9)
-    assert plain - 0.03 < width[3] < plain - 0.01
+    assert width[3] == pytest.approx(plain - 0.02)
     longer = np.vstack([corners[:, :2], [1.3, 0.0]])
     assert width[2] == pytest.approx(horizontal_width(longer)) != width[0]
     np.testing.assert_allclose(volume, [2.0, 2.0, 2.0 + 0.3 / 3, 2.0 - 10.0 * 0.01], rtol=1e-9)
@@ -185,11 +191,8 @@ def test_a_lost_end_widens_the_crown_and_noise_narrows_it():
 
 def test_two_ends_side_by_side_widen_the_crown_once():
     corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-    tips, ways = np.array([[1.0, 0.5, 0.5], [1.0, 0.5, 0.51]]), np.eye(3)[[0, 0]]
-    ends = ShootEnds(np.zeros(2, int), tips, ways, np.full(2, 0.01), 0.0)
-    losses = np.full((1, 2), 0.3)
-    one = grow_hull(hull_of(corners), ends.select(np.array([0])), losses[:, :1], np.zeros(1))[0, 1]
-    both = grow_hull(hull_of(corners), ends, losses, np.zeros(1))[0, 1]
+    tips = np.array([[1.3, 0.5, 0.5], [1.3, 0.5, 0.51]])
+    one, both = (grown(hull_of(corners), tips[:n])[1] for n in (1, 2))
     assert one == pytest.approx(1.0 + 0.3 / 3)
     assert one < both < one + 0.01
 
@@ -200,24 +203,20 @@ def test_an_uncertain_crown_holds_its_estimate():
     shoots = [shoot([0.0, 0.0, 1.0], way, 0.8, 0.01) for way in ways]
     skeleton = as_skeleton(stem, *(line for line, _ in shoots))
     crown_points = np.vstack([points for _, points in shoots])
-    wood = cKDTree(np.vstack([stem_points, crown_points]))
-    ends = find_shoot_ends(skeleton, np.ones(len(skeleton), bool), wood, 0.03)
-    hull = hull_of(crown_points)
-    crown, samples = measure_crown(
-        crown_points, hull, ends, 0.002, 0.03, n_samples=400, rng=np.random.default_rng(0)
-    )
+    points = np.vstack([stem_points, crown_points])
+    extent, samples, hull = crown_of(skeleton, points, crown_points, 0.002, 400)
     low, high = np.quantile(samples, [0.05, 0.95], axis=0)
     plain = 1.6 / np.hypot(1, 0.5)
-    assert low[1] - 0.01 < plain < crown.width < high[1] < plain + 0.2
-    assert low[2] <= crown.volume < high[2] and hull.volume < crown.volume
-    none, _ = measure_crown(
-        crown_points, hull, ends, 0.002, 0.03, n_samples=0, rng=np.random.default_rng(0)
-    )
-    assert (none.width, none.volume) == (pytest.approx(plain), pytest.approx(hull.volume))
+    assert low[1] - 0.01 < plain < extent[1] < high[1] < plain + 0.2
+    assert low[2] <= extent[2] < high[2] and hull.volume < extent[2]
+    none, samples, _ = crown_of(skeleton, points, crown_points, 0.002, 0)
+    assert none[1:] == pytest.approx([plain, hull.volume]) and not len(samples)
 
 
 def test_every_factor_of_the_intervals_is_used():
-    code = "".join(path.read_text() for path in FACTORS_FILE.parent.glob("*.py"))
+    rooms = FACTORS_FILE.parents[1]
+    files = *(rooms / "traits").glob("*.py"), rooms / "geometry/error_terms.py"
+    code = "".join(path.read_text() for path in files)
     used = set(re.findall(r'FACTORS\["(\w+)"\]', code)) | set(re.findall(r'"(\w+)": ', code))
     assert set(FACTORS) <= used
     assert not set(KNOWN) & set(FACTORS)

@@ -9,7 +9,7 @@ from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.crown import contour_volume
 from cherrypicker.traits.limb_table import by_diameter, ratio_terms, squares_terms
 from cherrypicker.traits.measure import TraitOptions, measure_traits
-from cherrypicker.traits.scaffold import Limb, StemSurface, clear_stem, find_limbs
+from cherrypicker.traits.scaffold import Limb, Scaffold
 
 
 @pytest.fixture(scope="module")
@@ -93,19 +93,17 @@ STEM = (0, 0, line([0, 0, 0], [0, 0, 2], 101), 0.05)
 
 
 def limbs_of(skeleton):
-    axis_list = axes(skeleton)
-    stem = StemSurface(skeleton, axis_list)
-    return find_limbs(skeleton, axis_list, stem, least=0.1), axis_list, stem
+    return Scaffold(skeleton, least=0.1).limbs
 
 
 def test_a_limb_that_runs_along_the_stem_leaves_where_it_comes_out():
     up = line([0.02, 0, 0.42], [0.02, 0, 0.9], 25)
     out = line([0.04, 0, 0.92], [0.6, 0, 1.4], 40)
     skeleton = grown(STEM, (0, 20, np.vstack([up, out]), 0.01))
-    (limb,), axis_list, stem = limbs_of(skeleton)
+    scaffold = Scaffold(skeleton, least=0.1)
+    (limb,) = scaffold.limbs
     assert skeleton.points[limb.stem_node, 2] == pytest.approx(0.93, abs=0.03)
-    clear = clear_stem(skeleton, axis_list, [limb], stem)
-    assert skeleton.points[~clear, 2].min() > 0.9
+    assert skeleton.points[~scaffold.clear_stem(), 2].min() > 0.9
 
 
 def test_what_leaves_a_limb_at_the_stem_is_a_limb_of_its_own():
@@ -113,7 +111,7 @@ def test_what_leaves_a_limb_at_the_stem_is_a_limb_of_its_own():
     near = line(first[2] + [0, 0.01, 0.01], first[2] + [0, 0.5, 0.3], 26)
     far = line(first[9] + [0, 0.01, 0.01], first[9] + [0, 0.5, 0.3], 26)
     skeleton = grown(STEM, (0, 50, first, 0.015), (1, 2, near, 0.012), (1, 9, far, 0.010))
-    limbs, _, _ = limbs_of(skeleton)
+    limbs = limbs_of(skeleton)
     assert sorted(round(limb.diameter, 4) for limb in limbs) == [0.024, 0.030]
 
 
@@ -128,7 +126,7 @@ def vase(fork, *hung):
 
 
 def test_limbs_of_a_fork_are_measured_where_they_are_wherever_the_skeleton_forks():
-    low, high = (sorted(limbs_of(vase(fork)[0])[0], key=lambda b: b.axis) for fork in (0.96, 1.0))
+    low, high = (sorted(limbs_of(vase(fork)[0]), key=lambda b: b.axis) for fork in (0.96, 1.0))
     assert len(low) == len(high) == 3
     for one, other in zip(low, high, strict=True):
         np.testing.assert_allclose(one.place, other.place, atol=0.004)
@@ -140,27 +138,27 @@ def test_a_limb_of_the_fork_that_hangs_on_another_is_one_a_lateral_is_none():
     _, lines = vase(1.0)
     side = lines[0][7] + np.outer(np.linspace(0.01, 0.8, 80), [0.0, 0.8, 0.6])
     twin, lateral = ((1, 7, side, radius) for radius in (0.026, 0.015))
-    assert len(limbs_of(vase(1.0, twin)[0])[0]) == 4
-    assert len(limbs_of(vase(1.0, lateral)[0])[0]) == 3
+    assert len(limbs_of(vase(1.0, twin)[0])) == 4
+    assert len(limbs_of(vase(1.0, lateral)[0])) == 3
 
 
 def test_an_axis_with_the_stems_points_alone_is_no_limb():
     skeleton, _ = vase(1.0)
     skeleton.fields["n_points"] = np.ones(len(skeleton))
     skeleton.fields["n_points"][axes(skeleton)[2].nodes[3:]] = 0
-    assert sorted(limb.axis for limb in limbs_of(skeleton)[0]) == [1, 3]
+    assert sorted(limb.axis for limb in limbs_of(skeleton)) == [1, 3]
 
 
 def test_a_leader_above_a_burl_is_no_limb():
     burl = (0, 0, line([0, 0, 0], [0, 0, 1], 51), 0.05)
     leader = (0, 50, line([0, 0, 1.02], [0, 0, 2], 50), 0.03)  # under 0.8 of the trunk
     aside = (0, 50, line([0.02, 0, 1.01], [0.8, 0, 1.3], 41), 0.015)
-    limbs, axis_list, stem = limbs_of(grown(burl, leader, aside))
-    assert len(stem.axes) == 2 and len(limbs) == 1
-    assert limbs[0].diameter == pytest.approx(0.03)
+    found = Scaffold(grown(burl, leader, aside), least=0.1)
+    assert len(found.stem) == 2 and len(found.limbs) == 1
+    assert found.limbs[0].diameter == pytest.approx(0.03)
     twin = (0, 50, line([0.02, 0, 1.01], [0.8, 0, 1.3], 41), 0.028)
-    limbs, _, stem = limbs_of(grown(burl, leader, twin))
-    assert len(stem.axes) == 1 and len(limbs) == 2
+    found = Scaffold(grown(burl, leader, twin), least=0.1)
+    assert len(found.stem) == 1 and len(found.limbs) == 2
 
 
 def test_the_contour_of_a_cylinder():
@@ -173,7 +171,7 @@ def test_the_contour_of_a_cylinder():
 
 
 def test_limbs_are_counted_by_diameter(limbed):
-    limbs, _, _ = limbs_of(limbed.skeleton())
+    limbs = limbs_of(limbed.skeleton())
     count = by_diameter(limbs, (0.03, 0.02))  # a limb of 20 mm is of the class that begins there
     assert count == {"0-0.02": 1, "0.02-0.03": 2, "0.03-": 0}
 
@@ -181,7 +179,7 @@ def test_limbs_are_counted_by_diameter(limbed):
 def test_the_ratio_errs_as_drawn_limbs_and_stems_do():
     rng = np.random.default_rng(0)
     each = [(0.03, 0.0004, 0.001), (0.02, 0.0006, 0.002), (0.015, 0.0002, 0.0015)]
-    limbs = [Limb(1, 0, np.zeros(3), np.zeros(3), width, width, *rest) for width, *rest in each]
+    limbs = [Limb(1, 0, np.zeros(3), width, *rest) for width, *rest in each]
     width, error, scatter = np.array(each).T
     stem, terms = 0.06, {"fit": 0.001, "trunk_shared": 0.001}
     own, shared = rng.standard_normal((20_000, 3)), rng.standard_normal((20_000, 1))

@@ -8,7 +8,7 @@ from cherrypicker.report.text import script_json, with_uncertainty
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.crown import hull_of
-from cherrypicker.traits.limb_sections import limb_of_axis
+from cherrypicker.traits.limb_table import limb_of_axis
 from cherrypicker.traits.table import LIMB_COLUMNS, TRAITS, BranchColumn
 from cherrypicker.units import unit_name
 

@@ -2,7 +2,10 @@
 
 Both reach as far as the points do, less what noise carries beyond the wood, plus what the scan
 lost of the shoots that end there, see `cherrypicker.traits.shoot_ends`. The estimates are the
-medians of the samples.
+medians of the samples. All shoots grow at once, since another may reach nearly as far.
+
+Wood that is known to be missing (photos show it, or the cloud holds it and the skeleton does not)
+widens the intervals upwards; the values stay those of the wood that was found.
 """
 
 from __future__ import annotations
@@ -14,118 +17,153 @@ from scipy.spatial import ConvexHull, Delaunay, QhullError
 
 from cherrypicker.geometry.error_terms import FACTORS
 from cherrypicker.geometry.sampling import voxel_keys
-from cherrypicker.traits.shoot_ends import Hull, ShootEnds, draw_losses, grow_hull
+from cherrypicker.traits.missing_top import VOXEL, MissingTop
+from cherrypicker.traits.reports import Reports
 
 _N_RADIALS, _N_LEVELS = 8, 5  # of the contour (Culver and Till 1967)
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
 _FLAT = 1e-12  # of a tetrahedron's largest edge cubed: one of less volume has no circumsphere
-_WAYS = np.vstack([np.cos(np.radians(np.arange(360.0))), np.sin(np.radians(np.arange(360.0)))])
+_TURN = np.radians(np.arange(360.0))
+_WAYS = np.vstack([np.cos(_TURN), np.sin(_TURN)])  # horizontal, in whole degrees from +x towards +y
 
 
 @dataclass
-class Crown:
-    """Extent of a tree's wood, in the cloud's unit."""
+class Hull:
+    """Convex hull of points."""
 
-    top: float  # z of the highest wood
-    width: float  # mean of the widest horizontal extent of the crown and the extent across it
-    volume: float  # volume of the crown's convex hull
+    points: np.ndarray  # (n_vertices, 3) float64: its vertices; all where they span no volume
+    # (n_faces, 4) float64: a point lies `equations @ [x, y, z, 1]` outside a face
+    equations: np.ndarray
+    area: float
+    volume: float
 
 
 def hull_of(points: np.ndarray) -> Hull:
-    """The :class:`Hull` of points, (n, 3) float64 with n of 1 at least."""
+    """The :class:`Hull` of points, (n, 3) float64."""
     try:
         hull = ConvexHull(points) if len(points) > 3 else None
     except QhullError:
         hull = None
     if hull is None:
-        none = np.zeros(0)
-        reach = (points[:, :2] @ _WAYS).max(axis=0)
-        return Hull(points, reach, np.zeros((0, 3)), none, none, 0.0)
-    corners, vertices = points[hull.simplices], points[hull.vertices]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return Hull(
-        vertices,
-        (vertices[:, :2] @ _WAYS).max(axis=0),
-        np.ascontiguousarray(hull.equations[:, :3]),
-        np.ascontiguousarray(hull.equations[:, 3]),
-        np.linalg.norm(across, axis=1) / 2,
-        float(hull.volume),
-    )
-
-
-def robust_top(z: np.ndarray) -> float:
-    """z of the third highest point (of the highest with fewer points)."""
-    rank = min(_TOP_RANK, len(z))
-    return float(np.partition(z, len(z) - rank)[len(z) - rank])
-
-
-def measure_crown(
-    tree_points: np.ndarray,
-    hull: Hull | None,
-    ends: ShootEnds,
-    scatter: float,
-    reach: float,
-    *,
-    in_crown: np.ndarray | None = None,
-    n_samples: int,
-    rng: np.random.Generator,
-) -> tuple[Crown, np.ndarray]:
-    """Measure top, crown width and volume, and how sure they are.
-
-    Parameters
-    ----------
-    tree_points : ndarray of shape (n, 3), float64
-        Supported wood points of the whole tree.
-    hull : Hull or None
-        Of the crown's points; None without a crown.
-    scatter : float
-        Of the points around the skeleton's radii; 0 where it is not known.
-    reach : float
-        Distance within which wood points have company.
-    in_crown : ndarray of shape (n_nodes,), bool, optional
-        Nodes of the crown, all without it: the others' ends do not widen it.
-    n_samples : int
-        With 0 the points' own extent is taken.
-
-    Returns
-    -------
-    crown : Crown
-    samples : ndarray of shape (n_samples, 3), float64
-        Top, width and volume of each sample.
-    """
-    plain = Crown(robust_top(tree_points[:, 2]), 0.0, 0.0)
-    if hull is not None:
-        plain.width, plain.volume = horizontal_width(hull.points[:, :2]), hull.volume
-    if n_samples == 0:
-        return plain, np.zeros((0, 3))
-    losses = draw_losses(ends, n_samples, rng)
-    spread = FACTORS["overshoot_spread"] * rng.standard_normal(n_samples)
-    over = scatter * (FACTORS["overshoot"] + spread)
-    tops = np.full((n_samples, 1), plain.top)
-    grown = ends.points[:, 2] + losses * ends.directions[:, 2]
-    samples = np.zeros((n_samples, 3))
-    samples[:, 0] = np.hstack([tops, grown]).max(axis=1)
-    if hull is not None:
-        own = np.ones(len(ends.nodes), dtype=bool) if in_crown is None else in_crown[ends.nodes]
-        samples[:, 1:] = grow_hull(hull, ends.select(own), losses[:, own], over)
-    return Crown(*(float(value) for value in np.median(samples, axis=0))), samples
+        return Hull(points, np.empty((0, points.shape[1] + 1)), 0.0, 0.0)
+    return Hull(points[hull.vertices], hull.equations, float(hull.area), float(hull.volume))
 
 
 def horizontal_width(flat: np.ndarray) -> float:
     """Mean of the widest extent of flat points (n, 2), to whole degrees, and that across it."""
-    extent = np.ptp(flat @ _WAYS[:, :180], axis=0)
+    return _width((flat @ _WAYS).max(axis=0))
+
+
+def _width(reach: np.ndarray) -> float:
+    """The same of what reaches so far in each whole degree, (360,)."""
+    extent = reach[:180] + reach[180:]
     widest = np.argmax(extent)
     return float(extent[widest] + extent[(widest + 90) % 180]) / 2
 
 
+def grown(hull: Hull, further: np.ndarray, overshoot: float = 0.0) -> tuple[float, float]:
+    """Width and volume of a crown with further points (n, 3), whose hull lies outside the wood.
+
+    Parameters
+    ----------
+    hull : Hull
+        Of the crown's points; without any its width and volume are 0.
+    overshoot : float, default 0
+        By which the hull lies outside the wood, the further points do not.
+    """
+    if not len(hull.points):
+        return 0.0, 0.0
+    reach = (hull.points[:, :2] @ _WAYS).max(axis=0) - overshoot
+    reach = np.maximum(reach, (further[:, :2] @ _WAYS).max(axis=0, initial=-np.inf))
+    away = hull.equations[:, :3] @ further.T + hull.equations[:, 3:]
+    outside = further[away.max(axis=0, initial=0.0) > 0.0]
+    volume = hull_of(np.vstack([hull.points, outside])).volume if len(outside) else hull.volume
+    return _width(reach), max(volume - hull.area * overshoot, 0.0)
+
+
+def measure_crown(
+    wood: np.ndarray,
+    hull: Hull,
+    tips: np.ndarray,
+    in_crown: np.ndarray,
+    scatter: float,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Measure top, crown width and volume, and how sure they are.
+
+    Parameters
+    ----------
+    wood : ndarray of shape (n, 3), float64
+        Points of the whole tree.
+    hull : Hull
+        Of the crown's points.
+    tips : ndarray of shape (n_samples, n_ends, 3), float64
+        Samples of where shoots end; without any the points' own extent is taken.
+    in_crown : ndarray of shape (n_ends,), bool
+        Shoots of the crown: the others' ends do not widen it.
+    scatter : float
+        Of the points around the skeleton's radii; 0 where it is not known.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    extent : ndarray of shape (3,), float64
+        Top (z of the third highest point), width (mean of the widest horizontal extent and that
+        across it) and volume of the convex hull.
+    samples : ndarray of shape (n_samples, 3), float64
+        The same of each sample.
+    """
+    rank = min(_TOP_RANK, len(wood))
+    top = np.partition(wood[:, 2], -rank)[-rank]
+    if not len(tips):
+        return np.array([top, *grown(hull, np.empty((0, 3)))]), np.zeros((0, 3))
+    overshoot = FACTORS["overshoot"] + FACTORS["overshoot_spread"] * rng.standard_normal(len(tips))
+    samples = np.array(
+        [
+            (max(top, ends[:, 2].max(initial=top)), *grown(hull, ends[in_crown], scatter * over))
+            for ends, over in zip(tips, overshoot, strict=True)
+        ]
+    )
+    return np.median(samples, axis=0), samples
+
+
+def missing_wood(
+    left_out: np.ndarray, reports: Reports, top: MissingTop | None, foot: np.ndarray
+) -> np.ndarray:
+    """Places that what is known to be missing reaches to, (n, 3) float64.
+
+    Parameters
+    ----------
+    left_out : ndarray of shape (n_left_out, 3), float64
+        Wood that the skeleton left out.
+    reports : Reports
+        With the loose pieces that were no part of the target's wood, and the pieces of thin wood
+        that photos show and the skeleton lacks.
+    top : MissingTop, optional
+        Above the foot; told to a voxel, one of which it may be taller.
+    foot : ndarray of shape (3,), float64
+    """
+    pieces = *reports.target.get("loose", ()), *reports.photo_check.get("missing_pieces", ())
+    boxes = np.array([[piece["low"], piece["high"]] for piece in pieces if "low" in piece])
+    which = np.indices((2, 2, 2)).reshape(3, -1).T  # lower or upper end along each axis
+    corners = boxes.reshape(-1, 2, 3)[:, which, np.arange(3)].reshape(-1, 3)
+    above = np.empty((0, 3))
+    if top is not None:
+        above = np.array([[*foot[:2], foot[2] + top.height + VOXEL * top.found]])
+    return np.vstack([left_out, corners, above])
+
+
+def growth_by(missing: np.ndarray, extent: np.ndarray, hull: Hull) -> np.ndarray:
+    """By how much missing wood (n, 3) raises a crown's top, width and volume, (3,) float64."""
+    if not len(missing):
+        return np.zeros(3)
+    larger = missing[:, 2].max(), *grown(hull, missing)
+    return np.maximum(larger - extent, 0.0)
+
+
 def projected_area(points: np.ndarray) -> float:
     """Area of the convex hull of points seen from above; 0 where they span none."""
-    if len(points) < 3:
-        return 0.0
-    try:
-        return float(ConvexHull(points[:, :2]).volume)
-    except QhullError:
-        return 0.0
+    return hull_of(points[:, :2]).volume
 
 
 def alpha_volume(points: np.ndarray, alpha: float, cell: float) -> float:

@@ -12,14 +12,26 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cherrypicker.geometry.error_terms import Terms
-from cherrypicker.skeleton.axes import Axis
-from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.intervals import diameter_terms, interval
-from cherrypicker.traits.limb_sections import limb_of_axis
-from cherrypicker.traits.scaffold import Limb
+from cherrypicker.traits.intervals import CM2, diameter_terms, interval
+from cherrypicker.traits.scaffold import Limb, Scaffold
 
-_CM2 = 1e4  # of a square metre
-_AREA = np.pi / 4  # of a square diameter
+
+def limb_of_axis(parents: list[int], limbs: list[int]) -> np.ndarray:
+    """The limb that carries each axis, (n_axes,) int64: its own axis's number, -1 for none.
+
+    Parameters
+    ----------
+    parents : list of int
+        Axis that each axis hangs on, -1 for the trunk; parents before children.
+    limbs : list of int
+        Axes that start limbs.
+    """
+    carried = np.full(len(parents), -1, dtype=np.int64)
+    carried[limbs] = limbs
+    for axis, parent in enumerate(parents):
+        if parent >= 0 and carried[axis] < 0:
+            carried[axis] = carried[parent]
+    return carried
 
 
 def squares_terms(limbs: list[Limb]) -> dict[str, float]:
@@ -71,9 +83,7 @@ def by_diameter(limbs: list[Limb], bounds: Sequence[float]) -> dict[str, int]:
 
 
 def limb_rows(
-    skeleton: Skeleton,
-    axis_list: list[Axis],
-    limbs: list[Limb],
+    scaffold: Scaffold,
     branches: list[dict],
     stem_diameter: float,
     foot_z: float,
@@ -98,37 +108,35 @@ def limb_rows(
     list of dict
         Keys as in `cherrypicker.traits.table.LIMB_COLUMNS`.
     """
-    carried = limb_of_axis([axis.parent for axis in axis_list], [limb.axis for limb in limbs])
-    stem_area = _AREA * stem_diameter**2
-    left = total = sum(_AREA * limb.diameter**2 for limb in limbs)
-    rows = []
-    order = sorted(limbs, key=lambda limb: (-limb.diameter, limb.axis))
-    for rank, limb in enumerate(order, start=1):
+    limbs, points = scaffold.limbs, scaffold.skeleton.points
+    carried = limb_of_axis([axis.parent for axis in scaffold.axes], [limb.axis for limb in limbs])
+    left = total = sum(limb.diameter**2 for limb in limbs)
+    rows: list[dict] = []
+    for limb in sorted(limbs, key=lambda limb: (-limb.diameter, limb.axis)):
         branch = branches[limb.axis]
         own = [branches[axis] for axis in np.flatnonzero(carried == limb.axis)]
-        area = _AREA * limb.diameter**2
-        left -= area
+        left -= limb.diameter**2
         low, high = None, None
         if limb.scatter:
             terms = diameter_terms(limb.diameter, limb.error, limb.scatter, scale_error)
             low, high = (float(end) for end in interval(limb.diameter, terms))
         rows.append(
             {
-                "rank": rank,
+                "rank": len(rows) + 1,
                 "branch_id": limb.axis,
-                "area_cm2": _CM2 * area,
+                "area_cm2": np.pi / 4 * CM2 * limb.diameter**2,
                 "diameter_m": limb.diameter,
                 "diameter_low_m": low,
                 "diameter_high_m": high,
-                "height_m": skeleton.points[limb.stem_node, 2] - foot_z,
+                "height_m": points[limb.stem_node, 2] - foot_z,
                 "azimuth_deg": branch["azimuth_deg"],
                 "crotch_angle_deg": branch["insertion_angle_deg"],
                 "crotch_angle_low_deg": branch["insertion_angle_low_deg"],
                 "crotch_angle_high_deg": branch["insertion_angle_high_deg"],
                 "wood_length_m": sum(row["length_m"] for row in own),
                 "wood_volume_m3": sum(row["volume_m3"] for row in own),
-                "area_share": area / total,
-                "ratio_without": max(left, 0.0) / stem_area,
+                "area_share": limb.diameter**2 / total,
+                "ratio_without": max(left, 0.0) / stem_diameter**2,
                 "flags": branch["flags"],
             }
         )

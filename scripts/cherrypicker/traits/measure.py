@@ -14,28 +14,28 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
 from cherrypicker.geometry.error_terms import Terms
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton import axes, axis_of_node, fold
+from cherrypicker.skeleton import fold
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import Topology
-from cherrypicker.traits.beyond import growth_by, missing_wood
 from cherrypicker.traits.branches import branch_rows, totals_by_order
 from cherrypicker.traits.crown import (
     alpha_volume,
     contour_volume,
+    growth_by,
     hull_of,
     measure_crown,
+    missing_wood,
     projected_area,
 )
 from cherrypicker.traits.flags import at_least, quality_flags
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.intervals import CM2, Estimate, typical_scatter
-from cherrypicker.traits.limb_sections import measure_limbs
 from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, squares_terms
 from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.reports import Reports
-from cherrypicker.traits.scaffold import StemSurface, clear_stem, crown_start, find_limbs
-from cherrypicker.traits.shoot_ends import find_shoot_ends
+from cherrypicker.traits.scaffold import Scaffold
+from cherrypicker.traits.shoot_ends import draw_tips, find_shoot_ends
 from cherrypicker.traits.support import find_support, quick_tree, support_reach
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.traits.trunk import TOP_M, TrunkDiameter, measure_near, stem_of
@@ -47,7 +47,6 @@ _ALPHA_SHARE = 0.15  # of the crown's width: hollows wider than this are outside
 _ALPHA_CELLS = 5.0  # cells of the thinned points across such a hollow
 _HECTARE_M2 = 1e4
 _OVER_GRAFT_M = 0.30  # where the stem is measured for the limb-to-trunk ratio (Schupp 2017)
-_LIMB_DRAWS = 25  # limbs have a stream of draws of their own
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,6 @@ class ScannedTree:
     ) -> None:
         if len(skeleton) < 2:
             raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
-        check = reports.photo_check
         is_wood = wood_mask(cloud["label"])
         if (n_wood := np.count_nonzero(is_wood)) < _MIN_WOOD_POINTS:
             raise StageError(
@@ -97,9 +95,10 @@ class ScannedTree:
         self.scale_error = reports.scale_error if cloud.unit == "m" else 0.0
         wood, rng = cloud.points[is_wood], np.random.default_rng(seed)
         tree = quick_tree(wood)
-        typical = typical_scatter(skeleton)
-        self.axes, self.reach = axes(skeleton), support_reach(tree)
+        self.reach = support_reach(tree)
         self.support = find_support(skeleton, tree, self.reach, max_gap=options.max_gap_m)
+        scaffold = Scaffold(skeleton, least=options.min_limb_m, kept=self.support.node)
+        clear = scaffold.clear_stem()
         self.points = wood[self.support.point]
         if not len(self.points):
             raise StageError("no wood point lies near the skeleton", key="graph")
@@ -117,7 +116,7 @@ class ScannedTree:
         )
 
         # The stem, and its diameters
-        self.stem = stem_of(skeleton, self.axes[0].nodes, self.foot)
+        self.stem = stem_of(skeleton, scaffold.axes[0].nodes, self.foot)
         measured = partial(
             measure_near,
             self.stem,
@@ -134,70 +133,52 @@ class ScannedTree:
         self.unmeasured = sorted(further.keys() - self.sections.keys())
 
         # Its limbs
-        surface = StemSurface(skeleton, self.axes)
-        limbs = find_limbs(
-            skeleton, self.axes, surface, least=options.min_limb_m, kept=self.support.node
-        )
-        clear = clear_stem(skeleton, self.axes, limbs, surface)
-        draws = np.random.default_rng([seed, _LIMB_DRAWS])
-        self.limbs = measure_limbs(
-            self.axes,
-            limbs,
-            surface,
-            tree,
-            axis_of_node(skeleton, self.axes)[self.support.owner],
-            typical,
-            draws,
-        )
+        self.limbs = scaffold.limbs
         self.limb_trunk = self.trunk
         if options.graft_height_m is not None:
             self.limb_trunk = measured(options.graft_height_m + _OVER_GRAFT_M)
 
         # The crown above it, what of it is known to be missing, and where photos end before it
         self.crown_points = wood[self.support.point & ~clear[self.support.owner]]
-        hull = hull_of(self.crown_points) if len(self.crown_points) else None
-        crown, samples = measure_crown(
-            self.points,
-            hull,
-            find_shoot_ends(skeleton, self.support.node, tree, self.reach),
-            typical or 0.0,
-            self.reach,
-            in_crown=~clear,
-            n_samples=options.n_bootstrap,
-            rng=rng,
+        hull = hull_of(self.crown_points)
+        ends = find_shoot_ends(skeleton, scaffold.axes, self.support.node, tree, self.reach)
+        tips = draw_tips(ends, options.n_bootstrap, rng)
+        extent, samples = measure_crown(
+            self.points, hull, tips, ~clear[ends.nodes], typical_scatter(skeleton) or 0.0, rng
         )
         self.missing_top = None
         if reports.photos is not None:
             self.missing_top = find_missing_top(reports.photos, self.points, self.foot.point)
-        missing = missing_wood(
-            self.support.missed, reports.target, check, self.missing_top, self.foot.point
-        )
+        missing = missing_wood(self.support.missed, reports, self.missing_top, self.foot.point)
         self.edges = () if reports.poses is None else frame_edges(reports.poses, self.points)
-        drawn = (samples - [crown.top, crown.width, crown.volume]).T
-        grown = growth_by(missing, crown, hull)
-        area = 0.0 if hull is None else hull.areas.sum()
-        over_foot = {"fit": self.foot.error, "top_error": self.reach}
-        self.height = self._estimate(crown.top - foot_z, over_foot, 1, drawn[0], grown[0])
-        width_terms, hull_terms = {"width_error": self.reach}, {"hull_error": self.reach * area}
-        self.crown_width = self._estimate(crown.width, width_terms, 1, drawn[1], grown[1])
-        self.crown_volume = self._estimate(crown.volume, hull_terms, 3, drawn[2], grown[2])
-        base = skeleton.points[max(crown_start(self.axes, self.limbs, surface), 0)]
+        drawn, more = (samples - extent).T, growth_by(missing, extent, hull)
+        top = {"fit": self.foot.error, "top_error": self.reach}
+        self.height = self._estimate(extent[0] - foot_z, top, 1, drawn[0], more[0])
+        width_terms, hull_terms = (
+            {"width_error": self.reach},
+            {"hull_error": self.reach * hull.area},
+        )
+        self.crown_width = self._estimate(extent[1], width_terms, 1, drawn[1], more[1])
+        self.crown_volume = self._estimate(extent[2], hull_terms, 3, drawn[2], more[2])
+        base = skeleton.points[max(scaffold.crown_start, 0)]
         # None without a crown
         self.crown_base_height = base[2] - foot_z if len(self.crown_points) else None
-        self.crown_projected_area = 0.0 if hull is None else projected_area(hull.points)
-        self.crown_alpha = _ALPHA_SHARE * max(crown.width, 1e-9)
+        self.crown_projected_area = projected_area(hull.points)
+        self.crown_alpha = _ALPHA_SHARE * max(self.crown_width.value, 1e-9)
         cell = self.crown_alpha / _ALPHA_CELLS
         self.crown_alpha_volume = alpha_volume(self.crown_points, self.crown_alpha, cell)
         self.crown_contour = contour_volume(self.crown_points, base[:2])
 
         # Its branches
         self.rows = branch_rows(
-            skeleton, self.axes, foot_z, scale_error=self.scale_error, photo_check=check
+            skeleton,
+            scaffold.axes,
+            foot_z,
+            scale_error=self.scale_error,
+            photo_check=reports.photo_check,
         )
         self.limb_rows = limb_rows(
-            skeleton,
-            self.axes,
-            self.limbs,
+            scaffold,
             self.rows,
             self.limb_trunk.diameter,
             foot_z,

@@ -21,7 +21,7 @@ from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 from cherrypicker_lab.skeletons.set_tree import true_skeleton
-from cherrypicker_lab.traits.table import JUDGED, SCALARS, true_limbs
+from cherrypicker_lab.traits.table import JUDGED, SCALARS, true_scaffold
 
 LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
 LEAST_DIAMETER_M = 0.010  # thinner bases do not count for the diameter
@@ -123,9 +123,9 @@ def judge_limbs(tree, skeleton, rows):
         true ones, `are_three_to_2mm` whether they are three that no true limb outdoes by more than
         2 mm; `diameters`, a list of the pairs of the limbs that were matched.
     """
-    limbs = true_limbs(true_skeleton(tree.skeleton()))[-1]
+    limbs = true_scaffold(true_skeleton(tree.skeleton())).limbs
     limbs = sorted(limbs, key=lambda limb: -limb.diameter)
-    place_of = {limb.axis: limb.place for limb in true_limbs(skeleton)[-1]}
+    place_of = {limb.axis: limb.place for limb in true_scaffold(skeleton).limbs}
     places = [place_of.get(row["branch_id"], np.full(3, np.inf)) for row in rows]
     matched = _match_limbs(limbs, places)
     true_of = {j: i for i, j in matched}

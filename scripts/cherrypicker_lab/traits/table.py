@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker.skeleton import axes
 from cherrypicker.traits.crown import hull_of
 from cherrypicker.traits.measure import TraitOptions
-from cherrypicker.traits.scaffold import StemSurface, clear_stem, find_limbs
+from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.table import TRAITS
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.skeletons.set_tree import true_skeleton
@@ -33,29 +32,25 @@ class Judged:
     is_share: bool = False  # told as a share of the truth, in per cent
 
 
-def true_limbs(skeleton):
-    """The axes of a true skeleton, its stem's surface and its limbs."""
-    axis_list = axes(skeleton)
-    stem = StemSurface(skeleton, axis_list)
-    limbs = find_limbs(skeleton, axis_list, stem, least=TraitOptions().min_limb_m)
-    return axis_list, stem, limbs
+def true_scaffold(skeleton):
+    """The stem and the limbs of a true skeleton."""
+    return Scaffold(skeleton, least=TraitOptions().min_limb_m)
 
 
 def _true_ratio(tree):
     """Sum of the limbs' sections over the stem's, by the generator's radii."""
-    limbs = true_limbs(true_skeleton(tree.skeleton()))[-1]
+    limbs = true_scaffold(true_skeleton(tree.skeleton())).limbs
     stem = tree_traits(tree)["trunk_diameter_m"]
     return sum(limb.diameter**2 for limb in limbs) / stem**2
 
 
 def true_volume(skeleton):
     """Volume of the convex hull of the wood's surface beyond the stem's lowest limb."""
-    axis_list, stem, limbs = true_limbs(skeleton)
     height, turn = np.radians(np.mgrid[-90:91:30, 0:360:30].reshape(2, -1))
     around = np.column_stack(
         [np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)]
     )
-    rows = ~clear_stem(skeleton, axis_list, limbs, stem)
+    rows = ~true_scaffold(skeleton).clear_stem()
     if not rows.any():
         return 0.0
     surface = skeleton.points[rows, None] + skeleton.radius[rows, None, None] * around
