@@ -198,8 +198,9 @@ def claimed_by(tubes: _Tubes, points: np.ndarray) -> tuple[np.ndarray, np.ndarra
     low = (tubes.nodes - reach[:, None]).min(axis=0)
     high = (tubes.nodes + reach[:, None]).max(axis=0)
     rows = rows_in_box(points, low, high)
-    off, nearest = cKDTree(tubes.nodes).query(points[rows], workers=1)
-    inside = off <= reach[nearest]
+    tree, far = cKDTree(tubes.nodes), np.nextafter(reach.max(), np.inf)
+    off, nearest = tree.query(points[rows], distance_upper_bound=far, workers=1)
+    inside = off <= np.append(reach, -1.0)[nearest]  # none is as near as the widest tube reaches
     return rows[inside], tubes.on_trunk[nearest[inside]]
 
 

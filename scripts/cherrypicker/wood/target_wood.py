@@ -263,11 +263,14 @@ def share_cloud(
 def _usual_gap(points: np.ndarray, edges: np.ndarray) -> float:
     """Gap between pieces of wood that is usual in a cloud, 0 where pieces are few."""
     piece, _ = components(len(points), edges)
-    rows = np.flatnonzero((np.bincount(piece) >= FEWEST_IN_LINE)[piece])  # fewer are stray points
+    is_piece = np.bincount(piece) >= FEWEST_IN_LINE  # fewer are stray points
+    n_longer = len(points) // POINTS_A_GAP
+    if is_piece.sum() - 1 <= n_longer:  # a gap joins two
+        return 0.0
+    rows = np.flatnonzero(is_piece[piece])
     links = rows[component_links(points[rows], _edges_among(rows, edges, len(points)))]
     length = np.sort(np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1))
-    n_longer = len(points) // POINTS_A_GAP
-    return float(length[-1 - n_longer]) if len(length) > n_longer else 0.0
+    return float(length[-1 - n_longer])
 
 
 def _growth(points: np.ndarray) -> float:
