@@ -23,11 +23,12 @@ from cherrypicker.batch.resources import (
     threads_to_ask,
 )
 from cherrypicker.batch.scans import size_of_photo_scan, sizes_of
-from cherrypicker.batch.stage_costs import ENLARGED_BELOW_MP, PHOTO_STAGES
+from cherrypicker.batch.stage_costs import ENLARGED_BELOW_MP, stages_of
 from cherrypicker.batch.trees import Tree
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.sfm.features import PLAIN_FIRST_MP
 
+PHOTO_STAGES = stages_of("", "photos")
 SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
 # Largest resident MB of single stages, by size and number of the photos and by threads
 MEASURED_MB = {

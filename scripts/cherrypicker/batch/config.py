@@ -90,12 +90,12 @@ def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None)
         For an unknown key (naming the nearest valid one) or a value out of bounds.
     """
     merged, _ = _merged(layers)
-    _check_keys(schema, merged, (), source)
     resolved = _fill(schema, merged, _method(merged))
     refusal = first_refusal(schema, resolved)
     if refusal:
         key, reason = refusal
-        raise StageError(f"{key}: {reason}", file=source, key=key)
+        is_unknown = reason.startswith("unknown")
+        raise StageError(reason if is_unknown else f"{key}: {reason}", file=source, key=key)
     return resolved
 
 
@@ -108,10 +108,16 @@ def first_refusal(schema: Mapping, value: object) -> tuple[str, str] | None:
     errors = sorted(_Validator(schema, format_checker=_FORMATS).iter_errors(value), key=_place)
     if not errors:
         return None
-    error, own = errors[0], errors[0].schema if isinstance(errors[0].schema, Mapping) else {}
-    key = own.get("column") or ".".join(map(str, error.absolute_path))
-    reason = own.get("refusal", "").replace("{value}", repr(error.instance))
-    return key, reason or error.message
+    error, own, place = errors[0], errors[0].schema, _place(errors[0])
+    assert isinstance(own, Mapping)
+    if error.validator == "additionalProperties":
+        unknown = next(str(name) for name in error.instance if name not in own["properties"])
+        near = difflib.get_close_matches(unknown, own["properties"], n=1, cutoff=0.0)
+        names = [".".join((*place, name)) for name in (unknown, *near)]
+        return names[0], f"unknown config key {names[0]!r}; did you mean {names[-1]!r}?"
+    reason = own.get("refusal", "").replace("{value}", repr(error.instance)) or error.message
+    key = own.get("column") or ".".join(place)
+    return key, reason
 
 
 def _place(error: ValidationError) -> list[str]:
@@ -170,20 +176,6 @@ def _merge(target: dict, layer: Mapping) -> None:
             _merge(target[key], value)
         else:
             target[key] = copy.deepcopy(value)
-
-
-def _check_keys(schema: Mapping, values: Mapping, path: tuple, source: str | None) -> None:
-    known = schema.get("properties")
-    if known is None or schema.get("additionalProperties", True) is not False:
-        return
-    for key, value in values.items():
-        if key not in known:
-            name = ".".join((*path, str(key)))
-            near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)
-            hint = f"; did you mean {'.'.join((*path, near[0]))!r}?" if near else ""
-            raise StageError(f"unknown config key {name!r}{hint}", file=source, key=name)
-        if isinstance(value, Mapping):
-            _check_keys(known[key], value, (*path, str(key)), source)
 
 
 def _fill(schema: Mapping, value: Any, method: str) -> Any:

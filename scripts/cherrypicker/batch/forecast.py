@@ -18,7 +18,7 @@ from cherrypicker.batch.resources import (
     speedup,
     threads_to_ask,
 )
-from cherrypicker.batch.stage_costs import CLOUD_STAGES, PHOTO_STAGES
+from cherrypicker.batch.stage_costs import stages_of
 from cherrypicker.mvs.backends.table import first_choice
 from cherrypicker.progress import duration
 
@@ -199,7 +199,7 @@ def formula_table() -> str:
         "| stage | CPU, s | memory, MB | memory a thread, MB | disk, MB | threads |",
         "|---|---|---|---|---|---|",
     ]
-    for rule, stage in (PHOTO_STAGES | {"import_cloud": CLOUD_STAGES["import_cloud"]}).items():
+    for rule, stage in stages_of("", "photos", "clouds").items():
         cells = " | ".join((stage.cpu_s, stage.memory_mb, stage.thread_memory_mb, stage.disk_mb))
         lines.append(f"| {rule} | {cells} | {stage.max_threads} |")
     return "\n".join(lines)

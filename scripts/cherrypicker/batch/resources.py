@@ -14,20 +14,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from cherrypicker.batch.stage_costs import (
-    CLOUD_STAGES,
     CROPPED_SHARE,
     ENLARGED_BELOW_MP,
     MOST_CROPPED_SHARE,
     MOST_POINTS_PER_PIXEL,
-    PHOTO_STAGES,
     POINTS_PER_PIXEL,
-    PREPARED,
-    ROW_STAGES,
+    STAGES,
     StageCost,
-    stereo_stage,
+    stages_of,
     weigh,
 )
-from cherrypicker.mvs.backends.table import BACKENDS
 from cherrypicker.ply import PlyError, read_ply_header
 
 # Snakemake itself and the job's shell run beside the stage and count towards its memory
@@ -78,9 +74,9 @@ class ScanSize:
     def stages(self) -> Mapping[str, StageCost]:
         """The stages that a scan like this goes through."""
         if not self.is_photo_scan:
-            return CLOUD_STAGES
-        stages = PHOTO_STAGES | {"estimate_depth": stereo_stage(BACKENDS[self.stereo])}
-        return PREPARED | stages if self.is_prepared else stages
+            return stages_of("", "clouds")
+        prepared = ["prepared photos"] if self.is_prepared else []
+        return stages_of("", "photos", *prepared, stereo=self.stereo)
 
     def quantities(self, points_m: float, cropped_share: float) -> dict[str, float]:
         """Return what the formulas of :class:`StageCost` are of.
@@ -219,7 +215,7 @@ def disk_mb(stage: StageCost, scan: ScanSize) -> float:
 
 def _stage(rule: str, scan: ScanSize) -> StageCost:
     """A stage of a scan, or of those that a scan of several trees has besides."""
-    return ROW_STAGES[rule] if rule in ROW_STAGES else scan.stages[rule]
+    return STAGES[rule] if STAGES[rule].of == "several" else scan.stages[rule]
 
 
 def threads_to_ask(rule: str, scan: ScanSize) -> int:

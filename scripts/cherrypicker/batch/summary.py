@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 
 from cherrypicker.batch.benchmarks import read_benchmarks
-from cherrypicker.batch.stage_costs import PHOTO_STAGES
+from cherrypicker.batch.stage_costs import STAGES
 from cherrypicker.batch.tables import (
     ACCURACY_COLUMNS,
     MEASURE_COLUMNS,
@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 # Their failure says nothing against traits.json, which was finished before they started.
 _AFTER_TRAITS = frozenset({"compare_measures", "report_tree", "summarise_batch"})
 # Stages in the order in which a tree goes through them
-_ORDER = {rule: place for place, rule in enumerate(["import_cloud", *PHOTO_STAGES])}
+_ORDER = {rule: place for place, rule in enumerate(STAGES)}
 
 
 def summarise(

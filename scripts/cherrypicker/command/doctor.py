@@ -18,9 +18,9 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import psutil
 
@@ -32,28 +32,17 @@ from cherrypicker.files import PROJECT
 # The stereo of a tree of 100 photos of 12 megapixels, and its results (docs/cluster.md), GB
 ENOUGH_MEMORY_GB, ENOUGH_DISK_GB = 8.0, 10.0
 _INSTALL = "make install, in the project"
-_SYSTEM_PACKAGES = "envs/install_system_packages.sh"
 
 parser = folder_parser(__doc__)
 
 
-@dataclass
-class Sign:
-    """One thing that was looked at.
-
-    Attributes
-    ----------
-    name, found : str
-    remedy : str
-        What to do; empty where all is well.
-    is_needed : bool
-        Whether nothing runs without it; else it is to know.
-    """
+class Sign(NamedTuple):
+    """One thing that was looked at."""
 
     name: str
     found: str
-    remedy: str = ""
-    is_needed: bool = True
+    remedy: str = ""  # what to do; empty where all is well
+    is_needed: bool = True  # whether nothing runs without it; else it is to know
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -73,24 +62,20 @@ def _python() -> Iterator[Sign]:
     low, high = (tuple(map(int, part.split("."))) for part in re.findall(r"\d+\.\d+", wanted))
     fits = low <= sys.version_info[:2] < high
     yield Sign("cherrypicker", f"{project['version']} in {PROJECT}")
-    found = ".".join(map(str, sys.version_info[:3]))
-    yield Sign("python", found, "" if fits else f"Python {wanted}")
+    yield Sign("python", sys.version.split()[0], "" if fits else f"Python {wanted}")
 
 
 def _packages() -> Iterator[Sign]:
     """Pinned packages that are missing or of another version, or their number."""
     pins = pinned_versions([PROJECT / "envs/requirements.txt", PROJECT / "envs/torch.txt"])
-    n_good = 0
+    installed = {each.name.lower(): each.version for each in importlib.metadata.distributions()}
+    found = {name: installed.get(name.lower(), "").partition("+")[0] for name in pins}
     for name, wanted in pins.items():
-        try:
-            found = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
+        if not found[name]:
             yield Sign(name, "missing", _INSTALL)
-            continue
-        if found.partition("+")[0] != wanted:
-            yield Sign(name, f"{found}, pinned is {wanted}", _INSTALL, is_needed=False)
-        else:
-            n_good += 1
+        elif found[name] != wanted:
+            yield Sign(name, f"{found[name]}, pinned is {wanted}", _INSTALL, is_needed=False)
+    n_good = sum(found[name] == wanted for name, wanted in pins.items())
     yield Sign("packages", f"{n_good} of {len(pins)} as pinned")
     for name in ("open3d", "pycolmap", "cv2", "torch"):
         try:
@@ -101,14 +86,13 @@ def _packages() -> Iterator[Sign]:
 
 def pinned_versions(files: Sequence[Path]) -> dict[str, str]:
     """Return the versions that requirements files pin, by package."""
-    lines = [line for path in files for line in path.read_text(encoding="utf-8").splitlines()]
-    pins = (re.match(r"([\w.\-]+)==([\w.]+)", line) for line in lines)
-    return {found[1]: found[2] for found in pins if found}
+    text = "\n".join(path.read_text(encoding="utf-8") for path in files)
+    return dict(re.findall(r"^([\w.\-]+)==([\w.]+)", text, re.MULTILINE))
 
 
 def _libraries() -> Iterator[Sign]:
-    """System libraries of Open3D that cannot be loaded."""
-    script = (PROJECT / _SYSTEM_PACKAGES).read_text(encoding="utf-8")
+    """System libraries of Open3D, by the list of what installs them."""
+    script = (PROJECT / "envs/install_system_packages.sh").read_text(encoding="utf-8")
     listed = re.search(r'^libraries="(.*)"', script, re.MULTILINE)
     for pair in (listed[1] if listed else "").split():
         library, _, package = pair.partition(":")
@@ -124,9 +108,7 @@ def _weights() -> Iterator[Sign]:
     for name in ("sky_unet.npz", "dgcnn.pt"):
         path = PROJECT / "resources/weights" / name
         is_there = path.is_file() and path.stat().st_size > 0
-        yield Sign(
-            name, "found" if is_there else "missing", "" if is_there else f"git restore {path}"
-        )
+        yield Sign(name, *(("found",) if is_there else ("missing", f"git restore {path}")))
 
 
 def _gpu() -> Iterator[Sign]:
@@ -136,38 +118,31 @@ def _gpu() -> Iterator[Sign]:
         yield Sign("GPU", "none by NVIDIA: the CPU's stereo is used")
         return
     query = [program, "--query-gpu=name,memory.total", "--format=csv,noheader"]
-    done = subprocess.run(query, capture_output=True, text=True, check=False)
-    yield Sign("GPU", " / ".join(done.stdout.split("\n")).strip(" /") or "does not answer")
-    users = {"pycolmap": "has_cuda", "torch": "cuda.is_available()"}
-    remedy = "README, section GPU"
-    for name, asked in users.items():
-        uses = bool(_asked(name, asked))
+    told = subprocess.run(query, capture_output=True, text=True, check=False).stdout
+    yield Sign("GPU", " / ".join(told.split("\n")).strip(" /") or "does not answer")
+    users: dict[str, Callable[[Any], bool]] = {
+        "pycolmap": lambda module: module.has_cuda,
+        "torch": lambda module: module.cuda.is_available(),
+    }
+    for name, can in users.items():
+        try:
+            uses = can(importlib.import_module(name))
+        except Exception:  # told above
+            uses = False
         found = "uses the GPU" if uses else "was built without CUDA"
-        yield Sign(f"{name} on the GPU", found, "" if uses else remedy, is_needed=False)
-
-
-def _asked(name: str, attribute: str) -> object:
-    """Return a module's attribute, or what a call of it gives; None where there is none."""
-    try:
-        value: object = importlib.import_module(name)
-    except Exception:  # told above
-        return None
-    for part in attribute.removesuffix("()").split("."):
-        value = getattr(value, part, None)
-    return value() if callable(value) else value
+        remedy = "" if uses else "README, section GPU"
+        yield Sign(f"{name} on the GPU", found, remedy, is_needed=False)
 
 
 def _machine() -> Iterator[Sign]:
-    memory = psutil.virtual_memory()
+    memory, free = psutil.virtual_memory(), shutil.disk_usage(".").free / 1e9
     yield Sign("cores", str(os.cpu_count()))
     found = f"{memory.total / 1e9:.1f} GB, {memory.available / 1e9:.1f} GB free"
-    is_small = memory.total / 1e9 < ENOUGH_MEMORY_GB
     remedy = "smaller mvs.max_image_size_px, or scripts/forecast.py tells what a batch needs"
+    is_small = memory.total / 1e9 < ENOUGH_MEMORY_GB
     yield Sign("memory", found, remedy if is_small else "", is_needed=False)
-    free = shutil.disk_usage(".").free / 1e9
-    text = f"{free:.1f} GB free in {Path.cwd()}"
-    remedy = "" if free >= ENOUGH_DISK_GB else "a tree from photos takes some GB"
-    yield Sign("disk", text, remedy, is_needed=False)
+    remedy = "" if free >= ENOUGH_DISK_GB else "a tree from photos takes some GB while it is made"
+    yield Sign("disk", f"{free:.1f} GB free in {Path.cwd()}", remedy, is_needed=False)
     try:
         check_writable(["results", "logs", "benchmarks"])
     except StageError as error:

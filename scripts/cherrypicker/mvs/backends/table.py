@@ -28,7 +28,7 @@ class Backend:
     # geometric depth and normal maps of the workspace, and COLMAP's config of their fusion; returns
     # the names of the photos that have maps
     run: Callable[[Workspace, StereoOptions, int, SkyMasks | None], set[str]]
-    # cpu_s, memory_mb: what the stage costs with it, see `cherrypicker.batch.stage_costs.StageCost`
+    # cpu_s, memory_mb: what the stage costs with it, see `batch/stage_costs.yaml`
     cpu_s: str = ""
     memory_mb: str = ""
     max_threads: int = 8  # threads beyond which it gains nothing
