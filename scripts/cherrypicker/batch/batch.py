@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import difflib
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from glob import escape, glob
 from pathlib import Path
 
 from cherrypicker.accuracy.measures import Measure, read_measures
@@ -26,6 +24,8 @@ from cherrypicker.errors import StageError
 from cherrypicker.runner import status_folder
 
 CONFIG_FILE = "config/config.yaml"
+# Of a scan: so many are asked for a file of corrections before anybody has looked (guess)
+MOST_TREES = 1000
 
 
 @dataclass(frozen=True)
@@ -114,19 +114,16 @@ class Batch:
 
     def edited(self) -> list[str]:
         """Return the trees that have a file of hand corrections, those not yet found as well."""
-        names = self.listed()
-        for scan in self.open_scans:
-            before, *after = self.settings_for(f"{scan}_1")["graph"]["edits"].split("{tree}")
-            files = glob(f"{scan}_*".join(map(escape, (before, *after))))
-            name, again = (
-                rf"(?P<tree>{re.escape(scan)}_\d+)",
-                "(?P=tree)",
-            )  # it may stand there twice
-            pattern = re.escape(before) + name + again.join(map(re.escape, after))
-            found = [re.fullmatch(pattern, file) for file in files]
-            names += sorted({each["tree"] for each in found if each and self.has(each["tree"])})
+        numbered = [
+            f"{scan}_{number}"
+            for scan in self.open_scans
+            if "{tree}" in self.settings_for(f"{scan}_1")["graph"]["edits"]
+            for number in range(1, MOST_TREES + 1)
+        ]
         return [
-            name for name in names if self.edits_of(name) and Path(self.edits_of(name)).is_file()
+            name
+            for name in (*self.listed(), *numbered)
+            if self.edits_of(name) and Path(self.edits_of(name)).is_file()
         ]
 
     def measured(self) -> list[str]:
