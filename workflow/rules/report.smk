@@ -138,6 +138,7 @@ rule summarise_batch:
     params:
         code=code(
             "summarise_batch",
+            "batch/tables.yaml",
             "report/summary.*",
             "report/accuracy.html.j2",
             "report/style.css",
