@@ -11,7 +11,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.text import page_template
 from cherrypicker.skeleton import Skeleton, axes
-from cherrypicker.traits.branches import branch_rows, branches_csv, read_limb_rows
+from cherrypicker.traits.branches import branch_rows, branches_csv, read_branches
 from cherrypicker.traits.limb_table import limb_rows
 from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.table import LIMB_COLUMNS
@@ -57,12 +57,12 @@ def limbed():
 def test_the_table_is_read_as_it_was_written(limbed, tmp_path):
     path = tmp_path / "limbs.csv"
     path.write_text(branches_csv(limbed[2], LIMB_COLUMNS))
-    read = read_limb_rows(path)
+    read = read_branches(path, LIMB_COLUMNS)
     assert [row["rank"] for row in read] == [1, 2, 3, 4]
     assert read[0]["diameter_m"] == pytest.approx(0.04) and read[0]["diameter_low_m"] is None
     path.write_text("rank,branch_id\n1,no\n")
     with pytest.raises(StageError, match="table of limbs"):
-        read_limb_rows(path)
+        read_branches(path, LIMB_COLUMNS)
 
 
 def test_a_tree_without_limbs_has_no_section(limbed):

@@ -47,7 +47,7 @@ def test_errors_are_independent_and_drawn_ends_add_to_one_side():
 
 
 def base_shape(**changes):
-    shape = {"base_residual": 0.002, "base_error": 3e-4, "base_diameter": 0.02, "stretch": 0.08}
+    shape = {"base_residual": 0.002, "base_error": 3e-4, "base_diameter_m": 0.02, "stretch": 0.08}
     return {name: np.array([value]) for name, value in (shape | changes).items()}
 
 

@@ -147,7 +147,7 @@ def read_measured_tree(folder: str | os.PathLike) -> MeasuredTree:
             file=table,
         )
     reported = np.array([cell_number(row["mean_diameter_m"], table, at) for at, row in rows])
-    plain = axis_shapes(skeleton, axis_list)["mean_diameter"]
+    plain = axis_shapes(skeleton, axis_list)["mean_diameter_m"]
     scale = np.divide(reported, plain, out=np.ones(len(plain)), where=plain > 0)
     made = time.gmtime((folder / "skeleton.graphml").stat().st_mtime)
     stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", made)

@@ -33,7 +33,7 @@ def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> d
     traits : dict
         ``traits.json``.
     rows : list of dict or None
-        From `cherrypicker.traits.branches.read_limb_rows`.
+        Of ``limbs.csv``.
     skeleton : Skeleton
         Whose axes the rows number.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,8 @@ from cherrypicker.report import figures as draw
 from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.style import LAYOUT
 from cherrypicker.skeleton import read_skeleton, read_topology
-from cherrypicker.traits.branches import read_branches, read_limb_rows
+from cherrypicker.traits.branches import read_branches
+from cherrypicker.traits.table import LIMB_COLUMNS
 
 logger = logging.getLogger(__name__)
 
@@ -46,7 +48,7 @@ def _bytes(path: str) -> bytes:
 FILES = {
     "traits": _File(read_json, "traits.json", True),
     "branches": _File(read_branches, "branches.csv", True),
-    "limbs": _File(read_limb_rows, "limbs.csv"),
+    "limbs": _File(partial(read_branches, columns=LIMB_COLUMNS), "limbs.csv"),
     "skeleton": _File(read_skeleton, "skeleton.graphml", True),
     "topology": _File(read_topology, "topology.graphml", True),
     "segmented": _File(_labelled, "labelled cloud", True),

@@ -19,10 +19,10 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
     Returns
     -------
     dict of str to ndarray of shape (n_axes,), float64
-        Lengths in the skeleton's unit, angles in degrees. `lateral_spacing` is NaN with fewer than
-        two places of laterals, `base_residual` the scatter of the points behind the base diameter,
-        `base_error` the standard error of a radius there, `stretch` the length that the direction
-        is taken over.
+        Columns of ``branches.csv``, in the skeleton's unit and frame; `lateral_spacing_m` is NaN
+        with fewer than two places of laterals. Beside them `base_residual`, the scatter of the
+        points behind the base diameter, `base_error`, the standard error of a radius there, and
+        `stretch`, the length that the direction is taken over.
     """
     none = np.zeros(len(skeleton))
     arc, n_points, residual, error, gap = (
@@ -55,18 +55,18 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
         laterals = place[nodes][is_foot[nodes]]
         rows.append(
             {
-                "length": total,
-                "chord": np.linalg.norm(line.points[-1] - line.points[0]),
-                "base_diameter": 2.0 * np.median(radius[nodes][base]),
-                "tip_diameter": 2.0 * np.median(radius[nodes][tip]),
-                "insertion_angle": np.degrees(np.arccos(np.clip(direction @ below, -1.0, 1.0))),
-                "azimuth": np.degrees(np.arctan2(direction[1], direction[0])) % 360.0,
-                "base_z": line.points[0, 2],
+                "length_m": total,
+                "chord_m": np.linalg.norm(line.points[-1] - line.points[0]),
+                "base_diameter_m": 2.0 * np.median(radius[nodes][base]),
+                "tip_diameter_m": 2.0 * np.median(radius[nodes][tip]),
+                "insertion_angle_deg": np.degrees(np.arccos(np.clip(direction @ below, -1.0, 1.0))),
+                "azimuth_deg": np.degrees(np.arctan2(direction[1], direction[0])) % 360.0,
+                "base_height_m": line.points[0, 2],
                 **_wood(line.along, radius[nodes]),
                 "n_laterals": n_laterals[index + 1],
-                "lateral_spacing": np.median(np.diff(laterals)) if len(laterals) > 1 else np.nan,
-                "shoot_length": total - (laterals[-1] if len(laterals) else 0.0),
-                "base_arc": np.median(arc[nodes][base]),
+                "lateral_spacing_m": np.median(np.diff(laterals)) if len(laterals) > 1 else np.nan,
+                "shoot_length_m": total - (laterals[-1] if len(laterals) else 0.0),
+                "base_arc_deg": np.median(arc[nodes][base]),
                 "base_n_points": np.median(n_points[nodes][base]),
                 "gap_share": length[nodes] @ (gap[nodes] > 0) / max(length[nodes].sum(), 1e-12),
                 "base_residual": np.median(residual[nodes][base]),
@@ -96,7 +96,7 @@ def _wood(along: np.ndarray, radius: np.ndarray) -> dict[str, float]:
         # Of what it is thinner than at its base, so that no rounding tapers an even axis
         taper = 2e3 * (offset @ (radius[0] - radius)) / (offset @ offset)
     return {
-        "mean_diameter": step @ (thick + thin) / max(along[-1], 1e-12),
-        "taper": taper,
-        "volume": np.pi / 3 * (step @ (thick**2 + thick * thin + thin**2)),
+        "mean_diameter_m": step @ (thick + thin) / max(along[-1], 1e-12),
+        "taper_mm_per_m": taper,
+        "volume_m3": np.pi / 3 * (step @ (thick**2 + thick * thin + thin**2)),
     }

@@ -135,7 +135,7 @@ def branch_terms(
     scatter = np.where(shape["base_residual"] > 0, shape["base_residual"], typical)
     return {
         "base_diameter_m": diameter_terms(
-            shape["base_diameter"], shape["base_error"], scatter, scale_error
+            shape["base_diameter_m"], shape["base_error"], scatter, scale_error
         ),
         "insertion_angle_deg": {
             "angle_least_deg": np.ones(len(scatter)),

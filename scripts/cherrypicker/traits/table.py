@@ -331,6 +331,12 @@ class BranchColumn:
             return None
         return {"text": str, "whole": int}.get(self.kind, float)(text)
 
+    def write(self, value: float | str | None) -> int | str:
+        """Return a value's cell; empty where there is no such number."""
+        if value is None or isinstance(value, int | str):
+            return "" if value is None else value
+        return f"{value:.{self.decimals_in_file}f}"
+
 
 _COLUMNS = (
     BranchColumn("branch_id", "whole", "axis"),
