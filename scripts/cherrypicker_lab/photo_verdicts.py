@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
 
 from cherrypicker.classes import wood_mask
+from cherrypicker.evidence.missing_top import find_missing_top
 from cherrypicker.files import read_json
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.undistort import UndistortedPhotos
@@ -22,7 +23,6 @@ from cherrypicker.skeleton import axes, axis_of_node, read_skeleton, read_skelet
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.samples import densify
 from cherrypicker.traits.flags import quality_flags
-from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
 from cherrypicker_lab.spoilt_skeletons import Spoilt

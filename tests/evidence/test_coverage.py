@@ -8,12 +8,12 @@ import pytest
 from scan_scene import look_at_poses, ring
 
 from cherrypicker.evidence.coverage import ask_voxels, measure_coverage, voxel_centers
+from cherrypicker.evidence.missing_top import find_missing_top
 from cherrypicker.files import write_json
 from cherrypicker.mvs.raster import make_raster
 from cherrypicker.mvs.workspace import view_of
 from cherrypicker.placement.region import find_region
 from cherrypicker.traits.flags import quality_flags
-from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.reports import Reports
 
 TARGET = np.array([0.0, 0.0, 1.2])

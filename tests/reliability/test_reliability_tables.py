@@ -125,7 +125,7 @@ def test_the_trees_height_and_the_cameras_distance_question_a_scale(caplog):
         (flag,) = quality_flags(Reports(), height=height)
         assert flag.startswith("odd_height") and "marker_sides_m" in flag
     assert quality_flags(Reports(), height=2.5) == []
-    assert "odd_height" not in str(quality_flags(Reports(), "arbitrary", height=900.0))
+    assert "odd_height" not in str(quality_flags(Reports(), unit="arbitrary", height=900.0))
 
 
 @pytest.fixture(scope="module")

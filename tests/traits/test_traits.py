@@ -9,6 +9,7 @@ import pytest
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.neighbors import quick_tree
 from cherrypicker.geometry.sections import fit_section
 from cherrypicker.geometry.stem_slabs import search_circle
 from cherrypicker.pointcloud import PointCloud
@@ -17,7 +18,7 @@ from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.measure import TraitOptions, measure_traits
 from cherrypicker.traits.reports import Reports
-from cherrypicker.traits.support import find_support, quick_tree, support_reach
+from cherrypicker.traits.support import find_support, support_reach
 from cherrypicker.traits.table import BRANCH_COLUMNS, LIMB_COLUMNS, TRAITS
 
 

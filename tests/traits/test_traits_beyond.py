@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from cherrypicker.traits.crown import grown, growth_by, hull_of, missing_wood
+from cherrypicker.evidence.missing_top import MissingTop
+from cherrypicker.geometry.hulls import hull_of
+from cherrypicker.traits.crown import grown, growth_by, missing_wood
 from cherrypicker.traits.flags import FLAGS, at_least, quality_flags
-from cherrypicker.traits.missing_top import MissingTop
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.table import TRAITS
 

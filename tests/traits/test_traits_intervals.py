@@ -10,9 +10,10 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.geometry.error_terms import FACTORS, FACTORS_FILE, KNOWN, spread
+from cherrypicker.geometry.hulls import horizontal_width, hull_of
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv
-from cherrypicker.traits.crown import grown, horizontal_width, hull_of, measure_crown
+from cherrypicker.traits.crown import grown, measure_crown
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.intervals import Z90, branch_terms, interval
 from cherrypicker.traits.shoot_ends import ShootEnds, draw_tips, find_shoot_ends

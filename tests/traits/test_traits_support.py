@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from cherrypicker.geometry.hulls import alpha_volume, hull_of
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv, totals_by_order
-from cherrypicker.traits.crown import alpha_volume, projected_area
 from cherrypicker.traits.support import missed_wood
 
 
@@ -78,9 +78,9 @@ def test_crown_of_two_cubes_is_not_what_lies_between():
     cubes = np.vstack([cube, cube + [3.0, 0, 0]])
     assert alpha_volume(cubes, 0.3, 0.01) == pytest.approx(2.0, rel=0.1)
     assert alpha_volume(cubes, 100.0, 0.01) == pytest.approx(4.0, rel=0.05)
-    assert projected_area(cubes) == pytest.approx(4.0, rel=0.05)
+    assert hull_of(cubes[:, :2]).volume == pytest.approx(4.0, rel=0.05)
     assert alpha_volume(np.zeros((10, 3)), 1.0, 0.1) == 0.0
-    assert projected_area(np.zeros((10, 3))) == 0.0
+    assert hull_of(np.zeros((10, 2))).volume == 0.0
 
 
 def test_wood_without_an_axis_is_counted_where_it_touches_the_tree():

@@ -14,6 +14,7 @@ __all__ = [
     "components",
     "knn_edges",
     "link_components",
+    "quick_tree",
     "rows_in_box",
     "sparse_graph",
     "touching_edges",
@@ -22,6 +23,11 @@ __all__ = [
 FIRST_K = 16
 CELLS_IN_GAP = 4  # cells that points are linked on, in a gap
 RANK = 3  # of the neighbour whose distance is a point's own spacing: pairs of points do not fool it
+
+
+def quick_tree(points: np.ndarray) -> cKDTree:
+    """A k-d tree that is built quickly and asked seldom."""
+    return cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 
 def rows_in_box(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from cherrypicker.geometry.hulls import hull_of
 from cherrypicker.report.text import script_json, with_uncertainty
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.crown import hull_of
 from cherrypicker.traits.limb_table import limb_of_axis
 from cherrypicker.traits.table import LIMB_COLUMNS, TRAITS, BranchColumn
 from cherrypicker.units import unit_name

@@ -6,10 +6,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import wood_mask
+from cherrypicker.geometry.neighbors import quick_tree
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Axis, Skeleton, axis_of_node
 from cherrypicker.skeleton.samples import densify
-from cherrypicker.traits.support import OWN_RADII, quick_tree, support_reach
+from cherrypicker.traits.support import OWN_RADII, support_reach
 
 NO_BRANCH = -1
 _STEP_M = 0.005  # between the balls that stand for a tube: half the thinnest stem's radius (guess)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from cherrypicker.geometry.lines import NEAR, Line
 from cherrypicker.skeleton.axes import Axis, axis_polyline
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.lines import NEAR, Line
 
 LEAST_WINDOW_M = 0.08  # of the stretch at an axis's base that its direction is taken over (guess)
 WINDOW_RADII = 4.0  # of its first node: the same, where it is thick (guess)

@@ -10,55 +10,15 @@ widens the intervals upwards; the values stay those of the wood that was found.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.spatial import ConvexHull, Delaunay, QhullError
 
+from cherrypicker.evidence.missing_top import VOXEL, MissingTop
 from cherrypicker.geometry.error_terms import FACTORS
-from cherrypicker.geometry.sampling import voxel_keys
-from cherrypicker.traits.missing_top import VOXEL, MissingTop
+from cherrypicker.geometry.hulls import Hull, hull_of, reach_around, width_of
 from cherrypicker.traits.reports import Reports
 
 _N_RADIALS, _N_LEVELS = 8, 5  # of the contour (Culver and Till 1967)
 _TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
-_FLAT = 1e-12  # of a tetrahedron's largest edge cubed: one of less volume has no circumsphere
-_TURN = np.radians(np.arange(360.0))
-_WAYS = np.vstack([np.cos(_TURN), np.sin(_TURN)])  # horizontal, in whole degrees from +x towards +y
-
-
-@dataclass
-class Hull:
-    """Convex hull of points."""
-
-    points: np.ndarray  # (n_vertices, 3) float64: its vertices; all where they span no volume
-    # (n_faces, 4) float64: a point lies `equations @ [x, y, z, 1]` outside a face
-    equations: np.ndarray
-    area: float
-    volume: float
-
-
-def hull_of(points: np.ndarray) -> Hull:
-    """The :class:`Hull` of points, (n, 3) float64."""
-    try:
-        hull = ConvexHull(points) if len(points) > 3 else None
-    except QhullError:
-        hull = None
-    if hull is None:
-        return Hull(points, np.empty((0, points.shape[1] + 1)), 0.0, 0.0)
-    return Hull(points[hull.vertices], hull.equations, float(hull.area), float(hull.volume))
-
-
-def horizontal_width(flat: np.ndarray) -> float:
-    """Mean of the widest extent of flat points (n, 2), to whole degrees, and that across it."""
-    return _width((flat @ _WAYS).max(axis=0))
-
-
-def _width(reach: np.ndarray) -> float:
-    """The same of what reaches so far in each whole degree, (360,)."""
-    extent = reach[:180] + reach[180:]
-    widest = np.argmax(extent)
-    return float(extent[widest] + extent[(widest + 90) % 180]) / 2
 
 
 def grown(hull: Hull, further: np.ndarray, overshoot: float = 0.0) -> tuple[float, float]:
@@ -73,12 +33,12 @@ def grown(hull: Hull, further: np.ndarray, overshoot: float = 0.0) -> tuple[floa
     """
     if not len(hull.points):
         return 0.0, 0.0
-    reach = (hull.points[:, :2] @ _WAYS).max(axis=0) - overshoot
-    reach = np.maximum(reach, (further[:, :2] @ _WAYS).max(axis=0, initial=-np.inf))
+    reach = reach_around(hull.points[:, :2]) - overshoot
+    reach = np.maximum(reach, reach_around(further[:, :2]))
     away = hull.equations[:, :3] @ further.T + hull.equations[:, 3:]
     outside = further[away.max(axis=0, initial=0.0) > 0.0]
     volume = hull_of(np.vstack([hull.points, outside])).volume if len(outside) else hull.volume
-    return _width(reach), max(volume - hull.area * overshoot, 0.0)
+    return width_of(reach), max(volume - hull.area * overshoot, 0.0)
 
 
 def measure_crown(
@@ -159,45 +119,6 @@ def growth_by(missing: np.ndarray, extent: np.ndarray, hull: Hull) -> np.ndarray
         return np.zeros(3)
     larger = missing[:, 2].max(), *grown(hull, missing)
     return np.maximum(larger - extent, 0.0)
-
-
-def projected_area(points: np.ndarray) -> float:
-    """Area of the convex hull of points seen from above; 0 where they span none."""
-    return hull_of(points[:, :2]).volume
-
-
-def alpha_volume(points: np.ndarray, alpha: float, cell: float) -> float:
-    """Volume of the alpha shape of points: tetrahedra of their Delaunay mesh that are small.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-    alpha : float
-        Largest radius of a tetrahedron's circumsphere: hollows wider than this are no crown.
-    cell : float
-        Points are thinned to one a cube of this side first.
-
-    Returns
-    -------
-    float
-        0 where the points span no volume.
-    """
-    if len(points) < 4:
-        return 0.0
-    points = points[np.unique(voxel_keys(points, cell), return_index=True)[1]]
-    if len(points) < 4:
-        return 0.0
-    try:
-        corners = points[Delaunay(points).simplices]
-    except QhullError:
-        return 0.0
-    edges = corners[:, 1:] - corners[:, :1]
-    determinant = np.linalg.det(edges)
-    solid = np.abs(determinant) > _FLAT * np.abs(edges).max() ** 3
-    edges, determinant = edges[solid], determinant[solid]
-    centre = np.linalg.solve(2 * edges, (edges**2).sum(axis=2)[..., None])[..., 0]
-    small = np.linalg.norm(centre, axis=1) <= alpha
-    return float(np.abs(determinant[small]).sum() / 6)
 
 
 def contour_volume(points: np.ndarray, middle: np.ndarray) -> float:

@@ -9,17 +9,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cherrypicker.traits.reports import Reports
 from cherrypicker.units import unit_name
-
-if TYPE_CHECKING:
-    from cherrypicker.traits.foot import Foot
-    from cherrypicker.traits.frame_edges import FrameEdge
-    from cherrypicker.traits.missing_top import MissingTop
-    from cherrypicker.traits.support import Support
-    from cherrypicker.traits.trunk import TrunkDiameter
 
 # A piece of wood longer than this is told, or a larger share. With 1 % of the points the faulty
 # tree of docs/traits.md is told and six sound ones are not; the photos' share is a guess
@@ -209,7 +202,7 @@ _ROWS = (
     Flag(
         "no_diameter",
         lambda f: f.unmeasured,
-        "the trunk has no measurable diameter at {f.unmeasured} {f.m}",
+        "the trunk has no measurable diameter at {f.heights} {f.m}",
         "Take these heights out of traits.trunk_heights_m, or photograph the stem there.",
     ),
     Flag(
@@ -274,38 +267,31 @@ _ROWS = (
 FLAGS = {flag.name: flag for flag in _ROWS}
 
 
-def quality_flags(
-    reports: Reports,
-    unit: str = "m",
-    *,
-    height: float | None = None,
-    trunk: TrunkDiameter | None = None,
-    wanted_height: float = 0.0,
-    unmeasured: Sequence[float] = (),
-    foot: Foot | None = None,
-    support: Support | None = None,
-    crown_width: float | None = None,
-    confidence: float | None = None,
-    edges: Sequence[FrameEdge] = (),
-    missing_top: MissingTop | None = None,
-) -> list[str]:
+# What a measurement tells, where there is none
+_UNMEASURED: dict[str, Any] = {
+    "unit": "m",  # or ``arbitrary``
+    "height": None,
+    "trunk": None,  # a `TrunkDiameter`
+    "wanted_height": 0.0,  # at which that was asked for
+    "unmeasured": (),  # further heights that the trunk reaches, where no diameter could be measured
+    "foot": None,
+    "support": None,
+    "crown_width": None,
+    "confidence": None,  # median confidence of the wood labels
+    "edges": (),  # each `FrameEdge`, beyond which few photos look
+    "missing_top": None,  # a `MissingTop`, that the photos show and the cloud does not hold
+}
+
+
+def quality_flags(reports: Reports, **measured: Any) -> list[str]:
     """The warnings of a tree, "name: sentence" each, by what is known of it.
 
     Parameters
     ----------
-    unit : str, default "m"
-        ``m`` or ``arbitrary``.
-    wanted_height : float
-        At which the diameter of `trunk` was asked for.
-    unmeasured : sequence of float
-        Further heights that the trunk reaches but where no diameter could be measured.
-    confidence : float, optional
-        Median confidence of the wood labels.
-    edges : sequence of FrameEdge
-        Sides of the tree beyond which few photos look.
-    missing_top : MissingTop, optional
-        How much taller the photos show the tree than its cloud is.
+    **measured
+        Some of the names of `_UNMEASURED`.
     """
+    facts = SimpleNamespace(**vars(reports) | _UNMEASURED | measured)
     check, target, lost = reports.photo_check, reports.target, reports.edits.get("lost", ())
     before = check.get("before") or {"dropped_length": 0.0, "length": 1.0}
     pieces = {
@@ -317,28 +303,18 @@ def quality_flags(
         name: max((piece["length"] for piece in some), default=0.0) for name, some in pieces.items()
     }
     loose = [(math.dist(one["low"], one["high"]), one) for one in target.get("loose") or ()]
-    sides = [edge for edge in edges if edge.azimuth_deg is not None]
+    sides = [edge for edge in facts.edges if edge.azimuth_deg is not None]
     n_left_out = reports.sparse.get("n_left_out")
     photos = reports.sparse.get("photos", {}).values()
-    facts = SimpleNamespace(
-        **vars(reports),
-        unit=unit,
-        m=unit_name(unit),
-        height=height,
-        trunk=trunk,
-        rough=200 * trunk.residual / trunk.diameter if trunk else 0.0,
-        wanted_height=wanted_height,
-        unmeasured=", ".join(f"{height:.2f}" for height in unmeasured),
-        foot=foot,
-        support=support,
-        longest_gap=max(support.gaps, default=0.0) if support else 0.0,
-        missed=100 * support.missed_share if support else 0.0,
-        crown_width=crown_width,
-        confidence=confidence,
-        top=next((edge for edge in edges if edge.azimuth_deg is None), None),
+    vars(facts).update(
+        m=unit_name(facts.unit),
+        rough=200 * facts.trunk.residual / facts.trunk.diameter if facts.trunk else 0.0,
+        heights=", ".join(f"{height:.2f}" for height in facts.unmeasured),
+        longest_gap=max(facts.support.gaps, default=0.0) if facts.support else 0.0,
+        missed=100 * facts.support.missed_share if facts.support else 0.0,
+        top=next((edge for edge in facts.edges if edge.azimuth_deg is None), None),
         side=min(sides, key=lambda edge: edge.n_photos, default=None),
         azimuths=", ".join(f"{edge.azimuth_deg:.0f}" for edge in sides),
-        missing_top=missing_top,
         scale_error=100 * reports.scale_error,
         doubts="; ".join(reports.scale.get("doubts") or ()),
         n_used=reports.sparse.get("n_registered"),

@@ -11,32 +11,26 @@ import numpy as np
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
+from cherrypicker.evidence.frame_edges import frame_edges
+from cherrypicker.evidence.missing_top import find_missing_top
 from cherrypicker.files import rounded
 from cherrypicker.geometry.error_terms import Terms
+from cherrypicker.geometry.hulls import alpha_volume, hull_of
+from cherrypicker.geometry.neighbors import quick_tree
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import fold
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import Topology
 from cherrypicker.traits.branches import branch_rows, totals_by_order
-from cherrypicker.traits.crown import (
-    alpha_volume,
-    contour_volume,
-    growth_by,
-    hull_of,
-    measure_crown,
-    missing_wood,
-    projected_area,
-)
+from cherrypicker.traits.crown import contour_volume, growth_by, measure_crown, missing_wood
 from cherrypicker.traits.flags import at_least, quality_flags
 from cherrypicker.traits.foot import find_foot
-from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.intervals import CM2, Estimate, typical_scatter
 from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, squares_terms
-from cherrypicker.traits.missing_top import find_missing_top
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.shoot_ends import draw_tips, find_shoot_ends
-from cherrypicker.traits.support import find_support, quick_tree, support_reach
+from cherrypicker.traits.support import find_support, support_reach
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.traits.trunk import TOP_M, TrunkDiameter, measure_near, stem_of
 
@@ -163,7 +157,7 @@ class ScannedTree:
         base = skeleton.points[max(scaffold.crown_start, 0)]
         # None without a crown
         self.crown_base_height = base[2] - foot_z if len(self.crown_points) else None
-        self.crown_projected_area = projected_area(hull.points)
+        self.crown_projected_area = hull_of(hull.points[:, :2]).volume
         self.crown_alpha = _ALPHA_SHARE * max(self.crown_width.value, 1e-9)
         cell = self.crown_alpha / _ALPHA_CELLS
         self.crown_alpha_volume = alpha_volume(self.crown_points, self.crown_alpha, cell)
@@ -307,7 +301,7 @@ def measure_traits(
         "interval_terms": terms,
         "flags": quality_flags(
             reports,
-            cloud.unit,
+            unit=cloud.unit,
             height=tree.height.value,
             trunk=tree.trunk,
             wanted_height=options.trunk_height_m,

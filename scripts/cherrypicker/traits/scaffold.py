@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.lines import Line
 from cherrypicker.skeleton import Axis, Skeleton, axis_polyline, densify
 from cherrypicker.skeleton import axes as find_axes
 from cherrypicker.traits.branch_shapes import LEAST_WINDOW_M
 from cherrypicker.traits.intervals import typical_scatter
-from cherrypicker.traits.lines import Line
 
 BEYOND_M = 0.025  # beyond the stem's surface: where a limb is measured (Schupp 2017)
 _STEP_M = 0.005  # along a limb and along the stem

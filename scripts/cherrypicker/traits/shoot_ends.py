@@ -13,9 +13,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.error_terms import FACTORS
+from cherrypicker.geometry.lines import Line
 from cherrypicker.geometry.stem_slabs import cut_slab
 from cherrypicker.skeleton import Axis, Skeleton, axis_polyline
-from cherrypicker.traits.lines import Line
 
 # The end of a shoot, in the distance within which wood points have company (guesses): stretch of
 # its direction; stretch whose points are counted, how far ahead of the tip and aside of the axis

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.geometry.neighbors import link_components
+from cherrypicker.geometry.neighbors import link_components, quick_tree
 from cherrypicker.geometry.tree_walks import sum_from_root
 from cherrypicker.skeleton import Skeleton, densify
 
@@ -48,11 +48,6 @@ class Support:
     missed: np.ndarray
     missed_share: float
     missed_length: float
-
-
-def quick_tree(points: np.ndarray) -> cKDTree:
-    """A k-d tree that is built quickly and asked seldom."""
-    return cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 
 def support_reach(wood: cKDTree) -> float:

@@ -17,10 +17,10 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.error_terms import Terms, trunk_terms
+from cherrypicker.geometry.lines import Line
 from cherrypicker.geometry.stem_slabs import stem_section, tolerance_of
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.foot import Foot
-from cherrypicker.traits.lines import Line
 
 __all__ = ["Stem", "TrunkDiameter", "measure_diameter", "measure_near", "stem_of"]
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.files import atomic_path, write_json
+from cherrypicker.geometry.hulls import horizontal_width
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.poses import write_poses
-from cherrypicker.traits.crown import horizontal_width
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 

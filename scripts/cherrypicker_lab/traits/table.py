@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker.traits.crown import hull_of
+from cherrypicker.geometry.hulls import hull_of
 from cherrypicker.traits.measure import TraitOptions
 from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.table import TRAITS

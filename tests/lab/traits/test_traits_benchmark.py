@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.hulls import horizontal_width
 from cherrypicker.skeleton import axes
 from cherrypicker.traits.branches import branch_rows
-from cherrypicker.traits.crown import horizontal_width
 from cherrypicker_lab.orchard.grow.growth import grow_tree
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.skeletons.set_tree import true_skeleton

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from cherrypicker.evidence.frame_edges import frame_edges
 from cherrypicker.poses import Poses
 from cherrypicker.traits.flags import quality_flags
-from cherrypicker.traits.frame_edges import frame_edges
 from cherrypicker.traits.reports import Reports
 
 N_PHOTOS, DISTANCE, FOCAL = 12, 4.0, 1000.0
