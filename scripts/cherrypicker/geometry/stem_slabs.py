@@ -71,7 +71,7 @@ def stem_section(
     slab : tuple
         Centre and axis, (3,) both, half its height and its reach, as for `cut_slab`.
     tolerance, radius_range : float, tuple of float
-        Of the circle that it starts from, see `search_circle`.
+        Of the circle that it starts from, see `search_circle`; its own radius lies in that range.
     min_points : int
         Fewer are no stem.
     rng : numpy.random.Generator
@@ -85,8 +85,8 @@ def stem_section(
     Raises
     ------
     StageError
-        If there are too few points, no section, or points at one end of the slab alone: a stem that
-        is hidden in its middle would be carried on over the gap.
+        If there are too few points, no section in the range, or points at one end of the slab: a
+        stem that is hidden in its middle would be carried on over the gap.
     """
     local, frame = cut_slab(points, *slab)
     z = slab[0][2]
@@ -103,6 +103,8 @@ def stem_section(
     along = local[fit.weights > 0, 2]
     if abs(along.mean()) > np.sqrt(3.0) * along.std():
         raise StageError(f"the stem points around z = {z:.2f} end above or below it")
+    if not radius_range[0] <= fit.radius <= radius_range[1]:  # a fit may leave what it began at
+        raise StageError(f"the stem fitted around z = {z:.2f} is not as thick as expected")
     return fit, frame
 
 

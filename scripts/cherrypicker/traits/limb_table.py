@@ -66,11 +66,11 @@ def ratio_terms(
     """
     if not squares or not stem:
         return {}
-    slope = 2.0 * ratio / stem_diameter
-    terms = {name: float(slope * term) for name, term in stem.items()}
-    for name, term in squares.items():
-        terms[name] = float(np.hypot(terms.get(name, 0.0), term / stem_diameter**2))
-    return terms
+    slope, area = 2.0 * ratio / stem_diameter, stem_diameter**2
+    return {
+        name: float(np.hypot(slope * stem.get(name, 0.0), squares.get(name, 0.0) / area))
+        for name in {**stem, **squares}
+    }
 
 
 def by_diameter(limbs: list[Limb], bounds: Sequence[float]) -> dict[str, int]:

@@ -15,7 +15,6 @@ from cherrypicker.skeleton import Skeleton, densify
 _SAMPLE_M = 0.01  # step along the skeleton
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
 _COMPANY = 4  # points within it
-_ON_SKELETON = 0.2  # of the reach: points this near belong to the skeleton for sure
 _NEAR_RADII, OWN_RADII = 1.5, 2.0  # wood that supports the skeleton, and that belongs to it
 _SPARSE = 1.5  # reach over the distance to a neighbour
 _REACH_POINTS = 5_000  # enough for a median
@@ -30,9 +29,7 @@ class Support:
 
     # (n_nodes,) bool: false for pieces that are shorter than the gap that they hang on
     node: np.ndarray
-    # (n_wood,) bool: wood points on a supported node's piece of skeleton, and those near it that do
-    # not float alone
-    point: np.ndarray
+    point: np.ndarray  # (n_wood,) bool: wood points near a supported node's piece of skeleton
     owner: (
         np.ndarray
     )  # (n_wood,) int64: upper node of the edge that each wood point lies nearest to
@@ -94,10 +91,6 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
     away, sample = cKDTree(samples).query(wood.data)
     owner, thick = node[sample], radius[sample]
     point = kept[owner] & (away <= np.maximum(OWN_RADII * thick, reach))
-    # The sparse end of a shoot has few points; those on the skeleton need no company.
-    alone = np.flatnonzero(point & (away > np.maximum(thick, _ON_SKELETON * reach)))
-    company, _ = wood.query(wood.data[alone], k=[_COMPANY + 1], distance_upper_bound=reach)
-    point[alone] = np.isfinite(company[:, 0])
     is_far = away > np.maximum(OWN_RADII * thick, _MISSED_M)
     missed, length = missed_wood(wood.data[is_far], wood.data[point], reach)
     return Support(

@@ -27,7 +27,6 @@ __all__ = ["Stem", "TrunkDiameter", "measure_diameter", "measure_near", "stem_of
 logger = logging.getLogger(__name__)
 
 _LYING_DEG = 60.0
-_RECUT_DEG = 2.0
 _SPAN_M = 0.15  # of the stem around a height whose median radius is its own there
 TOP_M = 0.02  # below its end a trunk is no longer measured (guess)
 _MOST_SHIFT_M, _STEP_M = 0.2, 0.05  # how far off a height it is measured where that fails there
@@ -35,23 +34,13 @@ _MOST_SHIFT_M, _STEP_M = 0.2, 0.05  # how far off a height it is measured where 
 
 @dataclass
 class Stem:
-    """The trunk's skeleton as a function of height.
+    """The trunk's skeleton as a function of height."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Polyline from the foot to the trunk's end.
-    radius : ndarray of shape (n,), float64
-    height : ndarray of shape (n,), float64
-        Height over the foot (along the stem, for a lying one), increasing.
-    is_lying : bool
-        The stem leans more than 60 degrees: heights run along it.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # (n, 3) float64: polyline from the foot to the trunk's end
+    # radius, height: (n,) float64; the height is over the foot, along a lying stem, and increases
     radius: np.ndarray
     height: np.ndarray
-    is_lying: bool
+    is_lying: bool  # it leans more than 60 degrees: heights run along it
 
     @cached_property
     def line(self) -> Line:
@@ -87,32 +76,18 @@ def stem_of(skeleton: Skeleton, trunk_nodes: np.ndarray, foot: Foot) -> Stem:
 
 @dataclass
 class TrunkDiameter:
-    """A measured diameter and what it rests on; lengths in the cloud's unit.
+    """A measured diameter and what it rests on; lengths in the cloud's unit."""
 
-    Attributes
-    ----------
-    height : float
-        Height over the foot at which it was measured.
-    diameter : float
-    center, axis : ndarray of shape (3,)
-        Centre of the section and unit direction of the stem there.
-    terms : Terms
-        What its error follows; empty when the skeleton's radius had to stand in.
-    arc_deg, residual, n_points : float, float, int
-        Arc covered, robust standard deviation of the points around the surface, points used.
-    source : str
-        ``points`` or ``skeleton``.
-    """
-
-    height: float
+    height: float  # over the foot, at which it was measured
     diameter: float
+    # center, axis: (3,) float64: of the section, and unit direction of the stem there
     center: np.ndarray
     axis: np.ndarray
-    terms: Terms
-    arc_deg: float = 0.0
-    residual: float = 0.0
+    terms: Terms  # what its error follows; empty when the skeleton's radius had to stand in
+    arc_deg: float = 0.0  # covered by points
+    residual: float = 0.0  # robust standard deviation of the points around the surface
     n_points: int = 0
-    source: str = "points"
+    source: str = "points"  # or ``skeleton``
 
 
 def measure_diameter(
@@ -153,24 +128,16 @@ def measure_diameter(
     half_height = min(half_height, max(height - TOP_M, 0.5 * half_height))
     span, sizes = max(half_height, 2 * guess), (0.3 * guess, 2.5 * guess + 0.01)
     center, axis = stem.line.at(height), stem.line.direction(height - span, height + span)
-    for _ in range(2):
-        slab = center, axis, half_height, 3.0 * guess + 0.03
-        fit, frame = stem_section(wood, slab, tolerance_of(guess), sizes, min_points, rng)
-        center_found = center + fit.parameters[:2] @ frame[:2]
-        tilt = np.array([fit.parameters[3], fit.parameters[4], 1.0])
-        if np.linalg.norm(tilt[:2]) <= np.tan(np.radians(_RECUT_DEG)):
-            break
-        # The points know the axis better than the skeleton: cut again, at right angles to it.
-        center, axis = center_found, tilt @ frame / np.linalg.norm(tilt)
+    slab = center, axis, half_height, 3.0 * guess + 0.03
+    fit, frame = stem_section(wood, slab, tolerance_of(guess), sizes, min_points, rng)
     if fit.n_inliers < min_points or fit.arc_deg < min_arc_deg:
         raise StageError(
             f"{fit.n_inliers} points over {fit.arc_deg:.0f} degrees fit a stem at height "
             f"{height:.2f}, {min_points} over {min_arc_deg:.0f} needed"
         )
-    if not 0.25 * guess <= fit.radius <= 4.0 * guess + 0.01:
-        raise StageError(f"the stem fitted at height {height:.2f} is far from its skeleton")
     rests_on = trunk_terms(fit), fit.arc_deg, fit.noise, fit.n_inliers
-    return TrunkDiameter(height, 2.0 * fit.radius, center_found, axis, *rests_on)
+    center = center + fit.parameters[:2] @ frame[:2]
+    return TrunkDiameter(height, 2.0 * fit.radius, center, axis, *rests_on)
 
 
 def measure_near(
