@@ -14,6 +14,7 @@ from cherrypicker.markers.columns import check_scale_columns, parse_marker_sides
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.traits.flags import quality_flags
+from cherrypicker.traits.intervals import Estimate
 from cherrypicker.traits.reports import Reports
 
 
@@ -122,10 +123,12 @@ def test_the_trees_height_and_the_cameras_distance_question_a_scale(caplog):
     scale_scene(cloud, poses, {"mode": "marker", "scale": 20.0, "unit": "m"}, crop)
     assert "odd for a tree" in caplog.text
     for height in (0.03, 30.0):
-        (flag,) = quality_flags(Reports(), height=height)
+        (flag,) = quality_flags(Reports(), height=Estimate(height))
         assert flag.startswith("odd_height") and "marker_sides_m" in flag
-    assert quality_flags(Reports(), height=2.5) == []
-    assert "odd_height" not in str(quality_flags(Reports(), unit="arbitrary", height=900.0))
+    assert quality_flags(Reports(), height=Estimate(2.5)) == []
+    assert "odd_height" not in str(
+        quality_flags(Reports(), unit="arbitrary", height=Estimate(900.0))
+    )
 
 
 @pytest.fixture(scope="module")

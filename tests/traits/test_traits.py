@@ -134,6 +134,7 @@ def test_plain_tree(y_tree, y_traits):
     assert (traits["n_junctions"], traits["n_tips"]) == (2, 3)
     assert traits["n_branches_by_order"] == {"0": 1, "1": 2}
     assert traits["length_by_order_m"]["1"] == pytest.approx(1.4, abs=1e-6)
+    assert traits["mean_diameter_by_order_m"]["1"] == pytest.approx(0.024)
     assert traits["trunk_diameters"]["1.00"] == pytest.approx(y_tree.diameter_at(1.0), abs=0.002)
     lengths = [row["length_m"] for row in tables["branches"]]
     assert sum(lengths) == pytest.approx(traits["total_length_m"], abs=1e-5)

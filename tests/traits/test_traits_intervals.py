@@ -15,7 +15,7 @@ from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.crown import grown, measure_crown
 from cherrypicker.traits.foot import find_foot
-from cherrypicker.traits.intervals import Z90, branch_terms, interval
+from cherrypicker.traits.intervals import Z90, interval
 from cherrypicker.traits.shoot_ends import ShootEnds, draw_tips, find_shoot_ends
 from cherrypicker.traits.trunk import Stem, measure_diameter
 
@@ -45,19 +45,6 @@ def test_errors_are_independent_and_drawn_ends_add_to_one_side():
     low, high = interval(2.0, {"scale": 0.01}, (0.0, 0.03))
     assert (low, high) == pytest.approx((2.0 - Z90 * 0.01, 2.0 + np.hypot(Z90 * 0.01, 0.03)))
     assert interval(0.001, {"fit": 0.002})[0] == 0.0
-
-
-def base_shape(**changes):
-    shape = {"base_residual": 0.002, "base_error": 3e-4, "base_diameter_m": 0.02, "stretch": 0.08}
-    return {name: np.array([value]) for name, value in (shape | changes).items()}
-
-
-def test_what_the_errors_of_a_branch_follow():
-    own, other = (branch_terms(base_shape(**c), 0.004) for c in ({}, {"base_residual": 0.0}))
-    assert own["base_diameter_m"]["fit"] == pytest.approx(0.0006)
-    assert own["base_diameter_m"]["diameter_shared"] == 0.002
-    assert other["base_diameter_m"]["diameter_shared"] == 0.004
-    assert own["insertion_angle_deg"]["angle_shared"] == pytest.approx(np.degrees(0.002 / 0.08))
 
 
 def test_columns_of_a_branch():

@@ -5,7 +5,7 @@ import pytest
 
 from cherrypicker.geometry.hulls import alpha_volume, hull_of
 from cherrypicker.skeleton import Skeleton, axes
-from cherrypicker.traits.branches import branch_rows, branches_csv, totals_by_order
+from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.support import missed_wood
 
 
@@ -63,13 +63,6 @@ def test_what_rests_on_little_is_flagged(rows):
                              "insertion_angle_low_deg,insertion_angle_high_deg,"
                              "photo_diameter_m,photo_diameter_se_m,p_exists")  # fmt: skip
     assert ",,0.30000," in lines[2]  # no spacing is an empty cell
-
-
-def test_totals_by_order(rows):
-    totals = totals_by_order(rows)
-    assert list(totals) == [0, 1] and totals[1]["n"] == 3
-    assert totals[1]["length"] == pytest.approx(0.9)
-    assert totals[1]["mean_diameter"] == pytest.approx(0.02)
 
 
 def test_crown_of_two_cubes_is_not_what_lies_between():

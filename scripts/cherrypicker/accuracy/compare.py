@@ -11,8 +11,9 @@ from cherrypicker.accuracy.measures import Measure
 from cherrypicker.accuracy.places import TOLERANCE_M, Place, Places
 from cherrypicker.files import rounded
 from cherrypicker.skeleton import Skeleton, axes
-from cherrypicker.traits.intervals import Z90, diameter_terms, interval, typical_scatter
-from cherrypicker.traits.reports import relative_error
+from cherrypicker.skeleton.axis_radii import typical_scatter
+from cherrypicker.traits.intervals import Z90, diameter_terms, interval
+from cherrypicker.traits.reports import Reports
 
 # A trunk diameter was measured at the height of a section if it lies this close, m
 _SAME_HEIGHT_M = 0.005
@@ -52,7 +53,7 @@ class ComparedTree:
         foot = traits.get("foot") or skeleton.points[0].tolist()
         self.places = Places(skeleton, axes(skeleton), foot[2])
         self.typical = typical_scatter(skeleton)
-        self.scale_error = relative_error(scale)
+        self.scale_error = Reports(scale=scale or {}).scale_error
         # Photos that were surer than the points scaled the whole branch (`traits.branches`)
         self.by_photos = {
             row["branch_id"]: row["diameter"] / row["tube_diameter"]

@@ -39,6 +39,7 @@ MEASURE_COLUMNS, ACCURACY_COLUMNS = _TABLES["measures"], _TABLES["accuracy"]
 _SURE = [trait for trait in TRAITS.values() if trait.has_error]
 _SINCE = ("n_limbs", "limb_trunk_ratio")  # shown, and in no version up to 0.1.0
 _FIRST = [trait for trait in TRAITS.values() if trait.is_shown and trait.name not in _SINCE]
+_FIRST_ERRORS = ("height_m", "trunk_diameter_m", "tcsa_cm2")
 _ERROR = "_se", ", standard error"
 _ENDS = [
     (f"_ci90_{end}", f", {word} end of the 90 % interval")
@@ -48,10 +49,10 @@ _ENDS = [
 TRAIT_COLUMNS: list[Field] = [
     *_TABLES["tree"],
     *map(_of_trait, _FIRST),
-    *(_of_trait(trait, *_ERROR) for trait in _SURE if trait.has_error_column),
+    *(_of_trait(trait, *_ERROR) for trait in _SURE if trait.name in _FIRST_ERRORS),
     {"name": "flags", "type": "string", "title": "Warnings", "description": "joined by '; '"},
     *(_of_trait(trait) for trait in TRAITS.values() if trait not in _FIRST),
-    *(_of_trait(trait, *_ERROR) for trait in _SURE if not trait.has_error_column),
+    *(_of_trait(trait, *_ERROR) for trait in _SURE if trait.name not in _FIRST_ERRORS),
     *(_of_trait(trait, *end) for trait in _SURE for end in _ENDS),
 ]
 

@@ -13,7 +13,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_table
 from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline, read_skeleton
-from cherrypicker.traits.branch_shapes import axis_shapes
+from cherrypicker.traits.branches import axis_shapes
 
 _LEAST_LENGTH = 1e-9  # a shorter step has no direction
 

@@ -25,13 +25,15 @@ def branch_table(rows: list, unit: str) -> dict:
     ordered = sorted(rows, key=lambda row: (row["order"], -row["length_m"]))
     return {
         "heads": [
-            {"text": _head(column, unit), "kind": column.kind, "is_more": not column.title}
+            {"text": column_head(column, unit), "kind": column.kind, "is_more": not column.title}
             for column in columns
         ],
         "rows": [
             {
                 "id": row["branch_id"],
-                "cells": [(_cell(column, row), _sorted_by(row[column.name])) for column in columns],
+                "cells": [
+                    (column_cell(column, row), _sorted_by(row[column.name])) for column in columns
+                ],
             }
             for row in ordered
         ],
@@ -73,20 +75,22 @@ def _facts(row: dict, unit: str) -> list[tuple[str, str]]:
     return [*facts, ("flags", "; ".join(flags) or "none")]
 
 
-def _head(column: BranchColumn, unit: str) -> str:
-    title = column.title or column.name.removesuffix("_m").removesuffix("_deg").replace("_", " ")
-    if column.kind in ("whole", "text"):
-        return title
-    if column.name.endswith("_deg"):
-        return f"{title.removesuffix(' deg')} [°]"
-    if column.name.endswith("_m3"):
-        return f"{title.removesuffix(' m3')} [{unit_name(unit, 3)}]"
-    if column.name == "taper_mm_per_m":
-        return "taper [1/1000]"
-    return title if column.name in ("gap_share", "p_exists") else f"{title} [{unit_name(unit)}]"
+def column_head(column: BranchColumn, unit: str) -> str:
+    """The head of a column of ``branches.csv`` or ``limbs.csv``, with its unit."""
+    words = {
+        "_mm_per_m": "1/1000",
+        "_deg": "°",
+        "_cm2": "cm²" if unit == "m" else f"1e-4 {unit_name(unit, 2)}",
+        "_m3": unit_name(unit, 3),
+        "_m": unit_name(unit),
+    }
+    end = next((end for end in words if column.name.endswith(end)), "")
+    title = column.title or column.name.removesuffix(end).replace("_", " ")
+    return f"{title} [{words[end]}]" if end else title
 
 
-def _cell(column: BranchColumn, row: dict) -> str:
+def column_cell(column: BranchColumn, row: dict) -> str:
+    """The text of a row's cell; a dash where there is no such number."""
     value = row[column.name]
     if column.kind == "text":
         return ", ".join(value.split()).replace("_", " ")

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.geometry.hulls import hull_of
+from cherrypicker.report.branches import column_cell, column_head
 from cherrypicker.report.text import script_json, with_uncertainty
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.limb_table import limb_of_axis
-from cherrypicker.traits.table import LIMB_COLUMNS, TRAITS, BranchColumn
+from cherrypicker.traits.table import LIMB_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
 
 _DECIMALS = 3  # of coordinates on the page
@@ -51,8 +52,10 @@ def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> d
             for name, count in traits.get("n_limbs_by_diameter", {}).items()
         ],
         "forms": [(TRAITS[name].title, _told(traits, name, unit)) for name in _FORMS],
-        "head": [_head(column, unit) for column in columns],
-        "rows": [(row["branch_id"], [_cell(column, row) for column in columns]) for row in rows],
+        "head": [column_head(column, unit) for column in columns],
+        "rows": [
+            (row["branch_id"], [column_cell(column, row) for column in columns]) for row in rows
+        ],
         "what_if": script_json(_what_if(traits, rows, skeleton, unit)),
     }
 
@@ -68,21 +71,6 @@ def _class_name(name: str, unit: str) -> str:
     if not high:
         return f"{float(low) * factor:g} {word} and more"
     return f"{float(low) * factor:g} to {float(high) * factor:g} {word}"
-
-
-def _head(column: BranchColumn, unit: str) -> str:
-    if column.name.endswith("_deg"):
-        return f"{column.title} [°]"
-    if column.name.endswith("_cm2"):
-        return f"{column.title} [{'cm²' if unit == 'm' else '1e-4 ' + unit_name(unit, 2)}]"
-    return f"{column.title} [{unit_name(unit)}]" if column.name.endswith("_m") else column.title
-
-
-def _cell(column: BranchColumn, row: dict) -> int | str:
-    value = row[column.name]
-    if column.kind == "text":
-        return ", ".join(value.split()).replace("_", " ")
-    return value if column.kind == "whole" else f"{value:.{column.decimals}f}"
 
 
 def _what_if(traits: dict, rows: list[dict], skeleton: Skeleton, unit: str) -> dict:

@@ -253,7 +253,7 @@ def _pair(results: Sequence[TreeResult], x: str, y: str, place: Mapping[str, int
 def _unit(trait: Trait) -> str:
     if trait.power is None:
         return ""
-    return "cm²" if trait.is_cm2 else unit_name("m", trait.power)
+    return "cm²" if trait.unit == "cm2" else unit_name("m", trait.power)
 
 
 def _short(value: object) -> float | None:

@@ -65,11 +65,11 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
         return f"{value:,.{trait.decimals}f}"
     spread = error if isinstance(error, int | float) and math.isfinite(error) else 0.0
     name, decimals = unit_name(unit, trait.power), trait.decimals
-    if trait.is_cm2 and unit == "m":
+    if trait.unit == "cm2" and unit == "m":
         name = "cm²"
-    elif trait.is_cm2:
+    elif trait.unit == "cm2":
         value, spread, decimals = value / 1e4, spread / 1e4, 5
-    elif trait.is_per_hectare:
+    elif trait.unit == "m3/ha":
         name = "m³/ha"
     if spread <= 0:
         return f"{value:,.{decimals}f} {name}".rstrip()

@@ -14,7 +14,7 @@ from cherrypicker.geometry.sections import arc_deg, judge
 from cherrypicker.geometry.tree_walks import child_rows, window
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["tell_radii"]
+__all__ = ["tell_radii", "typical_scatter"]
 
 MOST_POINTS = 300  # of a node, evenly drawn from more: bounds the time (guess)
 FEWEST_POINTS = 5  # of which a circle is judged: two more than it has numbers
@@ -67,6 +67,19 @@ def tell_radii(
         radius[at] = radius[skeleton.parent[at]] if at else np.append(known, LEAST_RADIUS_M)[0]
     fields = {"n_points": n_points, "arc_deg": arc, "residual": residual, "radius_error": error}
     return replace(skeleton, radius=radius, fields=skeleton.fields | fields)
+
+
+def typical_scatter(skeleton: Skeleton) -> float | None:
+    """Median scatter of the points around the skeleton's radii; None where that is not known.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        With the field ``residual``, 0 where no radius was fitted.
+    """
+    scatter = skeleton.fields.get("residual", np.zeros(0))
+    scatter = scatter[scatter > 0]
+    return float(np.median(scatter)) if len(scatter) else None
 
 
 @compiled

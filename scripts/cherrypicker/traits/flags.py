@@ -44,8 +44,8 @@ _ROWS = (
     ),
     Flag(
         "odd_height",  # for a fruit tree (guess)
-        lambda f: f.unit == "m" and f.height is not None and not 0.15 <= f.height <= 25.0,
-        "a tree {f.height:.3g} m tall is odd; check scale, marker_sides_m or cloud_unit in "
+        lambda f: f.unit == "m" and f.height and not 0.15 <= f.height.value <= 25.0,
+        "a tree {f.height.value:.3g} m tall is odd; check scale, marker_sides_m or cloud_unit in "
         "trees.tsv",
         "Check scale, marker_sides_m or cloud_unit in trees.tsv.",
     ),
@@ -194,9 +194,9 @@ _ROWS = (
     ),
     Flag(
         "trunk_height_moved",
-        lambda f: f.trunk and abs(f.trunk.height - f.wanted_height) > 1e-6,
+        lambda f: f.trunk and abs(f.trunk.height - f.options.trunk_height_m) > 1e-6,
         "the trunk diameter was taken at height {f.trunk.height:.2f} {f.m}, not "
-        "{f.wanted_height:.2f}",
+        "{f.options.trunk_height_m:.2f}",
         "Set traits.trunk_height_m to a height that the trunk reaches.",
     ),
     Flag(
@@ -251,7 +251,7 @@ _ROWS = (
     ),
     Flag(
         "no_crown",
-        lambda f: f.crown_width == 0,
+        lambda f: f.crown_width and f.crown_width.value == 0,
         "nothing leaves the stem, crown width and volume are 0",
         "Is this the tree? Set crop.target_xy to its place, or look at the classes.",
     ),
@@ -267,19 +267,18 @@ _ROWS = (
 FLAGS = {flag.name: flag for flag in _ROWS}
 
 
-# What a measurement tells, where there is none
+# What the warnings read of a `ScannedTree`, where nothing is measured
 _UNMEASURED: dict[str, Any] = {
-    "unit": "m",  # or ``arbitrary``
+    "unit": "m",
     "height": None,
-    "trunk": None,  # a `TrunkDiameter`
-    "wanted_height": 0.0,  # at which that was asked for
-    "unmeasured": (),  # further heights that the trunk reaches, where no diameter could be measured
+    "trunk": None,
+    "unmeasured": (),
     "foot": None,
     "support": None,
     "crown_width": None,
-    "confidence": None,  # median confidence of the wood labels
-    "edges": (),  # each `FrameEdge`, beyond which few photos look
-    "missing_top": None,  # a `MissingTop`, that the photos show and the cloud does not hold
+    "confidence": None,
+    "edges": (),
+    "missing_top": None,
 }
 
 
@@ -289,7 +288,7 @@ def quality_flags(reports: Reports, **measured: Any) -> list[str]:
     Parameters
     ----------
     **measured
-        Some of the names of `_UNMEASURED`.
+        Attributes of a `cherrypicker.traits.measure.ScannedTree`, some or all.
     """
     facts = SimpleNamespace(**vars(reports) | _UNMEASURED | measured)
     check, target, lost = reports.photo_check, reports.target, reports.edits.get("lost", ())

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cherrypicker.geometry.error_terms import Terms, spread
-from cherrypicker.skeleton.model import Skeleton
 
 Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
 CI90 = (0.05, 0.95)
@@ -81,19 +80,6 @@ class Estimate:
         return Estimate(area * self.value**2, 2 * area * self.value * self.se, (low, high))
 
 
-def typical_scatter(skeleton: Skeleton) -> float | None:
-    """Median scatter of the points around the skeleton's radii; None where that is not known.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        With the field ``residual``, 0 where no radius was fitted.
-    """
-    scatter = skeleton.fields.get("residual", np.zeros(0))
-    scatter = scatter[scatter > 0]
-    return float(np.median(scatter)) if len(scatter) else None
-
-
 def diameter_terms(
     diameter: float | np.ndarray,
     error: float | np.ndarray,
@@ -121,7 +107,7 @@ def branch_terms(
     Parameters
     ----------
     shape : mapping of str to ndarray of shape (n_axes,)
-        From `cherrypicker.traits.branch_shapes.axis_shapes`.
+        From `cherrypicker.traits.branches.axis_shapes`.
     typical : float
         Scatter of the points where an axis has none of its own.
     scale_error : float, default 0

@@ -42,12 +42,11 @@ def squares_terms(limbs: list[Limb]) -> dict[str, float]:
     """
     if not limbs or not all(limb.scatter for limb in limbs):
         return {}
-    each = np.array([(limb.diameter, limb.error, limb.scatter) for limb in limbs])
-    terms = diameter_terms(*each.T)
-    slope = 2.0 * each[:, 0]
+    diameter, error, scatter = np.array([(b.diameter, b.error, b.scatter) for b in limbs]).T
+    slope = 2.0 * diameter
     return {
-        "fit": float(np.linalg.norm(slope * terms["fit"])),
-        "diameter_shared": float(slope @ terms["diameter_shared"]),
+        "fit": float(np.linalg.norm(slope * 2.0 * error)),
+        "diameter_shared": float(slope @ scatter),
     }
 
 

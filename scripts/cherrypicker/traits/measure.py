@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import partial
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,14 @@ from cherrypicker.geometry.hulls import alpha_volume, hull_of
 from cherrypicker.geometry.neighbors import quick_tree
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import fold
+from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import Topology
-from cherrypicker.traits.branches import branch_rows, totals_by_order
+from cherrypicker.traits.branches import branch_rows
 from cherrypicker.traits.crown import contour_volume, growth_by, measure_crown, missing_wood
 from cherrypicker.traits.flags import at_least, quality_flags
 from cherrypicker.traits.foot import find_foot
-from cherrypicker.traits.intervals import CM2, Estimate, typical_scatter
+from cherrypicker.traits.intervals import CM2, Estimate
 from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, squares_terms
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.scaffold import Scaffold
@@ -63,8 +65,8 @@ class TraitOptions:
 class ScannedTree:
     """A tree's skeleton and its original points, and what its traits are read off, once each.
 
-    Parameters as of `measure_traits`. The rows of `cherrypicker.traits.table.TRAITS` read the
-    attributes.
+    Parameters as of `measure_traits`. The rows of `cherrypicker.traits.table.TRAITS` and of
+    `cherrypicker.traits.flags.FLAGS` read the attributes.
     """
 
     def __init__(
@@ -84,7 +86,7 @@ class ScannedTree:
                 f"{n_wood} points are labelled trunk or branch, {_MIN_WOOD_POINTS} are needed",
                 key="segment",
             )
-        self.skeleton, self.cloud, self.reports, self.options = skeleton, cloud, reports, options
+        self.unit, self.options = cloud.unit, options
         self.topology = fold(skeleton) if topology is None else topology
         self.scale_error = reports.scale_error if cloud.unit == "m" else 0.0
         wood, rng = cloud.points[is_wood], np.random.default_rng(seed)
@@ -179,8 +181,7 @@ class ScannedTree:
             scale_error=self.scale_error,
         )
         self.total_length = float(skeleton.edge_length.sum())
-        self.orders = totals_by_order(self.rows)
-        self.wood_volume = sum(total["volume"] for total in self.orders.values())
+        self.wood_volume = sum(row["volume_m3"] for row in self.rows)
         # Candidates for last year's shoots: what lies beyond the last lateral of every side axis
         self.shoots = [row["shoot_length_m"] for row in self.rows if row["order"] > 0]
         self.spacings = [row["lateral_spacing_m"] for row in self.rows if row["lateral_spacing_m"]]
@@ -227,7 +228,7 @@ class ScannedTree:
     def tree_row_volume(self) -> float | None:
         """That of a row of such trees, m³ a hectare; None where rows or metres are not known."""
         distance = self.options.row_distance_m
-        if distance is None or self.cloud.unit != "m":
+        if distance is None or self.unit != "m":
             return None
         return self.height.value * self.crown_width.value * _HECTARE_M2 / distance
 
@@ -284,40 +285,34 @@ def measure_traits(
         value = found.value if isinstance(found, Estimate) else found
         traits[name] = value if value is None else round(value, trait.digits)
     diameters = {f"{h:.2f}": tree.diameter(item) for h, item in tree.sections.items()}
-    by_order = {str(order): total for order, total in tree.orders.items()}
+    orders = sorted({row["order"] for row in tree.rows})
+    by_order = {str(k): [row for row in tree.rows if row["order"] == k] for k in orders}
     traits |= {
         "trunk_diameters": {h: rounded(found.value) for h, found in diameters.items()},
         "trunk_diameters_se": {h: rounded(found.se or 0.0) for h, found in diameters.items()},
         "trunk_sections": [_section(item) for item in (tree.trunk, *tree.sections.values())],
         "n_limbs_by_diameter": by_diameter(tree.limbs, options.limb_classes_m),
-        "n_branches_by_order": {k: total["n"] for k, total in by_order.items()},
-        "length_by_order_m": {k: rounded(total["length"]) for k, total in by_order.items()},
-        "volume_by_order_m3": {k: round(total["volume"], 8) for k, total in by_order.items()},
+        "n_branches_by_order": {k: len(own) for k, own in by_order.items()},
+        "length_by_order_m": {k: rounded(_sum(own, "length_m")) for k, own in by_order.items()},
+        "volume_by_order_m3": {k: round(_sum(own, "volume_m3"), 8) for k, own in by_order.items()},
         "mean_diameter_by_order_m": {
-            k: rounded(total["mean_diameter"]) for k, total in by_order.items()
+            k: rounded(_sum(own, "mean_diameter_m", "length_m") / max(_sum(own, "length_m"), 1e-12))
+            for k, own in by_order.items()
         },
         "crown_volume_method": "convex hull",
         "foot": [rounded(value) for value in tree.foot.point],
         "interval_terms": terms,
-        "flags": quality_flags(
-            reports,
-            unit=cloud.unit,
-            height=tree.height.value,
-            trunk=tree.trunk,
-            wanted_height=options.trunk_height_m,
-            unmeasured=tree.unmeasured,
-            foot=tree.foot,
-            support=tree.support,
-            crown_width=tree.crown_width.value,
-            confidence=tree.confidence,
-            edges=tree.edges,
-            missing_top=tree.missing_top,
-        ),
+        "flags": quality_flags(reports, **vars(tree)),
     }
     traits["at_least"] = at_least(traits["flags"], outgrown)
     for flag in traits["flags"]:
         logger.info("flag: %s", flag)
     return traits, {"branches": tree.rows, "limbs": tree.limb_rows}
+
+
+def _sum(rows: list[dict], *names: str) -> float:
+    """Sum over rows of the product of their columns."""
+    return sum(prod(row[name] for name in names) for row in rows)
 
 
 def _section(item: TrunkDiameter) -> dict:

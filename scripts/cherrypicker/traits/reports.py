@@ -27,11 +27,4 @@ class Reports:
     @property
     def scale_error(self) -> float:
         """Relative standard error of the scale; 0 where it is not known."""
-        return relative_error(self.scale)
-
-
-def relative_error(scale: Mapping[str, Any] | None) -> float:
-    """Relative standard error of a ``scale.json``; 0 without a scale or an error."""
-    if not scale or not scale.get("scale") or not scale.get("scale_std"):
-        return 0.0
-    return scale["scale_std"] / scale["scale"]
+        return (self.scale.get("scale_std") or 0.0) / (self.scale.get("scale") or 1.0)

@@ -18,8 +18,8 @@ from scipy.spatial import cKDTree
 from cherrypicker.geometry.lines import Line
 from cherrypicker.skeleton import Axis, Skeleton, axis_polyline, densify
 from cherrypicker.skeleton import axes as find_axes
-from cherrypicker.traits.branch_shapes import LEAST_WINDOW_M
-from cherrypicker.traits.intervals import typical_scatter
+from cherrypicker.skeleton.axis_radii import typical_scatter
+from cherrypicker.traits.branches import LEAST_WINDOW_M
 
 BEYOND_M = 0.025  # beyond the stem's surface: where a limb is measured (Schupp 2017)
 _STEP_M = 0.005  # along a limb and along the stem

@@ -41,7 +41,6 @@ class Trait:
     is_shown: bool = False  # a row of the report, a column and a chart of the batch
     has_error: bool = False  # with a standard error and a 90 % interval where they can be had
     digits: int = 6  # rounded to in ``traits.json``
-    has_error_column: bool = False  # the standard error is a column of ``traits.csv`` as well
 
     @property
     def unit(self) -> str:
@@ -54,24 +53,13 @@ class Trait:
         return next((power for end, (_, power) in _UNITS.items() if self.name.endswith(end)), None)
 
     @property
-    def is_cm2(self) -> bool:
-        """In square centimetres where there is a scale, else in 1e-4 square units."""
-        return self.unit == "cm2"
-
-    @property
     def is_count(self) -> bool:
         """Whether it is a whole number."""
         return self.power is None and self.decimals == 0
 
-    @property
-    def is_per_hectare(self) -> bool:
-        """In cubic metres a hectare, of trees with a scale alone."""
-        return self.unit == "m3/ha"
-
 
 _SHOWN = {"is_shown": True}
 _SURE = {"is_shown": True, "has_error": True}
-_SURE_COLUMN = _SURE | {"has_error_column": True}
 _ROWS = (
     Trait(
         "height_m",
@@ -79,7 +67,7 @@ _ROWS = (
         lambda t: t.height,
         "third highest wood point that the skeleton supports, or the likely end of a shoot that "
         "reaches higher, over the stem's foot",
-        **_SURE_COLUMN,
+        **_SURE,
     ),
     Trait(
         "trunk_diameter_m",
@@ -88,7 +76,7 @@ _ROWS = (
         "diameter of the circle of the area that the outline of the stem's points encloses in a "
         "slab across its axis, at trunk_height_m",
         decimals=4,
-        **_SURE_COLUMN,
+        **_SURE,
     ),
     Trait(
         "trunk_height_m",
@@ -104,7 +92,7 @@ _ROWS = (
         lambda t: t.diameter(t.trunk).circle_area(),
         "pi / 4 times the square of the trunk diameter",
         decimals=1,
-        **_SURE_COLUMN,
+        **_SURE,
     ),
     Trait(
         "crown_width_m",

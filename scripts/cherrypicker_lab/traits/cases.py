@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cherrypicker.files import read_json, read_table
+from cherrypicker.files import read_json
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
-from cherrypicker.traits.branch_shapes import axis_shapes
-from cherrypicker.traits.intervals import branch_terms, typical_scatter
+from cherrypicker.skeleton.axis_radii import typical_scatter
+from cherrypicker.traits.branches import axis_shapes, read_branches
+from cherrypicker.traits.intervals import branch_terms
 from cherrypicker.traits.measure import measure_traits
-from cherrypicker.traits.reports import Reports, relative_error
-from cherrypicker.traits.table import BRANCH_COLUMNS
+from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.evaluation import compare_cameras
 from cherrypicker_lab.orchard.truth import TRUNK_HEIGHT_M, width_of_wood
 from cherrypicker_lab.skeletons.set_tree import load_set_tree, true_skeleton
@@ -53,16 +53,13 @@ def scan_cases(source, results, truth):
         read_skeleton(results / "skeleton.graphml"),
         read_json(results / "traits.json"),
     )
-    rows = [
-        {name: BRANCH_COLUMNS[name].read(cell) for name, cell in row.items()}
-        for _, row in read_table(results / "branches.csv", ("branch_id",))
-    ]
+    rows = read_branches(results / "branches.csv")
     true = read_skeleton_csv(truth / "skeleton.csv")
     whole = whole_truth(true)
     found = read_poses(results / "metric_poses.npz")
     moved = compare_cameras(found, read_poses(truth / "poses.npz"))
     true.points = (true.points - moved["translation"]) @ moved["rotation"]
-    error = relative_error(read_json(results / "scale.json"))
+    error = Reports(scale=read_json(results / "scale.json")).scale_error
     return _cases(source, results.name, whole, true, skeleton, traits, rows, error)
 
 
