@@ -362,7 +362,7 @@ def test_removed_points():
     ],
 )
 def test_numbers_with_errors(value, error, name, unit, expected):
-    assert with_uncertainty(value, error, Trait(name, "X", None), unit) == expected
+    assert with_uncertainty(value, error, Trait(name, "X", ""), unit) == expected
 
 
 def test_branches_as_the_traits_write_them(tmp_path):

@@ -11,6 +11,7 @@ widens the intervals upwards; the values stay those of the wood that was found.
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import binned_statistic_2d
 
 from cherrypicker.evidence.missing_top import VOXEL, MissingTop
 from cherrypicker.geometry.error_terms import FACTORS
@@ -142,11 +143,7 @@ def contour_volume(points: np.ndarray, middle: np.ndarray) -> float:
     """
     if not len(points):
         return 0.0
-    low, depth = points[:, 2].min(), np.ptp(points[:, 2])
-    level = ((points[:, 2] - low) / max(depth, 1e-12) * _N_LEVELS).astype(int)
-    level = np.minimum(level, _N_LEVELS - 1)
-    x, y = (points[:, :2] - middle).T
-    radial = np.floor((np.arctan2(y, x) / (2 * np.pi) + 0.5) * _N_RADIALS).astype(int)
-    widest = np.zeros((_N_LEVELS, _N_RADIALS))
-    np.maximum.at(widest, (level, radial % _N_RADIALS), x**2 + y**2)
-    return float(np.pi / _N_RADIALS * widest.sum() * depth / _N_LEVELS)
+    z, (x, y) = points[:, 2], (points[:, :2] - middle).T
+    bins, ends = [_N_LEVELS, _N_RADIALS], [(z.min(), z.max()), (-np.pi, np.pi)]
+    found = binned_statistic_2d(z, np.arctan2(y, x), x**2 + y**2, "max", bins, ends)
+    return float(np.pi / _N_RADIALS * np.nansum(found.statistic) * np.ptp(z) / _N_LEVELS)

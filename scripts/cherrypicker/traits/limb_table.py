@@ -76,8 +76,7 @@ def by_diameter(limbs: list[Limb], bounds: Sequence[float]) -> dict[str, int]:
     """Number of limbs by class of diameter; `bounds` part the classes."""
     ends = [f"{bound:g}" for bound in sorted(bounds)]
     names = [f"{low}-{high}" for low, high in zip(["0", *ends], [*ends, ""], strict=True)]
-    at = np.searchsorted(sorted(bounds), [limb.diameter for limb in limbs], side="right")
-    count = np.bincount(at.astype(np.int64), minlength=len(names))
+    count, _ = np.histogram([limb.diameter for limb in limbs], [0.0, *sorted(bounds), np.inf])
     return dict(zip(names, count.tolist(), strict=True))
 
 

@@ -33,10 +33,10 @@ class Trait:
 
     name: str  # its key there, which ends in its unit
     title: str  # its name on the pages
-    # Of a `ScannedTree`: an `Estimate`, or a number without an error; None for what the check of
-    # the photos says
-    value: Callable[[Any], Any] | None
-    definition: str = ""  # for the dictionary of ``traits.csv``; docs/traits.md says more
+    definition: str  # for the dictionary of ``traits.csv``; docs/traits.md says more
+    # Of a `ScannedTree`: an `Estimate`, or a number without an error; without it the trait is what
+    # the check of the photos says by its name
+    value: Callable[[Any], Any] | None = None
     decimals: int = 3  # shown at least, in metric units; a small error adds some
     is_shown: bool = False  # a row of the report, a column and a chart of the batch
     has_error: bool = False  # with a standard error and a 90 % interval where they can be had
@@ -58,219 +58,220 @@ class Trait:
         return self.power is None and self.decimals == 0
 
 
-_SHOWN = {"is_shown": True}
 _SURE = {"is_shown": True, "has_error": True}
 _ROWS = (
     Trait(
         "height_m",
         "Height",
-        lambda t: t.height,
         "third highest wood point that the skeleton supports, or the likely end of a shoot that "
         "reaches higher, over the stem's foot",
+        lambda t: t.height,
         **_SURE,
     ),
     Trait(
         "trunk_diameter_m",
         "Trunk diameter",
-        lambda t: t.diameter(t.trunk),
         "diameter of the circle of the area that the outline of the stem's points encloses in a "
         "slab across its axis, at trunk_height_m",
+        lambda t: t.diameter(t.trunk),
         decimals=4,
         **_SURE,
     ),
     Trait(
         "trunk_height_m",
         "Height of that diameter",
-        lambda t: t.trunk.height,
         "height over the stem's foot at which the trunk diameter is measured",
+        lambda t: t.trunk.height,
         decimals=2,
-        **_SHOWN,
+        is_shown=True,
     ),
     Trait(
         "tcsa_cm2",
         "Trunk cross-section area",
-        lambda t: t.diameter(t.trunk).circle_area(),
         "pi / 4 times the square of the trunk diameter",
+        lambda t: t.diameter(t.trunk).circle_area(),
         decimals=1,
         **_SURE,
     ),
     Trait(
         "crown_width_m",
         "Crown width",
-        lambda t: t.crown_width,
         "mean of the crown's widest horizontal extent and the one across it, with the likely ends"
         " of its shoots",
+        lambda t: t.crown_width,
         **_SURE,
     ),
     Trait(
         "crown_volume_m3",
         "Crown volume",
-        lambda t: t.crown_volume,
         "convex hull of the crown's points (all but the stem below its lowest limb), with the "
         "likely ends of its shoots",
+        lambda t: t.crown_volume,
         **_SURE,
     ),
     Trait(
         "crown_base_height_m",
         "Height of the crown's base",
-        lambda t: t.crown_base_height,
         "where the lowest limb leaves the stem, over the stem's foot",
+        lambda t: t.crown_base_height,
         decimals=2,
     ),
     Trait(
         "crown_projected_area_m2",
         "Projected area of the crown",
-        lambda t: t.crown_projected_area,
         "convex hull of the crown's points seen from above",
+        lambda t: t.crown_projected_area,
     ),
     Trait(
         "crown_alpha_m",
         "Widest hollow of the alpha volume",
-        lambda t: t.crown_alpha,
         "largest circumsphere's radius of the tetrahedra of the alpha volume",
+        lambda t: t.crown_alpha,
     ),
     Trait(
         "crown_alpha_volume_m3",
         "Alpha volume of the crown",
-        lambda t: t.crown_alpha_volume,
         "tetrahedra of the crown's Delaunay mesh whose circumspheres' radius is at most "
         "crown_alpha_m",
+        lambda t: t.crown_alpha_volume,
     ),
     Trait(
         "crown_cone_volume_m3",
         "Crown volume by the cone's formula",
-        lambda t: pi / 12 * t.crown_box,
         "pi / 12 times the square of the crown's width times its depth, from its base to the "
         "tree's height",
+        lambda t: pi / 12 * t.crown_box,
     ),
     Trait(
         "crown_ellipsoid_volume_m3",
         "Crown volume by the ellipsoid's formula",
-        lambda t: pi / 6 * t.crown_box,
         "pi / 6 times the square of the crown's width times its depth, from its base to the "
         "tree's height",
+        lambda t: pi / 6 * t.crown_box,
     ),
     Trait(
         "crown_contour_volume_m3",
         "Crown volume by its contour",
-        lambda t: t.crown_contour,
         "eight sectors around the stem at each of five levels, each as wide as the farthest crown"
         " point in it",
+        lambda t: t.crown_contour,
     ),
     Trait(
         "tree_row_volume_m3_ha",
         "Tree row volume",
-        lambda t: t.tree_row_volume,
         "height times crown width times 10,000 m2 over the distance of the rows; configs with "
         "traits.row_distance_m alone",
+        lambda t: t.tree_row_volume,
         decimals=0,
         digits=1,
     ),
     Trait(
         "n_limbs",
         "Limbs",
-        lambda t: len(t.limbs),
         "axes that leave the stem and come traits.min_limb_m clear of its surface",
+        lambda t: len(t.limbs),
         decimals=0,
-        **_SHOWN,
+        is_shown=True,
     ),
     Trait(
         "limb_area_cm2",
         "Limbs' cross-section area",
-        lambda t: t.limb_area,
         "sum of the cross-sections of the limbs 2.5 cm beyond the stem's surface",
+        lambda t: t.limb_area,
         decimals=1,
         has_error=True,
     ),
     Trait(
         "limb_trunk_ratio",
         "Limb-to-trunk ratio",
-        lambda t: t.limb_trunk_ratio,
         "limbs' cross-section area over the stem's at limb_trunk_height_m",
+        lambda t: t.limb_trunk_ratio,
         decimals=2,
         **_SURE,
     ),
     Trait(
         "limb_trunk_height_m",
         "Height of the trunk's area of that ratio",
-        lambda t: t.limb_trunk.height,
         "0.30 m over the graft union where traits.graft_height_m tells it, else the height of the"
         " trunk diameter",
+        lambda t: t.limb_trunk.height,
         decimals=2,
     ),
     Trait(
         "branching_index_per_m",
         "Branching index",
-        lambda t: (len(t.rows) - 1) / t.total_length,
         "side axes over the total length of wood",
+        lambda t: (len(t.rows) - 1) / t.total_length,
         decimals=2,
     ),
     Trait(
         "total_length_m",
         "Total length of wood",
-        lambda t: t.total_length,
         "length of the skeleton",
+        lambda t: t.total_length,
         decimals=2,
-        **_SHOWN,
+        is_shown=True,
     ),
     Trait(
         "n_junctions",
         "Junctions",
-        lambda t: t.topology.n_junctions,
         "nodes of the skeleton above its root where branches part",
+        lambda t: t.topology.n_junctions,
         decimals=0,
-        **_SHOWN,
+        is_shown=True,
     ),
     Trait(
-        "n_tips", "Tips", lambda t: t.topology.n_tips, "ends of the skeleton", decimals=0, **_SHOWN
+        "n_tips",
+        "Tips",
+        "ends of the skeleton",
+        lambda t: t.topology.n_tips,
+        decimals=0,
+        is_shown=True,
     ),
     Trait(
         "wood_volume_m3",
         "Volume of wood",
-        lambda t: t.wood_volume,
         "sum of the cone frusta between the nodes of each axis",
+        lambda t: t.wood_volume,
         digits=8,
     ),
-    Trait("n_shoots", "Shoots", lambda t: len(t.shoots), "side axes", decimals=0),
+    Trait("n_shoots", "Shoots", "side axes", lambda t: len(t.shoots), decimals=0),
     Trait(
         "mean_shoot_length_m",
         "Mean length of shoots",
-        lambda t: fmean(t.shoots) if t.shoots else 0.0,
         "mean way of the side axes from their last lateral to their tip",
+        lambda t: fmean(t.shoots) if t.shoots else 0.0,
     ),
     Trait(
         "lateral_spacing_m",
         "Spacing of laterals",
-        lambda t: median(t.spacings) if t.spacings else None,
         "median over the axes of the median way between successive laterals",
+        lambda t: median(t.spacings) if t.spacings else None,
     ),
     Trait(
         "trunk_end_height_m",
         "Height of the trunk's end",
-        lambda t: t.stem.height[-1],
         "where the trunk's axis ends, over the stem's foot",
+        lambda t: t.stem.height[-1],
         decimals=2,
     ),
     Trait(
         "photo_precision",
         "Skeleton that the photos do not refute, share",
-        None,
         "share of the skeleton's judged length that the photos do not refute; scans from photos "
         "alone",
-        **_SHOWN,
+        is_shown=True,
     ),
     Trait(
         "photo_recall",
         "Thin wood of the photos in the skeleton, share",
-        None,
         "length of skeleton that the photos confirm, over that and the length of thin wood that "
         "they show before the sky and it lacks; scans from photos alone",
-        **_SHOWN,
+        is_shown=True,
     ),
     Trait(
         "photo_sky_share",
         "Skeleton with sky behind it in the photos, share",
-        None,
         "share of the skeleton's length that stands before the sky in the photos, where they can "
         "judge it; scans from photos alone",
         decimals=2,
@@ -278,14 +279,12 @@ _ROWS = (
     Trait(
         "n_photos",
         "Photos that judge the skeleton",
-        None,
         "photos that judge the skeleton; scans from photos alone",
         decimals=0,
     ),
     Trait(
         "photo_confirmed",
         "Wood that photos confirm, share",
-        None,
         "share of the length of the skeleton and of the wood that it lacks that photos confirm: "
         "where it is low, much is refuted, missing or out of sight; scans from photos alone",
         decimals=2,
