@@ -5,7 +5,8 @@ files of poses below each tree's results folder; writes tables and a page. A sca
 compared is told and left out. Example:
 
     python scripts/compare_series.py --series row3_tree4 --trees t4_2025 t4_2026 \\
-        --dates 2025-02-11 2026-02-14 --folder results/series/row3_tree4
+        --dates 2025-02-11 2026-02-14 --page report.html --numbers series.json \\
+        --branch_table branches.csv --growth growth.csv --shoots shoots.csv --cuts cuts.csv
 """
 
 import logging
@@ -28,7 +29,12 @@ def main(
     series: Annotated[str, "name of the series"],
     trees: Annotated[list[str], "ids of its trees"],
     dates: Annotated[list[str], "ISO date of each tree's scan"],
-    folder: Annotated[str, "folder to write to"],
+    page: Annotated[str, "HTML to write"],
+    numbers: Annotated[str, "JSON of totals to write"],
+    branch_table: Annotated[str, "CSV of branches to write"],
+    growth: Annotated[str, "CSV of growth to write"],
+    shoots: Annotated[str, "CSV of new shoots to write"],
+    cuts: Annotated[str, "CSV of removed wood to write"],
     results: Annotated[str, "folder of the results"] = "results",
     unfinished: Annotated[Sequence[str], "ids of its trees that failed, to be named"] = (),
 ) -> None:
@@ -48,12 +54,12 @@ def main(
         )
     comparison = compare_scans(scans)
     comparison.left_out |= left_out
-    tables = {name: (make(comparison), columns) for name, (make, columns) in TABLES.items()}
-    for name, (rows, columns) in tables.items():
-        write_text(Path(folder) / f"{name}.csv", as_csv(rows, columns))
-    write_json(Path(folder) / "series.json", {"series": series, **totals(comparison)})
-    page = series_page(series, comparison, {name: rows for name, (rows, _) in tables.items()})
-    write_text(Path(folder) / "report.html", page)
+    files = {"branches": branch_table, "growth": growth, "shoots": shoots, "cuts": cuts}
+    tables = {name: make(comparison) for name, (make, _) in TABLES.items()}
+    for name, (_, columns) in TABLES.items():
+        write_text(files[name], as_csv(tables[name], columns))
+    write_json(numbers, {"series": series, **totals(comparison)})
+    write_text(page, series_page(series, comparison, tables))
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

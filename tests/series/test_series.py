@@ -287,14 +287,15 @@ def stage(project):
 def test_the_stage_names_a_broken_scan_and_compares_the_others(stage, results, tmp_path):
     (results / "c").mkdir()
     days = ["2024-02-01", "2025-02-01", "2026-02-01"]
-    stage("row 1", ["a", "b", "c"], days, str(tmp_path), str(results), unfinished=["d"])
-    names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"report.html", "series.json", *(f"{name}.csv" for name in TABLES)}
+    names = ("report.html", "series.json", *(f"{name}.csv" for name in TABLES))
+    files = [str(tmp_path / name) for name in names]
+    stage("row 1", ["a", "b", "c"], days, *files, str(results), unfinished=["d"])
+    assert {path.name for path in tmp_path.iterdir()} == set(names)
     numbers = json.loads((tmp_path / "series.json").read_text())
     assert numbers["left_out"].keys() == {"c", "d"}
     assert numbers["steps"][0]["n_cuts"] >= 5
     with pytest.raises(StageError, match="fewer than two"):
-        stage("row 1", ["a", "c"], days[:2], str(tmp_path), str(results))
+        stage("row 1", ["a", "c"], days[:2], *files, str(results))
 
 
 def test_of_a_series_with_a_failure_the_finished_scans_are_left(tmp_path, monkeypatch):

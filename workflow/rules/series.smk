@@ -46,7 +46,6 @@ rule compare_series:
             for row in ALL_SERIES.get(wildcards.series, ())
             if row not in SERIES[wildcards.series]
         ],
-        folder=lambda wildcards: f"results/series/{wildcards.series}",
     message:
         "{wildcards.series}: compare the dates of the tree"
     script:
