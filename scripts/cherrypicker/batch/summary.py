@@ -43,11 +43,9 @@ def summarise(
     out_csv: str | os.PathLike,
     out_html: str | os.PathLike,
     benchmarks_dir: str | os.PathLike = "benchmarks",
+    **others: str | os.PathLike,
 ) -> None:
     """Write the tables and the page over all trees of the batch.
-
-    Beside the table of traits lie ``measures.csv`` and ``accuracy.csv``, of hand measurements, and
-    ``datapackage.json``, which says what the columns of all three are.
 
     Parameters
     ----------
@@ -58,19 +56,26 @@ def summarise(
         ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
         Table of traits and page to write.
+    **others : path-like
+        ``measures`` and ``accuracy``, tables of hand measurements, and ``dictionary``, which says
+        what the columns of all three are; by default beside the table of traits.
     """
+    beside = Path(out_csv).with_name
+    names = {"measures": "measures.csv", "accuracy": "accuracy.csv"}
+    names["dictionary"] = "datapackage.json"
+    files = {name: Path(others.get(name) or beside(file)) for name, file in names.items()}
     results = collect_results(trees, results_dir, logs_dir)
     series = _failed_series({result.series for result in results}, Path(logs_dir))
     pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
     tables = {
-        Path(out_csv).name: (TRAIT_COLUMNS, map(trait_row, results)),
-        "measures.csv": (MEASURE_COLUMNS, pairs),
-        "accuracy.csv": (ACCURACY_COLUMNS, accuracy_rows(pairs)),
+        Path(out_csv): (TRAIT_COLUMNS, map(trait_row, results)),
+        files["measures"]: (MEASURE_COLUMNS, pairs),
+        files["accuracy"]: (ACCURACY_COLUMNS, accuracy_rows(pairs)),
     }
-    for name, (columns, rows) in tables.items():
-        write_text(Path(out_csv).with_name(name), csv_text(columns, rows))
-    dictionary = data_package({name: columns for name, (columns, _) in tables.items()})
-    write_text(Path(out_csv).with_name("datapackage.json"), dictionary)
+    for path, (columns, rows) in tables.items():
+        write_text(path, csv_text(columns, rows))
+    dictionary = data_package({path.name: columns for path, (columns, _) in tables.items()})
+    write_text(files["dictionary"], dictionary)
     costs = read_benchmarks(benchmarks_dir, {result.tree for result in results})
     stages = sorted(costs, key=lambda rule: _ORDER.get(rule, len(_ORDER)))
     page = summary_html(results, {rule: costs[rule] for rule in stages}, series)
