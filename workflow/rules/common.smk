@@ -155,6 +155,12 @@ def row(column):
     return lambda wildcards: getattr(BATCH.row(wildcards.tree), column)
 
 
+def prepared_masks(wildcards):
+    """The folder of a scan's own masks as stages read them, none for most."""
+    masks = f"results/{wildcards.tree}/photo_masks"
+    return masks if row("masks")(wildcards) else []
+
+
 def of_known_trees(column):
     """A column of the table for every tree that is known, with failed scans once some ended."""
     return lambda wildcards: [

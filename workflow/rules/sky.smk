@@ -4,9 +4,7 @@
 rule segment_sky:
     input:
         photos=photos_of,
-        photo_masks=lambda wildcards: (
-            "results/{tree}/photo_masks" if row("masks")(wildcards) else []
-        ),
+        photo_masks=prepared_masks,
         weights_file=weights_of("sky.weights"),
     output:
         masks=directory("results/{tree}/sky"),
