@@ -144,7 +144,7 @@ def test_a_bar_whose_marker_is_not_seen(scan):
         (BAR | {"height_m": 1.0}, "'height_m' is not one of", "scale.references.0"),
         (BAR | {"length_m": -1}, "less than", "scale.references.0.length_m"),
         (BAR | {"length_m": True}, "not of type 'number'", "scale.references.0.length_m"),
-        (BAR | {"length_m": float("nan")}, "no length", "scale.references.0.length_m"),
+        (BAR | {"length_m": float("nan")}, "not of type 'number'", "scale.references.0.length_m"),
         (BAR | {"markers": [7, 7]}, "non-unique", "scale.references.0.markers"),
         (BAR | {"markers": [7, 50]}, "0 to 49", "scale.references.0.markers"),
         (BAR | {"dictionary": "DICT_4X4"}, "no marker dict", "scale.references.0.dictionary"),

@@ -124,9 +124,6 @@ def _parse(entry: Mapping | str, key: str, dictionary: str) -> Reference:
         share, least_m = KINDS[kind]
     except (ValueError, TypeError, LookupError, AttributeError) as error:
         raise StageError(f"{entry!r} is no reference ({error})", key=key) from error
-    for name, value in values.items():
-        if isinstance(value, float) and not math.isfinite(value):
-            raise StageError(f"{value!r} is no length", key=f"{key}.{name}")
     if kind in ("distance", "charuco"):
         values["dictionary"] = values.get("dictionary") or dictionary
         if not values["dictionary"]:
