@@ -17,8 +17,8 @@ from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import find_markers, marker_dictionary, marker_pattern
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.fit import fit_marker
-from cherrypicker.markers.geometry import Observations, intersect_rays, locate_marker
-from cherrypicker.markers.marker_scales import marker_references
+from cherrypicker.markers.layouts import Sightings, intersect_rays
+from cherrypicker.markers.marker_scales import locate_marker, marker_references
 from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.footprint import Footprint
@@ -169,10 +169,10 @@ def sightings(rng, corners, poses, noise_px=0.1, focal=1000.0):
     seen = np.einsum("nij,kj->nki", poses.rotations, corners) + poses.cam_from_world[:, None, :, 3]
     seen = seen[..., :2] / seen[..., 2:]
     n = len(poses)
-    return Observations(
+    return Sightings(
         photos=np.arange(n),
         cam_from_world=poses.cam_from_world,
-        corners=seen + rng.normal(0, noise_px / focal, seen.shape),
+        places=seen + rng.normal(0, noise_px / focal, seen.shape),
         focal=np.full(n, focal),
         std=np.full(n, noise_px),
         side_px=np.full(n, 60.0),
@@ -184,12 +184,12 @@ def test_outlier_sightings_are_rejected():
     poses = look_at_poses(ring(12, radius=2.5), np.array([0.0, 0.3, 0.3]))
     corners = square([0.5, 0.2, 0.1], 0.2, normal=(0, -0.4, 1))
     observations = sightings(rng, corners, poses)
-    observations.corners[2] = np.roll(observations.corners[2], 1, axis=0)
-    observations.corners[5] += 0.03
-    observations.corners[7] = rng.normal(0, 0.2, (4, 2))
+    observations.places[2] = np.roll(observations.places[2], 1, axis=0)
+    observations.places[5] += 0.03
+    observations.places[7] = rng.normal(0, 0.2, (4, 2))
     geometry = locate_marker(observations)
-    np.testing.assert_array_equal(np.flatnonzero(~geometry.inliers), [2, 5, 7])
-    assert geometry.side == pytest.approx(0.2, rel=1e-3)
+    np.testing.assert_array_equal(geometry.sightings.photos, [0, 1, 3, 4, 6, 8, 9, 10, 11])
+    assert geometry.square_side == pytest.approx(0.2, rel=1e-3)
     assert geometry.is_square
     np.testing.assert_allclose(geometry.corners, corners, atol=5e-4)
 
@@ -201,14 +201,14 @@ def test_the_mean_of_the_sides_takes_every_sighting_at_its_word():
     corners = square([0.5, 0.2, 0.1], 0.2, normal=(0, -0.4, 1))
     observations = sightings(rng, corners, poses)
     good = locate_marker(observations, by="mean")
-    assert good.side == good.side_lengths.mean() == pytest.approx(0.2, rel=2e-3)
-    observations.corners[5] *= 1.2  # one that does not agree
+    assert good.square_side == good.side_lengths.mean() == pytest.approx(0.2, rel=2e-3)
+    observations.places[5] *= 1.2  # one that does not agree
     mean = locate_marker(observations, by="mean")
     origins = np.repeat(observations.centers[:, None], 4, axis=1).reshape(12, 4, 3)
     expected = [intersect_rays(origins[:, k], observations.rays[:, k]) for k in range(4)]
     np.testing.assert_allclose(mean.corners, expected, atol=1e-12)
-    assert mean.inliers.all() and abs(mean.side / 0.2 - 1) > 0.01
-    assert locate_marker(observations).side == pytest.approx(0.2, rel=1e-3)
+    assert len(mean.sightings) == 12 and abs(mean.square_side / 0.2 - 1) > 0.01
+    assert locate_marker(observations).square_side == pytest.approx(0.2, rel=1e-3)
 
 
 def test_standard_error_matches_the_scatter():
@@ -216,10 +216,11 @@ def test_standard_error_matches_the_scatter():
     poses = look_at_poses(ring(8, radius=2.5), np.array([0.0, 0.0, 0.3]))
     corners = square([0.3, 0.2, 0.0], 0.2)
     results = [locate_marker(sightings(rng, corners, poses, 0.3)) for _ in range(40)]
-    scatter = np.std([result.side for result in results])
-    claimed = np.median([result.side_std for result in results])
+    sides = [result.square_side for result in results]
+    scatter = np.std(sides)
+    claimed = 0.2 * np.median([result.side_std for result in results])
     assert 0.5 < claimed / scatter < 2.0
-    assert np.mean([result.side for result in results]) == pytest.approx(0.2, abs=3 * scatter / 6)
+    assert np.mean(sides) == pytest.approx(0.2, abs=3 * scatter / 6)
 
 
 def test_a_bent_marker_is_flagged():
@@ -234,7 +235,7 @@ def test_no_agreement_gives_none():
     rng = np.random.default_rng(7)
     poses = look_at_poses(ring(6), np.array([0.0, 0.0, 0.3]))
     observations = sightings(rng, square([0.3, 0.2, 0.0], 0.2), poses)
-    observations.corners[:] = rng.normal(0, 0.3, observations.corners.shape)
+    observations.places[:] = rng.normal(0, 0.3, observations.places.shape)
     assert locate_marker(observations) is None
 
 

@@ -34,7 +34,7 @@ from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import write_orchard
 from cherrypicker.limbs.orchard import grow_orchard
-from cherrypicker.markers.geometry import Observations, intersect_rays
+from cherrypicker.markers.layouts import Sightings, intersect_rays
 from cherrypicker.markers.marker_scales import measure_marker
 from cherrypicker.placement.directions import rodrigues
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
@@ -460,8 +460,8 @@ def observed(rng, corners, noise_px=0.0):
     seen = np.einsum("nij,kj->nki", poses.rotations, corners) + poses.cam_from_world[:, None, :, 3]
     seen = seen[..., :2] / seen[..., 2:] + rng.normal(0, noise_px / 1000, (8, 4, 2))
     ones = np.ones(8)
-    return poses, Observations(
-        photos=np.arange(8), cam_from_world=poses.cam_from_world, corners=seen,
+    return poses, Sightings(
+        photos=np.arange(8), cam_from_world=poses.cam_from_world, places=seen,
         focal=1000 * ones, std=0.1 * ones, side_px=60 * ones,
     )  # fmt: skip
 
@@ -469,7 +469,7 @@ def observed(rng, corners, noise_px=0.0):
 def check_rays(rng):
     corners = square([0.3, 0.2, 0.0], 0.2)
     poses, seen = observed(rng, corners)
-    pixels = np.dstack([seen.corners, np.ones((8, 4))]) @ poses.K[0].T
+    pixels = np.dstack([seen.places, np.ones((8, 4))]) @ poses.K[0].T
     camera_rays = pixels @ np.linalg.inv(poses.K[0]).T
     u = np.einsum("nji,nkj->nki", poses.rotations, camera_rays)
     u /= np.linalg.norm(u, axis=2, keepdims=True)

@@ -65,7 +65,7 @@ def estimate_scale(
     max_reprojection_px : float
         Beyond it a sighting is an outlier.
     side : {"square", "mean"}
-        As `by` of :func:`cherrypicker.markers.geometry.locate_marker`.
+        As `by` of :func:`cherrypicker.markers.marker_scales.locate_marker`.
     references : sequence of mapping or str
         The config's ``scale.references``.
     cloud : ndarray of shape (n, 3), optional

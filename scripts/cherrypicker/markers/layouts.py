@@ -1,156 +1,295 @@
 """Points of a known layout in space: located from the photos, and the scale that they give.
 
-Two markers' centres, the corners of a ChArUco board, the corners on the faces of a checker cube:
-each is a set of points whose distances are known. Each point is where its rays meet (paper, section
-Scale Factor Estimator, eq. objective), and the scale is that of the similarity that brings the
-located points onto the layout (Umeyama, TPAMI 1991). Its standard error is the jackknife's over
-photos, since all points of a photo share the error of its pose.
+A marker is a layout of four corners, a ChArUco board one of many, a scale bar one of two centres, a
+checker cube one of faces. Each point is where its rays meet (paper, section Scale Factor Estimator,
+eq. objective), with rays that count by their pixels; sightings that disagree are left out. The
+scale is that of the layout with the least reprojection error, whose one size is known better than
+the mean of many distances between free points, above all from few photos.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from itertools import combinations
+from typing import Self
 
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
+from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.geometry.similarity import best_turn
-from cherrypicker.markers.sightings import PosedSightings
 
-_N_ROUNDS = 5  # of locating the points and asking again which sightings agree (guess)
-FEWEST_PHOTOS = 3  # that the jackknife over photos needs to tell an error
+# All guesses. Pairs of photos that are tried (bounds the time), and their least parallax
+_MAX_PAIRS = 600
+_MIN_PARALLAX_DEG = 1.0
+_TOLERANCE_SIDES = 0.02  # a sighting agrees within this share of its side
+_N_ROUNDS = 10  # of locating the points and asking again which sightings agree
+# What the poses add to a point's noise, px; beyond so many of both a residual loses influence
+POSES_PX, _LOSS_SCALES = 0.25, 2.0
+_LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
+_OPEN = 1e-9  # of rays so near to parallel that they leave their meeting open: the determinant
 
 
 @dataclass(kw_only=True)
-class Sightings(PosedSightings):
-    """Sightings of single points."""
+class Sightings:
+    """Points of one layout as photos show them: a marker, a board or a face in a photo a row."""
 
-    points: np.ndarray  # (n,) int: row of the layout
-    places: np.ndarray  # (n, 2): normalised undistorted camera coordinates
+    photos: np.ndarray  # (n,) int: index of the photo
+    cam_from_world: np.ndarray  # (n, 3, 4)
+    focal: np.ndarray  # (n,): pixels per unit of normalised coordinates
+    # (n, k, 2): of each point of the layout, normalised undistorted camera coordinates; NaN where
+    # the row does not show it
+    places: np.ndarray
+    std: np.ndarray  # (n,): standard deviation of a coordinate, px
+    side_px: np.ndarray  # (n,): of a marker, 0 of what has none
+
+    def __len__(self) -> int:
+        return len(self.photos)
+
+    def select(self, index: np.ndarray) -> Self:
+        """The rows of a mask or an index array."""
+        return type(self)(**{each.name: getattr(self, each.name)[index] for each in fields(self)})
+
+    @property
+    def centers(self) -> np.ndarray:
+        """Camera centres, (n, 3)."""
+        rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
+        return -np.einsum("nji,nj->ni", rotation, shift)
 
     @property
     def rays(self) -> np.ndarray:
-        """Unit directions in the world, (n, 3)."""
-        return self.rays_through(self.places[:, None])[:, 0]
+        """Unit directions in the world through the places, (n, k, 3)."""
+        homogeneous = np.concatenate([self.places, np.ones((*self.places.shape[:2], 1))], axis=2)
+        world = np.einsum("nji,nkj->nki", self.cam_from_world[:, :, :3], homogeneous)
+        return world / np.linalg.norm(world, axis=2, keepdims=True)
 
-    def errors_px(self, located: np.ndarray) -> np.ndarray:
-        """Reprojection error of points (n_points, 3), px, (n,); NaN for a point that has none."""
-        at = located[self.points]
-        seen = np.einsum("nij,nj->ni", self.cam_from_world[:, :, :3], at)
-        seen += self.cam_from_world[:, :, 3]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            off = np.linalg.norm(seen[:, :2] / seen[:, 2:] - self.places, axis=1) * self.focal
-        return np.where(seen[:, 2] > 0, off, np.where(np.isnan(off), np.nan, np.inf))
+    @property
+    def middles(self) -> np.ndarray:
+        """Where a marker's diagonals cross, which is the square's middle from any side, (n, 2)."""
+        corners = np.concatenate([self.places, np.ones((*self.places.shape[:2], 1))], axis=2)
+        diagonals = np.cross(corners[:, :2], corners[:, 2:])  # (n, 2, 3): lines
+        crossing = np.cross(diagonals[:, 0], diagonals[:, 1])
+        return crossing[:, :2] / crossing[:, 2:]
+
+    @property
+    def noise_px(self) -> np.ndarray:
+        """Noise floor of each row, px, (n,): its own, and the poses' error."""
+        return np.hypot(self.std, POSES_PX)
+
+    def tolerance(self, max_error_px: float) -> np.ndarray:
+        """Reprojection error within which a row agrees, px, (n,); at least 2 % of its side."""
+        return np.maximum(max_error_px, _TOLERANCE_SIDES * self.side_px)
+
+    def in_cameras(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., k, 3) in each row's camera, (..., n, k, 3)."""
+        rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
+        return np.einsum("nij,...kj->...nki", rotation, points) + shift[:, None]
+
+    def residuals_px(self, points: np.ndarray) -> np.ndarray:
+        """Reprojection error of points (..., k, 3) in each row, px, shape (..., n, k, 2)."""
+        in_camera = self.in_cameras(points)
+        depth = in_camera[..., 2:]
+        # A point behind a camera is as wrong as can be, not an error of the division.
+        safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
+        error = (in_camera[..., :2] / safe - self.places) * self.focal[:, None, None]
+        return np.where(depth <= 0, 1e6, error)
 
 
-@dataclass
-class LayoutScale:
-    """What a layout says about the scale."""
-
-    scale: float  # of the layout's unit a model unit
-    error: float  # relative standard error, by the jackknife over photos
-    inliers: np.ndarray  # (n,) bool: sightings that agree
-    located: np.ndarray  # (n_points, 3): NaN where fewer than two photos agree
-    misfit: float  # root mean square distance of the points from the layout, of its extent
-    rms_px: float  # root mean square reprojection error
+def joined_middles(*markers: Sightings) -> Sightings:
+    """The middles of several markers as one layout's points, each row showing its marker's."""
+    names = [each.name for each in fields(Sightings)]
+    both = {name: np.concatenate([getattr(each, name) for each in markers]) for name in names}
+    own = np.repeat(np.arange(len(markers)), [len(each) for each in markers])
+    places = np.full((len(own), len(markers), 2), np.nan)
+    places[np.arange(len(own)), own] = np.concatenate([each.middles for each in markers])
+    return Sightings(**both | {"places": places})
 
 
-def scale_of_layout(
-    sightings: Sightings, layout: np.ndarray, parts: np.ndarray, *, max_error_px: float
-) -> LayoutScale | None:
-    """Scale of points of known layout.
+def intersect_rays(
+    origins: np.ndarray, directions: np.ndarray, weights: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """Point with the least (weighted) sum of squared distances to lines.
+
+    Solves ``sum_j w_j (I - u_j u_j^T) (x - t_j) = 0`` (paper, eq. objective).
 
     Parameters
     ----------
-    layout : ndarray of shape (n_points, 3), float64
-        Places of the points in any frame, of known unit.
-    parts : ndarray of shape (n_points,), int
-        Points of one part lie as `layout` says; how parts lie to one another is not known.
-    max_error_px : float
-        Largest reprojection error of a sighting that agrees.
+    origins : ndarray of shape (..., n, 3)
+    directions : ndarray of shape (..., n, 3)
+        Unit vectors; a row of NaN is no line.
+    weights : ndarray of shape (..., n), optional
 
     Returns
     -------
-    LayoutScale or None
-        None where fewer than two points are located, or fewer than three photos used.
+    ndarray of shape (..., 3)
+        NaN where fewer than two lines are, or all are parallel.
     """
-    inliers = np.ones(len(sightings), bool)
-    for _ in range(_N_ROUNDS):
-        matrices, rights = _normals(sightings, inliers, len(layout))
-        located = _solved(matrices.sum(axis=0), rights.sum(axis=0))
-        with np.errstate(invalid="ignore"):
-            agree = sightings.errors_px(located) <= max_error_px
-        if (agree == inliers).all():
-            break
-        inliers = agree
-    fitted = scale_and_misfit(located, layout, parts)
-    photos = np.unique(sightings.photos[inliers])
-    if fitted is None or len(photos) < FEWEST_PHOTOS:
+    weights = np.where(np.isfinite(directions[..., 0]), weights, 0.0)
+    directions = np.nan_to_num(directions)
+    projectors = np.eye(3) - directions[..., :, None] * directions[..., None, :]
+    projectors *= weights[..., None, None]
+    left = projectors.sum(axis=-3)
+    right = np.einsum("...nij,...nj->...i", projectors, origins)
+    size = np.trace(left, axis1=-2, axis2=-1)[..., None, None]
+    is_open = np.abs(np.linalg.det(left / np.where(size > 0, size, 1.0))) < _OPEN
+    left = np.where(is_open[..., None, None], np.eye(3), left)
+    point = np.linalg.solve(left, right[..., None])[..., 0]
+    return np.where(is_open[..., None], np.nan, point)
+
+
+def consensus(seen: Sightings, tolerance: np.ndarray, seed: int) -> np.ndarray | None:
+    """Points (k, 3) by the pair of photos that most other rows agree with, all of which show all.
+
+    Returns
+    -------
+    ndarray or None
+        None where no two photos agree.
+    """
+    pairs = np.array(list(combinations(range(len(seen)), 2)), int).reshape(-1, 2)
+    rays, centers = seen.rays, seen.centers
+    middle = rays.mean(axis=1)
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    cosine = np.einsum("pi,pi->p", middle[pairs[:, 0]], middle[pairs[:, 1]])
+    are_two = seen.photos[pairs[:, 0]] != seen.photos[pairs[:, 1]]
+    pairs = pairs[are_two & (cosine < np.cos(np.radians(_MIN_PARALLAX_DEG)))]
+    if len(pairs) == 0:
         return None
-    scale, misfit = fitted
-    used = sightings.select(inliers)
-    left_out = []
-    for photo in range(len(matrices)):
-        if not (used.photos == photo).any():
-            continue
-        rest = _solved(matrices.sum(axis=0) - matrices[photo], rights.sum(axis=0) - rights[photo])
-        fitted = scale_and_misfit(rest, layout, parts)
-        if fitted is not None:
-            left_out.append(np.log(fitted[0] / scale))
-    n = len(left_out)
-    is_known = n >= FEWEST_PHOTOS
-    error = np.sqrt((n - 1) / n * np.sum(np.square(left_out))) if is_known else np.inf
-    rms = float(np.sqrt(np.mean(np.square(used.errors_px(located)))))
-    return LayoutScale(scale, float(error), inliers, located, misfit, rms)
+    pairs = thin_randomly(pairs, _MAX_PAIRS, seed)
+    candidates = intersect_rays(centers[pairs][:, None], rays[pairs].transpose(0, 2, 1, 3))
+    candidates = candidates[np.isfinite(candidates).all(axis=(1, 2))]
+    if len(candidates) == 0:
+        return None
+    errors = np.linalg.norm(seen.residuals_px(candidates), axis=-1).max(axis=-1)
+    # Each row counts less the worse it fits, so that equal counts are told apart.
+    scores = np.clip(1 - (errors / tolerance) ** 2, 0, None).sum(axis=1)
+    best = np.argmax(scores)
+    agreeing = seen.photos[errors[best] < tolerance]
+    return candidates[best] if len(np.unique(agreeing)) > 1 else None
 
 
-def _normals(
-    sightings: Sightings, kept: np.ndarray, n_points: int
+def locate(
+    seen: Sightings,
+    tolerance: np.ndarray,
+    start: np.ndarray | None = None,
+    *,
+    as_one: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Normal equations of each point by photo: (n_photos, n_points, 3, 3) and (..., 3).
+    """Where the rays of each point meet, by those that agree.
 
-    Rays count by the inverse square of their camera's distance from the scene's middle, which
-    stands for equal pixels.
+    Parameters
+    ----------
+    tolerance : ndarray of shape (n,)
+        Reprojection error within which a sighting agrees, px.
+    start : ndarray of shape (k, 3), optional
+        First guess; left out, where all rays meet.
+    as_one : bool
+        Whether the points of a row agree all or none.
+
+    Returns
+    -------
+    points : ndarray of shape (k, 3)
+        NaN where the rays leave a point open.
+    agree : ndarray of shape (n, k), bool
     """
-    rays, centers = sightings.rays, sightings.centers
-    projectors = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-    middle = np.linalg.lstsq(
-        projectors.reshape(-1, 3), np.einsum("nij,nj->ni", projectors, centers).ravel(), rcond=None
-    )[0]
-    weight = kept * (sightings.focal / np.linalg.norm(centers - middle, axis=1)) ** 2
-    projectors *= (weight / max(weight.max(), 1e-300))[:, None, None]
-    shape = (int(sightings.photos.max()) + 1, n_points, 3)
-    matrices, rights = np.zeros((*shape, 3)), np.zeros(shape)
-    at = sightings.photos, sightings.points
-    np.add.at(matrices, at, projectors)
-    np.add.at(rights, at, np.einsum("nij,nj->ni", projectors, centers))
-    return matrices, rights
+    origins, rays = seen.centers[None], seen.rays.transpose(1, 0, 2)  # (k, n, 3)
+    points = intersect_rays(origins, rays) if start is None else start
+    for _ in range(_N_ROUNDS):
+        errors = np.linalg.norm(seen.residuals_px(points), axis=-1)
+        agree = errors < tolerance[:, None]
+        if as_one:
+            agree &= agree.all(axis=1, keepdims=True)
+        away = np.linalg.norm(points - seen.centers[:, None], axis=-1)
+        noise = seen.noise_px[:, None]
+        weights = (seen.focal[:, None] / (np.maximum(away, 1e-12) * noise)) ** 2
+        weights /= np.sqrt(1 + (errors / (_LOSS_SCALES * noise)) ** 2)
+        points = intersect_rays(origins, rays, np.where(agree, weights, 0.0).T)
+    return points, agree
 
 
-def _solved(matrices: np.ndarray, rights: np.ndarray) -> np.ndarray:
-    """Points (n, 3) of their normal equations, NaN where the rays leave them open."""
-    size = np.trace(matrices, axis1=1, axis2=2)
-    open_ = np.linalg.det(matrices / np.where(size > 0, size, 1.0)[:, None, None]) < 1e-9
-    matrices = np.where(open_[:, None, None], np.eye(3), matrices)
-    points = np.linalg.solve(matrices, rights[..., None])[..., 0]
-    return np.where(open_[:, None], np.nan, points)
+@dataclass(frozen=True)
+class Similarity:
+    """A layout laid over points that were located, each part turned and shifted by itself."""
+
+    size: float  # of the layout's unit
+    misfit: float  # root mean square distance of the points from the layout, of its extent
+    middles: np.ndarray  # (k, 3): of each point's part; NaN for a point that is not located
+    turned: np.ndarray  # (k, 3): the layout from there, turned but in its own unit
 
 
-def scale_and_misfit(
-    located: np.ndarray, layout: np.ndarray, parts: np.ndarray
-) -> tuple[float, float] | None:
-    """Scale from the located points to the layout, and what is left, of the layout's extent."""
-    above, below, left, extent = 0.0, 0.0, 0.0, 0.0
+def lay_over(points: np.ndarray, layout: np.ndarray, parts: np.ndarray) -> Similarity | None:
+    """Similarity of a layout and located points (Umeyama, TPAMI 1991); None for fewer than two.
+
+    Parameters
+    ----------
+    points, layout : ndarray of shape (k, 3)
+        NaN for a point that is not located; and places in any frame, of known unit.
+    parts : ndarray of shape (k,), int
+        Points of one part lie as `layout` says; how parts lie to one another is not known.
+    """
+    middles, turned = np.full_like(points, np.nan), np.full_like(points, np.nan)
+    gain, extents = 0.0, np.zeros(2)
     for part in np.unique(parts):
-        rows = (parts == part) & np.isfinite(located).all(axis=1)
+        rows = (parts == part) & np.isfinite(points).all(axis=1)
         if rows.sum() < 2:
             continue
-        source, target = located[rows], layout[rows]
-        source, target = source - source.mean(axis=0), target - target.mean(axis=0)
-        above += best_turn(target.T @ source)[1]
-        below += float(np.square(source).sum())
-        extent += float(np.square(target).sum())
-    if below <= 0 or above <= 0:
+        middles[rows] = points[rows].mean(axis=0)
+        there, here = points[rows] - middles[rows], layout[rows] - layout[rows].mean(axis=0)
+        rotation, trace = best_turn(there.T @ here)
+        turned[rows] = here @ rotation.T
+        gain += trace
+        extents += np.square(there).sum(), np.square(here).sum()
+    if gain <= 0:
         return None
-    scale = above / below
-    left = max(extent - above**2 / below, 0.0)
-    return scale, float(np.sqrt(left / extent))
+    left = max(1 - gain**2 / extents.prod(), 0.0)
+    return Similarity(float(gain / extents[1]), float(np.sqrt(left)), middles, turned)
+
+
+@dataclass(frozen=True)
+class LayoutFit:
+    """A layout with the least reprojection error."""
+
+    size: float  # of the layout's unit, in that of the poses
+    error: float  # its relative standard error
+    # Mean squared residual in the noise that the fit expects, but for what moves all points of a
+    # row alike, which is its pose's; and its degrees of freedom
+    misfit: float
+    misfit_dof: int
+
+
+def fit_layout(seen: Sightings, laid: Similarity) -> LayoutFit:
+    """Size of a layout by the sightings that agree, from where it was laid over their points.
+
+    The error is a sandwich estimate that takes each photo as one independent draw, since all points
+    of a photo share the error of its pose; with few photos the plain one where larger.
+    """
+    located = np.isfinite(laid.turned[:, 0])
+    middles, part = np.unique(laid.middles[located], axis=0, return_inverse=True)
+    part, turned = np.ravel(part), laid.turned[located]
+    seen = replace(seen, places=seen.places[:, located])
+    is_shown = np.isfinite(seen.places[..., 0])
+    noise = seen.noise_px[:, None, None]
+
+    def residuals(model: np.ndarray) -> np.ndarray:
+        shifts, turns = model[:-1].reshape(2, -1, 3)
+        arms = np.exp(model[-1]) * Rotation.from_rotvec(turns[part]).apply(turned)
+        moved = middles[part] + laid.size * (shifts[part] + arms)
+        return (seen.residuals_px(moved) / noise)[is_shown].ravel()
+
+    start = np.zeros(6 * len(middles) + 1)
+    found = least_squares(residuals, start, loss="soft_l1", f_scale=_LOSS_SCALES)
+    inverse = np.linalg.pinv(found.jac.T @ found.jac)  # scaled by the robust loss
+    variance = np.sum(found.fun**2) / max(len(found.fun) - len(start), 1)
+    plain = max(variance, _LEAST_VARIANCE) * inverse[-1, -1]
+    photos, photo = np.unique(seen.photos[np.nonzero(is_shown)[0]], return_inverse=True)
+    scores = np.zeros((len(photos), len(start)))
+    np.add.at(scores, np.repeat(photo, 2), found.jac * found.fun[:, None])
+    sandwich = np.sum((scores @ inverse[-1]) ** 2) * len(photos) / max(len(photos) - 1, 1)
+    rows, row = np.unique(np.nonzero(is_shown)[0], return_inverse=True)
+    own = found.fun.reshape(-1, 2)
+    means = [np.bincount(row, own[:, axis]) / np.bincount(row) for axis in (0, 1)]
+    own = own - np.transpose(means)[row]
+    freedom = max(2 * (len(own) - len(rows)) - 3 * len(middles) - 1, 1)
+    size = float(laid.size * np.exp(found.x[-1]))
+    error = float(np.sqrt(max(plain, sandwich)))
+    return LayoutFit(size, error, float(np.sum(own**2) / freedom), freedom)

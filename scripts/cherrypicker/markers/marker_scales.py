@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,14 @@ import numpy as np
 from cherrypicker.markers.columns import SIDES_COLUMN
 from cherrypicker.markers.combine import drop
 from cherrypicker.markers.detection import Detection
-from cherrypicker.markers.geometry import Observations, locate_marker
-from cherrypicker.markers.layouts import Sightings
+from cherrypicker.markers.layouts import (
+    Sightings,
+    consensus,
+    fit_layout,
+    intersect_rays,
+    lay_over,
+    locate,
+)
 
 # What no scatter of the sightings shows, root mean squares over nine rendered scenes
 # (docs/lab/scale.md): how far all of a marker's edges lie off together, px, and how far the scale
@@ -19,6 +26,118 @@ from cherrypicker.markers.layouts import Sightings
 EDGE_PX, DRIFT = 0.02, 5e-4
 # Printers and rulers: two correct markers may differ by 0.5 %, three of these each (guess)
 PRINT_STD = 0.0017
+# What a square's corners may be off their plane and off a square, of its side, or as many errors
+_MAX_OFF, _MAX_OFF_ERRORS = 0.02, 5
+_UNIT_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
+
+
+@dataclass
+class MarkerGeometry:
+    """A marker in the frame of the poses, by the names of scale.json."""
+
+    corners: np.ndarray  # (4, 3): free corners, each from its own rays
+    side_lengths: np.ndarray  # (4,): between neighbouring free corners
+    square_side: float  # of the best square
+    side_std: float  # its relative standard error
+    sightings: Sightings  # that agree on all four corners
+    rms_reprojection_px: float  # root mean square, of the free corners
+    # off_plane, off_square: largest distance of a corner from the common plane, and largest
+    # deviation of a side or of a diagonal (over sqrt 2) from the mean side, both as fractions of
+    # the side
+    off_plane: float
+    off_square: float
+    is_square: bool  # whether both lie within what the noise allows
+    misfit: float  # of the best square, as of `LayoutFit`
+    misfit_dof: int
+
+
+def locate_marker(
+    seen: Sightings, *, max_error_px: float = 2.0, by: str = "square", seed: int = 0
+) -> MarkerGeometry | None:
+    """Find a marker's corners and side from its sightings, whatever outliers are among them.
+
+    Parameters
+    ----------
+    max_error_px : float, default 2
+        Largest reprojection error of a corner for its sighting to agree; at least 2 % of the side
+        in that photo.
+    by : {"square", "mean"}
+        The side of the square that explains the sightings which agree; or the mean distance of the
+        points that come nearest to the rays of all, as published.
+
+    Returns
+    -------
+    MarkerGeometry or None
+        None where no two photos agree on a position.
+    """
+    used = seen
+    if by == "mean":
+        corners = intersect_rays(seen.centers[None], seen.rays.transpose(1, 0, 2))
+    else:
+        tolerance = seen.tolerance(max_error_px)
+        start = consensus(seen, tolerance, seed)
+        if start is None:
+            return None
+        corners, agree = locate(seen, tolerance, start, as_one=True)
+        used = seen.select(np.flatnonzero(agree.all(axis=1)))
+    laid = lay_over(corners, _UNIT_SQUARE, np.zeros(4, int))
+    if laid is None or len(np.unique(used.photos)) < 2:
+        return None
+    fit = fit_layout(used, laid)
+    rms_px = float(np.sqrt(np.mean(np.sum(used.residuals_px(corners) ** 2, axis=-1))))
+    noise = _MAX_OFF_ERRORS * rms_px / float(np.median(used.side_px)) / np.sqrt(len(used))
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
+    diagonals = np.linalg.norm(corners[:2] - corners[2:], axis=1) / np.sqrt(2)
+    centered = corners - corners.mean(axis=0)
+    off_plane = float(np.abs(centered @ np.linalg.svd(centered)[2][2]).max() / sides.mean())
+    off_square = float(np.abs(np.concatenate([sides, diagonals]) / sides.mean() - 1).max())
+    return MarkerGeometry(
+        corners=corners,
+        side_lengths=sides,
+        square_side=float(sides.mean()) if by == "mean" else fit.size,
+        side_std=fit.error,
+        sightings=used,
+        rms_reprojection_px=rms_px,
+        off_plane=off_plane,
+        off_square=off_square,
+        is_square=max(off_plane, off_square) < max(_MAX_OFF, noise),
+        misfit=fit.misfit,
+        misfit_dof=fit.misfit_dof,
+    )
+
+
+def locate_middle(
+    seen: Sightings, *, max_error_px: float = 2.0, seed: int = 0
+) -> tuple[np.ndarray, float] | None:
+    """Find where most rays through the middles meet, for corners that no square explains.
+
+    Parameters
+    ----------
+    max_error_px : float, default 2
+        As of :func:`locate_marker`, of a middle.
+
+    Returns
+    -------
+    (ndarray of shape (3,), float) or None
+        The middle, and the radius of the print around it with the error of the middle; None where
+        no two photos agree on a position.
+    """
+    middles, tolerance = replace(seen, places=seen.middles[:, None]), seen.tolerance(max_error_px)
+    start = consensus(middles, tolerance, seed)
+    if start is None:
+        return None
+    points, agree = locate(middles, tolerance, start)
+    used, middle = seen.select(agree[:, 0]), points[0]
+    if len(np.unique(used.photos)) < 2:
+        return None
+    depth = used.in_cameras(points)[:, 0, 2]
+    reach = np.linalg.norm(used.places - used.middles[:, None], axis=-1).max(axis=1) * depth
+    rays = used.centers - middle
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    weights = (used.focal / (depth * used.noise_px)) ** 2
+    normal = np.einsum("n,nij->ij", weights, np.eye(3) - rays[:, :, None] * rays[:, None, :])
+    error = np.sqrt(1 / np.linalg.eigvalsh(normal)[0])
+    return middle, float(reach.max() + error)
 
 
 def measure_marker(
@@ -44,7 +163,7 @@ def measure_marker(
     min_images : int
         Photos that must agree.
     max_px, by : float, {"square", "mean"}
-        As of :func:`cherrypicker.markers.geometry.locate_marker`.
+        As of :func:`locate_marker`.
 
     Returns
     -------
@@ -76,59 +195,48 @@ def measure_marker(
             f"seen in fewer than {min_images} photos" if detections else "no photo shows it"
         )
         return report
-    observations = observe(detections, cam_from_world)
-    geometry = locate_marker(observations, max_error_px=max_px, by=by, seed=seed)
-    if geometry is None or len(np.unique(observations.photos[geometry.inliers])) < min_images:
+    seen = observe(detections, cam_from_world)
+    found = locate_marker(seen, max_error_px=max_px, by=by, seed=seed)
+    if found is None or len(np.unique(found.sightings.photos)) < min_images:
         report["flags"].append("its sightings do not agree on a position")
         return report
-    outliers = len(observations) - int(geometry.inliers.sum())
-    if outliers:
-        report["flags"].append(f"{outliers} of {len(observations)} sightings do not fit")
-    if not geometry.is_square:
+    used = found.sightings
+    if len(used) < len(seen):
+        report["flags"].append(f"{len(seen) - len(used)} of {len(seen)} sightings do not fit")
+    if not found.is_square:
         report["flags"].append(
-            f"its corners do not form a flat square (off the plane {100 * geometry.off_plane:.1f} "
-            f"%, off the square {100 * geometry.off_square:.1f} % of the side)"
+            f"its corners do not form a flat square (off the plane {100 * found.off_plane:.1f} "
+            f"%, off the square {100 * found.off_square:.1f} % of the side)"
         )
-    seen = observations.select(geometry.inliers)
-    report |= {
-        "n_inliers": len(seen),
-        "n_rays": 4 * len(seen),
-        "used": True,
-        "is_square": bool(geometry.is_square),
-        "images": sorted({int(index) for index in seen.photos}),
-        "corners": geometry.corners,
-        "side_lengths": geometry.side_lengths,
-        "mean_side": float(geometry.side_lengths.mean()),
-        "square_side": geometry.side,
-        "rms_reprojection_px": geometry.rms_px,
-        "mean_side_px": float(seen.side_px.mean()),
-        "off_plane": geometry.off_plane,
-        "off_square": geometry.off_square,
-        "misfit": geometry.misfit,
-        "misfit_dof": geometry.misfit_dof,
-        "sightings": seen,
+    report |= vars(found) | {
+        "n_inliers": len(used),
+        "n_rays": 4 * len(used),
+        "used": side_m is not None,
+        "images": sorted({int(index) for index in used.photos}),
+        "mean_side": float(found.side_lengths.mean()),
+        "mean_side_px": float(used.side_px.mean()),
     }
-    if side_m is None:
-        return report | {"used": False}
-    error = np.hypot(geometry.side_std / geometry.side, side_floor(report["mean_side_px"]))
-    if not geometry.is_square:
-        error = np.hypot(error, 0.5 * geometry.off_square)
-    scale = side_m / geometry.side
-    return report | {"scale": scale, "scale_std": float(scale * error)}
+    error = np.hypot(report.pop("side_std"), side_floor(report["mean_side_px"]))
+    if not found.is_square:
+        error = np.hypot(error, 0.5 * found.off_square)
+    if side_m is not None:
+        scale = side_m / found.square_side
+        report |= {"scale": scale, "scale_std": float(scale * error)}
+    return report
 
 
 def observe(
     detections: list[Detection], cam_from_world: np.ndarray, *, coarse: bool = False
-) -> Observations:
+) -> Sightings:
     """Detections of one marker with the poses (n_photos, 3, 4) of their photos.
 
     With `coarse` by the corners as they were before the pattern was fitted.
     """
     photos = np.array([detection.photo for detection in detections])
-    return Observations(
+    return Sightings(
         photos=photos,
         cam_from_world=cam_from_world[photos],
-        corners=np.array([each.coarse if coarse else each.corners for each in detections]),
+        places=np.array([each.coarse if coarse else each.corners for each in detections]),
         focal=np.array([detection.focal for detection in detections]),
         std=np.array([each.coarse_std if coarse else each.corner_std for each in detections]),
         side_px=np.array([detection.side_px for detection in detections]),
@@ -167,15 +275,3 @@ def marker_references(markers: list[dict], warnings: list[str]) -> list[dict]:
             "reconstruction warped?"
         )
     return known
-
-
-def marker_centers(marker: dict, point: int) -> Sightings:
-    """Sightings of a marker's centre as a point of a layout."""
-    seen = marker["sightings"]
-    return Sightings(
-        photos=seen.photos,
-        cam_from_world=seen.cam_from_world,
-        focal=seen.focal,
-        points=np.full(len(seen), point),
-        places=seen.middles,
-    )

@@ -20,8 +20,14 @@ from scipy.stats import f as f_distribution
 from cherrypicker.markers.columns import SIDES_COLUMN
 from cherrypicker.markers.combine import MOST_ERRORS
 from cherrypicker.markers.detection import Detection
-from cherrypicker.markers.geometry import POSES_PX, locate_marker, locate_middle
-from cherrypicker.markers.marker_scales import EDGE_PX, measure_marker, observe
+from cherrypicker.markers.layouts import POSES_PX
+from cherrypicker.markers.marker_scales import (
+    EDGE_PX,
+    locate_marker,
+    locate_middle,
+    measure_marker,
+    observe,
+)
 from cherrypicker.markers.reference_scales import Scan
 
 logger = logging.getLogger(__name__)
@@ -208,9 +214,9 @@ def _split(
 ) -> tuple[list[Detection], list[Detection]]:
     """Reads that lie on a marker's middle (3,), nearer than their own corners, and the others."""
     seen = observe(reads, scan.cam_from_world)
-    at = seen.cam_from_world[:, :, :3] @ middle + seen.cam_from_world[:, :, 3]
+    at = seen.in_cameras(middle[None])[:, 0]
     away = np.linalg.norm(at[:, :2] / at[:, 2:] - seen.middles, axis=1)
-    reach = np.linalg.norm(seen.corners - seen.middles[:, None], axis=-1).max(axis=1)
+    reach = np.linalg.norm(seen.places - seen.middles[:, None], axis=-1).max(axis=1)
     is_here = (away < reach) & (at[:, 2] > 0)
     return (
         [read for read, here in zip(reads, is_here) if here],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +13,17 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import (
-    Found,
     charuco_finder,
     charuco_layout,
     cube_finder,
     cube_layout,
-    joined,
     name_faces,
     sightings_of,
 )
 from cherrypicker.markers.detection import search_photos
 from cherrypicker.markers.gps import local_metres, scale_of_positions
-from cherrypicker.markers.layouts import FEWEST_PHOTOS, Sightings, scale_of_layout
-from cherrypicker.markers.marker_scales import DRIFT, marker_centers
+from cherrypicker.markers.layouts import Sightings, fit_layout, joined_middles, lay_over, locate
+from cherrypicker.markers.marker_scales import DRIFT
 from cherrypicker.markers.references import Reference
 from cherrypicker.markers.tape import scale_of_trunk
 
@@ -34,6 +32,7 @@ logger = logging.getLogger(__name__)
 # Points may be off their layout by this share of its extent (guess: a wrong number of squares is by
 # far more)
 _MOST_MISFIT = 0.02
+_FEWEST_PHOTOS = 3  # of a board or a distance, whose error the scatter of the photos tells
 # Where a tape is the only reference, the cameras are first taken to stand so far apart, m (guess)
 _STARTS_M = (3.0, 6.0, 1.5)
 
@@ -62,7 +61,7 @@ class Scan:
         rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
         return -np.einsum("nji,nj->ni", rotation, shift)
 
-    def search(self, find: Callable[[np.ndarray], list[Found]], what: str) -> list[Sightings]:
+    def search(self, find: Callable[[np.ndarray], list[np.ndarray]], what: str) -> Sightings:
         """Run a finder of boards on every photo."""
         found = search_photos(self.photos, lambda _, grey: find(grey), what, threads=self.threads)
         return sightings_of(found, self.cameras, self.cam_from_world)
@@ -112,15 +111,15 @@ def measure_reference(
 def _distance(reference: Reference, scan: Scan, markers: dict[int, dict]) -> tuple[float, float]:
     """By the centres of two markers."""
     ends = []
-    for point, marker_id in enumerate(reference.values["markers"]):
+    for marker_id in reference.values["markers"]:
         marker = markers[marker_id]
         if "sightings" not in marker:
             raise _NoScale(f"marker {marker_id} is {', '.join(marker['flags']) or 'not found'}")
         if marker["n_places"] > 1:
             raise _NoScale(f"marker {marker_id} stands in {marker['n_places']} places")
-        ends.append(marker_centers(marker, point))
+        ends.append(marker["sightings"])
     layout = np.array([[0.0, 0.0, 0.0], [reference.length_m, 0.0, 0.0]])
-    return _by_layout(joined(ends), layout, np.zeros(2, int), scan)
+    return _by_layout(joined_middles(*ends), layout, np.zeros(2, int), scan)
 
 
 def _board(reference: Reference, scan: Scan) -> tuple[float, float]:
@@ -134,24 +133,26 @@ def _board(reference: Reference, scan: Scan) -> tuple[float, float]:
         layout, parts = cube_layout(values)
         n = values["cells"] - 1
         boards = name_faces(grids, n, min_photos=scan.min_images, seed=scan.seed)
-    n_photos = len({int(photo) for board in boards for photo in board.photos})
-    fewest = max(scan.min_images, FEWEST_PHOTOS)
+    n_photos, fewest = len(np.unique(boards.photos)), max(scan.min_images, _FEWEST_PHOTOS)
     if n_photos < fewest:
         raise _NoScale(f"seen in {n_photos} of {len(scan.photos)} photos, {fewest} are needed")
-    return _by_layout(joined(boards), layout, parts, scan)
+    return _by_layout(boards, layout, parts, scan)
 
 
 def _by_layout(
-    sightings: Sightings, layout: np.ndarray, parts: np.ndarray, scan: Scan
+    seen: Sightings, layout: np.ndarray, parts: np.ndarray, scan: Scan
 ) -> tuple[float, float]:
-    found = scale_of_layout(sightings, layout, parts, max_error_px=scan.max_px)
-    if found is None or not np.isfinite(found.error):
+    points, agree = locate(seen, seen.tolerance(scan.max_px))
+    laid = lay_over(points, layout, parts)
+    used = replace(seen, places=np.where(agree[..., None], seen.places, np.nan))
+    if laid is None or len(np.unique(seen.photos[agree.any(axis=1)])) < _FEWEST_PHOTOS:
         raise _NoScale("too few photos agree on where it is")
-    if found.misfit > _MOST_MISFIT:
+    if laid.misfit > _MOST_MISFIT:
         raise _NoScale(
-            f"its points are off the layout by {100 * found.misfit:.1f} %: is it bent, or another?"
+            f"its points are off the layout by {100 * laid.misfit:.1f} %: is it bent, or another?"
         )
-    return found.scale, found.error
+    fit = fit_layout(used, laid)
+    return 1 / fit.size, fit.error
 
 
 def _trunk(reference: Reference, scan: Scan, guess: float | None) -> tuple[float, float]:
