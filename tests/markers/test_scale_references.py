@@ -13,9 +13,9 @@ from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import charuco_finder
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.estimate_scale import estimate_scale
-from cherrypicker.markers.gps import local_metres, scale_of_positions
 from cherrypicker.markers.references import check_scale
 from cherrypicker.markers.tape import scale_of_trunk
+from cherrypicker.sfm.gps import local_metres, scale_of_positions
 
 DICTIONARY = "DICT_4X4_50"
 CENTERS = np.array([[0.30, -0.15, 0.05], [-0.35, 0.10, 0.02]])

@@ -21,11 +21,11 @@ from cherrypicker.markers.boards import (
     sightings_of,
 )
 from cherrypicker.markers.detection import search_photos
-from cherrypicker.markers.gps import local_metres, scale_of_positions
 from cherrypicker.markers.layouts import Sightings, fit_layout, joined_middles, lay_over, locate
 from cherrypicker.markers.marker_scales import DRIFT
 from cherrypicker.markers.references import Reference
 from cherrypicker.markers.tape import scale_of_trunk
+from cherrypicker.sfm.gps import local_metres, scale_of_positions
 
 logger = logging.getLogger(__name__)
 

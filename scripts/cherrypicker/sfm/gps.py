@@ -1,24 +1,26 @@
-"""The places that photos state by GPS beside those that were found: a rough check, never a source.
+"""The places that photos state by GPS beside those that were found.
 
-Who photographs a tree walks on level ground, and altitudes by GPS are poor: so the cameras are laid
-into the plane that fits them best and compared with longitude and latitude there, by the similarity
-that fits best, mirrored or not.
+Of every scan they are a rough check. Who photographs a tree walks on level ground, and altitudes by
+GPS are poor: so the cameras are laid into the plane that fits them best and compared with longitude
+and latitude there, by the similarity that fits best, mirrored or not. Where the config asks for the
+scale by GPS, altitudes count too.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 
-from cherrypicker.intake.places import stated_place
+from cherrypicker.geometry.similarity import best_turn
+from cherrypicker.intake.places import Place, stated_place
 
 logger = logging.getLogger(__name__)
 
-# A metre of latitude, degrees, on a sphere: three in a thousand off at most, far below GPS's errors
-DEGREES_A_METRE = 360.0 / 40.0e6
+_FEWEST = 3  # positions that give a scale: fewer leave the turn open
 # A similarity always fits two places; phones repeat a fix over several photos (guess)
 LEAST_PLACES = 5
 # What the fit may leave of the places' spread (guess: three quarters of the variance explained)
@@ -55,16 +57,14 @@ def compare_places(
     n_places = len(np.unique(degrees, axis=0))
     if n_places < LEAST_PLACES:
         return None
-    middle = degrees.mean(axis=0)
-    shrink = np.array([np.cos(np.radians(middle[1])), 1.0])
-    stated = (degrees - middle) * shrink / DEGREES_A_METRE
+    level = [Place(latitude, longitude, 0.0) for longitude, latitude in degrees.tolist()]
+    stated = local_metres(level) * [1.0, 1.0, 0.0]
     found = np.array([centers[name] for name in names])
     found = found - found.mean(axis=0)
-    found = found @ np.linalg.svd(found, full_matrices=False)[2][:2].T
-    fits = [_similarity(found * [1.0, side], stated) for side in (1.0, -1.0)]
-    scale, residual = min(fits, key=lambda fit: fit[1])
+    # A turn in space mirrors what is flat
+    flat = np.linalg.svd(found, full_matrices=False)[2][:2]
+    scale, residual, size = _similarity(found @ flat.T @ np.eye(2, 3), stated)
     walk = float(np.sqrt((stated**2).sum(axis=1).mean()))
-    size = float(np.sqrt((found**2).sum()))
     # Two coordinates a place, each with half of the error; repeated fixes tell nothing new
     error = residual / np.sqrt(2.0) / size * np.sqrt(len(names) / n_places)
     report = {
@@ -88,8 +88,48 @@ def compare_places(
     return report
 
 
-def _similarity(found: np.ndarray, stated: np.ndarray) -> tuple[float, float]:
-    """Scale and RMS residual of the turn and scale that lay centred places (n, 2) over others."""
-    a, b = found[:, 0] + 1j * found[:, 1], stated[:, 0] + 1j * stated[:, 1]
-    factor = complex(np.vdot(a, b)) / max(float(np.vdot(a, a).real), 1e-12)
-    return float(abs(factor)), float(np.sqrt((np.abs(b - factor * a) ** 2).mean()))
+def local_metres(places: Sequence[Place]) -> np.ndarray:
+    """East, north and up, m, from the mean of n places, (n, 3); altitudes are needed."""
+    positions = np.array(places)
+    earth = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
+    return np.array(earth.ellipsoid_to_enu(positions, *positions.mean(axis=0)))
+
+
+def scale_of_positions(
+    centers: np.ndarray, metres: np.ndarray, tolerance_m: float
+) -> tuple[float, float] | None:
+    """Scale that brings cameras onto their measured positions, and its relative standard error.
+
+    Parameters
+    ----------
+    centers, metres : ndarray of shape (n, 3)
+        Cameras in the model, and as measured.
+    tolerance_m : float
+        Standard error of a coordinate of a measured position; larger where they scatter more.
+
+    Returns
+    -------
+    (float, float) or None
+        None for fewer than three positions, or positions in one place.
+    """
+    n = len(centers)
+    if n < _FEWEST:
+        return None
+    scale, residual, size = _similarity(centers, metres)
+    if scale <= 0:
+        return None
+    scatter = residual * np.sqrt(n / max(3 * n - 7, 1))
+    return scale, float(max(tolerance_m, scatter) / size / scale)
+
+
+def _similarity(found: np.ndarray, stated: np.ndarray) -> tuple[float, float, float]:
+    """Scale and RMS residual of the similarity from places onto others (n, 3); size of the first.
+
+    The size is the root of the summed squared distances from the middle.
+    """
+    source, target = found - found.mean(axis=0), stated - stated.mean(axis=0)
+    rotation, gain = best_turn(target.T @ source)
+    spread = max(float(np.square(source).sum()), 1e-12)
+    scale = gain / spread
+    left = np.square(target - scale * source @ rotation.T).sum(axis=1)
+    return scale, float(np.sqrt(left.mean())), float(np.sqrt(spread))
