@@ -44,43 +44,34 @@ def combine(references: list[dict], warnings: list[str]) -> tuple[float, float]:
             f"no reference gives a scale ({reasons})", key=_keys(references) or "scale in trees.tsv"
         )
     used = _drop_contradicting(used, warnings)
-    value, error = _mean(used)
+    value, error, _ = _mean(used)
     for one in references:
-        others = [other for other in used if other is not one]
-        one["check"] = _check(one, others) if others and one.get("scale") else None
+        is_checked = one.get("scale") and any(other is not one for other in used)
+        one["check"] = _check(one, used) if is_checked else None
     return float(np.exp(value)), float(np.exp(value) * error)
 
 
-def _mean(used: list[dict]) -> tuple[float, float]:
-    """Logarithm of the scale and its standard error."""
+def _mean(used: list[dict]) -> tuple[float, float, float]:
+    """Logarithm of the joint scale, its standard error, and that with the lengths' own slack."""
     values = np.log([one["scale"] for one in used])
     stds = np.array([one["scale_std"] / one["scale"] for one in used])
-    loose = _loose(used)
-    weights = 1 / loose**2
-    weights /= weights.sum()
-    mean = float(weights @ values)
-    variance = float(weights**2 @ stds**2)
+    loose = np.hypot(stds, [one["slack"] for one in used])
+    weights = 1 / loose**2 / np.sum(1 / loose**2)
+    mean, variance = float(weights @ values), float(weights**2 @ stds**2)
     if len(used) > 1:
         # What they differ by beyond their own errors is part of the uncertainty (Birge's ratio).
         excess = np.sum(((values - mean) / np.maximum(stds, 1e-12)) ** 2) / (len(used) - 1)
         variance *= max(excess, 1.0)
-    return mean, float(np.sqrt(variance))
+    return mean, float(np.sqrt(variance)), float(np.sqrt(weights**2 @ loose**2))
 
 
-def _loose(used: list[dict]) -> np.ndarray:
-    """Relative standard errors, slack included."""
-    return np.array([np.hypot(one["scale_std"] / one["scale"], one["slack"]) for one in used])
-
-
-def _check(one: dict, others: list[dict]) -> dict:
+def _check(one: dict, used: list[dict]) -> dict:
     """How much a reference differs from the others, and the standard error of that."""
-    loose = _loose(others)
-    weights = 1 / loose**2 / np.sum(1 / loose**2)
-    value = weights @ np.log([other["scale"] for other in others])
-    error = np.hypot(_loose([one])[0], np.sqrt(weights**2 @ loose**2))
+    others = [other for other in used if other is not one]
+    (own, _, own_loose), (value, _, loose) = _mean([one]), _mean(others)
     return {
-        "difference": float(np.log(one["scale"]) - value),
-        "difference_std": float(error),
+        "difference": own - value,
+        "difference_std": float(np.hypot(own_loose, loose)),
         "against": [other["name"] for other in others],
     }
 
@@ -88,7 +79,7 @@ def _check(one: dict, others: list[dict]) -> dict:
 def _drop_contradicting(used: list[dict], warnings: list[str]) -> list[dict]:
     """Leave out references that differ from what three and more give without them."""
     while len(used) > 1:
-        checks = [_check(one, [other for other in used if other is not one]) for one in used]
+        checks = [_check(one, used) for one in used]
         off = np.array([abs(check["difference"]) for check in checks])
         errors = off / [check["difference_std"] for check in checks]
         worst = int(np.argmax(errors))
