@@ -3,6 +3,7 @@
 import ast
 import re
 
+import count_numbers
 import pytest
 
 from cherrypicker.batch.watched_modules import imported_modules
@@ -214,3 +215,18 @@ def test_an_edit_of_the_contraction_graph_or_traits_relabels_nothing(scripts):
     for stage in ("segment_cloud", "grow_limbs"):
         reached = imported_modules(scripts / f"{stage}.py", scripts)
         assert not [file for file in reached if any(room in file for room in later)], stage
+
+
+MOST_NUMBERS, MOST_GUESSES = 855, 216
+
+
+def test_named_numbers_only_fall():
+    """Lower a limit with the count; what needs a new number takes an old one out."""
+    numbers, guesses = count_numbers.count()
+    assert numbers.total() <= MOST_NUMBERS
+    assert guesses.total() <= MOST_GUESSES
+
+
+def test_a_number_is_counted_by_its_name_and_its_comment():
+    source = "# A guess\nA, B = 1, 2.5\nC: int = 3  # measured\nNAMES = ('a',)\nlower = 4\n"
+    assert [*count_numbers.named_numbers(source)] == [("A", True), ("B", True), ("C", False)]
