@@ -109,6 +109,10 @@ rule summarise_batch:
         of_each_tree("results/{tree}/traits.json"),
         of_each_tree("results/{tree}/report.html"),
         of_each_tree("results/{tree}/measures.json", MEASURED_TREES),
+        # It links them; of a run with failures those that could be made first
+        []
+        if ONLY_FINISHED
+        else expand("results/series/{series}/report.html", series=SERIES),
     output:
         table=report(
             ensure("results/traits.csv", non_empty=True),

@@ -28,6 +28,7 @@ rule compare_series:
         "benchmarks/compare_series/{series}.tsv"
     wildcard_constraints:
         series=any_of(SERIES),
+    priority: 1
     conda:
         "../../envs/report.yaml"
     threads: 1

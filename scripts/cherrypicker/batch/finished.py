@@ -38,6 +38,7 @@ def summarise_finished(workflow: Any) -> None:
         command += ["--configfile", *map(str, given.configfiles)]
     command += ["--config", *(f"{key}={json.dumps(value)}" for key, value in keys.items())]
     command += ["--profile", "none", "--workflow-profile", "none", "--cores", "1", "--nolock"]
+    command += ["--keep-going"]  # a comparison that fails keeps no summary back
     command += ["--quiet", "all", "--allowed-rules", *RULES, "--forcerun", "summarise_batch"]
     own = {key: value for key, value in os.environ.items() if not key.startswith("SNAKEMAKE")}
     if subprocess.run(command, env=own, check=False).returncode:
