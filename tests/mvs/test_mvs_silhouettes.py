@@ -74,8 +74,11 @@ class Photos:
     def photo_path(self, view):
         return self.folder / view.name
 
+    def photo(self, i):
+        return read_photo(self.photo_path(self.views[i]))
+
     def raster(self, i):
-        photo = read_photo(self.photo_path(self.views[i]))
+        photo = self.photo(i)
         return make_raster(photo, np.full(photo.shape[:2], i in self.before_sky), NOTHING)
 
 
