@@ -85,12 +85,7 @@ class ScanPhotos:
         assert self._read_photo is not None
         view = self.views[i]
         photo = self._read_photo(view.name, max(view.width, view.height))
-        if photo.shape[:2] != (view.height, view.width):
-            raise StageError(
-                f"the undistorted photo {view.name} is {photo.shape[1]} x {photo.shape[0]} px, its "
-                f"camera {view.width} x {view.height} px",
-                file=self._evidence,
-            )
+        view.check_size(photo, self._evidence)
         return photo
 
     def depth(self, i: int) -> np.ndarray | None:

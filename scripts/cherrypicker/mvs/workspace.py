@@ -50,6 +50,21 @@ class View:
         K[:2, 2] -= 0.5
         return K, self.R, self.t
 
+    def check_size(self, photo: np.ndarray, file: str | os.PathLike) -> None:
+        """Refuse a photo (height, width, 3) that is not as large as the camera's.
+
+        Raises
+        ------
+        StageError
+            Naming the file.
+        """
+        if photo.shape[:2] != (self.height, self.width):
+            raise StageError(
+                f"the undistorted photo {self.name} is {photo.shape[1]} x {photo.shape[0]} px, its "
+                f"camera {self.width} x {self.height} px",
+                file=file,
+            )
+
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return pixel coordinates (n, 2) and depth (n,) of points (n, 3)."""
         return project(points, self.R, self.t, self.K)

@@ -125,12 +125,7 @@ def _each_view(
 
 def _read_photo(workspace: Workspace, view: View) -> np.ndarray:
     photo = read_photo(workspace.photo_path(view))
-    if photo.shape[:2] != (view.height, view.width):
-        raise StageError(
-            f"the undistorted photo is {photo.shape[1]} x {photo.shape[0]} px, its camera "
-            f"{view.width} x {view.height} px",
-            file=workspace.photo_path(view),
-        )
+    view.check_size(photo, workspace.photo_path(view))
     return photo
 
 
