@@ -122,6 +122,7 @@ def map_photos(
             too_few=attempts[0].fraction < options.wanted_registered_fraction,
             has_exif_focal=has_exif_focal,
         )
+        # From here on: "guided" is the first attempt again over what this adds
         add_guided_matches(database, options, seed=seed, threads=threads)
     for policy in further[: options.max_attempts - 1]:
         logger.warning("%s; trying again: %s", _complaint(attempts[-1], options), policy.reason)
