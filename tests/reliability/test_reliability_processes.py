@@ -42,11 +42,21 @@ def wait_for(condition, limit_s=240.0):
 
 
 def try_to_kill_in_stage(workspace, rule, tree, delay_s, *targets):
-    """Kill a whole run, as a power cut does; whether the stage was at work then."""
+    """Kill a whole run, as a power cut does; whether the stage was at work then.
+
+    The run is stopped while it is looked at, every 2 ms, so that no stage is over in the meantime.
+    """
     status = workspace.folder / "logs/status" / tree / f"{rule}.json"
     process = workspace.start(*targets)
-    wait_for(lambda: status.exists() or process.poll() is not None)
-    time.sleep(delay_s)
+    while process.poll() is None:
+        os.killpg(process.pid, signal.SIGSTOP)
+        if status.exists():
+            break
+        os.killpg(process.pid, signal.SIGCONT)
+        time.sleep(0.002)
+    if delay_s and process.poll() is None:
+        os.killpg(process.pid, signal.SIGCONT)
+        time.sleep(delay_s)
     kill_group(process)
     return status.exists() and json.loads(status.read_text())["state"] == "running"
 
