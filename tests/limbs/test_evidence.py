@@ -63,3 +63,11 @@ def test_how_many_points_err_together(cell, low, high):
 
 def test_few_points_are_taken_to_err_by_themselves():
     assert points_that_err_together(np.zeros((5, 3)), np.ones(5)) == 1.0
+
+
+def test_a_limb_that_no_point_is_of_is_not_told():
+    stem, shoot = (
+        Tube(np.array([[0, 0, 0.0], end]), np.full(2, 0.01)) for end in ((0, 0, 1.0), (1.0, 0, 0))
+    )
+    nothing = {"weight": np.empty(0), "noise": 0.001, "together": 1.0}
+    assert not tell_limb(np.empty((0, 3)), shoot, stem, **nothing)

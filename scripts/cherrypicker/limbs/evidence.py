@@ -73,6 +73,8 @@ def tell_limb(
         See `points_that_err_together`.
     """
     told = weight.sum()
+    if not told:  # no point is nearest to it
+        return False
     price = np.log(max(told / together, np.e)) * together
     off_parent, off = (
         np.hypot(one.away - one.radius, one.beyond) / noise
