@@ -50,7 +50,7 @@ PASSES = {
 }
 
 
-def main(weights, workspace, *, output, scans, n_scenes, n_random, seed, threads):
+def main(weights, workspace, *, output, scans, n_scenes, n_random, n_hard, seed, threads):
     folder, device = Path(workspace), choose_device(threads, 0)
     clouds = []
     for pair in scans:
@@ -58,7 +58,8 @@ def main(weights, workspace, *, output, scans, n_scenes, n_random, seed, threads
         if not truth:
             raise StageError("a scan is given as RESULTS=TRUTH", file=pair, key="--scan")
         clouds.append(of_scan(results, truth))
-    for first, n, things in ((100, n_scenes, "common"), (700, n_random, "random")):
+    sets = ((100, n_scenes, "common"), (700, n_random, "random"), (800, n_hard, "hard"))
+    for first, n, things in sets:
         seeds = range(HELD_OUT_SEED + first, HELD_OUT_SEED + first + n)
         samples = load_samples(seeds, folder, things=things) if n else []
         clouds += [of_sample(f"{things} {s}", each) for s, each in zip(seeds, samples)]
@@ -148,6 +149,7 @@ parser.add_argument(
 )
 parser.add_argument("--n_scenes", type=int, default=0, help="generated scenes of held-out seeds")
 parser.add_argument("--n_random", type=int, default=0, help="scenes of things drawn at random")
+parser.add_argument("--n_hard", type=int, default=0, help="scenes of what the network got wrong")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--threads", type=int, default=2)
 run(main, parser, globals().get("snakemake"))

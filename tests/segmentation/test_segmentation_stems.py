@@ -220,7 +220,7 @@ def test_a_post_beside_a_stem_is_known_by_its_shape_to_both_ends(lean):
     cloud = PointCloud(points, fields={"label": np.full(len(points), Label.BRANCH, np.uint8)})
     orchard = grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
     is_post = np.zeros(len(points), bool)
-    is_post[post_rows(points, cloud["label"], orchard)] = True
+    is_post[post_rows(points, cloud["label"], orchard, is_post)] = True
     assert is_post[len(wood) :].mean() > 0.95
     assert is_post[: len(wood)].mean() < 0.05
 
@@ -234,10 +234,10 @@ def test_an_even_upright_shoot_in_the_air_is_no_post():
     orchard = grow_orchard(
         PointCloud(points, fields={"label": label}), GrowthOptions(voxel_size_m=0.006)
     )
-    assert not len(post_rows(points, label, orchard))
+    assert not len(post_rows(points, label, orchard, label == Label.MARKER))
 
 
-def test_a_leader_and_a_leaning_pole_are_no_posts_and_what_the_network_calls_one_is():
+def test_a_leader_is_no_post_and_a_leaning_pole_is_but_for_what_is_known():
     rng = np.random.default_rng(4)
     wood = _leader(rng)
     pole = _tube(rng, (0.3, 0, 0), (1.2, 0, 1.0), 0.02, 0.02)
@@ -245,8 +245,25 @@ def test_a_leader_and_a_leaning_pole_are_no_posts_and_what_the_network_calls_one
     label = np.full(len(points), Label.BRANCH, np.uint8)
     chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
     cloud = PointCloud(points, fields={"label": label})
-    assert not len(post_rows(points, label, grow_orchard(cloud, chosen)))
-    label[len(wood) :][rng.random(len(pole)) < 0.7] = Label.SUPPORT_POST
-    found = post_rows(points, label, grow_orchard(cloud, chosen))
-    assert len(found) > 0.2 * len(pole)
+    is_pole = np.arange(len(points)) >= len(wood)
+    label[is_pole & (points[:, 2] > 0.8)] = Label.SIGN
+    for known in (np.zeros(len(points), bool), label == Label.SIGN):
+        found = np.zeros(len(points), bool)
+        found[post_rows(points, label, grow_orchard(cloud, chosen), known)] = True
+        assert found[is_pole & ~known].mean() > 0.9
+        assert not found[known].any()
+        assert found[~is_pole].mean() < 0.01
+
+
+def test_a_limb_that_is_no_pole_is_a_post_where_the_network_says_so():
+    rng = np.random.default_rng(4)
+    wood = _leader(rng)
+    post = _tube(rng, (0.3, 0, 0), (1.0, 0, 1.0), 0.03, 0.015)
+    points = np.vstack([wood, post])
+    label = np.full(len(points), Label.BRANCH, np.uint8)
+    label[len(wood) :][rng.random(len(post)) < 0.7] = Label.SUPPORT_POST
+    chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
+    cloud = PointCloud(points, fields={"label": label})
+    found = post_rows(points, label, grow_orchard(cloud, chosen), label == Label.MARKER)
+    assert len(found) > 0.2 * len(post)
     assert (found >= len(wood)).all()

@@ -215,7 +215,7 @@ def segment_cloud(
         cloud = cloud.with_fields(label=labels)
         like_wood = replace(growth, classes=(*growth.classes, Label.SUPPORT_POST))
         orchard = grow_orchard(cloud, like_wood, region=region, is_row=is_row)
-        posts = post_rows(cloud.points, labels, orchard)
+        posts = post_rows(cloud.points, labels, orchard, known)
         if len(posts):  # they stand so near that limbs which were grown with them are wrong
             labels[posts] = Label.SUPPORT_POST
             orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)

@@ -20,8 +20,9 @@ from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.limbs.growth import Limbs, claim_radius
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
-from cherrypicker.limbs.tubes import Tube, stretch
-from cherrypicker.segmentation.things import STANDS_M, THINGS, UPRIGHT
+from cherrypicker.limbs.poles import pole_rows
+from cherrypicker.limbs.tubes import stretch
+from cherrypicker.segmentation.things import STANDS_M, THINGS
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
 from cherrypicker.skeleton.model import Skeleton
@@ -32,10 +33,6 @@ __all__ = ["label_wood", "post_rows"]
 logger = logging.getLogger(__name__)
 
 HALF_LOST = (1 + TRUNK_KEEPS) / 2  # tubes are smooth: half of a step lies on either side of it
-EDGE_M = 0.01  # longest edge of an axis, as `graph.spacing_m`
-# In radii: a pole is at least so long, bends at most so far and changes by so much. Posts of the
-# generator measure 17 to 40, 0.02 to 0.12 and 0.01 to 0.03, upright wood 0.5 and 0.2 at least.
-SLENDER, STRAIGHT, EVEN = 15.0, 0.3, 0.1
 HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from (a guess)
 
 
@@ -123,68 +120,38 @@ def label_wood(
     return result
 
 
-def post_rows(points: np.ndarray, labels: np.ndarray, orchard: Orchard) -> np.ndarray:
+def post_rows(
+    points: np.ndarray, labels: np.ndarray, orchard: Orchard, known: np.ndarray
+) -> np.ndarray:
     """Rows of the support posts among limbs that were grown on what looks like wood or a post.
 
-    No wood that stands on the ground is so straight, upright and even as a post, which is a
-    cylinder: what lies in it is post, to where the points end. Of other limbs those are posts most
-    of whose points say so.
+    No wood is so straight and even as a pole (`cherrypicker.limbs.poles`): what lies in one that
+    stands is post, but for points (n,) whose class is known. Of other limbs those are posts most of
+    whose points say so.
     """
-    found = np.zeros(len(points), bool)
+    found, is_thing = np.zeros(len(points), bool), np.isin(labels, THINGS) & ~known
     ground = points[labels == Label.GROUND]
     for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
         if limbs is None:
             continue
-        rows = np.flatnonzero(orchard.owner == stem)
+        rows = np.flatnonzero((orchard.owner == stem) | is_thing)
+        candidates = points[rows]
         said = np.bincount(limbs.member, labels[entered] == Label.SUPPORT_POST, len(limbs.limbs))
         is_said = 2 * said > np.bincount(limbs.member, minlength=len(limbs.limbs))
         for number, limb in enumerate(limbs.limbs):
-            if _is_pole(limb.tube):
-                own = rows[_in_cylinder(points[rows], limb.tube, limbs.spacing)]
-                foot = points[own[[points[own, 2].argmin()]]]
-                level = ground_height(foot[:, :2], ground, foot[0, 2])
-                found[own] |= foot[0, 2] - level[0] <= STANDS_M
+            pole = rows[pole_rows(candidates, limb.tube, limbs.spacing)]
+            if len(pole):
+                foot = points[pole[points[pole, 2].argmin()]]
+                level = ground_height(foot[None, :2], ground, foot[2])[0]
+                found[pole] |= foot[2] - level <= STANDS_M
             elif is_said[number]:
                 found[entered[limbs.member == number]] = True
     logger.info("%s points are of support posts", f"{found.sum():,}")
     return np.flatnonzero(found)
 
 
-def _line(tube: Tube) -> tuple[np.ndarray, np.ndarray, float]:
-    """Middle (3,), direction (3,) and radius of a tube as a cylinder."""
-    middle = tube.nodes.mean(axis=0)
-    along = np.linalg.svd(tube.nodes - middle, full_matrices=False)[2][0]
-    return middle, along, float(np.median(tube.radius))
-
-
-def _is_pole(tube: Tube) -> bool:
-    """Whether a tube is straight, upright and even, and long for its thickness."""
-    middle, along, radius = _line(tube)
-    offset = tube.nodes - middle
-    bend = np.linalg.norm(offset - (offset @ along)[:, None] * along, axis=1).max()
-    return bool(
-        tube.length >= SLENDER * radius
-        and abs(along[2]) >= UPRIGHT
-        and bend <= STRAIGHT * radius
-        and np.ptp(tube.radius) <= EVEN * radius
-    )
-
-
-def _in_cylinder(points: np.ndarray, tube: Tube, spacing: float) -> np.ndarray:
-    """Rows of the points (n, 3) in a tube's cylinder, which goes on to a gap of its thickness."""
-    middle, along, radius = _line(tube)
-    offset = points - middle
-    way = offset @ along
-    aside = np.linalg.norm(offset - way[:, None] * along, axis=1)
-    near = aside <= claim_radius(np.array([radius]), spacing)
-    order = np.flatnonzero(near)[np.argsort(way[near])]
-    run = np.cumsum(np.diff(way[order], prepend=-np.inf) > 2 * radius)
-    own = run[np.abs(way[order]) <= tube.length / 2]
-    return order[np.isin(run, own)]
-
-
 def _joined(limbs: Limbs) -> _Tubes:
-    nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, EDGE_M)
+    nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, STEP_M)
     for number in np.unique(limb)[1:]:  # a stub's tube may be wider than what it grows from
         own = np.flatnonzero(limb == number)
         radius[own] = np.minimum(radius[own], radius[parent[own[0]]])

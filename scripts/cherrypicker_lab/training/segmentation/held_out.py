@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, Label
 from cherrypicker.files import atomic_path, read_json
+from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.placement.footprint import Footprint, read_region
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.poses import read_poses
@@ -39,10 +40,21 @@ class LabelledCloud:
 
 
 def of_sample(name, sample, *, color=True):
-    """A generated `Sample`, with or without colour."""
+    """A generated `Sample`, with or without colour.
+
+    As `estimate_scale` would, its markers say where one may stand, though none is solved.
+    """
     sample = sample.as_float()
     cloud = PointCloud(sample.points, colors=sample.colors if color else None)
-    return LabelledCloud(name, cloud, sample.labels)
+    boards = sample.points[sample.labels == Label.MARKER]
+    board = link_components(boards, REACH_M)
+    places = []
+    for number in np.unique(board):
+        own = boards[board == number]
+        middle = own.mean(axis=0)
+        places.append([*middle, np.linalg.norm(own - middle, axis=1).max()])
+    markers = KnownMarkers([], np.reshape(places, (-1, 4)))
+    return LabelledCloud(name, cloud, sample.labels, markers)
 
 
 def of_scan(results, truth):
