@@ -255,6 +255,23 @@ def test_a_leader_is_no_post_and_a_leaning_pole_is_but_for_what_is_known():
         assert found[~is_pole].mean() < 0.01
 
 
+@pytest.mark.parametrize("said", [False, True])
+def test_a_stem_as_even_as_a_pole_is_one_while_wood_would_hang_without_it(said):
+    rng = np.random.default_rng(4)
+    stem = _tube(rng, (0, 0, 0), (0, 0, 1.2), 0.03, 0.03)
+    boughs = [_tube(rng, (0, 0, 1.2), (x, 0.1, 1.5), 0.012, 0.006) for x in (-0.6, 0.6)]
+    ground = rng.uniform((-1, -1, 0), (1, 1, 0.01), (3000, 3))
+    points = np.vstack([stem, *boughs, ground])
+    label = np.full(len(points), Label.BRANCH, np.uint8)
+    label[-3000:] = Label.GROUND
+    if said:
+        label[: len(stem)] = Label.SUPPORT_POST
+    chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
+    orchard = grow_orchard(PointCloud(points, fields={"label": label}), chosen)
+    found = post_rows(points, label, orchard, label == Label.SIGN)
+    assert np.mean(found < len(stem)) > 0.95 if said else not len(found)
+
+
 def test_a_limb_that_is_no_pole_is_a_post_where_the_network_says_so():
     rng = np.random.default_rng(4)
     wood = _leader(rng)

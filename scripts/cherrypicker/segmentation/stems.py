@@ -126,26 +126,37 @@ def post_rows(
     """Rows of the support posts among limbs that were grown on what looks like wood or a post.
 
     No wood is so straight and even as a pole (`cherrypicker.limbs.poles`): what lies in one that
-    stands is post, but for points (n,) whose class is known. Of other limbs those are posts most of
-    whose points say so.
+    stands is post, but for points (n,) whose class is known, and for one without which wood would
+    hang in the air: that is a stem, if the network does not call it a post. Of other limbs those
+    are posts most of whose points say so.
     """
     found, is_thing = np.zeros(len(points), bool), np.isin(labels, THINGS) & ~known
+    is_said, is_wood = labels == Label.SUPPORT_POST, wood_mask(labels)
     ground = points[labels == Label.GROUND]
+
+    def stands(rows: np.ndarray) -> bool:
+        foot = points[rows[points[rows, 2].argmin()]]
+        return bool(foot[2] - ground_height(foot[None, :2], ground, foot[2])[0] <= STANDS_M)
+
     for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
         if limbs is None:
             continue
-        rows = np.flatnonzero((orchard.owner == stem) | is_thing)
-        candidates = points[rows]
-        said = np.bincount(limbs.member, labels[entered] == Label.SUPPORT_POST, len(limbs.limbs))
-        is_said = 2 * said > np.bincount(limbs.member, minlength=len(limbs.limbs))
+        own = orchard.owner == stem
+        rows = np.flatnonzero(own | is_thing)
+        candidates, poles = points[rows], []
+        of_post = np.bincount(limbs.member, is_said[entered], len(limbs.limbs))
+        is_post = 2 * of_post > np.bincount(limbs.member, minlength=len(limbs.limbs))
         for number, limb in enumerate(limbs.limbs):
             pole = rows[pole_rows(candidates, limb.tube, limbs.spacing)]
-            if len(pole):
-                foot = points[pole[points[pole, 2].argmin()]]
-                level = ground_height(foot[None, :2], ground, foot[2])[0]
-                found[pole] |= foot[2] - level <= STANDS_M
-            elif is_said[number]:
-                found[entered[limbs.member == number]] = True
+            if len(pole) and stands(pole):
+                poles.append(pole)
+            elif is_post[number]:
+                poles.append(entered[limbs.member == number])
+        left = own & is_wood
+        left[np.concatenate([*poles, rows[:0]])] = False
+        is_left_standing = not left.any() or stands(np.flatnonzero(left))
+        for pole in poles:
+            found[pole] |= is_left_standing or 2 * np.count_nonzero(is_said[pole]) > len(pole)
     logger.info("%s points are of support posts", f"{found.sum():,}")
     return np.flatnonzero(found)
 
