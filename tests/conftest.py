@@ -3,13 +3,16 @@
 import os
 from pathlib import Path
 
-import numpy  # noqa: F401  # OpenBLAS has to be there to be limited
+import cv2  # noqa: F401  # each of the three brings an OpenBLAS, which has to be there to be limited
+import numpy  # noqa: F401
 import pytest
 import scipy.linalg  # noqa: F401
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 from workspace import Workspace
 
-threadpool_limits({"openblas": 1})  # as a stage does; two test processes share two cores
+ThreadpoolController().select(internal_api="openblas").limit(
+    limits=1
+)  # as a stage does; two test processes share two cores
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's; the pages are tested in it
 PROJECT = Path(__file__).resolve().parents[1]

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import subprocess
 import sys
 import textwrap
@@ -235,3 +236,20 @@ def test_every_stage_script_explains_itself(project):
         head = script.read_text()
         assert head.startswith('"""'), script
         assert "python scripts/" in head.split('"""')[1], f"{script.name} shows no example command"
+
+
+def test_no_openblas_takes_more_threads_than_a_stage_is_granted(project, tmp_path):
+    script = tmp_path / "stage.py"
+    script.write_text(
+        "import cv2, numpy, scipy.linalg\n"
+        "from threadpoolctl import threadpool_info\n"
+        "from cherrypicker.runner import run, stage_parser\n"
+        "def main():\n"
+        "    blas = [each for each in threadpool_info() if each['internal_api'] == 'openblas']\n"
+        "    print(*[each['num_threads'] for each in blas])\n"
+        "run(main, stage_parser('Demo.'))\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(project / "scripts"), "OPENBLAS_NUM_THREADS": "2"}
+    command = [sys.executable, str(script)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == {"1"}

@@ -30,7 +30,7 @@ from types import NoneType, UnionType
 from typing import Any, NamedTuple, TextIO, Union, get_args, get_origin, get_type_hints
 
 import yaml
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import PROJECT, write_json
@@ -223,7 +223,7 @@ def run(main: Callable, parser: argparse.ArgumentParser, snakemake: object | Non
         return
     # A stage has the threads that its rule grants. Those of OpenBLAS, one a core of the machine,
     # come on top, and wait in a loop for matrices that are too small for them.
-    threadpool_limits({"openblas": 1})
+    ThreadpoolController().select(internal_api="openblas").limit(limits=1)
     if snakemake is None:
         _run_from_command_line(main, parser)
     else:
