@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-import cv2  # noqa: F401  # each of the three brings an OpenBLAS, which has to be there to be limited
+import cv2  # noqa: F401
 import numpy  # noqa: F401
 import pytest
 import scipy.linalg  # noqa: F401
