@@ -10,9 +10,8 @@ import scipy.linalg  # noqa: F401
 from threadpoolctl import ThreadpoolController
 from workspace import Workspace
 
-ThreadpoolController().select(internal_api="openblas").limit(
-    limits=1
-)  # as a stage does; two test processes share two cores
+# As a stage does, for each OpenBLAS that the imports above bring: two processes share two cores
+ThreadpoolController().select(internal_api="openblas").limit(limits=1)
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's; the pages are tested in it
 PROJECT = Path(__file__).resolve().parents[1]
