@@ -7,11 +7,11 @@ import cv2  # noqa: F401
 import numpy  # noqa: F401
 import pytest
 import scipy.linalg  # noqa: F401
-from threadpoolctl import ThreadpoolController
 from workspace import Workspace
 
-# As a stage does, for each OpenBLAS that the imports above bring: two processes share two cores
-ThreadpoolController().select(internal_api="openblas").limit(limits=1)
+from cherrypicker.runner import keep_openblas_to_one_thread
+
+keep_openblas_to_one_thread()  # of the imports above; two test processes share two cores
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's; the pages are tested in it
 PROJECT = Path(__file__).resolve().parents[1]

@@ -198,6 +198,15 @@ def _pairs(text: str) -> dict[str, float]:
         raise argparse.ArgumentTypeError(message) from None
 
 
+def keep_openblas_to_one_thread() -> None:
+    """Limit each OpenBLAS that is loaded by now; numpy, scipy and OpenCV bring one of their own.
+
+    A stage has the threads that its rule grants. Theirs, one a core of the machine, come on top,
+    and wait in a loop for matrices that are too small for them.
+    """
+    ThreadpoolController().select(internal_api="openblas").limit(limits=1)
+
+
 def run(main: Callable, parser: argparse.ArgumentParser, snakemake: object | None = None) -> None:
     """Call ``main`` with the arguments of the rule, or of the command line.
 
@@ -221,9 +230,7 @@ def run(main: Callable, parser: argparse.ArgumentParser, snakemake: object | Non
     """
     if main.__module__ != "__main__":
         return
-    # A stage has the threads that its rule grants. Those of OpenBLAS, one a core of the machine,
-    # come on top, and wait in a loop for matrices that are too small for them.
-    ThreadpoolController().select(internal_api="openblas").limit(limits=1)
+    keep_openblas_to_one_thread()
     if snakemake is None:
         _run_from_command_line(main, parser)
     else:

@@ -211,16 +211,22 @@ def _leader(rng):
     )
 
 
+def _is_post(points, label, known=None):
+    """Which points `post_rows` finds, among limbs grown on what looks like wood or a post."""
+    chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
+    orchard = grow_orchard(PointCloud(points, fields={"label": label}), chosen)
+    found = np.zeros(len(points), bool)
+    found[post_rows(points, label, orchard, found if known is None else known)] = True
+    return found
+
+
 @pytest.mark.parametrize("lean", [0.0, 0.15])
 def test_a_post_beside_a_stem_is_known_by_its_shape_to_both_ends(lean):
     rng = np.random.default_rng(4)
     wood = _leader(rng)
     post = _tube(rng, (0.07, 0.02, 0), (0.07 + lean, 0.02, 1.3), 0.02, 0.02)
     points = np.vstack([wood, post])
-    cloud = PointCloud(points, fields={"label": np.full(len(points), Label.BRANCH, np.uint8)})
-    orchard = grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
-    is_post = np.zeros(len(points), bool)
-    is_post[post_rows(points, cloud["label"], orchard, is_post)] = True
+    is_post = _is_post(points, np.full(len(points), Label.BRANCH, np.uint8))
     assert is_post[len(wood) :].mean() > 0.95
     assert is_post[: len(wood)].mean() < 0.05
 
@@ -231,10 +237,7 @@ def test_an_even_upright_shoot_in_the_air_is_no_post():
     points = np.vstack([_leader(rng), shoot, rng.uniform((-1, -1, 0), (1, 1, 0.01), (3000, 3))])
     label = np.full(len(points), Label.BRANCH, np.uint8)
     label[-3000:] = Label.GROUND
-    orchard = grow_orchard(
-        PointCloud(points, fields={"label": label}), GrowthOptions(voxel_size_m=0.006)
-    )
-    assert not len(post_rows(points, label, orchard, label == Label.MARKER))
+    assert not _is_post(points, label).any()
 
 
 def test_a_leader_is_no_post_and_a_leaning_pole_is_but_for_what_is_known():
@@ -243,13 +246,10 @@ def test_a_leader_is_no_post_and_a_leaning_pole_is_but_for_what_is_known():
     pole = _tube(rng, (0.3, 0, 0), (1.2, 0, 1.0), 0.02, 0.02)
     points = np.vstack([wood, pole])
     label = np.full(len(points), Label.BRANCH, np.uint8)
-    chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
-    cloud = PointCloud(points, fields={"label": label})
     is_pole = np.arange(len(points)) >= len(wood)
     label[is_pole & (points[:, 2] > 0.8)] = Label.SIGN
     for known in (np.zeros(len(points), bool), label == Label.SIGN):
-        found = np.zeros(len(points), bool)
-        found[post_rows(points, label, grow_orchard(cloud, chosen), known)] = True
+        found = _is_post(points, label, known)
         assert found[is_pole & ~known].mean() > 0.9
         assert not found[known].any()
         assert found[~is_pole].mean() < 0.01
@@ -266,9 +266,7 @@ def test_a_stem_as_even_as_a_pole_is_one_while_wood_would_hang_without_it(said):
     label[-3000:] = Label.GROUND
     if said:
         label[: len(stem)] = Label.SUPPORT_POST
-    chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
-    orchard = grow_orchard(PointCloud(points, fields={"label": label}), chosen)
-    found = post_rows(points, label, orchard, label == Label.SIGN)
+    found = np.flatnonzero(_is_post(points, label))
     assert np.mean(found < len(stem)) > 0.95 if said else not len(found)
 
 
@@ -279,8 +277,6 @@ def test_a_limb_that_is_no_pole_is_a_post_where_the_network_says_so():
     points = np.vstack([wood, post])
     label = np.full(len(points), Label.BRANCH, np.uint8)
     label[len(wood) :][rng.random(len(post)) < 0.7] = Label.SUPPORT_POST
-    chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
-    cloud = PointCloud(points, fields={"label": label})
-    found = post_rows(points, label, grow_orchard(cloud, chosen), label == Label.MARKER)
+    found = np.flatnonzero(_is_post(points, label))
     assert len(found) > 0.2 * len(post)
     assert (found >= len(wood)).all()

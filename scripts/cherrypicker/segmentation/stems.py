@@ -20,7 +20,7 @@ from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.limbs.growth import Limbs, claim_radius
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
-from cherrypicker.limbs.poles import pole_rows
+from cherrypicker.limbs.poles import in_cylinder, pole_rows
 from cherrypicker.limbs.tubes import stretch
 from cherrypicker.segmentation.things import STANDS_M, THINGS
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
@@ -152,8 +152,10 @@ def post_rows(
                 poles.append(pole)
             elif is_post[number]:
                 poles.append(entered[limbs.member == number])
+        if not poles:
+            continue
         left = own & is_wood
-        left[np.concatenate([*poles, rows[:0]])] = False
+        left[np.concatenate(poles)] = False
         is_left_standing = not left.any() or stands(np.flatnonzero(left))
         for pole in poles:
             found[pole] |= is_left_standing or 2 * np.count_nonzero(is_said[pole]) > len(pole)
@@ -207,12 +209,9 @@ def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m
     if gap < 0:
         stem.tube = stretch(tube, min(-gap / heading[2], tube.length / 2), tube.length)
         return
-    offset = points - foot
-    down = -offset @ heading
-    aside = np.linalg.norm(offset + down[:, None] * heading, axis=1)
-    seen = np.sort(down[(down > 0) & (aside <= reach)])
+    down = in_cylinder(points, foot, -heading, reach)[1]
     to_ground = gap / heading[2]
-    steps = np.concatenate([[0.0], seen[seen <= to_ground], [to_ground]])
+    steps = np.concatenate([[0.0], down[(down > 0) & (down <= to_ground)], [to_ground]])
     missing = np.flatnonzero(np.diff(steps) > stem_gap_m)
     end = steps[missing[0]] if len(missing) else to_ground
     if end > 0:
