@@ -24,6 +24,7 @@ from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.silhouettes import add_silhouettes
 from cherrypicker.mvs.workspace import Workspace, workspace_of
 from cherrypicker.photos import read_photo
+from cherrypicker.placement.bare_ground import needed_points
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
@@ -44,6 +45,7 @@ def main(
     options: FusionOptions,
     fusion: str = "star",
     silhouettes: bool = True,
+    ground_spacing: float = 0.005,
     seed: int = 0,
     threads: int = 2,
 ) -> None:
@@ -65,6 +67,11 @@ def main(
             inside = fused.points[region.holds(fused.points)]
             words = words_of_clear_sky(photos, inside, seed=seed)
             fused = add_silhouettes(photos, fused, region, words, threads=threads)
+        if ground_spacing:
+            poses = workspace.poses
+            fused = fused.select(
+                needed_points(fused.points, poses, region, ground_spacing, seed=seed)
+            )
     write_json(coverage, content, indent=None)
     write_cloud(cloud, fused)
 

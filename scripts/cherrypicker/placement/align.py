@@ -48,7 +48,7 @@ logger = logging.getLogger(__name__)
 
 _MIN_POINTS = 100
 # Guesses
-_MIN_SCORE = 0.5  # of the photos speak for the ground, or it is none
+MIN_SCORE = 0.5  # of the photos speak for the ground, or it is none
 _LEAST_SLOPE = 0.3  # keeps a division finite
 _MOST_DEG = 15  # rolls that differ by more, or an up that is less sure, tell no vertical
 
@@ -127,7 +127,7 @@ def align(
             stated_turns=stated_turns,
             seed=seed,
         )
-    ground = planes[0] if planes and (is_alone or planes[0].score >= _MIN_SCORE) else None
+    ground = planes[0] if planes and (is_alone or planes[0].score >= MIN_SCORE) else None
     if ground is not None and options.flip == "mass" and ground.height(points).mean() < 0:
         ground.normal, ground.offset = -ground.normal, -ground.offset
     photos = photos_up(
