@@ -1,4 +1,4 @@
-"""The semantic classes of a point: the one table that every stage, file and page follows.
+"""What a point is, and what took it out: the tables that every stage, file and page follows.
 
 What a class looks like on the pages is `cherrypicker.report.colors`, whose edits rerun the report
 alone; how it is trained and what its things are, docs/architecture.md tells.
@@ -63,3 +63,23 @@ WOOD = tuple(label for label in Label if label.is_wood)
 def wood_mask(labels: np.ndarray) -> np.ndarray:
     """Points of the tree's wood, (n_points,) bool."""
     return np.isin(labels, WOOD)
+
+
+class Removal(IntEnum):
+    """What took a point out: the field ``removed_by`` of ``removed.ply``."""
+
+    title: str
+
+    def __new__(cls, value: int, title: str) -> Removal:
+        """Make a member of the table's row."""
+        removal = int.__new__(cls, value)
+        removal._value_ = value
+        removal.title = title
+        return removal
+
+    REGION = 1, "outside the region (crop)"
+    ISOLATED = 2, "isolated (denoise.std_ratio)"
+    FEW_PHOTOS = 3, "too few photos (denoise.min_view_ratio)"
+    SKY = 4, "sky colour (denoise.sky_color_distance)"
+    OTHER_TREE = 5, "another tree's wood (crop.target_xy)"
+    LOOSE = 6, "wood that hangs on no stem (contract.gap_m)"

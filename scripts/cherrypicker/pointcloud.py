@@ -82,7 +82,9 @@ class PointCloud:
         return replace(self, points=points, normals=normals)
 
 
-def read_cloud(path: str | os.PathLike, required: tuple[str, ...] = ()) -> PointCloud:
+def read_cloud(
+    path: str | os.PathLike, required: tuple[str, ...] = (), *, may_be_empty: bool = False
+) -> PointCloud:
     """Read a PLY cloud of any of the three encodings.
 
     Parameters
@@ -91,6 +93,8 @@ def read_cloud(path: str | os.PathLike, required: tuple[str, ...] = ()) -> Point
     required : tuple of str
         Fields that must be there, ``("label",)`` for instance; ``"colors"`` and ``"normals"`` name
         the colours and normals.
+    may_be_empty : bool, default False
+        A cloud without points is no error.
 
     Raises
     ------
@@ -105,7 +109,7 @@ def read_cloud(path: str | os.PathLike, required: tuple[str, ...] = ()) -> Point
     except PlyError as error:
         raise StageError(str(error), file=path) from error
     cloud = _cloud_from_columns(columns, comments, path)
-    if len(cloud) == 0:
+    if len(cloud) == 0 and not may_be_empty:
         raise StageError("the point cloud is empty", file=path)
     if not np.isfinite(cloud.points).all():
         bad = int((~np.isfinite(cloud.points).all(axis=1)).sum())
@@ -119,7 +123,7 @@ def read_cloud(path: str | os.PathLike, required: tuple[str, ...] = ()) -> Point
     return cloud
 
 
-def write_cloud(path: str | os.PathLike, cloud: PointCloud) -> None:
+def write_cloud(path: str | os.PathLike, cloud: PointCloud, *, may_be_empty: bool = False) -> None:
     """Write a cloud as binary little-endian PLY, atomically.
 
     Coordinates are float32 unless that would move a point by more than 1e-5 units, colours uchar,
@@ -128,12 +132,12 @@ def write_cloud(path: str | os.PathLike, cloud: PointCloud) -> None:
     Raises
     ------
     StageError
-        If the cloud is empty: an empty result is never passed on.
+        If the cloud is empty and may not be: an empty result is never passed on.
     """
-    if len(cloud) == 0:
+    if len(cloud) == 0 and not may_be_empty:
         raise StageError("nothing to write: the point cloud is empty", file=path)
     as_float32 = cloud.points.astype(np.float32)
-    is_exact = np.abs(as_float32 - cloud.points).max() <= _FLOAT32_TOLERANCE
+    is_exact = np.abs(as_float32 - cloud.points).max(initial=0.0) <= _FLOAT32_TOLERANCE
     points = as_float32 if is_exact else cloud.points
     columns = dict(zip("xyz", points.T))
     if cloud.normals is not None:

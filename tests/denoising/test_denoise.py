@@ -67,13 +67,13 @@ def test_the_filter_alone_is_open3d_s_and_beside_the_photos_ours(monkeypatch):
     points = np.vstack([rng.normal(0, 0.1, (3000, 3)), rng.uniform(-3, 3, (100, 3))])
     cloud = PointCloud(points, fields={"n_views": np.full(len(points), 9, np.uint8)})
     options = DenoiseOptions(use_sky=False, ask_photos=False)
-    ours, _ = denoise_cloud(cloud, SKY, None, options)
+    ours, _, _ = denoise_cloud(cloud, SKY, None, options)
     called = []
     monkeypatch.setattr(
         "cherrypicker.denoising.denoise.statistical_filter",
         lambda *given: called.append(1) or statistical_filter(*given),
     )
-    alone, _ = denoise_cloud(cloud, SKY, None, replace(options, min_view_ratio=0))
+    alone, _, _ = denoise_cloud(cloud, SKY, None, replace(options, min_view_ratio=0))
     np.testing.assert_array_equal(ours.points, alone.points)
     assert called and len(ours) < len(points)
 
@@ -94,7 +94,7 @@ def test_tiny_clouds_stay_whole():
 def test_fringe_goes_and_white_paint_stays():
     cloud, is_fringe = pole_with_fringe()
     options = DenoiseOptions(use_statistical=False)
-    kept, report = denoise_cloud(cloud, SKY, speak, options)
+    kept, report, _ = denoise_cloud(cloud, SKY, speak, options)
     np.testing.assert_array_equal(kept.points, cloud.points[~is_fringe])
     assert report["n_input"] == len(cloud)
     assert report["n_removed_sky"] == len(cloud) - len(kept)
@@ -104,7 +104,7 @@ def test_fringe_goes_and_white_paint_stays():
 def test_points_of_which_no_photo_knows_stay():
     cloud = PointCloud(np.array([[0, 0, 50.0], [0, 0, 51.0]]), np.tile(WHITE, (2, 1)))
     options = DenoiseOptions(use_statistical=False)
-    kept, _ = denoise_cloud(cloud, SKY, speak, options)
+    kept, _, _ = denoise_cloud(cloud, SKY, speak, options)
     assert len(kept) == 2
 
 
@@ -143,7 +143,7 @@ def test_what_two_photos_agree_on_goes_where_ten_see_the_rest():
         np.vstack([wood, floaters, twig]), fields={"n_views": n_views.astype(np.uint8)}
     )
     options = DenoiseOptions(use_statistical=False, use_sky=False, ask_photos=False)
-    kept, report = denoise_cloud(cloud, SKY, None, options)
+    kept, report, _ = denoise_cloud(cloud, SKY, None, options)
     assert report["n_removed_views"] == 100
     np.testing.assert_array_equal(kept.points, np.vstack([wood, twig]))
     few = cloud.with_fields(n_views=np.full(len(cloud), 2, np.uint8))
@@ -166,7 +166,7 @@ def test_isolated_points_stay_where_the_photos_show_a_twig():
         kind = cloud["kind"][cKDTree(points).query(asked)[1]]
         return np.choose(kind, [-2.0, 1.0, 0.0])
 
-    kept, report = denoise_cloud(cloud, SKY, look, DenoiseOptions())
+    kept, report, _ = denoise_cloud(cloud, SKY, look, DenoiseOptions())
     assert np.count_nonzero(kept["kind"] == 1) == 8 == report["n_kept_twigs"]
     assert report["n_removed_statistical"] == 28 and (kept["kind"] != 2).all()
     off = DenoiseOptions(ask_photos=False)
@@ -176,7 +176,7 @@ def test_isolated_points_stay_where_the_photos_show_a_twig():
 def test_the_papers_filter_goes_by_colour_alone():
     cloud, is_fringe = pole_with_fringe()
     options = DenoiseOptions(use_statistical=False, ask_photos=False)
-    kept, report = denoise_cloud(cloud, SKY, None, options)
+    kept, report, _ = denoise_cloud(cloud, SKY, None, options)
     is_white = np.linalg.norm(cloud.colors - WHITE, axis=1) < 0.1
     assert len(kept) == np.count_nonzero(~is_white) and report["n_kept_by_photos"] == 0
 

@@ -12,6 +12,8 @@ import pytest
 from PIL import Image
 from test_report import scan, traits
 
+from cherrypicker.classes import Removal
+from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.text import page_template, script_json
@@ -76,7 +78,7 @@ def spoilt():
     )
 
 
-def render(skeleton, tmp_path, *, tree_id="cherry", edits=None, flags="", poses=None):
+def render(skeleton, tmp_path, *, tree_id="cherry", edits=None, flags="", poses=None, removed=None):
     axis_list = axes(skeleton)
     rows = branch_rows(skeleton, axis_list, 0.0)
     rows[1]["flags"] = flags
@@ -91,6 +93,7 @@ def render(skeleton, tmp_path, *, tree_id="cherry", edits=None, flags="", poses=
         "photos": [],
         "foot": np.zeros(3),
         "edits": edits,
+        "removed": removed,
     }
     if poses is not None:
         data |= {"metric_poses": poses, "cameras": tmp_path, "photos": list(tmp_path.glob("*.jpg"))}
@@ -205,6 +208,21 @@ def test_a_click_on_a_row_flies_there_and_the_address_brings_it_back(opened, spo
     assert again.ask("[v.scene.schemes.points, v.scene.clip !== null]") == ["class", True]
     hostile = opened(spoilt_page, "#view=1,nan&points=__proto__&branch=99&clip=q,x&hidden=<b>")
     assert hostile.ask("v.scene.camera.state().every(Number.isFinite)")
+
+
+def test_points_that_were_taken_out_are_shown_by_their_cause_alone(opened, spoilt, tmp_path):
+    places = np.random.default_rng(0).uniform([-0.3, -0.01, 0.3], [0.3, 0.01, 1.0], (40, 3))
+    far = [[90.0, 0, 0]]  # what lies outside of the view is left out
+    removed = PointCloud(
+        np.concatenate([places, far]), fields={"removed_by": np.full(41, Removal.SKY, np.uint8)}
+    )
+    view = opened(render(spoilt, tmp_path, removed=removed))
+    shown = "window.cherrypicker.viewer.scene.pointColors.filter((color) => color).length"
+    without = view.page.evaluate(shown)
+    view.page.locator("select[name=points]").select_option("removed")
+    assert view.page.evaluate(shown) == without + len(places)
+    legend = view.page.locator("[data-part=legend-points]").inner_text()
+    assert Removal.SKY.title in legend and Removal.LOOSE.title not in legend
 
 
 def test_the_table_is_sorted_by_a_click(opened, spoilt_page):

@@ -11,6 +11,7 @@ rule denoise_cloud:
     output:
         denoised=ensure("results/{tree}/denoised.ply", non_empty=True),
         report="results/{tree}/denoise.json",
+        removed="results/{tree}/denoise.npz",
     log:
         "logs/denoise_cloud/{tree}.log",
     benchmark:

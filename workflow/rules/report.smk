@@ -11,6 +11,7 @@ rule report_tree:
         segmented="results/{tree}/segmented.ply",
         contracted="results/{tree}/contracted.ply",
         contract_report="results/{tree}/contract.json",
+        removed="results/{tree}/removed.ply",
         target="results/{tree}/target.json",
         sparse=photo_only("results/{scan}/sfm/report.json"),
         align_report=photo_only("results/{scan}/align.json"),

@@ -11,10 +11,14 @@ rule contract_cloud:
             if wildcards.tree in TREES
             else "results/{tree}/tree.json"
         ),
+        aligned=photo_only("results/{scan}/aligned.ply"),
+        cropped=photo_only("results/{scan}/cropped.ply"),
+        denoised_by=photo_only("results/{scan}/denoise.npz"),
     output:
         contracted=ensure("results/{tree}/contracted.ply", non_empty=True),
         report="results/{tree}/contract.json",
         target="results/{tree}/target.json",
+        removed="results/{tree}/removed.ply",
     log:
         "logs/contract_cloud/{tree}.log",
     benchmark:

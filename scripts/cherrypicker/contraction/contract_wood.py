@@ -48,8 +48,9 @@ def contract_wood(
     contracted : PointCloud
         With the fields ``label`` and ``source`` (row in `cloud`).
     report : dict
-        ``choice`` is the `Choice` of the target and ``limbs`` the `Limbs` of the contracted points,
-        None where the method is not "limbs"; all else is plain.
+        ``choice`` is the `Choice` of the target, ``owner`` the stem of each point of wood and
+        ``limbs`` the `Limbs` of the contracted points, None where the method is not "limbs"; all
+        else is plain.
 
     Raises
     ------
@@ -114,5 +115,6 @@ def contract_wood(
         "wood": wood.report,
         "choice": wood.choice,
         "limbs": limbs,
+        "owner": orchard.owner,
     }
     return contracted, report

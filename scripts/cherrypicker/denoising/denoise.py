@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.classes import Removal
 from cherrypicker.errors import StageError
 from cherrypicker.evidence.existence import PRIOR
 from cherrypicker.pointcloud import PointCloud
@@ -143,7 +144,7 @@ def denoise_cloud(
     evidence_of: Callable[[np.ndarray, np.ndarray], np.ndarray],
     options: DenoiseOptions,
     ground_height: float = -np.inf,
-) -> tuple[PointCloud, dict]:
+) -> tuple[PointCloud, dict, np.ndarray]:
     """Remove isolated points and sky silhouettes.
 
     Parameters
@@ -164,6 +165,8 @@ def denoise_cloud(
     report : dict
         ``n_input``, ``n_removed_statistical``, ``n_removed_views``, ``n_kept_twigs``,
         ``n_sky_colored``, ``n_kept_by_photos``, ``n_removed_sky``, ``n_output``.
+    removed_by : ndarray of shape (n_input,), uint8
+        `cherrypicker.classes.Removal` of each point that went, 0 of those that stay.
 
     Raises
     ------
@@ -181,17 +184,23 @@ def denoise_cloud(
         told = evidence_of(cloud.points[asked], cloud.points[sure])
         # a colour alone is little against what the stereo found
         keep[asked] = told > np.where(is_doubted[asked], 0.0, -np.log(PRIOR / (1.0 - PRIOR)))
-    n_sky_colored = int(np.count_nonzero(is_sky_colored))
-    n_kept_by_photos = int(np.count_nonzero(is_sky_colored & keep))
+    removed_by = np.zeros(len(cloud), np.uint8)
+    for reason, said in (
+        (Removal.SKY, is_sky_colored),
+        (Removal.FEW_PHOTOS, is_unsupported),
+        (Removal.ISOLATED, is_isolated),
+    ):
+        removed_by[said & ~keep] = reason
+    counts = np.bincount(removed_by, minlength=len(Removal) + 1)
     report = {
         "n_input": len(cloud),
-        "n_removed_statistical": int(np.count_nonzero(is_isolated & ~keep)),
-        "n_removed_views": int(np.count_nonzero(is_unsupported & ~is_isolated & ~keep)),
+        "n_removed_statistical": int(counts[Removal.ISOLATED]),
+        "n_removed_views": int(counts[Removal.FEW_PHOTOS]),
         "n_kept_twigs": int(np.count_nonzero(is_doubted & keep)),
-        "n_sky_colored": n_sky_colored,
-        "n_kept_by_photos": n_kept_by_photos,
-        "n_removed_sky": n_sky_colored - n_kept_by_photos,
-        "n_output": int(np.count_nonzero(keep)),
+        "n_sky_colored": int(np.count_nonzero(is_sky_colored)),
+        "n_kept_by_photos": int(np.count_nonzero(is_sky_colored & keep)),
+        "n_removed_sky": int(counts[Removal.SKY]),
+        "n_output": int(counts[0]),
     }
     _log(report)
     if not keep.any():
@@ -201,7 +210,7 @@ def denoise_cloud(
             f"sky {report['n_removed_sky']:,}",
             key="denoise.std_ratio, denoise.min_view_ratio, denoise.sky_color_distance",
         )
-    return cloud.select(keep), report
+    return cloud.select(keep), report, removed_by
 
 
 def _find_isolated(

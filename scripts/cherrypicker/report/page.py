@@ -92,6 +92,7 @@ def render_report(
             )
         ],
         cloud,
+        removed=data["removed"],
         n_points=options.viewer_points,
         cameras=_cameras(data),
         edits=edit_file(about["tree"], data["edits"] or ""),

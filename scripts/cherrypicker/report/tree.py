@@ -54,6 +54,7 @@ FILES = {
     "segmented": _File(_labelled, "labelled cloud", True),
     "contracted": _File(read_cloud, "contracted points", True),
     "contract_report": _File(read_json, "contract.json"),
+    "removed": _File(partial(read_cloud, may_be_empty=True), "points that were taken out"),
     "target": _File(read_json, "target.json"),
     "sparse": _File(read_json, "sfm/report.json of a scan from photos"),
     "align_report": _File(read_json, "align.json"),

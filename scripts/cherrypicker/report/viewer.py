@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label, wood_mask
+from cherrypicker.classes import Label, Removal, wood_mask
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
@@ -63,6 +63,7 @@ def viewer_data(
     shown: Sequence[ShownSkeleton],
     cloud: PointCloud | None = None,
     *,
+    removed: PointCloud | None = None,
     n_points: int = 0,
     cameras: Sequence[dict] = (),
     edits: dict | None = None,
@@ -77,8 +78,10 @@ def viewer_data(
         In one frame. The first is the one that points belong to and that can be edited.
     cloud : PointCloud, optional
         With labels.
+    removed : PointCloud, optional
+        Points that were taken out, with ``removed_by``: those in the cloud's box can be shown.
     n_points : int
-        Most points of it that are shown.
+        Most points of the cloud that are shown.
     cameras : sequence of dict
         See `cherrypicker.report.cameras.camera_views`.
     edits : dict, optional
@@ -103,6 +106,8 @@ def viewer_data(
         cloud = cloud.select(pick_points(cloud["label"], n_points, rng))
         cloud = cloud.select(_by_cells(cloud.points))
         labels = [cloud["label"]]
+        if removed is not None:
+            cloud = _with_removed(cloud, removed, int((1 - _WOOD_SHARE) * n_points), rng)
     present = np.unique(_known_labels(np.concatenate(labels))).tolist()
     return {
         "unit": unit_name(first.unit),
@@ -114,12 +119,37 @@ def viewer_data(
             {"id": label, "name": Label(label).title, "color": _bytes_of(CLASS_COLORS[label])}
             for label in present
         ],
+        "removals": [
+            {"id": int(reason), "name": reason.title, "color": _bytes_of(order_color(reason))}
+            for reason in Removal
+        ],
         "order_colors": [_bytes_of(order_color(order)) for order in range(len(ORDER_COLORS))],
         "cloud": None if cloud is None else _cloud_data(cloud, first, origin),
         "skeletons": [_skeleton_data(item, origin) for item in shown],
         "cameras": [_moved(camera, origin) for camera in cameras],
         "edits": edits,
     }
+
+
+def _with_removed(
+    cloud: PointCloud, removed: PointCloud, n_most: int, rng: np.random.Generator
+) -> PointCloud:
+    """The cloud, then at most `n_most` of the points in its box that were taken out of it."""
+    low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+    rows = np.flatnonzero(((removed.points >= low) & (removed.points <= high)).all(axis=1))
+    out = removed.select(np.sort(rng.choice(rows, min(n_most, len(rows)), replace=False)))
+    n, n_out = len(cloud), len(out)
+    colors = None
+    if cloud.colors is not None:
+        gray = np.full((n_out, 3), 0.5)
+        colors = np.concatenate([cloud.colors, gray if out.colors is None else out.colors])
+    fields = {
+        "label": np.append(cloud["label"], np.full(n_out, Label.UNLABELLED, np.uint8)),
+        "removed_by": np.append(np.zeros(n, np.uint8), out["removed_by"]),
+    }
+    if "confidence" in cloud:
+        fields["confidence"] = np.append(cloud["confidence"], np.zeros(n_out, np.float32))
+    return PointCloud(np.concatenate([cloud.points, out.points]), colors, fields=fields)
 
 
 def _by_cells(points: np.ndarray) -> np.ndarray:
@@ -144,6 +174,7 @@ def _cloud_data(shown: PointCloud, skeleton: Skeleton, origin: np.ndarray) -> di
         "colors": _base64(np.clip(np.rint(cloud_colors(shown) * 255), 0, 255), "u1"),
         "labels": _base64(_known_labels(shown["label"]), "u1"),
         "confidence": _confidence(shown),
+        "removed": _base64(shown["removed_by"], "u1") if "removed_by" in shown else None,
         "nodes": _base64(nearest_nodes(shown, skeleton), "<i4"),
     }
 

@@ -93,6 +93,17 @@ export class Colors {
         of: () => ({ color: (i) => ramp(cloud.confidence[i] / 255), legend: { low: 0, high: 1, unit: "" } }),
       };
     }
+    if (cloud.removed) {
+      const reasons = new Map(data.removals.map((item) => [item.id, item.color]));
+      const present = data.removals.filter((item) => cloud.removed.includes(item.id));
+      this.points.removed = {
+        title: "taken out by",
+        of: () => ({
+          color: (i) => reasons.get(cloud.removed[i]) || UNKNOWN,
+          legend: { items: present.map((item) => [item.name, item.color]) },
+        }),
+      };
+    }
     for (const name of ["order", "radius", "uncertainty", "branch"]) {
       this.points[name] = { title: this.nodes[name].title, of: () => this.ofPoints(name) };
     }

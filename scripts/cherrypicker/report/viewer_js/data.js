@@ -20,6 +20,7 @@ function loadCloud(raw) {
     rgb: unpack(raw.colors, Uint8Array),
     label: unpack(raw.labels, Uint8Array),
     confidence: raw.confidence ? unpack(raw.confidence, Uint8Array) : null,
+    removed: raw.removed ? unpack(raw.removed, Uint8Array) : null, // what took a point out, 0 nothing
     node: unpack(raw.nodes, Int32Array), // nearest of the first skeleton, -1 off the wood
     hasColor: raw.has_color,
     n: steps.length / 3,

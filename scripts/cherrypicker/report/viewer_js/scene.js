@@ -41,7 +41,8 @@ export class Scene {
     if (cloud) {
       this.pointScheme = colors.points[schemes.points].of();
       this.pointColors = packAll(cloud.n, this.pointScheme.color);
-      for (let i = 0; i < cloud.n; i++) if (this.hidden.has(cloud.label[i])) this.pointColors[i] = 0;
+      const isOut = (i) => cloud.removed?.[i] && schemes.points !== "removed";
+      for (let i = 0; i < cloud.n; i++) if (isOut(i) || this.hidden.has(cloud.label[i])) this.pointColors[i] = 0;
     }
     for (const layer of this.layers) {
       layer.scheme = colors.nodes[schemes.skeleton].of(layer.skeleton);

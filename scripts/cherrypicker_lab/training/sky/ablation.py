@@ -109,16 +109,12 @@ def ablate(
     """
     distance = sky.distance(cloud.colors)
     is_fringe, is_branch = judged_kinds(placed, distance, options.sky_color_distance, surface)
-    # denoise_cloud returns the points that stay; their rows say which those were
-    rows = np.arange(len(cloud), dtype=np.int64)
-    numbered = replace(cloud, fields={**cloud.fields, "row": rows})
     table = []
     for variant in VARIANTS:
-        kept, _ = denoise_cloud(
-            numbered, sky, evidence_of, variant_options(options, variant), ground_height
-        )
-        removed = np.ones(len(cloud), bool)
-        removed[kept["row"]] = False
+        by = denoise_cloud(
+            cloud, sky, evidence_of, variant_options(options, variant), ground_height
+        )[2]
+        removed = by > 0
         table.append(
             {
                 "variant": variant,

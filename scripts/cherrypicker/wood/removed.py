@@ -1,0 +1,80 @@
+"""Why did this point go? Every point that a stage took out, with what took it out."""
+
+from __future__ import annotations
+
+import logging
+from typing import NamedTuple
+
+import numpy as np
+
+from cherrypicker.classes import Removal, wood_mask
+from cherrypicker.pointcloud import PointCloud
+
+__all__ = ["Earlier", "kept_rows", "removed_points"]
+
+logger = logging.getLogger(__name__)
+
+
+def kept_rows(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Which points (n, 3) are among those that a stage left (m, 3), (n,) bool."""
+    as_one = np.dtype((np.void, before.itemsize * 3))
+    was, left = (np.ascontiguousarray(points).view(as_one).ravel() for points in (before, after))
+    return np.isin(was, left)
+
+
+class Earlier(NamedTuple):
+    """What a tree from photos was before its cloud was metric."""
+
+    aligned: PointCloud
+    cropped: PointCloud
+    denoised_by: np.ndarray  # (n_cropped,) uint8: `Removal`, 0 of points that stay
+    factor: float  # from their frame to that of the segmented cloud
+
+
+def removed_points(
+    segmented: PointCloud, owner: np.ndarray, stem: int, earlier: Earlier | None = None
+) -> PointCloud:
+    """All points that the stages took out.
+
+    Parameters
+    ----------
+    segmented : PointCloud
+        With ``label``.
+    owner : ndarray of shape (n_segmented,), int
+        Stem on which each point of wood hangs, -1 for none.
+    stem : int
+        The target's.
+    earlier : Earlier, optional
+        Of a tree from photos.
+
+    Returns
+    -------
+    PointCloud
+        In the frame of `segmented`, with colours where it has any and ``removed_by`` (uint8, see
+        `cherrypicker.classes.Removal`).
+    """
+    is_wood = wood_mask(np.asarray(segmented["label"]))
+    by = np.zeros(len(segmented), np.uint8)
+    by[is_wood & (owner >= 0) & (owner != stem)] = Removal.OTHER_TREE
+    by[is_wood & (owner < 0)] = Removal.LOOSE
+    parts = [(segmented, by)]
+    if earlier is not None:
+        is_out = ~kept_rows(earlier.aligned.points, earlier.cropped.points)
+        for cloud, taken in (
+            (earlier.aligned, is_out * np.uint8(Removal.REGION)),
+            (earlier.cropped, earlier.denoised_by),
+        ):
+            parts.append((PointCloud(earlier.factor * cloud.points, cloud.colors), taken))
+    chosen = [(cloud.select(taken > 0), taken[taken > 0]) for cloud, taken in parts]
+    has_colors = all(cloud.colors is not None for cloud, _ in chosen)
+    removed = PointCloud(
+        np.concatenate([cloud.points for cloud, _ in chosen]),
+        np.concatenate([cloud.colors for cloud, _ in chosen]) if has_colors else None,
+        fields={"removed_by": np.concatenate([taken for _, taken in chosen])},
+        frame=segmented.frame,
+        unit=segmented.unit,
+    )
+    counts = np.bincount(removed["removed_by"], minlength=len(Removal) + 1)
+    for reason in Removal:
+        logger.info("%s points: %s", f"{counts[reason]:,}", reason.title)
+    return removed
