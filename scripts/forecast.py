@@ -20,7 +20,7 @@ import sys
 from pathlib import Path
 
 from cherrypicker.batch.batch import CONFIG_FILE
-from cherrypicker.batch.config import load_schema, read_config_file, resolve_config
+from cherrypicker.batch.config import read_config_file, resolve_config
 from cherrypicker.batch.forecast import (
     forecast_stages,
     forecast_text,
@@ -33,6 +33,7 @@ from cherrypicker.batch.resources import ScanSize, size_of_photos
 from cherrypicker.batch.scans import Scans
 from cherrypicker.command.work_folder import batch_here
 from cherrypicker.errors import StageError
+from cherrypicker.files import load_schema
 from cherrypicker.runner import SCHEMA_FILE, stage_parser
 
 

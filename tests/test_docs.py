@@ -10,6 +10,7 @@ import yaml
 import cherrypicker
 from cherrypicker.accuracy.measures import COLUMNS as MEASURES_COLUMNS
 from cherrypicker.batch.trees import COLUMNS as TREES_COLUMNS
+from cherrypicker.files import load_schema
 from cherrypicker.formats.table import FORMATS
 from cherrypicker.markers.references import KINDS
 from cherrypicker_lab.written_pages import WRITTEN
@@ -94,9 +95,7 @@ def test_a_table_without_a_date_is_found():
 
 
 def test_every_config_key_that_a_page_names_exists(project, pages):
-    schema = yaml.safe_load(
-        (project / "workflow/schemas/config.schema.yaml").read_text(encoding="utf-8")
-    )
+    schema = load_schema(project / "workflow/schemas/config.schema.yaml")
     keys = {
         name: set(entry.get("properties", {}))
         for name, entry in schema["properties"].items()

@@ -29,11 +29,10 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, NamedTuple, TextIO, Union, get_args, get_origin, get_type_hints
 
-import yaml
 from threadpoolctl import ThreadpoolController
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import PROJECT, write_json
+from cherrypicker.files import PROJECT, load_schema, write_json
 
 logger = logging.getLogger(__name__)
 
@@ -139,7 +138,7 @@ def stage_parser(doc: str | None, main: Callable | None = None) -> argparse.Argu
 
 def add_options(parser: argparse.ArgumentParser, main: Callable) -> None:
     """Add a stage's options to its parser, with the text of their config keys or of their class."""
-    schema = yaml.safe_load(SCHEMA_FILE.read_text(encoding="utf-8"))
+    schema = load_schema(SCHEMA_FILE)
     keys = keys_of_stage(schema, Path(main.__code__.co_filename).stem)
     described = {key.rpartition(".")[2]: (key, each) for key, each in keys.items()}
     kinds = inspect.signature(main, eval_str=True).parameters

@@ -15,8 +15,8 @@ import json
 from pathlib import Path
 
 import lab_path  # noqa: F401
-from cherrypicker.batch.config import load_schema, resolve_config
-from cherrypicker.files import write_json
+from cherrypicker.batch.config import resolve_config
+from cherrypicker.files import load_schema, write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.error_budget import climb
 

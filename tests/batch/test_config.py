@@ -1,8 +1,9 @@
 import pytest
 import yaml
 
-from cherrypicker.batch.config import load_schema, lookup, read_config_file, resolve_config
+from cherrypicker.batch.config import lookup, read_config_file, resolve_config
 from cherrypicker.errors import StageError
+from cherrypicker.files import load_schema
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from workspace import PROJECT, Workspace
 
-from cherrypicker.batch.config import load_schema, resolve_config
+from cherrypicker.batch.config import resolve_config
 from cherrypicker.batch.forecast import (
     Correction,
     forecast_stages,
@@ -18,6 +18,7 @@ from cherrypicker.batch.forecast import (
     with_stereo,
 )
 from cherrypicker.batch.resources import ScanSize, cpu_seconds, memory_mb, size_of_photos
+from cherrypicker.files import load_schema
 
 SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
 SCAN = size_of_photos([(4000, 3000)] * 250, SETTINGS)

@@ -3,7 +3,8 @@
 import pytest
 from workspace import PROJECT
 
-from cherrypicker.batch.config import config_notes, load_schema, resolve_config
+from cherrypicker.batch.config import config_notes, resolve_config
+from cherrypicker.files import load_schema
 
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
 

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from workspace import PROJECT, small_tree
 
-from cherrypicker.batch.config import load_schema, resolve_config
+from cherrypicker.batch.config import resolve_config
 from cherrypicker.batch.resources import (
     ScanSize,
     count_pairs,
@@ -25,6 +25,7 @@ from cherrypicker.batch.resources import (
 from cherrypicker.batch.scans import size_of_photo_scan, sizes_of
 from cherrypicker.batch.stage_costs import ENLARGED_BELOW_MP, stages_of
 from cherrypicker.batch.trees import Tree
+from cherrypicker.files import load_schema
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.sfm.features import PLAIN_FIRST_MP
 

@@ -14,11 +14,12 @@ from PIL import Image
 from rich.console import Console
 from workspace import small_tree
 
-from cherrypicker.batch.config import load_schema, read_config_file, resolve_config
+from cherrypicker.batch.config import read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.command import doctor, run
 from cherrypicker.command.main import SUBCOMMANDS, main
 from cherrypicker.command.time_left import TimeLeft
+from cherrypicker.files import load_schema
 from cherrypicker.formats.table import FORMATS
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.progress import duration

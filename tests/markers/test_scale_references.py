@@ -7,8 +7,9 @@ from marker_scene import charuco_pattern, checker_pattern, marker_scan, rectangl
 from PIL import Image
 from scan_scene import look_at_poses, ring
 
-from cherrypicker.batch.config import load_schema, resolve_config
+from cherrypicker.batch.config import resolve_config
 from cherrypicker.errors import StageError
+from cherrypicker.files import load_schema
 from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import charuco_finder
 from cherrypicker.markers.combine import combine

@@ -7,9 +7,10 @@ from sfm_scene import write_orbit
 from test_marker_scale import aligned_scene, options, scan  # noqa: F401
 from workspace import Workspace
 
-from cherrypicker.batch.config import load_schema, read_config_file, resolve_config
+from cherrypicker.batch.config import read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
+from cherrypicker.files import load_schema
 from cherrypicker.markers.columns import check_scale_columns, parse_marker_sides
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.scale_scene import scale_scene

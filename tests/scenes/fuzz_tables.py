@@ -8,12 +8,12 @@ from workspace import PROJECT
 from cherrypicker.accuracy.measures import read_measures
 from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.benchmarks import read_benchmark
-from cherrypicker.batch.config import load_schema, lookup, read_config_file, resolve_config
+from cherrypicker.batch.config import lookup, read_config_file, resolve_config
 from cherrypicker.batch.rows import names_found, places_of
 from cherrypicker.batch.summary import summarise
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json, write_json
+from cherrypicker.files import load_schema, read_json, write_json
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.markers.references import check_scale
 from cherrypicker.markers.scale_scene import scale_scene

@@ -1,4 +1,5 @@
-from cherrypicker.batch.config import load_schema, lookup, resolve_config
+from cherrypicker.batch.config import lookup, resolve_config
+from cherrypicker.files import load_schema
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 
 

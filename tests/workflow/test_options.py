@@ -13,9 +13,10 @@ from snakemake.iocontainers import Wildcards
 from snakemake.settings.types import OutputSettings, ResourceSettings
 from workspace import PROJECT, Workspace
 
-from cherrypicker.batch.config import load_schema, resolve_config
+from cherrypicker.batch.config import resolve_config
 from cherrypicker.batch.run_lock import end_start
 from cherrypicker.classes import CLASS_NAMES
+from cherrypicker.files import load_schema
 from cherrypicker.runner import keys_of_stage, options_of
 
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")

@@ -20,7 +20,7 @@ from skeleton_shapes import labelled_cloud, small_tree, stacked_least_squares, t
 from torch_geometric.nn import EdgeConv
 from workspace import PROJECT
 
-from cherrypicker.batch.config import config_notes, load_schema, lookup, resolve_config
+from cherrypicker.batch.config import config_notes, lookup, resolve_config
 from cherrypicker.classes import CLASS_IDS
 from cherrypicker.contraction.contract_points import SkeletonOptions, contract_points
 from cherrypicker.contraction.laplacian_published import (
@@ -29,7 +29,7 @@ from cherrypicker.contraction.laplacian_published import (
     solve_contraction,
 )
 from cherrypicker.denoising.denoise import neighbor_means, statistical_filter
-from cherrypicker.files import read_json
+from cherrypicker.files import load_schema, read_json
 from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import write_orchard
@@ -159,7 +159,7 @@ def denoise(scene, settings):
 
     scene.patch("denoise_cloud", ask_points=ask, ScanPhotos=lambda *given: None)
     files = {"cameras": poses, "evidence": "e", "sky_colors": sky}
-    files |= {"denoised": out, "report": scene.out("d.json")}
+    files |= {"denoised": out, "report": scene.out("d.json"), "removed": scene.out("d.npz")}
     run_stage("denoise_cloud", settings, cloud=cloud, poses=poses, **files)
     return read_cloud(out).points.tobytes()
 
@@ -214,6 +214,7 @@ def contract(scene, settings, *, has_limbs=True, every=4):
     segmented, out = scene.out("s.ply"), scene.out("c.ply")
     write_cloud(segmented, cloud)
     files = {"report": scene.out("c.json"), "target": scene.out("t.json")}
+    files |= {"removed": scene.out("r.ply")}
     if has_limbs:
         files["limbs"] = scene.out("limbs.npz")
         write_orchard(files["limbs"], orchard)
@@ -264,18 +265,21 @@ def taken(*given, **named):
 
 
 def fuse(scene, settings):
-    """The options that reach the fusion, and whether silhouettes are added to it."""
+    """The options that reach the fusion, whether silhouettes are added, and what ground stays."""
     said, none = [], Stand(points=np.zeros((0, 3)))
+    none.select = lambda keep: none
+    region = Stand(holds=lambda points: slice(None))
     scene.patch(
         "fuse_depth",
         read_json=lambda path: {"maps": []},
         ScanPhotos=lambda *a, **k: None,
-        Workspace=lambda *a, **k: Stand(region=Stand(holds=lambda points: slice(None))),
+        Workspace=lambda *a, **k: Stand(region=region, poses=None),
         read_poses=lambda path: None,
         fuse_workspace=lambda w, names, options, **named: said.append((options, named)) or none,
         words_of_clear_sky=lambda *a, **k: None,
         measure_coverage=lambda *a: {},
-        add_silhouettes=lambda *a, **k: said.append("silhouettes"),
+        add_silhouettes=lambda *a, **k: said.append("silhouettes") or none,
+        needed_points=lambda points, poses, region, spacing, **k: said.append(spacing),
         write_cloud=lambda *a: None,
     )  # fmt: skip
     files = {

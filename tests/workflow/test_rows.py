@@ -5,9 +5,8 @@ import pytest
 from workspace import PROJECT, Workspace, small_tree
 
 from cherrypicker.batch.batch import read_batch
-from cherrypicker.batch.config import load_schema
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json
+from cherrypicker.files import load_schema, read_json
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 
 FEET = ((0.0, 0.0), (1.4, 0.0), (2.8, 0.1))

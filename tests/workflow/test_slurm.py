@@ -11,8 +11,9 @@ from PIL import Image
 from slurm_cluster import HOW_TO_INSTALL, SlurmCluster, missing_daemons
 from workspace import PROJECT, Workspace
 
-from cherrypicker.batch.config import load_schema, resolve_config
+from cherrypicker.batch.config import resolve_config
 from cherrypicker.batch.resources import mb_to_ask, minutes_to_ask, size_of_photos, threads_to_ask
+from cherrypicker.files import load_schema
 
 PROFILE = PROJECT / "profiles/slurm"
 # The jobs of these tests take seconds, and the folder is a local one

@@ -7,7 +7,8 @@ import shutil
 import pytest
 from workspace import PROJECT, Workspace, project_with_own
 
-from cherrypicker.batch.config import load_schema, lookup, resolve_config
+from cherrypicker.batch.config import lookup, resolve_config
+from cherrypicker.files import load_schema
 
 SCHEMA = PROJECT / "workflow/schemas/config.schema.yaml"
 STAGES = [

@@ -15,7 +15,8 @@ LIBRARY = SCRIPTS if (SCRIPTS / "cherrypicker").is_dir() else PROJECT.parents[1]
 sys.path.insert(0, str(LIBRARY))
 
 from cherrypicker.batch.batch import read_batch
-from cherrypicker.batch.config import load_schema, lookup as lookup_key
+from cherrypicker.batch.config import lookup as lookup_key
+from cherrypicker.files import load_schema
 from cherrypicker.batch.finished import finished_series, summarise_finished
 from cherrypicker.batch.resources import mb_to_ask, minutes_to_ask, threads_to_ask
 from cherrypicker.batch.run_lock import begin_start, end_start

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cherrypicker.batch.config import load_schema
+from cherrypicker.files import load_schema
 from cherrypicker.mvs.backends.table import BACKENDS
 
 # Photos below this size are enlarged fourfold for their features, see sfm/features.py

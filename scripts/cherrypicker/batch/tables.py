@@ -16,7 +16,7 @@ from pathlib import Path
 import cherrypicker
 from cherrypicker.accuracy.agreement import PUBLISHED, agreement, by_trait
 from cherrypicker.accuracy.quantities import QUANTITIES
-from cherrypicker.batch.config import load_schema
+from cherrypicker.files import load_schema
 from cherrypicker.report.summary_page import TreeResult
 from cherrypicker.traits.table import TRAITS, Trait
 

@@ -7,9 +7,9 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
-from cherrypicker.batch.config import first_refusal, load_schema
+from cherrypicker.batch.config import first_refusal
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_user_table
+from cherrypicker.files import load_schema, read_user_table
 from cherrypicker.ply import PlyError, vertex_properties
 from cherrypicker.runner import SCHEMA_FILE
 

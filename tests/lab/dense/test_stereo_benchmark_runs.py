@@ -9,9 +9,9 @@ from PIL import Image
 from stereo_scene import Surface, write_scene
 from workspace import Workspace as Run
 
-from cherrypicker.batch.config import load_schema, resolve_config
+from cherrypicker.batch.config import resolve_config
 from cherrypicker.errors import StageError
-from cherrypicker.files import write_json
+from cherrypicker.files import load_schema, write_json
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.fusion import FusionOptions
 from cherrypicker.photos import list_photos
