@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, map_coordinates
 
 from cherrypicker.geometry.ground_surface import GroundSurface
-from cherrypicker.geometry.sampling import thin_randomly, voxel_keys
+from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.align import MIN_SCORE, AlignOptions
 from cherrypicker.placement.directions import rodrigues
 from cherrypicker.placement.ground import (
@@ -21,6 +21,7 @@ from cherrypicker.placement.ground import (
     MOST_POINTS,
     REACH,
     TOLERANCE,
+    Plane,
     ground_cells,
     judged_planes,
 )
@@ -64,16 +65,13 @@ def needed_points(
     if not planes or planes[0].score < MIN_SCORE:
         logger.warning("no ground that the cameras stand on: all points are kept")
         return keep
-    rotation = rodrigues(planes[0].normal, [0.0, 0.0, 1.0])
-    origin = region.center - planes[0].height(region.center[None])[0] * planes[0].normal
-    upright = (points - origin) @ rotation.T
-    surface = GroundSurface(ground_cells((sample - origin) @ rotation.T, distance))
-    is_beyond = np.hypot(upright[:, 0], upright[:, 1]) > region.radius  # as the default crop
-    spare = np.flatnonzero(is_beyond | _is_bare(upright, surface, distance, band))
-    offset = points[spare] - region.center
-    away = np.maximum(np.linalg.norm(offset, axis=1) / distance, 1.0)
-    near = offset / away[:, None]  # what is beyond goes onto the sphere: one in each direction
-    _, first = np.unique(voxel_keys(near, spacing * distance), return_index=True)
+    ground = _Ground(planes[0], sample, region, band)
+    blocks = [slice(at, at + MOST_POINTS) for at in range(0, len(points), MOST_POINTS)]
+    for block in blocks:
+        ground.note(points[block])
+    voxel = np.concatenate([ground.spare_voxels(points[block], spacing) for block in blocks])
+    spare = np.flatnonzero(voxel >= 0)
+    _, first = np.unique(voxel[spare], return_index=True)
     keep[spare] = False
     keep[spare[first]] = True
     logger.info(
@@ -85,22 +83,53 @@ def needed_points(
     return keep
 
 
-def _is_bare(
-    points: np.ndarray, surface: GroundSurface, distance: float, band: float
-) -> np.ndarray:
-    """Which points (n, 3), z up from the ground, are ground that nothing stands on, or beside."""
-    cell = CELL * distance
-    n = 2 * int(REACH / CELL) + 1
-    at = cell * (np.arange(n) - n // 2)
-    xy = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1).reshape(-1, 2)
-    heights = surface(xy).reshape(n, n)
-    place = points[:, :2].T / cell + n // 2
-    height = points[:, 2] - map_coordinates(heights, place, order=1, cval=np.nan)
-    is_ground = np.abs(height) <= band
-    is_low = ~is_ground & (np.abs(height) <= TOLERANCE * distance)
-    node = np.where(is_ground | is_low, np.round(place), 0).astype(int)
-    flat = node[0] * n + node[1]
-    low, all_ = (np.bincount(flat[rows], minlength=n * n) for rows in (is_low, is_low | is_ground))
-    stands = (low > LOW_QUANTILE * all_).reshape(n, n)  # fewer are blades of grass
-    around = binary_dilation(stands, np.ones((3, 3), bool)).ravel()
-    return is_ground & ~around[flat]
+class _Ground:
+    """The ground's surface in square cells, and in which of them something stands.
+
+    Points are given in blocks, which bounds the memory.
+    """
+
+    def __init__(self, plane: Plane, sample: np.ndarray, region: Region, band: float) -> None:
+        self.region, self.band = region, band
+        self.rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
+        self.origin = region.center - plane.height(region.center[None])[0] * plane.normal
+        self.cell, self.n = CELL * region.distance, 2 * int(REACH / CELL) + 1
+        at = self.cell * (np.arange(self.n) - self.n // 2)
+        xy = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1).reshape(-1, 2)
+        surface = GroundSurface(ground_cells(self._upright(sample), region.distance))
+        self.heights = surface(xy).reshape(self.n, self.n)
+        self.n_low, self.n_all = np.zeros((2, self.n * self.n), np.int64)
+
+    def _upright(self, points: np.ndarray) -> np.ndarray:
+        return (points - self.origin) @ self.rotation.T
+
+    def _placed(self, upright: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cell of each point (n,), and its height over the ground, NaN beyond the cells."""
+        place = upright[:, :2].T / self.cell + self.n // 2
+        height = upright[:, 2] - map_coordinates(self.heights, place, order=1, cval=np.nan)
+        cell = np.where(np.isnan(height), 0, np.round(place)).astype(int)
+        return cell[0] * self.n + cell[1], height
+
+    def note(self, points: np.ndarray) -> None:
+        """Count what lies on the ground and low over it."""
+        cell, height = self._placed(self._upright(points))
+        near = np.abs(height) <= TOLERANCE * self.region.distance
+        low = near & (np.abs(height) > self.band)
+        self.n_all += np.bincount(cell[near], minlength=self.n**2)
+        self.n_low += np.bincount(cell[low], minlength=self.n**2)
+
+    def spare_voxels(self, points: np.ndarray, spacing: float) -> np.ndarray:
+        """Voxel of each point (n,) that is spare, -1 of the others: ground that nothing stands on
+        or beside, and what the default crop takes."""
+        upright = self._upright(points)
+        cell, height = self._placed(upright)
+        stands = (self.n_low > LOW_QUANTILE * self.n_all).reshape(self.n, self.n)  # fewer are grass
+        around = binary_dilation(stands, np.ones((3, 3), bool)).ravel()
+        is_spare = np.hypot(upright[:, 0], upright[:, 1]) > self.region.radius
+        is_spare |= (np.abs(height) <= self.band) & ~around[cell]
+        offset = (points - self.region.center) / self.region.distance
+        # What is beyond goes onto the sphere: one in each direction
+        offset /= np.maximum(np.linalg.norm(offset, axis=1), 1.0)[:, None]
+        n_across = int(2 / spacing) + 1
+        x, y, z = ((offset + 1.0) / spacing).astype(np.int64).T
+        return np.where(is_spare, (x * n_across + y) * n_across + z, -1)
