@@ -1,7 +1,6 @@
 """Depth maps and fusion of ray traced scenes whose depth is known."""
 
 import os
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -73,28 +72,6 @@ def test_either_fusion_takes_the_maps_and_lies_on_the_plane(slanted):
         assert (cloud.normals @ -normal > 0.0).mean() > 0.95
         assert cloud["n_views"].min() >= 2
         assert cloud.frame == "colmap"
-
-
-def test_confidence_falls_where_photos_see_past_a_point(slanted, tmp_path):
-    folder, _, _, _, manifest = slanted
-    shutil.copytree(folder, tmp_path / "scene")
-    options = FusionOptions()
-    agreed = fuse_workspace(Workspace(folder), manifest["maps"], options)
-    assert np.quantile(agreed["stereo_confidence"], 0.05) == 1.0
-    workspace = Workspace(tmp_path / "scene")
-    view = workspace.views[4]
-    depth, normals = (
-        workspace.read_depth(view, "geometric"),
-        workspace.read_normals(view, "geometric"),
-    )
-    workspace.write_maps(view, "geometric", 1.2 * depth, normals)
-    doubted = fuse_workspace(workspace, manifest["maps"], options)
-    at = doubted["stereo_confidence"]
-    seen = doubted["n_views"] == 4
-    # Four photos agree, the fifth sees past
-    assert seen.mean() > 0.3
-    assert np.median(at[seen]) == np.float32(0.8)
-    assert ((at > 0.0) & (at <= 1.0)).all()
 
 
 def test_thin_cylinder_before_a_wall_keeps_its_depth(tmp_path):

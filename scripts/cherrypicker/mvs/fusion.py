@@ -97,9 +97,8 @@ def fuse_workspace(
     Returns
     -------
     PointCloud
-        In COLMAP's frame, with colours, normals, the number of photos that agree on a point
-        ``n_views`` (uint8) and, of our fusion, ``stereo_confidence`` (float32 in (0, 1]): those, as
-        a share of them and the photos that see past the point.
+        In COLMAP's frame, with colours, normals and the number of photos that agree on a point,
+        ``n_views`` (uint8).
 
     Raises
     ------
@@ -189,7 +188,7 @@ def _fuse_one(
         min_views=options.min_views,
     )
     n_pixels = reference.width * reference.height
-    out = np.empty((n_pixels, 7), dtype=np.float32)
+    out = np.empty((n_pixels, 6), dtype=np.float32)
     counts = np.empty(n_pixels, dtype=np.uint8)
 
     def work(first: int) -> None:
@@ -206,7 +205,7 @@ def _fuse_one(
         (out[kept, :3].astype(np.float64) - reference.t) @ reference.R,
         photo[kept].astype(np.float32) / 255.0,
         (out[kept, 3:6].astype(np.float64) @ reference.R).astype(np.float32),
-        {"n_views": counts[kept], "stereo_confidence": out[kept, 6]},
+        {"n_views": counts[kept]},
         frame="colmap",
         unit="arbitrary",
     )

@@ -350,10 +350,7 @@ def _twigs_of(photos: ScanPhotos, lines: Lines, i: int, region: Region, threads:
         points,
         colors=photos.photo(i)[at[:, 1], at[:, 0]] / 255.0,
         normals=_across(view.center - points, axes[kept]),
-        fields={
-            "n_views": np.minimum(counts[kept], 255).astype(np.uint8),
-            "stereo_confidence": np.ones(len(kept), np.float32),
-        },
+        fields={"n_views": np.minimum(counts[kept], 255).astype(np.uint8)},
     )
 
 

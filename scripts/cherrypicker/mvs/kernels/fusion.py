@@ -14,11 +14,6 @@ _HALF = np.float32(0.5)
 _1 = np.float32(1.0)
 # Neighbour pixels whose depths differ by less, as a share, are explained by one point (guess)
 SAME_SURFACE = np.float32(0.003)
-# Answers of a photo that is asked about a point
-UNDECIDED, AGREES, SEES_PAST = 0, 1, 2
-# A photo sees past a point when its surface lies so many times the allowed depth error behind it
-# (guess)
-PAST_ERRORS = np.float32(3.0)
 
 
 class Group(NamedTuple):
@@ -80,30 +75,26 @@ def _ask(
     m: Num,
     matched: np.ndarray,
 ) -> Num:
-    """Add photo ``j``'s own point to ``values`` and its normal to ``normal`` if it agrees.
-
-    Returns AGREES, SEES_PAST where the photo found a surface well behind the point, or UNDECIDED.
-    """
+    """Add photo ``j``'s own point to ``values`` and its normal to ``normal``, if it agrees."""
     w = _1 / depth
     z = depth_in(group.forward, j, x, y, w)
     if z <= BEHIND:
-        return UNDECIDED
+        return False
     u, v = pixel_in(group.forward, j, x, y, w, z)
     iu = np.int64(np.floor(u + _HALF))
     iv = np.int64(np.floor(v + _HALF))
     width = group.sizes[j, 0]
     if iu < 0 or iv < 0 or iu >= width or iv >= group.sizes[j, 1]:
-        return UNDECIDED
+        return False
     slot = group.slots[j]
     other = iv * width + iu
     found = group.maps[slot, other, 3]
     expected = z * depth
-    behind = found - expected
-    if found <= _0 or abs(behind) > group.limits[1] * expected:
-        return SEES_PAST if behind > PAST_ERRORS * group.limits[1] * expected else UNDECIDED
+    if found <= _0 or abs(found - expected) > group.limits[1] * expected:
+        return False
     bx, by, _ = _from_other(group, j, u, v, found)
     if (bx - x) ** 2 + (by - y) ** 2 > group.limits[0] * group.limits[0]:
-        return UNDECIDED
+        return False
     own = group.slots[0]
     cosine = _0
     for c in range(3):
@@ -113,7 +104,7 @@ def _ask(
         normal[3 + c] = turned
         cosine += turned * group.maps[own, pixel, c]
     if cosine < group.limits[2]:
-        return UNDECIDED
+        return False
     for c in range(3):
         normal[c] += normal[3 + c]
     px, py, pz = _from_other(group, j, np.float32(iu), np.float32(iv), found)
@@ -123,7 +114,7 @@ def _ask(
     values[3, m] = found
     matched[m, 0] = j
     matched[m, 1] = np.int64(np.floor(v)) * width + np.int64(np.floor(u))
-    return AGREES
+    return True
 
 
 @inlined
@@ -160,8 +151,8 @@ def fuse_rows(
 ) -> None:
     """Fuse rows of the reference.
 
-    ``out`` (n_pixels, 7) takes position and normal in the reference's camera and the confidence,
-    ``counts`` (n_pixels,) the number of photos, 0 where there is no point.
+    ``out`` (n_pixels, 6) takes position and normal in the reference's camera, ``counts``
+    (n_pixels,) the number of photos, 0 where there is no point.
     """
     width = group.sizes[0, 0]
     own = group.slots[0]
@@ -180,19 +171,14 @@ def fuse_rows(
             for c in range(3):
                 normal[c] = group.maps[own, pixel, c]
             m = 1
-            n_past = 0
             for j in range(1, group.slots.shape[0]):
-                answer = _ask(group, j, pixel, fx, fy, depth, normal, values, m, matched)
-                if answer == AGREES:
+                if _ask(group, j, pixel, fx, fy, depth, normal, values, m, matched):
                     m += 1
-                elif answer == SEES_PAST:
-                    n_past += 1
             if m < group.min_views:
                 continue
             for i in range(1, m):
                 _explain(group, matched[i, 0], matched[i, 1], values[3, i])
             counts[pixel] = min(m, 255)
-            out[pixel, 6] = np.float32(m) / np.float32(m + n_past)
             length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
             for c in range(3):
                 out[pixel, c] = _middle_mean(values, c, m)
