@@ -35,7 +35,7 @@ def write_orchard(path: str | os.PathLike, found: Orchard) -> None:
     limbs = [limb for each in grown for limb in each.limbs]
     write_npz(
         path,
-        owner=found.owner,
+        owner=found.owner.astype(np.int16),  # of as many points as the cloud has
         sample=found.sample,
         spacing=np.float64(found.spacing),
         base=np.reshape(found.bases, (-1, 3)),
@@ -89,7 +89,7 @@ def _orchard(arrays: dict[str, np.ndarray]) -> Orchard:
     if (first, first_member) != (len(limbs), len(arrays["member"])):
         raise ValueError("limbs or members that no stem has")
     return Orchard(
-        arrays["owner"],
+        arrays["owner"].astype(np.int64),
         arrays["sample"],
         float(arrays["spacing"]),
         arrays["base"],

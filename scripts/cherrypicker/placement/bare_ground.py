@@ -16,10 +16,10 @@ from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.align import MIN_SCORE, AlignOptions
 from cherrypicker.placement.directions import rodrigues
 from cherrypicker.placement.ground import (
-    CELL,
     LOW_QUANTILE,
     MOST_POINTS,
     REACH,
+    SPOT_CELL,
     TOLERANCE,
     Plane,
     ground_cells,
@@ -93,7 +93,7 @@ class _Ground:
         self.region, self.band = region, band
         self.rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
         self.origin = region.center - plane.height(region.center[None])[0] * plane.normal
-        self.cell, self.n = CELL * region.distance, 2 * int(REACH / CELL) + 1
+        self.cell, self.n = SPOT_CELL * region.distance, 2 * int(REACH / SPOT_CELL) + 1
         at = self.cell * (np.arange(self.n) - self.n // 2)
         xy = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1).reshape(-1, 2)
         surface = GroundSurface(ground_cells(self._upright(sample), region.distance))
