@@ -31,6 +31,9 @@ def test_stages_add_up_over_scans():
     expected = 2 * cpu_seconds(SCAN.stages["estimate_depth"], SCAN) / 3600
     assert depth.n_jobs == 2
     assert depth.cpu_hours == pytest.approx(expected)
+    assert depth.max_threads > 1  # of which each but the first does four fifths of a core's work
+    busy = 1 + 0.8 * (depth.max_threads - 1)
+    assert depth.job_minutes == pytest.approx(60 * expected / 2 / busy)
     # 250 photos of 1.92 megapixels, two scans: their depths, and two depth and normal maps if kept
     assert depth.disk_gb == pytest.approx(2 * 250 * 1.92 * 0.4 / 1000)
     kept = forecast_stages({"a": replace(SCAN, keeps_dense=True)})

@@ -59,6 +59,23 @@ def test_azimuths_follow_from_turns_alone():
     assert ring.is_told and np.isfinite(ring.told_deg).mean() > 0.9
 
 
+def test_a_gap_over_north_is_a_gap():
+    azimuth = np.array([np.nan, 310.0, 290.0, 40.0, *range(60, 290, 20)])
+    assert widest_gaps(azimuth, 25.0) == [(90.0, 1, 3)]
+
+
+@pytest.mark.parametrize("blur", [0.1, 0.9])
+def test_where_photos_are_blurred_there_is_a_gap(monkeypatch, blur):
+    true = np.arange(0, 360, 10.0)
+    found = turns(cameras(true), neighbours(true, 40.0), np.random.default_rng(0))
+    monkeypatch.setattr("cherrypicker.capture.verdict.find_overlaps", lambda *_: found)
+    blurs = [blur if i in (10, 11, 12) else 0.1 for i in range(len(true))]
+    looks = [Look(Path(f"{i}.jpg"), digest=str(i), blur=each) for i, each in enumerate(blurs)]
+    verdict = judge(looks, (), 1)
+    gaps = [set(each.photos) for each in verdict.findings if "between" in each.text]
+    assert gaps == ([{9, 13}] if blur > 0.5 else []) and len(verdict.gaps) == len(gaps)
+
+
 @pytest.mark.parametrize("noise_deg", [2.0, 40.0])
 def test_azimuths_that_overlaps_disagree_on_cannot_be_told(monkeypatch, noise_deg):
     """With turns that are wrong a gap is a hint; with good ones the same gap is to be filled."""

@@ -1,6 +1,8 @@
 """Outlier and sky-silhouette filters."""
 
+import importlib.util
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +16,8 @@ from cherrypicker.denoising.denoise import (
     statistical_inliers,
 )
 from cherrypicker.errors import StageError
-from cherrypicker.pointcloud import PointCloud
-from cherrypicker.sky.colors import SkyColors
+from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
+from cherrypicker.sky.colors import SkyColors, write_sky_colors
 
 WHITE = np.array([0.9, 0.93, 0.97])
 BARK = np.array([0.35, 0.28, 0.22])
@@ -194,3 +196,21 @@ def test_what_all_see_of_the_ground_says_nothing_about_twigs():
     assert len(denoise_cloud(cloud, SKY, None, options)[0]) == len(cloud) - 60
     sure = cloud.with_fields(n_views=np.where(n_views == 4, 5, n_views).astype(np.uint8))
     assert len(denoise_cloud(sure, SKY, None, options)[0]) == len(cloud)
+
+
+def test_the_stage_writes_what_the_filters_leave(project, tmp_path, monkeypatch):
+    spec = importlib.util.spec_from_file_location("stage", project / "scripts/denoise_cloud.py")
+    stage = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(stage)
+    monkeypatch.setattr(stage, "read_poses", lambda _: SimpleNamespace(centers=np.ones((2, 3))))
+    monkeypatch.setattr(stage, "ScanPhotos", lambda *given: None)
+    monkeypatch.setattr(stage, "ask_points", lambda photos, asked, sure, seed: speak(asked, sure))
+    cloud, is_fringe = pole_with_fringe()
+    write_cloud(tmp_path / "cropped.ply", cloud)
+    write_sky_colors(tmp_path / "sky.npz", SKY)
+    files = [str(tmp_path / name) for name in ("cropped.ply", "p", "c", "e", "sky.npz")]
+    written = [str(tmp_path / name) for name in ("out.ply", "out.json", "out.npz")]
+    stage.main(*files, *written, options=DenoiseOptions())
+    kept, removed_by = read_cloud(written[0]), np.load(written[2])["removed_by"]
+    np.testing.assert_allclose(kept.points, cloud.points[removed_by == 0], atol=1e-5)
+    assert removed_by[is_fringe].all() and len(kept) < len(cloud) - 250

@@ -133,3 +133,12 @@ def test_what_stands_apart_above_a_tree_is_not_its_top(scan):
         uv, _ = poses.project(np.array([[0.0, 0.0, 0.93], [0.0, 0.0, 1.35]]), i)
         gap[name][int(uv[1, 1]) : int(uv[0, 1])] = True
     assert find_missing_top(Photos(poses, gap, maps), low, pole[0]) is None
+
+
+def test_a_missing_top_is_as_high_over_the_foot_as_it_is(scan):
+    poses, skies, pole, maps = scan
+    cut = pole[pole[:, 2] < 2.0]
+    foot = pole[0] - [0.0, 0.0, 0.3]
+    found = find_missing_top(Photos(poses, skies, maps), cut, foot)
+    assert found.found == pytest.approx(2.3, abs=0.01)
+    assert found.height == pytest.approx(2.7, abs=0.08)

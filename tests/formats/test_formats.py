@@ -111,6 +111,14 @@ def test_mtg_has_every_node_and_the_length(tree):
     assert [parents[i] for i in range(len(skeleton))] == skeleton.parent.tolist()
 
 
+def test_mtg_tells_diameters(tree):
+    vertices, names = mtg_vertices(exported(tree, "mtg").read_text())
+    column = names.index("TopDiameter")
+    told = {int(name[2:]) - 1: float(cells[column]) for name, *_, cells in vertices if "S" in name}
+    trunk = axes(tree[1])[0].nodes
+    assert [told[node] for node in trunk] == pytest.approx(2 * tree[1].radius[trunk], rel=2e-3)
+
+
 def test_mtg_is_read_by_openalea(tree):
     io = pytest.importorskip("openalea.mtg.io")
     graph = io.read_mtg_file(str(exported(tree, "mtg")))
@@ -174,6 +182,7 @@ def test_gltf_stands_upright_and_names_its_branches(tree):
     assert {f"branch_{i}" for i in range(5)} <= set(scene.graph.nodes)
     height = np.ptp(tree[1].points[:, 2])
     assert np.ptp(scene.bounds[:, 1]) == pytest.approx(height, abs=0.05)  # glTF's up is y
+    assert scene.bounds[0, 1] == pytest.approx(0.0, abs=0.05)  # it stands on its root
 
 
 def test_las_keeps_class_and_branch(tree):

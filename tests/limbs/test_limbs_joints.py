@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cherrypicker.limbs.growth import Limb
-from cherrypicker.limbs.joints import join_limbs
+from cherrypicker.limbs.joints import back_to, join_limbs
 from cherrypicker.limbs.tubes import Tube
 
 SPACING = 0.008
@@ -50,3 +50,12 @@ def test_limbs_from_one_place_share_a_node_and_others_do_not():
 def test_a_stem_alone_is_a_path():
     points, parent, *_ = join_limbs([STEM], SPACING, 0.02)
     np.testing.assert_array_equal(parent, np.arange(-1, len(points) - 1))
+
+
+@pytest.mark.parametrize("azimuth", range(0, 360, 45))
+def test_a_limb_goes_back_to_its_parent_whichever_way_it_points(azimuth):
+    out = np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth)), 0.0])
+    limb = straight(0.15 * out + [0, 0, 0.5], 0.6 * out + [0, 0, 0.5], 0.01, 0).tube
+    back = back_to(STEM.tube, limb, SPACING)
+    np.testing.assert_allclose(back.nodes[0], [0, 0, 0.5], atol=0.02)
+    np.testing.assert_array_equal(back.nodes[1:], limb.nodes)

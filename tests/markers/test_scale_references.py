@@ -259,3 +259,9 @@ def parts(degrees):
     """Degrees, minutes and seconds."""
     minutes = 60 * (degrees - int(degrees))
     return int(degrees), int(minutes), 60 * (minutes - int(minutes))
+
+
+def test_the_surer_reference_counts_for_more():
+    scale, std = combine([entry("board", 2.0, 1e-3), entry("tape", 2.04, 1e-2)], [])
+    assert abs(scale - 2.0) < 0.002
+    assert std < 0.01

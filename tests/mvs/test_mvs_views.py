@@ -63,3 +63,13 @@ def test_what_lies_beyond_the_region_is_told_by_its_depth():
     view = view_of(look_at_poses(ring(), TARGET, size=(6, 1), focal=4000.0), 0)
     assert find_beyond(region, view, field)[0].tolist() == [False, False, False, True, True, False]
     assert not find_beyond(None, view, field).any()
+
+
+def test_a_source_that_sees_as_large_goes_before_one_that_stands_far_off():
+    turn = np.radians([0.0, 11.0, -11.0])
+    distance = np.array([3.0, 12.0, 3.0])  # of the photo, and of its two sources
+    centers = np.column_stack([distance * np.cos(turn), distance * np.sin(turn), np.full(3, 1.2)])
+    views = [view_of(look_at_poses(centers, TARGET), i) for i in range(3)]
+    shown = np.ones((3, 1), np.float32)
+    places = Places(TARGET[None], np.ones(1), shown, shown > 0)
+    assert choose_sources(views, 0, places, 1, COVER) == (2,)

@@ -89,6 +89,21 @@ def test_a_photo_says_nothing_of_what_its_user_hides(scan):
     assert np.isnan(silhouette_widths(photo, hidden, poses, 0, places)[0]).all()
 
 
+def test_pale_wood_is_as_thick_as_dark_wood(scan):
+    """Half of the light comes back from it: what lacks of the sky's is no width."""
+    poses = scan.poses
+    places = places_along(skeleton_of((TWIGS[0],)), 0.01)
+    uv, _ = poses.project(places.points, 0)
+    strip = np.zeros((int(poses.height[0]), int(poses.width[0])), np.uint8)
+    cv2.polylines(strip, [np.rint(uv).astype(np.int32)[:, None]], False, 1, thickness=7)
+    widths = []
+    for wood in (20, 160):
+        photo = np.where(strip[..., None] > 0, wood, 220).astype(np.uint8).repeat(3, axis=2)
+        raster = make_raster(photo, strip == 0, np.zeros(strip.shape, bool))
+        widths.append(np.nanmedian(silhouette_widths(photo, raster, poses, 0, places)[0]))
+    assert widths[1] == pytest.approx(widths[0], rel=0.1)
+
+
 @pytest.mark.parametrize("gone", [1, 2, 4])
 def test_a_limb_that_was_removed_is_missing(judged, gone):
     kept = tuple(rod for rod in WHOLE if rod is not WHOLE[gone])

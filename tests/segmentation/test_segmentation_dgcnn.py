@@ -17,6 +17,7 @@ from cherrypicker.segmentation.dgcnn import (
     nearest_features,
     save_weights,
 )
+from cherrypicker.segmentation.inference import Sampling, predict_spheres
 from cherrypicker.segmentation.spheres import features_of, neighbor_graphs
 
 SAMPLING = {"voxel_size_m": 0.02, "sphere_radius_m": 0.7, "sphere_points": 2048}
@@ -167,3 +168,26 @@ def test_another_kind_of_torch_file_is_refused(tmp_path):
     torch.save({"state": {}}, tmp_path / "w.pt")
     with pytest.raises(StageError, match="not a file of segmentation weights"):
         load_weights(tmp_path / "w.pt")
+
+
+def test_each_layer_looks_around_on_the_graph_of_its_own_scale():
+    network, seen = Dgcnn(width=8, embedding=16, k=6).eval(), []
+    for block in network.blocks:
+        block.conv.register_forward_hook(lambda module, given, output: seen.append(given[1]))
+    features, graphs, sizes = collate([_sphere(300, 2)])
+    with torch.inference_mode():
+        network(features, graphs, sizes)
+    assert network.settings["scales"] == [0, 0, 1, 2]
+    for neighbors, scale in zip(seen, (0, 0, 1, 2), strict=True):
+        assert [torch.equal(neighbors, graph) for graph in graphs] == [
+            scale == other for other in range(3)
+        ]
+
+
+def test_chances_sum_to_one_however_often_a_point_is_seen():
+    sampling = Sampling(min_visits=2, batch_spheres=4, sphere_radius_m=0.4, sphere_points=80)
+    points = np.random.default_rng(0).random((300, 3))
+    network = Dgcnn(width=8, embedding=16, k=6).eval()
+    found = predict_spheres(network, points, None, sampling, seed=0)
+    assert found.shape == (300, N_CLASSES)
+    assert np.allclose(found.sum(axis=1), 1.0, atol=1e-5)

@@ -1,8 +1,12 @@
 """Markers that the scale solved, as the labels take them."""
 
+import importlib.util
+
 import numpy as np
 import pytest
 
+from cherrypicker.files import write_json
+from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers, Square, known_markers
 from cherrypicker.segmentation.spheres import TreeFrame
 
@@ -62,3 +66,24 @@ def test_nothing_is_known_where_nobody_looked():
 def test_a_square_holds_its_print():
     square = Square(CORNERS)
     assert square.holds(np.array([[0.6, 0, 0], [0, 0, 0.2]]), 0.1, 0.2).tolist() == [True, False]
+
+
+def test_the_stage_hands_on_the_markers_that_the_scale_solved(project, tmp_path, monkeypatch):
+    spec = importlib.util.spec_from_file_location("stage", project / "scripts/segment_cloud.py")
+    stage = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(stage)
+    given = []
+
+    def segment(cloud, weights, **options):
+        given.append(options["markers"])
+        return cloud, None
+
+    monkeypatch.setattr(stage, "segment_cloud", segment)
+    for name in ("read_cloud", "write_cloud", "write_orchard"):
+        monkeypatch.setattr(stage, name, lambda *_: None)
+    write_json(tmp_path / "scale.json", _scale())
+    write_json(tmp_path / "align.json", ALIGN)
+    known = str(tmp_path / "scale.json"), str(tmp_path / "align.json")
+    stage.main("metric.ply", "s.ply", "l.npz", *known, growth=GrowthOptions())
+    stage.main("metric.ply", "s.ply", "l.npz", growth=GrowthOptions())
+    assert [len(given[0].squares), given[1]] == [1, None]

@@ -201,6 +201,17 @@ def test_a_foot_that_passes_for_ground_in_grass_is_trunk():
     assert (found[len(stem) :] == Label.GROUND).all()
 
 
+def test_grass_that_a_twig_hangs_into_stays_ground():
+    rng = np.random.default_rng(5)
+    points, part = _fork(rng, 0.7)
+    labels = np.full(len(points), Label.BRANCH, np.uint8)
+    grass = (part == 2) & (points[:, 2] > 1.1) & (points[:, 2] < 1.2)
+    labels[grass] = Label.GROUND
+    after, _ = _relabel(points, labels)
+    assert (after[grass] == Label.GROUND).mean() > 0.9
+    assert (after[(part == 2) & ~grass] == Label.BRANCH).mean() > 0.9
+
+
 def _leader(rng):
     """A stem that tapers, with a level branch."""
     return np.vstack(

@@ -21,7 +21,7 @@ from cherrypicker.series.changes import find_gone
 from cherrypicker.series.compare import compare_scans
 from cherrypicker.series.marker_frames import marker_corners, marker_starts, moved_by
 from cherrypicker.series.scan_files import read_scan
-from cherrypicker.series.tables import TABLES, as_csv, totals
+from cherrypicker.series.tables import TABLES, as_csv, growth_table, totals
 from cherrypicker.series.wood import Wood, sample_wood
 from cherrypicker.skeleton import Skeleton, axes, write_skeleton_graphml
 from cherrypicker.traits.branches import branch_rows, branches_csv
@@ -329,3 +329,27 @@ def test_what_photos_say_of_diameters_counts_in_volumes(results, dates, tmp_path
     (tmp_path / "branches.csv").write_text("\n".join([*rows[:2], ",".join(cells), *rows[3:]]))
     wider = read_scan(tmp_path, "a", "2026-01-01").wood.radius / scan.wood.radius
     assert_allclose(wider, np.where(scan.wood.axis == 1, 2.0, 1.0), rtol=1e-3)
+
+
+def test_growth_is_as_unsure_as_both_diameters(dates):
+    def told(scan, low, high):
+        ends = [
+            {"base_diameter_low_m": d - low, "base_diameter_high_m": d + high}
+            for d in (row["base_diameter_m"] for row in scan.branches)
+        ]
+        rows = [row | end for row, end in zip(scan.branches, ends, strict=True)]
+        return replace(scan, branches=rows)
+
+    before, after = told(dates.first.scan, 0.003, 0.004), told(dates.grown.scan, 0.001, 0.002)
+    for row in growth_table(compare_scans([before, after])):
+        grown = row["base_diameter_growth_m"]
+        assert grown - row["base_diameter_growth_low_m"] == pytest.approx(np.hypot(0.001, 0.004))
+        assert row["base_diameter_growth_high_m"] - grown == pytest.approx(np.hypot(0.002, 0.003))
+
+
+def test_the_error_of_a_scans_scale_is_a_share_of_it(results, tmp_path):
+    for name in ("skeleton.graphml", "segmented.ply", "branches.csv"):
+        (tmp_path / name).write_bytes((results / "a" / name).read_bytes())
+    assert read_scan(tmp_path, "a", "2026-01-01").scale_error == 0.0
+    (tmp_path / "scale.json").write_text('{"scale": 4.0, "scale_std": 0.08}')
+    assert read_scan(tmp_path, "a", "2026-01-01").scale_error == pytest.approx(0.02)

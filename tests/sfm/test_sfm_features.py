@@ -100,3 +100,20 @@ def contents(database):
             "JOIN keypoints USING (image_id) JOIN descriptors USING (image_id)"
         ).fetchall()
     return {name: blobs for name, *blobs in rows}
+
+
+def test_what_a_mask_hides_has_no_feature(photos, tmp_path):
+    height, width = cv2.imread(str(photos[0])).shape[:2]
+    mask = np.full((height, width), 255, np.uint8)
+    mask[:, : width // 2] = 0
+    (tmp_path / "masks").mkdir()
+    for photo in photos:
+        cv2.imwrite(str(tmp_path / "masks" / f"{photo.name}.png"), mask)
+    files = tmp_path / "f.db", tmp_path / "l.json"
+    extract_features(photos, *files, masks=tmp_path / "masks")
+    with closing(sqlite3.connect(files[0])) as connection:
+        rows = connection.execute("SELECT rows, cols, data FROM keypoints").fetchall()
+    assert len(rows) == len(photos)
+    for n_rows, n_columns, data in rows:
+        at = np.frombuffer(data, np.float32).reshape(n_rows, n_columns)[:, 0]
+        assert n_rows > 0 and at.min() >= width // 2 - 1

@@ -1,5 +1,7 @@
 """Photos are looked at before COLMAP sees them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pycolmap
 import pytest
@@ -7,6 +9,7 @@ from PIL import Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.photos import read_photo
+from cherrypicker.sfm import diagnosis
 from cherrypicker.sfm.photo_files import check_photos, group_by_camera
 
 
@@ -122,3 +125,21 @@ def test_turned_phone_photos_keep_their_stored_grid(real_data):
         colmap = pycolmap.Bitmap.read(info.path, True).to_array()
         assert np.abs(read_photo(info.path).astype(int) - colmap).max() <= 1
     assert len(group_by_camera(infos, "folder")) == 1
+
+
+def test_a_camera_known_worse_than_asked_is_doubtful(monkeypatch):
+    names = ["a.jpg", "b.jpg"]
+    monkeypatch.setattr(diagnosis, "feature_counts", lambda _: dict.fromkeys(names, 900))
+    pair = {"a.jpg": {"b.jpg": 80}, "b.jpg": {"a.jpg": 80}}
+    monkeypatch.setattr(diagnosis, "verified_inliers", lambda *_: pair)
+    images = [SimpleNamespace(name=name, has_pose=True, num_points3D=50) for name in names]
+    report = diagnosis.diagnose_photos(
+        None,
+        {"photos": dict.fromkeys(names, {"problem": "", "exif_orientation": 1})},
+        SimpleNamespace(images=dict(enumerate(images))),
+        min_inliers=15,
+        errors={"a.jpg": 0.4, "b.jpg": 1.4},
+        doubtful_px=1.0,
+    )
+    assert report["a.jpg"]["doubt"] == ""
+    assert report["b.jpg"]["doubt"].startswith("known within 1.4 px")

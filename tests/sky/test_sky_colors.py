@@ -78,3 +78,13 @@ def test_a_broken_file_is_named(tmp_path):
     )
     with pytest.raises(StageError, match=r"c\.npz"):
         read_sky_colors(tmp_path / "c.npz")
+
+
+def test_a_rare_colour_is_no_sky():
+    """A red roof that the masks took for sky: as dense as a sky's colour, and a hundredth of it."""
+    roof = np.clip(np.random.default_rng(1).normal((170, 60, 50), 2, (100, 3)), 0, 255)
+    samples = np.vstack([two_skies(), roof.astype(np.uint8)])
+    sky = cluster_sky_colors(samples, **SETTINGS)
+    assert sky.n_clusters == 2 and sky.distance(np.array([[170, 60, 50]]) / 255.0)[0] > 0.3
+    kept = cluster_sky_colors(samples, SkyColorOptions(cluster_min_fraction=0.005), seed=0)
+    assert kept.n_clusters == 3

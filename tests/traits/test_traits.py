@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,6 +140,22 @@ def test_plain_tree(y_tree, y_traits):
     lengths = [row["length_m"] for row in tables["branches"]]
     assert sum(lengths) == pytest.approx(traits["total_length_m"], abs=1e-5)
     assert traits["flags"] == []
+
+
+def test_heights_are_over_the_foot_wherever_the_cloud_lies(y_tree, y_traits):
+    skeleton, scan, up = y_tree.skeleton(), y_tree.scan(), np.array([0.0, 0.0, 3.0])
+    moved = replace(skeleton, points=skeleton.points + up), replace(scan, points=scan.points + up)
+    traits, tables = measure_traits(*moved, options=draws(60))
+    for name in ("height_m", "trunk_height_m", "trunk_diameters", "crown_base_height_m"):
+        assert traits[name] == pytest.approx(y_traits[0][name], abs=0.005), name
+    heights = [[row["base_height_m"] for row in each["branches"]] for each in (tables, y_traits[1])]
+    assert heights[0] == pytest.approx(heights[1], abs=0.005)
+
+
+def test_the_volume_of_a_row_is_that_of_a_hectare(y_traits):
+    traits, _ = y_traits
+    expected = traits["height_m"] * traits["crown_width_m"] * 10_000 / 4.0
+    assert traits["tree_row_volume_m3_ha"] == pytest.approx(expected, rel=1e-3)
 
 
 def test_intervals_hold_the_estimate(y_traits):
@@ -316,6 +333,9 @@ def test_scale_error_widens_intervals(y_tree):
     assert wide["height_m_se"] == pytest.approx(0.02 * wide["height_m"], rel=0.3)
     assert wide["trunk_diameter_m_se"] > plain["trunk_diameter_m_se"]
     assert any(flag.startswith("scale_uncertain") for flag in wide["flags"])
+    for name, power in (("height_m", 1), ("crown_volume_m3", 3)):
+        share = wide["interval_terms"][name]["scale"] / wide[name]
+        assert share == pytest.approx(0.02 * power, rel=0.02), name
 
 
 def test_unsure_cameras_are_flagged(y_tree):

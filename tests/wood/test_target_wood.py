@@ -5,10 +5,13 @@ import pytest
 from skeleton_shapes import small_tree, tube
 from wood_choice import choose_wood
 
+from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import farthest_point_sample, voxel_thin
 from cherrypicker.placement.footprint import Footprint
+from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import find_stems, ground_height
+from cherrypicker.wood.thinned import WoodChoice, thinned_wood
 
 
 def two_trees(gap=0.9):
@@ -193,3 +196,15 @@ def test_a_cut_through_a_tall_tree_is_bridged_as_its_height_allows(size, is_brid
     points = np.vstack([points, crumbs])
     wood = choose_wood(points, np.full(len(points), 2))
     assert (wood.keep[:-12].mean() > 0.95) == is_bridged
+
+
+@pytest.mark.parametrize("min_density, n_kept", [(0.05, 0), (0.0, 10)])
+def test_voxels_that_hold_hardly_a_point_are_no_wood(min_density, n_kept):
+    rng, n = np.random.default_rng(0), 20_000
+    stray = np.column_stack([np.linspace(0, 1, 10), np.full((10, 2), 0.4)])
+    points = np.vstack([rng.uniform(0, [0.05, 0.05, 0.5], (n, 3)), stray])
+    cloud = PointCloud(points, fields={"label": np.full(len(points), Label.BRANCH, np.uint8)})
+    chosen = WoodChoice(voxel_size_m=0.01, min_density=min_density)
+    rows = thinned_wood(cloud, chosen, len(points))[2]
+    assert np.count_nonzero(rows >= n) == n_kept
+    assert np.count_nonzero(rows < n) > 0.99 * n

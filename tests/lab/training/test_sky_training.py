@@ -222,3 +222,20 @@ def test_the_script_keeps_its_checkpoint_after_the_time_limit_only(folder, tmp_p
     subprocess.run(command, check=True)
     assert len(json.loads((tmp_path / "m.json").read_text())["epochs"]) == 2
     assert not (tmp_path / "checkpoint.pt").exists()
+
+
+def test_the_colours_of_a_sky_change_from_sample_to_sample(folder):
+    photo = load_photos([str(folder)], 100)[0]
+    still = {"branch_fraction": 0.0, "exchange_fraction": 0.0}
+
+    def spread(options):
+        skies = []
+        for seed in range(24):
+            image, sky, _ = draw_sample(photo, 64, options, np.random.default_rng(seed))
+            if sky.mean() > 0.1:
+                skies.append(np.median(image[sky > 0], axis=0))
+        assert len(skies) > 12
+        return np.std(skies, axis=0).max()
+
+    assert spread(AugmentOptions(**still, color_fraction=0.0)) < 5
+    assert spread(AugmentOptions(**still)) > 15
