@@ -6,9 +6,8 @@ import pytest
 from cherrypicker.classes import CHANNELS, Label
 from cherrypicker.segmentation.known_markers import KnownMarkers, Square
 from cherrypicker.segmentation.things import (
-    GROUPS,
-    STANDING,
-    group_of,
+    THINGS,
+    is_group,
     keep_roofs,
     loose_wood,
     vote_per_object,
@@ -91,20 +90,9 @@ def test_a_thing_that_is_no_marker_is_another_thing_and_never_wood(rng):
     """Wood or thing comes first: what the class that is ruled out thought likely stays a thing."""
     plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
     thought = np.tile(np.float32([0.0, 0.3, 0.1, 0.1, 0.45, 0.05, 0.0, 0.0]), (len(plate), 1))
-    assert (group_of(thought) == GROUPS.index(STANDING)).all()
+    assert is_group(thought, THINGS).all()
     channel = vote_per_object(plate, thought, VOXEL, KnownMarkers([])).argmax(axis=1)
     assert (channel == Label.SIGN.channel).all()
-
-
-def test_a_support_post_is_one_of_the_things(rng):
-    """Points each of which is likelier some thing than a post may together be a post."""
-    post = _box([0, 0, 0], [0.04, 0.04, 1.4])
-    thought = np.zeros((len(post), len(CHANNELS)), np.float32)
-    thought[:, Label.SUPPORT_POST.channel] = 0.4
-    other = rng.choice([Label.SIGN.channel, Label.CALIBRATION_UNIT.channel], len(post))
-    thought[np.arange(len(post)), other] = 0.6
-    channel = vote_per_object(post, thought, VOXEL, KnownMarkers([])).argmax(axis=1)
-    assert (channel == Label.SUPPORT_POST.channel).all()
 
 
 def test_wood_and_ground_keep_their_probabilities(rng):

@@ -262,6 +262,7 @@ def test_the_stage_takes_crop_target_xy_in_the_aligned_frame(rng, tmp_path):
             "segmented": "segmented.ply",
             "metric": "metric.json",
             "contracted": f"{name}.ply",
+            "removed": f"{name}_removed.ply",
             "report": f"{name}_contract.json",
             "target": f"{name}.json",
         }.items():

@@ -22,7 +22,7 @@ from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.poles import in_cylinder, pole_rows
 from cherrypicker.limbs.tubes import stretch
-from cherrypicker.segmentation.things import STANDING, STANDS_M, THINGS
+from cherrypicker.segmentation.things import STANDS_M, THINGS
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
 from cherrypicker.skeleton.model import Skeleton
@@ -85,7 +85,7 @@ def label_wood(
     """
     result, is_wood = labels.copy(), wood_mask(labels)
     is_ground = labels == Label.GROUND
-    is_free = np.isin(labels, STANDING)
+    is_free = np.isin(labels, [*THINGS, Label.SUPPORT_POST])
     if known is not None:
         is_free &= ~known
     free = np.flatnonzero(is_free | is_ground)

@@ -2,8 +2,8 @@
 
 Signs, markers, calibration units and roofs come in more shapes than a network has seen, and it
 mixes them up far more often than it takes one for wood. So the points say first, each for itself,
-whether they are ground, wood or a thing of any class, support posts among them; what hangs together
-of the things is one thing, whose points then choose together among the classes of things alone.
+whether they are ground, wood, a support post or a thing of any class; what hangs together of the
+things is one thing, whose points then choose together among the classes of things alone.
 `estimate_scale` has solved where the markers stand: what lies in a marker's plane is its board,
 what hangs below it its stand, and nothing else is one.
 """
@@ -25,6 +25,7 @@ __all__ = [
     "GROUP_COLUMNS",
     "THINGS",
     "group_of",
+    "is_group",
     "keep_roofs",
     "loose_wood",
     "vote_per_object",
@@ -33,9 +34,8 @@ __all__ = [
 logger = logging.getLogger(__name__)
 
 THINGS = (Label.SIGN, Label.MARKER, Label.CALIBRATION_UNIT, Label.ROOF)
-STANDING = (*THINGS, Label.SUPPORT_POST)
 # What a point is first; of a group the likeliest class comes second
-GROUPS = ((Label.GROUND,), WOOD, STANDING)
+GROUPS = ((Label.GROUND,), WOOD, THINGS, (Label.SUPPORT_POST,))
 LINK = 2.5  # voxels: parts of a thing lie no farther apart (a guess: neighbours with one missing)
 TOUCH_M = 0.05  # the same with the shipped weights' voxels
 STANDS_M = 0.5  # a thing that stands comes this near to the ground (a guess)
@@ -54,6 +54,11 @@ GROUP_COLUMNS = [
 def group_of(probabilities: NDArray[np.float32]) -> NDArray[np.intp]:
     """Number of each point's group (n,): that whose classes together are the likeliest."""
     return np.argmax([probabilities[:, each].sum(axis=1) for each in GROUP_COLUMNS], axis=0)
+
+
+def is_group(probabilities: NDArray[np.float32], labels: tuple[Label, ...]) -> NDArray[np.bool_]:
+    """Which points (n,) are of one of the `GROUPS`."""
+    return group_of(probabilities) == GROUPS.index(labels)
 
 
 def keep_roofs(
@@ -100,8 +105,8 @@ def vote_per_object(
     of them. The board of a solved marker votes for marker, and no thing is one that holds no board
     and lies where none may be. In the copy a thing's points are certain of its class.
     """
-    standing = GROUPS.index(STANDING)
-    is_thing, columns = group_of(probabilities) == standing, GROUP_COLUMNS[standing]
+    is_thing = is_group(probabilities, THINGS)
+    columns = GROUP_COLUMNS[GROUPS.index(THINGS)]
     marker = CHANNELS.index(Label.MARKER)
     board = markers.hold(points, voxel) if markers else np.zeros(len(points), dtype=bool)
     for square in markers.squares if markers else ():
@@ -141,14 +146,14 @@ def loose_wood(
     result = labels.copy()
     loose = np.flatnonzero(wood_mask(labels) & (owner < 0))
     result[loose] = Label.BRANCH
-    things = np.flatnonzero(np.isin(labels, STANDING))
+    things = np.flatnonzero(np.isin(labels, THINGS))
     if not len(things) or not len(loose):
         return result
     piece = link_components(points[loose], TOUCH_M)
     apart, nearest = cKDTree(points[things]).query(points[loose], distance_upper_bound=TOUCH_M)
     touched = labels[things[np.minimum(nearest, len(things) - 1)]]
-    votes = [np.bincount(piece, np.isfinite(apart) & (touched == label)) for label in STANDING]
+    votes = [np.bincount(piece, np.isfinite(apart) & (touched == label)) for label in THINGS]
     given = np.any(votes, axis=0)[piece]
-    result[loose[given]] = np.array(STANDING, np.uint8)[np.argmax(votes, axis=0)[piece[given]]]
+    result[loose[given]] = np.array(THINGS, np.uint8)[np.argmax(votes, axis=0)[piece[given]]]
     logger.info("%s points of loose wood are of things", f"{np.count_nonzero(given):,}")
     return result
