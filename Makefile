@@ -10,7 +10,7 @@ PYTEST_OPTIONS ?= -n 2 --dist loadfile --no-loadscope-reorder
 
 REQUIREMENTS := $(TORCH) envs/requirements.txt envs/constraints.txt
 
-.PHONY: install demo test check lint format docs screenshots container clean
+.PHONY: install demo test check mutants lint format docs screenshots container clean
 
 install: $(VENV)/.installed
 
@@ -32,6 +32,10 @@ test: install
 # The demo's results against its ground truth, after `make demo`.
 check: install
 	$(VENV)/bin/python -m pytest -m demo
+
+# Whether the tests notice spoilt lines: before a release; MUTANTS="--sample 3" for some.
+mutants: install
+	$(VENV)/bin/python scripts/lab/mutate.py $(MUTANTS)
 
 lint: install
 	$(VENV)/bin/ruff check

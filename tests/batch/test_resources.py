@@ -145,7 +145,7 @@ def test_later_stages_pay_for_what_the_crop_leaves():
     by_rule = {rule: disk_mb(PHOTO_STAGES[rule], photos) for rule in ("align_cloud", "crop_roi")}
     assert by_rule["crop_roi"] == pytest.approx(0.85 * by_rule["align_cloud"])
     ready = ScanSize(points_m=2.0, most_points_m=2.0)
-    assert disk_mb(ready.stages["segment_cloud"], ready) == pytest.approx(2 * 37)
+    assert disk_mb(ready.stages["segment_cloud"], ready) == pytest.approx(2 * 34)
 
 
 def test_the_stereo_asks_for_the_bound_that_it_states():

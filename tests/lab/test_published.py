@@ -5,10 +5,9 @@ import json
 import re
 
 import pytest
-import yaml
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json
+from cherrypicker.files import load_schema, read_json
 from cherrypicker_lab.published import (
     FIGURES,
     PAGES,
@@ -50,7 +49,7 @@ def keys_of(section, prefix=""):
 
 
 def test_every_config_key_stands_on_one_page(project):
-    schema = yaml.safe_load((project / SCHEMA).read_text(encoding="utf-8"))
+    schema = load_schema(project / SCHEMA)
     pages = written_pages(project).values()
     told = [key for page in pages for key in re.findall(r"^\| `([\w.]+)` \| `", page, re.M)]
     assert sorted(told) == sorted(keys_of(schema))
