@@ -46,6 +46,7 @@ def main(
     fusion: str = "star",
     silhouettes: bool = True,
     ground_spacing: float = 0.005,
+    margin_fraction: float = 0.0,
     seed: int = 0,
     threads: int = 2,
 ) -> None:
@@ -68,10 +69,15 @@ def main(
             words = words_of_clear_sky(photos, inside, seed=seed)
             fused = add_silhouettes(photos, fused, region, words, threads=threads)
         if ground_spacing:
-            poses = workspace.poses
-            fused = fused.select(
-                needed_points(fused.points, poses, region, ground_spacing, seed=seed)
+            kept = needed_points(
+                fused.points,
+                workspace.poses,
+                region,
+                ground_spacing,
+                margin_fraction=None if several else margin_fraction,
+                seed=seed,
             )
+            fused = fused.select(kept)
     write_json(coverage, content, indent=None)
     write_cloud(cloud, fused)
 

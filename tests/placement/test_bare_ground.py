@@ -29,6 +29,19 @@ def test_a_tree_and_the_ground_at_its_foot_keep_all_points(hills):
     assert 0 < beyond.sum() < 0.1 * len(beyond)
 
 
+def test_what_a_wider_crop_keeps_is_not_beyond():
+    rng = np.random.default_rng(3)
+    neighbour = tree_points(rng, foot=(4.5, 0.0, 0.0))
+    points = np.concatenate([ground_points(rng), tree_points(rng), neighbour])
+    poses = look_at_poses(ring(), TARGET)
+    region, is_own = find_region(poses), points[:, 2] > 0.3
+    at_neighbour = is_own & (points[:, 0] > 3.2)
+    assert not needed_points(points, poses, region, SPACING)[at_neighbour].all()
+    for margin in (0.5, None):
+        keep = needed_points(points, poses, region, SPACING, margin_fraction=margin)
+        assert keep[at_neighbour].all()
+
+
 def test_the_top_of_a_tall_tree_is_not_beyond():
     rng = np.random.default_rng(1)
     points = np.concatenate([ground_points(rng), tree_points(rng, height=9.0)])

@@ -34,7 +34,13 @@ logger = logging.getLogger(__name__)
 
 
 def needed_points(
-    points: np.ndarray, poses: Poses, region: Region, spacing: float, *, seed: int = 0
+    points: np.ndarray,
+    poses: Poses,
+    region: Region,
+    spacing: float,
+    *,
+    margin_fraction: float | None = 0.0,
+    seed: int = 0,
 ) -> np.ndarray:
     """Which points to keep: all of the tree and of things, of all else one a voxel.
 
@@ -48,6 +54,8 @@ def needed_points(
     spacing : float
         Width of a voxel in the cameras' distance to the region's middle; beyond the region that of
         a voxel of its surface, through which a point is seen from the middle.
+    margin_fraction : float or None, default 0
+        As of the crop, which takes what lies beyond the region; None where its box may keep that.
     seed : int
 
     Returns
@@ -65,7 +73,8 @@ def needed_points(
     if not planes or planes[0].score < MIN_SCORE:
         logger.warning("no ground that the cameras stand on: all points are kept")
         return keep
-    ground = _Ground(planes[0], sample, region, band)
+    reach = np.inf if margin_fraction is None else region.radius * (1.0 + 2.0 * margin_fraction)
+    ground = _Ground(planes[0], sample, region, band, reach)
     blocks = [slice(at, at + MOST_POINTS) for at in range(0, len(points), MOST_POINTS)]
     for block in blocks:
         ground.note(points[block])
@@ -89,8 +98,10 @@ class _Ground:
     Points are given in blocks, which bounds the memory.
     """
 
-    def __init__(self, plane: Plane, sample: np.ndarray, region: Region, band: float) -> None:
-        self.region, self.band = region, band
+    def __init__(
+        self, plane: Plane, sample: np.ndarray, region: Region, band: float, reach: float
+    ) -> None:
+        self.region, self.band, self.reach = region, band, reach
         self.rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
         self.origin = region.center - plane.height(region.center[None])[0] * plane.normal
         self.cell, self.n = SPOT_CELL * region.distance, 2 * int(REACH / SPOT_CELL) + 1
@@ -125,7 +136,7 @@ class _Ground:
         cell, height = self._placed(upright)
         stands = (self.n_low > LOW_QUANTILE * self.n_all).reshape(self.n, self.n)  # fewer are grass
         around = binary_dilation(stands, np.ones((3, 3), bool)).ravel()
-        is_spare = np.hypot(upright[:, 0], upright[:, 1]) > self.region.radius
+        is_spare = np.hypot(upright[:, 0], upright[:, 1]) > self.reach
         is_spare |= (np.abs(height) <= self.band) & ~around[cell]
         offset = (points - self.region.center) / self.region.distance
         # What is beyond goes onto the sphere: one in each direction
