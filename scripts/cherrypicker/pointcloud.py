@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -80,6 +81,27 @@ class PointCloud:
         points = scale * self.points @ rotation.T + np.asarray(translation, dtype=np.float64)
         normals = None if self.normals is None else self.normals @ rotation.T.astype(np.float32)
         return replace(self, points=points, normals=normals)
+
+
+def joined(clouds: Sequence[PointCloud]) -> PointCloud:
+    """One cloud of several, with what all have beside points; the first one's frame and unit."""
+
+    def all_of(values: list) -> np.ndarray | None:
+        return None if any(each is None for each in values) else np.concatenate(values)
+
+    first = clouds[0]
+    return PointCloud(
+        np.concatenate([cloud.points for cloud in clouds]),
+        all_of([cloud.colors for cloud in clouds]),
+        all_of([cloud.normals for cloud in clouds]),
+        {
+            name: np.concatenate([cloud[name] for cloud in clouds])
+            for name in first.fields
+            if all(name in cloud for cloud in clouds)
+        },
+        frame=first.frame,
+        unit=first.unit,
+    )
 
 
 def read_cloud(

@@ -26,7 +26,7 @@ from cherrypicker.mvs.kernels.projection import relative_projection
 from cherrypicker.mvs.views import plan_views
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.photos import read_photo
-from cherrypicker.pointcloud import PointCloud, read_cloud
+from cherrypicker.pointcloud import PointCloud, joined, read_cloud
 from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
@@ -140,19 +140,6 @@ def _fuse(
             clouds.append(_fuse_one(workspace, slots, used, members, rows, options, threads))
             bar.step()
     return joined(clouds)
-
-
-def joined(clouds: list[PointCloud]) -> PointCloud:
-    """One cloud of several with colours and normals; fields, frame and unit are the first one's."""
-    whole = clouds[0]
-    return PointCloud(
-        np.concatenate([cloud.points for cloud in clouds]),
-        np.concatenate([cloud.colors for cloud in clouds]),
-        np.concatenate([cloud.normals for cloud in clouds]),
-        {name: np.concatenate([cloud[name] for cloud in clouds]) for name in whole.fields},
-        frame=whole.frame,
-        unit=whole.unit,
-    )
 
 
 def _fuse_one(

@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cherrypicker.compiled import Num, in_parallel, inlined, kernel
-from cherrypicker.mvs.fusion import joined
 from cherrypicker.mvs.kernels.projection import cross_ball
 from cherrypicker.mvs.lines.lines import (
     CLEAR,
@@ -33,7 +32,7 @@ from cherrypicker.mvs.lines.lines import (
 )
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.placement.region import NEAREST, Region
-from cherrypicker.pointcloud import PointCloud
+from cherrypicker.pointcloud import PointCloud, joined
 from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ from matplotlib.colors import to_rgb
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, Removal, wood_mask
-from cherrypicker.pointcloud import PointCloud
+from cherrypicker.pointcloud import PointCloud, joined
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
 from cherrypicker.report.style import ORDER_COLORS
@@ -138,18 +139,13 @@ def _with_removed(
     low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
     rows = np.flatnonzero(((removed.points >= low) & (removed.points <= high)).all(axis=1))
     out = removed.select(np.sort(rng.choice(rows, min(n_most, len(rows)), replace=False)))
-    n, n_out = len(cloud), len(out)
-    colors = None
-    if cloud.colors is not None:
-        gray = np.full((n_out, 3), 0.5)
-        colors = np.concatenate([cloud.colors, gray if out.colors is None else out.colors])
-    fields = {
-        "label": np.append(cloud["label"], np.full(n_out, Label.UNLABELLED, np.uint8)),
-        "removed_by": np.append(np.zeros(n, np.uint8), out["removed_by"]),
-    }
-    if "confidence" in cloud:
-        fields["confidence"] = np.append(cloud["confidence"], np.zeros(n_out, np.float32))
-    return PointCloud(np.concatenate([cloud.points, out.points]), colors, fields=fields)
+    if cloud.colors is not None and out.colors is None:
+        out = replace(out, colors=np.full((len(out), 3), 0.5))
+    out = out.with_fields(
+        label=np.full(len(out), Label.UNLABELLED, np.uint8),
+        confidence=np.zeros(len(out), np.float32),
+    )
+    return joined([cloud.with_fields(removed_by=np.zeros(len(cloud), np.uint8)), out])
 
 
 def _by_cells(points: np.ndarray) -> np.ndarray:

@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from cherrypicker.classes import Removal, wood_mask
-from cherrypicker.pointcloud import PointCloud
+from cherrypicker.pointcloud import PointCloud, joined
 
-__all__ = ["Earlier", "kept_rows", "removed_points"]
+__all__ = ["Earlier", "removed_points"]
 
 logger = logging.getLogger(__name__)
 
 
-def kept_rows(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+def _kept_rows(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Which points (n, 3) are among those that a stage left (m, 3), (n,) bool."""
     as_one = np.dtype((np.void, before.itemsize * 3))
     was, left = (np.ascontiguousarray(points).view(as_one).ravel() for points in (before, after))
@@ -59,20 +59,14 @@ def removed_points(
     by[is_wood & (owner < 0)] = Removal.LOOSE
     parts = [(segmented, by)]
     if earlier is not None:
-        is_out = ~kept_rows(earlier.aligned.points, earlier.cropped.points)
+        is_out = ~_kept_rows(earlier.aligned.points, earlier.cropped.points)
         for cloud, taken in (
             (earlier.aligned, is_out * np.uint8(Removal.REGION)),
             (earlier.cropped, earlier.denoised_by),
         ):
             parts.append((PointCloud(earlier.factor * cloud.points, cloud.colors), taken))
-    chosen = [(cloud.select(taken > 0), taken[taken > 0]) for cloud, taken in parts]
-    has_colors = all(cloud.colors is not None for cloud, _ in chosen)
-    removed = PointCloud(
-        np.concatenate([cloud.points for cloud, _ in chosen]),
-        np.concatenate([cloud.colors for cloud, _ in chosen]) if has_colors else None,
-        fields={"removed_by": np.concatenate([taken for _, taken in chosen])},
-        frame=segmented.frame,
-        unit=segmented.unit,
+    removed = joined(
+        [cloud.with_fields(removed_by=taken).select(taken > 0) for cloud, taken in parts]
     )
     counts = np.bincount(removed["removed_by"], minlength=len(Removal) + 1)
     for reason in Removal:
