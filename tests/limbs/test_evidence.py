@@ -36,6 +36,17 @@ def test_a_shoot_is_told_and_a_bump_is_not():
     assert not is_told(bark, Tube(along, np.array([0.003, 0.003])), stem)
 
 
+def test_what_stands_out_farther_than_the_parent_is_thick_is_no_bump():
+    """A short shoot on a thin branch scatters no more than noise does, 2 cm off it."""
+    rng = np.random.default_rng(4)
+    points, shoot, _ = limb(0.01, 8, rng, start=0.02)
+    thin, thick = (
+        Tube(np.array([[0, 0, -0.5], [0, 0, 0.5]]), np.full(2, radius)) for radius in (0.003, 0.02)
+    )
+    assert is_told(points, shoot, thin, noise=0.004)
+    assert not is_told(points, shoot, thick, noise=0.004)
+
+
 def test_noise_of_the_parent_is_no_limb():
     rng = np.random.default_rng(1)
     points, shoot, stem = limb(0.002, 30, rng, start=0.018)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cherrypicker.limbs.tubes import Tube, fit_tube, place_on_axis, resample, seen_from, smooth
+from cherrypicker.limbs.tubes import STEP, Tube, even, fit_tube, place_on_axis, seen_from, smooth
 
 LENGTH = 0.6
 
@@ -103,12 +103,12 @@ def test_places_on_an_axis_and_beyond_its_ends():
 def test_nodes_lie_as_far_apart_as_the_limb_is_thick():
     z = np.linspace(0, 1, 101)
     tube = Tube(np.stack([0 * z, 0 * z, z], axis=1), np.where(z < 0.5, 0.1, 0.01))
-    step = np.diff(resample(tube, 0.02, 1.0).nodes[:, 2])
+    step = np.diff(even(tube, 0.02 / STEP).nodes[:, 2])
     assert step[0] == pytest.approx(0.1, rel=0.15) and step[-1] == pytest.approx(0.02, rel=0.15)
-    assert resample(Tube(np.zeros((3, 3)), np.ones(3)), 0.02, 1.0) is None
-    even = smooth(tube, 0.03)
-    assert np.linalg.norm(np.diff(even.nodes, axis=0), axis=1).max() <= 0.03 + 1e-9
-    np.testing.assert_allclose(even.nodes[[0, -1]], tube.nodes[[0, -1]])
+    assert even(Tube(np.zeros((3, 3)), np.ones(3)), 0.02) is None
+    curve = smooth(tube, 0.03)
+    assert np.linalg.norm(np.diff(curve.nodes, axis=0), axis=1).max() <= 0.03 + 1e-9
+    np.testing.assert_allclose(curve.nodes[[0, -1]], tube.nodes[[0, -1]])
 
 
 def test_a_start_that_zigzags_is_fitted_all_the_same():

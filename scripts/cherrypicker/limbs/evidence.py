@@ -58,8 +58,9 @@ def tell_limb(
     """Whether points tell a tube from noise of its parent's surface and from a bump of it.
 
     The points of a bump (a knob, a patch of bark, a section that is no circle) lie a height off the
-    parent's surface, with a scatter of their own; those of a limb lead away from it, and lie on the
-    tube with one of theirs. Neither scatters less than the noise.
+    parent's surface, with a scatter of their own, and no higher than the parent is thick; those of
+    a limb lead away from it, and lie on the tube with one of theirs. Neither scatters less than the
+    noise.
 
     Parameters
     ----------
@@ -76,11 +77,12 @@ def tell_limb(
     if not told:  # no point is nearest to it
         return False
     price = np.log(max(told / together, np.e)) * together
+    on_parent, on_tube = seen_from(parent, points), seen_from(tube, points)
     off_parent, off = (
-        np.hypot(one.away - one.radius, one.beyond) / noise
-        for one in (seen_from(parent, points), seen_from(tube, points))
+        np.hypot(one.away - one.radius, one.beyond) / noise for one in (on_parent, on_tube)
     )
-    from_bump = np.square(off_parent - np.average(off_parent, weights=weight))
+    highest = np.average(on_parent.radius, weights=weight) / noise
+    from_bump = np.square(off_parent - min(np.average(off_parent, weights=weight), highest))
     bump, limb = (
         max(1.0, np.average(square, weights=weight)) for square in (from_bump, np.square(off))
     )

@@ -16,20 +16,28 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
+from cherrypicker.limbs.contacts import join_at_contacts
 from cherrypicker.limbs.evidence import N_TOGETHER, points_that_err_together, tell_limb
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import ring_forest, ways_over_wood
-from cherrypicker.limbs.tubes import Limb, Seen, Tube, fit_tube, resample, seen_from, stretch
+from cherrypicker.limbs.tubes import (
+    NEAR_SURFACE,
+    ROUGHNESS,
+    Limb,
+    Seen,
+    Tube,
+    claim_radius,
+    even,
+    fit_tube,
+    seen_from,
+    stretch,
+)
 
-__all__ = ["Limbs", "chains_of", "claim_radius", "grow_limbs", "limbs_of_wood", "spacing_of"]
+__all__ = ["Limbs", "chains_of", "grow_limbs", "limbs_of_wood", "spacing_of"]
 
 logger = logging.getLogger(__name__)
 
 NEIGHBOR = 2  # whose median distance is the spacing of a cloud
-STEP = 1.5  # in spacings: nodes of an axis are this far apart,
-STEP_IN_RADII = 1.0  # or this many radii, where that is more: a limb bends no faster
-NEAR_SURFACE = 1.0  # in spacings: points this near a surface belong to the limb,
-ROUGHNESS = 0.25  # and this share of its radius more
 NOISE_SHARE = 0.3  # of the spacing: the noise before any limb has told it
 LEAST_NOISE = 0.1  # of the spacing: what a perfect cloud is taken to have
 FREE_SHARE = 0.5  # of a ring's points that no tube has claimed, for the ring to be free
@@ -79,11 +87,6 @@ def spacing_of(points: np.ndarray) -> float:
     """Median distance of a point to its second nearest neighbour."""
     k = min(NEIGHBOR, len(points) - 1)
     return float(np.median(cKDTree(points).query(points, k=k + 1)[0][:, k]))
-
-
-def claim_radius(radius: np.ndarray, spacing: float) -> np.ndarray:
-    """How far from its axis a limb of these radii claims all points, (n,) float64."""
-    return (1 + ROUGHNESS) * radius + NEAR_SURFACE * spacing
 
 
 def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
@@ -267,6 +270,7 @@ class _Growth:
         """All limbs once more, each by the points to whose surface it is the nearest."""
         noise, claimed = self.noise, float(np.mean(self.owner >= 0))
         self._drop_hidden(self._refit(noise))
+        self.limbs = join_at_contacts(self.limbs, self.spacing)
         member = self._refit(noise)
         while self._drop_hidden(member):  # a fit to fewer points may end inside its parent
             member = self._refit(noise)
@@ -391,10 +395,7 @@ class _Growth:
         if len(run) == 1 and len(before):
             nodes = np.vstack([self.points[before].mean(axis=0), nodes])
             radius = np.repeat(radius, 2)
-        return self._with_even_nodes(Tube(nodes, radius))
-
-    def _with_even_nodes(self, tube: Tube) -> Tube | None:
-        return resample(tube, STEP * self.spacing, STEP_IN_RADII)
+        return even(Tube(nodes, radius), self.spacing)
 
     def _radius_of_parent(self, tube: Tube, parent: int) -> float:
         """Radius of the parent where a limb starts, infinite for the stem."""
@@ -419,7 +420,7 @@ class _Growth:
         capture = CAPTURE * self.spacing
         cutoff = max(capture, float(np.median(tube.radius)))
         tube = self._fit(tube, own, self.noise, cutoff)[0]
-        tube = self._with_even_nodes(tube) or tube
+        tube = even(tube, self.spacing) or tube
         around = self.free(self._near(tube, capture)[0])
         if len(around) < LEAST_POINTS:
             return tube

@@ -7,7 +7,7 @@ import numpy as np
 from cherrypicker.limbs.tubes import Limb, Tube, smooth
 from cherrypicker.skeleton.model import rooted_order
 
-__all__ = ["back_to", "from_parents", "join_limbs"]
+__all__ = ["back_to", "from_parents", "heading_of", "join_limbs"]
 
 HEADING = 6.0  # in spacings: length of a limb's start that tells where it comes from,
 HEADING_IN_RADII = 3.0  # or this many of its radii, where that is more
@@ -125,7 +125,7 @@ def _brought_together(at: dict[int, float], parent: Tube, spacing: float) -> dic
 
 def _meeting_place(tube: Tube, parent: Tube, spacing: float) -> float:
     """Place along the parent, in nodes, where a limb's straight continuation comes nearest."""
-    heading = _heading(tube, spacing)
+    heading = heading_of(tube, spacing)
     at = np.linspace(0, len(parent.nodes) - 1, PLACES * (len(parent.nodes) - 1) + 1)
     offset = _at(parent.nodes, at) - tube.nodes[0]
     distance = np.linalg.norm(offset, axis=1)
@@ -136,7 +136,7 @@ def _meeting_place(tube: Tube, parent: Tube, spacing: float) -> float:
     return float(at[np.argmin(cost)])
 
 
-def _heading(tube: Tube, spacing: float) -> np.ndarray:
+def heading_of(tube: Tube, spacing: float) -> np.ndarray:
     """Unit vector along which a limb starts."""
     reach = max(HEADING * spacing, HEADING_IN_RADII * float(np.median(tube.radius[:5])))
     first = tube.nodes[np.linalg.norm(tube.nodes - tube.nodes[0], axis=1) <= reach]
@@ -159,7 +159,7 @@ def back_to(parent: Tube, tube: Tube, spacing: float) -> Tube:
     Tube
         With one node more, unless the limb starts there already.
     """
-    heading = _heading(tube, spacing)
+    heading = heading_of(tube, spacing)
     meeting = _at(parent.nodes, np.array([_meeting_place(tube, parent, spacing)]))[0]
     back = float((tube.nodes[0] - meeting) @ heading)
     if back <= spacing:

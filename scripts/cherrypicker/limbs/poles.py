@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.geometry.neighbors import rows_in_box
-from cherrypicker.limbs.growth import claim_radius
-from cherrypicker.limbs.tubes import Tube
+from cherrypicker.limbs.tubes import Tube, claim_radius
 
 __all__ = ["in_cylinder", "pole_rows"]
 

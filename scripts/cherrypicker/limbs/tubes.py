@@ -21,14 +21,20 @@ __all__ = [
     "Limb",
     "Seen",
     "Tube",
+    "claim_radius",
+    "even",
     "fit_tube",
     "place_on_axis",
-    "resample",
     "seen_from",
     "smooth",
     "stretch",
 ]
 
+# In spacings: nodes of an axis are this far apart, or a radius where that is more: no limb bends
+# faster
+STEP = 1.5
+NEAR_SURFACE = 1.0  # in spacings: points this near a surface belong to the limb,
+ROUGHNESS = 0.25  # and this share of its radius more
 BANDWIDTH = 11  # nodes of four unknowns, coupled with the next two
 BEND = 5.0  # a limb bends no more than in an arc of this many (radii + spacings); a guess
 TAPER = 0.03  # change of radius by length, one standard deviation; a guess
@@ -86,8 +92,13 @@ class Limb:
     parent: int
 
 
-def resample(tube: Tube, least: float, in_radii: float) -> Tube | None:
-    """The same tube with nodes evenly apart: `least`, or `in_radii` local radii where that is more.
+def claim_radius(radius: np.ndarray, spacing: float) -> np.ndarray:
+    """How far from its axis a limb of these radii claims all points, (n,) float64."""
+    return (1 + ROUGHNESS) * radius + NEAR_SURFACE * spacing
+
+
+def even(tube: Tube, spacing: float) -> Tube | None:
+    """The same tube with nodes evenly apart, by the spacing of its points or by its thickness.
 
     Returns
     -------
@@ -99,7 +110,7 @@ def resample(tube: Tube, least: float, in_radii: float) -> Tube | None:
     way, nodes, radius = way[keep], tube.nodes[keep], tube.radius[keep]
     if len(way) < 2:
         return None
-    density = 1.0 / np.maximum(least, in_radii * radius)
+    density = 1.0 / np.maximum(STEP * spacing, radius)
     count = np.append(0.0, np.cumsum(np.diff(way) * (density[1:] + density[:-1]) / 2))
     at = np.interp(np.linspace(0.0, count[-1], max(2, round(count[-1]) + 1)), count, way)
     new = np.stack([np.interp(at, way, column) for column in nodes.T], axis=1)

@@ -17,11 +17,11 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.geometry.ground_surface import ground_level
 from cherrypicker.geometry.neighbors import rows_in_box
-from cherrypicker.limbs.growth import Limbs, claim_radius
+from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.poles import in_cylinder, pole_rows
-from cherrypicker.limbs.tubes import stretch
+from cherrypicker.limbs.tubes import claim_radius, stretch
 from cherrypicker.segmentation.things import STANDS_M, THINGS
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
