@@ -146,9 +146,10 @@ def test_segmented_cloud_keeps_its_points_and_is_reproducible(trained):
 
 def test_a_cloud_without_colour_is_labelled(trained):
     cloud, truth = _cloud(with_colors=False)
-    result, _ = segment_cloud(cloud, trained[2], sampling=SAMPLING)
+    # By the network alone: a stem that is as straight and even as this one is a post to the limbs
+    result, _ = segment_cloud(cloud, trained[2], sampling=SAMPLING, by="network")
     assert len(result) == len(cloud)
-    assert (result["label"] == truth).mean() > 0.7
+    assert (result["label"] == truth).mean() > 0.85
 
 
 def test_a_cloud_without_wood_is_an_error_that_names_the_key(tmp_path):
