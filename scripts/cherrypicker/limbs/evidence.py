@@ -81,8 +81,8 @@ def tell_limb(
     off_parent, off = (
         np.hypot(one.away - one.radius, one.beyond) / noise for one in (on_parent, on_tube)
     )
-    highest = np.average(on_parent.radius, weights=weight) / noise
-    from_bump = np.square(off_parent - min(np.average(off_parent, weights=weight), highest))
+    thick = 2 * np.average(on_parent.radius, weights=weight) / noise
+    from_bump = np.square(off_parent - min(np.average(off_parent, weights=weight), thick))
     bump, limb = (
         max(1.0, np.average(square, weights=weight)) for square in (from_bump, np.square(off))
     )
