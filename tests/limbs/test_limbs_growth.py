@@ -74,6 +74,19 @@ def test_short_shoots_are_limbs_though_their_rings_are_those_of_the_stem():
     assert n_found >= 22
 
 
+def test_branches_that_cross_are_two_limbs():
+    """The shorter way to the end of the level one leads over the rising one."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        stem = tube((0, 0, 0), (0, 0, 0.8), 0.02, rng=rng, noise=0.001)
+        level = tube((0.018, 0, 0.3), (0.6, 0, 0.3), 0.005, rng=rng, noise=0.001)
+        rising = tube((0.018, 0, 0.12), (0.6, 0, 0.5), 0.005, rng=rng, noise=0.001)
+        found, _ = grown(np.vstack([stem, level, rising]), voxel=0.005)
+        assert [limb.parent for limb in found.limbs] == [-1, 0, 0]
+        ends = [limb.tube.nodes[-1] for limb in found.limbs[1:]]
+        np.testing.assert_allclose(ends, [[0.6, 0, 0.5], [0.6, 0, 0.3]], atol=0.01)
+
+
 @pytest.mark.parametrize("relief", [0.0, 0.004])
 def test_bark_and_knobs_are_no_limbs(relief):
     rng = np.random.default_rng(9)

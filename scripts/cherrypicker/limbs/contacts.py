@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.limbs.joints import heading_of
-from cherrypicker.limbs.tubes import Limb, Tube, claim_radius, even, seen_from
+from cherrypicker.limbs.tubes import Limb, Tube, claim_radius, even, place_on_axis, seen_from
 
 __all__ = ["join_at_contacts"]
 
@@ -66,13 +66,15 @@ def _pairs(limbs: list[Limb], spacing: float) -> Iterator[tuple[float, int, int,
         return float(min(-back[inner] @ heading, -back[inner] @ between, heading @ between))
 
     for outer, limb in enumerate(limbs[1:], start=1):
-        start = limb.tube.nodes[:1]
-        touched = seen_from(limbs[limb.parent].tube, start).radius
-        ends = [(limb.tube, heading_of(limb.tube, spacing), touched, False),
-                (turned[outer], back[outer], limb.tube.radius[-1:], True)]  # fmt: skip
-        for tube, heading, radius, is_turned in ends:
+        start, heading = limb.tube.nodes[:1], heading_of(limb.tube, spacing)
+        touched = limbs[limb.parent].tube
+        ends = [
+            (limb.tube, heading, seen_from(touched, start).radius, _slant(touched, start, heading)),
+            (turned[outer], back[outer], limb.tube.radius[-1:], 1.0),
+        ]
+        for is_turned, (tube, heading, radius, slant) in enumerate(ends):
             # A contact swallows so much of either piece
-            reach = 2 * (float(claim_radius(radius, spacing)[0]) + spacing)
+            reach = 2 * (float(claim_radius(radius, spacing)[0]) + spacing) / slant
             for inner in sorted(tree.query_ball_point(tube.nodes[0], reach)):
                 if inner in (0, outer, limb.parent) or _hangs_on(limbs, inner, outer):
                     continue
@@ -84,7 +86,15 @@ def _pairs(limbs: list[Limb], spacing: float) -> Iterator[tuple[float, int, int,
                     continue
                 alike = in_line(inner, tube, heading)
                 if alike > IN_LINE:
-                    yield alike, inner, outer, is_turned
+                    yield alike, inner, outer, bool(is_turned)
+
+
+def _slant(tube: Tube, place: np.ndarray, heading: np.ndarray) -> float:
+    """Sine of the angle at which a heading crosses a tube, at least that of what is in line."""
+    segment = place_on_axis(place, tube.nodes)[0][0]
+    along = tube.nodes[segment + 1] - tube.nodes[segment]
+    cosine = min(float(abs(along @ heading) / np.linalg.norm(along)), IN_LINE)
+    return float(np.sqrt(1 - cosine**2))
 
 
 def _hangs_on(limbs: list[Limb], limb: int, other: int) -> bool:
