@@ -1,6 +1,8 @@
 """The renderer's own parts: rays, EXIF, meshes; Blender itself only where it is installed."""
 
+import ast
 import sys
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +10,30 @@ import pytest
 import render_scene
 from PIL import Image
 
+from cherrypicker.batch.watched_modules import imported_modules
 from cherrypicker_lab.orchard.render import blender, photo
 from cherrypicker_lab.orchard.scene import ground
 from cherrypicker_lab.orchard.scene.appearance import encode_srgb
 from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring, ring_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.mesh import box
+
+
+def test_its_environment_has_what_it_imports(project):
+    script = project / "scripts/lab/render_scene.py"
+    lines = (project / "envs/requirements-render.txt").read_text().splitlines()
+    installed = {line.split("==")[0].lower() for line in lines if "==" in line}
+    packages = packages_distributions()
+    needed = set()
+    for path in [script, *map(Path, imported_modules(script, project / "scripts"))]:
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module] if isinstance(node, ast.ImportFrom) else []
+            tops = {name.partition(".")[0] for name in names} - sys.stdlib_module_names
+            needed.update(packages.get(top, [top])[0].lower() for top in tops)
+    ours = {"cherrypicker", "cherrypicker_lab", "lab_path"}
+    assert {"numpy", "psutil"} <= needed
+    assert needed - ours - installed - {"opencv-contrib-python-headless"} == set()
 
 
 def test_pixel_rays_invert_the_projection():
