@@ -8,6 +8,7 @@ from cherrypicker.errors import StageError
 from cherrypicker_lab.orchard.grow.dressing import thin_out
 from cherrypicker_lab.orchard.grow.elsewhere import tree_from_skeleton
 from cherrypicker_lab.orchard.scene.layout import generate_scene
+from cherrypicker_lab.orchard.scene.variety import scene_options
 from cherrypicker_lab.training.segmentation import hard_props, scenes
 from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
 
@@ -69,6 +70,18 @@ def test_a_foreign_skeleton_keeps_its_course_and_gets_radii_of_what_it_bears(ske
     assert (np.diff(stem.radii) <= 1e-12).all() and joined.radii.min() >= 0.001
     again = tree_from_skeleton(skeleton, np.random.default_rng(1))
     assert np.array_equal(again.skeleton().points, joined.points)
+
+
+def test_an_orchard_scene_takes_it_as_its_target(skeleton):
+    options = scene_options(3, chosen={"skeleton": str(skeleton), "background": "hills"})
+    scene, again = (generate_scene(3, **options) for _ in range(2))
+    assert scene.options["skeleton"] == str(skeleton)
+    axes = scene.target.axes
+    assert np.abs(axes[0].points[:, :2]).max() < 1e-9  # the file's stem is straight
+    assert len(axes) > 5  # its limbs, and twigs where they end
+    assert np.array_equal(scene.target.skeleton().points, again.target.skeleton().points)
+    own = scene_options(3, chosen={"background": "hills"})
+    assert options == own | {"skeleton": str(skeleton), "stubs": 0, "spurs": 0.0}
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from cherrypicker.classes import Label
-from cherrypicker_lab.orchard.grow.dressing import dress_tree
+from cherrypicker_lab.orchard.grow.dressing import dress_tree, run_wild
+from cherrypicker_lab.orchard.grow.elsewhere import tree_from_skeleton
 from cherrypicker_lab.orchard.grow.growth import HABITS
 from cherrypicker_lab.orchard.grow.seasons import at_date
 from cherrypicker_lab.orchard.grow.templates import grow_any
@@ -167,6 +168,7 @@ def generate_scene(
     tip_radius=None,
     tree_seed=None,
     season=None,
+    skeleton=None,
 ):
     """Lay out a random orchard scene; every option left at None is drawn from the seed.
 
@@ -221,6 +223,9 @@ def generate_scene(
         Seed of the target where it is not the scene's: the same tree on another day.
     season : {"grown", "pruned", "both"}, optional
         What has become of the target since, see `seasons.at_date`.
+    skeleton : path-like, optional
+        File of a tree that we did not grow, see `elsewhere.tree_from_skeleton`: the target, with
+        shoots and spurs where its scan ends, in place of one of the habit.
 
     Returns
     -------
@@ -262,10 +267,15 @@ def generate_scene(
 
     light = make_light(np.random.default_rng([int(seed), 2]), sky)
     tree_seed = seed if tree_seed is None else tree_seed
-    target = grow_any(
-        tree_seed, pick["habit"], height=height, trunk_radius=trunk_radius, density=density,
-        tip_radius=tip_radius,
-    )  # fmt: skip
+    if skeleton:
+        its_own = np.random.default_rng([int(tree_seed), 11])
+        target = tree_from_skeleton(skeleton, its_own)
+        run_wild(its_own, target, twigs=True)
+    else:
+        target = grow_any(
+            tree_seed, pick["habit"], height=height, trunk_radius=trunk_radius, density=density,
+            tip_radius=tip_radius,
+        )  # fmt: skip
     dress_tree(target, tree_seed, stubs=stubs, spurs=spurs)
     if season:
         target = at_date(target, season, tree_seed).tree

@@ -30,7 +30,7 @@ CHOSEN = {
     "relief": "relief", "neighbours": "neighbours",
 }  # fmt: skip
 # added later: drawn only where the config says so, so that older seeds keep their scenes
-LATER = ("walk", "background", "tree_seed", "season")
+LATER = ("walk", "background", "tree_seed", "season", "skeleton")
 # of the options: what a tree takes with it to another scene
 OF_THE_TREE = (
     *("habit", "height", "trunk_radius", "density", "paint", "stubs", "spurs", "relief", "buds"),
@@ -67,8 +67,8 @@ def scene_options(seed, forms=FORMS, chosen=None):
         What is not drawn, by the keys of the config's `orchard.chosen`: `sky`, `ground`, `net`
         ("none" for none), `wind_m`, `buds_per_m`, `relief`, `neighbours`, `background` ("none"
         for none, as where it is left out), `tree_seed` (the target is that of another scene),
-        `season` (see `seasons.at_date`). "drawn" and numbers below 0 choose nothing; `walk` is
-        left to `scene_walk`.
+        `season` (see `seasons.at_date`), `skeleton` (the file of a tree from elsewhere). "drawn",
+        numbers below 0 and no file choose nothing; `walk` is left to `scene_walk`.
 
     Returns
     -------
@@ -134,6 +134,9 @@ def scene_options(seed, forms=FORMS, chosen=None):
     season = (chosen or {}).get("season", "first")
     if season != "first":
         options["season"] = season
+    skeleton = (chosen or {}).get("skeleton", "")
+    if skeleton:
+        options |= {"skeleton": skeleton, "stubs": 0, "spurs": 0.0}
     for key, value in (chosen or {}).items():
         if key in LATER:
             continue
