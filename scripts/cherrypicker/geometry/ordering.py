@@ -1,7 +1,7 @@
-"""Medians, sorting and look-ups for compiled code (small functions that compile fast).
+"""The median for compiled code (a small function that compiles fast).
 
-NumPy's own, called in a compiled function, are compiled anew into every function that calls them
-and take seconds on the first run of a machine.
+NumPy's own, called in a compiled function, is compiled anew into every function that calls it and
+takes seconds on the first run of a machine.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 
 from cherrypicker.compiled import compiled
 
-__all__ = ["first_not_below", "median"]
+__all__ = ["median"]
 
 
 @compiled
@@ -44,16 +44,3 @@ def median(values: np.ndarray) -> float:
     for row in range(1, middle):
         below = max(below, values[row])
     return 0.5 * (below + values[middle])
-
-
-@compiled
-def first_not_below(values: np.ndarray, wanted: float) -> int:
-    """First row of increasing values that is not below `wanted`; their number if all are."""
-    low, high = 0, len(values)
-    while low < high:
-        middle = (low + high) // 2
-        if values[middle] < wanted:
-            low = middle + 1
-        else:
-            high = middle
-    return low

@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.compiled import compiled
-from cherrypicker.geometry.edge_search import nearest_edges
 from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.robust import MAD_TO_SIGMA
 from cherrypicker.geometry.sections import arc_deg, judge
 from cherrypicker.geometry.tree_walks import child_rows, window
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.samples import densify
 
 __all__ = ["tell_radii", "typical_scatter"]
 
@@ -21,6 +22,7 @@ FEWEST_POINTS = 5  # of which a circle is judged: two more than it has numbers
 # How far along the axis, each way, a node's points are taken from: in radii, and in edges at least;
 # guesses
 REACH, LEAST_EDGES = 1.5, 1.5
+SAMPLES = 4  # an edge: the nearest one is found among these
 OFF_AXIS = 0.5  # of the points' distance: what the axis is off by, one standard deviation; a guess
 ARC_SECTORS = 24  # that the covered arc is counted in: steps of 15 degrees
 LEAST_RADIUS_M = 0.001  # of a tree of which no point tells any; a guess
@@ -53,9 +55,12 @@ def tell_radii(
         the circle of the node's radius) and ``radius_error`` (of the radius that such a circle
         would have), zero where there are too few points.
     """
-    node, share, distance = nearest_edges(skeleton, surface)
-    owner = np.where(share <= 0.5, node, np.maximum(skeleton.parent[node], 0))
-    owner, surface = owner[distance <= max_radius], surface[distance <= max_radius]
+    places, edge, *_ = densify(skeleton, spacing / SAMPLES)
+    distance, nearest = cKDTree(places).query(surface, distance_upper_bound=max_radius)
+    surface, edge = surface[np.isfinite(distance)], edge[nearest[np.isfinite(distance)]]
+    ends = np.stack([edge, np.maximum(skeleton.parent[edge], 0)])
+    away = np.linalg.norm(surface - skeleton.points[ends], axis=2)
+    owner = np.where(away[0] <= away[1], *ends)
     order = np.argsort(owner, kind="stable")
     start = np.searchsorted(owner[order], np.arange(len(skeleton) + 1))
     reach = np.maximum(REACH * skeleton.radius, LEAST_EDGES * spacing)
