@@ -1,5 +1,6 @@
 """The command: its subcommands but serve and check, each as a user calls it."""
 
+import csv
 import io
 import json
 import os
@@ -19,7 +20,7 @@ from cherrypicker.batch.trees import read_trees
 from cherrypicker.command import doctor, run
 from cherrypicker.command.main import SUBCOMMANDS, main
 from cherrypicker.command.time_left import TimeLeft
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_schema, read_json, write_json
 from cherrypicker.formats.table import FORMATS
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.progress import duration
@@ -174,6 +175,34 @@ def test_export_writes_beside_the_results(work, capsys):
     assert own.is_file()
     assert main(["export", "none", "-d", str(work), "--to", "mtg"]) == 1
     assert "tree none" in capsys.readouterr().err
+
+
+def test_repeat_tells_how_far_two_scans_differ(work, capsys):
+    heights, results = {"noon": 1.40, "dusk": 1.43}, work / "results"
+    for name, height in heights.items():
+        write_finished_tree(results / name)
+        traits = read_json(results / name / "traits.json") | {"height_m": height}
+        traits["height_m_ci90"] = [height - 0.01, height + 0.01]
+        write_json(results / name / "traits.json", traits)
+    assert main(["repeat", "noon", "dusk", "-d", str(work)]) == 0
+    with (results / "repeat/repeat.csv").open(newline="") as stream:
+        rows = {row["trait"]: row for row in csv.DictReader(stream)}
+    height = {name: float(rows["height_m"][name] or "nan") for name in ("bias", "within_sd")}
+    assert height == pytest.approx({"bias": 0.03, "within_sd": 0.03 / 2**0.5}, rel=1e-4)
+    assert (rows["height_m"]["n_intervals"], rows["height_m"]["n_covered"]) == ("1", "0")
+    assert float(rows["total_length_m"]["within_cv"]) == 0
+    assert int(rows["branch_length_m"]["n_pairs"]) == 5
+    assert int(rows["branch_angle_deg"]["n_pairs"]) == 4  # the stem hangs on nothing
+    page = (results / "repeat/repeat.html").read_text()
+    assert "noon, branch 2: " in page and "141.5 cm" in page
+    for wrong, why in (
+        (["noon", "dusk", "dawn"], "no pairs"),
+        (["noon", "noon"], "agrees with itself"),
+        (["noon", "dawn"], "tree dawn"),
+        (["noon", "dusk", "--difference", "0"], "--difference"),
+    ):
+        assert main(["repeat", *wrong, "-d", str(work)]) == 1
+        assert why in capsys.readouterr().err
 
 
 def test_view_wants_a_page(work, capsys):

@@ -61,8 +61,14 @@ class Quantity:
     def shown(self, value: float, *, sign: str = "-") -> str:
         """Return a value with its unit on the pages, with a plus where `sign` is one."""
         unit = self.shown_in or self.unit
-        text = f"{value / self.units[unit]:{sign},.{_DECIMALS.get(unit, 1)}f}"
+        text = f"{value / self.units[unit]:{sign}z,.{_DECIMALS.get(unit, 1)}f}"
         return text if unit == "1" else f"{text} {_SIGNS.get(unit, unit)}"
+
+    def shown_limits(self, low: float | None, high: float | None) -> str:
+        """Return limits of agreement for people; a dash where there are none."""
+        if low is None or high is None:
+            return "–"
+        return f"{self.shown(low, sign='+')} to {self.shown(high, sign='+')}"
 
     @property
     def is_on_branch(self) -> bool:

@@ -15,6 +15,7 @@ SUBCOMMANDS = {
     "run": "run the batch with Snakemake, with progress and time left",
     "serve": "serve the pages on this machine alone, so that edits are saved by clicking",
     "view": "open a tree's page, or the batch's, in the browser",
+    "repeat": "tell how well two scans of one tree agree, and what a trial needs",
     "export": "write finished trees in the formats of other tools",
     "doctor": "tell versions, libraries, GPU, disk and memory, and what to install",
 }

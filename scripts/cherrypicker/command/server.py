@@ -4,6 +4,9 @@ It listens on the loopback interface alone. A page of another site can still sen
 from the user's own browser, so a request must name this host, which one through a foreign name that
 is made to point here (DNS rebinding) does not, and a change must come from our own page: from this
 origin and with a header of our own, which a browser sends to another origin only if that agrees.
+
+``GET /api/edits/TREE`` answers 200 with YAML, or 204 where there are no edits; ``PUT`` of YAML,
+with the header, 200 and ``{"path": ..., "lost": [...]}``, or 4xx and ``{"error": ...}``.
 """
 
 from __future__ import annotations

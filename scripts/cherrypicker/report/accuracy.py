@@ -6,11 +6,7 @@ from collections.abc import Sequence
 
 from cherrypicker.accuracy.agreement import PUBLISHED, Agreement, Published, agreement, by_trait
 from cherrypicker.accuracy.quantities import QUANTITIES, Quantity
-from cherrypicker.report.text import axis_ticks
-
-# Of a figure, px: the plot, room for the numbers left of and below it
-_LEFT, _TOP, _WIDTH, _HEIGHT, _BELOW, _RIGHT = 62, 24, 300, 190, 40, 14
-_PAD = 0.08  # of the range of values, left free on either side
+from cherrypicker.report.bland_altman import Mark, bland_altman
 
 
 def accuracy_section(measured: Sequence[tuple[str, str, dict]]) -> dict | None:
@@ -31,7 +27,7 @@ def accuracy_section(measured: Sequence[tuple[str, str, dict]]) -> dict | None:
         "rows": [_row(QUANTITIES[name], item) for name, item in agreements.items()],
         "published": [_published(item) for item in PUBLISHED if item.trait in found],
         "figures": [
-            bland_altman(QUANTITIES[name], pairs, agreements[name])
+            _figure(QUANTITIES[name], pairs, agreements[name])
             for name, pairs in found.items()
             if len(pairs) > 1
         ],
@@ -40,9 +36,6 @@ def accuracy_section(measured: Sequence[tuple[str, str, dict]]) -> dict | None:
 
 
 def _row(quantity: Quantity, item: Agreement) -> list[str]:
-    limits = "–"
-    if item.low is not None and item.high is not None:
-        limits = f"{quantity.shown(item.low, sign='+')} to {quantity.shown(item.high, sign='+')}"
     return [
         quantity.title,
         str(item.n),
@@ -51,7 +44,7 @@ def _row(quantity: Quantity, item: Agreement) -> list[str]:
         _share(item.relative_rmse),
         _number(item.r2),
         quantity.shown(item.bias, sign="+"),
-        limits,
+        quantity.shown_limits(item.low, item.high),
         f"{item.n_covered} of {item.n_intervals}" if item.n_intervals else "–",
     ]
 
@@ -87,61 +80,13 @@ def _listed(tree: str, href: str, pair: dict) -> dict:
     return row | {name: pair[name] for name in ("who", "note", "problem", "doubts", "line")}
 
 
-def bland_altman(quantity: Quantity, pairs: Sequence[dict], item: Agreement) -> dict:
-    """Return a Bland-Altman figure as numbers of an SVG: differences over the means of both.
-
-    A bar is our 90 % interval less the hand measurement; it reaches zero where the interval holds.
-    """
-    unit = quantity.shown_in or quantity.unit
-    factor = 1.0 / quantity.units[unit]
-    means = [factor * (pair["ours"] + pair["hand"]) / 2 for pair in pairs]
-    bars = [
-        [factor * (end - pair["hand"]) for end in (pair["low"], pair["ours"], pair["high"])]
-        if pair["low"] is not None and pair["high"] is not None
-        else [factor * (pair["ours"] - pair["hand"])] * 3
-        for pair in pairs
-    ]
-    levels = [0.0, factor * item.bias]
-    levels += [factor * end for end in (item.low, item.high) if end is not None]
-    x_low, x_high = _padded(means)
-    y_low, y_high = _padded([*levels, *(end for bar in bars for end in bar)])
-
-    def x_of(value: float) -> str:
-        return f"{_LEFT + (value - x_low) / (x_high - x_low) * _WIDTH:.1f}"
-
-    def y_of(value: float) -> str:
-        return f"{_TOP + (y_high - value) / (y_high - y_low) * _HEIGHT:.1f}"
-
-    names = ("none", "bias", "lower limit", "upper limit")
-    return {
-        "title": f"{quantity.title} [{unit}]",
-        "box": (_LEFT, _TOP, _WIDTH, _HEIGHT),
-        "view": f"0 0 {_LEFT + _WIDTH + _RIGHT} {_TOP + _HEIGHT + _BELOW}",
-        "under": _TOP + _HEIGHT + 16,
-        "foot": _TOP + _HEIGHT + 32,
-        "right": _LEFT + _WIDTH,
-        "levels": [
-            {"y": y_of(level), "name": name, "value": f"{level:+.3g}"}
-            for level, name in zip(levels, names, strict=False)
-        ],
-        "x_ticks": [(x_of(tick), f"{tick:g}") for tick in axis_ticks(x_low, x_high)],
-        "y_ticks": [(y_of(tick), f"{tick:g}") for tick in axis_ticks(y_low, y_high)],
-        "marks": [
-            {
-                "x": x_of(mean),
-                "y": y_of(difference),
-                "low": y_of(low),
-                "high": y_of(high),
-                "href": pair["href"],
-                "label": f"{pair['tree']}: by hand {pair['given']}, "
-                f"ours {quantity.shown(pair['ours'])}",
-            }
-            for pair, mean, (low, difference, high) in zip(pairs, means, bars, strict=True)
-        ],
-    }
-
-
-def _padded(values: Sequence[float]) -> tuple[float, float]:
-    low, high = min(values), max(values)
-    pad = _PAD * (high - low) or _PAD * abs(high) or 1.0
-    return low - pad, high + pad
+def _figure(quantity: Quantity, pairs: Sequence[dict], item: Agreement) -> dict:
+    """Ours less by hand; a bar is our 90 % interval less the hand measurement."""
+    marks = []
+    for pair in pairs:
+        ours, hand = pair["ours"], pair["hand"]
+        is_known = pair["low"] is not None and pair["high"] is not None
+        ends = (pair["low"] - hand, pair["high"] - hand) if is_known else (ours - hand,) * 2
+        label = f"{pair['tree']}: by hand {pair['given']}, ours {quantity.shown(ours)}"
+        marks.append(Mark((ours + hand) / 2, ours - hand, *ends, label, pair["href"]))
+    return bland_altman(quantity, "ours less by hand", marks, (item.bias, item.low, item.high))

@@ -1,0 +1,72 @@
+"""Two scans of one tree on one day: every trait, and every branch that both show, in pairs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+from cherrypicker.accuracy.quantities import QUANTITIES, Quantity
+from cherrypicker.accuracy.repeatability import Pair
+from cherrypicker.errors import StageError
+from cherrypicker.files import is_number, read_json
+from cherrypicker.series.compare import compare_scans
+from cherrypicker.series.scan_files import read_scan
+from cherrypicker.traits.branches import read_branches
+
+#: What is compared, in the pages' order.
+REPEATED = [quantity for quantity in QUANTITIES.values() if not quantity.at_place]
+
+
+def pairs_of(first: Path, second: Path) -> dict[str, list[Pair]]:
+    """Pair what two scans of one tree tell.
+
+    Parameters
+    ----------
+    first, second : Path
+        ``results/TREE`` of either.
+
+    Returns
+    -------
+    dict of str to list of Pair
+        By the names of `REPEATED`; a quantity that either scan lacks is left out. Branches are
+        those that `cherrypicker.series.compare` finds in both.
+
+    Raises
+    ------
+    StageError
+        If a file is missing, a scan has no scale, or the two are not of one tree.
+    """
+    if first.resolve() == second.resolve():
+        raise StageError("a scan agrees with itself; give two scans of the tree", file=first)
+    scans = [read_scan(folder, folder.name, date) for folder, date in ((first, "1"), (second, "2"))]
+    match = compare_scans(scans).steps[0].match
+    traits = [read_json(folder / "traits.json") for folder in (first, second)]
+    rows = [read_branches(folder / "branches.csv") for folder in (first, second)]
+    whole = [(first.name, *traits)]
+    found = {}
+    for quantity in REPEATED:
+        branches = [
+            (f"{first.name}, branch {here}", rows[0][here], rows[1][there])
+            for here, there in match.axes.items()
+            if here or not quantity.column.startswith("insertion")  # the trunk has none
+        ]
+        pairs = [_pair(quantity, *each) for each in (branches if quantity.column else whole)]
+        found[quantity.name] = [pair for pair in pairs if pair is not None]
+    return {name: pairs for name, pairs in found.items() if pairs}
+
+
+def _pair(quantity: Quantity, what: str, first: Mapping, second: Mapping) -> Pair | None:
+    name = quantity.column or quantity.name
+    if not (is_number(first.get(name)) and is_number(second.get(name))):
+        return None
+    halves = [half for scan in (first, second) if (half := _half(scan, name)) is not None]
+    half = math.hypot(*halves) if len(halves) == 2 else None
+    return Pair(what, float(first[name]), float(second[name]), half)
+
+
+def _half(scan: Mapping, name: str) -> float | None:
+    """Half the 90 % interval of a trait or of a branch's column; None where it has none."""
+    stem, _, unit = name.rpartition("_")
+    ends = scan.get(f"{name}_ci90") or [scan.get(f"{stem}_{end}_{unit}") for end in ("low", "high")]
+    return (ends[1] - ends[0]) / 2 if all(map(is_number, ends)) else None

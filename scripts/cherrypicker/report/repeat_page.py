@@ -1,0 +1,106 @@
+"""The page of repeated scans: how far two scans of a tree differ, and what a trial needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from cherrypicker.accuracy.quantities import QUANTITIES, Quantity
+from cherrypicker.accuracy.repeatability import Pair, Repeatability, repeatability, trees_to_show
+from cherrypicker.report.bland_altman import Mark, bland_altman
+from cherrypicker.report.text import page_template
+
+COLUMNS = (
+    *("trait", "unit", "n_pairs", "mean", "bias", "within_sd", "within_sd_high", "within_cv"),
+    *("repeatability", "low", "high", "n_intervals", "n_covered", "between_cv", "n_trees"),
+)
+
+
+def repeat_rows(pairs: Mapping[str, Sequence[Pair]], difference: float) -> list[dict]:
+    """Rows of ``repeat.csv``, a quantity each, by `COLUMNS`.
+
+    Parameters
+    ----------
+    pairs : mapping of str to sequence of Pair
+        As of `cherrypicker.accuracy.rescans.pairs_of`, of one tree or of several.
+    difference : float
+        That a trial shall show between two groups, a share of the mean.
+    """
+    found = []
+    for name, both in pairs.items():
+        item = repeatability(both)
+        found.append(
+            {
+                "trait": name,
+                "unit": QUANTITIES[name].unit,
+                "n_pairs": item.n,
+                "repeatability": item.coefficient,
+                "n_trees": _n_trees(QUANTITIES[name], item, difference),
+            }
+            | {key: getattr(item, key) for key in COLUMNS if hasattr(item, key)}
+        )
+    return found
+
+
+def _n_trees(quantity: Quantity, item: Repeatability, difference: float) -> int | None:
+    """Trees of a group; None for branches, and where the spread of the trees is not known."""
+    if quantity.is_on_branch or item.within_cv is None or item.between_cv is None:
+        return None
+    return trees_to_show(difference, (item.within_cv**2 + item.between_cv**2) ** 0.5)
+
+
+def repeat_page(
+    scans: Sequence[tuple[str, str]], pairs: Mapping[str, Sequence[Pair]], difference: float
+) -> str:
+    """Render the page.
+
+    Parameters
+    ----------
+    scans : sequence of tuple (str, str)
+        The two scans of each tree.
+    pairs, difference
+        As of `repeat_rows`.
+
+    Returns
+    -------
+    str
+        HTML that needs no network; all text from data is escaped.
+    """
+    rows = repeat_rows(pairs, difference)
+    page = page_template("repeat.html.j2").render(
+        scans=scans,
+        difference=f"{100 * difference:g} %",
+        rows=[_cells(QUANTITIES[row["trait"]], row) for row in rows],
+        figures=[
+            _figure(QUANTITIES[row["trait"]], pairs[row["trait"]], row)
+            for row in rows
+            if row["n_pairs"] > 1
+        ],
+    )
+    return page + "\n"
+
+
+def _cells(quantity: Quantity, row: dict) -> list[str]:
+    covered = f"{row['n_covered']} of {row['n_intervals']}" if row["n_intervals"] else "–"
+    return [
+        quantity.title,
+        str(row["n_pairs"]),
+        quantity.shown(row["mean"]),
+        quantity.shown(row["bias"], sign="+"),
+        f"{quantity.shown(row['within_sd'])} (≤ {quantity.shown(row['within_sd_high'])})",
+        "–" if row["within_cv"] is None else f"{100 * row['within_cv']:.2f} %",
+        quantity.shown(row["repeatability"]),
+        quantity.shown_limits(row["low"], row["high"]),
+        covered,
+        "–" if row["n_trees"] is None else str(row["n_trees"]),
+    ]
+
+
+def _figure(quantity: Quantity, pairs: Sequence[Pair], row: dict) -> dict:
+    marks = []
+    for pair in pairs:
+        mean, difference = (pair.first + pair.second) / 2, pair.second - pair.first
+        half = pair.half or 0.0
+        label = f"{pair.what}: {quantity.shown(pair.first)}, then {quantity.shown(pair.second)}"
+        marks.append(Mark(mean, difference, difference - half, difference + half, label))
+    levels = row["bias"], row["low"], row["high"]
+    return bland_altman(quantity, "second less first scan", marks, levels)
