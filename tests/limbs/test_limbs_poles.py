@@ -1,9 +1,9 @@
-"""Poles: tubes as straight and even as no wood, wherever on a limb."""
+"""Poles and wires: tubes as straight and even as no wood, wherever on a limb."""
 
 import numpy as np
 import pytest
 
-from cherrypicker.limbs.poles import pole_rows
+from cherrypicker.limbs.poles import find_pole
 from cherrypicker.limbs.tubes import Tube
 
 SPACING = 0.004
@@ -39,7 +39,8 @@ def test_a_limb_that_leads_from_a_branch_into_a_post_holds_a_pole_with_all_of_it
     points = np.vstack([post, branch])
     tube = _tube((0, 0, 1.0), (0, 0, 1.5), (0.8, 0, 1.6), radii=[0.025, 0.025, 0.006])
     found = np.zeros(len(points), bool)
-    found[pole_rows(points, tube, SPACING)] = True
+    pole = find_pole(points, tube, SPACING)
+    found[pole.rows(points)] = True
     assert found[: len(post)].mean() > 0.99
     assert found[len(post) :].mean() < 0.05
 
@@ -58,13 +59,47 @@ def test_wood_is_no_pole(radii, corners):
         [_surface(rng, a, b, *radii) for a, b in zip(corners[:-1], corners[1:], strict=True)]
     )
     tube = _tube(*corners, radii=np.linspace(*radii, len(corners)))
-    assert not len(pole_rows(points, tube, SPACING))
+    assert find_pole(points, tube, SPACING) is None
 
 
 def test_a_stretch_that_looks_even_to_the_tube_is_none_where_its_points_are_not():
     rng = np.random.default_rng(2)
     points = _surface(rng, (0, 0, 0), (0, 0, 2), 0.03, 0.01)
     tube = _tube((0, 0, 0.6), (0, 0, 1.2), radii=[0.021, 0.021])
-    assert not len(pole_rows(points, tube, SPACING))
+    assert find_pole(points, tube, SPACING) is None
     few = points[rng.choice(len(points), 60, replace=False)]
-    assert not len(pole_rows(few, tube, SPACING))
+    assert find_pole(few, tube, SPACING) is None
+
+
+@pytest.fixture(scope="module")
+def crown():
+    """A stem, a shoot of even thickness on it, and a wire that passes both, with a piece hidden."""
+    rng = np.random.default_rng(3)
+    wire = _surface(rng, (-1.2, 0.03, 1.0), (1.4, 0.06, 1.01), 0.001, 0.001, 6000)
+    wire = wire[(wire[:, 0] < 0.5) | (wire[:, 0] > 0.7)]
+    stem = _surface(rng, (0, 0, 0), (0.02, 0, 2), 0.03, 0.012, 12_000)
+    shoot = _surface(rng, (0.02, 0, 1.2), (0.2, 0.9, 1.7), 0.003, 0.003, 3000)
+    return wire, stem, shoot
+
+
+def test_a_wire_through_a_crown_is_found_whole_from_a_limb_that_turns_into_it(crown):
+    points = np.vstack(crown)
+    tube = _tube((0.02, 0, 0.8), (0.02, 0.045, 1.0), (0.5, 0.05, 1.005), radii=[0.01, 0.001, 0.001])
+    pole = find_pole(points, tube, SPACING)
+    found = np.zeros(len(points), bool)
+    found[pole.rows(points)] = True
+    n_wire = len(crown[0])
+    assert found[:n_wire].mean() > 0.98
+    assert found[n_wire:].mean() < 0.01
+    assert pole.is_free(points)
+
+
+def test_a_shoot_as_straight_and_even_as_a_wire_hangs_on_its_stem(crown):
+    points = np.vstack(crown)
+    tube = _tube((0.06, 0.2, 1.311), (0.2, 0.9, 1.7), radii=[0.003, 0.003])
+    pole = find_pole(points, tube, SPACING)
+    assert pole is not None and not pole.is_free(points)
+    for radii in ((0.006, 0.002), (0.004, 0.001)):  # as shoots are, it thins
+        rng = np.random.default_rng(4)
+        thins = np.vstack([crown[1], _surface(rng, (0.02, 0, 1.2), (0.2, 0.9, 1.7), *radii)])
+        assert find_pole(thins, tube, SPACING) is None

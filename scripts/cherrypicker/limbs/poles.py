@@ -1,18 +1,19 @@
-"""Poles among the limbs: tubes, or stretches of them, that are as straight and as even as no wood.
+"""Poles and wires among the limbs: stretches of tubes that are as straight and as even as no wood.
 
-A post beside a stem touches its branches, and limbs that are grown on both go from one into the
-other. So a pole is looked for in each stretch of a tube, and is a cylinder that goes on as far as
-its points do. Wood bends and thins over the length of one.
+A post beside a stem touches its branches, a wire runs through a crown, and limbs that are grown on
+both go from one into the other. So a pole is looked for in each stretch of a tube, and is a
+cylinder that goes on as far as its points do. Wood bends and thins over the length of one.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.limbs.tubes import Tube, claim_radius
 
-__all__ = ["in_cylinder", "pole_rows"]
+__all__ = ["Pole", "find_pole", "in_cylinder"]
 
 # In radii: a stretch of a pole is at least so long and bends so far at most, and its slices differ
 # by so much. Of 20 held-out generated scenes and four scans of trees without a post, 27 of 31
@@ -20,44 +21,99 @@ __all__ = ["in_cylinder", "pole_rows"]
 # wood with as many points is 0.2 (2026-11-25, all slices counted).
 SLENDER, STRAIGHT, EVEN = 15.0, 0.3, 0.1
 N_SLICES = 8
+# Of its length: what is thin is straight and even to so much. Slices of two wires of 1.7 and 1.9 m
+# lie within 0.0008 of a line, those of the straightest limbs of two other trees 0.004 off and more
+# (2026-11-26)
+TAUT = 0.0015
 
 
-def pole_rows(points: np.ndarray, tube: Tube, spacing: float) -> np.ndarray:
-    """Rows of the points (n, 3) of the pole that a tube follows over some of its length, or none.
+@dataclass(frozen=True)
+class Pole:
+    """A cylinder: its middle and direction (3,), length and radius.
+
+    ``level`` is the median distance of its points from its axis, which other pieces of it have to
+    within ``slack``; ``reach`` how far its points lie off at most.
+    """
+
+    middle: np.ndarray
+    along: np.ndarray
+    length: float
+    level: float
+    slack: float
+    reach: float
+
+    def rows(self, points: np.ndarray) -> np.ndarray:
+        """Rows of its points among others (n, 3), hidden stretches left out, along its way."""
+        rows, way, aside = in_cylinder(points, self.middle, self.along, self.reach)
+        piece = _pieces(way, self.reach)
+        ends = np.flatnonzero(np.diff(piece)) + 1
+        level = np.array([np.median(each) for each in np.split(aside, ends) if len(each)])
+        return rows[np.abs(level - self.level)[piece] <= self.slack]
+
+    def is_free(self, points: np.ndarray) -> bool:
+        """Whether both of its ends are in the air: at neither are most of the points (n, 3) others.
+
+        A shoot hangs on something; a wire is held far away, and what it passes is between its ends.
+        """
+        own = self.rows(points)
+        way = (points - self.middle) @ self.along
+        for end in (way[own].min(), way[own].max()):
+            near = np.abs(way - end) <= 2 * self.reach
+            near &= (
+                np.linalg.norm(points - self.middle - end * self.along, axis=1) <= self.reach * 3
+            )
+            if 2 * np.count_nonzero(near[own]) < np.count_nonzero(near):
+                return False
+        return True
+
+
+def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
+    """The pole or wire that a tube follows over some of its length.
 
     Parameters
     ----------
     points : ndarray of shape (n, 3), float64
-        Of the stem that the tube is grown on.
+        That the tube is grown on.
     tube : Tube
     spacing : float
         Of the points.
 
     Returns
     -------
-    ndarray of shape (n_rows,), int
+    Pole or None
     """
-    none = np.empty(0, int)
-    found = _even_stretch(tube)
+    found = _even_stretch(tube, spacing)
     if found is None:
-        return none
+        return None
     middle, along, radius, length = found
-    reach = float(claim_radius(np.array([radius]), spacing)[0])
-    box = np.abs(along) * length / 2 + reach
-    near = points[rows_in_box(points, middle - box, middle + box)]
-    _, way, aside = in_cylinder(near, middle, along, reach)
-    inside = np.abs(way) <= length / 2
-    if not _is_even(way[inside], aside[inside], radius):
-        return none
-    rows, way, aside = in_cylinder(points, middle, along, reach)
-    piece = np.cumsum(np.diff(way, prepend=way[:1]) > 2 * radius)
-    main = np.isin(piece, piece[np.abs(way) <= length / 2])
-    if not _is_even(way[main], aside[main], radius):
-        return none
-    level = np.array(
-        [np.median(each) for each in np.split(aside, np.flatnonzero(np.diff(piece)) + 1)]
-    )
-    return rows[np.abs(level - np.median(aside[main]))[piece] <= EVEN * radius]
+    reach = _reach(radius, spacing)
+    while True:  # the line grows with its points
+        rows, way, aside = in_cylinder(points, middle, along, reach)
+        inside = np.abs(way) <= length / 2
+        if not _is_even(way[inside], aside[inside], max(EVEN * radius, spacing)):
+            return None
+        piece = _pieces(way, reach)
+        main = np.isin(piece, piece[inside])
+        own, before, length = points[rows[main]], length, float(np.ptp(way[main]))
+        middle = own.mean(axis=0)
+        along = np.linalg.eigh(np.cov(own - middle, rowvar=False))[1][:, -1]
+        if length <= before + reach:
+            break
+    offset = own - middle
+    offset -= (offset @ along)[:, None] * along
+    even, straight = (max(share * radius, TAUT * length) for share in (EVEN, STRAIGHT))
+    if not (_is_even(way[main], aside[main], even) and _is_straight(way[main], offset, straight)):
+        return None
+    return Pole(middle, along, length, float(np.median(aside[main])), even, reach)
+
+
+def _reach(radius: float, spacing: float) -> float:
+    return float(claim_radius(np.array([radius]), spacing)[0])
+
+
+def _pieces(way: np.ndarray, reach: float) -> np.ndarray:
+    """Piece of each place along a line, in order: gaps part them."""
+    return np.cumsum(np.diff(way, prepend=way[:1]) > 2 * reach)
 
 
 def in_cylinder(
@@ -72,44 +128,53 @@ def in_cylinder(
     return rows, way[rows], aside[rows]
 
 
-def _is_even(way: np.ndarray, aside: np.ndarray, radius: float) -> bool:
+def _slices(way: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Medians of values of points, sorted along a line, in slices of equal length."""
+    ends = np.searchsorted(way, np.linspace(way[0], way[-1], N_SLICES + 1)[1:-1])
+    return np.array([np.median(each, axis=0) for each in np.split(values, ends) if len(each)])
+
+
+def _is_even(way: np.ndarray, aside: np.ndarray, slack: float) -> bool:
     """Whether points, sorted along a line, are equally far off it all along.
 
     The least and the most of the slices are left out: a branch that crosses moves one.
     """
     if len(way) < N_SLICES**2:  # a slice's median tells little of fewer
         return False
-    ends = np.searchsorted(way, np.linspace(way[0], way[-1], N_SLICES + 1)[1:-1])
-    level = [np.median(each) for each in np.split(aside, ends) if len(each)]
-    return bool(np.ptp(np.sort(level)[1:-1]) <= EVEN * radius)
+    return bool(np.ptp(np.sort(_slices(way, aside))[1:-1]) <= slack)
 
 
-def _even_stretch(tube: Tube) -> tuple[np.ndarray, np.ndarray, float, float] | None:
+def _is_straight(way: np.ndarray, offset: np.ndarray, slack: float) -> bool:
+    """Whether all slices of points lie on the line but one, which a branch that crosses moves."""
+    return bool(np.sort(np.linalg.norm(_slices(way, offset), axis=1))[:-1].max() <= slack)
+
+
+def _even_stretch(tube: Tube, spacing: float) -> tuple[np.ndarray, np.ndarray, float, float] | None:
     """Middle, direction, radius and length of a tube's longest stretch that is a cylinder."""
     nodes, radius, way = tube.nodes, tube.radius, tube.way
     best, first = (0, 1), 0
     for past in range(2, len(nodes) + 1):
-        while not _is_cylinder(nodes[first:past], radius[first:past]):
+        while not _is_cylinder(nodes[first:past], radius[first:past], spacing):
             first += 1
         if way[past - 1] - way[first] > way[best[1] - 1] - way[best[0]]:
             best = (first, past)
     own = slice(*best)
     middle, thickness = nodes[own].mean(axis=0), float(np.median(radius[own]))
     length = float(way[own][-1] - way[own][0])
-    if length < SLENDER * thickness:
+    if length < SLENDER * max(thickness, spacing):
         return None
     along = np.linalg.svd(nodes[own] - middle, full_matrices=False)[2][0]
     return middle, along, thickness, length
 
 
-def _is_cylinder(nodes: np.ndarray, radius: np.ndarray) -> bool:
+def _is_cylinder(nodes: np.ndarray, radius: np.ndarray, spacing: float) -> bool:
     """Whether a tube's nodes lie on a line, near it for their radius, which is even."""
     if len(nodes) <= 2:
         return True
-    if np.ptp(radius) > EVEN * radius[0]:
+    if np.ptp(radius) > max(EVEN * radius[0], spacing):
         return False
     chord = nodes[-1] - nodes[0]
     offset = nodes - nodes[0]
     share = offset @ chord / (chord @ chord)
     bend = np.linalg.norm(offset - share[:, None] * chord, axis=1).max()
-    return bool(bend <= STRAIGHT * radius[0])
+    return bool(bend <= max(STRAIGHT * radius[0], spacing))

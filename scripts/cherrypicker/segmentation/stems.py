@@ -20,7 +20,7 @@ from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
-from cherrypicker.limbs.poles import in_cylinder, pole_rows
+from cherrypicker.limbs.poles import find_pole, in_cylinder
 from cherrypicker.limbs.tubes import claim_radius, stretch
 from cherrypicker.segmentation.things import STANDS_M, THINGS
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
@@ -123,12 +123,12 @@ def label_wood(
 def post_rows(
     points: np.ndarray, labels: np.ndarray, orchard: Orchard, known: np.ndarray
 ) -> np.ndarray:
-    """Rows of the support posts among limbs that were grown on what looks like wood or a post.
+    """Rows of the posts and wires among limbs that were grown on what looks like wood or a post.
 
     No wood is so straight and even as a pole (`cherrypicker.limbs.poles`): what lies in one that
     stands is post, but for points (n,) whose class is known, and for one without which wood would
-    hang in the air: that is a stem, if the network does not call it a post. Of other limbs those
-    are posts most of whose points say so.
+    hang in the air: that is a stem, if the network does not call it a post. One that ends in the
+    air on both sides is a wire. Of other limbs those are posts most of whose points say so.
     """
     found, is_thing = np.zeros(len(points), bool), np.isin(labels, THINGS) & ~known
     is_said, is_wood = labels == Label.SUPPORT_POST, wood_mask(labels)
@@ -143,13 +143,14 @@ def post_rows(
             continue
         own = orchard.owner == stem
         rows = np.flatnonzero(own | is_thing)
-        candidates, poles = points[rows], []
+        candidates, wood, poles = points[rows], points[entered], []
         of_post = np.bincount(limbs.member, is_said[entered], len(limbs.limbs))
         is_post = 2 * of_post > np.bincount(limbs.member, minlength=len(limbs.limbs))
         for number, limb in enumerate(limbs.limbs):
-            pole = rows[pole_rows(candidates, limb.tube, limbs.spacing)]
-            if len(pole) and stands(pole):
-                poles.append(pole)
+            pole = find_pole(wood, limb.tube, limbs.spacing)
+            lying = rows[:0] if pole is None else rows[pole.rows(candidates)]
+            if pole is not None and len(lying) and (stands(lying) or pole.is_free(wood)):
+                poles.append(lying)
             elif is_post[number]:
                 poles.append(entered[limbs.member == number])
         if not poles:
@@ -157,8 +158,8 @@ def post_rows(
         left = own & is_wood
         left[np.concatenate(poles)] = False
         is_left_standing = not left.any() or stands(np.flatnonzero(left))
-        for pole in poles:
-            found[pole] |= is_left_standing or 2 * np.count_nonzero(is_said[pole]) > len(pole)
+        for each in poles:
+            found[each] |= is_left_standing or 2 * np.count_nonzero(is_said[each]) > len(each)
     logger.info("%s points are of support posts", f"{found.sum():,}")
     return np.flatnonzero(found)
 
