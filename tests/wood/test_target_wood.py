@@ -129,6 +129,21 @@ def test_stems_stand_on_sloping_ground():
     np.testing.assert_allclose(ground_height(np.array([[1.0, 0.0]]), ground, 0.0), 0.2, atol=0.05)
 
 
+@pytest.mark.parametrize("radius", [0.02, 0.12])
+def test_low_branches_on_one_side_do_not_draw_the_foot_from_under_the_stem(radius):
+    rng = np.random.default_rng(8)
+    stem = tube((0, 0, 0), (0, 0, 1.6), radius, 20_000, rng=rng)
+    low = [
+        tube((0, 0, 0.08), (0.45, y, 0.05), 0.006, 20_000, rng=rng)
+        for y in np.linspace(-0.25, 0.3, 12)
+    ]
+    points = np.vstack([stem, *low])
+    foot = points[points[:, 2] < 0.08]
+    assert np.linalg.norm(np.median(foot[:, :2], axis=0)) > 0.06  # they are most of it
+    (found,) = find_stems(points, np.zeros((20, 3)) + [[0, 0, -0.001]])
+    assert np.linalg.norm(found.base[:2]) < max(0.03, 0.8 * radius)
+
+
 def test_farthest_points_cover_and_keep_apart():
     points = np.random.default_rng(0).random((3000, 3))
     samples, nearest = farthest_point_sample(points, 0.1, first=7)

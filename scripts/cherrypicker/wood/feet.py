@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import label as label_cells
+from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.geometry.ground_surface import GroundSurface
@@ -106,11 +107,22 @@ def find_stems(
         tall = high - low >= LEAST_EXTENT * (SLICE_HIGH - SLICE_LOW) * full
         if len(own) >= FEWEST_POINTS and tall and low <= REACHES_DOWN_TO * full:
             foot = own[height[own] <= low + 0.03 * full]
-            found.append(Stem(np.median(points[foot], axis=0), own))
+            found.append(Stem(_upright(points[foot], points[own], CELL * full), own))
     found.sort(key=lambda stem: -len(stem.rows))
     if labels is not None:
         found = _without_branches(found, labels)
     return _merge_close(found, SAME_STEM * full)
+
+
+def _upright(foot: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
+    """Middle of the foot's points (n, 3) around those with most others over them, (3,).
+
+    Low branches lie beside a stem; where they are many, the middle of all is theirs.
+    """
+    around = cKDTree(points[:, :2]).query_ball_point(foot[:, :2], reach, return_length=True)
+    most = 2 * around >= around.max()
+    off = np.linalg.norm(foot[:, :2] - np.median(foot[most, :2], axis=0), axis=1)
+    return np.median(foot[off <= max(2 * reach, off[most].max())], axis=0)
 
 
 def _height(points: np.ndarray, ground: np.ndarray) -> np.ndarray:
