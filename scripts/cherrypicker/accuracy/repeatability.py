@@ -14,7 +14,6 @@ from cherrypicker.accuracy.agreement import LIMITS_SD
 #: A trial shows a difference between two groups at this level, two-sided, with this power: the
 #: usual ones (Cohen 1988, Statistical Power Analysis for the Behavioral Sciences).
 LEVEL, POWER = 0.05, 0.8
-_FEWEST_TREES = 3  # whose spread is told
 
 
 @dataclass(frozen=True)
@@ -83,8 +82,8 @@ def _own_cv(differences: Sequence[float], means: Sequence[float]) -> float | Non
 
 
 def _between_cv(means: Sequence[float], within: float, mean: float) -> float | None:
-    """Spread of the trees less what the scans add to that of their means."""
-    if len(means) < _FEWEST_TREES or mean <= 0:
+    """Spread of the trees, three at least, less what the scans add to that of their means."""
+    if len(means) < 3 or mean <= 0:
         return None
     return math.sqrt(max(stdev(means) ** 2 - within**2 / 2, 0.0)) / mean
 

@@ -7,7 +7,7 @@ cylinder that goes on as far as its points do. Wood bends and thins over the len
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,10 @@ N_SLICES = 8
 # lie within 0.0008 of a line, those of the straightest limbs of two other trees 0.004 off and more
 # (2026-11-26)
 TAUT = 0.0015
+
+
+# Of a thin one's reach: stray points of a wire lie no farther off. Of 4,733 points of one 0.99 do
+HALO = 3.0
 
 
 @dataclass(frozen=True)
@@ -45,10 +49,19 @@ class Pole:
     def rows(self, points: np.ndarray) -> np.ndarray:
         """Rows of its points among others (n, 3), hidden stretches left out, along its way."""
         rows, way, aside = in_cylinder(points, self.middle, self.along, self.reach)
-        piece = _pieces(way, self.reach)
+        piece = _pieces(way, 2 * self.reach)
         ends = np.flatnonzero(np.diff(piece)) + 1
         level = np.array([np.median(each) for each in np.split(aside, ends) if len(each)])
         return rows[np.abs(level - self.level)[piece] <= self.slack]
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether it is thinner than its points are apart, which then show no surface."""
+        return self.slack == self.reach
+
+    def halo(self) -> Pole:
+        """The same with its stray points."""
+        return replace(self, reach=HALO * self.reach, slack=HALO * self.reach)
 
     def is_free(self, points: np.ndarray) -> bool:
         """Whether both of its ends are in the air: at neither are most of the points (n, 3) others.
@@ -92,7 +105,7 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
         inside = np.abs(way) <= length / 2
         if not _is_even(way[inside], aside[inside], max(EVEN * radius, spacing)):
             return None
-        piece = _pieces(way, reach)
+        piece = _pieces(way, max(2 * reach, length / 4))
         main = np.isin(piece, piece[inside])
         own, before, length = points[rows[main]], length, float(np.ptp(way[main]))
         middle = own.mean(axis=0)
@@ -104,16 +117,17 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
     even, straight = (max(share * radius, TAUT * length) for share in (EVEN, STRAIGHT))
     if not (_is_even(way[main], aside[main], even) and _is_straight(way[main], offset, straight)):
         return None
-    return Pole(middle, along, length, float(np.median(aside[main])), even, reach)
+    slack = even if radius > spacing else reach
+    return Pole(middle, along, length, float(np.median(aside[main])), slack, reach)
 
 
 def _reach(radius: float, spacing: float) -> float:
     return float(claim_radius(np.array([radius]), spacing)[0])
 
 
-def _pieces(way: np.ndarray, reach: float) -> np.ndarray:
-    """Piece of each place along a line, in order: gaps part them."""
-    return np.cumsum(np.diff(way, prepend=way[:1]) > 2 * reach)
+def _pieces(way: np.ndarray, gap: float) -> np.ndarray:
+    """Piece of each place along a line, in order: longer gaps part them."""
+    return np.cumsum(np.diff(way, prepend=way[:1]) > gap)
 
 
 def in_cylinder(

@@ -144,6 +144,7 @@ def post_rows(
         own = orchard.owner == stem
         rows = np.flatnonzero(own | is_thing)
         candidates, wood, poles = points[rows], points[entered], []
+        entered_tree = cKDTree(wood)
         of_post = np.bincount(limbs.member, is_said[entered], len(limbs.limbs))
         is_post = 2 * of_post > np.bincount(limbs.member, minlength=len(limbs.limbs))
         for number, limb in enumerate(limbs.limbs):
@@ -151,6 +152,10 @@ def post_rows(
             lying = rows[:0] if pole is None else rows[pole.rows(candidates)]
             if pole is not None and len(lying) and (stands(lying) or pole.is_free(wood)):
                 poles.append(lying)
+                if pole.is_thin:  # with those around it that the limb was grown from
+                    around = rows[pole.halo().rows(candidates)]
+                    grown = limbs.member[entered_tree.query(points[around])[1]]
+                    poles[-1] = np.union1d(lying, around[grown == number])
             elif is_post[number]:
                 poles.append(entered[limbs.member == number])
         if not poles:
