@@ -200,20 +200,20 @@ class _Growth:
             self.weight = np.minimum(count / count[around].mean(axis=1), 1.0)
         self.owner = np.full(len(points), -1, dtype=np.int64)
         self.limbs: list[Limb] = []
-        self.noises: list[tuple[float, int]] = []
-        self.togethers: list[tuple[float, int]] = []
+        self.noises, self.togethers = _Counted(), _Counted()
 
     @property
     def noise(self) -> float:
         """Median noise of the thick limbs so far, each counted by its points."""
-        if not self.noises:
-            return NOISE_SHARE * self.spacing
-        return max(_middle(self.noises), LEAST_NOISE * self.spacing)
+        known = self.noises.middle
+        floor = LEAST_NOISE * self.spacing
+        return NOISE_SHARE * self.spacing if known is None else max(known, floor)
 
     @property
     def together(self) -> float:
         """How many points tell as much as one, by the limbs so far."""
-        return _middle(self.togethers) if self.togethers else 1.0
+        known = self.togethers.middle
+        return 1.0 if known is None else known
 
     def add_round(self) -> bool:
         """Cut what no tube has claimed into rings, and make limbs of their chains; whether of any.
@@ -245,10 +245,11 @@ class _Growth:
 
     def add(self, run: np.ndarray) -> None:
         """Make a limb of a run of rings, if it is one, and let it claim its points."""
-        tube, parent = self._through_middles(run), self._owner_before(run[0])
         own = self.free(np.concatenate([self.forest.rows[ring] for ring in run]))
-        if tube is None or len(own) < LEAST_POINTS:
+        tube = self._through_middles(run) if len(own) >= LEAST_POINTS else None
+        if tube is None:
             return
+        parent = self._owner_before(run[0])
         tube = self._fitted(tube, own, parent)
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, self.spacing)
@@ -430,10 +431,10 @@ class _Growth:
         spread = robust_sigma(residual[near]) if near.any() else 0.0
         if spread > 0:
             if np.median(tube.radius) > SURE_RADIUS * self.noise:
-                self.noises.append((spread, int(np.count_nonzero(near))))
+                self.noises.add(spread, int(np.count_nonzero(near)))
             sure = np.abs(residual) < TUKEY * spread
             together = points_that_err_together(self.points[around][sure], residual[sure])
-            self.togethers.append((together, int(np.count_nonzero(sure))))
+            self.togethers.add(together, int(np.count_nonzero(sure)))
         return tube
 
     def _near(self, tube: Tube, margin: float, in_radii: float = 0.0) -> tuple[np.ndarray, Seen]:
@@ -474,10 +475,24 @@ class _Growth:
         return member
 
 
-def _middle(counted: list[tuple[float, int]]) -> float:
-    """Median of values, each with how often it counts."""
-    values, counts = np.array(sorted(counted)).T
-    return float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
+class _Counted:
+    """Values with how often each counts, and their median, None of none; asked far more than told."""
+
+    def __init__(self) -> None:
+        self._counted: list[tuple[float, int]] = []
+        self._middle: float | None = None
+
+    def add(self, value: float, count: int) -> None:
+        self._counted.append((value, count))
+        self._middle = None
+
+    @property
+    def middle(self) -> float | None:
+        if self._middle is None and self._counted:
+            values, counts = np.array(sorted(self._counted)).T
+            at = np.searchsorted(np.cumsum(counts), counts.sum() / 2)
+            self._middle = float(values[at])
+        return self._middle
 
 
 def _way_out(tube: Tube, parent: Tube) -> np.ndarray:
