@@ -476,7 +476,7 @@ class _Growth:
 
 
 class _Counted:
-    """Values with how often each counts, and their median, None of none; asked far more than told."""
+    """Values with how often each counts, and their median, kept until another comes."""
 
     def __init__(self) -> None:
         self._counted: list[tuple[float, int]] = []
