@@ -25,6 +25,7 @@ from cherrypicker.formats.table import FORMATS
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.progress import duration
 from cherrypicker.runner import SCHEMA_FILE
+from cherrypicker.traits.branches import branches_csv, read_branches
 from snakemake_logger_plugin_cherrypicker import SEPARATOR
 
 
@@ -184,6 +185,9 @@ def test_repeat_tells_how_far_two_scans_differ(work, capsys):
         traits = read_json(results / name / "traits.json") | {"height_m": height}
         traits["height_m_ci90"] = [height - 0.01, height + 0.01]
         write_json(results / name / "traits.json", traits)
+    rows = read_branches(results / "dusk/branches.csv")
+    rows[2]["length_m"] += 0.2
+    (results / "dusk/branches.csv").write_text(branches_csv(rows))
     assert main(["repeat", "noon", "dusk", "-d", str(work)]) == 0
     with (results / "repeat/repeat.csv").open(newline="") as stream:
         rows = {row["trait"]: row for row in csv.DictReader(stream)}
@@ -192,6 +196,7 @@ def test_repeat_tells_how_far_two_scans_differ(work, capsys):
     assert (rows["height_m"]["n_intervals"], rows["height_m"]["n_covered"]) == ("1", "0")
     assert float(rows["total_length_m"]["within_cv"]) == 0
     assert int(rows["branch_length_m"]["n_pairs"]) == 5
+    assert float(rows["branch_length_m"]["bias"]) == pytest.approx(0.2 / 5, rel=1e-3)
     assert int(rows["branch_angle_deg"]["n_pairs"]) == 4  # the stem hangs on nothing
     page = (results / "repeat/repeat.html").read_text()
     assert "noon, branch 2: " in page and "141.5 cm" in page

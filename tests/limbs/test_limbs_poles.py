@@ -76,6 +76,7 @@ def crown():
     """A stem, a shoot of even thickness on it, and a wire that passes both, with a piece hidden."""
     rng = np.random.default_rng(3)
     wire = _surface(rng, (-1.2, 0.03, 1.0), (1.4, 0.06, 1.01), 0.001, 0.001, 6000)
+    wire[:, 2] -= 0.002 * (1 - ((wire[:, 0] - 0.1) / 1.3) ** 2)  # it sags
     wire = wire[(wire[:, 0] < 0.5) | (wire[:, 0] > 0.7)]
     stem = _surface(rng, (0, 0, 0), (0.02, 0, 2), 0.03, 0.012, 12_000)
     shoot = _surface(rng, (0.02, 0, 1.2), (0.2, 0.9, 1.7), 0.003, 0.003, 3000)
