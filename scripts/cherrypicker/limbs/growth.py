@@ -250,6 +250,8 @@ class _Growth:
         if tube is None:
             return
         parent = self._owner_before(run[0])
+        if parent >= 0 and _outside(tube, self._claim(self.limbs[parent].tube)) is None:
+            return  # within what its parent claims no fit tells a limb
         tube = self._fitted(tube, own, parent)
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, self.spacing)
