@@ -115,13 +115,16 @@ def find_stems(
 
 
 def _upright(foot: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
-    """Middle of the foot's points (n, 3) around those with most others over them, (3,).
+    """Middle of the foot's points (n, 3), (3,), of those around which most others stand over them.
 
     Low branches lie beside a stem; where they are many, the middle of all is theirs.
     """
     around = cKDTree(points[:, :2]).query_ball_point(foot[:, :2], reach, return_length=True)
     most = 2 * around >= around.max()
-    off = np.linalg.norm(foot[:, :2] - np.median(foot[most, :2], axis=0), axis=1)
+    upright, middle = np.median(foot[most, :2], axis=0), np.median(foot, axis=0)
+    if np.linalg.norm(middle[:2] - upright) <= reach:  # it is on the stem
+        return middle
+    off = np.linalg.norm(foot[:, :2] - upright, axis=1)
     return np.median(foot[off <= max(2 * reach, off[most].max())], axis=0)
 
 
