@@ -20,7 +20,7 @@ from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
-from cherrypicker.limbs.poles import find_pole, in_cylinder
+from cherrypicker.limbs.poles import Pole, find_pole, in_cylinder
 from cherrypicker.limbs.tubes import claim_radius, stretch
 from cherrypicker.segmentation.things import STANDS_M, THINGS
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
@@ -133,6 +133,7 @@ def post_rows(
     found, is_thing = np.zeros(len(points), bool), np.isin(labels, THINGS) & ~known
     is_said, is_wood = labels == Label.SUPPORT_POST, wood_mask(labels)
     ground = points[labels == Label.GROUND]
+    anything = np.flatnonzero(is_wood | is_said | is_thing)
 
     def stands(rows: np.ndarray) -> bool:
         foot = points[rows[points[rows, 2].argmin()]]
@@ -143,21 +144,27 @@ def post_rows(
             continue
         own = orchard.owner == stem
         rows = np.flatnonzero(own | is_thing)
-        candidates, wood, poles = points[rows], points[entered], []
-        entered_tree = cKDTree(wood)
+        candidates, wood = points[rows], points[entered]
+        poles: list[np.ndarray] = []
+        hanging: list[tuple[int, Pole]] = []
         of_post = np.bincount(limbs.member, is_said[entered], len(limbs.limbs))
         is_post = 2 * of_post > np.bincount(limbs.member, minlength=len(limbs.limbs))
         for number, limb in enumerate(limbs.limbs):
             pole = find_pole(wood, limb.tube, limbs.spacing)
             lying = rows[:0] if pole is None else rows[pole.rows(candidates)]
-            if pole is not None and len(lying) and (stands(lying) or pole.is_free(wood)):
+            if len(lying) and stands(lying):
                 poles.append(lying)
-                if pole.is_thin:  # with those around it that the limb was grown from
-                    around = rows[pole.halo().rows(candidates)]
-                    grown = limbs.member[entered_tree.query(points[around])[1]]
-                    poles[-1] = np.union1d(lying, around[grown == number])
             elif is_post[number]:
                 poles.append(entered[limbs.member == number])
+            elif pole is not None:
+                hanging.append((number, pole))
+        is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *poles]))
+        for number, pole in hanging:  # a wire may end at a post, and hang on its stem as well
+            if pole.is_free(wood[is_wood_left]):
+                around = anything[pole.halo().rows(points[anything])]
+                grown = limbs.member[cKDTree(wood).query(points[around])[1]]
+                lying = anything[pole.rows(points[anything])]
+                poles.append(np.union1d(lying, around[grown == number]))
         if not poles:
             continue
         left = own & is_wood
