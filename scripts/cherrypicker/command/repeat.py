@@ -49,7 +49,7 @@ def main(arguments: Sequence[str]) -> int:
     fields = [{"name": name, "type": kinds.get(name, "number")} for name in COLUMNS]
     output.mkdir(parents=True, exist_ok=True)
     write_text(output / "repeat.csv", csv_text(fields, rows))
-    write_text(output / "repeat.html", repeat_page(scans, joined, share))
+    write_text(output / "repeat.html", repeat_page(scans, joined, rows, share))
     for row in rows:
         cv = "" if row["within_cv"] is None else f"{100 * row['within_cv']:6.2f} %"
         print(f"{row['trait']:26s} {row['n_pairs']:5d} pairs, CV of a scan {cv}")

@@ -250,7 +250,7 @@ class _Growth:
         if tube is None:
             return
         parent = self._owner_before(run[0])
-        if parent >= 0 and _outside(tube, self._claim(self.limbs[parent].tube)) is None:
+        if parent >= 0 and not self._ends_beyond_claim(tube, self.limbs[parent].tube):
             return  # within what its parent claims no fit tells a limb
         tube = self._fitted(tube, own, parent)
         if parent >= 0:
@@ -351,6 +351,10 @@ class _Growth:
         self.limbs, n_before = kept, len(self.limbs)
         return len(kept) < n_before
 
+    def _ends_beyond_claim(self, tube: Tube, parent: Tube) -> bool:
+        """Whether a limb ends beyond what its parent claims."""
+        return _outside(tube, self._claim(parent)) is not None
+
     def _claim(self, tube: Tube) -> Tube:
         """The tube about a limb in which it claims all points."""
         return Tube(tube.nodes, claim_radius(tube.radius, self.spacing))
@@ -373,7 +377,7 @@ class _Growth:
 
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
         """Whether a limb's points tell it from noise and bumps of its parent."""
-        return _outside(tube, self._claim(parent)) is not None and tell_limb(
+        return self._ends_beyond_claim(tube, parent) and tell_limb(
             self.points[rows],
             tube,
             parent,

@@ -25,8 +25,6 @@ N_SLICES = 8
 # lie within 0.0008 of a line, those of the straightest limbs of two other trees 0.004 off and more
 # (2026-11-26)
 TAUT = 0.0015
-
-
 # Of a thin one's reach: stray points of a wire lie no farther off. Of 4,733 points of one 0.99 do,
 # of one seen from farther away three quarters (6 finds no more of it, 2026-11-26)
 HALO = 3.0
@@ -37,7 +35,8 @@ class Pole:
     """A cylinder: its middle and direction (3,), length and radius.
 
     ``level`` is the median distance of its points from its axis, which other pieces of it have to
-    within ``slack``; ``reach`` how far its points lie off at most.
+    within ``slack``; ``reach`` how far its points lie off at most. The slack of one that is thinner
+    than its points are apart, which show no surface of it, is all of its reach.
     """
 
     middle: np.ndarray
@@ -69,10 +68,8 @@ class Pole:
             return False
         way = (points - self.middle) @ self.along
         for end in (way[own].min(), way[own].max()):
-            near = np.abs(way - end) <= 2 * self.reach
-            near &= (
-                np.linalg.norm(points - self.middle - end * self.along, axis=1) <= self.reach * 3
-            )
+            away = np.linalg.norm(points - self.middle - end * self.along, axis=1)
+            near = (np.abs(way - end) <= 2 * self.reach) & (away <= HALO * self.reach)
             if 2 * np.count_nonzero(near[own]) < np.count_nonzero(near):
                 return False
         return True

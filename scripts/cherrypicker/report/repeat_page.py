@@ -49,7 +49,10 @@ def _n_trees(quantity: Quantity, item: Repeatability, difference: float) -> int 
 
 
 def repeat_page(
-    scans: Sequence[tuple[str, str]], pairs: Mapping[str, Sequence[Pair]], difference: float
+    scans: Sequence[tuple[str, str]],
+    pairs: Mapping[str, Sequence[Pair]],
+    rows: Sequence[dict],
+    difference: float,
 ) -> str:
     """Render the page.
 
@@ -59,13 +62,14 @@ def repeat_page(
         The two scans of each tree.
     pairs, difference
         As of `repeat_rows`.
+    rows : sequence of dict
+        What it made of them.
 
     Returns
     -------
     str
         HTML that needs no network; all text from data is escaped.
     """
-    rows = repeat_rows(pairs, difference)
     page = page_template("repeat.html.j2").render(
         scans=scans,
         difference=f"{100 * difference:g} %",

@@ -134,6 +134,7 @@ def post_rows(
     is_said, is_wood = labels == Label.SUPPORT_POST, wood_mask(labels)
     ground = points[labels == Label.GROUND]
     anything = np.flatnonzero(is_wood | is_said | is_thing)
+    everywhere = points[anything]
 
     def stands(rows: np.ndarray) -> bool:
         foot = points[rows[points[rows, 2].argmin()]]
@@ -159,11 +160,12 @@ def post_rows(
             elif pole is not None:
                 hanging.append((number, pole))
         is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *poles]))
+        tree = cKDTree(wood)
         for number, pole in hanging:  # a wire may end at a post, and hang on its stem as well
             if pole.is_free(wood[is_wood_left]):
-                around = anything[pole.halo().rows(points[anything])]
-                grown = limbs.member[cKDTree(wood).query(points[around])[1]]
-                lying = anything[pole.rows(points[anything])]
+                around = anything[pole.halo().rows(everywhere)]
+                grown = limbs.member[tree.query(points[around])[1]]
+                lying = anything[pole.rows(everywhere)]
                 poles.append(np.union1d(lying, around[grown == number]))
         if not poles:
             continue

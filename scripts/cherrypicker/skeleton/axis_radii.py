@@ -22,7 +22,9 @@ FEWEST_POINTS = 5  # of which a circle is judged: two more than it has numbers
 # How far along the axis, each way, a node's points are taken from: in radii, and in edges at least;
 # guesses
 REACH, LEAST_EDGES = 1.5, 1.5
-SAMPLES = 4  # an edge: the nearest one is found among these
+# An edge: the nearest one is found among these. The radii of two skeletons are as by the edges
+# themselves (2026-11-26)
+SAMPLES = 4
 OFF_AXIS = 0.5  # of the points' distance: what the axis is off by, one standard deviation; a guess
 ARC_SECTORS = 24  # that the covered arc is counted in: steps of 15 degrees
 LEAST_RADIUS_M = 0.001  # of a tree of which no point tells any; a guess
