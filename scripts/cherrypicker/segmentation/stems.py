@@ -96,9 +96,7 @@ def label_wood(
         follow_down(free_points, limbs, ground, stem_gap_m)
         tubes = _joined(limbs)
         own = np.flatnonzero(is_wood & (orchard.owner == stem))
-        is_trunk = _is_trunk(points[orchard.entered[stem]], tubes)
-        nearest = cKDTree(points[orchard.entered[stem]]).query(points[own], workers=1)[1]
-        result[own] = np.where(is_trunk[nearest], Label.TRUNK, Label.BRANCH)
+        result[own] = np.where(_nearest_surface(points[own], tubes)[0], Label.TRUNK, Label.BRANCH)
         inside, in_trunk = claimed_by(tubes, free_points)
         keep = in_trunk | ~is_ground[free[inside]]  # twigs hang into grass
         claimed, in_trunk = free[inside[keep]], in_trunk[keep]
@@ -193,20 +191,21 @@ def claimed_by(tubes: _Tubes, points: np.ndarray) -> tuple[np.ndarray, np.ndarra
     low = (tubes.nodes - reach[:, None]).min(axis=0)
     high = (tubes.nodes + reach[:, None]).max(axis=0)
     rows = rows_in_box(points, low, high)
-    tree, far = cKDTree(tubes.nodes), np.nextafter(reach.max(), np.inf)
-    off, nearest = tree.query(points[rows], distance_upper_bound=far, workers=1)
-    inside = off <= np.append(reach, -1.0)[nearest]  # none is as near as the widest tube reaches
-    return rows[inside], tubes.on_trunk[nearest[inside]]
+    is_trunk, is_inside = _nearest_surface(points[rows], tubes)
+    return rows[is_inside], is_trunk[is_inside]
 
 
-def _is_trunk(entered: np.ndarray, tubes: _Tubes) -> np.ndarray:
-    """Which of the points that limbs were grown from lie on the trunk."""
-    result, on_trunk = np.zeros(len(entered), bool), tubes.on_trunk
-    for number in np.unique(tubes.limb[tubes.trunk]):
-        own = np.flatnonzero(tubes.limb == number)
-        near = np.flatnonzero(tubes.limbs.member == number)
-        result[near] = on_trunk[own][cKDTree(tubes.nodes[own]).query(entered[near])[1]]
-    return result
+def _nearest_surface(points: np.ndarray, tubes: _Tubes) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the nearest surface to each point (n, 3) is the trunk's, and whether it claims it."""
+    off, claimed = np.full((2, len(points)), np.inf), np.zeros((2, len(points)), bool)
+    reach = claim_radius(tubes.radius, tubes.limbs.spacing)
+    for which, nodes in enumerate([np.flatnonzero(~tubes.on_trunk), tubes.trunk]):
+        if not len(nodes):
+            continue
+        away, nearest = cKDTree(tubes.nodes[nodes]).query(points, workers=1)
+        off[which] = np.abs(away - tubes.radius[nodes][nearest])
+        claimed[which] = away <= reach[nodes][nearest]
+    return off[1] <= off[0], claimed.any(axis=0)
 
 
 def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m: float) -> None:
