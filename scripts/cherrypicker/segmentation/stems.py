@@ -199,13 +199,13 @@ def _nearest_surface(points: np.ndarray, tubes: _Tubes) -> tuple[np.ndarray, np.
     """Whether the nearest surface to each point (n, 3) is the trunk's, and whether it claims it."""
     off, claimed = np.full((2, len(points)), np.inf), np.zeros((2, len(points)), bool)
     reach = claim_radius(tubes.radius, tubes.limbs.spacing)
+    far = np.nextafter(reach.max(), np.inf)
     for which, nodes in enumerate([np.flatnonzero(~tubes.on_trunk), tubes.trunk]):
-        if not len(nodes):
-            continue
-        away, nearest = cKDTree(tubes.nodes[nodes]).query(points, workers=1)
-        off[which] = np.abs(away - tubes.radius[nodes][nearest])
-        claimed[which] = away <= reach[nodes][nearest]
-    return off[1] <= off[0], claimed.any(axis=0)
+        tree = cKDTree(tubes.nodes[nodes])
+        away, nearest = tree.query(points, distance_upper_bound=far, workers=1)
+        off[which] = np.abs(away - np.append(tubes.radius[nodes], 0.0)[nearest])
+        claimed[which] = away <= np.append(reach[nodes], -1.0)[nearest]  # none is near
+    return off[1] < off[0], claimed.any(axis=0)
 
 
 def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m: float) -> None:
