@@ -16,7 +16,7 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device, save_weights
 from cherrypicker.segmentation.inference import Sampling
 from cherrypicker_lab.training.segmentation.scans import load_scans
-from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, SceneFolders, load_samples
+from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, FreshScenes, load_samples
 from cherrypicker_lab.training.segmentation.schedule import Schedule
 from cherrypicker_lab.training.segmentation.training import measure, train
 
@@ -25,8 +25,9 @@ def main(
     weights,
     metrics,
     workspace,
-    scenes=(),
+    trees=(),
     *,
+    fresh: bool = False,
     n_scenes: int = 100,
     n_held_out: int = 10,
     scene_points: int = 250_000,
@@ -54,8 +55,8 @@ def main(
     folder = Path(workspace)
     first = schedule.seed * n_scenes
     labelled = load_scans(scans) if scans else []
-    if scenes:
-        samples = SceneFolders(scenes, labelled)
+    if fresh:
+        samples = FreshScenes(first, n_scenes, scene_points, skeletons=trees, more=labelled)
     else:
         samples = load_samples(range(first, first + n_scenes), folder / "scenes", scene_points)
         samples += labelled
@@ -82,9 +83,7 @@ def main(
             "schedule": asdict(schedule),
             "sampling": asdict(sampling),
             "network": network.settings,
-            "training_scenes": [Path(f).name for f in samples.files]
-            if scenes
-            else [first, first + n_scenes - 1],
+            "training_scenes": [first, first + n_scenes * (done["epoch"] if fresh else 1) - 1],
             "labelled_scans": len(labelled),
             "held_out_seeds": held_out_seeds,
             "history": history,
@@ -98,6 +97,9 @@ parser.add_argument("--weights", required=True, help="weights to write")
 parser.add_argument("--metrics", required=True, help="JSON of schedule and measures to write")
 parser.add_argument("--workspace", required=True, help="folder of the scenes and the checkpoint")
 parser.add_argument(
-    "--scenes", nargs="*", default=(), help="folders of scenes to train on, which may be growing"
+    "--trees",
+    nargs="*",
+    default=(),
+    help="skeletons of trees from elsewhere, for --fresh: CSV id,parent,x,y,z,radius, m",
 )
 run(main, parser, globals().get("snakemake"))

@@ -6,10 +6,8 @@ import pytest
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
-from cherrypicker_lab.training.segmentation.augment import Sample
 from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
 from cherrypicker_lab.training.segmentation.scans import load_scans
-from cherrypicker_lab.training.segmentation.scenes import SceneFolders, _save
 from cherrypicker_lab.training.segmentation.training import IGNORED, network_labels
 
 FAR = np.array([4.5e5, 5.2e6, 300.0])  # map coordinates
@@ -42,17 +40,6 @@ def test_scans_keep_their_shape_colours_and_labels(tmp_path):
     assert first.trees.tolist() == [255, 0, 0, 255, 255, 255]
     targets = network_labels(first.labels)
     assert targets[3] == Label.SUPPORT_POST.channel and targets[4] == IGNORED
-
-
-def test_scans_come_after_the_scenes_of_the_folders(tmp_path):
-    _scan(tmp_path / "a.ply", np.array([0, 1, 2], np.uint8))
-    scans = load_scans(_table(tmp_path, "a.ply"))
-    empty = Sample(np.zeros((4, 3), np.float32), np.zeros((4, 3), np.uint8),
-                   np.zeros(4, np.uint8), np.zeros(4, np.uint8))  # fmt: skip
-    _save(tmp_path / "scene_1.npz", empty)
-    both = SceneFolders([tmp_path], scans)
-    assert [len(sample.points) for sample in both] == [4, 3]
-    assert len(SceneFolders([], scans)) == 1
 
 
 @pytest.mark.parametrize(

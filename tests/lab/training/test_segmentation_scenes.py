@@ -1,7 +1,4 @@
-"""Training scenes: things that pass for one another, and folders of scenes that grow."""
-
-import importlib.util
-from pathlib import Path
+"""Training scenes: things that pass for one another, and fresh scenes in every epoch."""
 
 import numpy as np
 import pytest
@@ -12,7 +9,6 @@ from cherrypicker_lab.orchard.grow.templates import BEARING
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.training.segmentation import props as things
 from cherrypicker_lab.training.segmentation import scenes
-from cherrypicker_lab.training.segmentation.augment import Sample
 
 
 @pytest.fixture(scope="module")
@@ -91,30 +87,43 @@ def test_equal_seeds_give_equal_scenes_and_files_are_kept(tmp_path):
     stamp = file.stat().st_mtime_ns
     assert scenes.make_scenes([7], tmp_path, 4000, things="confusable") == [file]
     assert file.stat().st_mtime_ns == stamp
-    kept = scenes.SceneFolders([tmp_path])
-    assert np.abs(kept[0].points - first.points).max() <= scenes.QUANTUM_M
-    assert np.array_equal(kept[0].labels, first.labels)
+    [kept] = scenes.load_samples([7], tmp_path, 4000, things="confusable")
+    assert np.abs(kept.points - first.points).max() <= scenes.QUANTUM_M
+    assert np.array_equal(kept.labels, first.labels)
 
 
-def test_folders_are_looked_through_again(tmp_path):
-    sample = Sample(
-        np.zeros((5, 3), np.float32),
-        np.zeros((5, 3), np.uint8),
-        np.zeros(5, np.uint8),
-        np.zeros(5, np.uint8),
+@pytest.fixture
+def drawn(monkeypatch):
+    """What was asked for, seed and kind, in place of scenes."""
+    asked = []
+    monkeypatch.setattr(
+        scenes, "make_sample", lambda seed, _, *, things, skeletons: asked.append((seed, things))
     )
-    scenes._save(tmp_path / "scene_1.npz", sample)
-    folders = scenes.SceneFolders([tmp_path])
-    scenes._save(tmp_path / "scene_0.npz", sample)
-    assert len(folders) == 1
-    folders.refresh()
-    assert [file.name for file in folders.files] == ["scene_0.npz", "scene_1.npz"]
+    return asked
 
 
-def test_held_out_seeds_cannot_be_made_to_train_on(tmp_path):
-    path = Path(__file__).parents[3] / "scripts/lab/make_training_scenes.py"
-    spec = importlib.util.spec_from_file_location("make_training_scenes", path)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+def test_every_epoch_has_fresh_scenes_of_all_kinds(drawn):
+    fresh = scenes.FreshScenes(1000, 200, skeletons=["tree.csv"], more=["a scan"])
+    assert len(fresh) == 201 and fresh[200] == "a scan"
+    for epoch in (0, 3):
+        fresh.begin(epoch)
+        for number in range(200):
+            fresh[number]
+    assert [seed for seed, _ in drawn] == [*range(1000, 1200), *range(1600, 1800)]
+    shares = {kind: np.mean([things == kind for _, things in drawn]) for kind in scenes.SHARES}
+    assert shares == pytest.approx(scenes.SHARES, abs=0.06)
+
+
+def test_without_trees_from_elsewhere_there_are_no_such_scenes(drawn):
+    fresh = scenes.FreshScenes(0, 50)
+    for number in range(50):
+        fresh[number]
+    assert {things for _, things in drawn} == {*scenes.SHARES} - {"elsewhere"}
+
+
+def test_held_out_seeds_cannot_be_trained_on():
     with pytest.raises(StageError, match="training seeds are 0 to 899999"):
-        script.main(tmp_path, first_seed=899_999, n_scenes=2, scene_points=1000, things="common")
+        scenes.FreshScenes(899_999, 2)
+    fresh = scenes.FreshScenes(899_900, 60)
+    with pytest.raises(StageError, match="epoch 2 asks for 60 from 899960"):
+        fresh.begin(1)

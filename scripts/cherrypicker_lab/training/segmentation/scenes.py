@@ -36,6 +36,8 @@ FILLED = {
     "elsewhere": (hard_things, add_hard),  # and trees of other people's skeletons
 }
 THINGS = ("common", *FILLED)
+# Of the scenes that the shipped weights were trained on last (taste: random things vary most)
+SHARES = {"common": 0.15, "confusable": 0.15, "random": 0.3, "hard": 0.2, "elsewhere": 0.2}
 # clouds reach so far at most
 EXTENT_M = {"common": 3.2, "confusable": 3.2, "random": 4.5, "hard": 3.5, "elsewhere": 3.5}
 QUANTUM_M = 0.00025  # resolution of the coordinates in the cache; they reach 8 m
@@ -184,30 +186,53 @@ def load_samples(seeds, cache, n_points=250_000, **options):
     return samples
 
 
-class SceneFolders:
-    """Scenes kept as `load_samples` keeps them, read from disk one at a time.
+class FreshScenes:
+    """Scenes that are made as they are asked for: in each epoch new ones, kept nowhere.
 
     Parameters
     ----------
-    folders : sequence of str or Path
+    first_seed : int
+    n_scenes : int
+        Of an epoch.
+    n_points : int
+        As `make_sample`.
+    skeletons : sequence of path-like
+        Files of the trees from elsewhere; without one there are no such scenes.
     more : list of Sample
-        Clouds that come after those of the folders.
+        Clouds that come after those of each epoch.
+
+    Raises
+    ------
+    StageError
+        The first epoch would reach the held-out seeds; `begin` raises it for the later ones.
     """
 
-    def __init__(self, folders, more=()):
-        self.folders, self.more = [Path(folder) for folder in folders], list(more)
-        self.refresh()
+    def __init__(self, first_seed, n_scenes, n_points=250_000, *, skeletons=(), more=()):
+        self.first_seed, self.n_scenes, self.n_points = first_seed, n_scenes, n_points
+        self.skeletons, self.more = sorted(skeletons), list(more)
+        self.begin(0)
 
-    def refresh(self):
-        """Look which scenes are there by now."""
-        self.files = sorted(file for folder in self.folders for file in folder.glob("scene_*.npz"))
+    def begin(self, epoch):
+        """Take the seeds of an epoch."""
+        self.seed = self.first_seed + epoch * self.n_scenes
+        if self.first_seed < 0 or self.seed + self.n_scenes > HELD_OUT_SEED:
+            raise StageError(
+                f"training seeds are 0 to {HELD_OUT_SEED - 1}, epoch {epoch + 1} asks for "
+                f"{self.n_scenes} from {self.seed}",
+                key="train_segment.n_scenes",
+            )
 
     def __len__(self):
-        return len(self.files) + len(self.more)
+        return self.n_scenes + len(self.more)
 
     def __getitem__(self, number):
-        n_files = len(self.files)
-        return _load(self.files[number]) if number < n_files else self.more[number - n_files]
+        if number >= self.n_scenes:
+            return self.more[number - self.n_scenes]
+        seed = self.seed + number
+        kinds = [kind for kind in SHARES if kind != "elsewhere" or self.skeletons]
+        shares = np.array([SHARES[kind] for kind in kinds])
+        things = str(np.random.default_rng([seed, 78]).choice(kinds, p=shares / shares.sum()))
+        return make_sample(seed, self.n_points, things=things, skeletons=self.skeletons)
 
 
 def _save(path, sample):

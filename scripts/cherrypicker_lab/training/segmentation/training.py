@@ -31,6 +31,7 @@ from cherrypicker.segmentation.spheres import (
 from cherrypicker_lab.training.segmentation.augment import augment
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, score_table, scores
 from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
+from cherrypicker_lab.training.segmentation.scenes import FreshScenes
 
 logger = logging.getLogger(__name__)
 
@@ -217,10 +218,15 @@ class _Run:
             self.average.load_state_dict(content["average"])
         self.n_batches, self.history = content["n_batches"], content["history"]
 
-    def kept(self):
-        """The network to keep, on the CPU and in evaluation mode."""
+    def kept(self, start, start_share):
+        """The network to keep, on the CPU, in evaluation mode; of `start` it has a share."""
         network = self.network if self.average is None else self.average.module
-        return network.cpu().eval()
+        network = network.cpu().eval()
+        with torch.no_grad():
+            for name, value in network.state_dict().items():
+                if value.is_floating_point():
+                    value.lerp_(start[name], start_share)
+        return network
 
 
 def _train_epoch(run, samples, sampling, schedule, epoch, weights, device, began):
@@ -325,8 +331,7 @@ def train(
 
     Parameters
     ----------
-    samples : list of cherrypicker_lab.training.segmentation.augment.Sample, or SceneFolders
-        Folders are looked through again before every epoch: they may grow.
+    samples : list of cherrypicker_lab.training.segmentation.augment.Sample, or FreshScenes
     schedule : Schedule
     sampling : Sampling
     checkpoint : str or Path
@@ -353,13 +358,13 @@ def train(
         raise StageError("there are no training clouds", key="train_segment.n_scenes")
     torch.manual_seed(schedule.seed)
     network = widened(load_weights(start)[0]) if start else Dgcnn(**(network_settings or {}))
+    begun_from = {name: value.clone() for name, value in network.state_dict().items()}
     run = _Run(network, schedule, device)
-    grows = hasattr(samples, "refresh")
     settings = {
         "network": network.settings,
         "schedule": asdict(schedule),
         "sampling": asdict(sampling),
-        "n_samples": None if grows else len(samples),
+        "n_samples": len(samples),
     }
     content = _load_checkpoint(checkpoint, settings)
     if content is not None:
@@ -370,8 +375,8 @@ def train(
     with Progress(schedule.epochs, "epochs") as bar:
         bar.step(len(run.history))
         for epoch in range(len(run.history), schedule.epochs):
-            if grows:
-                samples.refresh()
+            if isinstance(samples, FreshScenes):
+                samples.begin(epoch)
             loss, accuracy = _train_epoch(
                 run, samples, sampling, schedule, epoch, weights, device, began
             )
@@ -387,7 +392,7 @@ def train(
             bar.step()
             if schedule.minutes is not None and seconds >= 60 * schedule.minutes:
                 break
-    return run.kept(), run.history
+    return run.kept(begun_from, schedule.start_share if start else 0.0), run.history
 
 
 def measure(network, held_out, sampling, *, device="cpu"):
