@@ -205,7 +205,7 @@ def _nearest_surface(points: np.ndarray, tubes: _Tubes) -> tuple[np.ndarray, np.
         away, nearest = tree.query(points, distance_upper_bound=far, workers=1)
         off[which] = np.abs(away - np.append(tubes.radius[nodes], 0.0)[nearest])
         claimed[which] = away <= np.append(reach[nodes], -1.0)[nearest]  # none is near
-    return off[1] < off[0], claimed.any(axis=0)
+    return off[1] < off[0], claimed[0] | claimed[1]
 
 
 def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m: float) -> None:
