@@ -1,6 +1,7 @@
 """The report page and its figures, for a ready cloud and for a scan from photos."""
 
 import base64
+import gzip
 import json
 import re
 from html.parser import HTMLParser
@@ -306,7 +307,7 @@ def test_side_views_hold_every_point():
 
 
 def array(text, kind):
-    return np.frombuffer(base64.b64decode(text), kind)
+    return np.frombuffer(gzip.decompress(base64.b64decode(text)), kind)
 
 
 def test_viewer_data_is_what_was_given():
@@ -317,8 +318,22 @@ def test_viewer_data_is_what_was_given():
     points = array(shown["points"], "<f4").reshape(-1, 3) + data["origin"]
     np.testing.assert_allclose(points, skeleton.points, atol=1e-6)
     assert array(shown["parent"], "<i4").tolist() == skeleton.parent.tolist()
-    assert len(array(data["cloud"]["positions"], "<u2")) == 1500
+    assert len(array(data["cloud"]["positions"], "u1")) == 6 * 500
     assert [branch["order"] for branch in shown["branches"]] == [0, 1, 1]
+
+
+def test_the_first_points_are_a_sample_of_all(monkeypatch):
+    skeleton, n_first = y_skeleton(), 300
+    cloud = scan(skeleton)
+    monkeypatch.setattr("cherrypicker.report.viewer._N_FIRST", n_first)
+    shown = viewer_data([ShownSkeleton(skeleton)], cloud, n_points=len(cloud))["cloud"]
+    steps = array(shown["positions"], "u1").reshape(3, 2, -1).astype(int)
+    places = (steps[:, 0] + 256 * steps[:, 1]).T / 65535 * shown["span"]
+    assert shown["first"] == n_first < len(places) == len(cloud)
+    spread = np.ptp(cloud.points, axis=0)
+    np.testing.assert_allclose(np.ptp(places[:n_first], axis=0), spread, rtol=0.1)
+    for part in (steps[:, 1, :n_first], steps[:, 1, n_first:]):
+        assert (np.diff(np.array([1, 256, 65536]) @ part) >= 0).all()  # by cells
 
 
 def test_a_place_far_from_the_origin_keeps_its_decimals():

@@ -4,6 +4,8 @@ The tree of the page is a stem with arms in the plane y = 0, seen along y, so th
 place.
 """
 
+import base64
+import io
 import json
 from types import SimpleNamespace
 
@@ -396,6 +398,56 @@ def test_a_page_of_its_own_shows_two_skeletons(opened, spoilt, true, tmp_path):
     view.click([0.35, 0, 0.704])
     assert not view.page.locator("[data-part=branch]").is_visible()
     assert not view.page.locator("input[value=edit]").is_visible()
+
+
+@pytest.mark.parametrize("show", ["cloud,skeleton", "cloud,skeleton,thick&clip=z,0.8,0&hidden=0"])
+def test_a_graphics_card_draws_the_same_picture(opened, spoilt_page, show):
+    pictures = {}
+    for draw, name in (("canvas", "Raster"), ("gl", "GlRaster")):
+        view = opened(spoilt_page, f"{FRONT}&branch=1&show={show}&draw={draw}")
+        view.settle()
+        assert view.ask("v.scene.raster.constructor.name") == name
+        url = view.ask("v.scene.draw() ?? v.scene.canvas.toDataURL()")
+        image = Image.open(io.BytesIO(base64.b64decode(url.split(",")[1])))
+        pictures[name] = np.asarray(image.convert("RGB")).astype(int)
+    is_drawn = (pictures["Raster"] != pictures["Raster"][0, 0]).any(axis=2)
+    off = np.abs(pictures["GlRaster"] - pictures["Raster"]).max(axis=2)
+    assert is_drawn.sum() > 5000
+    assert (off > 2).sum() < 0.005 * is_drawn.sum()  # rounded in 32 bits
+    view.click([0, 0, 0.7])
+    assert picked(view) == ["0"] and "draw=gl" in view.page.url
+
+
+@pytest.mark.parametrize(
+    ("renderer", "name"),
+    [
+        ("ANGLE (NVIDIA, NVIDIA GeForce RTX 3060 Direct3D11 vs_5_0 ps_5_0, D3D11)", "GlRaster"),
+        ("ANGLE (Mesa, llvmpipe (LLVM 15.0.6 256 bits), OpenGL 4.5)", "Raster"),
+        ("ANGLE (Microsoft, Microsoft Basic Render Driver Direct3D11 vs_5_0, D3D11)", "Raster"),
+        (None, "Raster"),  # as this browser says, SwiftShader
+    ],
+)
+def test_webgl_draws_where_the_browser_names_hardware(opened, spoilt_page, renderer, name):
+    if renderer:
+        tell = f"WebGL2RenderingContext.prototype.getParameter = () => {json.dumps(renderer)};"
+        opened.context.add_init_script(tell)
+    view = opened(spoilt_page)
+    assert view.ask("v.scene.raster.constructor.name") == name
+
+
+def test_the_canvas_goes_on_with_fewer_points_where_the_card_is_lost(
+    opened, spoilt, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("cherrypicker.report.viewer._N_FIRST", 1000)
+    view = opened(render(spoilt, tmp_path), f"{FRONT}&draw=gl")
+    state = "[v.scene.raster.constructor.name, v.scene.pointColors.length]"
+    assert view.ask(state) == ["GlRaster", 3000]
+    view.ask("v.scene.raster.gl.getExtension('WEBGL_lose_context').loseContext()")
+    view.page.wait_for_function("window.cherrypicker.viewer.scene.raster.pixels")
+    assert view.ask(state) == ["Raster", 1000]
+    view.page.locator("[name=show-skeleton]").uncheck()
+    view.click([0, 0, 0.7])
+    assert picked(view) == ["0"]
 
 
 @pytest.mark.slow

@@ -46,7 +46,7 @@ _FILES = (
 class ReportOptions:
     """How much a page shows; the fields are the config keys of ``report``."""
 
-    viewer_points: int = 150_000
+    viewer_points: int = 300_000
     figure_width_px: int = 1400
     n_examples: int = 3
 

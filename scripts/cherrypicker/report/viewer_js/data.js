@@ -1,41 +1,47 @@
 // What the page carries as text, as typed arrays. Places are relative to `origin`.
 
-export function loadData(raw) {
-  const data = { ...raw, skeletons: raw.skeletons.map(loadSkeleton) };
-  data.cloud = raw.cloud ? loadCloud(raw.cloud) : null;
+export async function loadData(raw) {
+  const data = { ...raw, skeletons: await Promise.all(raw.skeletons.map(loadSkeleton)) };
+  data.cloud = raw.cloud ? await loadCloud(raw.cloud) : null;
   return data;
 }
 
-function unpack(text, Kind) {
+async function unpack(text, Kind) {
   const letters = atob(text), bytes = new Uint8Array(letters.length);
   for (let i = 0; i < letters.length; i++) bytes[i] = letters.charCodeAt(i);
-  return new Kind(bytes.buffer);
+  const unzipped = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Kind(await new Response(unzipped).arrayBuffer());
 }
 
-function loadCloud(raw) {
-  const steps = unpack(raw.positions, Uint16Array), positions = new Float32Array(steps.length);
-  for (let i = 0; i < steps.length; i++) positions[i] = raw.low[i % 3] + (steps[i] / 65535) * raw.span[i % 3];
+async function loadCloud(raw) {
+  const bytes = await unpack(raw.positions, Uint8Array), n = bytes.length / 6;
+  const positions = new Float32Array(3 * n);
+  for (let k = 0; k < 3; k++) {
+    const low = bytes.subarray(2 * k * n), high = bytes.subarray((2 * k + 1) * n);
+    for (let i = 0; i < n; i++) positions[3 * i + k] = raw.low[k] + ((low[i] + 256 * high[i]) / 65535) * raw.span[k];
+  }
   return {
     positions,
-    rgb: unpack(raw.colors, Uint8Array),
-    label: unpack(raw.labels, Uint8Array),
-    confidence: raw.confidence ? unpack(raw.confidence, Uint8Array) : null,
-    removed: raw.removed ? unpack(raw.removed, Uint8Array) : null, // what took a point out, 0 nothing
-    node: unpack(raw.nodes, Int32Array), // nearest of the first skeleton, -1 off the wood
+    rgb: await unpack(raw.colors, Uint8Array),
+    label: await unpack(raw.labels, Uint8Array),
+    confidence: raw.confidence ? await unpack(raw.confidence, Uint8Array) : null,
+    removed: raw.removed ? await unpack(raw.removed, Uint8Array) : null, // what took a point out, 0 nothing
+    node: await unpack(raw.nodes, Int32Array), // nearest of the first skeleton, -1 off the wood
     hasColor: raw.has_color,
-    n: steps.length / 3,
+    n, // of which the first are a sample of all
+    first: raw.first,
   };
 }
 
-function loadSkeleton(raw) {
+async function loadSkeleton(raw) {
   const skeleton = {
     name: raw.name,
-    points: unpack(raw.points, Float32Array),
-    parent: unpack(raw.parent, Int32Array),
-    radius: unpack(raw.radius, Float32Array),
-    error: raw.error ? unpack(raw.error, Float32Array) : null,
-    axis: unpack(raw.axis, Int32Array), // the number of its branch
-    label: unpack(raw.label, Uint8Array),
+    points: await unpack(raw.points, Float32Array),
+    parent: await unpack(raw.parent, Int32Array),
+    radius: await unpack(raw.radius, Float32Array),
+    error: raw.error ? await unpack(raw.error, Float32Array) : null,
+    axis: await unpack(raw.axis, Int32Array), // the number of its branch
+    label: await unpack(raw.label, Uint8Array),
     branches: raw.branches, // what is known of each, in the order of their numbers
     tint: raw.tint || null, // the one colour of a skeleton that is shown beside another
   };

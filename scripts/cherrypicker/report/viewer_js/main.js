@@ -11,8 +11,8 @@ import { BranchTable } from "viewer/table.js";
 
 const HASH_MS = 250; // after the last motion
 
-export function initViewer(box, raw) {
-  const data = loadData(raw), scene = new Scene(box.querySelector("canvas"), data);
+export async function initViewer(box, raw) {
+  const data = await loadData(raw), scene = new Scene(box.querySelector("canvas"), data);
   return new Viewer(box, scene, data);
 }
 
@@ -241,6 +241,7 @@ class Viewer {
       hidden: [...scene.hidden].join(","),
       clip: scene.clip ? [...clip, Number(box.querySelector("[name=clip-back]").checked)].join(",") : "",
       branch: this.branch,
+      draw: scene.wish,
     });
     if (location.hash !== this.hash) history.replaceState(null, "", this.hash);
   }

@@ -1,7 +1,6 @@
 // Points and tubes drawn into the pixels of a 2D canvas, with a depth for each.
 //
-// No WebGL: in software rendering (a field laptop, a virtual machine) it drew 150 thousand points
-// several times slower than this, see docs/report.md.
+// Where WebGL is drawn in software (a field laptop, a virtual machine), this is several times faster.
 
 const MOST_PIXELS = 2.2e6; // drawn; a sharper screen is drawn coarser
 
@@ -10,7 +9,6 @@ export class Raster {
     this.canvas = canvas;
     // Desynchronized: without waiting for the page's compositor, which takes longer than the drawing
     this.context = canvas.getContext("2d", { alpha: false, desynchronized: true });
-    this.resize(1, 1);
   }
 
   // Follow the canvas's place on the page; true where its pixels changed.

@@ -1,7 +1,8 @@
 // The scene: what is shown of clouds and skeletons, from where, and in which colours.
-import { OrbitCamera } from "viewer/camera.js";
+import { OrbitCamera, readHash } from "viewer/camera.js";
 import { Colors, pack, packAll } from "viewer/colors.js";
 import { place } from "viewer/data.js";
+import { openGl } from "viewer/gl.js";
 import { Raster } from "viewer/raster.js";
 
 const THIN = 1.3, PICKED = 2.6; // half widths, px
@@ -16,7 +17,9 @@ export class Scene {
   constructor(canvas, data) {
     this.canvas = canvas;
     this.data = data;
-    this.raster = new Raster(canvas);
+    this.wish = readHash(location.hash).draw; // how the address wants it drawn
+    this.raster = openGl(canvas, this.wish, () => { this.useCanvas(); this.recolor(); });
+    if (!this.raster) this.useCanvas();
     this.camera = new OrbitCamera(data.home);
     this.colors = new Colors(data);
     this.show = { cloud: true, skeleton: true, thick: false, cameras: false };
@@ -34,6 +37,12 @@ export class Scene {
     this.recolor();
     window.addEventListener("resize", () => this.redraw());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
+  }
+
+  // The first points of the cloud are as many as it draws in time.
+  useCanvas() {
+    this.raster = new Raster(this.canvas);
+    if (this.data.cloud) this.data.cloud.n = this.data.cloud.first;
   }
 
   recolor() {
@@ -63,7 +72,7 @@ export class Scene {
     raster.fit();
     this.matrix = camera.matrix();
     this.focal = camera.focal(raster.height);
-    raster.clear(this.background());
+    raster.clear(this.background(), camera.distance);
     if (data.cloud && this.show.cloud) {
       raster.points(data.cloud.positions, this.pointColors, this.matrix, this.focal, this.size, this.clip);
     }
