@@ -64,12 +64,6 @@ class Quantity:
         text = f"{value / self.units[unit]:{sign}z,.{_DECIMALS.get(unit, 1)}f}"
         return text if unit == "1" else f"{text} {_SIGNS.get(unit, unit)}"
 
-    def shown_limits(self, low: float | None, high: float | None) -> str:
-        """Return limits of agreement for people; a dash where there are none."""
-        if low is None or high is None:
-            return "–"
-        return f"{self.shown(low, sign='+')} to {self.shown(high, sign='+')}"
-
     @property
     def is_on_branch(self) -> bool:
         """Whether it needs a place on the tree."""

@@ -119,7 +119,7 @@ def render_report(
         figures=[_embedded(width_px, *figure) for figure in figures],
         scaffold=limb_section(traits, data["limbs"], data["skeleton"]),
         verdict=verdict,
-        accuracy=accuracy_section([("", "", pair) for pair in measured]),
+        accuracy=accuracy_section([{**pair, "tree": "", "href": ""} for pair in measured]),
         stages=sections,
         files=_FILES,
         version=cherrypicker.__version__,

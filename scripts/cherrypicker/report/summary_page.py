@@ -112,7 +112,7 @@ def summary_html(
     count = {status: sum(r.status == status for r in results) for status in _STATUSES}
     counts = [f"{count['done']} of {len(results)} trees done"]
     counts += [f"{count[status]} {status}" for status in _STATUSES[:3] if count[status]]
-    measured = [(r.tree, r.href, pair) for r in results for pair in r.measures]
+    measured = [{**pair, "tree": r.tree, "href": r.href} for r in results for pair in r.measures]
     page = page_template("summary.html.j2").render(
         counts=", ".join(counts),
         failed=[*(r for r in ordered if r.status in ("failed", "interrupted")), *failed_series],
