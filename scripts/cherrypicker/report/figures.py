@@ -128,6 +128,34 @@ def mark_points(
     panel[0].scatter(flat[:, 0], flat[:, 1], s=size, color=color, **style)
 
 
+def tile_grid(rows: list[list[tuple]], size: tuple[float, float]) -> Figure | None:
+    """Pictures in rows; rows without any are left out, None where no row has one.
+
+    Parameters
+    ----------
+    rows : list of list of tuple (str, image, dict, ndarray of shape (n, 2) or None)
+        Title, picture, style of `Axes.imshow`, and an outline over it in its pixels.
+    size : tuple of float
+        Width and height of a tile, inches.
+    """
+    rows = [row for row in rows if row]
+    if not rows:
+        return None
+    shape = len(rows), max(map(len, rows))
+    figsize = size[0] * shape[1], size[1] * shape[0]
+    figure = Figure(figsize=figsize, dpi=DPI, layout="constrained")
+    for panels, tiles in zip(figure.subplots(*shape, squeeze=False), rows, strict=True):
+        for panel in panels:
+            panel.set_axis_off()
+        for panel, (title, image, style, outline) in zip(panels, tiles, strict=False):
+            panel.imshow(image, interpolation="nearest", **style)
+            if outline is not None:
+                panel.plot(*outline.T, color=COLOR["corner"], lw=LINE["border"])
+            # Names come from the user's files: no mathtext in them
+            panel.set_title(title, fontsize=FONT["tile"], parse_math=False)
+    return figure
+
+
 def cloud_colors(cloud: PointCloud) -> np.ndarray:
     """The cloud's colours, or colours by height where it has none."""
     return heights_as_colors(cloud.points) if cloud.colors is None else cloud.colors

@@ -11,7 +11,8 @@ from PIL import Image
 
 from cherrypicker.photos import UNREADABLE
 from cherrypicker.poses import Poses
-from cherrypicker.report.style import COLOR, DPI, FONT, LAYOUT, LINE
+from cherrypicker.report.figures import tile_grid
+from cherrypicker.report.style import LAYOUT
 
 _REACH, _LEAST_REACH_PX = 0.9, 8.0  # of a marker's width in the photo, around its middle
 
@@ -70,32 +71,19 @@ def marker_figure(scale: dict, poses: Poses, lenses: Any, photos: list[Path]) ->
         None without a marker in a readable photo.
     """
     paths = {path.name: path for path in photos}
-    rows = []
-    for crops in marker_crops(scale, poses, lenses):
-        tiles = [
-            (marker, name, *tile)
+    rows = [
+        [
+            tile
             for marker, name, corners in crops
-            if name in paths and (tile := _tile(paths[name], corners)) is not None
+            if name in paths and (tile := _tile(f"marker {marker}: {name}", paths[name], corners))
         ]
-        rows += [tiles] if tiles else []
-    if not rows:
-        return None
-    n_columns = max(map(len, rows))
-    size = (LAYOUT["marker_width"] * n_columns, LAYOUT["marker_height"] * len(rows))
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
-    for panels, tiles in zip(figure.subplots(len(rows), n_columns, squeeze=False), rows):
-        for panel in panels:
-            panel.set_axis_off()
-        for panel, (marker, name, image, corners) in zip(panels, tiles):
-            panel.imshow(image, interpolation="nearest")
-            outline = np.vstack([corners, corners[:1]]) - 0.5
-            panel.plot(*outline.T, color=COLOR["corner"], lw=LINE["border"])
-            panel.set_title(f"marker {marker}: {name}", fontsize=FONT["tile"], parse_math=False)
-    return figure
+        for crops in marker_crops(scale, poses, lenses)
+    ]
+    return tile_grid(rows, (LAYOUT["marker_width"], LAYOUT["marker_height"]))
 
 
-def _tile(path: Path, corners: np.ndarray) -> tuple[Image.Image, np.ndarray] | None:
-    """Crop around the corners and the corners in its pixels; None where the photo is unreadable."""
+def _tile(title: str, path: Path, corners: np.ndarray) -> tuple | None:
+    """A tile of `tile_grid` around the corners; None of an unreadable photo."""
     middle = corners.mean(axis=0)
     half = max(_REACH * float(np.ptp(corners, axis=0).max()), _LEAST_REACH_PX)
     try:
@@ -109,4 +97,4 @@ def _tile(path: Path, corners: np.ndarray) -> tuple[Image.Image, np.ndarray] | N
             tile = image.convert("RGB").crop((*low, *high)).resize((wide, tall))
     except UNREADABLE:
         return None
-    return tile, (corners - low) * zoom
+    return title, tile, {}, (np.vstack([corners, corners[:1]]) - low) * zoom - 0.5

@@ -18,12 +18,18 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
-from cherrypicker.report.figures import cloud_colors, mark_points, show_points, tree_box, view_grid
+from cherrypicker.report.figures import (
+    cloud_colors,
+    mark_points,
+    show_points,
+    tile_grid,
+    tree_box,
+    view_grid,
+)
 from cherrypicker.report.raster import side_views
 from cherrypicker.report.style import (
     COLOR,
     DPI,
-    FONT,
     GREY,
     LAYOUT,
     LINE,
@@ -224,32 +230,19 @@ def example_figure(
         photo = _thumbnail(path)
         if photo is None:
             continue
-        tiles: list[tuple] = [(path.name, photo, {})]
+        tiles: list[tuple] = [(path.name, photo, {}, None)]
         mask = _thumbnail(sky_folder / f"{path.stem}.png", photo.size) if sky_folder else None
         if mask is not None:
-            tiles.append(("sky mask", _tinted(photo, mask), {}))
+            tiles.append(("sky mask", _tinted(photo, mask), {}, None))
         depth = read_depth_raster(depth_folder, path.name) if depth_folder else None
         if depth is not None:
-            tiles.append(("depth map", *_depth_tile(depth)))
+            tiles.append(("depth map", *_depth_tile(depth), None))
         rows.append(tiles)
     if not rows:
         return None
-    n_columns = max(len(row) for row in rows)
-    tile = rows[0][0][1]
-    # A portrait's height, not its width
-    side = LAYOUT["tile"] * min(1.0, tile.size[0] / tile.size[1])
-    height = side * tile.size[1] / tile.size[0] + LAYOUT["tile_heading"]
-    size = (side * n_columns, height * len(rows))
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
-    grid = figure.subplots(len(rows), n_columns, squeeze=False)
-    for panels, row in zip(grid, rows, strict=True):
-        for panel in panels:
-            panel.set_axis_off()
-        for panel, (title, image, style) in zip(panels, row, strict=False):
-            panel.imshow(image, interpolation="nearest", **style)
-            # Names come from the user's files: no mathtext in them
-            panel.set_title(title, fontsize=FONT["tile"], parse_math=False)
-    return figure
+    wide, tall = rows[0][0][1].size
+    side = LAYOUT["tile"] * min(1.0, wide / tall)  # a portrait's height, not its width
+    return tile_grid(rows, (side, side * tall / wide + LAYOUT["tile_heading"]))
 
 
 def _thumbnail(path: Path, size: tuple[int, int] | None = None) -> Image.Image | None:

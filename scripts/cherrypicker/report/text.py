@@ -6,8 +6,10 @@ import base64
 import io
 import json
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from string import Formatter
+from typing import TYPE_CHECKING, Any
 
 from cherrypicker.traits.table import Trait
 from cherrypicker.units import unit_name
@@ -47,6 +49,24 @@ def thumbnail_url(path: Path) -> str:
     except OSError:
         return ""
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+
+
+class _Known(Formatter):
+    """Formats what is known: None is not."""
+
+    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+        value, used = super().get_field(field_name, args, kwargs)
+        if value is None:
+            raise KeyError(field_name)
+        return value, used
+
+
+def tell(text: str, record: Mapping[str, Any]) -> str:
+    """Return a format string filled from a record; empty where the record lacks a part of it."""
+    try:
+        return _Known().vformat(text, (), record)
+    except (KeyError, TypeError, ValueError):
+        return ""
 
 
 def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> str:
