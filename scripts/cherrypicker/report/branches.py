@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
-from cherrypicker.units import unit_name
+from cherrypicker.units import unit_ending, unit_name, unit_word
 
 _FLAGS = {
     "low_arc": "points on under half of its girth",
@@ -77,16 +77,11 @@ def _facts(row: dict, unit: str) -> list[tuple[str, str]]:
 
 def column_head(column: BranchColumn, unit: str) -> str:
     """The head of a column of ``branches.csv`` or ``limbs.csv``, with its unit."""
-    words = {
-        "_mm_per_m": "1/1000",
-        "_deg": "°",
-        "_cm2": "cm²" if unit == "m" else f"1e-4 {unit_name(unit, 2)}",
-        "_m3": unit_name(unit, 3),
-        "_m": unit_name(unit),
-    }
-    end = next((end for end in words if column.name.endswith(end)), "")
+    end, word = unit_ending(column.name), unit_word(column.name, unit)
+    if end == "_cm2" and unit != "m":
+        word = f"1e-4 {word}"
     title = column.title or column.name.removesuffix(end).replace("_", " ")
-    return f"{title} [{words[end]}]" if end else title
+    return f"{title} [{word}]" if end else title
 
 
 def column_cell(column: BranchColumn, row: dict) -> str:

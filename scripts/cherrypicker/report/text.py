@@ -11,8 +11,9 @@ from pathlib import Path
 from string import Formatter
 from typing import TYPE_CHECKING, Any
 
+from cherrypicker.files import is_number
 from cherrypicker.traits.table import Trait
-from cherrypicker.units import unit_name
+from cherrypicker.units import unit_word
 
 if TYPE_CHECKING:
     import jinja2
@@ -79,18 +80,14 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
     unit : str
         ``m`` or ``arbitrary``.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if not is_number(value):
         return "–"
     if trait.power is None:
         return f"{value:,.{trait.decimals}f}"
-    spread = error if isinstance(error, int | float) and math.isfinite(error) else 0.0
-    name, decimals = unit_name(unit, trait.power), trait.decimals
-    if trait.unit == "cm2" and unit == "m":
-        name = "cm²"
-    elif trait.unit == "cm2":
+    spread = error if is_number(error) else 0.0
+    name, decimals = unit_word(trait.name, unit), trait.decimals
+    if trait.unit == "cm2" and unit != "m":
         value, spread, decimals = value / 1e4, spread / 1e4, 5
-    elif trait.unit == "m3/ha":
-        name = "m³/ha"
     if spread <= 0:
         return f"{value:,.{decimals}f} {name}".rstrip()
     digits = max(decimals, min(decimals + 1, 1 - math.floor(math.log10(spread))))
