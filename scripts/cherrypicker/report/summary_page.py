@@ -17,7 +17,7 @@ from cherrypicker.files import is_number
 from cherrypicker.progress import duration
 from cherrypicker.report.accuracy import accuracy_section
 from cherrypicker.report.outliers import FEWEST, LIMIT, off_the_line, outliers
-from cherrypicker.report.text import page_template, script_json, with_uncertainty
+from cherrypicker.report.text import page_template, script_json, told, with_uncertainty
 from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_word
 
@@ -127,9 +127,8 @@ def summary_html(
 
 def _cell(result: TreeResult, trait: Trait) -> tuple[str, str]:
     """A trait as it is sorted and as it is shown."""
-    value, error = result.traits.get(trait.name), result.traits.get(f"{trait.name}_se")
     number = result.number(trait)
-    shown = with_uncertainty(value, error, trait, result.unit)
+    shown = told(result.traits, trait.name, result.unit)
     return "" if number is None else f"{number:g}", shown
 
 
@@ -146,12 +145,12 @@ def _outlier_rows(apart: Mapping, lines: Mapping, results: Sequence[TreeResult])
         {
             "tree": each.tree,
             "href": href[each.tree],
-            "what": trait.title + told,
+            "what": trait.title + of_what,
             "value": with_uncertainty(each.value, None, trait, "m"),
             "usual": with_uncertainty(each.usual, None, trait, "m"),
             "score": each.score,
         }
-        for trait, told, each in sorted(found, key=lambda one: -abs(one[2].score))
+        for trait, of_what, each in sorted(found, key=lambda one: -abs(one[2].score))
     ]
 
 

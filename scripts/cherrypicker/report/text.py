@@ -12,7 +12,7 @@ from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 from cherrypicker.files import is_number
-from cherrypicker.traits.table import Trait
+from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_word
 
 if TYPE_CHECKING:
@@ -92,6 +92,11 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
         return f"{value:,.{decimals}f} {name}".rstrip()
     digits = max(decimals, min(decimals + 1, 1 - math.floor(math.log10(spread))))
     return f"{value:,.{digits}f} ± {spread:,.{digits}f} {name}".rstrip()
+
+
+def told(traits: Mapping[str, Any], name: str, unit: str) -> str:
+    """Return a trait of ``traits.json`` with its standard error where it has one."""
+    return with_uncertainty(traits.get(name), traits.get(f"{name}_se"), TRAITS[name], unit)
 
 
 def axis_ticks(low: float, high: float, most: int = 6) -> list[float]:
