@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Rectangle
 from PIL import Image
 
-from cherrypicker.classes import Label, wood_mask
+from cherrypicker.classes import Label
 from cherrypicker.evidence.coverage import voxel_centers
 from cherrypicker.mvs.depth_rasters import read_depth_raster
 from cherrypicker.photos import UNREADABLE
@@ -20,11 +19,9 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.report.figures import (
     cloud_colors,
-    mark_points,
-    show_points,
     tile_grid,
-    tree_box,
     view_grid,
+    wood_grid,
 )
 from cherrypicker.report.raster import side_views
 from cherrypicker.report.style import (
@@ -59,21 +56,18 @@ def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px:
     """
     centers = poses.centers
     reach = _ARROW * np.median(np.linalg.norm(centers - target, axis=1))
-    box = np.vstack([centers, centers + reach * poses.forward, target[None]])
+    ahead = centers + reach * poses.forward
+    box = np.vstack([centers, ahead, target[None]])
     views = side_views(box, margin=MARGIN["scene"], kinds=("top", "front"))
     title = f"{len(poses)} registered photos"
     figure, panels = view_grid(views, cloud.unit, width_px, title)
     colors = cloud_colors(cloud)
     for panel in panels:
-        axes_, view, _ = panel
-        show_points(panel, cloud.points, colors, size=1)
-        start, _ = view.flatten(centers)
-        end, _ = view.flatten(centers + reach * poses.forward)
-        ways = list(np.stack([start, end], axis=1))
-        axes_.add_collection(LineCollection(ways, colors=COLOR["camera"], lw=LINE["thin"]))
-        mark_points(panel, centers, MARK["camera"], COLOR["camera"], zorder=3, linewidths=None)
+        panel.points(cloud.points, colors, size=1)
+        panel.lines(centers, ahead, colors=COLOR["camera"], lw=LINE["thin"])
+        panel.marks(centers, MARK["camera"], COLOR["camera"], zorder=3, linewidths=None)
         cross: dict = {"marker": "+", "zorder": 4, "linewidths": None}
-        mark_points(panel, target[None], MARK["stem"], COLOR["root"], **cross)
+        panel.marks(target[None], MARK["stem"], COLOR["root"], **cross)
     return figure
 
 
@@ -100,9 +94,9 @@ def alignment_figure(
     colors = cloud_colors(aligned)
     for panel in panels:
         axes_, view, _ = panel
-        show_points(panel, aligned.points, colors, size=1)
+        panel.points(aligned.points, colors, size=1)
         style: dict = {"zorder": 3, "linewidths": None}
-        mark_points(panel, poses.centers, MARK["camera_aligned"], COLOR["camera"], **style)
+        panel.marks(poses.centers, MARK["camera_aligned"], COLOR["camera"], **style)
         if view.name != "top":
             axes_.axhline(0, color=COLOR["level"], lw=LINE["thin"])
         if roi is None:
@@ -182,9 +176,9 @@ def denoise_figure(cropped: PointCloud, denoised: PointCloud, width_px: int) -> 
     colors = GREY["paled"] + (1 - GREY["paled"]) * cloud_colors(denoised)
     drawn = cropped.points[removed][:: 1 + removed.sum() // _MAX_REMOVED]
     for panel in panels:
-        show_points(panel, denoised.points, colors, size=1)
+        panel.points(denoised.points, colors, size=1)
         if len(drawn):
-            mark_points(panel, drawn, MARK["removed"], COLOR["camera"])
+            panel.marks(drawn, MARK["removed"], COLOR["camera"])
     return figure
 
 
@@ -192,16 +186,14 @@ def contraction_figure(
     cloud: PointCloud, contracted: PointCloud, skeleton: Skeleton, width_px: int
 ) -> Figure:
     """The contracted points over the wood they came from."""
-    wood = cloud.points[wood_mask(cloud["label"])]
-    views = side_views(tree_box(skeleton), kinds=("front", "side"))
-    figure, panels = view_grid(views, cloud.unit, width_px, "Contracted points over the wood")
+    title = "Contracted points over the wood"
+    figure, panels = wood_grid(cloud, skeleton, GREY["contracted"], width_px, title)
     labels = contracted["label"] if "label" in contracted else np.full(len(contracted), 2)
     for panel in panels:
-        show_points(panel, wood, (GREY["contracted"],) * 3)
         for label, color in ((Label.BRANCH, COLOR["branch"]), (Label.TRUNK, COLOR["trunk"])):
             chosen = contracted.points[labels == label]
             chosen = chosen[:: 1 + len(chosen) // _MAX_CONTRACTED]
-            mark_points(panel, chosen, MARK["contracted"], color)
+            panel.marks(chosen, MARK["contracted"], color)
     return figure
 
 
