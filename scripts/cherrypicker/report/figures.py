@@ -27,14 +27,16 @@ from matplotlib.patches import Circle, Patch
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
 from cherrypicker.report.colors import CLASS_COLORS
-from cherrypicker.report.raster import heights_as_colors, side_views, splat
+from cherrypicker.report.raster import side_views, splat
 from cherrypicker.report.style import (
     COLOR,
     DPI,
     FONT,
     GREY,
+    HIGH_COLOR,
     LAYOUT,
     LINE,
+    LOW_COLOR,
     MARGIN,
     MARK,
     ORDER_COLORS,
@@ -44,6 +46,7 @@ from cherrypicker.units import unit_name
 
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
 _MAX_IN_SECTION = 6000
+_HEIGHT_SHARES = (0.01, 0.99)  # of the points' heights, from the darkest to the lightest
 _SECTIONS_A_ROW = 4
 _SECTION_HALF_HEIGHT_M = 0.05
 _SECTION_RADII, _SECTION_MARGIN_M = 1.8, 0.01  # drawn around a section's centre
@@ -170,8 +173,14 @@ def tile_grid(rows: list[list[tuple]], size: tuple[float, float]) -> Figure | No
 
 
 def cloud_colors(cloud: PointCloud) -> np.ndarray:
-    """The cloud's colours, or colours by height where it has none."""
-    return heights_as_colors(cloud.points) if cloud.colors is None else cloud.colors
+    """The cloud's colours; where it has none dark below and light above, (n, 3) float32."""
+    if cloud.colors is not None:
+        return cloud.colors
+    z = cloud.points[:, 2]
+    low, high = np.quantile(z, _HEIGHT_SHARES)
+    share = np.clip((z - low) / max(high - low, 1e-9), 0, 1)[:, None]
+    colors = (1 - share) * np.array(LOW_COLOR) + share * np.array(HIGH_COLOR)
+    return colors.astype(np.float32)
 
 
 def class_colors(labels: np.ndarray) -> np.ndarray:

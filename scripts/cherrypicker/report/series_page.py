@@ -107,12 +107,21 @@ def _volume(numbers: dict) -> str:
     return f"{1e6 * value:.0f} cm³{told}"
 
 
-def _table(title: str, columns: tuple, rows: list[dict]) -> dict:
-    made = [[_shown(name, row[name]) for name in columns] for row in rows]
-    return {"title": title, "head": [_head(name) for name in columns], "rows": made}
+def _table(title: str, columns: tuple[str, ...], rows: list[dict]) -> dict:
+    shown = [_column(name) for name in columns]
+    made = [
+        [
+            f"{factor * value:.{decimals}f}" if isinstance(value, float) else str(value)
+            for value, (_, factor, decimals) in zip(
+                (row[name] for name in columns), shown, strict=True
+            )
+        ]
+        for row in rows
+    ]
+    return {"title": title, "head": [words for words, _, _ in shown], "rows": made}
 
 
-def _factor(name: str) -> tuple[str, float, int]:
+def _column(name: str) -> tuple[str, float, int]:
     """Words, factor and decimals of a column: diameters in mm, volumes in cm³."""
     stem, _, unit = name.rpartition("_")
     if unit == "m" and "diameter" in stem:
@@ -122,15 +131,6 @@ def _factor(name: str) -> tuple[str, float, int]:
         return name.replace("series_branch_id", "branch").replace("_", " "), 1.0, 0
     shown, factor, decimals = known[unit]
     return f"{stem.replace('_', ' ')}, {shown}", factor, decimals
-
-
-def _head(name: str) -> str:
-    return _factor(name)[0]
-
-
-def _shown(name: str, value: float | int | str | None) -> str:
-    _, factor, decimals = _factor(name)
-    return f"{factor * value:.{decimals}f}" if isinstance(value, float) else str(value)
 
 
 def _views(step: Step, ids: list[np.ndarray], cuts: list[dict]) -> list[dict]:
