@@ -40,13 +40,8 @@ def branch_table(rows: list, unit: str) -> dict:
     }
 
 
-def branch_facts(rows: list, unit: str) -> list[list[tuple[str, str]]]:
-    """What the view says of each branch, by its number: names and texts."""
-    by_id = {row["branch_id"]: _facts(row, unit) for row in rows}
-    return [by_id.get(i, []) for i in range(max(by_id, default=-1) + 1)]
-
-
-def _facts(row: dict, unit: str) -> list[tuple[str, str]]:
+def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:
+    """What the view says of a branch: names and texts."""
     length = unit_name(unit)
 
     def interval(name: str, digits: int, unit: str) -> str:

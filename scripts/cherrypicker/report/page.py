@@ -88,7 +88,7 @@ def render_report(
         [
             ShownSkeleton(
                 data["skeleton"],
-                branch_facts(data["branches"], unit),
+                [branch_facts(row, unit) for row in data["branches"]],
                 [row.get("p_exists") for row in data["branches"]],
             )
         ],
@@ -192,16 +192,11 @@ def _trait_tables(traits: dict, unit: str) -> dict:
     return {
         "traits": rows,
         "orders": [
-            {
-                "order": order,
-                "count": counts.get(order, ""),
-                "length": f"{lengths[order]:.2f}",
-                "color": order_color(int(order)),
-            }
+            (order_color(int(order)), order, counts.get(order, ""), f"{lengths[order]:.2f}")
             for order in sorted(lengths, key=int)
         ],
         "diameters": [
-            {"height": height, "value": with_uncertainty(value, errors.get(height), trunk, unit)}
+            (height, with_uncertainty(value, errors.get(height), trunk, unit))
             for height, value in traits.get("trunk_diameters", {}).items()
         ],
         # For the reader who misses a diameter above

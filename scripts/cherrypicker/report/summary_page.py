@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from statistics import median
 from typing import Any
 from urllib.parse import quote
@@ -120,7 +119,6 @@ def summary_html(
         accuracy=accuracy_section(measured),
         stages=_stage_rows(costs or {}),
         data=script_json(_data(ordered, apart, lines, costs or {})),
-        script=(Path(__file__).parent / "summary.js").read_text(encoding="utf-8"),
     )
     return page + "\n"
 
