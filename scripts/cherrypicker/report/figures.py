@@ -10,6 +10,7 @@ from io import BytesIO
 from typing import Any, NamedTuple
 
 import matplotlib
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
 from cherrypicker.pointcloud import PointCloud
@@ -119,14 +120,14 @@ def view_grid(
     drawn = figure.subplots(1, len(views), width_ratios=ratios, squeeze=False)[0]
     panels = []
     for axes_, view, ratio in zip(drawn, views, ratios, strict=True):
-        across, up = {"front": "xz", "side": "yz", "top": "xy"}[view.name]
+        across, up = {"front": ("x", "z"), "side": ("y", "z"), "top": ("x", "y")}[view.name]
         (left, bottom), (right, top) = view.low, view.high
         axes_.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         axes_.set_xlabel(f"{across} [{unit_name(unit)}]")
         axes_.set_ylabel(f"{up} [{unit_name(unit)}]")
         axes_.set_title(view.name, fontsize=FONT["panel"])
         axes_.tick_params(labelsize=FONT["note"])
-        panel_px = max(int(width_px * ratio / total), LAYOUT["least_panel_px"])
+        panel_px = int(max(width_px * ratio / total, LAYOUT["least_panel_px"]))
         panels.append(Panel(axes_, view, panel_px))
     figure.suptitle(title, fontsize=FONT["title"])
     return figure, panels
@@ -265,7 +266,9 @@ def topology_figure(
         for kind, marker in (("junction", "o"), ("tip", "o"), ("root", "s")):
             style: dict = {"marker": marker, "label": kind, "zorder": 3}
             panel.marks(topology.points[kinds == kind], MARK[kind], COLOR[kind], **style)
-    handles = [Patch(color=order_color(k), label=f"order {k}") for k in np.unique(orders)]
+    handles: list[Artist] = [
+        Patch(color=order_color(k), label=f"order {k}") for k in np.unique(orders)
+    ]
     handles += panels[0].axes.get_legend_handles_labels()[0]
     _legend(figure, handles, n_columns=9)
     return figure
