@@ -21,7 +21,7 @@ from cherrypicker.report.stage_figures import (
     denoise_figure,
     example_figure,
 )
-from cherrypicker.report.text import tell
+from cherrypicker.report.text import tell, tell_all
 from cherrypicker.units import unit_name
 
 _SOURCES = {
@@ -45,16 +45,15 @@ def section(
     report : mapping
         Of the stage.
     facts : mapping of str to str
-        What is told of the report, as formats for `tell`.
+        What is told of the report, as formats for `tell_all`.
     tables : sequence of dict
         From `table`.
     figures : sequence of tuple
         A drawn figure or JPEG bytes, its caption and, where something refers to it, its id.
     """
-    told = [(key, tell(text, report)) for key, text in facts.items()]
     return {
         "name": name,
-        "facts": [(key, text) for key, text in told if text],
+        "facts": tell_all(facts, report),
         "tables": [table for table in tables if table["rows"]],
         "figures": [figure for figure in figures if figure[0] is not None],
     }

@@ -70,6 +70,12 @@ def tell(text: str, record: Mapping[str, Any]) -> str:
         return ""
 
 
+def tell_all(facts: Mapping[str, str], record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return names and texts of what a record has of some facts, formats by their names."""
+    told = [(name, tell(text, record)) for name, text in facts.items()]
+    return [(name, text) for name, text in told if text]
+
+
 def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> str:
     """Return "1.234 ± 0.005 m"; a dash where there is no number.
 

@@ -284,6 +284,12 @@ _ROWS = (
 TRAITS = {trait.name: trait for trait in _ROWS}
 
 
+def ends_of(name: str) -> tuple[str, str]:
+    """Return the columns that hold the ends of the 90 % interval of another."""
+    stem, _, unit = name.rpartition("_")
+    return f"{stem}_low_{unit}", f"{stem}_high_{unit}"
+
+
 @dataclass(frozen=True)
 class BranchColumn:
     """A column of ``branches.csv`` or ``limbs.csv``."""
