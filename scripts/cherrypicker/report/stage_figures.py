@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -41,6 +42,7 @@ _ARROW = 0.12  # of the cameras' distance from the stem: how far a photo's direc
 _SCENE_REACH = 0.9  # of the extent of the cameras, on either side of their middle
 _GROUND_SHARES = (0.001, 0.999)  # of the heights there that the view shows
 _MAX_REMOVED, _MAX_CONTRACTED = 50_000, 60_000  # points drawn one by one
+_REACH, _LEAST_REACH_PX = 0.9, 8.0  # of a marker's width in the photo, around its middle
 _DEPTH_SHARES = (0.02, 0.95)  # of a map's depths, from the brightest to the darkest
 
 
@@ -267,3 +269,80 @@ def _depth_tile(depth: np.ndarray) -> tuple[np.ndarray, dict]:
         return np.zeros((*depth.shape, 3)), {}
     low, high = np.quantile(known, _DEPTH_SHARES)
     return np.where(depth > 0, depth, np.nan), {"cmap": "viridis_r", "vmin": low, "vmax": high}
+
+
+def marker_crops(scale: dict, poses: Poses, lenses: Any) -> list:
+    """Choose the photos that show each used marker largest: three at most, of three markers.
+
+    Parameters
+    ----------
+    scale : dict
+        ``scale.json`` with markers' ``corners`` (4, 3) in the frame of `poses` and ``images``.
+    poses : Poses
+        In COLMAP's frame.
+    lenses : PhotoLenses
+        Of the same photos in the same order.
+
+    Returns
+    -------
+    list of list of tuple (int, str, ndarray of shape (4, 2))
+        Per marker: its id, the photo's name and the corners in its pixels.
+    """
+    index = {str(name): i for i, name in enumerate(poses.names)}
+    chosen = []
+    for marker in [m for m in scale.get("markers") or () if m.get("used") and m.get("corners")][:3]:
+        crops = []
+        for name in index.keys() & marker["images"]:
+            i = index[name]
+            in_camera = np.array(marker["corners"]) @ poses.rotations[i].T
+            in_camera += poses.cam_from_world[i, :, 3]
+            if (in_camera[:, 2] > 0).all():
+                crops.append((marker["id"], name, lenses.to_photo(i, in_camera)))
+        crops.sort(key=lambda crop: (-np.ptp(crop[2], axis=0).prod(), crop[1]))
+        chosen.append(crops[:3])
+    return chosen
+
+
+def marker_figure(scale: dict, poses: Poses, lenses: Any, photos: list[Path]) -> Figure | None:
+    """The markers as the photos show them.
+
+    Parameters
+    ----------
+    scale, poses, lenses
+        See `marker_crops`.
+
+    Returns
+    -------
+    Figure or None
+        None without a marker in a readable photo.
+    """
+    paths = {path.name: path for path in photos}
+    rows = [
+        [
+            tile
+            for marker, name, corners in crops
+            if (tile := _marker_tile(f"marker {marker}: {name}", paths.get(name), corners))
+        ]
+        for crops in marker_crops(scale, poses, lenses)
+    ]
+    return tile_grid(rows, (LAYOUT["marker_width"], LAYOUT["marker_height"]))
+
+
+def _marker_tile(title: str, path: Path | None, corners: np.ndarray) -> tuple | None:
+    """A tile of `tile_grid` around the corners; None of a missing or unreadable photo."""
+    if path is None:
+        return None
+    middle = corners.mean(axis=0)
+    half = max(_REACH * float(np.ptp(corners, axis=0).max()), _LEAST_REACH_PX)
+    try:
+        with Image.open(path) as image:
+            low = np.maximum(np.floor(middle - half), 0).astype(int)
+            high = np.minimum(np.ceil(middle + half), image.size).astype(int)
+            if (high - low < 2).any():
+                return None
+            zoom = LAYOUT["marker_px"] / float((high - low).max())
+            wide, tall = (max(int(round(side * zoom)), 1) for side in high - low)
+            tile = image.convert("RGB").crop((*low, *high)).resize((wide, tall))
+    except UNREADABLE:
+        return None
+    return title, tile, {}, (np.vstack([corners, corners[:1]]) - low) * zoom - 0.5

@@ -12,7 +12,6 @@ import numpy as np
 
 from cherrypicker.lens import PhotoLenses
 from cherrypicker.placement.footprint import Footprint
-from cherrypicker.report.marker_figure import marker_figure
 from cherrypicker.report.stage_figures import (
     alignment_figure,
     camera_figure,
@@ -20,6 +19,7 @@ from cherrypicker.report.stage_figures import (
     coverage_figure,
     denoise_figure,
     example_figure,
+    marker_figure,
 )
 from cherrypicker.report.text import tell, tell_all
 from cherrypicker.units import unit_name
