@@ -218,13 +218,10 @@ def label_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure
     """The segmented cloud by class."""
     labels = cloud["label"]
     figure = _scene_figure(cloud, skeleton, class_colors(labels), width_px, "Classes")
-    present = [label for label in CLASS_COLORS if (labels == label).any()]
     handles = [
-        Patch(
-            color=CLASS_COLORS[label],
-            label=f"{Label(label).title} ({(labels == label).mean():.1%})",
-        )
-        for label in present
+        Patch(color=color, label=f"{Label(label).title} ({(labels == label).mean():.1%})")
+        for label, color in CLASS_COLORS.items()
+        if (labels == label).any()
     ]
     _legend(figure, handles, n_columns=5)
     return figure
@@ -290,11 +287,9 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
         center, radius = np.array(section["center"]), section["diameter_m"] / 2
         reach = _SECTION_RADII * radius + _SECTION_MARGIN_M
         flat, near = _section_points(cloud.points, center, np.array(section["axis"]), reach)
-        colors = class_colors(labels[near])
-        if len(flat) > _MAX_IN_SECTION:
-            step = len(flat) // _MAX_IN_SECTION + 1
-            flat, colors = flat[::step], colors[::step]
-        panel.scatter(*flat.T, s=MARK["section"], c=colors, linewidths=0)
+        step = 1 + len(flat) // _MAX_IN_SECTION
+        colors = class_colors(labels[near[::step]])
+        panel.scatter(*flat[::step].T, s=MARK["section"], c=colors, linewidths=0)
         style = "-" if section["source"] == "points" else "--"
         circle: dict = {"fill": False, "color": COLOR["fit"], "lw": LINE["circle"]}
         panel.add_patch(Circle((0, 0), radius, ls=style, **circle))

@@ -158,11 +158,9 @@ def _cameras(data: dict) -> list[dict]:
 
 def _warnings(data: dict) -> list[dict]:
     """The traits' flags, among them what the choice of the target doubts, then the stages' own."""
-    found: list[str] = []
-    for name in ("sparse", "align_report", "crop_report", "scale", "contract_report"):
-        lines = (data[name] or {}).get("warnings") or []
-        found += [str(line) for line in lines if str(line) not in found]
-    lines = [*map(str, data["traits"].get("flags", [])), *found]
+    stages = ("sparse", "align_report", "crop_report", "scale", "contract_report")
+    found = [str(line) for name in stages for line in (data[name] or {}).get("warnings") or ()]
+    lines = [*map(str, data["traits"].get("flags", [])), *dict.fromkeys(found)]
     return [{"text": line, "advice": advice_for(line)} for line in lines]
 
 

@@ -101,11 +101,9 @@ def report_tree(
     StageError
         If an input is missing or broken.
     """
-
-    def load(name: str) -> Any:
-        return FILES[name].read(files[name]) if files.get(name) else None
-
-    data = {name: load(name) for name in FILES}
+    data: dict[str, Any] = {
+        name: file.read(files[name]) if files.get(name) else None for name, file in FILES.items()
+    }
     data["photos"] = [Path(path) for path in photos]
     cloud, skeleton, traits = data["segmented"], data["skeleton"], data["traits"]
     data["foot"] = np.asarray(traits.get("foot", skeleton.points[0]), dtype=np.float64)
