@@ -22,13 +22,13 @@ def many():
 
 def test_spreads_within_and_between_trees_are_found(many):
     item = repeatability(many)
-    assert item.n == 4000 and item.mean == pytest.approx(MEAN, rel=0.01)
+    assert item.n_pairs == 4000 and item.mean == pytest.approx(MEAN, rel=0.01)
     assert item.bias == pytest.approx(0.5, abs=0.15)
     assert item.within_sd == pytest.approx(WITHIN, rel=0.04)
     assert item.within_cv == pytest.approx(WITHIN / MEAN, rel=0.06)
     assert item.between_cv == pytest.approx(BETWEEN / MEAN, rel=0.04)
     apart = np.abs([pair.second - pair.first - item.bias for pair in many])
-    assert np.mean(apart <= item.coefficient) == pytest.approx(0.95, abs=0.015)
+    assert np.mean(apart <= item.repeatability) == pytest.approx(0.95, abs=0.015)
     assert item.n_covered / item.n_intervals == pytest.approx(0.9, abs=0.02)
     assert item.low < item.bias < item.high
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cherrypicker.report.outliers import FEWEST, line_through, off_the_line, outliers
+from cherrypicker.report.outliers import FEWEST, off_the_line, outliers
 
 
 def named(values):
@@ -40,11 +40,10 @@ def test_a_tree_that_lacks_wood_is_off_the_line_of_the_others():
     x = np.exp(rng.normal(3.5, 0.5, 40))
     y = 0.6 * x**0.9 * np.exp(rng.normal(0, 0.1, 40))
     y[7] *= 0.3
-    line = line_through(x.tolist(), y.tolist())
-    assert line.at(35.0) == pytest.approx(0.6 * 35.0**0.9, rel=0.05)
-    assert line.power == pytest.approx(0.9, abs=0.1)
     sizes, others = ({str(i): float(v) for i, v in enumerate(each)} for each in (x, y))
-    (found,) = off_the_line(sizes, others)
+    line, (found,) = off_the_line(sizes, others)
+    assert line.factor * 35.0**line.power == pytest.approx(0.6 * 35.0**0.9, rel=0.05)
+    assert line.power == pytest.approx(0.9, abs=0.1)
     assert found.tree == "7"
     assert found.score < 0
     assert found.value / found.usual == pytest.approx(0.3, rel=0.3)

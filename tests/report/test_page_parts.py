@@ -74,9 +74,7 @@ def test_what_is_said_of_a_branch():
     row |= {"base_diameter_m": 0.02, "base_diameter_low_m": 0.019, "base_diameter_high_m": 0.022}
     row |= {"insertion_angle_deg": 40.0, "insertion_angle_low_deg": None, "base_height_m": 0.4}
     row |= {"flags": "low_arc <b>", "base_n_points": 1200, "base_arc_deg": 120.0, "p_exists": 0.97}
-    none, facts = branch_facts([row], "arbitrary")
-    assert none == []
-    told = dict(facts)
+    told = dict(branch_facts(row, "arbitrary"))
     assert told["diameter at the base"] == "0.0200 units (0.0190 to 0.0220)"
     assert told["angle"] == "40.0°"
     assert told["there, by the photos"] == "97 %"

@@ -13,10 +13,15 @@ from PIL import Image
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
-from cherrypicker.report.marker_figure import marker_crops, marker_figure
 from cherrypicker.report.page import ReportOptions
 from cherrypicker.report.raster import View, side_views, splat
-from cherrypicker.report.stage_figures import coverage_figure, example_figure, removed_points
+from cherrypicker.report.stage_figures import (
+    coverage_figure,
+    example_figure,
+    marker_crops,
+    marker_figure,
+    removed_points,
+)
 from cherrypicker.report.text import with_uncertainty
 from cherrypicker.report.tree import report_tree
 from cherrypicker.report.viewer import ShownSkeleton, nearest_nodes, pick_points, viewer_data

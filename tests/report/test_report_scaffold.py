@@ -76,9 +76,9 @@ def test_the_section_adds_up(limbed):
     section = limb_section(traits, table, skeleton)
     assert section["classes"] == [("0 to 20 mm", 1), ("20 mm and more", 3)]
     told = json.loads(section["what_if"])
-    length = told["stem"]["length"] + sum(limb["length"] for limb in told["limbs"])
+    length = told["stem"]["wood_length_m"] + sum(limb["wood_length_m"] for limb in told["limbs"])
     assert length == pytest.approx(traits["total_length_m"])
-    assert told["stem"]["length"] == pytest.approx(2.4)
+    assert told["stem"]["wood_length_m"] == pytest.approx(2.4)
     assert min(corner[2] for corner in told["stem"]["hull"]) > 0.7  # the clear stem is no crown
 
 

@@ -31,6 +31,17 @@ class Agreement:
     n_covered: int  # of these, those that hold the hand measurement
 
 
+def limits_of_agreement(
+    differences: Sequence[float],
+) -> tuple[float, float | None, float | None]:
+    """Return the mean of some differences and their lower and upper limit, None of a single one."""
+    bias = fmean(differences)
+    if len(differences) < 2:
+        return bias, None, None
+    half = LIMITS_SD * stdev(differences)
+    return bias, bias - half, bias + half
+
+
 def agreement(pairs: Sequence[dict]) -> Agreement:
     """Return how well pairs of one trait agree.
 
@@ -41,9 +52,9 @@ def agreement(pairs: Sequence[dict]) -> Agreement:
     """
     hand = [pair["hand"] for pair in pairs]
     errors = [pair["ours"] - pair["hand"] for pair in pairs]
-    squares, bias, mean = sum(error**2 for error in errors), fmean(errors), fmean(hand)
+    squares, mean = sum(error**2 for error in errors), fmean(hand)
+    bias, low, high = limits_of_agreement(errors)
     spread = sum((value - mean) ** 2 for value in hand)
-    half = LIMITS_SD * stdev(errors) if len(pairs) > 1 else None
     known = [pair for pair in pairs if pair["low"] is not None and pair["high"] is not None]
     rmse = math.sqrt(squares / len(pairs))
     return Agreement(
@@ -53,8 +64,8 @@ def agreement(pairs: Sequence[dict]) -> Agreement:
         bias=bias,
         r2=1.0 - squares / spread if spread > 0 else None,
         relative_rmse=rmse / mean if mean else None,
-        low=None if half is None else bias - half,
-        high=None if half is None else bias + half,
+        low=low,
+        high=high,
         n_intervals=len(known),
         n_covered=sum(pair["low"] <= pair["hand"] <= pair["high"] for pair in known),
     )

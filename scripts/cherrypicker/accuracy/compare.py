@@ -14,6 +14,7 @@ from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.traits.intervals import Z90, diameter_terms, interval
 from cherrypicker.traits.reports import Reports
+from cherrypicker.traits.table import ends_of
 
 # A trunk diameter was measured at the height of a section if it lies this close, m
 _SAME_HEIGHT_M = 0.005
@@ -133,8 +134,7 @@ class ComparedTree:
         if quantity.at_place:
             return self._diameter(place) | {"doubts": doubts}
         row = self.branches[place.branch]
-        stem = quantity.column.rpartition("_")
-        low, high = (row.get(f"{stem[0]}_{end}_{stem[2]}") for end in ("low", "high"))
+        low, high = map(row.get, ends_of(quantity.column))
         found = {"ours": row[quantity.column], "low": low, "high": high}
         return found | {"branch_id": place.branch, "doubts": doubts}
 

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from cherrypicker.traits.table import BRANCH_COLUMNS, TRAITS
-from cherrypicker.units import UNITS_M
+from cherrypicker.units import UNITS_M, unit_of
 
 #: Kind of a quantity to its units, each in the kind's first.
 UNITS: dict[str, dict[str, float]] = {
@@ -24,8 +24,6 @@ UNITS: dict[str, dict[str, float]] = {
 _SPELLINGS = {"²": "2", "³": "3", "°": "deg", '"': "in", "inch": "in", "grad": "deg"}
 _SIGNS = {"cm2": "cm²", "m2": "m²", "m3": "m³", "dm3": "dm³", "deg": "°"}
 _DECIMALS = {"m": 2, "m2": 2, "m3": 2}  # on the pages
-# How a name ends to its unit
-_ENDINGS = {"_m": "m", "_cm2": "cm2", "_m2": "m2", "_m3": "m3", "_deg": "deg"}
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Quantity:
     @property
     def unit(self) -> str:
         """The unit that all its values are in: the end of its name, or 1."""
-        return next((unit for end, unit in _ENDINGS.items() if self.name.endswith(end)), "1")
+        return unit_of(self.name)[0]
 
     @property
     def short_name(self) -> str:
@@ -63,12 +61,6 @@ class Quantity:
         unit = self.shown_in or self.unit
         text = f"{value / self.units[unit]:{sign}z,.{_DECIMALS.get(unit, 1)}f}"
         return text if unit == "1" else f"{text} {_SIGNS.get(unit, unit)}"
-
-    def shown_limits(self, low: float | None, high: float | None) -> str:
-        """Return limits of agreement for people; a dash where there are none."""
-        if low is None or high is None:
-            return "–"
-        return f"{self.shown(low, sign='+')} to {self.shown(high, sign='+')}"
 
     @property
     def is_on_branch(self) -> bool:

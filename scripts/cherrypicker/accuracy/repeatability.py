@@ -9,7 +9,7 @@ from statistics import fmean, stdev
 
 from scipy.stats import chi2, norm
 
-from cherrypicker.accuracy.agreement import LIMITS_SD
+from cherrypicker.accuracy.agreement import LIMITS_SD, limits_of_agreement
 
 #: A trial shows a difference between two groups at this level, two-sided, with this power: the
 #: usual ones (Cohen 1988, Statistical Power Analysis for the Behavioral Sciences).
@@ -33,13 +33,13 @@ class Repeatability:
     Shares are of the mean; None where too few pairs tell it.
     """
 
-    n: int
+    n_pairs: int
     mean: float
     bias: float  # mean of second minus first
     within_sd: float  # of a single scan: root of half the mean squared difference
     within_sd_high: float  # its upper 95 % limit, by chi squared with n degrees of freedom
     within_cv: float | None  # root mean square of each pair's own, a share
-    coefficient: float  # 95 % of two scans of a tree differ by less
+    repeatability: float  # 95 % of two scans of a tree differ by less
     # Limits of agreement
     low: float | None
     high: float | None
@@ -53,21 +53,21 @@ def repeatability(pairs: Sequence[Pair]) -> Repeatability:
     n = len(pairs)
     differences = [pair.second - pair.first for pair in pairs]
     means = [(pair.first + pair.second) / 2 for pair in pairs]
-    bias, mean = fmean(differences), fmean(means)
+    mean = fmean(means)
+    bias, low, high = limits_of_agreement(differences)
     squares = sum(difference**2 for difference in differences)
     within = math.sqrt(squares / (2 * n))
-    half = LIMITS_SD * stdev(differences) if n > 1 else None
     known = [pair for pair in pairs if pair.half is not None]
     return Repeatability(
-        n=n,
+        n_pairs=n,
         mean=mean,
         bias=bias,
         within_sd=within,
         within_sd_high=math.sqrt(squares / (2 * chi2.ppf(0.05, n))),
         within_cv=_own_cv(differences, means),
-        coefficient=LIMITS_SD * math.sqrt(2) * within,
-        low=None if half is None else bias - half,
-        high=None if half is None else bias + half,
+        repeatability=LIMITS_SD * math.sqrt(2) * within,
+        low=low,
+        high=high,
         n_intervals=len(known),
         n_covered=sum(abs(pair.second - pair.first) <= (pair.half or 0.0) for pair in known),
         between_cv=_between_cv(means, within, mean),

@@ -13,6 +13,7 @@ from cherrypicker.files import is_number, read_json
 from cherrypicker.series.compare import compare_scans
 from cherrypicker.series.scan_files import read_scan
 from cherrypicker.traits.branches import read_branches
+from cherrypicker.traits.table import ends_of
 
 #: What is compared, in the pages' order.
 REPEATED = [quantity for quantity in QUANTITIES.values() if not quantity.at_place]
@@ -67,6 +68,5 @@ def _pair(quantity: Quantity, what: str, first: Mapping, second: Mapping) -> Pai
 
 def _half(scan: Mapping, name: str) -> float | None:
     """Half the 90 % interval of a trait or of a branch's column; None where it has none."""
-    stem, _, unit = name.rpartition("_")
-    ends = scan.get(f"{name}_ci90") or [scan.get(f"{stem}_{end}_{unit}") for end in ("low", "high")]
+    ends = scan.get(f"{name}_ci90") or [scan.get(end) for end in ends_of(name)]
     return (ends[1] - ends[0]) / 2 if all(map(is_number, ends)) else None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from cherrypicker.report.text import tell, tell_all
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
-from cherrypicker.units import unit_name
+from cherrypicker.units import unit_ending, unit_name, unit_word
 
 _FLAGS = {
     "low_arc": "points on under half of its girth",
@@ -40,53 +41,36 @@ def branch_table(rows: list, unit: str) -> dict:
     }
 
 
-def branch_facts(rows: list, unit: str) -> list[list[tuple[str, str]]]:
-    """What the view says of each branch, by its number: names and texts."""
-    by_id = {row["branch_id"]: _facts(row, unit) for row in rows}
-    return [by_id.get(i, []) for i in range(max(by_id, default=-1) + 1)]
-
-
-def _facts(row: dict, unit: str) -> list[tuple[str, str]]:
-    length = unit_name(unit)
-
-    def interval(name: str, digits: int, unit: str) -> str:
-        stem, ending = name.rsplit("_", 1)
-        value = f"{row[name]:.{digits}f} {unit}".replace(" °", "°")
-        ends = [row.get(f"{stem}_{end}_{ending}") for end in ("low", "high")]
-        return value if None in ends else f"{value} ({ends[0]:.{digits}f} to {ends[1]:.{digits}f})"
-
+def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:
+    """What the view says of a branch: names and texts."""
     flags = [_FLAGS.get(flag, flag.replace("_", " ")) for flag in row.get("flags", "").split()]
-    facts = [
-        ("order", str(row["order"])),
-        ("parent", "none" if row["parent_id"] < 0 else str(row["parent_id"])),
-        ("length", f"{row['length_m']:.3f} {length}"),
-        ("diameter at the base", interval("base_diameter_m", 4, length)),
-        ("at the tip", f"{row['tip_diameter_m']:.4f} {length}"),
-        ("angle", interval("insertion_angle_deg", 1, "°")),
-        ("height of its base", f"{row['base_height_m']:.3f} {length}"),
-    ]
-    if row.get("photo_diameter_m") is not None:
-        facts.append(("diameter by the photos", f"{row['photo_diameter_m']:.4f} {length}"))
-    if row.get("p_exists") is not None:
-        facts.append(("there, by the photos", f"{100 * row['p_exists']:.0f} %"))
-    if row.get("base_n_points") is not None:
-        rests = f"{row['base_n_points']:,} points, {row['base_arc_deg']:.0f}° of its girth"
-        facts.append(("rests on", rests))
-    return [*facts, ("flags", "; ".join(flags) or "none")]
+    facts = {
+        "order": "{order}",
+        "parent": "none" if row["parent_id"] < 0 else "{parent_id}",
+        "length": "{length_m:.3f} {m}",
+        "diameter at the base": "{base_diameter_m:.4f} {m}"
+        + tell(" ({base_diameter_low_m:.4f} to {base_diameter_high_m:.4f})", row),
+        "at the tip": "{tip_diameter_m:.4f} {m}",
+        "angle": "{insertion_angle_deg:.1f}°"
+        + tell(" ({insertion_angle_low_deg:.1f} to {insertion_angle_high_deg:.1f})", row),
+        "height of its base": "{base_height_m:.3f} {m}",
+        "diameter by the photos": "{photo_diameter_m:.4f} {m}",
+        "there, by the photos": "{percent:.0f} %",
+        "rests on": "{base_n_points:,} points, {base_arc_deg:.0f}° of its girth",
+        "flags": "{words}",
+    }
+    percent = None if row.get("p_exists") is None else 100 * row["p_exists"]
+    words = "; ".join(flags) or "none"
+    return tell_all(facts, row | {"m": unit_name(unit), "percent": percent, "words": words})
 
 
 def column_head(column: BranchColumn, unit: str) -> str:
     """The head of a column of ``branches.csv`` or ``limbs.csv``, with its unit."""
-    words = {
-        "_mm_per_m": "1/1000",
-        "_deg": "°",
-        "_cm2": "cm²" if unit == "m" else f"1e-4 {unit_name(unit, 2)}",
-        "_m3": unit_name(unit, 3),
-        "_m": unit_name(unit),
-    }
-    end = next((end for end in words if column.name.endswith(end)), "")
+    end, word = unit_ending(column.name), unit_word(column.name, unit)
+    if end == "_cm2" and unit != "m":
+        word = f"1e-4 {word}"
     title = column.title or column.name.removesuffix(end).replace("_", " ")
-    return f"{title} [{words[end]}]" if end else title
+    return f"{title} [{word}]" if end else title
 
 
 def column_cell(column: BranchColumn, row: dict) -> str:

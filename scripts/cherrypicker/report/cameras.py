@@ -41,40 +41,33 @@ def camera_views(
         picture), ``matrix`` (3, 4; from the frame to px of the picture), ``photo`` (its address,
         empty where it has no picture) and ``picture`` (the figure's id, or empty).
     """
-    shown = _pictures(poses, read)
-    return [
-        _view(poses, i) | {"photo": shown.get(i, ""), "picture": pictures.get(str(name), "")}
-        for i, name in enumerate(poses.names)
-    ]
-
-
-def _view(poses: Poses, i: int) -> dict:
-    wide, tall = int(poses.width[i]), int(poses.height[i])
-    zoom = _LONGEST_PX / max(wide, tall)
-    corners = np.array([[0, 0, 1], [wide, 0, 1], [wide, tall, 1], [0, tall, 1]], dtype=np.float64)
-    rays = corners @ np.linalg.inv(poses.K[i]).T @ poses.rotations[i]
-    matrix = np.diag([zoom, zoom, 1.0]) @ poses.K[i] @ poses.cam_from_world[i]
-    return {
-        "name": str(poses.names[i]),
-        "center": poses.centers[i].tolist(),
-        "rays": np.round(rays / np.linalg.norm(rays, axis=1)[:, None], 4).tolist(),
-        "size": [round(zoom * wide), round(zoom * tall)],
-        "matrix": matrix,
-    }
-
-
-def _pictures(poses: Poses, read: Callable[[str, int], np.ndarray] | None) -> dict[int, str]:
-    """Address of the picture of each photo that has one."""
-    if read is None:
-        return {}
-    files = {i: data for i, name in enumerate(poses.names.tolist()) if (data := _small(read, name))}
+    names = [str(name) for name in poses.names]
+    files = {name: data for name in names if read and (data := _small(read, name))}
     step = -(-sum(map(len, files.values())) // _BUDGET) or 1
     if step > 1:
         logger.info("every %dth photo has a picture in the view", step)
-    return {
-        i: "data:image/jpeg;base64," + base64.b64encode(files[i]).decode("ascii")
-        for i in list(files)[::step]
+    shown = {
+        name: "data:image/jpeg;base64," + base64.b64encode(files[name]).decode("ascii")
+        for name in list(files)[::step]
     }
+    views = []
+    for i, name in enumerate(names):
+        wide, tall = int(poses.width[i]), int(poses.height[i])
+        zoom = _LONGEST_PX / max(wide, tall)
+        corners = np.array([[0, 0, 1.0], [wide, 0, 1], [wide, tall, 1], [0, tall, 1]])
+        rays = corners @ np.linalg.inv(poses.K[i]).T @ poses.rotations[i]
+        views.append(
+            {
+                "name": name,
+                "center": poses.centers[i].tolist(),
+                "rays": np.round(rays / np.linalg.norm(rays, axis=1)[:, None], 4).tolist(),
+                "size": [round(zoom * wide), round(zoom * tall)],
+                "matrix": np.diag([zoom, zoom, 1.0]) @ poses.K[i] @ poses.cam_from_world[i],
+                "photo": shown.get(name, ""),
+                "picture": pictures.get(name, ""),
+            }
+        )
+    return views
 
 
 def _small(read: Callable[[str, int], np.ndarray], name: str) -> bytes:

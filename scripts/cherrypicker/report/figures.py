@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import os
 from io import BytesIO
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
 from cherrypicker.pointcloud import PointCloud
@@ -27,14 +28,16 @@ from matplotlib.patches import Circle, Patch
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
 from cherrypicker.report.colors import CLASS_COLORS
-from cherrypicker.report.raster import heights_as_colors, side_views, splat
+from cherrypicker.report.raster import side_views, splat
 from cherrypicker.report.style import (
     COLOR,
     DPI,
     FONT,
     GREY,
+    HIGH_COLOR,
     LAYOUT,
     LINE,
+    LOW_COLOR,
     MARGIN,
     MARK,
     ORDER_COLORS,
@@ -44,6 +47,7 @@ from cherrypicker.units import unit_name
 
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
 _MAX_IN_SECTION = 6000
+_HEIGHT_SHARES = (0.01, 0.99)  # of the points' heights, from the darkest to the lightest
 _SECTIONS_A_ROW = 4
 _SECTION_HALF_HEIGHT_M = 0.05
 _SECTION_RADII, _SECTION_MARGIN_M = 1.8, 0.01  # drawn around a section's centre
@@ -68,69 +72,116 @@ def write_png(figure: Figure, target: BytesIO | str | os.PathLike, width_px: int
     figure.savefig(target, format="png", dpi=dpi, pad_inches=LAYOUT["pad"], **tight)
 
 
-def view_grid(views: list[View], unit: str, width_px: int, title: str = "") -> tuple[Figure, list]:
-    """A figure with one panel a view, side by side at one scale of height.
+class Panel(NamedTuple):
+    """A view of a figure."""
 
-    Returns
-    -------
-    figure : matplotlib.figure.Figure
-    panels : list of (Axes, View, int)
-        Axes, view and the px across of the panel.
-    """
+    axes: Axes
+    view: View
+    width: int  # px across
+
+    def points(
+        self, points: np.ndarray, colors: np.ndarray | tuple[float, ...], size: int = 2
+    ) -> None:
+        """Draw points, `size` px wide; of a big cloud every few, which no pixel misses."""
+        step = 1 + len(points) // _MAX_DRAWN
+        if isinstance(colors, np.ndarray):
+            colors = colors[::step]
+        image = splat(points[::step], colors, self.view, self.width, size=size)
+        (left, bottom), (right, top) = self.view.low, self.view.high
+        extent = (left, right, bottom, top)
+        self.axes.imshow(np.clip(image, 0, 1), extent=extent, interpolation="nearest", zorder=0)
+
+    def marks(self, points: np.ndarray, size: float, color: str, **style: Any) -> None:
+        """Draw points (n, 3) as marks of an area in pt²."""
+        flat, _ = self.view.flatten(points)
+        style = {"linewidths": 0, "zorder": 2} | style
+        self.axes.scatter(flat[:, 0], flat[:, 1], s=size, color=color, **style)
+
+    def lines(self, start: np.ndarray, end: np.ndarray, **style: Any) -> None:
+        """Draw lines between points (n, 3)."""
+        flat = [self.view.flatten(points)[0] for points in (start, end)]
+        self.axes.add_collection(LineCollection(list(np.stack(flat, axis=1)), **style))
+
+    def edges(self, skeleton: Skeleton, **style: Any) -> None:
+        """Draw a skeleton's lines."""
+        self.lines(skeleton.points[skeleton.parent[1:]], skeleton.points[1:], **style)
+
+
+def view_grid(
+    views: list[View], unit: str, width_px: int, title: str
+) -> tuple[Figure, list[Panel]]:
+    """A figure with one panel a view, side by side at one scale of height."""
     low, high = LAYOUT["least_aspect"], LAYOUT["most_aspect"]
     ratios = [1.0 / min(max(view.aspect, low), high) for view in views]
-    width = width_px / DPI
-    height = max((width - LAYOUT["axis"] * len(views)) / sum(ratios), LAYOUT["least_height"])
+    width, total = width_px / DPI, sum(ratios)
+    height = max((width - LAYOUT["axis"] * len(views)) / total, LAYOUT["least_height"])
     height = min(height, LAYOUT["most_height"] * width) + LAYOUT["heading"]
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     drawn = figure.subplots(1, len(views), width_ratios=ratios, squeeze=False)[0]
     panels = []
-    total = sum(ratios)
     for axes_, view, ratio in zip(drawn, views, ratios, strict=True):
-        axes_.set_xlim(view.low[0], view.high[0])
-        axes_.set_ylim(view.low[1], view.high[1])
-        axes_.set_aspect("equal")
-        names = {"front": "xz", "side": "yz", "top": "xy"}.get(view.name, "  ")
-        axes_.set_xlabel(f"{names[0]} [{unit_name(unit)}]")
-        axes_.set_ylabel(f"{names[1]} [{unit_name(unit)}]")
+        across, up = {"front": ("x", "z"), "side": ("y", "z"), "top": ("x", "y")}[view.name]
+        (left, bottom), (right, top) = view.low, view.high
+        axes_.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+        axes_.set_xlabel(f"{across} [{unit_name(unit)}]")
+        axes_.set_ylabel(f"{up} [{unit_name(unit)}]")
         axes_.set_title(view.name, fontsize=FONT["panel"])
         axes_.tick_params(labelsize=FONT["note"])
-        panels.append((axes_, view, max(int(width_px * ratio / total), LAYOUT["least_panel_px"])))
-    if title:
-        figure.suptitle(title, fontsize=FONT["title"])
+        panel_px = int(max(width_px * ratio / total, LAYOUT["least_panel_px"]))
+        panels.append(Panel(axes_, view, panel_px))
+    figure.suptitle(title, fontsize=FONT["title"])
     return figure, panels
 
 
-def show_points(
-    panel: tuple[Axes, View, int],
-    points: np.ndarray,
-    colors: np.ndarray | tuple[float, ...],
-    *,
-    size: int = 2,
-    background: float = 1.0,
-) -> None:
-    """Draw points into a panel of `view_grid`; of a big cloud every few, which no pixel misses."""
-    axes_, view, width = panel
-    step = 1 + len(points) // _MAX_DRAWN
-    if isinstance(colors, np.ndarray) and colors.ndim == 2:
-        colors = colors[::step]
-    image = splat(points[::step], colors, view, width, size=size, background=background)
-    extent = (view.low[0], view.high[0], view.low[1], view.high[1])
-    axes_.imshow(np.clip(image, 0, 1), extent=extent, interpolation="nearest", zorder=0)
+def wood_grid(
+    cloud: PointCloud, skeleton: Skeleton, grey: float, width_px: int, title: str
+) -> tuple[Figure, list[Panel]]:
+    """A figure with the wood that a skeleton was made from, in grey, from two sides."""
+    views = side_views(tree_box(skeleton), kinds=("front", "side"))
+    figure, panels = view_grid(views, cloud.unit, width_px, title)
+    wood = cloud.points[wood_mask(cloud["label"])]
+    for panel in panels:
+        panel.points(wood, (grey,) * 3)
+    return figure, panels
 
 
-def mark_points(
-    panel: tuple[Axes, View, int], points: np.ndarray, size: float, color: str, **style: Any
-) -> None:
-    """Draw points (n, 3) into a panel of `view_grid` as marks of an area in pt²."""
-    flat, _ = panel[1].flatten(points)
-    style = {"linewidths": 0, "zorder": 2} | style
-    panel[0].scatter(flat[:, 0], flat[:, 1], s=size, color=color, **style)
+def tile_grid(rows: list[list[tuple]], size: tuple[float, float]) -> Figure | None:
+    """Pictures in rows; rows without any are left out, None where no row has one.
+
+    Parameters
+    ----------
+    rows : list of list of tuple (str, image, dict, ndarray of shape (n, 2) or None)
+        Title, picture, style of `Axes.imshow`, and an outline over it in its pixels.
+    size : tuple of float
+        Width and height of a tile, inches.
+    """
+    rows = [row for row in rows if row]
+    if not rows:
+        return None
+    shape = len(rows), max(map(len, rows))
+    figsize = size[0] * shape[1], size[1] * shape[0]
+    figure = Figure(figsize=figsize, dpi=DPI, layout="constrained")
+    for panels, tiles in zip(figure.subplots(*shape, squeeze=False), rows, strict=True):
+        for panel in panels:
+            panel.set_axis_off()
+        for panel, (title, image, style, outline) in zip(panels, tiles, strict=False):
+            panel.imshow(image, interpolation="nearest", **style)
+            if outline is not None:
+                panel.plot(*outline.T, color=COLOR["corner"], lw=LINE["border"])
+            # Names come from the user's files: no mathtext in them
+            panel.set_title(title, fontsize=FONT["tile"], parse_math=False)
+    return figure
 
 
 def cloud_colors(cloud: PointCloud) -> np.ndarray:
-    """The cloud's colours, or colours by height where it has none."""
-    return heights_as_colors(cloud.points) if cloud.colors is None else cloud.colors
+    """The cloud's colours; where it has none dark below and light above, (n, 3) float32."""
+    if cloud.colors is not None:
+        return cloud.colors
+    z = cloud.points[:, 2]
+    low, high = np.quantile(z, _HEIGHT_SHARES)
+    share = np.clip((z - low) / max(high - low, 1e-9), 0, 1)[:, None]
+    colors = (1 - share) * np.array(LOW_COLOR) + share * np.array(HIGH_COLOR)
+    return colors.astype(np.float32)
 
 
 def class_colors(labels: np.ndarray) -> np.ndarray:
@@ -159,7 +210,7 @@ def _scene_figure(
     views += side_views(cloud.points, kinds=("top",))
     figure, panels = view_grid(views, cloud.unit, width_px, title)
     for panel in panels:
-        show_points(panel, cloud.points, colors)
+        panel.points(cloud.points, colors)
     return figure
 
 
@@ -167,13 +218,10 @@ def label_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure
     """The segmented cloud by class."""
     labels = cloud["label"]
     figure = _scene_figure(cloud, skeleton, class_colors(labels), width_px, "Classes")
-    present = [label for label in CLASS_COLORS if (labels == label).any()]
     handles = [
-        Patch(
-            color=CLASS_COLORS[label],
-            label=f"{Label(label).title} ({(labels == label).mean():.1%})",
-        )
-        for label in present
+        Patch(color=color, label=f"{Label(label).title} ({(labels == label).mean():.1%})")
+        for label, color in CLASS_COLORS.items()
+        if (labels == label).any()
     ]
     _legend(figure, handles, n_columns=5)
     return figure
@@ -190,26 +238,14 @@ def _legend(figure: Figure, handles: list, n_columns: int) -> None:
     )
 
 
-def _edge_lines(skeleton: Skeleton, view: View) -> list[np.ndarray]:
-    flat, _ = view.flatten(skeleton.points)
-    return list(np.stack([flat[skeleton.parent[1:]], flat[1:]], axis=1))
-
-
 def skeleton_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The skeleton over the wood it was made from, its lines as thick as its radii say."""
-    wood = cloud.points[wood_mask(cloud["label"])]
-    views = side_views(tree_box(skeleton), kinds=("front", "side"))
-    figure, panels = view_grid(views, cloud.unit, width_px, "Skeleton over the wood")
+    title = "Skeleton over the wood"
+    figure, panels = wood_grid(cloud, skeleton, GREY["wood"], width_px, title)
     radius = skeleton.radius[1:]
+    thick = LINE["least_wood"] + LINE["most_wood"] * radius / max(radius.max(), 1e-9)
     for panel in panels:
-        show_points(panel, wood, (GREY["wood"],) * 3)
-        lines = LineCollection(
-            _edge_lines(skeleton, panel[1]),
-            linewidths=LINE["least_wood"] + LINE["most_wood"] * radius / max(radius.max(), 1e-9),
-            colors=COLOR["fit"],
-            capstyle="round",
-        )
-        panel[0].add_collection(lines)
+        panel.edges(skeleton, linewidths=thick, colors=COLOR["fit"], capstyle="round")
     return figure
 
 
@@ -223,15 +259,14 @@ def topology_figure(
     colors = [order_color(order) for order in orders[1:]]
     kinds = np.array(topology.kind)
     for panel in panels:
-        axes_, view, _ = panel
-        axes_.add_collection(
-            LineCollection(_edge_lines(skeleton, view), colors=colors, linewidths=LINE["order"])
-        )
+        panel.edges(skeleton, colors=colors, linewidths=LINE["order"])
         for kind, marker in (("junction", "o"), ("tip", "o"), ("root", "s")):
             style: dict = {"marker": marker, "label": kind, "zorder": 3}
-            mark_points(panel, topology.points[kinds == kind], MARK[kind], COLOR[kind], **style)
-    handles = [Patch(color=order_color(k), label=f"order {k}") for k in np.unique(orders)]
-    handles += panels[0][0].get_legend_handles_labels()[0]
+            panel.marks(topology.points[kinds == kind], MARK[kind], COLOR[kind], **style)
+    handles: list[Artist] = [
+        Patch(color=order_color(k), label=f"order {k}") for k in np.unique(orders)
+    ]
+    handles += panels[0].axes.get_legend_handles_labels()[0]
     _legend(figure, handles, n_columns=9)
     return figure
 
@@ -252,11 +287,9 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
         center, radius = np.array(section["center"]), section["diameter_m"] / 2
         reach = _SECTION_RADII * radius + _SECTION_MARGIN_M
         flat, near = _section_points(cloud.points, center, np.array(section["axis"]), reach)
-        colors = class_colors(labels[near])
-        if len(flat) > _MAX_IN_SECTION:
-            step = len(flat) // _MAX_IN_SECTION + 1
-            flat, colors = flat[::step], colors[::step]
-        panel.scatter(*flat.T, s=MARK["section"], c=colors, linewidths=0)
+        step = 1 + len(flat) // _MAX_IN_SECTION
+        colors = class_colors(labels[near[::step]])
+        panel.scatter(*flat[::step].T, s=MARK["section"], c=colors, linewidths=0)
         style = "-" if section["source"] == "points" else "--"
         circle: dict = {"fill": False, "color": COLOR["fit"], "lw": LINE["circle"]}
         panel.add_patch(Circle((0, 0), radius, ls=style, **circle))
@@ -293,11 +326,10 @@ def thumbnail(cloud: PointCloud, skeleton: Skeleton) -> Figure:
     figure = Figure(figsize=(width_px / DPI, width_px * aspect / DPI), dpi=DPI)
     axes_ = figure.add_axes((0, 0, 1, 1))
     axes_.set_axis_off()
-    wood = cloud.points[wood_mask(cloud["label"])]
     axes_.set(xlim=(view.low[0], view.high[0]), ylim=(view.low[1], view.high[1]), aspect="equal")
-    show_points((axes_, view, width_px), wood, (GREY["wood"],) * 3, size=1)
+    panel = Panel(axes_, view, width_px)
+    panel.points(cloud.points[wood_mask(cloud["label"])], (GREY["wood"],) * 3, size=1)
     orders = node_order(skeleton, axes(skeleton))
     colors = [order_color(order) for order in orders[1:]]
-    lines = _edge_lines(skeleton, view)
-    axes_.add_collection(LineCollection(lines, colors=colors, linewidths=LINE["thin"]))
+    panel.edges(skeleton, colors=colors, linewidths=LINE["thin"])
     return figure

@@ -13,18 +13,17 @@ Of normal numbers the rule names 1 in 60 among 10 trees, 1 in 150 among 20 and 1
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from itertools import combinations
 from statistics import median
+from typing import NamedTuple
 
 LIMIT = 3.5
 FEWEST = 10  # trees; among fewer the rule names more than 1 in 60 that belong to the rest
 _MAD_SHARE = 0.6745  # of a normal distribution's standard deviation
 
 
-@dataclass(frozen=True)
-class Outlier:
+class Outlier(NamedTuple):
     """One number that stands apart."""
 
     tree: str
@@ -33,16 +32,11 @@ class Outlier:
     score: float  # modified z; infinite for a size of zero
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """y = factor * x ** power."""
 
     factor: float
     power: float
-
-    def at(self, x: float) -> float:
-        """Return the line's value."""
-        return self.factor * x**self.power
 
 
 def outliers(values: Mapping[str, float]) -> list[Outlier]:
@@ -53,52 +47,38 @@ def outliers(values: Mapping[str, float]) -> list[Outlier]:
     values : mapping of str to float
         A size or a count of each tree.
     """
-    if len(values) < FEWEST:
-        return []
-    usual = median(values.values())
-    scores = _scores({tree: _log(value / usual) for tree, value in values.items()} if usual else {})
-    return _named(scores, values, dict.fromkeys(values, usual))
+    return _apart(values, dict.fromkeys(values, median(values.values()) if values else 0.0))
 
 
-def off_the_line(x: Mapping[str, float], y: Mapping[str, float]) -> list[Outlier]:
-    """Return the trees whose y does not fit their x, the farthest first."""
-    trees = [tree for tree in x if tree in y and x[tree] > 0 and y[tree] > 0]
-    line = line_through([x[tree] for tree in trees], [y[tree] for tree in trees])
-    if line is None or len(trees) < FEWEST:
-        return []
-    usual = {tree: line.at(x[tree]) for tree in trees}
-    scores = _scores({tree: math.log(y[tree] / usual[tree]) for tree in trees})
-    return _named(scores, y, usual)
+def off_the_line(
+    x: Mapping[str, float], y: Mapping[str, float]
+) -> tuple[Line | None, list[Outlier]]:
+    """Return the line of y over x, and the trees whose y does not fit it, the farthest first.
 
-
-def line_through(x: Sequence[float], y: Sequence[float]) -> Line | None:
-    """Return Theil and Sen's line through the logarithms; None where no two x differ."""
-    places = [(math.log(a), math.log(b)) for a, b in zip(x, y, strict=True) if a > 0 and b > 0]
-    slopes = [(d - b) / (c - a) for (a, b), (c, d) in combinations(places, 2) if c != a]
+    It is Theil and Sen's through the logarithms; None where no two x differ.
+    """
+    both = {tree: (x[tree], y[tree]) for tree in x if tree in y and x[tree] > 0 and y[tree] > 0}
+    logs = [(math.log(a), math.log(b)) for a, b in both.values()]
+    slopes = [(d - b) / (c - a) for (a, b), (c, d) in combinations(logs, 2) if c != a]
     if not slopes:
-        return None
+        return None, []
     power = median(slopes)
-    return Line(math.exp(median(b - power * a for a, b in places)), power)
+    factor = math.exp(median(b - power * a for a, b in logs))
+    usual = {tree: factor * a**power for tree, (a, _) in both.items()}
+    return Line(factor, power), _apart({tree: y[tree] for tree in both}, usual)
 
 
-def _log(ratio: float) -> float:
-    return math.log(ratio) if ratio > 0 else -math.inf
-
-
-def _scores(values: Mapping[str, float]) -> dict[str, float]:
-    """Modified z-scores; none where half of the values are equal."""
-    if not values:
-        return {}
-    middle = median(values.values())
-    spread = median(abs(value - middle) for value in values.values())
-    if spread <= 0 or not math.isfinite(spread):
-        return {}
-    return {tree: _MAD_SHARE * (value - middle) / spread for tree, value in values.items()}
-
-
-def _named(
-    scores: Mapping[str, float], values: Mapping[str, float], usual: Mapping[str, float]
-) -> list[Outlier]:
+def _apart(values: Mapping[str, float], usual: Mapping[str, float]) -> list[Outlier]:
+    """By the modified z-scores of the logarithms; none where half of them are equal."""
+    if len(values) < FEWEST or not all(usual.values()):
+        return []
+    ratios = {tree: value / usual[tree] for tree, value in values.items()}
+    logs = {tree: math.log(ratio) if ratio > 0 else -math.inf for tree, ratio in ratios.items()}
+    middle = median(logs.values())
+    spread = median(abs(value - middle) for value in logs.values())
+    if not 0 < spread < math.inf:
+        return []
+    scores = {tree: _MAD_SHARE * (value - middle) / spread for tree, value in logs.items()}
     apart = [
         Outlier(tree, values[tree], usual[tree], score)
         for tree, score in scores.items()

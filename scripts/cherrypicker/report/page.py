@@ -6,6 +6,7 @@ import base64
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 
 from matplotlib.figure import Figure
 from PIL import Image
@@ -20,7 +21,7 @@ from cherrypicker.report.figures import order_color, write_png
 from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
-from cherrypicker.report.text import page_template, script_json, with_uncertainty
+from cherrypicker.report.text import page_template, script_json, told, with_uncertainty
 from cherrypicker.report.viewer import ShownSkeleton, module_map, viewer_data
 from cherrypicker.traits.flags import advice_for
 from cherrypicker.traits.table import TRAITS
@@ -87,7 +88,7 @@ def render_report(
         [
             ShownSkeleton(
                 data["skeleton"],
-                branch_facts(data["branches"], unit),
+                [branch_facts(row, unit) for row in data["branches"]],
                 [row.get("p_exists") for row in data["branches"]],
             )
         ],
@@ -104,12 +105,8 @@ def render_report(
         tree=about["tree"],
         lead=_lead(about, unit, data),
         warnings=_warnings(data),
-        traits=_trait_rows(traits, unit),
-        orders=_order_rows(traits),
-        diameters=_diameter_rows(traits, unit),
-        trunk_end=_trunk_end(traits, unit),
-        foot_source=_foot_source(traits),
-        scale_note=_scale_note(unit, data),
+        **_trait_tables(traits, unit),
+        is_scale_known=unit == "m" and (data["scale"] or {}).get("scale_std"),
         unit=unit_name(unit),
         viewer=script_json(viewer),
         modules=module_map(),
@@ -119,7 +116,7 @@ def render_report(
         figures=[_embedded(width_px, *figure) for figure in figures],
         scaffold=limb_section(traits, data["limbs"], data["skeleton"]),
         verdict=verdict,
-        accuracy=accuracy_section([("", "", pair) for pair in measured]),
+        accuracy=accuracy_section([{**pair, "tree": "", "href": ""} for pair in measured]),
         stages=sections,
         files=_FILES,
         version=cherrypicker.__version__,
@@ -127,26 +124,20 @@ def render_report(
 
 
 def _embedded(width_px: int, figure: Figure | bytes, caption: str, name: str = "") -> dict:
-    if not isinstance(figure, bytes):
+    """A figure for the page: of photos or points a JPEG, which is smaller, any other as it is."""
+    if isinstance(figure, Figure):
         stream = io.BytesIO()
-        width = min(width_px, _ZOOM * DPI * figure.get_size_inches()[0])
-        write_png(figure, stream, width)
+        write_png(figure, stream, min(width_px, _ZOOM * DPI * figure.get_size_inches()[0]))
         figure = stream.getvalue()
-    figure = _smaller(figure)
+    if not figure.startswith(_JPEG):
+        stream = io.BytesIO()
+        with Image.open(io.BytesIO(figure)) as image:
+            image.convert("RGB").save(stream, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
+        if len(stream.getvalue()) < _JPEG_PAYS * len(figure):
+            figure = stream.getvalue()
     kind = "jpeg" if figure.startswith(_JPEG) else "png"
     data = base64.b64encode(figure).decode("ascii")
     return {"data": data, "kind": kind, "caption": caption, "id": name}
-
-
-def _smaller(figure: bytes) -> bytes:
-    """A figure of photos or points as JPEG, any other as it is."""
-    if figure.startswith(_JPEG):
-        return figure
-    stream = io.BytesIO()
-    with Image.open(io.BytesIO(figure)) as image:
-        image.convert("RGB").save(stream, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
-    is_worth = len(stream.getvalue()) < _JPEG_PAYS * len(figure)
-    return stream.getvalue() if is_worth else figure
 
 
 def _cameras(data: dict) -> list[dict]:
@@ -154,14 +145,11 @@ def _cameras(data: dict) -> list[dict]:
     poses, check = data["metric_poses"], data["photo_check"] or {}
     if poses is None:
         return []
-    share = {photo["name"]: photo["share_right"] for photo in check.get("photos", ())}
-    judged = [name for name, value in share.items() if value is not None]
+    judged = [photo for photo in check.get("photos", ()) if photo["share_right"] is not None]
     pictures = {}
     if judged:
-        pictures = {
-            max(judged, key=lambda name: share[name]): "best_photo",
-            min(judged, key=lambda name: share[name]): "worst_photo",
-        }
+        best, worst = (find(judged, key=itemgetter("share_right"))["name"] for find in (max, min))
+        pictures = {best: "best_photo", worst: "worst_photo"}
     read = None
     if data["cameras"] and data["photos"]:
         read = UndistortedPhotos(data["cameras"], data["photos"]).read
@@ -170,11 +158,9 @@ def _cameras(data: dict) -> list[dict]:
 
 def _warnings(data: dict) -> list[dict]:
     """The traits' flags, among them what the choice of the target doubts, then the stages' own."""
-    found: list[str] = []
-    for name in ("sparse", "align_report", "crop_report", "scale", "contract_report"):
-        lines = (data[name] or {}).get("warnings") or []
-        found += [str(line) for line in lines if str(line) not in found]
-    lines = [*map(str, data["traits"].get("flags", [])), *found]
+    stages = ("sparse", "align_report", "crop_report", "scale", "contract_report")
+    found = [str(line) for name in stages for line in (data[name] or {}).get("warnings") or ()]
+    lines = [*map(str, data["traits"].get("flags", [])), *dict.fromkeys(found)]
     return [{"text": line, "advice": advice_for(line)} for line in lines]
 
 
@@ -185,58 +171,33 @@ def _lead(about: Mapping[str, str], unit: str, data: dict) -> list[str]:
     return lead
 
 
-def _trait_rows(traits: dict, unit: str) -> list:
+def _trait_tables(traits: dict, unit: str) -> dict:
+    """What stands below "Traits"."""
     rows = []
     for name, trait in TRAITS.items():
-        if not trait.is_shown:
-            continue
-        interval = traits.get(f"{name}_ci90") or ()
-        ends = [with_uncertainty(end, None, trait, unit).split(" ")[0] for end in interval]
-        shown = with_uncertainty(traits.get(name), traits.get(f"{name}_se"), trait, unit)
-        told = " to ".join(ends)
-        if name in traits.get("at_least", ()):
-            shown, told = f"at least {shown}", f"{ends[0]} and more" if ends else ""
-        rows.append({"name": trait.title, "value": shown, "interval": told})
-    return rows
-
-
-def _order_rows(traits: dict) -> list:
+        if trait.is_shown:
+            interval = traits.get(f"{name}_ci90") or ()
+            ends = [with_uncertainty(end, None, trait, unit).split(" ")[0] for end in interval]
+            shown, between = told(traits, name, unit), " to ".join(ends)
+            if name in traits.get("at_least", ()):
+                shown, between = f"at least {shown}", f"{ends[0]} and more" if ends else ""
+            rows.append({"name": trait.title, "value": shown, "interval": between})
     lengths = traits.get("length_by_order_m", {})
     counts = traits.get("n_branches_by_order", {})
-    return [
-        {
-            "order": order,
-            "count": counts.get(order, ""),
-            "length": f"{lengths[order]:.2f}",
-            "color": order_color(int(order)),
-        }
-        for order in sorted(lengths, key=int)
-    ]
-
-
-def _diameter_rows(traits: dict, unit: str) -> list:
-    errors, trait = traits.get("trunk_diameters_se", {}), TRAITS["trunk_diameter_m"]
-    return [
-        {"height": height, "value": with_uncertainty(value, errors.get(height), trait, unit)}
-        for height, value in traits.get("trunk_diameters", {}).items()
-    ]
-
-
-def _trunk_end(traits: dict, unit: str) -> str:
-    """Where the trunk ends, for the reader who misses a diameter above."""
-    name = "trunk_end_height_m"
-    return with_uncertainty(traits.get(name), None, TRAITS[name], unit)
-
-
-def _foot_source(traits: dict) -> str:
+    errors, trunk = traits.get("trunk_diameters_se", {}), TRAITS["trunk_diameter_m"]
     flags = [str(flag).split(":")[0] for flag in traits.get("flags", [])]
-    if "no_ground" in flags:
-        return "its lowest points"
-    return "the skeleton's root" if "foot_unseen" in flags else "the ground around it"
-
-
-def _scale_note(unit: str, data: dict) -> str:
-    scale = data["scale"] or {}
-    if unit == "m" and scale.get("scale_std"):
-        return ", with the scale's error"
-    return ""
+    foot = "the skeleton's root" if "foot_unseen" in flags else "the ground around it"
+    return {
+        "traits": rows,
+        "orders": [
+            (order_color(int(order)), order, counts.get(order, ""), f"{lengths[order]:.2f}")
+            for order in sorted(lengths, key=int)
+        ],
+        "diameters": [
+            (height, with_uncertainty(value, errors.get(height), trunk, unit))
+            for height, value in traits.get("trunk_diameters", {}).items()
+        ],
+        # For the reader who misses a diameter above
+        "trunk_end": told(traits, "trunk_end_height_m", unit),
+        "foot_source": "its lowest points" if "no_ground" in flags else foot,
+    }

@@ -6,10 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker.report.style import HIGH_COLOR, LOW_COLOR, MARGIN
-
-BACKGROUND = 1.0
-_HEIGHT_SHARES = (0.01, 0.99)  # of the points' heights, from the darkest to the lightest
+from cherrypicker.report.style import MARGIN
 
 
 @dataclass(frozen=True)
@@ -69,9 +66,8 @@ def splat(
     width: int,
     *,
     size: int = 2,
-    background: float = BACKGROUND,
 ) -> np.ndarray:
-    """Draw points into an image.
+    """Draw points into a white image.
 
     Parameters
     ----------
@@ -82,8 +78,6 @@ def splat(
         Of the image, px; its height follows from the view.
     size : int, default 2
         Side of a point, px.
-    background : float or ndarray of shape (height, width, 3)
-        Grey value, or an image to draw over.
 
     Returns
     -------
@@ -91,7 +85,7 @@ def splat(
         The first row is the top.
     """
     height = max(int(round(width * view.aspect)), 1)
-    image = np.full((height, width, 3), background, dtype=np.float32)
+    image = np.ones((height, width, 3), dtype=np.float32)
     flat, nearness = view.flatten(points)
     scale = width / (view.high[0] - view.low[0])
     column = np.floor((flat[:, 0] - view.low[0]) * scale).astype(np.int64)
@@ -112,12 +106,3 @@ def splat(
             image[r, c] = colors[wins]
             depth[r, c] = near[wins]
     return image
-
-
-def heights_as_colors(points: np.ndarray) -> np.ndarray:
-    """Colours for a cloud without any: dark below, light above, (n, 3) float32."""
-    z = points[:, 2]
-    low, high = np.quantile(z, _HEIGHT_SHARES)
-    share = np.clip((z - low) / max(high - low, 1e-9), 0, 1)[:, None]
-    colors = (1 - share) * np.array(LOW_COLOR) + share * np.array(HIGH_COLOR)
-    return colors.astype(np.float32)

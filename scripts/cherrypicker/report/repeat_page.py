@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 from cherrypicker.accuracy.quantities import QUANTITIES, Quantity
 from cherrypicker.accuracy.repeatability import Pair, Repeatability, repeatability, trees_to_show
-from cherrypicker.report.bland_altman import Mark, bland_altman
+from cherrypicker.report.bland_altman import bland_altman, limits_cells, mark
 from cherrypicker.report.text import page_template
 
 COLUMNS = (
@@ -27,17 +28,9 @@ def repeat_rows(pairs: Mapping[str, Sequence[Pair]], difference: float) -> list[
     """
     found = []
     for name, both in pairs.items():
-        item = repeatability(both)
-        found.append(
-            {
-                "trait": name,
-                "unit": QUANTITIES[name].unit,
-                "n_pairs": item.n,
-                "repeatability": item.coefficient,
-                "n_trees": _n_trees(QUANTITIES[name], item, difference),
-            }
-            | {key: getattr(item, key) for key in COLUMNS if hasattr(item, key)}
-        )
+        quantity, item = QUANTITIES[name], repeatability(both)
+        about = {"trait": name, "unit": quantity.unit}
+        found.append(about | asdict(item) | {"n_trees": _n_trees(quantity, item, difference)})
     return found
 
 
@@ -84,7 +77,6 @@ def repeat_page(
 
 
 def _cells(quantity: Quantity, row: dict) -> list[str]:
-    covered = f"{row['n_covered']} of {row['n_intervals']}" if row["n_intervals"] else "–"
     return [
         quantity.title,
         str(row["n_pairs"]),
@@ -93,8 +85,7 @@ def _cells(quantity: Quantity, row: dict) -> list[str]:
         f"{quantity.shown(row['within_sd'])} (≤ {quantity.shown(row['within_sd_high'])})",
         "–" if row["within_cv"] is None else f"{100 * row['within_cv']:.2f} %",
         quantity.shown(row["repeatability"]),
-        quantity.shown_limits(row["low"], row["high"]),
-        covered,
+        *limits_cells(quantity, row),
         "–" if row["n_trees"] is None else str(row["n_trees"]),
     ]
 
@@ -102,9 +93,8 @@ def _cells(quantity: Quantity, row: dict) -> list[str]:
 def _figure(quantity: Quantity, pairs: Sequence[Pair], row: dict) -> dict:
     marks = []
     for pair in pairs:
-        mean, difference = (pair.first + pair.second) / 2, pair.second - pair.first
-        half = pair.half or 0.0
+        difference, half = pair.second - pair.first, pair.half or 0.0
+        ends = difference - half, difference + half
         label = f"{pair.what}: {quantity.shown(pair.first)}, then {quantity.shown(pair.second)}"
-        marks.append(Mark(mean, difference, difference - half, difference + half, label))
-    levels = row["bias"], row["low"], row["high"]
-    return bland_altman(quantity, "second less first scan", marks, levels)
+        marks.append(mark(pair.first, pair.second, ends, label))
+    return bland_altman(quantity, "second less first scan", marks, row)

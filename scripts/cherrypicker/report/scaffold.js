@@ -78,11 +78,11 @@
   }
 
   function measure() {
-    const left = data.limbs.filter((limb) => !gone.has(limb.id));
+    const left = data.limbs.filter((limb) => !gone.has(limb.branch_id));
     const sum = (name) => left.reduce((total, limb) => total + limb[name], 0);
     const points = left.reduce((all, limb) => all.concat(limb.hull), data.stem.hull.slice());
-    return { n: left.length, ratio: data.ratio * sum("area") / data.area,
-      length: data.stem.length + sum("length"), volume: data.stem.volume + sum("volume"),
+    return { n: left.length, ratio: data.ratio * sum("area_cm2") / data.area,
+      length: data.stem.wood_length_m + sum("wood_length_m"), volume: data.stem.wood_volume_m3 + sum("wood_volume_m3"),
       hull: hullVolume(points), width: width(points) };
   }
 
@@ -131,8 +131,8 @@
 
   // The stem unrolled: azimuth to the right, height upwards, circles as thick as the limbs are.
   function draw() {
-    const map = box.querySelector("svg"), high = Math.max(...data.limbs.map((l) => l.height));
-    const thick = Math.max(...data.limbs.map((l) => l.diameter));
+    const map = box.querySelector("svg"), high = Math.max(...data.limbs.map((l) => l.height_m));
+    const thick = Math.max(...data.limbs.map((l) => l.diameter_m));
     const x = (degrees) => 46 + 400 * degrees / 360, y = (height) => 268 - 240 * height / high;
     for (const degrees of [0, 90, 180, 270, 360]) {
       map.append(element("line", { x1: x(degrees), x2: x(degrees), y1: 16, y2: 276 }));
@@ -144,9 +144,9 @@
       map.append(element("text", { x: 40, y: y(height) + 4, "text-anchor": "end" }, height.toFixed(2)));
     }
     for (const limb of data.limbs) {
-      const at = { cx: x(limb.azimuth), cy: y(limb.height), r: 4 + 12 * limb.diameter / thick };
-      const mark = element("circle", { ...at, "data-limb": limb.id, tabindex: 0, role: "button" });
-      mark.append(element("title", {}, `limb ${limb.rank}, axis ${limb.id}`));
+      const at = { cx: x(limb.azimuth_deg), cy: y(limb.height_m), r: 4 + 12 * limb.diameter_m / thick };
+      const mark = element("circle", { ...at, "data-limb": limb.branch_id, tabindex: 0, role: "button" });
+      mark.append(element("title", {}, `limb ${limb.rank}, axis ${limb.branch_id}`));
       map.append(mark);
       map.append(element("text", { x: at.cx, y: at.cy + 4, "text-anchor": "middle", class: "rank" }, limb.rank));
     }
@@ -162,8 +162,8 @@
     });
   }
   box.querySelector("[name=largest]").addEventListener("click", () => {
-    const next = data.limbs.find((limb) => !gone.has(limb.id));
-    if (next) toggle(next.id);
+    const next = data.limbs.find((limb) => !gone.has(limb.branch_id));
+    if (next) toggle(next.branch_id);
   });
   box.querySelector("[name=all]").addEventListener("click", () => { gone.clear(); show(); });
   show();

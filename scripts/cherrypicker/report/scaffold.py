@@ -6,7 +6,7 @@ import numpy as np
 
 from cherrypicker.geometry.hulls import hull_of
 from cherrypicker.report.branches import column_cell, column_head
-from cherrypicker.report.text import script_json, with_uncertainty
+from cherrypicker.report.text import script_json, told
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.limb_table import limb_of_axis
@@ -23,6 +23,11 @@ _FORMS = (
     "crown_base_height_m",
     "tree_row_volume_m3_ha",
     "branching_index_per_m",
+)
+# Columns of a limb that the page's script reckons with
+_OF_LIMB = (
+    *("branch_id", "rank", "area_cm2", "diameter_m", "height_m", "azimuth_deg"),
+    *("wood_length_m", "wood_volume_m3"),
 )
 
 
@@ -44,24 +49,20 @@ def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> d
     columns = [column for column in LIMB_COLUMNS.values() if column.title]
     ratio = traits.get("limb_trunk_ratio_ci90")
     return {
-        "ratio": _told(traits, "limb_trunk_ratio", unit),
+        "ratio": told(traits, "limb_trunk_ratio", unit),
         "interval": " to ".join(f"{end:.2f}" for end in ratio) if ratio else "",
-        "trunk_height": _told(traits, "limb_trunk_height_m", unit),
+        "trunk_height": told(traits, "limb_trunk_height_m", unit),
         "classes": [
             (_class_name(name, unit), count)
             for name, count in traits.get("n_limbs_by_diameter", {}).items()
         ],
-        "forms": [(TRAITS[name].title, _told(traits, name, unit)) for name in _FORMS],
+        "forms": [(TRAITS[name].title, told(traits, name, unit)) for name in _FORMS],
         "head": [column_head(column, unit) for column in columns],
         "rows": [
             (row["branch_id"], [column_cell(column, row) for column in columns]) for row in rows
         ],
         "what_if": script_json(_what_if(traits, rows, skeleton, unit)),
     }
-
-
-def _told(traits: dict, name: str, unit: str) -> str:
-    return with_uncertainty(traits.get(name), traits.get(f"{name}_se"), TRAITS[name], unit)
 
 
 def _class_name(name: str, unit: str) -> str:
@@ -88,9 +89,6 @@ def _what_if(traits: dict, rows: list[dict], skeleton: Skeleton, unit: str) -> d
     base_z = foot_z + (traits.get("crown_base_height_m") or 0.0)
     of_stem = (carrier < 0) & (skeleton.points[:, 2] >= base_z) & is_wood
     middle = np.append(skeleton.points[0, :2], foot_z)
-    length, volume = (
-        sum(row[name] for row in rows) for name in ("wood_length_m", "wood_volume_m3")
-    )
     return {
         "unit": unit_name(unit),
         "ratio": traits["limb_trunk_ratio"],
@@ -98,22 +96,13 @@ def _what_if(traits: dict, rows: list[dict], skeleton: Skeleton, unit: str) -> d
         "crown_volume": traits["crown_volume_m3"],
         "crown_width": traits["crown_width_m"],
         "stem": {
-            "length": traits["total_length_m"] - length,
-            "volume": traits["wood_volume_m3"] - volume,
+            "wood_length_m": traits["total_length_m"] - sum(row["wood_length_m"] for row in rows),
+            "wood_volume_m3": traits["wood_volume_m3"] - sum(row["wood_volume_m3"] for row in rows),
             "hull": _corners(skeleton.points[of_stem] - middle),
         },
         "limbs": [
-            {
-                "id": row["branch_id"],
-                "rank": row["rank"],
-                "area": row["area_cm2"],
-                "diameter": row["diameter_m"],
-                "height": row["height_m"],
-                "azimuth": row["azimuth_deg"],
-                "length": row["wood_length_m"],
-                "volume": row["wood_volume_m3"],
-                "hull": _corners(skeleton.points[(carrier == row["branch_id"]) & is_wood] - middle),
-            }
+            {name: row[name] for name in _OF_LIMB}
+            | {"hull": _corners(skeleton.points[(carrier == row["branch_id"]) & is_wood] - middle)}
             for row in rows
         ],
     }

@@ -7,7 +7,6 @@ import numpy as np
 from cherrypicker.report.text import page_template
 from cherrypicker.series.compare import Comparison, Step
 from cherrypicker.series.tables import TABLES, is_shoot, totals
-from cherrypicker.series.wood import Wood
 
 #: What wood can be, from the bottom of the drawing up, and what it is called there.
 STATES = {
@@ -107,12 +106,21 @@ def _volume(numbers: dict) -> str:
     return f"{1e6 * value:.0f} cm³{told}"
 
 
-def _table(title: str, columns: tuple, rows: list[dict]) -> dict:
-    made = [[_shown(name, row[name]) for name in columns] for row in rows]
-    return {"title": title, "head": [_head(name) for name in columns], "rows": made}
+def _table(title: str, columns: tuple[str, ...], rows: list[dict]) -> dict:
+    shown = [_column(name) for name in columns]
+    made = [
+        [
+            f"{factor * value:.{decimals}f}" if isinstance(value, float) else str(value)
+            for value, (_, factor, decimals) in zip(
+                (row[name] for name in columns), shown, strict=True
+            )
+        ]
+        for row in rows
+    ]
+    return {"title": title, "head": [words for words, _, _ in shown], "rows": made}
 
 
-def _factor(name: str) -> tuple[str, float, int]:
+def _column(name: str) -> tuple[str, float, int]:
     """Words, factor and decimals of a column: diameters in mm, volumes in cm³."""
     stem, _, unit = name.rpartition("_")
     if unit == "m" and "diameter" in stem:
@@ -122,15 +130,6 @@ def _factor(name: str) -> tuple[str, float, int]:
         return name.replace("series_branch_id", "branch").replace("_", " "), 1.0, 0
     shown, factor, decimals = known[unit]
     return f"{stem.replace('_', ' ')}, {shown}", factor, decimals
-
-
-def _head(name: str) -> str:
-    return _factor(name)[0]
-
-
-def _shown(name: str, value: float | int | str | None) -> str:
-    _, factor, decimals = _factor(name)
-    return f"{factor * value:.{decimals}f}" if isinstance(value, float) else str(value)
 
 
 def _views(step: Step, ids: list[np.ndarray], cuts: list[dict]) -> list[dict]:
@@ -173,14 +172,23 @@ def _views(step: Step, ids: list[np.ndarray], cuts: list[dict]) -> list[dict]:
 
 
 def _lines(step: Step, ids: list[np.ndarray]) -> list[tuple[str, np.ndarray, float, int]]:
-    """Lines of both skeletons: their state, points, radius and lasting id, `STATES` in order."""
-    found = [
-        (state, line, radius, int(lasting[axis]))
-        for wood, states, lasting in zip(
-            (step.earlier.wood, step.later.wood), _states(step), ids, strict=True
-        )
-        for state, line, radius, axis in _runs(wood, states)
-    ]
+    """Short lines of one state along one axis, `STATES` in order.
+
+    Each is its state, its points (n, 3), its mean radius and the lasting id of its axis.
+    """
+    woods, found = (step.earlier.wood, step.later.wood), []
+    for wood, state, lasting in zip(woods, _states(step), ids, strict=True):
+        is_first = (np.diff(wood.axis, prepend=-1) != 0) | np.append(False, state[1:] != state[:-1])
+        starts = np.flatnonzero(is_first)
+        for start, end in zip(starts, [*starts[1:], len(wood)], strict=True):
+            for first in range(start, end, PIECE) if state[start] else ():
+                last = min(first + PIECE, end) - 1
+                rows = np.unique(np.append(np.arange(first, last, THIN), last))
+                if wood.parent[first] >= 0:
+                    rows = np.append(wood.parent[first], rows)
+                radius = float(wood.radius[first : last + 1].mean())
+                axis = int(lasting[wood.axis[start]])
+                found.append((str(state[start]), wood.points[rows], radius, axis))
     return sorted(found, key=lambda each: list(STATES).index(each[0]))
 
 
@@ -197,19 +205,3 @@ def _states(step: Step) -> tuple[np.ndarray, np.ndarray]:
     is_new = step.new.piece >= 0
     later[is_new] = kinds[step.new.piece[is_new]] if len(kinds) else ""
     return earlier, later
-
-
-def _runs(wood: Wood, state: np.ndarray) -> list[tuple[str, np.ndarray, float, int]]:
-    """Short lines of one state along one axis: the state, its points, mean radius and axis."""
-    is_first = (np.diff(wood.axis, prepend=-1) != 0) | np.append(False, state[1:] != state[:-1])
-    starts = np.flatnonzero(is_first)
-    runs = []
-    for start, end in zip(starts, np.append(starts[1:], len(wood)), strict=True):
-        for first in range(start, end, PIECE) if state[start] else ():
-            last = min(first + PIECE, end) - 1
-            rows = np.unique(np.append(np.arange(first, last, THIN), last))
-            if wood.parent[first] >= 0:
-                rows = np.append(wood.parent[first], rows)
-            radius = wood.radius[first : last + 1].mean()
-            runs.append((str(state[start]), wood.points[rows], float(radius), wood.axis[start]))
-    return runs

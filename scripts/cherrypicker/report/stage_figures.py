@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Rectangle
 from PIL import Image
 
-from cherrypicker.classes import Label, wood_mask
+from cherrypicker.classes import Label
 from cherrypicker.evidence.coverage import voxel_centers
 from cherrypicker.mvs.depth_rasters import read_depth_raster
 from cherrypicker.photos import UNREADABLE
@@ -18,12 +18,16 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
-from cherrypicker.report.figures import cloud_colors, mark_points, show_points, tree_box, view_grid
+from cherrypicker.report.figures import (
+    cloud_colors,
+    tile_grid,
+    view_grid,
+    wood_grid,
+)
 from cherrypicker.report.raster import side_views
 from cherrypicker.report.style import (
     COLOR,
     DPI,
-    FONT,
     GREY,
     LAYOUT,
     LINE,
@@ -38,6 +42,7 @@ _ARROW = 0.12  # of the cameras' distance from the stem: how far a photo's direc
 _SCENE_REACH = 0.9  # of the extent of the cameras, on either side of their middle
 _GROUND_SHARES = (0.001, 0.999)  # of the heights there that the view shows
 _MAX_REMOVED, _MAX_CONTRACTED = 50_000, 60_000  # points drawn one by one
+_REACH, _LEAST_REACH_PX = 0.9, 8.0  # of a marker's width in the photo, around its middle
 _DEPTH_SHARES = (0.02, 0.95)  # of a map's depths, from the brightest to the darkest
 
 
@@ -53,21 +58,18 @@ def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px:
     """
     centers = poses.centers
     reach = _ARROW * np.median(np.linalg.norm(centers - target, axis=1))
-    box = np.vstack([centers, centers + reach * poses.forward, target[None]])
+    ahead = centers + reach * poses.forward
+    box = np.vstack([centers, ahead, target[None]])
     views = side_views(box, margin=MARGIN["scene"], kinds=("top", "front"))
     title = f"{len(poses)} registered photos"
     figure, panels = view_grid(views, cloud.unit, width_px, title)
     colors = cloud_colors(cloud)
     for panel in panels:
-        axes_, view, _ = panel
-        show_points(panel, cloud.points, colors, size=1)
-        start, _ = view.flatten(centers)
-        end, _ = view.flatten(centers + reach * poses.forward)
-        ways = list(np.stack([start, end], axis=1))
-        axes_.add_collection(LineCollection(ways, colors=COLOR["camera"], lw=LINE["thin"]))
-        mark_points(panel, centers, MARK["camera"], COLOR["camera"], zorder=3, linewidths=None)
+        panel.points(cloud.points, colors, size=1)
+        panel.lines(centers, ahead, colors=COLOR["camera"], lw=LINE["thin"])
+        panel.marks(centers, MARK["camera"], COLOR["camera"], zorder=3, linewidths=None)
         cross: dict = {"marker": "+", "zorder": 4, "linewidths": None}
-        mark_points(panel, target[None], MARK["stem"], COLOR["root"], **cross)
+        panel.marks(target[None], MARK["stem"], COLOR["root"], **cross)
     return figure
 
 
@@ -94,9 +96,9 @@ def alignment_figure(
     colors = cloud_colors(aligned)
     for panel in panels:
         axes_, view, _ = panel
-        show_points(panel, aligned.points, colors, size=1)
+        panel.points(aligned.points, colors, size=1)
         style: dict = {"zorder": 3, "linewidths": None}
-        mark_points(panel, poses.centers, MARK["camera_aligned"], COLOR["camera"], **style)
+        panel.marks(poses.centers, MARK["camera_aligned"], COLOR["camera"], **style)
         if view.name != "top":
             axes_.axhline(0, color=COLOR["level"], lw=LINE["thin"])
         if roi is None:
@@ -176,9 +178,9 @@ def denoise_figure(cropped: PointCloud, denoised: PointCloud, width_px: int) -> 
     colors = GREY["paled"] + (1 - GREY["paled"]) * cloud_colors(denoised)
     drawn = cropped.points[removed][:: 1 + removed.sum() // _MAX_REMOVED]
     for panel in panels:
-        show_points(panel, denoised.points, colors, size=1)
+        panel.points(denoised.points, colors, size=1)
         if len(drawn):
-            mark_points(panel, drawn, MARK["removed"], COLOR["camera"])
+            panel.marks(drawn, MARK["removed"], COLOR["camera"])
     return figure
 
 
@@ -186,16 +188,14 @@ def contraction_figure(
     cloud: PointCloud, contracted: PointCloud, skeleton: Skeleton, width_px: int
 ) -> Figure:
     """The contracted points over the wood they came from."""
-    wood = cloud.points[wood_mask(cloud["label"])]
-    views = side_views(tree_box(skeleton), kinds=("front", "side"))
-    figure, panels = view_grid(views, cloud.unit, width_px, "Contracted points over the wood")
+    title = "Contracted points over the wood"
+    figure, panels = wood_grid(cloud, skeleton, GREY["contracted"], width_px, title)
     labels = contracted["label"] if "label" in contracted else np.full(len(contracted), 2)
     for panel in panels:
-        show_points(panel, wood, (GREY["contracted"],) * 3)
         for label, color in ((Label.BRANCH, COLOR["branch"]), (Label.TRUNK, COLOR["trunk"])):
             chosen = contracted.points[labels == label]
             chosen = chosen[:: 1 + len(chosen) // _MAX_CONTRACTED]
-            mark_points(panel, chosen, MARK["contracted"], color)
+            panel.marks(chosen, MARK["contracted"], color)
     return figure
 
 
@@ -224,32 +224,19 @@ def example_figure(
         photo = _thumbnail(path)
         if photo is None:
             continue
-        tiles: list[tuple] = [(path.name, photo, {})]
+        tiles: list[tuple] = [(path.name, photo, {}, None)]
         mask = _thumbnail(sky_folder / f"{path.stem}.png", photo.size) if sky_folder else None
         if mask is not None:
-            tiles.append(("sky mask", _tinted(photo, mask), {}))
+            tiles.append(("sky mask", _tinted(photo, mask), {}, None))
         depth = read_depth_raster(depth_folder, path.name) if depth_folder else None
         if depth is not None:
-            tiles.append(("depth map", *_depth_tile(depth)))
+            tiles.append(("depth map", *_depth_tile(depth), None))
         rows.append(tiles)
     if not rows:
         return None
-    n_columns = max(len(row) for row in rows)
-    tile = rows[0][0][1]
-    # A portrait's height, not its width
-    side = LAYOUT["tile"] * min(1.0, tile.size[0] / tile.size[1])
-    height = side * tile.size[1] / tile.size[0] + LAYOUT["tile_heading"]
-    size = (side * n_columns, height * len(rows))
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
-    grid = figure.subplots(len(rows), n_columns, squeeze=False)
-    for panels, row in zip(grid, rows, strict=True):
-        for panel in panels:
-            panel.set_axis_off()
-        for panel, (title, image, style) in zip(panels, row, strict=False):
-            panel.imshow(image, interpolation="nearest", **style)
-            # Names come from the user's files: no mathtext in them
-            panel.set_title(title, fontsize=FONT["tile"], parse_math=False)
-    return figure
+    wide, tall = rows[0][0][1].size
+    side = LAYOUT["tile"] * min(1.0, wide / tall)  # a portrait's height, not its width
+    return tile_grid(rows, (side, side * tall / wide + LAYOUT["tile_heading"]))
 
 
 def _thumbnail(path: Path, size: tuple[int, int] | None = None) -> Image.Image | None:
@@ -282,3 +269,80 @@ def _depth_tile(depth: np.ndarray) -> tuple[np.ndarray, dict]:
         return np.zeros((*depth.shape, 3)), {}
     low, high = np.quantile(known, _DEPTH_SHARES)
     return np.where(depth > 0, depth, np.nan), {"cmap": "viridis_r", "vmin": low, "vmax": high}
+
+
+def marker_crops(scale: dict, poses: Poses, lenses: Any) -> list:
+    """Choose the photos that show each used marker largest: three at most, of three markers.
+
+    Parameters
+    ----------
+    scale : dict
+        ``scale.json`` with markers' ``corners`` (4, 3) in the frame of `poses` and ``images``.
+    poses : Poses
+        In COLMAP's frame.
+    lenses : PhotoLenses
+        Of the same photos in the same order.
+
+    Returns
+    -------
+    list of list of tuple (int, str, ndarray of shape (4, 2))
+        Per marker: its id, the photo's name and the corners in its pixels.
+    """
+    index = {str(name): i for i, name in enumerate(poses.names)}
+    chosen = []
+    for marker in [m for m in scale.get("markers") or () if m.get("used") and m.get("corners")][:3]:
+        crops = []
+        for name in index.keys() & marker["images"]:
+            i = index[name]
+            in_camera = np.array(marker["corners"]) @ poses.rotations[i].T
+            in_camera += poses.cam_from_world[i, :, 3]
+            if (in_camera[:, 2] > 0).all():
+                crops.append((marker["id"], name, lenses.to_photo(i, in_camera)))
+        crops.sort(key=lambda crop: (-np.ptp(crop[2], axis=0).prod(), crop[1]))
+        chosen.append(crops[:3])
+    return chosen
+
+
+def marker_figure(scale: dict, poses: Poses, lenses: Any, photos: list[Path]) -> Figure | None:
+    """The markers as the photos show them.
+
+    Parameters
+    ----------
+    scale, poses, lenses
+        See `marker_crops`.
+
+    Returns
+    -------
+    Figure or None
+        None without a marker in a readable photo.
+    """
+    paths = {path.name: path for path in photos}
+    rows = [
+        [
+            tile
+            for marker, name, corners in crops
+            if (tile := _marker_tile(f"marker {marker}: {name}", paths.get(name), corners))
+        ]
+        for crops in marker_crops(scale, poses, lenses)
+    ]
+    return tile_grid(rows, (LAYOUT["marker_width"], LAYOUT["marker_height"]))
+
+
+def _marker_tile(title: str, path: Path | None, corners: np.ndarray) -> tuple | None:
+    """A tile of `tile_grid` around the corners; None of a missing or unreadable photo."""
+    if path is None:
+        return None
+    middle = corners.mean(axis=0)
+    half = max(_REACH * float(np.ptp(corners, axis=0).max()), _LEAST_REACH_PX)
+    try:
+        with Image.open(path) as image:
+            low = np.maximum(np.floor(middle - half), 0).astype(int)
+            high = np.minimum(np.ceil(middle + half), image.size).astype(int)
+            if (high - low < 2).any():
+                return None
+            zoom = LAYOUT["marker_px"] / float((high - low).max())
+            wide, tall = (max(int(round(side * zoom)), 1) for side in high - low)
+            tile = image.convert("RGB").crop((*low, *high)).resize((wide, tall))
+    except UNREADABLE:
+        return None
+    return title, tile, {}, (np.vstack([corners, corners[:1]]) - low) * zoom - 0.5

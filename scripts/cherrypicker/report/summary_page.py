@@ -6,27 +6,19 @@ the same numbers by ``summary.js``, so that they follow the table's filter.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from statistics import median
 from typing import Any
 from urllib.parse import quote
 
+from cherrypicker.files import is_number
 from cherrypicker.progress import duration
 from cherrypicker.report.accuracy import accuracy_section
-from cherrypicker.report.outliers import (
-    FEWEST,
-    LIMIT,
-    Outlier,
-    line_through,
-    off_the_line,
-    outliers,
-)
-from cherrypicker.report.text import page_template, script_json, with_uncertainty
+from cherrypicker.report.outliers import FEWEST, LIMIT, off_the_line, outliers
+from cherrypicker.report.text import page_template, script_json, told, with_uncertainty
 from cherrypicker.traits.table import TRAITS, Trait
-from cherrypicker.units import unit_name
+from cherrypicker.units import unit_word
 
 _SHOWN = [t for t in TRAITS.values() if t.is_shown and t.name != "trunk_height_m"]
 # One size over another: wood and crown follow the stem (the allometry of a planting)
@@ -80,13 +72,7 @@ class TreeResult:
     def number(self, trait: Trait) -> float | None:
         """Return a trait that can stand beside other trees'; None without a scale."""
         value = self.traits.get(trait.name)
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not math.isfinite(value)
-        ):
-            return None
-        return value if self.unit == "m" or not trait.power else None
+        return value if is_number(value) and (self.unit == "m" or not trait.power) else None
 
 
 def summary_html(
@@ -112,69 +98,58 @@ def summary_html(
     count = {status: sum(r.status == status for r in results) for status in _STATUSES}
     counts = [f"{count['done']} of {len(results)} trees done"]
     counts += [f"{count[status]} {status}" for status in _STATUSES[:3] if count[status]]
-    measured = [(r.tree, r.href, pair) for r in results for pair in r.measures]
+    sizes = {
+        trait.name: {r.tree: value for r in results if (value := r.number(trait)) is not None}
+        for trait in _SHOWN
+        # Shares have their own warnings
+        if trait.power is not None or trait.is_count
+    }
+    apart = {name: outliers(values) for name, values in sizes.items()}
+    lines = {(x, y): off_the_line(sizes[x], sizes[y]) for x, y in _PAIRS}
+    measured = [{**pair, "tree": r.tree, "href": r.href} for r in results for pair in r.measures]
     page = page_template("summary.html.j2").render(
         counts=", ".join(counts),
         failed=[*(r for r in ordered if r.status in ("failed", "interrupted")), *failed_series],
         titles=[(trait.name, trait.title) for trait in _SHOWN],
         rows=[(result, [_cell(result, trait) for trait in _SHOWN]) for result in ordered],
         most_flags=_MANY_FLAGS,
-        outliers=_outlier_rows(results),
+        outliers=_outlier_rows(apart, lines, results),
         fewest=FEWEST,
         limit=LIMIT,
         accuracy=accuracy_section(measured),
         stages=_stage_rows(costs or {}),
-        data=script_json(_data(ordered, costs or {})),
-        script=(Path(__file__).parent / "summary.js").read_text(encoding="utf-8"),
+        data=script_json(_data(ordered, apart, lines, costs or {})),
     )
     return page + "\n"
 
 
 def _cell(result: TreeResult, trait: Trait) -> tuple[str, str]:
     """A trait as it is sorted and as it is shown."""
-    value, error = result.traits.get(trait.name), result.traits.get(f"{trait.name}_se")
     number = result.number(trait)
-    return "" if number is None else f"{number:g}", with_uncertainty(
-        value, error, trait, result.unit
-    )
+    shown = told(result.traits, trait.name, result.unit)
+    return "" if number is None else f"{number:g}", shown
 
 
-def _outlier_rows(results: Sequence[TreeResult]) -> list[dict]:
+def _outlier_rows(apart: Mapping, lines: Mapping, results: Sequence[TreeResult]) -> list[dict]:
     """Who stands apart in what, the farthest first."""
+    found = [(TRAITS[name], "", each) for name, some in apart.items() for each in some]
+    found += [
+        (TRAITS[y], f" for its {TRAITS[x].title.lower()}", each)
+        for (x, y), (_, some) in lines.items()
+        for each in some
+    ]
     href = {result.tree: result.href for result in results}
-    sizes = {trait.name: _numbers(results, trait) for trait in _SHOWN if _is_size(trait)}
-    rows = [
-        _outlier_row(TRAITS[name], "", each)
-        for name, values in sizes.items()
-        for each in outliers(values)
+    return [
+        {
+            "tree": each.tree,
+            "href": href[each.tree],
+            "what": trait.title + of_what,
+            "value": with_uncertainty(each.value, None, trait, "m"),
+            "usual": with_uncertainty(each.usual, None, trait, "m"),
+            "score": each.score,
+        }
+        for trait, of_what, each in sorted(found, key=lambda one: -abs(one[2].score))
     ]
-    rows += [
-        _outlier_row(TRAITS[y], f" for its {TRAITS[x].title.lower()}", each)
-        for x, y in _PAIRS
-        for each in off_the_line(sizes[x], sizes[y])
-    ]
-    rows.sort(key=lambda row: -abs(row["score"]))
-    return [row | {"href": href[row["tree"]]} for row in rows]
-
-
-def _outlier_row(trait: Trait, told: str, item: Outlier) -> dict:
-    return {
-        "tree": item.tree,
-        "what": trait.title + told,
-        "value": with_uncertainty(item.value, None, trait, "m"),
-        "usual": with_uncertainty(item.usual, None, trait, "m"),
-        "score": item.score,
-    }
-
-
-def _is_size(trait: Trait) -> bool:
-    """Whether trees can stand apart in it; shares have their own warnings."""
-    return trait.power is not None or trait.is_count
-
-
-def _numbers(results: Sequence[TreeResult], trait: Trait) -> dict[str, float]:
-    found = {result.tree: result.number(trait) for result in results}
-    return {tree: value for tree, value in found.items() if value is not None}
 
 
 def _stage_rows(costs: Mapping[str, Mapping[str, Any]]) -> list[dict]:
@@ -198,18 +173,21 @@ def _stage_rows(costs: Mapping[str, Mapping[str, Any]]) -> list[dict]:
     return rows
 
 
-def _data(results: Sequence[TreeResult], costs: Mapping[str, Mapping[str, Any]]) -> dict:
-    """What the charts are drawn from."""
+def _data(
+    results: Sequence[TreeResult],
+    apart: Mapping,
+    lines: Mapping,
+    costs: Mapping[str, Mapping[str, Any]],
+) -> dict:
+    """What the charts are drawn from; trees are named by their place among the results."""
     place = {result.tree: index for index, result in enumerate(results)}
     return {
         "traits": [
             {
                 "name": trait.name,
                 "title": trait.title,
-                "unit": _unit(trait),
-                "apart": [place[each.tree] for each in outliers(_numbers(results, trait))]
-                if _is_size(trait)
-                else [],
+                "unit": unit_word(trait.name),
+                "apart": [place[each.tree] for each in apart.get(trait.name, ())],
             }
             for trait in _SHOWN
         ],
@@ -224,7 +202,10 @@ def _data(results: Sequence[TreeResult], costs: Mapping[str, Mapping[str, Any]])
             }
             for result in results
         ],
-        "pairs": [_pair(results, x, y, place) for x, y in _PAIRS],
+        "pairs": [
+            {"x": x, "y": y, "line": line, "apart": [place[each.tree] for each in some]}
+            for (x, y), (line, some) in lines.items()
+        ],
         "stages": [
             {
                 "rule": rule,
@@ -238,25 +219,5 @@ def _data(results: Sequence[TreeResult], costs: Mapping[str, Mapping[str, Any]])
     }
 
 
-def _pair(results: Sequence[TreeResult], x: str, y: str, place: Mapping[str, int]) -> dict:
-    sizes, others = _numbers(results, TRAITS[x]), _numbers(results, TRAITS[y])
-    both = [tree for tree in sizes if tree in others]
-    line = line_through([sizes[tree] for tree in both], [others[tree] for tree in both])
-    return {
-        "x": x,
-        "y": y,
-        "line": None if line is None else [line.factor, line.power],
-        "apart": [place[each.tree] for each in off_the_line(sizes, others)],
-    }
-
-
-def _unit(trait: Trait) -> str:
-    if trait.power is None:
-        return ""
-    return "cm²" if trait.unit == "cm2" else unit_name("m", trait.power)
-
-
 def _short(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        return None
-    return float(f"{value:.{_DIGITS}g}")
+    return float(f"{value:.{_DIGITS}g}") if is_number(value) else None

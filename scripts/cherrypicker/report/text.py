@@ -6,11 +6,14 @@ import base64
 import io
 import json
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from string import Formatter
+from typing import TYPE_CHECKING, Any
 
-from cherrypicker.traits.table import Trait
-from cherrypicker.units import unit_name
+from cherrypicker.files import is_number
+from cherrypicker.traits.table import TRAITS, Trait
+from cherrypicker.units import unit_word
 
 if TYPE_CHECKING:
     import jinja2
@@ -49,6 +52,30 @@ def thumbnail_url(path: Path) -> str:
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
+class _Known(Formatter):
+    """Formats what is known: None is not."""
+
+    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+        value, used = super().get_field(field_name, args, kwargs)
+        if value is None:
+            raise KeyError(field_name)
+        return value, used
+
+
+def tell(text: str, record: Mapping[str, Any]) -> str:
+    """Return a format string filled from a record; empty where the record lacks a part of it."""
+    try:
+        return _Known().vformat(text, (), record)
+    except (KeyError, TypeError, ValueError):
+        return ""
+
+
+def tell_all(facts: Mapping[str, str], record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return names and texts of what a record has of some facts, formats by their names."""
+    told = [(name, tell(text, record)) for name, text in facts.items()]
+    return [(name, text) for name, text in told if text]
+
+
 def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> str:
     """Return "1.234 ± 0.005 m"; a dash where there is no number.
 
@@ -59,22 +86,23 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
     unit : str
         ``m`` or ``arbitrary``.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if not is_number(value):
         return "–"
     if trait.power is None:
         return f"{value:,.{trait.decimals}f}"
-    spread = error if isinstance(error, int | float) and math.isfinite(error) else 0.0
-    name, decimals = unit_name(unit, trait.power), trait.decimals
-    if trait.unit == "cm2" and unit == "m":
-        name = "cm²"
-    elif trait.unit == "cm2":
+    spread = error if is_number(error) else 0.0
+    name, decimals = unit_word(trait.name, unit), trait.decimals
+    if trait.unit == "cm2" and unit != "m":
         value, spread, decimals = value / 1e4, spread / 1e4, 5
-    elif trait.unit == "m3/ha":
-        name = "m³/ha"
     if spread <= 0:
         return f"{value:,.{decimals}f} {name}".rstrip()
     digits = max(decimals, min(decimals + 1, 1 - math.floor(math.log10(spread))))
     return f"{value:,.{digits}f} ± {spread:,.{digits}f} {name}".rstrip()
+
+
+def told(traits: Mapping[str, Any], name: str, unit: str) -> str:
+    """Return a trait of ``traits.json`` with its standard error where it has one."""
+    return with_uncertainty(traits.get(name), traits.get(f"{name}_se"), TRAITS[name], unit)
 
 
 def axis_ticks(low: float, high: float, most: int = 6) -> list[float]:

@@ -32,18 +32,6 @@ class _File(NamedTuple):
     is_needed: bool = False
 
 
-def _labelled(path: str) -> Any:
-    return read_cloud(path, required=("label",))
-
-
-def _text(path: str) -> str:
-    return Path(path).read_text(encoding="utf-8")
-
-
-def _bytes(path: str) -> bytes:
-    return Path(path).read_bytes()
-
-
 #: What the report is made of, by the name of the rule's input.
 FILES = {
     "traits": _File(read_json, "traits.json", True),
@@ -51,7 +39,7 @@ FILES = {
     "limbs": _File(partial(read_branches, columns=LIMB_COLUMNS), "limbs.csv"),
     "skeleton": _File(read_skeleton, "skeleton.graphml", True),
     "topology": _File(read_topology, "topology.graphml", True),
-    "segmented": _File(_labelled, "labelled cloud", True),
+    "segmented": _File(partial(read_cloud, required=("label",)), "labelled cloud", True),
     "contracted": _File(read_cloud, "contracted points", True),
     "contract_report": _File(read_json, "contract.json"),
     "removed": _File(partial(read_cloud, may_be_empty=True), "points that were taken out"),
@@ -71,11 +59,11 @@ FILES = {
     "sky_masks": _File(Path, "folder of sky masks"),
     "depth": _File(Path, "folder of the depths of each photo"),
     "coverage": _File(read_json, "dense/coverage.json"),
-    "edits": _File(_text, "hand corrections that the skeleton holds"),
+    "edits": _File(lambda path: Path(path).read_text("utf-8"), "hand corrections that it holds"),
     "photo_check": _File(read_json, "photo_check.json"),
     "measures": _File(read_json, "measures.json of a tree that was measured by hand"),
-    "worst_photo": _File(_bytes, "photo_check/worst.jpg"),
-    "best_photo": _File(_bytes, "photo_check/best.jpg"),
+    "worst_photo": _File(lambda path: Path(path).read_bytes(), "photo_check/worst.jpg"),
+    "best_photo": _File(lambda path: Path(path).read_bytes(), "photo_check/best.jpg"),
 }
 #: The figures that every tree has, and what stands below them on the page.
 CAPTIONS = {
@@ -113,11 +101,9 @@ def report_tree(
     StageError
         If an input is missing or broken.
     """
-
-    def load(name: str) -> Any:
-        return FILES[name].read(files[name]) if files.get(name) else None
-
-    data = {name: load(name) for name in FILES}
+    data: dict[str, Any] = {
+        name: file.read(files[name]) if files.get(name) else None for name, file in FILES.items()
+    }
     data["photos"] = [Path(path) for path in photos]
     cloud, skeleton, traits = data["segmented"], data["skeleton"], data["traits"]
     data["foot"] = np.asarray(traits.get("foot", skeleton.points[0]), dtype=np.float64)

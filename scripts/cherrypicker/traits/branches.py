@@ -20,7 +20,7 @@ from cherrypicker.skeleton.axes import Axis, axis_polyline
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.intervals import Z90, branch_terms, interval
-from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
+from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn, ends_of
 
 LEAST_WINDOW_M = 0.08  # of the stretch at an axis's base that its direction is taken over (guess)
 WINDOW_RADII = 4.0  # of its first node: the same, where it is thick (guess)
@@ -180,10 +180,9 @@ def branch_rows(
     typical = typical_scatter(skeleton)
     if typical is not None:
         for name, terms in branch_terms(found, typical, scale_error).items():
-            stem, unit = name.rsplit("_", 1)
-            low, high = interval(found[name], terms)
-            found[f"{stem}_low_{unit}"] = low
-            found[f"{stem}_high_{unit}"] = np.minimum(high, 180.0) if unit == "deg" else high
+            most = 180.0 if name.endswith("_deg") else np.inf
+            low, high = ends_of(name)
+            found[low], found[high] = np.minimum(interval(found[name], terms), most)
     for each in check.get("branches", ()):
         _use_photos(found, each, scale_error)
     for each in check.get("axes", ()):

@@ -13,6 +13,7 @@ from cherrypicker.skeleton import Skeleton, densify
 
 # All guesses, looked at on the demo's and on generated trees
 _SAMPLE_M = 0.01  # step along the skeleton
+_BALL_M = 0.005  # between the balls that stand for a tube: half the thinnest stem's radius
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
 _COMPANY = 4  # points within it
 _NEAR_RADII, OWN_RADII = 1.5, 2.0  # wood that supports the skeleton, and that belongs to it
@@ -30,9 +31,7 @@ class Support:
     # (n_nodes,) bool: false for pieces that are shorter than the gap that they hang on
     node: np.ndarray
     point: np.ndarray  # (n_wood,) bool: wood points near a supported node's piece of skeleton
-    owner: (
-        np.ndarray
-    )  # (n_wood,) int64: upper node of the edge that each wood point lies nearest to
+    owner: np.ndarray  # (n_wood,) int64: see `owning_nodes`
     # (n_gaps,) float64: lengths of the stretches that run through no wood points, in the skeleton's
     # unit
     gaps: np.ndarray
@@ -65,6 +64,34 @@ def support_reach(wood: cKDTree) -> float:
     return max(MIN_REACH_M, _SPARSE * float(np.median(distance)))
 
 
+def owning_nodes(
+    points: np.ndarray, skeleton: Skeleton
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Upper node of the edge in whose wood, or nearest to whose surface, each point lies.
+
+    An edge's tube is a row of balls. Of all balls the point goes to the one of least power
+    distance, d^2 - r^2 (Aurenhammer, Power diagrams, SIAM J. Comput. 16(1), 1987), so that a thin
+    lateral does not take the surface of the stem that it grows from. In four dimensions, with
+    sqrt(R^2 - r^2) as the fourth coordinate of a ball and R the largest radius, that is the nearest
+    neighbour.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, 3), float64
+        Wood, in the skeleton's frame and unit.
+
+    Returns
+    -------
+    node : ndarray of shape (n_points,), int64
+    distance, radius : ndarray of shape (n_points,), float64
+        Of the point from the axis there, and of the wood.
+    """
+    places, node, radius, _ = densify(skeleton, _BALL_M)
+    lifted = np.column_stack([places, np.sqrt(radius.max() ** 2 - radius**2)])
+    _, ball = cKDTree(lifted).query(np.column_stack([points, np.zeros(len(points))]))
+    return node[ball], np.linalg.norm(points - places[ball], axis=1), radius[ball]
+
+
 def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: float) -> Support:
     """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
 
@@ -88,8 +115,7 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
     is_stray = (follows < gap) & is_rest
     kept = sum_from_root(skeleton.parent, is_stray.astype(float)) == 0
 
-    away, sample = cKDTree(samples).query(wood.data)
-    owner, thick = node[sample], radius[sample]
+    owner, away, thick = owning_nodes(wood.data, skeleton)
     point = kept[owner] & (away <= np.maximum(OWN_RADII * thick, reach))
     is_far = away > np.maximum(OWN_RADII * thick, _MISSED_M)
     missed, length = missed_wood(wood.data[is_far], wood.data[point], reach)

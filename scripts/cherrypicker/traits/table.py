@@ -14,17 +14,7 @@ from math import pi
 from statistics import fmean, median
 from typing import Any
 
-# Ending of a name to its unit in a scan with a scale, as tables spell it, and the power of the
-# length unit in it; the longest that fits counts
-_UNITS: dict[str, tuple[str, int]] = {
-    "_m3_ha": ("m3/ha", 1),
-    "_per_m": ("1/m", -1),
-    "_cm2": ("cm2", 2),
-    "_m2": ("m2", 2),
-    "_m3": ("m3", 3),
-    "_m": ("m", 1),
-    "_ratio": ("1", 0),
-}
+from cherrypicker.units import unit_of
 
 
 @dataclass(frozen=True)
@@ -45,12 +35,12 @@ class Trait:
     @property
     def unit(self) -> str:
         """Its unit in a scan with a scale, as the tables spell it; "1" for a number without."""
-        return next((unit for end, (unit, _) in _UNITS.items() if self.name.endswith(end)), "1")
+        return unit_of(self.name)[0]
 
     @property
     def power(self) -> int | None:
         """Of the length unit; None for a count or a share, 0 for a ratio."""
-        return next((power for end, (_, power) in _UNITS.items() if self.name.endswith(end)), None)
+        return unit_of(self.name)[1]
 
     @property
     def is_count(self) -> bool:
@@ -292,6 +282,12 @@ _ROWS = (
 )
 #: Name to trait, in the pages' order.
 TRAITS = {trait.name: trait for trait in _ROWS}
+
+
+def ends_of(name: str) -> tuple[str, str]:
+    """Return the columns that hold the ends of the 90 % interval of another."""
+    stem, _, unit = name.rpartition("_")
+    return f"{stem}_low_{unit}", f"{stem}_high_{unit}"
 
 
 @dataclass(frozen=True)
