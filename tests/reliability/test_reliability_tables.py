@@ -11,8 +11,9 @@ from cherrypicker.batch.config import read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
-from cherrypicker.markers.columns import check_scale_columns, parse_marker_sides
+from cherrypicker.markers.columns import parse_marker_sides
 from cherrypicker.markers.estimate_scale import estimate_scale
+from cherrypicker.markers.references import check_scale
 from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.intervals import Estimate
@@ -86,7 +87,7 @@ def test_a_table_in_another_encoding_is_told(refused, content):
         ("DICT_4X4_50", "", "marker_sides_m is empty"),
         ("", "7:0.2", "marker_dictionary is empty"),
         ("DICT_4X4_50", "7:0.2,7:0.2", "marker 7 stands twice"),
-        ("DICT_4X4_50", "7:0", "must be positive"),
+        ("DICT_4X4_50", "7:0", "sides are given in metres"),
         ("DICT_4X4_50", "7:20", "sides are given in metres"),
         ("DICT_4X4_50", "7:200", "sides are given in metres"),
         ("DICT_4X4_50", "50:0.2", "markers 0 to 49"),
@@ -95,9 +96,9 @@ def test_a_table_in_another_encoding_is_told(refused, content):
 )
 def test_marker_columns_are_judged_without_a_photo(dictionary, sides, reason):
     with pytest.raises(StageError, match=reason) as caught:
-        check_scale_columns("", "marker", dictionary, sides)
+        check_scale("", "marker", dictionary, sides)
     assert "trees.tsv" in caught.value.key
-    assert check_scale_columns("none", "marker", dictionary, sides) == {}
+    assert check_scale("none", "marker", dictionary, sides) == ({}, [])
 
 
 def test_a_side_in_centimetres_is_caught_whatever_its_size():

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.markers.columns import dictionary_name
+from cherrypicker.markers.columns import check_ids
 from cherrypicker.markers.fit import fit_marker
 from cherrypicker.photos import read_photo
 from cherrypicker.progress import Progress
@@ -77,7 +77,7 @@ def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
     StageError
         If OpenCV has no such dictionary.
     """
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary_name(name)))
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, check_ids(name)))
 
 
 def marker_pattern(dictionary: cv2.aruco.Dictionary, marker_id: int) -> np.ndarray:
