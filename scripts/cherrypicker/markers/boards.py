@@ -1,31 +1,28 @@
 """Boards of known layout in photos: ChArUco boards, and the faces of a checker cube.
 
 A ChArUco board's corners are numbered by its markers. A cube's are not: a face is a grid of corners
-that looks the same from two sides, and three faces look alike. Two photos' grids are the same face
-if their corners, located from both, are a regular grid; the pair that most other photos agree with
-names the corners in all of them, as `layouts.consensus` finds a marker.
+that looks the same from two sides, and three faces look alike. So each grid is listed in all its
+orders, and where the rays of most photos meet, as `layouts.meet` finds a marker, is a face.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import combinations
 from typing import Any
 
 import cv2
 import numpy as np
 
-from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.markers.detection import marker_dictionary
-from cherrypicker.markers.layouts import Sightings, intersect_rays, lay_over
+from cherrypicker.markers.layouts import Sightings, lay_over, meet
+from cherrypicker.markers.scan import Scan
 
 _MAX_FACES = 3  # of a cube that one photo shows
 # Guesses. Grids are sought in photos reduced to this longer side, corners refined in the full ones
 _SEARCH_SIDE_PX = 2400
-_MAX_PAIRS, _MIN_PARALLAX_DEG = 600, 3.0
-_IRREGULAR = 0.1  # what corners located from two photos may be off a grid, of its extent
 _NEAR_CELLS = 0.25  # of a grid's spacing in a photo: a corner this near is the same
+_IRREGULAR = 0.1  # what a face's corners may be off a grid, of its extent, and faces in size
 _REFINE_ROUNDS, _REFINED_PX = 30, 0.001  # cv2.cornerSubPix: steps at most, and what ends them
 
 
@@ -109,29 +106,20 @@ def _refined(grey: np.ndarray, places: np.ndarray, n: int) -> np.ndarray:
     )
 
 
-def sightings_of(
-    found: list[list[np.ndarray]], cameras: list, cam_from_world: np.ndarray
-) -> Sightings:
-    """Boards or faces, the corners (k, 2) of each by photo, on undistorted coordinates."""
-    photos = np.repeat(np.arange(len(found)), [len(each) for each in found])
-    boards = [
-        np.asarray(camera.cam_from_img(np.ascontiguousarray(corners)), float)
-        for each, camera in zip(found, cameras)
-        for corners in each
-    ]
-    focal = [np.mean([camera.focal_length_x, camera.focal_length_y]) for camera in cameras]
-    none = np.zeros(len(photos))
-    return Sightings(
-        photos=photos,
-        cam_from_world=cam_from_world[photos],
-        focal=np.array(focal)[photos],
-        places=np.reshape(boards, (len(photos), -1, 2)) if boards else np.zeros((0, 0, 2)),
-        std=none,
-        side_px=none,
-    )
+def see_boards(scan: Scan, find: Callable[[np.ndarray], list[np.ndarray]], what: str) -> Sightings:
+    """Boards or faces that a finder sees in photos, their corners on undistorted coordinates."""
+
+    def find_undistorted(grey: np.ndarray, camera: Any) -> list[np.ndarray]:
+        found = map(np.ascontiguousarray, find(grey))
+        return [np.asarray(camera.cam_from_img(corners), float) for corners in found]
+
+    shown_by, boards = scan.search(find_undistorted, what)
+    none = np.zeros(len(boards))
+    places = np.array(boards) if boards else np.zeros((0, 0, 2))
+    return Sightings(**shown_by, places=places, std=none, side_px=none)
 
 
-def name_faces(grids: Sightings, n: int, *, min_photos: int, seed: int) -> Sightings:
+def name_faces(grids: Sightings, n: int, scan: Scan) -> Sightings:
     """Tell which grids of corners are the same face of a cube, and number their corners alike.
 
     Parameters
@@ -140,8 +128,6 @@ def name_faces(grids: Sightings, n: int, *, min_photos: int, seed: int) -> Sight
         Grids of n x n corners, row by row, of all photos.
     n : int
         Inner corners along an edge.
-    min_photos : int
-        Photos that must show a face.
 
     Returns
     -------
@@ -149,78 +135,33 @@ def name_faces(grids: Sightings, n: int, *, min_photos: int, seed: int) -> Sight
         Of six faces, the best seen first; those farther from the first than its cube reaches are
         other boards and left out.
     """
-    left, k = np.ones(len(grids), bool), n * n
+    # Every grid in the eight orders in which it can be listed: one of them is that of its face
+    order, k = np.arange(n * n).reshape(n, n), n * n
+    turns = [np.rot90(flipped, turn).ravel() for flipped in (order, order.T) for turn in range(4)]
+    grid = np.repeat(np.arange(len(grids)), 8)
+    listed = grids.select(grid)
+    listed.places = grids.places[:, turns].reshape(-1, k, 2)
+    squares = np.dstack([*np.meshgrid(np.arange(n), np.arange(n)), np.zeros((n, n))])
+    lattice = listed.places.reshape(-1, n, n, 2)
+    steps = [np.linalg.norm(np.diff(lattice, axis=axis), axis=-1) for axis in (1, 2)]
+    near_px = _NEAR_CELLS * listed.focal * np.min([step.min(axis=(1, 2)) for step in steps], axis=0)
     places = np.full((len(grids), 6 * k, 2), np.nan)
-    first, n_faces = None, 0
+    left, first, n_faces = np.arange(len(listed)), None, 0
     while n_faces < 6:
-        rows = np.flatnonzero(left)
-        located = _best_face(grids.select(rows), n, seed)
-        if located is None:
+        seen = listed.select(left)
+        met = meet(seen, near_px[left], scan.seed)
+        if met is None or len(np.unique(seen.photos[met[1]])) < scan.min_images:
             break
-        matches = [(row, _match(grids, row, located, n)) for row in rows.tolist()]
-        orders = {row: order for row, order in matches if order is not None}
-        members = list(orders)
-        if len(np.unique(grids.photos[members])) < min_photos:
-            break
-        left[members] = False
-        middle, spacing = located.mean(axis=0), _fit_grid(located, n)[0]
-        first = first or (middle, spacing)
+        points, rows = met[0], left[met[1]]
+        left = left[~np.isin(grid[left], grid[rows])]
+        laid = lay_over(points, squares.reshape(-1, 3), np.zeros(k, int))
+        if laid is None or laid.misfit > _IRREGULAR:
+            continue
+        middle = points.mean(axis=0)
+        first = first or (middle, laid.size)
         # Centres of two faces of a cube are an edge apart at most, n + 1 cells.
         is_near = np.linalg.norm(middle - first[0]) < 1.2 * (n + 1) * first[1]
-        if is_near and abs(spacing / first[1] - 1) < _IRREGULAR:
-            for row, order in orders.items():
-                places[row, n_faces * k + order] = grids.places[row]
+        if is_near and abs(laid.size / first[1] - 1) < _IRREGULAR:
+            places[grid[rows], n_faces * k : (n_faces + 1) * k] = listed.places[rows]
             n_faces += 1
     return replace(grids, places=places).select(np.isfinite(places).any(axis=(1, 2)))
-
-
-def _best_face(grids: Sightings, n: int, seed: int) -> np.ndarray | None:
-    """Corners (n * n, 3) of the face that most photos agree on."""
-    # The eight orders in which the same grid of n x n corners can be listed
-    order = np.arange(n * n).reshape(n, n)
-    turns = [np.rot90(flipped, k).ravel() for flipped in (order, order.T) for k in range(4)]
-    rays, centers = grids.rays, grids.centers
-    middle = rays.mean(axis=1)
-    pairs = [
-        (a, b)
-        for a, b in combinations(range(len(grids)), 2)
-        if grids.photos[a] != grids.photos[b]
-        and middle[a] @ middle[b] <= np.cos(np.radians(_MIN_PARALLAX_DEG))
-    ]
-    best: tuple[float, np.ndarray] | None = None
-    for a, b in thin_randomly(np.reshape(pairs, (-1, 2)).astype(int), _MAX_PAIRS, seed):
-        for turned in turns:
-            seen_by_two = np.stack([rays[a], rays[b][turned]], axis=1)
-            located = intersect_rays(centers[None, [a, b]], seen_by_two)
-            if _fit_grid(located, n)[1] > _IRREGULAR:
-                continue
-            score = sum(_match(grids, row, located, n) is not None for row in range(len(grids)))
-            if best is None or score > best[0]:
-                best = score, located
-    return None if best is None else best[1]
-
-
-def _fit_grid(located: np.ndarray, n: int) -> tuple[float, float]:
-    """Spacing of corners (n * n, 3) as a grid of squares, and how far off one they are."""
-    grid = np.stack([*np.meshgrid(np.arange(n), np.arange(n)), np.zeros((n, n))], axis=-1)
-    if not np.isfinite(located).all():
-        return 1.0, np.inf
-    laid = lay_over(located, grid.reshape(-1, 3), np.zeros(n * n, int))
-    return (laid.size, laid.misfit) if laid else (1.0, np.inf)
-
-
-def _match(grids: Sightings, row: int, located: np.ndarray, n: int) -> np.ndarray | None:
-    """Number on the face of each corner of a row's grid; None where it shows another face."""
-    seen = grids.select(np.array([row])).in_cameras(located)[0]
-    if (seen[:, 2] <= 0).any():
-        return None
-    places = seen[:, :2] / seen[:, 2:]
-    away = np.linalg.norm(places[None] - grids.places[row][:, None], axis=-1)
-    order = away.argmin(axis=1)
-    steps = [
-        np.linalg.norm(np.diff(places.reshape(n, n, 2), axis=axis), axis=-1) for axis in (0, 1)
-    ]
-    limit = _NEAR_CELLS * min(step.min() for step in steps)
-    if len(set(order)) < n * n or away.min(axis=1).max() > limit:
-        return None
-    return order

@@ -19,15 +19,16 @@ from cherrypicker.errors import StageError
 from cherrypicker.markers.columns import CAMERA_DISTANCE_M, SIDES_COLUMN, choose_mode
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import (
-    Detection,
+    Reads,
     detect_markers,
     marker_dictionary,
     suggest_dictionaries,
 )
 from cherrypicker.markers.marker_scales import marker_references, measure_marker
 from cherrypicker.markers.reads import SortedReads, sort_reads
-from cherrypicker.markers.reference_scales import Scan, measure_reference
+from cherrypicker.markers.reference_scales import measure_reference
 from cherrypicker.markers.references import KEY, Reference, check_scale
+from cherrypicker.markers.scan import Scan
 
 logger = logging.getLogger(__name__)
 
@@ -94,12 +95,10 @@ def estimate_scale(
             **counts,
             **{name: [] for name in lists},
         }
-    views = _views(photos, reconstruction)
-    scan = Scan(
-        [view[0] for view in views],
-        [view[1] for view in views],
-        np.array([view[2] for view in views]),
-        cloud,
+    scan = Scan.of(
+        photos,
+        reconstruction,
+        cloud=cloud,
         min_images=min_images,
         max_px=max_reprojection_px,
         side=side,
@@ -128,29 +127,18 @@ def _find_markers(
     markers: dict[str, dict[int, dict]] = {}
     reads = SortedReads()
     for name, ids in wanted.items():
-        markers[name] = {}
         if not ids:
+            markers[name] = {}
             continue
-        detections = detect_markers(
-            scan.photos, scan.cameras, marker_dictionary(name), threads=scan.threads
-        )
+        read = detect_markers(scan, marker_dictionary(name))
         if name == dictionary and not known:
-            _check_found(detections, scan.photos, name, sides, scan.min_images)
-        for marker_id, side in ids.items():
-            own = [detection for detection in detections if detection.marker_id == marker_id]
-            markers[name][marker_id] = measure_marker(
-                marker_id,
-                side,
-                own,
-                scan.cam_from_world,
-                min_images=scan.min_images,
-                max_px=scan.max_px,
-                by=scan.side,
-                seed=scan.seed,
-            )
-        found = sort_reads(detections, markers[name], scan)
+            _check_found(read, scan, name, sides)
+        markers[name] = {
+            marker_id: measure_marker(marker_id, side, read.select(read.ids == marker_id), scan)
+            for marker_id, side in ids.items()
+        }
+        found = sort_reads(read, markers[name], scan)
         if name == dictionary:
-            found.log()
             found.doubts[:0] = reads.doubts
             reads = found
         else:
@@ -217,48 +205,25 @@ def _report(
     }
 
 
-def _views(photos: Sequence[str | Path], reconstruction: Any) -> list[tuple]:
-    """Path, camera and pose (3, 4) of each registered photo, by name."""
-    paths = {Path(path).name: path for path in photos}
-    views = []
-    for image in sorted(reconstruction.images.values(), key=lambda image: image.name):
-        name = Path(image.name).name
-        if not image.has_pose or name not in paths:
-            continue
-        camera = reconstruction.cameras[image.camera_id]
-        views.append((paths[name], camera, image.cam_from_world().matrix()))
-    if len(views) < 2:
-        raise StageError(
-            f"only {len(views)} of the photos are registered in the sparse model",
-            key="sfm.min_registered_fraction",
-        )
-    return views
-
-
-def _check_found(
-    detections: list[Detection],
-    photos: Sequence[str | Path],
-    dictionary: str,
-    sides: dict[int, float],
-    min_images: int,
-) -> None:
+def _check_found(read: Reads, scan: Scan, dictionary: str, sides: dict[int, float]) -> None:
     """Refuse when no listed marker is seen often enough, with what may help."""
-    seen_in = Counter(marker_id for marker_id, _ in {(d.marker_id, d.photo) for d in detections})
+    n_photos = len(scan.photos)
+    seen_in = Counter(marker_id for marker_id, _ in set(zip(read.ids.tolist(), read.photos)))
     counts = {marker_id: seen_in.pop(marker_id, 0) for marker_id in sides}
     for marker_id, count in counts.items():
-        logger.info("marker %d: seen in %d of %d photos", marker_id, count, len(photos))
-    if max(counts.values()) >= min_images:
+        logger.info("marker %d: seen in %d of %d photos", marker_id, count, n_photos)
+    if max(counts.values()) >= scan.min_images:
         return
     seen = ", ".join(f"{marker_id} in {count}" for marker_id, count in counts.items())
     hint = ""
     if seen_in:
         listed = ", ".join(f"{marker_id} ({count})" for marker_id, count in sorted(seen_in.items()))
         hint = f"; other ids of {dictionary} were seen, in so many photos: {listed}"
-    elif max(counts.values()) == 0:
-        suggestion = suggest_dictionaries(photos)
-        hint = f"; {suggestion}" if suggestion else ""
+    elif max(counts.values()) == 0 and (suggestion := suggest_dictionaries(scan.photos)):
+        hint = f"; {suggestion}"
     raise StageError(
-        f"no marker is seen in {min_images} photos or more (marker {seen} of {len(photos)}){hint}",
+        f"no marker is seen in {scan.min_images} photos or more "
+        f"(marker {seen} of {n_photos}){hint}",
         key=f"marker_dictionary, {SIDES_COLUMN}; or scale",
     )
 
