@@ -11,7 +11,7 @@ from cherrypicker.batch.config import resolve_config
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
 from cherrypicker.intake.places import stated_place
-from cherrypicker.markers.boards import charuco_finder
+from cherrypicker.markers.boards import find_charuco
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.references import check_scale
@@ -84,8 +84,9 @@ def scale_of(scan, *references, sides="", photos=slice(None)):
 def test_a_board_that_two_photos_show_is_told_and_its_markers_go_on(scan):
     """Two photos locate it, but nothing tells how well."""
     photos, model = scan
-    find = charuco_finder(BOARD)
-    seen = [bool(find(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))) for path in photos]
+    seen = [
+        bool(find_charuco(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), BOARD)) for path in photos
+    ]
     shown = [path for path, is_seen in zip(photos, seen, strict=True) if is_seen][:2]
     others = [path for path, is_seen in zip(photos, seen, strict=True) if not is_seen]
     with pytest.raises(StageError, match="seen in 2 of 2 photos, 3 are needed"):

@@ -7,7 +7,7 @@ orders, and where the rays of most photos meet, as `layouts.meet` finds a marker
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -26,7 +26,7 @@ _IRREGULAR = 0.1  # what a face's corners may be off a grid, of its extent, and 
 _REFINE_ROUNDS, _REFINED_PX = 30, 0.001  # cv2.cornerSubPix: steps at most, and what ends them
 
 
-def charuco_board(values: Any) -> cv2.aruco.CharucoBoard:
+def charuco_board(values: Mapping) -> cv2.aruco.CharucoBoard:
     """OpenCV's board of a reference of kind ``charuco``."""
     dictionary = marker_dictionary(values["dictionary"])
     squares, sides = tuple(values["squares"]), (values["length_m"], values["marker_m"])
@@ -35,78 +35,33 @@ def charuco_board(values: Any) -> cv2.aruco.CharucoBoard:
     return board
 
 
-def charuco_layout(values: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Places of a board's inner corners (n, 3), m, and their part: one."""
-    corners = np.asarray(charuco_board(values).getChessboardCorners(), float)
-    return corners, np.zeros(len(corners), int)
+def see_charuco(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.ndarray]:
+    """A ChArUco board's inner corners in the photos of a scan.
+
+    Returns
+    -------
+    seen : Sightings
+    layout : ndarray of shape (k, 3)
+        Places of the corners, m.
+    parts : ndarray of shape (k,), int
+        Their part, of which there is one.
+    """
+    layout = np.asarray(charuco_board(values).getChessboardCorners(), float)
+    seen = _see(scan, lambda grey: find_charuco(grey, values), "a ChArUco board")
+    return seen, layout, np.zeros(len(layout), int)
 
 
-def cube_layout(values: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Places of the inner corners of a cube's faces (n, 3), m, and the face of each."""
+def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.ndarray]:
+    """The inner corners of a checker cube's faces: as `see_charuco`, with each face a part."""
     n = values["cells"] - 1
     side = np.arange(n) * values["length_m"] / values["cells"]
-    face = np.stack([*np.meshgrid(side, side), np.zeros((n, n))], axis=-1).reshape(-1, 3)
-    # Six faces, of which a standing cube shows five.
-    return np.tile(face, (6, 1)), np.repeat(np.arange(6), n * n)
+    face = np.dstack([*np.meshgrid(side, side), np.zeros((n, n))]).reshape(-1, 3)
+    grids = _see(scan, lambda grey: _find_faces(grey, n), "the checker cube")
+    seen = name_faces(grids, face, values["length_m"], scan)
+    return seen, np.tile(face, (6, 1)), np.repeat(np.arange(6), n * n)
 
 
-def charuco_finder(values: Any) -> Callable[[np.ndarray], list[np.ndarray]]:
-    """Return what finds a ChArUco board in a grey photo: corners (n, 2), px, NaN if not seen."""
-
-    def find(grey: np.ndarray) -> list[np.ndarray]:
-        # A detector for each photo: OpenCV's own is not made for threads.
-        detector = cv2.aruco.CharucoDetector(charuco_board(values))
-        corners, ids, _, _ = detector.detectBoard(grey)
-        if ids is None or len(ids) < 4:
-            return []
-        places = np.full((len(detector.getBoard().getChessboardCorners()), 2), np.nan)
-        places[np.ravel(ids)] = np.reshape(corners, (-1, 2)) + 0.5
-        return [places]
-
-    return find
-
-
-def cube_finder(values: Any) -> Callable[[np.ndarray], list[np.ndarray]]:
-    """Return what finds the faces of a checker cube in a grey photo: the corners of each, px."""
-    n = values["cells"] - 1
-
-    def find(grey: np.ndarray) -> list[np.ndarray]:
-        factor = min(1.0, _SEARCH_SIDE_PX / max(grey.shape))
-        left = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-        found = []
-        for _ in range(_MAX_FACES):
-            is_there, corners = cv2.findChessboardCornersSB(
-                left, (n, n), flags=cv2.CALIB_CB_EXHAUSTIVE
-            )
-            if not is_there:
-                break
-            places = np.reshape(corners, (n, n, 2)).astype(float)
-            outline = places[[0, 0, -1, -1], [0, -1, -1, 0]]
-            middle = outline.mean(axis=0)
-            outline = middle + (outline - middle) * (n / (n - 1))
-            cv2.fillConvexPoly(left, np.round(outline).astype(np.int32), int(np.median(left)))
-            found.append(_refined(grey, (places.reshape(-1, 2) + 0.5) / factor, n))
-        return found
-
-    return find
-
-
-def _refined(grey: np.ndarray, places: np.ndarray, n: int) -> np.ndarray:
-    """Corners placed in the full photo; the window stays within a third of a cell.
-
-    The search alone leaves the cube of the tests 0.3 % too large, this 0.03 %.
-    """
-    grid = places.reshape(n, n, 2)
-    cell = min(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1))
-    window = max(int(cell / 3), 2)
-    until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _REFINE_ROUNDS, _REFINED_PX)
-    start = np.ascontiguousarray((places - 0.5)[:, None], np.float32)
-    return (
-        cv2.cornerSubPix(grey, start, (window, window), (-1, -1), until)[:, 0].astype(float) + 0.5
-    )
-
-
-def see_boards(scan: Scan, find: Callable[[np.ndarray], list[np.ndarray]], what: str) -> Sightings:
+def _see(scan: Scan, find: Callable[[np.ndarray], list[np.ndarray]], what: str) -> Sightings:
     """Boards or faces that a finder sees in photos, their corners on undistorted coordinates."""
 
     def find_undistorted(grey: np.ndarray, camera: Any) -> list[np.ndarray]:
@@ -119,15 +74,60 @@ def see_boards(scan: Scan, find: Callable[[np.ndarray], list[np.ndarray]], what:
     return Sightings(**shown_by, places=places, std=none, side_px=none)
 
 
-def name_faces(grids: Sightings, n: int, scan: Scan) -> Sightings:
+def find_charuco(grey: np.ndarray, values: Mapping) -> list[np.ndarray]:
+    """Corners (k, 2) of a ChArUco board in a grey photo, px, NaN if not seen; [] without one."""
+    # A detector for each photo: OpenCV's own is not made for threads.
+    detector = cv2.aruco.CharucoDetector(charuco_board(values))
+    corners, ids, _, _ = detector.detectBoard(grey)
+    if ids is None or len(ids) < 4:
+        return []
+    places = np.full((len(detector.getBoard().getChessboardCorners()), 2), np.nan)
+    places[np.ravel(ids)] = np.reshape(corners, (-1, 2)) + 0.5
+    return [places]
+
+
+def _find_faces(grey: np.ndarray, n: int) -> list[np.ndarray]:
+    """Corners (n * n, 2) of each face of a checker cube in a grey photo, px, row by row."""
+    factor = min(1.0, _SEARCH_SIDE_PX / max(grey.shape))
+    left = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _REFINE_ROUNDS, _REFINED_PX)
+    found = []
+    for _ in range(_MAX_FACES):
+        is_there, corners = cv2.findChessboardCornersSB(left, (n, n), flags=cv2.CALIB_CB_EXHAUSTIVE)
+        if not is_there:
+            break
+        places = np.reshape(corners, (n, n, 2)).astype(float)
+        outline = places[[0, 0, -1, -1], [0, -1, -1, 0]]
+        middle = outline.mean(axis=0)
+        outline = middle + (outline - middle) * (n / (n - 1))
+        cv2.fillConvexPoly(left, np.round(outline).astype(np.int32), int(np.median(left)))
+        # Placed in the full photo, within a third of a cell: the search alone leaves the cube of
+        # the tests 0.3 % too large, this 0.03 %.
+        places = (places + 0.5) / factor
+        window = max(int(_least_step(places) / 3), 2)
+        start = np.ascontiguousarray(places.reshape(-1, 1, 2) - 0.5, np.float32)
+        refined = cv2.cornerSubPix(grey, start, (window, window), (-1, -1), until)
+        found.append(refined[:, 0].astype(float) + 0.5)
+    return found
+
+
+def _least_step(grids: np.ndarray) -> np.ndarray:
+    """Least distance of neighbouring corners of grids (..., n, n, 2)."""
+    across, down = (np.linalg.norm(np.diff(grids, axis=axis), axis=-1) for axis in (-2, -3))
+    return np.minimum(across.min(axis=(-1, -2)), down.min(axis=(-1, -2)))
+
+
+def name_faces(grids: Sightings, face: np.ndarray, edge: float, scan: Scan) -> Sightings:
     """Tell which grids of corners are the same face of a cube, and number their corners alike.
 
     Parameters
     ----------
     grids : Sightings
         Grids of n x n corners, row by row, of all photos.
-    n : int
-        Inner corners along an edge.
+    face : ndarray of shape (n * n, 3)
+        Places of a face's corners.
+    edge : float
+        The cube's, in their unit.
 
     Returns
     -------
@@ -136,31 +136,28 @@ def name_faces(grids: Sightings, n: int, scan: Scan) -> Sightings:
         other boards and left out.
     """
     # Every grid in the eight orders in which it can be listed: one of them is that of its face
-    order, k = np.arange(n * n).reshape(n, n), n * n
+    k, n = len(face), round(len(face) ** 0.5)
+    order = np.arange(k).reshape(n, n)
     turns = [np.rot90(flipped, turn).ravel() for flipped in (order, order.T) for turn in range(4)]
-    grid = np.repeat(np.arange(len(grids)), 8)
+    grid = np.repeat(np.arange(len(grids)), len(turns))
     listed = grids.select(grid)
     listed.places = grids.places[:, turns].reshape(-1, k, 2)
-    squares = np.dstack([*np.meshgrid(np.arange(n), np.arange(n)), np.zeros((n, n))])
-    lattice = listed.places.reshape(-1, n, n, 2)
-    steps = [np.linalg.norm(np.diff(lattice, axis=axis), axis=-1) for axis in (1, 2)]
-    near_px = _NEAR_CELLS * listed.focal * np.min([step.min(axis=(1, 2)) for step in steps], axis=0)
+    near_px = _NEAR_CELLS * listed.focal * _least_step(listed.places.reshape(-1, n, n, 2))
     places = np.full((len(grids), 6 * k, 2), np.nan)
     left, first, n_faces = np.arange(len(listed)), None, 0
     while n_faces < 6:
-        seen = listed.select(left)
-        met = meet(seen, near_px[left], scan.seed)
-        if met is None or len(np.unique(seen.photos[met[1]])) < scan.min_images:
+        met = meet(listed.select(left), near_px[left], scan.seed)
+        if met is None or len(np.unique(listed.photos[left[met[1]]])) < scan.min_images:
             break
         points, rows = met[0], left[met[1]]
         left = left[~np.isin(grid[left], grid[rows])]
-        laid = lay_over(points, squares.reshape(-1, 3), np.zeros(k, int))
+        laid = lay_over(points, face, np.zeros(k, int))
         if laid is None or laid.misfit > _IRREGULAR:
             continue
         middle = points.mean(axis=0)
         first = first or (middle, laid.size)
-        # Centres of two faces of a cube are an edge apart at most, n + 1 cells.
-        is_near = np.linalg.norm(middle - first[0]) < 1.2 * (n + 1) * first[1]
+        # Centres of two faces of a cube are an edge apart at most.
+        is_near = np.linalg.norm(middle - first[0]) < 1.2 * edge * first[1]
         if is_near and abs(laid.size / first[1] - 1) < _IRREGULAR:
             places[grid[rows], n_faces * k : (n_faces + 1) * k] = listed.places[rows]
             n_faces += 1

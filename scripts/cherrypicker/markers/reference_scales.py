@@ -10,14 +10,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.intake.places import stated_place
-from cherrypicker.markers.boards import (
-    charuco_finder,
-    charuco_layout,
-    cube_finder,
-    cube_layout,
-    name_faces,
-    see_boards,
-)
+from cherrypicker.markers.boards import see_charuco, see_cube
 from cherrypicker.markers.layouts import Sightings, fit_layout, joined_middles, lay_over, locate
 from cherrypicker.markers.marker_scales import DRIFT
 from cherrypicker.markers.references import Reference
@@ -96,14 +89,8 @@ def _distance(reference: Reference, scan: Scan, markers: dict[int, dict]) -> tup
 
 def _board(reference: Reference, scan: Scan) -> tuple[float, float]:
     """By the corners of a ChArUco board, or of a cube's faces."""
-    values = reference.values
-    if reference.kind == "charuco":
-        boards = see_boards(scan, charuco_finder(values), "a ChArUco board")
-        layout, parts = charuco_layout(values)
-    else:
-        grids = see_boards(scan, cube_finder(values), "the checker cube")
-        layout, parts = cube_layout(values)
-        boards = name_faces(grids, values["cells"] - 1, scan)
+    see = see_charuco if reference.kind == "charuco" else see_cube
+    boards, layout, parts = see(reference.values, scan)
     n_photos, fewest = len(np.unique(boards.photos)), max(scan.min_images, _FEWEST_PHOTOS)
     if n_photos < fewest:
         raise _NoScale(f"seen in {n_photos} of {len(scan.photos)} photos, {fewest} are needed")
