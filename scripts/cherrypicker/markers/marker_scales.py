@@ -168,7 +168,9 @@ def measure_marker(marker_id: int, side_m: float | None, reads: Reads, scan: Sca
             f"seen in fewer than {scan.min_images} photos" if n_images else "no photo shows it"
         )
         return report
-    found = locate_marker(reads, max_error_px=scan.max_px, by=scan.side, seed=scan.seed)
+    found = locate_marker(
+        reads, max_error_px=scan.max_reprojection_px, by=scan.side, seed=scan.seed
+    )
     if found is None or len(np.unique(found.sightings.photos)) < scan.min_images:
         flags.append("its sightings do not agree on a position")
         return report

@@ -67,7 +67,7 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
     SortedReads
     """
     result = SortedReads()
-    how: dict[str, Any] = {"max_error_px": scan.max_px, "seed": scan.seed}
+    how: dict[str, Any] = {"max_error_px": scan.max_reprojection_px, "seed": scan.seed}
     # Squares to hold others against: by their fitted corners, and by their coarse ones
     squares = [marker for marker in markers.values() if marker.get("is_square")]
     own = [reads.select(reads.ids == square["id"]).coarsely() for square in squares]

@@ -100,7 +100,7 @@ def _board(reference: Reference, scan: Scan) -> tuple[float, float]:
 def _by_layout(
     seen: Sightings, layout: np.ndarray, parts: np.ndarray, scan: Scan
 ) -> tuple[float, float]:
-    points, agree = locate(seen, seen.tolerance(scan.max_px))
+    points, agree = locate(seen, seen.tolerance(scan.max_reprojection_px))
     laid = lay_over(points, layout, parts)
     used = replace(seen, places=np.where(agree[..., None], seen.places, np.nan))
     if laid is None or len(np.unique(seen.photos[agree.any(axis=1)])) < _FEWEST_PHOTOS:
