@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -47,7 +48,8 @@ def see_charuco(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.
         Their part, of which there is one.
     """
     layout = np.asarray(charuco_board(values).getChessboardCorners(), float)
-    seen = _see(scan, lambda grey: find_charuco(grey, values), "a ChArUco board")
+    find = partial(find_charuco, values=values)
+    seen = _see(scan, find, len(layout), "a ChArUco board")
     return seen, layout, np.zeros(len(layout), int)
 
 
@@ -56,21 +58,19 @@ def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.nda
     n = values["cells"] - 1
     side = np.arange(n) * values["length_m"] / values["cells"]
     face = np.dstack([*np.meshgrid(side, side), np.zeros((n, n))]).reshape(-1, 3)
-    grids = _see(scan, lambda grey: _find_faces(grey, n), "the checker cube")
+    grids = _see(scan, partial(_find_faces, n=n), len(face), "the checker cube")
     seen = name_faces(grids, face, values["length_m"], scan)
     return seen, np.tile(face, (6, 1)), np.repeat(np.arange(6), n * n)
 
 
-def _see(scan: Scan, find: Callable[[np.ndarray], list[np.ndarray]], what: str) -> Sightings:
-    """Boards or faces that a finder sees in photos, their corners on undistorted coordinates."""
+def _see(scan: Scan, find: Callable[[np.ndarray], list], k: int, what: str) -> Sightings:
+    """Boards or faces of k corners that a finder sees in photos, on undistorted coordinates."""
 
     def find_undistorted(grey: np.ndarray, camera: Any) -> list[np.ndarray]:
-        found = map(np.ascontiguousarray, find(grey))
-        return [np.asarray(camera.cam_from_img(corners), float) for corners in found]
+        return [camera.cam_from_img(np.ascontiguousarray(corners)) for corners in find(grey)]
 
     shown_by, boards = scan.search(find_undistorted, what)
-    none = np.zeros(len(boards))
-    places = np.array(boards) if boards else np.zeros((0, 0, 2))
+    none, places = np.zeros(len(boards)), np.reshape(boards, (len(boards), k, 2))
     return Sightings(**shown_by, places=places, std=none, side_px=none)
 
 

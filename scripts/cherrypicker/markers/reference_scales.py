@@ -61,7 +61,8 @@ def measure_reference(
         elif reference.kind == "gps":
             scale, error = _gps(reference, scan)
         else:
-            scale, error = _board(reference, scan)
+            see = see_charuco if reference.kind == "charuco" else see_cube
+            scale, error = _by_layout(*see(reference.values, scan), scan)
     except _NoScale as reason:
         report["flags"].append(str(reason))
         return report
@@ -87,28 +88,23 @@ def _distance(reference: Reference, scan: Scan, markers: dict[int, dict]) -> tup
     return _by_layout(joined_middles(*ends), layout, np.zeros(2, int), scan)
 
 
-def _board(reference: Reference, scan: Scan) -> tuple[float, float]:
-    """By the corners of a ChArUco board, or of a cube's faces."""
-    see = see_charuco if reference.kind == "charuco" else see_cube
-    boards, layout, parts = see(reference.values, scan)
-    n_photos, fewest = len(np.unique(boards.photos)), max(scan.min_images, _FEWEST_PHOTOS)
-    if n_photos < fewest:
-        raise _NoScale(f"seen in {n_photos} of {len(scan.photos)} photos, {fewest} are needed")
-    return _by_layout(boards, layout, parts, scan)
-
-
 def _by_layout(
     seen: Sightings, layout: np.ndarray, parts: np.ndarray, scan: Scan
 ) -> tuple[float, float]:
+    """By points of a layout."""
     points, agree = locate(seen, seen.tolerance(scan.max_reprojection_px))
     laid = lay_over(points, layout, parts)
-    used = replace(seen, places=np.where(agree[..., None], seen.places, np.nan))
-    if laid is None or len(np.unique(seen.photos[agree.any(axis=1)])) < _FEWEST_PHOTOS:
-        raise _NoScale("too few photos agree on where it is")
+    n_photos = len(np.unique(seen.photos[agree.any(axis=1)]))
+    fewest = max(scan.min_images, _FEWEST_PHOTOS)
+    if laid is None or n_photos < fewest:
+        raise _NoScale(
+            f"{n_photos} of {len(scan.photos)} photos agree on where it is, {fewest} are needed"
+        )
     if laid.misfit > _MOST_MISFIT:
         raise _NoScale(
             f"its points are off the layout by {100 * laid.misfit:.1f} %: is it bent, or another?"
         )
+    used = replace(seen, places=np.where(agree[..., None], seen.places, np.nan))
     fit = fit_layout(used, laid)
     return 1 / fit.size, fit.error
 
