@@ -16,7 +16,7 @@ SIDES_COLUMN = "marker_sides_m in trees.tsv"
 _PAIR = re.compile(r"([0-9]{1,4})\s*:\s*([0-9]+\.?[0-9]*|\.[0-9]+)")  # id:side
 _SIDE_BOUNDS_M = (0.005, 2.0)  # of printed markers (guess)
 # Nobody photographs a fruit tree from nearer or further than this; a side in cm or mm would (guess)
-CAMERA_DISTANCE_M = (0.25, 80.0)
+_CAMERA_DISTANCE_M = (0.25, 80.0)
 
 DICTIONARY_SIZES = {
     **{f"DICT_{n}X{n}_{size}": size for n in (4, 5, 6, 7) for size in (50, 100, 250, 1000)},
@@ -112,3 +112,19 @@ def check_ids(
         if marker_id >= count:
             raise StageError(f"{name} has markers 0 to {count - 1}, not {marker_id}", key=ids_key)
     return name
+
+
+def check_distance(distance_m: float, what: str, key: str) -> None:
+    """Refuse a scale under which the cameras stood impossibly near to something, or far from it.
+
+    Raises
+    ------
+    StageError
+    """
+    low, high = _CAMERA_DISTANCE_M
+    if not low <= distance_m <= high:
+        raise StageError(
+            f"the cameras stand {distance_m:.3g} m from the {what}, outside what a tree is "
+            "photographed from; are the lengths in metres?",
+            key=key,
+        )

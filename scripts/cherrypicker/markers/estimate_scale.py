@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.markers.columns import CAMERA_DISTANCE_M, SIDES_COLUMN, choose_mode
+from cherrypicker.markers.columns import SIDES_COLUMN, check_distance, choose_mode
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import (
     Reads,
@@ -126,7 +126,10 @@ def _report(
             doubts.append(f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}")
     scale, scale_std = combine(measured, doubts)
     shown = [marker for marker in markers if marker["used"]]
-    _check_distance(scale, scan.centers, shown)
+    places = np.concatenate([marker["corners"] for marker in shown]) if shown else scan.centers
+    away = np.linalg.norm(scan.centers - places.mean(axis=0), axis=1)
+    what, key = ("markers", SIDES_COLUMN) if shown else ("middle of their walk", KEY)
+    check_distance(float(scale * np.median(away)), what, key)
     share = scale_std / scale
     warnings = list(doubts)
     if share > _MAX_RELATIVE_STD:
@@ -190,16 +193,3 @@ def _check_found(reads: Reads, scan: Scan, dictionary: str, sides: dict[int, flo
         f"{len(scan.photos)}){hint}",
         key=f"marker_dictionary, {SIDES_COLUMN}; or scale",
     )
-
-
-def _check_distance(scale: float, centers: np.ndarray, used: list[dict]) -> None:
-    """Refuse scales under which the photographer stood impossibly near or far."""
-    corners = np.concatenate([marker["corners"] for marker in used]) if used else centers
-    distance = float(scale * np.median(np.linalg.norm(centers - corners.mean(axis=0), axis=1)))
-    low, high = CAMERA_DISTANCE_M
-    if not low <= distance <= high:
-        what = "marker: are the sides" if used else "middle: are the lengths"
-        raise StageError(
-            f"the cameras would stand {distance:.3g} m from the {what} in metres?",
-            key=SIDES_COLUMN if used else KEY,
-        )

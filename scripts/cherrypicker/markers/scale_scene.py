@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import is_number
-from cherrypicker.markers.columns import CAMERA_DISTANCE_M
+from cherrypicker.markers.columns import check_distance
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
@@ -58,12 +58,8 @@ def scale_scene(
         factor = _NORMAL_DISTANCE / distance
     elif not (is_number(factor) and factor > 0):
         raise StageError(f"scale.json holds no usable scale ({factor})", key="scale in trees.tsv")
-    elif not CAMERA_DISTANCE_M[0] <= factor * distance <= CAMERA_DISTANCE_M[1]:
-        raise StageError(
-            f"with {factor:.4g} metres per unit the cameras stand {factor * distance:.3g} m from "
-            "the tree, outside what a tree is photographed from",
-            key="scale or marker_sides_m in trees.tsv",
-        )
+    else:
+        check_distance(factor * distance, "tree", "scale or marker_sides_m in trees.tsv")
     logger.info("the cameras stand %.2f %s from the tree", factor * distance, unit)
     scaled = replace(cloud.transformed(factor), frame="metric", unit=unit)
     report = {
