@@ -59,7 +59,7 @@ def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.nda
     side = np.arange(n) * values["length_m"] / values["cells"]
     face = np.dstack([*np.meshgrid(side, side), np.zeros((n, n))]).reshape(-1, 3)
     grids = _see(scan, partial(_find_faces, n=n), len(face), "the checker cube")
-    seen = name_faces(grids, face, values["length_m"], scan)
+    seen = name_faces(grids, face, scan)
     return seen, np.tile(face, (6, 1)), np.repeat(np.arange(6), n * n)
 
 
@@ -117,7 +117,7 @@ def _least_step(grids: np.ndarray) -> np.ndarray:
     return np.minimum(across.min(axis=(-1, -2)), down.min(axis=(-1, -2)))
 
 
-def name_faces(grids: Sightings, face: np.ndarray, edge: float, scan: Scan) -> Sightings:
+def name_faces(grids: Sightings, face: np.ndarray, scan: Scan) -> Sightings:
     """Tell which grids of corners are the same face of a cube, and number their corners alike.
 
     Parameters
@@ -126,14 +126,11 @@ def name_faces(grids: Sightings, face: np.ndarray, edge: float, scan: Scan) -> S
         Grids of n x n corners, row by row, of all photos.
     face : ndarray of shape (n * n, 3)
         Places of a face's corners.
-    edge : float
-        The cube's, in their unit.
 
     Returns
     -------
     Sightings
-        Of six faces, the best seen first; those farther from the first than its cube reaches are
-        other boards and left out.
+        Of six faces, the best seen first; those of another size are other boards and left out.
     """
     # Every grid in the eight orders in which it can be listed: one of them is that of its face
     k, n = len(face), round(len(face) ** 0.5)
@@ -144,7 +141,7 @@ def name_faces(grids: Sightings, face: np.ndarray, edge: float, scan: Scan) -> S
     listed.places = grids.places[:, turns].reshape(-1, k, 2)
     near_px = _NEAR_CELLS * listed.focal * _least_step(listed.places.reshape(-1, n, n, 2))
     places = np.full((len(grids), 6 * k, 2), np.nan)
-    left, first, n_faces = np.arange(len(listed)), None, 0
+    left, size, n_faces = np.arange(len(listed)), 0.0, 0
     while n_faces < 6:
         met = meet(listed.select(left), near_px[left], scan.seed)
         if met is None or len(np.unique(listed.photos[left[met[1]]])) < scan.min_images:
@@ -154,11 +151,8 @@ def name_faces(grids: Sightings, face: np.ndarray, edge: float, scan: Scan) -> S
         laid = lay_over(points, face, np.zeros(k, int))
         if laid is None or laid.misfit > _IRREGULAR:
             continue
-        middle = points.mean(axis=0)
-        first = first or (middle, laid.size)
-        # Centres of two faces of a cube are an edge apart at most.
-        is_near = np.linalg.norm(middle - first[0]) < 1.2 * edge * first[1]
-        if is_near and abs(laid.size / first[1] - 1) < _IRREGULAR:
+        size = size or laid.size
+        if abs(laid.size / size - 1) < _IRREGULAR:
             places[grid[rows], n_faces * k : (n_faces + 1) * k] = listed.places[rows]
             n_faces += 1
     return replace(grids, places=places).select(np.isfinite(places).any(axis=(1, 2)))
