@@ -26,9 +26,7 @@ _LEAST_STD_PX = 0.02  # no fit is better (guess)
 _REACH_PX, _REACH_MODULES = 1.5, 1.5  # a fit stays this near to the coarse corners (guess)
 # Photos up to this size are searched at twice the size for small markers (guess)
 _UPSCALE_BELOW_PX = 4_000_000
-# OpenCV's search: a marker's least side, px, and perimeter (OpenCV's own), a share of the photo's
-# longer side
-_LEAST_SIDE_PX, _LEAST_PERIMETER = 12, 0.03
+_LEAST_SIDE_PX = 12  # of a marker that is searched for
 _COMMON_DICTIONARIES = (
     "DICT_4X4_50",
     "DICT_5X5_250",
@@ -104,7 +102,7 @@ def find_markers(
     larger = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
     parameters = cv2.aruco.DetectorParameters()
     least = 4 * _LEAST_SIDE_PX * factor / max(larger.shape)
-    parameters.minMarkerPerimeterRate = min(_LEAST_PERIMETER, least)
+    parameters.minMarkerPerimeterRate = min(parameters.minMarkerPerimeterRate, least)
     corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(larger)
     # OpenCV puts pixel centres at whole numbers, COLMAP at halves.
     found = [

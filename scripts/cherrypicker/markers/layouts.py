@@ -25,7 +25,7 @@ _MIN_PARALLAX_DEG = 1.0
 _TOLERANCE_SIDES = 0.02  # a sighting agrees within this share of its side
 _N_ROUNDS = 10  # of locating the points and asking again which sightings agree
 # What the poses add to a point's noise, px; beyond so many of both a residual loses influence
-POSES_PX, _LOSS_SCALES = 0.25, 2.0
+_POSES_PX, _LOSS_SCALES = 0.25, 2.0
 _LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
 _OPEN = 1e-9  # of rays so near to parallel that they leave their meeting open: the determinant
 
@@ -73,7 +73,7 @@ class Sightings:
     @property
     def noise_px(self) -> np.ndarray:
         """Noise floor of each row, px, (n,): its own, and the poses' error."""
-        return np.hypot(self.std, POSES_PX)
+        return np.hypot(self.std, _POSES_PX)
 
     def tolerance(self, max_error_px: float) -> np.ndarray:
         """Reprojection error within which a row agrees, px, (n,); at least 2 % of its side."""

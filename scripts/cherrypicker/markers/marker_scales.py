@@ -16,9 +16,9 @@ from cherrypicker.markers.scan import Scan
 # What no scatter of the sightings shows, root mean squares over nine rendered scenes
 # (docs/lab/scale.md): how far all of a marker's edges lie off together, px, and how far the scale
 # where the marker stands is from that of the whole ring of cameras
-EDGE_PX, DRIFT = 0.02, 5e-4
+_EDGE_PX, DRIFT = 0.02, 5e-4
 # Printers and rulers: two correct markers may differ by 0.5 %, three of these each (guess)
-PRINT_STD = 0.0017
+_PRINT_STD = 0.0017
 # What a square's corners may be off their plane and off a square, of its side, or as many errors
 _MAX_OFF, _MAX_OFF_ERRORS = 0.02, 5
 _UNIT_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
@@ -178,7 +178,7 @@ def measure_marker(marker_id: int, side_m: float | None, reads: Reads, scan: Sca
     if len(used) < len(reads):
         flags.append(f"{len(reads) - len(used)} of {len(reads)} sightings do not fit")
     side_px = float(used.side_px.mean())
-    error = np.hypot(found.side_std, side_floor(side_px))
+    error = np.hypot(found.side_std, np.hypot(2 * _EDGE_PX / side_px, DRIFT))
     if not found.is_square:
         flags.append(
             f"its corners do not form a flat square (off the plane {100 * found.off_plane:.1f} "
@@ -200,11 +200,6 @@ def measure_marker(marker_id: int, side_m: float | None, reads: Reads, scan: Sca
     return report
 
 
-def side_floor(side_px: float) -> float:
-    """Relative error of a marker's side that its sightings share, whatever their number."""
-    return float(np.hypot(2 * EDGE_PX / side_px, DRIFT))
-
-
 def marker_references(markers: list[dict], warnings: list[str]) -> list[dict]:
     """The markers of known side as references for :func:`cherrypicker.markers.combine.combine`.
 
@@ -219,7 +214,7 @@ def marker_references(markers: list[dict], warnings: list[str]) -> list[dict]:
             "name": f"marker {marker['id']}{place}",
             "kind": "marker",
             "key": SIDES_COLUMN,
-            "slack": PRINT_STD,
+            "slack": _PRINT_STD,
         }
     measured = [marker for marker in known if marker["used"]]
     if any(marker["is_square"] for marker in measured):

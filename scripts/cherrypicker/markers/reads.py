@@ -71,7 +71,7 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
     # Squares to hold others against: by their fitted corners, and by their coarse ones
     squares = [marker for marker in markers.values() if marker.get("is_square")]
     own = [reads.select(reads.ids == square["id"]).coarsely() for square in squares]
-    coarse = [vars(found) for each in own if (found := locate_marker(each, **how))]
+    coarse = [vars(geometry) for each in own if (geometry := locate_marker(each, **how))]
     for marker_id in np.unique(reads.ids).tolist():
         rest = reads.select(reads.ids == marker_id)
         places = [markers.get(marker_id, {})]

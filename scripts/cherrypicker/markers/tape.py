@@ -74,7 +74,7 @@ def _stem_at(
     best, nearest = None, np.inf
     for name in np.flatnonzero(np.bincount(thing) >= _LEAST_POINTS):
         own = slab[thing == name, :2]
-        away = np.linalg.norm(own.mean(axis=0))
+        away = float(np.linalg.norm(own.mean(axis=0)))
         if away < nearest:
             section = _round_section(own, points, height, half, scale, rng)
             best, nearest = (section, away) if section else (best, nearest)
