@@ -6,11 +6,11 @@ import pytest
 from marker_scene import square
 from scan_scene import look_at_poses, ring
 
-from cherrypicker.markers.detection import Detection
+from cherrypicker.markers.detection import Reads
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.marker_scales import measure_marker
 from cherrypicker.markers.reads import sort_reads
-from cherrypicker.markers.reference_scales import Scan
+from cherrypicker.markers.scan import Scan
 
 FOCAL = 1000.0
 KNOWN, BESIDE = square([0.5, 0.2, 0.1], 0.2, normal=(0, -0.4, 1)), [-0.4, 0.3, 0.2]
@@ -23,7 +23,7 @@ def scan():
 
 
 def read(scan, photo, marker_id, corners, rng, *, noise_px=0.1, matched=True):
-    """A detection of corners (4, 3) in a photo, or of corners (4, 2) wherever they are."""
+    """A read of corners (4, 3) in a photo, or of corners (4, 2) wherever they are."""
     pose = scan.cam_from_world[photo]
     if corners.shape[1] == 3:
         corners = corners @ pose[:, :3].T + pose[:, 3]
@@ -31,26 +31,30 @@ def read(scan, photo, marker_id, corners, rng, *, noise_px=0.1, matched=True):
     coarse = corners + rng.normal(0, 0.5 / FOCAL, (4, 2))
     exact = corners + rng.normal(0, noise_px / FOCAL, (4, 2))
     side = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean() * FOCAL
-    return Detection(
-        photo=photo,
-        marker_id=marker_id,
-        corners=exact if matched else coarse,
-        focal=FOCAL,
-        corner_std=noise_px if matched else 1.0,
-        side_px=float(side),
-        is_precise=matched,
-        is_matched=matched,
-        coarse=coarse,
-    )
+    return {
+        "photos": photo,
+        "cam_from_world": pose,
+        "ids": marker_id,
+        "places": exact if matched else coarse,
+        "focal": FOCAL,
+        "std": noise_px if matched else 1.0,
+        "side_px": side,
+        "is_precise": matched,
+        "is_matched": matched,
+        "coarse": coarse,
+    }
+
+
+def joined(reads):
+    return Reads(**{name: np.array([each[name] for each in reads]) for name in reads[0]})
 
 
 def sorted_reads(scan, others, rng, *, known=KNOWN):
     """What comes of reads beside a marker 7 that all photos show and the table names."""
     own = [read(scan, photo, 7, known, rng) for photo in range(12)]
-    seven = [each for each in [*own, *others] if each.marker_id == 7]
-    how = {"min_images": 2, "max_px": 2.0, "seed": 0}
-    marker = measure_marker(7, 0.2, seven, scan.cam_from_world, **how)
-    return sort_reads([*own, *others], {7: marker}, scan)
+    reads = joined([*own, *others])
+    marker = measure_marker(7, 0.2, reads.select(reads.ids == 7), scan)
+    return sort_reads(reads, {7: marker}, scan)
 
 
 def false_quad(rng):
@@ -150,7 +154,7 @@ def test_without_a_known_marker_nothing_is_sure(scan):
     rng = np.random.default_rng(9)
     corners = square(BESIDE, 0.15)
     reads = [read(scan, photo, 9, corners, rng) for photo in range(6)]
-    result = sort_reads(reads, {}, scan)
+    result = sort_reads(joined(reads), {}, scan)
     assert [place["id"] for place in result.unsolved] == [9] and not result.squares
 
 

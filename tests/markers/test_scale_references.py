@@ -11,7 +11,7 @@ from cherrypicker.batch.config import resolve_config
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
 from cherrypicker.intake.places import stated_place
-from cherrypicker.markers.boards import charuco_finder
+from cherrypicker.markers.boards import find_charuco
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.references import check_scale
@@ -84,15 +84,22 @@ def scale_of(scan, *references, sides="", photos=slice(None)):
 def test_a_board_that_two_photos_show_is_told_and_its_markers_go_on(scan):
     """Two photos locate it, but nothing tells how well."""
     photos, model = scan
-    find = charuco_finder(BOARD)
-    seen = [bool(find(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))) for path in photos]
+    seen = [
+        bool(find_charuco(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), BOARD)) for path in photos
+    ]
     shown = [path for path, is_seen in zip(photos, seen, strict=True) if is_seen][:2]
     others = [path for path, is_seen in zip(photos, seen, strict=True) if not is_seen]
-    with pytest.raises(StageError, match="seen in 2 of 2 photos, 3 are needed"):
+    with pytest.raises(StageError, match="2 of 2 photos agree on where it is, 3 are needed"):
         scale_of((shown, model), BOARD)
     report = scale_of((shown + others, model), BOARD, sides="7:0.15,8:0.15")
     (board,) = [each for each in report["references"] if each["kind"] == "charuco"]
     assert not board["used"] and "3 are needed" in board["flags"][0]
+
+
+def test_boards_that_no_photo_shows_give_no_scale(tmp_path):
+    poses = look_at_poses(ring(3, radius=2.0), np.zeros(3))
+    with pytest.raises(StageError, match=r"charuco .*: 0 of 3 .*cube .*: 0 of 3 photos agree"):
+        scale_of(marker_scan(tmp_path, [], poses), BOARD, CUBE)
 
 
 @pytest.mark.parametrize("reference", [BAR, BOARD, CUBE], ids=["distance", "charuco", "cube"])

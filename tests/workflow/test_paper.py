@@ -34,8 +34,10 @@ from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import write_orchard
 from cherrypicker.limbs.orchard import grow_orchard
+from cherrypicker.markers.detection import Reads
 from cherrypicker.markers.layouts import Sightings, intersect_rays
 from cherrypicker.markers.marker_scales import measure_marker
+from cherrypicker.markers.scan import Scan
 from cherrypicker.placement.directions import rodrigues
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import write_poses
@@ -496,17 +498,11 @@ def check_objective(rng):
 
 def check_scale_factor(rng):
     corners = square([0.3, 0.2, 0.0], 0.2)
-    _, seen = observed(rng, corners, 0.3)
-
-    def detections(*given, **named):
-        return seen
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cherrypicker.markers.marker_scales.observe", detections)
-        each = [Stand(photo=n, is_precise=True) for n in range(8)]
-        found = measure_marker(
-            7, 0.25, each, seen.cam_from_world, min_images=2, max_px=2.0, by="mean", seed=0
-        )
+    poses, seen = observed(rng, corners, 0.3)
+    every = np.ones(8, bool)
+    told = {"ids": 7 * every, "coarse": seen.places, "is_matched": every, "is_precise": every}
+    scan = Scan([], [], poses.cam_from_world, side="mean")
+    found = measure_marker(7, 0.25, Reads(**vars(seen), **told), scan)
     x = np.array(found["corners"])
     d_scene = np.mean([np.linalg.norm(x[i] - x[(i + 1) % 4]) for i in range(4)])
     assert found["scale"] == pytest.approx(0.25 / d_scene)

@@ -26,7 +26,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import PROJECT, write_text
 from cherrypicker.intake.kinds import Kind, captures_in, kind_of
 from cherrypicker.intake.stills import tags_of
-from cherrypicker.markers.columns import check_scale_columns
+from cherrypicker.markers.references import check_scale
 from cherrypicker.photos import UNREADABLE
 from cherrypicker.sfm.photo_files import MIN_PHOTOS
 
@@ -70,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
     """Write table and config; return 0."""
     args = parser.parse_args(arguments)
     if args.marker_dictionary or args.marker_sides_m:
-        check_scale_columns("", "marker", args.marker_dictionary, args.marker_sides_m)
+        check_scale("", "marker", args.marker_dictionary, args.marker_sides_m)
     folder = Path(args.folder)
     for name in (TABLE_FILE, CONFIG_FILE):
         if (folder / name).exists():

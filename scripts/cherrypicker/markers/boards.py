@@ -1,35 +1,33 @@
 """Boards of known layout in photos: ChArUco boards, and the faces of a checker cube.
 
 A ChArUco board's corners are numbered by its markers. A cube's are not: a face is a grid of corners
-that looks the same from two sides, and three faces look alike. Two photos' grids are the same face
-if their corners, located from both, are a regular grid; the pair that most other photos agree with
-names the corners in all of them, as `layouts.consensus` finds a marker.
+that looks the same from two sides, and three faces look alike. So each grid is listed in all its
+orders, and where the rays of most photos meet, as `layouts.meet` finds a marker, is a face.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import combinations
+from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
 
-from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.markers.detection import marker_dictionary
-from cherrypicker.markers.layouts import Sightings, intersect_rays, lay_over
+from cherrypicker.markers.layouts import Sightings, lay_over, meet
+from cherrypicker.markers.scan import Scan
 
 _MAX_FACES = 3  # of a cube that one photo shows
 # Guesses. Grids are sought in photos reduced to this longer side, corners refined in the full ones
 _SEARCH_SIDE_PX = 2400
-_MAX_PAIRS, _MIN_PARALLAX_DEG = 600, 3.0
-_IRREGULAR = 0.1  # what corners located from two photos may be off a grid, of its extent
 _NEAR_CELLS = 0.25  # of a grid's spacing in a photo: a corner this near is the same
+_IRREGULAR = 0.1  # what a face's corners may be off a grid, of its extent, and faces in size
 _REFINE_ROUNDS, _REFINED_PX = 30, 0.001  # cv2.cornerSubPix: steps at most, and what ends them
 
 
-def charuco_board(values: Any) -> cv2.aruco.CharucoBoard:
+def charuco_board(values: Mapping) -> cv2.aruco.CharucoBoard:
     """OpenCV's board of a reference of kind ``charuco``."""
     dictionary = marker_dictionary(values["dictionary"])
     squares, sides = tuple(values["squares"]), (values["length_m"], values["marker_m"])
@@ -38,189 +36,123 @@ def charuco_board(values: Any) -> cv2.aruco.CharucoBoard:
     return board
 
 
-def charuco_layout(values: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Places of a board's inner corners (n, 3), m, and their part: one."""
-    corners = np.asarray(charuco_board(values).getChessboardCorners(), float)
-    return corners, np.zeros(len(corners), int)
+def see_charuco(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.ndarray]:
+    """A ChArUco board's inner corners in the photos of a scan.
+
+    Returns
+    -------
+    seen : Sightings
+    layout : ndarray of shape (k, 3)
+        Places of the corners, m.
+    parts : ndarray of shape (k,), int
+        Their part, of which there is one.
+    """
+    layout = np.asarray(charuco_board(values).getChessboardCorners(), float)
+    find = partial(find_charuco, values=values)
+    seen = _see(scan, find, len(layout), "a ChArUco board")
+    return seen, layout, np.zeros(len(layout), int)
 
 
-def cube_layout(values: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Places of the inner corners of a cube's faces (n, 3), m, and the face of each."""
+def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.ndarray]:
+    """The inner corners of a checker cube's faces: as `see_charuco`, with each face a part."""
     n = values["cells"] - 1
     side = np.arange(n) * values["length_m"] / values["cells"]
-    face = np.stack([*np.meshgrid(side, side), np.zeros((n, n))], axis=-1).reshape(-1, 3)
-    # Six faces, of which a standing cube shows five.
-    return np.tile(face, (6, 1)), np.repeat(np.arange(6), n * n)
+    face = np.dstack([*np.meshgrid(side, side), np.zeros((n, n))]).reshape(-1, 3)
+    grids = _see(scan, partial(_find_faces, n=n), len(face), "the checker cube")
+    seen = name_faces(grids, face, scan)
+    return seen, np.tile(face, (6, 1)), np.repeat(np.arange(6), n * n)
 
 
-def charuco_finder(values: Any) -> Callable[[np.ndarray], list[np.ndarray]]:
-    """Return what finds a ChArUco board in a grey photo: corners (n, 2), px, NaN if not seen."""
+def _see(scan: Scan, find: Callable[[np.ndarray], list], k: int, what: str) -> Sightings:
+    """Boards or faces of k corners that a finder sees in photos, on undistorted coordinates."""
 
-    def find(grey: np.ndarray) -> list[np.ndarray]:
-        # A detector for each photo: OpenCV's own is not made for threads.
-        detector = cv2.aruco.CharucoDetector(charuco_board(values))
-        corners, ids, _, _ = detector.detectBoard(grey)
-        if ids is None or len(ids) < 4:
-            return []
-        places = np.full((len(detector.getBoard().getChessboardCorners()), 2), np.nan)
-        places[np.ravel(ids)] = np.reshape(corners, (-1, 2)) + 0.5
-        return [places]
+    def find_undistorted(grey: np.ndarray, camera: Any) -> list[np.ndarray]:
+        return [camera.cam_from_img(np.ascontiguousarray(corners)) for corners in find(grey)]
 
-    return find
+    shown_by, boards = scan.search(find_undistorted, what)
+    none, places = np.zeros(len(boards)), np.reshape(boards, (len(boards), k, 2))
+    return Sightings(**shown_by, places=places, std=none, side_px=none)
 
 
-def cube_finder(values: Any) -> Callable[[np.ndarray], list[np.ndarray]]:
-    """Return what finds the faces of a checker cube in a grey photo: the corners of each, px."""
-    n = values["cells"] - 1
-
-    def find(grey: np.ndarray) -> list[np.ndarray]:
-        factor = min(1.0, _SEARCH_SIDE_PX / max(grey.shape))
-        left = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-        found = []
-        for _ in range(_MAX_FACES):
-            is_there, corners = cv2.findChessboardCornersSB(
-                left, (n, n), flags=cv2.CALIB_CB_EXHAUSTIVE
-            )
-            if not is_there:
-                break
-            places = np.reshape(corners, (n, n, 2)).astype(float)
-            outline = places[[0, 0, -1, -1], [0, -1, -1, 0]]
-            middle = outline.mean(axis=0)
-            outline = middle + (outline - middle) * (n / (n - 1))
-            cv2.fillConvexPoly(left, np.round(outline).astype(np.int32), int(np.median(left)))
-            found.append(_refined(grey, (places.reshape(-1, 2) + 0.5) / factor, n))
-        return found
-
-    return find
+def find_charuco(grey: np.ndarray, values: Mapping) -> list[np.ndarray]:
+    """Corners (k, 2) of a ChArUco board in a grey photo, px, NaN if not seen; [] without one."""
+    # A detector for each photo: OpenCV's own is not made for threads.
+    detector = cv2.aruco.CharucoDetector(charuco_board(values))
+    corners, ids, _, _ = detector.detectBoard(grey)
+    if ids is None or len(ids) < 4:
+        return []
+    places = np.full((len(detector.getBoard().getChessboardCorners()), 2), np.nan)
+    places[np.ravel(ids)] = np.reshape(corners, (-1, 2)) + 0.5
+    return [places]
 
 
-def _refined(grey: np.ndarray, places: np.ndarray, n: int) -> np.ndarray:
-    """Corners placed in the full photo; the window stays within a third of a cell.
-
-    The search alone leaves the cube of the tests 0.3 % too large, this 0.03 %.
-    """
-    grid = places.reshape(n, n, 2)
-    cell = min(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1))
-    window = max(int(cell / 3), 2)
+def _find_faces(grey: np.ndarray, n: int) -> list[np.ndarray]:
+    """Corners (n * n, 2) of each face of a checker cube in a grey photo, px, row by row."""
+    factor = min(1.0, _SEARCH_SIDE_PX / max(grey.shape))
+    left = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _REFINE_ROUNDS, _REFINED_PX)
-    start = np.ascontiguousarray((places - 0.5)[:, None], np.float32)
-    return (
-        cv2.cornerSubPix(grey, start, (window, window), (-1, -1), until)[:, 0].astype(float) + 0.5
-    )
+    found = []
+    for _ in range(_MAX_FACES):
+        is_there, corners = cv2.findChessboardCornersSB(left, (n, n), flags=cv2.CALIB_CB_EXHAUSTIVE)
+        if not is_there:
+            break
+        places = np.reshape(corners, (n, n, 2)).astype(float)
+        outline = places[[0, 0, -1, -1], [0, -1, -1, 0]]
+        middle = outline.mean(axis=0)
+        outline = middle + (outline - middle) * (n / (n - 1))
+        cv2.fillConvexPoly(left, np.round(outline).astype(np.int32), int(np.median(left)))
+        # Placed in the full photo, within a third of a cell: the search alone leaves the cube of
+        # the tests 0.3 % too large, this 0.03 %.
+        places = (places + 0.5) / factor
+        window = max(int(_least_step(places) / 3), 2)
+        start = np.ascontiguousarray(places.reshape(-1, 1, 2) - 0.5, np.float32)
+        refined = cv2.cornerSubPix(grey, start, (window, window), (-1, -1), until)
+        found.append(refined[:, 0].astype(float) + 0.5)
+    return found
 
 
-def sightings_of(
-    found: list[list[np.ndarray]], cameras: list, cam_from_world: np.ndarray
-) -> Sightings:
-    """Boards or faces, the corners (k, 2) of each by photo, on undistorted coordinates."""
-    photos = np.repeat(np.arange(len(found)), [len(each) for each in found])
-    boards = [
-        np.asarray(camera.cam_from_img(np.ascontiguousarray(corners)), float)
-        for each, camera in zip(found, cameras)
-        for corners in each
-    ]
-    focal = [np.mean([camera.focal_length_x, camera.focal_length_y]) for camera in cameras]
-    none = np.zeros(len(photos))
-    return Sightings(
-        photos=photos,
-        cam_from_world=cam_from_world[photos],
-        focal=np.array(focal)[photos],
-        places=np.reshape(boards, (len(photos), -1, 2)) if boards else np.zeros((0, 0, 2)),
-        std=none,
-        side_px=none,
-    )
+def _least_step(grids: np.ndarray) -> np.ndarray:
+    """Least distance of neighbouring corners of grids (..., n, n, 2)."""
+    across, down = (np.linalg.norm(np.diff(grids, axis=axis), axis=-1) for axis in (-2, -3))
+    return np.minimum(across.min(axis=(-1, -2)), down.min(axis=(-1, -2)))
 
 
-def name_faces(grids: Sightings, n: int, *, min_photos: int, seed: int) -> Sightings:
+def name_faces(grids: Sightings, face: np.ndarray, scan: Scan) -> Sightings:
     """Tell which grids of corners are the same face of a cube, and number their corners alike.
 
     Parameters
     ----------
     grids : Sightings
         Grids of n x n corners, row by row, of all photos.
-    n : int
-        Inner corners along an edge.
-    min_photos : int
-        Photos that must show a face.
+    face : ndarray of shape (n * n, 3)
+        Places of a face's corners.
 
     Returns
     -------
     Sightings
-        Of six faces, the best seen first; those farther from the first than its cube reaches are
-        other boards and left out.
+        Of six faces, the best seen first; those of another size are other boards and left out.
     """
-    left, k = np.ones(len(grids), bool), n * n
+    # Every grid in the eight orders in which it can be listed: one of them is that of its face
+    k, n = len(face), round(len(face) ** 0.5)
+    order = np.arange(k).reshape(n, n)
+    turns = [np.rot90(flipped, turn).ravel() for flipped in (order, order.T) for turn in range(4)]
+    grid = np.repeat(np.arange(len(grids)), len(turns))
+    listed = grids.select(grid)
+    listed.places = grids.places[:, turns].reshape(-1, k, 2)
+    near_px = _NEAR_CELLS * listed.focal * _least_step(listed.places.reshape(-1, n, n, 2))
     places = np.full((len(grids), 6 * k, 2), np.nan)
-    first, n_faces = None, 0
+    left, size, n_faces = np.arange(len(listed)), 0.0, 0
     while n_faces < 6:
-        rows = np.flatnonzero(left)
-        located = _best_face(grids.select(rows), n, seed)
-        if located is None:
+        met = meet(listed.select(left), near_px[left], scan.seed)
+        if met is None or len(np.unique(listed.photos[left[met[1]]])) < scan.min_images:
             break
-        matches = [(row, _match(grids, row, located, n)) for row in rows.tolist()]
-        orders = {row: order for row, order in matches if order is not None}
-        members = list(orders)
-        if len(np.unique(grids.photos[members])) < min_photos:
-            break
-        left[members] = False
-        middle, spacing = located.mean(axis=0), _fit_grid(located, n)[0]
-        first = first or (middle, spacing)
-        # Centres of two faces of a cube are an edge apart at most, n + 1 cells.
-        is_near = np.linalg.norm(middle - first[0]) < 1.2 * (n + 1) * first[1]
-        if is_near and abs(spacing / first[1] - 1) < _IRREGULAR:
-            for row, order in orders.items():
-                places[row, n_faces * k + order] = grids.places[row]
+        points, rows = met[0], left[met[1]]
+        left = left[~np.isin(grid[left], grid[rows])]
+        laid = lay_over(points, face, np.zeros(k, int))
+        if laid is None or laid.misfit > _IRREGULAR:
+            continue
+        size = size or laid.size
+        if abs(laid.size / size - 1) < _IRREGULAR:
+            places[grid[rows], n_faces * k : (n_faces + 1) * k] = listed.places[rows]
             n_faces += 1
     return replace(grids, places=places).select(np.isfinite(places).any(axis=(1, 2)))
-
-
-def _best_face(grids: Sightings, n: int, seed: int) -> np.ndarray | None:
-    """Corners (n * n, 3) of the face that most photos agree on."""
-    # The eight orders in which the same grid of n x n corners can be listed
-    order = np.arange(n * n).reshape(n, n)
-    turns = [np.rot90(flipped, k).ravel() for flipped in (order, order.T) for k in range(4)]
-    rays, centers = grids.rays, grids.centers
-    middle = rays.mean(axis=1)
-    pairs = [
-        (a, b)
-        for a, b in combinations(range(len(grids)), 2)
-        if grids.photos[a] != grids.photos[b]
-        and middle[a] @ middle[b] <= np.cos(np.radians(_MIN_PARALLAX_DEG))
-    ]
-    best: tuple[float, np.ndarray] | None = None
-    for a, b in thin_randomly(np.reshape(pairs, (-1, 2)).astype(int), _MAX_PAIRS, seed):
-        for turned in turns:
-            seen_by_two = np.stack([rays[a], rays[b][turned]], axis=1)
-            located = intersect_rays(centers[None, [a, b]], seen_by_two)
-            if _fit_grid(located, n)[1] > _IRREGULAR:
-                continue
-            score = sum(_match(grids, row, located, n) is not None for row in range(len(grids)))
-            if best is None or score > best[0]:
-                best = score, located
-    return None if best is None else best[1]
-
-
-def _fit_grid(located: np.ndarray, n: int) -> tuple[float, float]:
-    """Spacing of corners (n * n, 3) as a grid of squares, and how far off one they are."""
-    grid = np.stack([*np.meshgrid(np.arange(n), np.arange(n)), np.zeros((n, n))], axis=-1)
-    if not np.isfinite(located).all():
-        return 1.0, np.inf
-    laid = lay_over(located, grid.reshape(-1, 3), np.zeros(n * n, int))
-    return (laid.size, laid.misfit) if laid else (1.0, np.inf)
-
-
-def _match(grids: Sightings, row: int, located: np.ndarray, n: int) -> np.ndarray | None:
-    """Number on the face of each corner of a row's grid; None where it shows another face."""
-    seen = grids.select(np.array([row])).in_cameras(located)[0]
-    if (seen[:, 2] <= 0).any():
-        return None
-    places = seen[:, :2] / seen[:, 2:]
-    away = np.linalg.norm(places[None] - grids.places[row][:, None], axis=-1)
-    order = away.argmin(axis=1)
-    steps = [
-        np.linalg.norm(np.diff(places.reshape(n, n, 2), axis=axis), axis=-1) for axis in (0, 1)
-    ]
-    limit = _NEAR_CELLS * min(step.min() for step in steps)
-    if len(set(order)) < n * n or away.min(axis=1).max() > limit:
-        return None
-    return order

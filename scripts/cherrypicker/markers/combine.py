@@ -13,7 +13,7 @@ from cherrypicker.errors import StageError
 
 # Two correct references differ by no more than this many of their errors (guess)
 MOST_ERRORS = 3.0
-WORST_DISAGREEMENT = 0.03  # of two references that the scale survives (guess)
+_WORST_DISAGREEMENT = 0.03  # of two references that the scale survives (guess)
 
 
 def combine(references: list[dict], warnings: list[str]) -> tuple[float, float]:
@@ -88,7 +88,7 @@ def _drop_contradicting(used: list[dict], warnings: list[str]) -> list[dict]:
         if len(used) == 2:
             text = " and ".join(f"{one['name']} ({one['scale']:.5g} m a unit)" for one in used)
             message = f"{text} contradict each other by {100 * off[0]:.1f} %"
-            if off[0] > WORST_DISAGREEMENT:
+            if off[0] > _WORST_DISAGREEMENT:
                 raise StageError(f"{message}; check their lengths", key=_keys(used))
             for one in used:
                 one["flags"].append(f"in doubt: {message}")

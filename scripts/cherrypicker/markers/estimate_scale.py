@@ -16,18 +16,19 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.markers.columns import CAMERA_DISTANCE_M, SIDES_COLUMN, choose_mode
+from cherrypicker.markers.columns import SIDES_COLUMN, check_distance, choose_mode
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import (
-    Detection,
+    Reads,
     detect_markers,
     marker_dictionary,
     suggest_dictionaries,
 )
 from cherrypicker.markers.marker_scales import marker_references, measure_marker
 from cherrypicker.markers.reads import SortedReads, sort_reads
-from cherrypicker.markers.reference_scales import Scan, measure_reference
+from cherrypicker.markers.reference_scales import measure_reference
 from cherrypicker.markers.references import KEY, Reference, check_scale
+from cherrypicker.markers.scan import Scan
 
 logger = logging.getLogger(__name__)
 
@@ -42,13 +43,8 @@ def estimate_scale(
     mode: str,
     dictionary: str,
     sides_m: str,
-    min_images: int,
-    max_reprojection_px: float,
-    side: str = "square",
     references: Sequence[Mapping | str] = (),
-    cloud: np.ndarray | None = None,
-    threads: int = 1,
-    seed: int = 0,
+    **options: Any,
 ) -> dict:
     """Scale of a sparse model, as the content of scale.json.
 
@@ -60,16 +56,10 @@ def estimate_scale(
         As for :func:`cherrypicker.markers.columns.choose_mode`.
     dictionary, sides_m : str
         The columns ``marker_dictionary`` and ``marker_sides_m``.
-    min_images : int
-        Photos that must agree on a marker or on a board.
-    max_reprojection_px : float
-        Beyond it a sighting is an outlier.
-    side : {"square", "mean"}
-        As `by` of :func:`cherrypicker.markers.marker_scales.locate_marker`.
     references : sequence of mapping or str
         The config's ``scale.references``.
-    cloud : ndarray of shape (n, 3), optional
-        The denoised cloud, aligned frame, for a reference of kind ``trunk``.
+    options
+        Further fields of :class:`cherrypicker.markers.scan.Scan`.
 
     Raises
     ------
@@ -79,35 +69,15 @@ def estimate_scale(
     sides, known = check_scale(cell, mode, dictionary, sides_m, references)
     mode, value = choose_mode(cell, mode)
     if mode != "marker":
-        logger.info("scale: %s%s", mode, "" if value is None else f", {value:g} metres per unit")
         if references:
-            logger.warning(
-                "scale.references are not used: the scale is said to be %s", cell or mode
-            )
+            logger.warning("scale.references are not used: the scale is said to be %s", mode)
         unit = "m" if mode == "number" else "arbitrary"
-        counts = {"scale_std": None, "n_images": 0, "n_rays": 0}
+        report = {"mode": mode, "unit": unit, "scale": value, "scale_std": None}
         lists = ("markers", "other_markers", "unsolved_markers", "false_reads", "warnings")
-        return {
-            "mode": mode,
-            "unit": unit,
-            "scale": value,
-            **counts,
-            **{name: [] for name in lists},
-        }
-    views = _views(photos, reconstruction)
-    scan = Scan(
-        [view[0] for view in views],
-        [view[1] for view in views],
-        np.array([view[2] for view in views]),
-        cloud,
-        min_images=min_images,
-        max_px=max_reprojection_px,
-        side=side,
-        threads=threads,
-        seed=seed,
-    )
+        return report | {"n_images": 0, "n_rays": 0} | {name: [] for name in lists}
+    scan = Scan.of(photos, reconstruction, **options)
     markers, reads = _find_markers(scan, dictionary, sides, known)
-    shown = [*markers[dictionary].values(), *reads.again]
+    shown = [*markers.get(dictionary, {}).values(), *reads.again]
     measured = marker_references(shown, reads.doubts)
     for reference in sorted(known, key=lambda reference: reference.kind == "trunk"):
         own = markers.get(reference.values.get("dictionary", ""), {})
@@ -121,41 +91,25 @@ def _find_markers(
     scan: Scan, dictionary: str, sides: dict[int, float], known: list[Reference]
 ) -> tuple[dict[str, dict[int, dict]], SortedReads]:
     """Markers by dictionary and id, those whose distance is known too; and what else was read."""
-    wanted: dict[str, dict[int, float | None]] = {dictionary: dict(sides)}
+    wanted: dict[str, dict[int, float | None]] = {dictionary: dict(sides)} if sides else {}
     for reference in known:
         for marker_id in reference.values.get("markers", ()):
             wanted.setdefault(reference.values["dictionary"], {}).setdefault(marker_id, None)
-    markers: dict[str, dict[int, dict]] = {}
-    reads = SortedReads()
+    markers, sorted_reads, doubts = {}, SortedReads(), []
     for name, ids in wanted.items():
-        markers[name] = {}
-        if not ids:
-            continue
-        detections = detect_markers(
-            scan.photos, scan.cameras, marker_dictionary(name), threads=scan.threads
-        )
-        if name == dictionary and not known:
-            _check_found(detections, scan.photos, name, sides, scan.min_images)
-        for marker_id, side in ids.items():
-            own = [detection for detection in detections if detection.marker_id == marker_id]
-            markers[name][marker_id] = measure_marker(
-                marker_id,
-                side,
-                own,
-                scan.cam_from_world,
-                min_images=scan.min_images,
-                max_px=scan.max_px,
-                by=scan.side,
-                seed=scan.seed,
-            )
-        found = sort_reads(detections, markers[name], scan)
+        reads = detect_markers(scan, marker_dictionary(name))
+        if not known:
+            _check_found(reads, scan, name, sides)
+        markers[name] = {
+            marker_id: measure_marker(marker_id, side, reads.select(reads.ids == marker_id), scan)
+            for marker_id, side in ids.items()
+        }
+        found = sort_reads(reads, markers[name], scan)
+        doubts += found.doubts
         if name == dictionary:
-            found.log()
-            found.doubts[:0] = reads.doubts
-            reads = found
-        else:
-            reads.doubts += found.doubts
-    return markers, reads
+            sorted_reads = found
+    sorted_reads.doubts = doubts
+    return markers, sorted_reads
 
 
 def _report(
@@ -171,22 +125,26 @@ def _report(
         if not one["used"] and "scale" not in one:
             doubts.append(f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}")
     scale, scale_std = combine(measured, doubts)
+    shown = [marker for marker in markers if marker["used"]]
+    places = np.concatenate([marker["corners"] for marker in shown]) if shown else scan.centers
+    away = np.linalg.norm(scan.centers - places.mean(axis=0), axis=1)
+    what, key = ("markers", SIDES_COLUMN) if shown else ("middle of their walk", KEY)
+    check_distance(float(scale * np.median(away)), what, key)
+    share = scale_std / scale
     warnings = list(doubts)
-    _check_plausible(scale, scale_std, scan.centers, markers, warnings)
+    if share > _MAX_RELATIVE_STD:
+        warnings.append(
+            f"the scale is known only to {100 * share:.0f} %: show the markers in more photos from "
+            "more directions"
+        )
+    for warning in warnings:
+        logger.warning("%s", warning)
+    used = ", ".join(one["name"] for one in measured if one["used"])
+    line = "scale: %.6g +- %.2g metres per unit (%.2f %%) from %s"
+    logger.info(line, scale, scale_std, 100 * share, used)
     for marker in markers:
         marker.pop("sightings", None)
         marker["images"] = [Path(scan.photos[index]).name for index in marker["images"]]
-    for warning in warnings:
-        logger.warning("%s", warning)
-    used = [one for one in measured if one["used"]]
-    logger.info(
-        "scale: %.6g +- %.2g metres per unit (%.2f %%) from %s",
-        scale,
-        scale_std,
-        100 * scale_std / scale,
-        ", ".join(one["name"] for one in used),
-    )
-    shown = [marker for marker in markers if marker["used"]]
     names = ("name", "kind", "key", "used", "length_m", "scale", "scale_std", "check", "flags")
     return {
         "mode": "marker" if markers else "reference",
@@ -217,76 +175,21 @@ def _report(
     }
 
 
-def _views(photos: Sequence[str | Path], reconstruction: Any) -> list[tuple]:
-    """Path, camera and pose (3, 4) of each registered photo, by name."""
-    paths = {Path(path).name: path for path in photos}
-    views = []
-    for image in sorted(reconstruction.images.values(), key=lambda image: image.name):
-        name = Path(image.name).name
-        if not image.has_pose or name not in paths:
-            continue
-        camera = reconstruction.cameras[image.camera_id]
-        views.append((paths[name], camera, image.cam_from_world().matrix()))
-    if len(views) < 2:
-        raise StageError(
-            f"only {len(views)} of the photos are registered in the sparse model",
-            key="sfm.min_registered_fraction",
-        )
-    return views
-
-
-def _check_found(
-    detections: list[Detection],
-    photos: Sequence[str | Path],
-    dictionary: str,
-    sides: dict[int, float],
-    min_images: int,
-) -> None:
+def _check_found(reads: Reads, scan: Scan, dictionary: str, sides: dict[int, float]) -> None:
     """Refuse when no listed marker is seen often enough, with what may help."""
-    seen_in = Counter(marker_id for marker_id, _ in {(d.marker_id, d.photo) for d in detections})
+    seen_in = Counter(marker_id for marker_id, _ in set(zip(reads.ids.tolist(), reads.photos)))
     counts = {marker_id: seen_in.pop(marker_id, 0) for marker_id in sides}
-    for marker_id, count in counts.items():
-        logger.info("marker %d: seen in %d of %d photos", marker_id, count, len(photos))
-    if max(counts.values()) >= min_images:
+    if max(counts.values()) >= scan.min_images:
         return
     seen = ", ".join(f"{marker_id} in {count}" for marker_id, count in counts.items())
     hint = ""
     if seen_in:
         listed = ", ".join(f"{marker_id} ({count})" for marker_id, count in sorted(seen_in.items()))
         hint = f"; other ids of {dictionary} were seen, in so many photos: {listed}"
-    elif max(counts.values()) == 0:
-        suggestion = suggest_dictionaries(photos)
-        hint = f"; {suggestion}" if suggestion else ""
+    elif not any(counts.values()) and (suggestion := suggest_dictionaries(scan.photos)):
+        hint = f"; {suggestion}"
     raise StageError(
-        f"no marker is seen in {min_images} photos or more (marker {seen} of {len(photos)}){hint}",
+        f"no marker is seen in {scan.min_images} photos or more (marker {seen} of "
+        f"{len(scan.photos)}){hint}",
         key=f"marker_dictionary, {SIDES_COLUMN}; or scale",
     )
-
-
-def _check_plausible(
-    scale: float,
-    scale_std: float,
-    centers: np.ndarray,
-    markers: list[dict],
-    warnings: list[str],
-) -> None:
-    """Refuse scales under which the photographer stood impossibly near or far."""
-    used = [marker["corners"] for marker in markers if marker["used"]]
-    corners = np.concatenate(used) if used else centers
-    distance = float(scale * np.median(np.linalg.norm(centers - corners.mean(axis=0), axis=1)))
-    low, high = CAMERA_DISTANCE_M
-    if not low <= distance <= high:
-        what = "marker: are the sides" if used else "middle: are the lengths"
-        raise StageError(
-            f"the cameras would stand {distance:.3g} m from the {what} in metres?",
-            key=SIDES_COLUMN if used else KEY,
-        )
-    logger.info("the cameras' median distance to the references is %.2f m", distance)
-    if scale_std > _MAX_RELATIVE_STD * scale:
-        warnings.append(
-            f"the scale is known only to {100 * scale_std / scale:.0f} %: show the markers in more "
-            "photos from more directions"
-        )
-    for marker in markers:
-        for flag in marker["flags"]:
-            logger.info("marker %d: %s", marker["id"], flag)

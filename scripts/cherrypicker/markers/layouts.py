@@ -10,7 +10,6 @@ the mean of many distances between free points, above all from few photos.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from itertools import combinations
 from typing import Self
 
 import numpy as np
@@ -26,7 +25,7 @@ _MIN_PARALLAX_DEG = 1.0
 _TOLERANCE_SIDES = 0.02  # a sighting agrees within this share of its side
 _N_ROUNDS = 10  # of locating the points and asking again which sightings agree
 # What the poses add to a point's noise, px; beyond so many of both a residual loses influence
-POSES_PX, _LOSS_SCALES = 0.25, 2.0
+_POSES_PX, _LOSS_SCALES = 0.25, 2.0
 _LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
 _OPEN = 1e-9  # of rays so near to parallel that they leave their meeting open: the determinant
 
@@ -54,8 +53,7 @@ class Sightings:
     @property
     def centers(self) -> np.ndarray:
         """Camera centres, (n, 3)."""
-        rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
-        return -np.einsum("nji,nj->ni", rotation, shift)
+        return camera_centers(self.cam_from_world)
 
     @property
     def rays(self) -> np.ndarray:
@@ -75,7 +73,7 @@ class Sightings:
     @property
     def noise_px(self) -> np.ndarray:
         """Noise floor of each row, px, (n,): its own, and the poses' error."""
-        return np.hypot(self.std, POSES_PX)
+        return np.hypot(self.std, _POSES_PX)
 
     def tolerance(self, max_error_px: float) -> np.ndarray:
         """Reprojection error within which a row agrees, px, (n,); at least 2 % of its side."""
@@ -94,6 +92,11 @@ class Sightings:
         safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
         error = (in_camera[..., :2] / safe - self.places) * self.focal[:, None, None]
         return np.where(depth <= 0, 1e6, error)
+
+
+def camera_centers(cam_from_world: np.ndarray) -> np.ndarray:
+    """Where cameras of poses (n, 3, 4) stand, (n, 3)."""
+    return -np.einsum("nji,nj->ni", cam_from_world[:, :, :3], cam_from_world[:, :, 3])
 
 
 def joined_middles(*markers: Sightings) -> Sightings:
@@ -138,34 +141,44 @@ def intersect_rays(
     return np.where(is_open[..., None], np.nan, point)
 
 
-def consensus(seen: Sightings, tolerance: np.ndarray, seed: int) -> np.ndarray | None:
-    """Points (k, 3) by the pair of photos that most other rows agree with, all of which show all.
+def meet(seen: Sightings, tolerance: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Where the rays of most rows meet that show all points, whatever outliers are among them.
+
+    It starts from the pair of photos that most other rows agree with.
+
+    Parameters
+    ----------
+    tolerance : ndarray of shape (n,)
+        Largest reprojection error of a point for its row to agree, px.
 
     Returns
     -------
-    ndarray or None
-        None where no two photos agree.
+    (ndarray of shape (k, 3), ndarray of int) or None
+        The points, and the rows that agree on all of them; None where no two photos do.
     """
-    pairs = np.array(list(combinations(range(len(seen)), 2)), int).reshape(-1, 2)
+    pairs = np.column_stack(np.triu_indices(len(seen), 1))
     rays, centers = seen.rays, seen.centers
     middle = rays.mean(axis=1)
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     cosine = np.einsum("pi,pi->p", middle[pairs[:, 0]], middle[pairs[:, 1]])
     are_two = seen.photos[pairs[:, 0]] != seen.photos[pairs[:, 1]]
     pairs = pairs[are_two & (cosine < np.cos(np.radians(_MIN_PARALLAX_DEG)))]
-    if len(pairs) == 0:
-        return None
     pairs = thin_randomly(pairs, _MAX_PAIRS, seed)
     candidates = intersect_rays(centers[pairs][:, None], rays[pairs].transpose(0, 2, 1, 3))
     candidates = candidates[np.isfinite(candidates).all(axis=(1, 2))]
     if len(candidates) == 0:
         return None
-    errors = np.linalg.norm(seen.residuals_px(candidates), axis=-1).max(axis=-1)
+    errors = np.array(
+        [np.linalg.norm(seen.residuals_px(each), axis=-1).max(axis=-1) for each in candidates]
+    )
     # Each row counts less the worse it fits, so that equal counts are told apart.
-    scores = np.clip(1 - (errors / tolerance) ** 2, 0, None).sum(axis=1)
-    best = np.argmax(scores)
+    best = np.argmax(np.clip(1 - (errors / tolerance) ** 2, 0, None).sum(axis=1))
     agreeing = seen.photos[errors[best] < tolerance]
-    return candidates[best] if len(np.unique(agreeing)) > 1 else None
+    if len(np.unique(agreeing)) < 2:
+        return None
+    points, agree = locate(seen, tolerance, candidates[best], as_one=True)
+    rows = np.flatnonzero(agree.all(axis=1))
+    return (points, rows) if len(np.unique(seen.photos[rows])) > 1 else None
 
 
 def locate(

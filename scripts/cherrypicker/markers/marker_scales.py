@@ -4,28 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from cherrypicker.markers.columns import SIDES_COLUMN
 from cherrypicker.markers.combine import drop
-from cherrypicker.markers.detection import Detection
-from cherrypicker.markers.layouts import (
-    Sightings,
-    consensus,
-    fit_layout,
-    intersect_rays,
-    lay_over,
-    locate,
-)
+from cherrypicker.markers.detection import Reads
+from cherrypicker.markers.layouts import Sightings, fit_layout, intersect_rays, lay_over, meet
+from cherrypicker.markers.scan import Scan
 
 # What no scatter of the sightings shows, root mean squares over nine rendered scenes
 # (docs/lab/scale.md): how far all of a marker's edges lie off together, px, and how far the scale
 # where the marker stands is from that of the whole ring of cameras
-EDGE_PX, DRIFT = 0.02, 5e-4
+_EDGE_PX, DRIFT = 0.02, 5e-4
 # Printers and rulers: two correct markers may differ by 0.5 %, three of these each (guess)
-PRINT_STD = 0.0017
+_PRINT_STD = 0.0017
 # What a square's corners may be off their plane and off a square, of its side, or as many errors
 _MAX_OFF, _MAX_OFF_ERRORS = 0.02, 5
 _UNIT_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
@@ -70,18 +63,16 @@ def locate_marker(
     MarkerGeometry or None
         None where no two photos agree on a position.
     """
-    used = seen
     if by == "mean":
         corners = intersect_rays(seen.centers[None], seen.rays.transpose(1, 0, 2))
+        used = seen
     else:
-        tolerance = seen.tolerance(max_error_px)
-        start = consensus(seen, tolerance, seed)
-        if start is None:
+        met = meet(seen, seen.tolerance(max_error_px), seed)
+        if met is None:
             return None
-        corners, agree = locate(seen, tolerance, start, as_one=True)
-        used = seen.select(np.flatnonzero(agree.all(axis=1)))
+        corners, used = met[0], seen.select(met[1])
     laid = lay_over(corners, _UNIT_SQUARE, np.zeros(4, int))
-    if laid is None or len(np.unique(used.photos)) < 2:
+    if laid is None:
         return None
     fit = fit_layout(used, laid)
     rms_px = float(np.sqrt(np.mean(np.sum(used.residuals_px(corners) ** 2, axis=-1))))
@@ -122,14 +113,11 @@ def locate_middle(
         The middle, and the radius of the print around it with the error of the middle; None where
         no two photos agree on a position.
     """
-    middles, tolerance = replace(seen, places=seen.middles[:, None]), seen.tolerance(max_error_px)
-    start = consensus(middles, tolerance, seed)
-    if start is None:
+    middles = replace(seen, places=seen.middles[:, None])
+    met = meet(middles, seen.tolerance(max_error_px), seed)
+    if met is None:
         return None
-    points, agree = locate(middles, tolerance, start)
-    used, middle = seen.select(agree[:, 0]), points[0]
-    if len(np.unique(used.photos)) < 2:
-        return None
+    points, used, middle = met[0], seen.select(met[1]), met[0][0]
     depth = used.in_cameras(points)[:, 0, 2]
     reach = np.linalg.norm(used.places - used.middles[:, None], axis=-1).max(axis=1) * depth
     rays = used.centers - middle
@@ -140,30 +128,15 @@ def locate_middle(
     return middle, float(reach.max() + error)
 
 
-def measure_marker(
-    marker_id: int,
-    side_m: float | None,
-    detections: list[Detection],
-    cam_from_world: np.ndarray,
-    *,
-    min_images: int,
-    max_px: float,
-    by: str = "square",
-    seed: int,
-) -> dict:
+def measure_marker(marker_id: int, side_m: float | None, reads: Reads, scan: Scan) -> dict:
     """Geometry and scale of one marker.
 
     Parameters
     ----------
     side_m : float or None
         None for a marker of unknown side, which gives no scale by itself.
-    detections : list of Detection
+    reads : Reads
         Of this marker.
-    cam_from_world : ndarray of shape (n_photos, 3, 4)
-    min_images : int
-        Photos that must agree.
-    max_px, by : float, {"square", "mean"}
-        As of :func:`locate_marker`.
 
     Returns
     -------
@@ -171,81 +144,60 @@ def measure_marker(
         The marker in scale.json; `used` says whether it counts. ``sightings`` are those that agree
         on its four corners, to be taken out.
     """
-    report: dict[str, Any] = {
+    n_images = len(np.unique(reads.photos))
+    flags: list[str] = []
+    report = {
         "id": marker_id,
         "side_m": side_m,
-        "n_images": len({detection.photo for detection in detections}),
-        "n_detections": len(detections),
+        "n_images": n_images,
+        "n_detections": len(reads),
         "n_inliers": 0,
         "n_rays": 0,
         "n_places": 1,
         "used": False,
-        "flags": [],
+        "flags": flags,
         "images": [],
     }
-    precise = [detection for detection in detections if detection.is_precise]
-    if len({detection.photo for detection in precise}) >= max(min_images, 2):
-        detections = precise
-    elif detections:
-        report["flags"].append(
-            "coarse corners: the paper is not flat, or the pattern is blurred or covered"
-        )
-    if report["n_images"] < min_images:
-        report["flags"].append(
-            f"seen in fewer than {min_images} photos" if detections else "no photo shows it"
+    precise = reads.select(reads.is_precise)
+    if len(np.unique(precise.photos)) >= max(scan.min_images, 2):
+        reads = precise
+    elif n_images:
+        flags.append("coarse corners: the paper is not flat, or the pattern is blurred or covered")
+    if n_images < scan.min_images:
+        flags.append(
+            f"seen in fewer than {scan.min_images} photos" if n_images else "no photo shows it"
         )
         return report
-    seen = observe(detections, cam_from_world)
-    found = locate_marker(seen, max_error_px=max_px, by=by, seed=seed)
-    if found is None or len(np.unique(found.sightings.photos)) < min_images:
-        report["flags"].append("its sightings do not agree on a position")
+    found = locate_marker(
+        reads, max_error_px=scan.max_reprojection_px, by=scan.side, seed=scan.seed
+    )
+    if found is None or len(np.unique(found.sightings.photos)) < scan.min_images:
+        flags.append("its sightings do not agree on a position")
         return report
     used = found.sightings
-    if len(used) < len(seen):
-        report["flags"].append(f"{len(seen) - len(used)} of {len(seen)} sightings do not fit")
+    if len(used) < len(reads):
+        flags.append(f"{len(reads) - len(used)} of {len(reads)} sightings do not fit")
+    side_px = float(used.side_px.mean())
+    error = np.hypot(found.side_std, np.hypot(2 * _EDGE_PX / side_px, DRIFT))
     if not found.is_square:
-        report["flags"].append(
+        flags.append(
             f"its corners do not form a flat square (off the plane {100 * found.off_plane:.1f} "
             f"%, off the square {100 * found.off_square:.1f} % of the side)"
         )
+        error = np.hypot(error, 0.5 * found.off_square)
     report |= vars(found) | {
         "n_inliers": len(used),
         "n_rays": 4 * len(used),
         "used": side_m is not None,
-        "images": sorted({int(index) for index in used.photos}),
+        "images": np.unique(used.photos).tolist(),
         "mean_side": float(found.side_lengths.mean()),
-        "mean_side_px": float(used.side_px.mean()),
+        "mean_side_px": side_px,
     }
-    error = np.hypot(report.pop("side_std"), side_floor(report["mean_side_px"]))
-    if not found.is_square:
-        error = np.hypot(error, 0.5 * found.off_square)
+    del report["side_std"]
     if side_m is not None:
         scale = side_m / found.square_side
         report |= {"scale": scale, "scale_std": float(scale * error)}
     return report
-
-
-def observe(
-    detections: list[Detection], cam_from_world: np.ndarray, *, coarse: bool = False
-) -> Sightings:
-    """Detections of one marker with the poses (n_photos, 3, 4) of their photos.
-
-    With `coarse` by the corners as they were before the pattern was fitted.
-    """
-    photos = np.array([detection.photo for detection in detections])
-    return Sightings(
-        photos=photos,
-        cam_from_world=cam_from_world[photos],
-        places=np.array([each.coarse if coarse else each.corners for each in detections]),
-        focal=np.array([detection.focal for detection in detections]),
-        std=np.array([each.coarse_std if coarse else each.corner_std for each in detections]),
-        side_px=np.array([detection.side_px for detection in detections]),
-    )
-
-
-def side_floor(side_px: float) -> float:
-    """Relative error of a marker's side that its sightings share, whatever their number."""
-    return float(np.hypot(2 * EDGE_PX / side_px, DRIFT))
 
 
 def marker_references(markers: list[dict], warnings: list[str]) -> list[dict]:
@@ -262,7 +214,7 @@ def marker_references(markers: list[dict], warnings: list[str]) -> list[dict]:
             "name": f"marker {marker['id']}{place}",
             "kind": "marker",
             "key": SIDES_COLUMN,
-            "slack": PRINT_STD,
+            "slack": _PRINT_STD,
         }
     measured = [marker for marker in known if marker["used"]]
     if any(marker["is_square"] for marker in measured):

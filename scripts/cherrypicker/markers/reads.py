@@ -12,6 +12,7 @@ import logging
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -19,16 +20,9 @@ from scipy.stats import f as f_distribution
 
 from cherrypicker.markers.columns import SIDES_COLUMN
 from cherrypicker.markers.combine import MOST_ERRORS
-from cherrypicker.markers.detection import Detection
-from cherrypicker.markers.layouts import POSES_PX
-from cherrypicker.markers.marker_scales import (
-    EDGE_PX,
-    locate_marker,
-    locate_middle,
-    measure_marker,
-    observe,
-)
-from cherrypicker.markers.reference_scales import Scan
+from cherrypicker.markers.detection import Reads
+from cherrypicker.markers.marker_scales import locate_marker, locate_middle, measure_marker
+from cherrypicker.markers.scan import Scan
 
 logger = logging.getLogger(__name__)
 
@@ -57,45 +51,13 @@ class SortedReads:
     false: list[dict] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
-    def log(self) -> None:
-        """Say what is there."""
-        for square in [*self.squares, *self.again]:
-            logger.info("marker %d: one more, in %d photos", square["id"], len(square["images"]))
-        for place in self.unsolved:
-            logger.info(
-                "marker %d: may stand where %d photos show it, its square is not solved",
-                place["id"],
-                place["n_images"],
-            )
-        for one in self.false:
-            logger.info("marker %d: false reads in %d photos", one["id"], one["n_images"])
 
-
-@dataclass(frozen=True)
-class Noise:
-    """How well the corners of known markers fit squares: a mean square and its freedom."""
-
-    misfit: float
-    dof: int
-
-    @classmethod
-    def of(cls, misfits: list[tuple[float, int]]) -> Noise:
-        """Of several markers."""
-        dof = sum(each for _, each in misfits)
-        return cls(sum(misfit * each for misfit, each in misfits) / dof, dof)
-
-    def explains(self, misfit: float, dof: int) -> bool:
-        """Whether another square's misfit may be chance (F test)."""
-        chance = f_distribution.sf(misfit / self.misfit, dof, self.dof)
-        return bool(chance > chi2.sf(MOST_ERRORS**2, 1))
-
-
-def sort_reads(reads: list[Detection], markers: dict[int, dict], scan: Scan) -> SortedReads:
+def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedReads:
     """Tell markers from false reads.
 
     Parameters
     ----------
-    reads : list of Detection
+    reads : Reads
         Of all ids.
     markers : dict of int to dict
         What was asked for, as of `measure_marker`.
@@ -105,39 +67,59 @@ def sort_reads(reads: list[Detection], markers: dict[int, dict], scan: Scan) -> 
     SortedReads
     """
     result = SortedReads()
-    noise = _known_noise(reads, markers, scan)
-    for marker_id in sorted({read.marker_id for read in reads}):
-        rest = [read for read in reads if read.marker_id == marker_id]
-        known = markers.get(marker_id, {"side_m": None})
-        if "corners" in known:
-            _, rest = _split(rest, known["corners"].mean(axis=0), scan)
-            if not known["is_square"]:
-                result.unsolved.append(_place(known))
-        false: list[Detection] = []
-        while rest and (place := locate_middle(observe(rest, scan.cam_from_world), **_how(scan))):
-            middle, radius = place
-            here, elsewhere = _split(rest, middle, scan)
-            if not here:
+    how: dict[str, Any] = {"max_error_px": scan.max_reprojection_px, "seed": scan.seed}
+    # Squares to hold others against: by their fitted corners, and by their coarse ones
+    squares = [marker for marker in markers.values() if marker.get("is_square")]
+    own = [reads.select(reads.ids == square["id"]).coarsely() for square in squares]
+    coarse = [vars(geometry) for each in own if (geometry := locate_marker(each, **how))]
+    for marker_id in np.unique(reads.ids).tolist():
+        rest = reads.select(reads.ids == marker_id)
+        places = [markers.get(marker_id, {})]
+        side_m = places[0].get("side_m")
+        is_known = "corners" in places[0]
+        if is_known:
+            rest = rest.select(~_lie_on(rest, places[0]["corners"].mean(axis=0)))
+            if not places[0]["is_square"]:
+                result.unsolved.append(_place(places[0]))
+        false: list[int] = []
+        while found := locate_middle(rest, **how):
+            middle, radius = found
+            is_here = _lie_on(rest, middle)
+            if not is_here.any():
                 break
-            square = _square_of(here, known["side_m"], scan)
-            if square is None and _is_none(here, noise, scan):
-                false += here
-            elif square is None:
-                found = {"center": middle, "radius": radius}
-                n_images = len({read.photo for read in here})
-                result.unsolved.append({"id": marker_id, **found, "n_images": n_images})
-            elif noise and noise[0].explains(square["misfit"], square["misfit_dof"]):
-                (result.again if "corners" in known else result.squares).append(square)
-            else:
-                result.unsolved.append(_place(square))
-            rest = elsewhere
-        if false := sorted(false + rest, key=lambda read: read.photo):
-            photos = list(dict.fromkeys(Path(scan.photos[read.photo]).name for read in false))
+            here, rest = rest.select(is_here), rest.select(~is_here)
+            square = measure_marker(marker_id, side_m, here.select(here.is_precise), scan)
+            if "corners" in square:
+                if squares and _fits(square, squares):
+                    (places if is_known else result.squares).append(square)
+                else:
+                    result.unsolved.append(_place(square))
+                continue
+            # Coarse corners without the pattern may still show that no square is there
+            met = None if here.is_matched.any() else locate_marker(here.coarsely(), **how)
+            if met and coarse and not _fits(vars(met), coarse):
+                false += here.photos.tolist()
+                continue
+            spot = {"center": middle, "radius": radius, "n_images": len(np.unique(here.photos))}
+            result.unsolved.append({"id": marker_id, **spot})
+        false += rest.photos.tolist()
+        if false:
+            photos = [Path(scan.photos[photo]).name for photo in sorted(set(false))]
             result.false.append({"id": marker_id, "n_images": len(photos), "photos": photos})
-        again = [square for square in result.again if square["id"] == marker_id]
-        if again:
-            result.doubts.append(_count_places([known, *again], scan))
+        if len(places) > 1:
+            result.again += places[1:]
+            result.doubts.append(_count_places(places, scan))
+    counts = {name: len(found) for name, found in vars(result).items()}
+    logger.info("of reads that were not asked for: %s", counts)
     return result
+
+
+def _fits(square: dict, known: list[dict]) -> bool:
+    """Whether a square's misfit may be chance beside that of known ones (F test)."""
+    dof = np.array([each["misfit_dof"] for each in known])
+    misfit = np.average([each["misfit"] for each in known], weights=dof)
+    chance = f_distribution.sf(square["misfit"] / misfit, square["misfit_dof"], dof.sum())
+    return bool(chance > chi2.sf(MOST_ERRORS**2, 1))
 
 
 def _count_places(places: list[dict], scan: Scan) -> str:
@@ -157,50 +139,6 @@ def _count_places(places: list[dict], scan: Scan) -> str:
     )
 
 
-def _how(scan: Scan) -> dict:
-    return {"max_error_px": scan.max_px, "seed": scan.seed}
-
-
-def _known_noise(
-    reads: list[Detection], markers: dict[int, dict], scan: Scan
-) -> tuple[Noise, Noise] | None:
-    """How the known markers fit squares, by fitted corners and by coarse ones; None without any."""
-    fitted, coarse = [], []
-    for marker in markers.values():
-        if marker.get("is_square"):
-            own = [read for read in reads if read.marker_id == marker["id"]]
-            seen = observe(own, scan.cam_from_world, coarse=True)
-            found = locate_marker(seen, **_how(scan))
-            if found is not None:
-                # Edges that lie off together show in no marker's own residuals
-                unseen = (EDGE_PX / POSES_PX) ** 2
-                fitted.append((marker["misfit"] + unseen, marker["misfit_dof"]))
-                coarse.append((found.misfit, found.misfit_dof))
-    return (Noise.of(fitted), Noise.of(coarse)) if fitted else None
-
-
-def _square_of(here: list[Detection], side_m: float | None, scan: Scan) -> dict | None:
-    """The square in which the reads of one place meet that match the pattern, if they do."""
-    square = measure_marker(
-        here[0].marker_id,
-        side_m,
-        [read for read in here if read.is_precise],
-        scan.cam_from_world,
-        min_images=max(scan.min_images, 2),
-        max_px=scan.max_px,
-        seed=scan.seed,
-    )
-    return square if "corners" in square else None
-
-
-def _is_none(here: list[Detection], noise: tuple[Noise, Noise] | None, scan: Scan) -> bool:
-    """Whether coarse reads of one place show that no square is there, nor any marker's pattern."""
-    if noise is None or any(read.is_matched for read in here):
-        return False
-    found = locate_marker(observe(here, scan.cam_from_world, coarse=True), **_how(scan))
-    return found is not None and not noise[1].explains(found.misfit, found.misfit_dof)
-
-
 def _place(square: dict) -> dict:
     """A place of SortedReads.unsolved around corners that form no square."""
     corners, n_images = square["corners"], len(square["images"])
@@ -209,16 +147,9 @@ def _place(square: dict) -> dict:
     return {"id": square["id"], "center": center, "radius": radius, "n_images": n_images}
 
 
-def _split(
-    reads: list[Detection], middle: np.ndarray, scan: Scan
-) -> tuple[list[Detection], list[Detection]]:
-    """Reads that lie on a marker's middle (3,), nearer than their own corners, and the others."""
-    seen = observe(reads, scan.cam_from_world)
-    at = seen.in_cameras(middle[None])[:, 0]
-    away = np.linalg.norm(at[:, :2] / at[:, 2:] - seen.middles, axis=1)
-    reach = np.linalg.norm(seen.places - seen.middles[:, None], axis=-1).max(axis=1)
-    is_here = (away < reach) & (at[:, 2] > 0)
-    return (
-        [read for read, here in zip(reads, is_here) if here],
-        [read for read, here in zip(reads, is_here) if not here],
-    )
+def _lie_on(reads: Reads, middle: np.ndarray) -> np.ndarray:
+    """Whether reads lie on a marker's middle (3,), nearer than their own corners, (n,) bool."""
+    at = reads.in_cameras(middle[None])[:, 0]
+    away = np.linalg.norm(at[:, :2] / at[:, 2:] - reads.middles, axis=1)
+    reach = np.linalg.norm(reads.places - reads.middles[:, None], axis=-1).max(axis=1)
+    return (away < reach) & (at[:, 2] > 0)

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.intake.places import stated_place
-from cherrypicker.markers.boards import (
-    charuco_finder,
-    charuco_layout,
-    cube_finder,
-    cube_layout,
-    name_faces,
-    sightings_of,
-)
-from cherrypicker.markers.detection import search_photos
+from cherrypicker.markers.boards import see_charuco, see_cube
 from cherrypicker.markers.layouts import Sightings, fit_layout, joined_middles, lay_over, locate
 from cherrypicker.markers.marker_scales import DRIFT
 from cherrypicker.markers.references import Reference
+from cherrypicker.markers.scan import Scan
 from cherrypicker.markers.tape import scale_of_trunk
 from cherrypicker.sfm.gps import local_metres, scale_of_positions
 
@@ -39,32 +30,6 @@ _STARTS_M = (3.0, 6.0, 1.5)
 
 class _NoScale(Exception):
     """Why a reference says nothing."""
-
-
-@dataclass
-class Scan:
-    """The registered photos and what else a reference may be looked for in."""
-
-    photos: list[str | Path]
-    cameras: list[Any]  # pycolmap.Camera of each
-    cam_from_world: np.ndarray  # (n_photos, 3, 4)
-    cloud: np.ndarray | None = None  # (n, 3): denoised cloud, aligned frame
-    min_images: int = field(default=2, kw_only=True)
-    max_px: float = field(default=2.0, kw_only=True)
-    side: str = field(default="square", kw_only=True)
-    threads: int = field(default=1, kw_only=True)
-    seed: int = field(default=0, kw_only=True)
-
-    @property
-    def centers(self) -> np.ndarray:
-        """Camera centres, (n_photos, 3)."""
-        rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
-        return -np.einsum("nji,nj->ni", rotation, shift)
-
-    def search(self, find: Callable[[np.ndarray], list[np.ndarray]], what: str) -> Sightings:
-        """Run a finder of boards on every photo."""
-        found = search_photos(self.photos, lambda _, grey: find(grey), what, threads=self.threads)
-        return sightings_of(found, self.cameras, self.cam_from_world)
 
 
 def measure_reference(
@@ -96,7 +61,8 @@ def measure_reference(
         elif reference.kind == "gps":
             scale, error = _gps(reference, scan)
         else:
-            scale, error = _board(reference, scan)
+            see = see_charuco if reference.kind == "charuco" else see_cube
+            scale, error = _by_layout(*see(reference.values, scan), scan)
     except _NoScale as reason:
         report["flags"].append(str(reason))
         return report
@@ -122,35 +88,23 @@ def _distance(reference: Reference, scan: Scan, markers: dict[int, dict]) -> tup
     return _by_layout(joined_middles(*ends), layout, np.zeros(2, int), scan)
 
 
-def _board(reference: Reference, scan: Scan) -> tuple[float, float]:
-    """By the corners of a ChArUco board, or of a cube's faces."""
-    values = reference.values
-    if reference.kind == "charuco":
-        boards = scan.search(charuco_finder(values), "a ChArUco board")
-        layout, parts = charuco_layout(values)
-    else:
-        grids = scan.search(cube_finder(values), "the checker cube")
-        layout, parts = cube_layout(values)
-        n = values["cells"] - 1
-        boards = name_faces(grids, n, min_photos=scan.min_images, seed=scan.seed)
-    n_photos, fewest = len(np.unique(boards.photos)), max(scan.min_images, _FEWEST_PHOTOS)
-    if n_photos < fewest:
-        raise _NoScale(f"seen in {n_photos} of {len(scan.photos)} photos, {fewest} are needed")
-    return _by_layout(boards, layout, parts, scan)
-
-
 def _by_layout(
     seen: Sightings, layout: np.ndarray, parts: np.ndarray, scan: Scan
 ) -> tuple[float, float]:
-    points, agree = locate(seen, seen.tolerance(scan.max_px))
+    """By points of a layout."""
+    points, agree = locate(seen, seen.tolerance(scan.max_reprojection_px))
     laid = lay_over(points, layout, parts)
-    used = replace(seen, places=np.where(agree[..., None], seen.places, np.nan))
-    if laid is None or len(np.unique(seen.photos[agree.any(axis=1)])) < _FEWEST_PHOTOS:
-        raise _NoScale("too few photos agree on where it is")
+    n_photos = len(np.unique(seen.photos[agree.any(axis=1)]))
+    fewest = max(scan.min_images, _FEWEST_PHOTOS)
+    if laid is None or n_photos < fewest:
+        raise _NoScale(
+            f"{n_photos} of {len(scan.photos)} photos agree on where it is, {fewest} are needed"
+        )
     if laid.misfit > _MOST_MISFIT:
         raise _NoScale(
             f"its points are off the layout by {100 * laid.misfit:.1f} %: is it bent, or another?"
         )
+    used = replace(seen, places=np.where(agree[..., None], seen.places, np.nan))
     fit = fit_layout(used, laid)
     return 1 / fit.size, fit.error
 

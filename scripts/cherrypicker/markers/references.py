@@ -1,4 +1,4 @@
-"""Known lengths beside the marker columns: the config's list ``scale.references``.
+"""The known lengths that give a scale: the marker columns, and the config's ``scale.references``.
 
 What a kind needs, may have and how large it may be is in the config's schema; here is what a schema
 cannot say. Light enough for the Snakefile to import, as `cherrypicker.markers.columns` is.
@@ -13,15 +13,9 @@ from typing import Any
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import parse_yaml
-from cherrypicker.markers.columns import (
-    DICTIONARY_SIZES,
-    check_scale_columns,
-    choose_mode,
-    dictionary_name,
-)
+from cherrypicker.markers.columns import check_ids, choose_mode, parse_marker_sides
 
 KEY = "scale.references"
-
 
 KINDS = {
     "distance": (0.0, 0.0005),
@@ -74,10 +68,13 @@ def check_scale(
 
     Parameters
     ----------
-    cell, mode, dictionary, sides_m : str
-        As for :func:`cherrypicker.markers.columns.check_scale_columns`.
+    cell, mode : str
+        As for :func:`cherrypicker.markers.columns.choose_mode`.
+    dictionary, sides_m : str
+        The columns ``marker_dictionary`` and ``marker_sides_m``.
     entries : sequence of mapping or str
-        The config's ``scale.references``; with one or more, the marker columns may be empty.
+        The config's ``scale.references``; with one or more, the marker columns may be empty. A
+        string is read as YAML, for the command line.
 
     Returns
     -------
@@ -93,28 +90,20 @@ def check_scale(
     """
     if choose_mode(cell, mode)[0] != "marker":
         return {}, []
-    references = parse_references(entries, dictionary)
-    needs_columns = bool(sides_m) or not references
-    sides = check_scale_columns(cell, mode, dictionary, sides_m) if needs_columns else {}
+    references = [_parse(entry, f"{KEY}.{at}", dictionary) for at, entry in enumerate(entries)]
+    if references and not sides_m:
+        return {}, references
+    columns = {"marker_dictionary": dictionary, "marker_sides_m": sides_m}
+    missing = " and ".join(name for name, text in columns.items() if not text)
+    if missing:
+        raise StageError(
+            f"the scale is to come from a marker, but {missing} {'are' if ' ' in missing else 'is'}"
+            " empty; without a marker the column scale must be a number or 'none'",
+            key=f"{missing}, or scale, in trees.tsv",
+        )
+    sides = parse_marker_sides(sides_m)
+    check_ids(dictionary, sides)
     return sides, references
-
-
-def parse_references(entries: Sequence[Mapping | str], dictionary: str = "") -> list[Reference]:
-    """Check the entries of ``scale.references``.
-
-    Parameters
-    ----------
-    entries : sequence of mapping or str
-        A string is read as YAML, for the command line.
-    dictionary : str
-        The column ``marker_dictionary``, for entries without one.
-
-    Raises
-    ------
-    StageError
-        For what no reference is, and for ids and lengths that contradict each other.
-    """
-    return [_parse(entry, f"{KEY}.{at}", dictionary) for at, entry in enumerate(entries)]
 
 
 def _parse(entry: Mapping | str, key: str, dictionary: str) -> Reference:
@@ -125,17 +114,11 @@ def _parse(entry: Mapping | str, key: str, dictionary: str) -> Reference:
     except (ValueError, TypeError, LookupError, AttributeError) as error:
         raise StageError(f"{entry!r} is no reference ({error})", key=key) from error
     if kind in ("distance", "charuco"):
-        values["dictionary"] = values.get("dictionary") or dictionary
-        if not values["dictionary"]:
+        dictionary = values.get("dictionary") or dictionary
+        if not dictionary:
             raise StageError("neither it nor marker_dictionary names a dictionary", key=key)
-        try:
-            values["dictionary"] = dictionary_name(values["dictionary"])
-        except StageError as error:
-            raise StageError(error.cause, key=f"{key}.dictionary") from None
-        size = DICTIONARY_SIZES[values["dictionary"]]
-        if max(values.get("markers", [0])) >= size:
-            cause = f"{values['dictionary']} has markers 0 to {size - 1}, not {values['markers']}"
-            raise StageError(cause, key=f"{key}.markers")
+        ids, keys = values.get("markers", ()), (f"{key}.markers", f"{key}.dictionary")
+        values["dictionary"] = check_ids(dictionary, ids, *keys)
     if values.get("marker_m", 0.0) >= length:
         cause = "a board's markers (marker_m) are smaller than its squares (length_m)"
         raise StageError(cause, key=f"{key}.marker_m")

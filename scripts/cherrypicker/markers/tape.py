@@ -11,18 +11,18 @@ from __future__ import annotations
 import logging
 
 import numpy as np
-from scipy import ndimage
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.error_terms import spread, trunk_terms
+from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sections import Section
 from cherrypicker.geometry.stem_slabs import stem_section
 
 logger = logging.getLogger(__name__)
 
-# Guesses, m where a unit is named: half the slab, a cell that joins points to things, what a stem
+# Guesses, m where a unit is named: half the slab, a gap between things, what a stem
 # may measure; of its section the arc, scatter and lean; rounds of scale and section, and their end
-_HALF_HEIGHT_M, _CELL_M, _RADII_M = 0.05, 0.015, (0.008, 0.5)
+_HALF_HEIGHT_M, _GAP_M, _RADII_M = 0.05, 0.015, (0.008, 0.5)
 _LEAST_ARC_DEG, _ROUGH, _LEAST_UPRIGHT = 200.0, 0.15, 0.7
 _N_ROUNDS, _SETTLED = 12, 1e-4
 _LEAST_POINTS = 60
@@ -70,34 +70,20 @@ def _stem_at(
     """Section of the stem nearest to the middle at a height."""
     height, half = height_m / scale, _HALF_HEIGHT_M / scale
     slab = points[np.abs(points[:, 2] - height) <= half]
-    best: tuple[float, Section] | None = None
-    for thing in _things(slab, _CELL_M / scale):
-        section = _round_section(slab[thing], points, height, half, scale, rng)
-        if section is None:
-            continue
-        away = float(np.hypot(*slab[thing, :2].mean(axis=0)))
-        if best is None or away < best[0]:
-            best = away, section
+    thing = link_components(slab * [1.0, 1.0, 0.0], _GAP_M / scale)
+    best, nearest = None, np.inf
+    for name in np.flatnonzero(np.bincount(thing) >= _LEAST_POINTS):
+        own = slab[thing == name, :2]
+        away = float(np.linalg.norm(own.mean(axis=0)))
+        if away < nearest:
+            section = _round_section(own, points, height, half, scale, rng)
+            best, nearest = (section, away) if section else (best, nearest)
     if best is None:
         raise StageError(
             f"no trunk stands {height_m:g} m over the ground: nothing round is seen from most "
             f"sides there, with {scale:.4g} metres a unit"
         )
-    return best[1]
-
-
-def _things(slab: np.ndarray, cell: float) -> list[np.ndarray]:
-    """Rows of the points of each thing: of cells that touch, seen from above."""
-    if len(slab) < _LEAST_POINTS:
-        return []
-    at = np.floor((slab[:, :2] - slab[:, :2].min(axis=0)) / cell).astype(int)
-    grid = np.zeros(at.max(axis=0) + 1, bool)
-    grid[at[:, 0], at[:, 1]] = True
-    names = ndimage.label(grid, structure=np.ones((3, 3)))[0][at[:, 0], at[:, 1]]
-    return [
-        np.flatnonzero(names == name)
-        for name in np.flatnonzero(np.bincount(names) >= _LEAST_POINTS)
-    ]
+    return best
 
 
 def _round_section(
@@ -108,14 +94,14 @@ def _round_section(
     scale: float,
     rng: np.random.Generator,
 ) -> Section | None:
-    """Section of a thing across its own axis; None for what is no stem."""
-    center = np.append((thing[:, :2].min(axis=0) + thing[:, :2].max(axis=0)) / 2, height)
-    reach = np.ptp(thing[:, :2], axis=0).max()
-    low, high = _RADII_M
-    if not 2 * low < scale * reach < 4 * high:
+    """Section of a thing (n, 2) across its own axis; None for what is no stem."""
+    low, high = thing.min(axis=0), thing.max(axis=0)
+    center, axis = np.append((low + high) / 2, height), np.array([0.0, 0.0, 1.0])
+    reach = (high - low).max()
+    thinnest, thickest = _RADII_M
+    if not 2 * thinnest < scale * reach < 4 * thickest:
         return None
-    axis, radii = np.array([0.0, 0.0, 1.0]), (low / scale, min(high / scale, reach))
-    section = None
+    radii = thinnest / scale, min(thickest / scale, reach)
     for _ in range(2):
         slab = center, axis, half, reach
         try:
@@ -125,7 +111,6 @@ def _round_section(
         center = center + section.parameters[:2] @ frame[:2]
         axis = np.append(section.parameters[3:5], 1.0) @ frame
         axis /= np.linalg.norm(axis)
-    if section is None or axis[2] < _LEAST_UPRIGHT:
-        return None
     is_round = section.arc_deg >= _LEAST_ARC_DEG and section.noise <= _ROUGH * section.radius
-    return section if is_round and section.n_inliers >= 0.5 * len(thing) else None
+    is_upright = axis[2] >= _LEAST_UPRIGHT
+    return section if is_round and is_upright and section.n_inliers >= 0.5 * len(thing) else None

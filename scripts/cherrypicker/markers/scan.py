@@ -1,0 +1,113 @@
+"""The registered photos of a tree, and the search for known lengths in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.markers.layouts import camera_centers
+from cherrypicker.photos import read_photo
+from cherrypicker.progress import Progress
+
+T = TypeVar("T")
+
+
+@dataclass
+class Scan:
+    """The registered photos and what else a known length may be looked for in."""
+
+    photos: list[str | Path]
+    cameras: list[Any]  # pycolmap.Camera of each
+    cam_from_world: np.ndarray  # (n_photos, 3, 4)
+    cloud: np.ndarray | None = None  # (n, 3): denoised cloud, aligned frame
+    min_images: int = 2  # photos that must agree on a marker or on a board
+    max_reprojection_px: float = 2.0  # reprojection error beyond which a sighting is an outlier
+    side: str = "square"  # as `by` of :func:`cherrypicker.markers.marker_scales.locate_marker`
+    threads: int = 1
+    seed: int = 0
+
+    @classmethod
+    def of(cls, photos: Sequence[str | Path], reconstruction: Any, **options: Any) -> Scan:
+        """Of those photos that a pycolmap.Reconstruction holds, by name.
+
+        Raises
+        ------
+        StageError
+            If they are fewer than two.
+        """
+        paths = {Path(path).name: path for path in photos}
+        images = [
+            image
+            for image in sorted(reconstruction.images.values(), key=lambda image: image.name)
+            if image.has_pose and Path(image.name).name in paths
+        ]
+        if len(images) < 2:
+            raise StageError(
+                f"only {len(images)} of the photos are registered in the sparse model",
+                key="sfm.min_registered_fraction",
+            )
+        return cls(
+            [paths[Path(image.name).name] for image in images],
+            [reconstruction.cameras[image.camera_id] for image in images],
+            np.array([image.cam_from_world().matrix() for image in images]),
+            **options,
+        )
+
+    @property
+    def centers(self) -> np.ndarray:
+        """Camera centres, (n_photos, 3)."""
+        return camera_centers(self.cam_from_world)
+
+    def search(
+        self, find: Callable[[np.ndarray, Any], list[T]], what: str
+    ) -> tuple[dict[str, np.ndarray], list[T]]:
+        """What `find` sees, given each photo's grey values and its camera.
+
+        Returns
+        -------
+        shown_by : dict
+            Of each find ``photos``, ``cam_from_world`` and ``focal``, as of
+            :class:`cherrypicker.markers.layouts.Sightings`.
+        found : list
+            In the order of the photos.
+
+        Raises
+        ------
+        StageError
+            If a photo cannot be read or does not have the size of its camera.
+        """
+
+        def search(index: int) -> list[T]:
+            grey = cv2.cvtColor(read_photo(self.photos[index]), cv2.COLOR_RGB2GRAY)
+            camera = self.cameras[index]
+            if grey.shape != (camera.height, camera.width):
+                raise StageError(
+                    f"the photo has {grey.shape[1]} x {grey.shape[0]} px, its camera in the sparse "
+                    f"model {camera.width} x {camera.height}",
+                    file=self.photos[index],
+                    key="photos in trees.tsv",
+                )
+            return find(grey, camera)
+
+        found: list[list[T]] = []
+        with (
+            ThreadPoolExecutor(max(1, self.threads)) as pool,
+            Progress(len(self.photos), f"photos searched for {what}") as bar,
+        ):
+            for each in pool.map(search, range(len(self.photos))):
+                found.append(each)
+                bar.step()
+        photos = np.repeat(np.arange(len(found)), [len(each) for each in found])
+        shown_by = {
+            "photos": photos,
+            "cam_from_world": self.cam_from_world[photos],
+            "focal": np.array([camera.mean_focal_length() for camera in self.cameras])[photos],
+        }
+        return shown_by, [one for each in found for one in each]
