@@ -13,7 +13,6 @@ from snakemake.settings.types import OutputSettings, ResourceSettings
 from workspace import PROJECT, Workspace
 
 from cherrypicker.batch.config import resolve_config
-from cherrypicker.batch.run_lock import end_start
 from cherrypicker.classes import CLASS_NAMES
 from cherrypicker.files import load_schema
 from cherrypicker.runner import keys_of_stage, options_of
@@ -147,7 +146,6 @@ def workflow(tmp_path_factory):
             ResourceSettings(cores=1), snakefile=PROJECT / "Snakefile", workdir=workspace.folder
         )
         yield loaded._workflow
-    end_start()
     os.chdir(before)
 
 
