@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 
 from cherrypicker.batch.benchmarks import read_benchmarks
-from cherrypicker.batch.stage_costs import STAGES
+from cherrypicker.batch.resources import STAGES
 from cherrypicker.batch.tables import (
     ACCURACY_COLUMNS,
     MEASURE_COLUMNS,
