@@ -5,7 +5,6 @@ No single broken file may keep the other trees from being listed.
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 from datetime import datetime
@@ -23,7 +22,8 @@ from cherrypicker.batch.tables import (
     trait_row,
 )
 from cherrypicker.batch.trees import folder_name
-from cherrypicker.files import write_text
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json, write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.report.text import thumbnail_url
 from cherrypicker.runner import status_folder, status_name
@@ -43,7 +43,10 @@ def summarise(
     out_csv: str | os.PathLike,
     out_html: str | os.PathLike,
     benchmarks_dir: str | os.PathLike = "benchmarks",
-    **others: str | os.PathLike,
+    *,
+    measures: str | os.PathLike | None = None,
+    accuracy: str | os.PathLike | None = None,
+    dictionary: str | os.PathLike | None = None,
 ) -> None:
     """Write the tables and the page over all trees of the batch.
 
@@ -56,26 +59,23 @@ def summarise(
         ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
         Table of traits and page to write.
-    **others : path-like
-        ``measures`` and ``accuracy``, tables of hand measurements, and ``dictionary``, which says
-        what the columns of all three are; by default beside the table of traits.
+    measures, accuracy, dictionary : path-like, optional
+        Tables of hand measurements, and what says what the columns of all three are; by default
+        ``measures.csv``, ``accuracy.csv`` and ``datapackage.json`` beside the table of traits.
     """
     beside = Path(out_csv).with_name
-    names = {"measures": "measures.csv", "accuracy": "accuracy.csv"}
-    names["dictionary"] = "datapackage.json"
-    files = {name: Path(others.get(name) or beside(file)) for name, file in names.items()}
     results = collect_results(trees, results_dir, logs_dir)
     series = _failed_series({result.series for result in results}, Path(logs_dir))
     pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
     tables = {
         Path(out_csv): (TRAIT_COLUMNS, map(trait_row, results)),
-        files["measures"]: (MEASURE_COLUMNS, pairs),
-        files["accuracy"]: (ACCURACY_COLUMNS, accuracy_rows(pairs)),
+        Path(measures or beside("measures.csv")): (MEASURE_COLUMNS, pairs),
+        Path(accuracy or beside("accuracy.csv")): (ACCURACY_COLUMNS, accuracy_rows(pairs)),
     }
     for path, (columns, rows) in tables.items():
         write_text(path, csv_text(columns, rows))
-    dictionary = data_package({path.name: columns for path, (columns, _) in tables.items()})
-    write_text(files["dictionary"], dictionary)
+    package = data_package({path.name: columns for path, (columns, _) in tables.items()})
+    write_text(dictionary or beside("datapackage.json"), package)
     costs = read_benchmarks(benchmarks_dir, {result.tree for result in results})
     stages = sorted(costs, key=lambda rule: _ORDER.get(rule, len(_ORDER)))
     page = summary_html(results, {rule: costs[rule] for rule in stages}, series)
@@ -109,7 +109,10 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
     if record is None:
         if traits:
             result.status, result.traits = "done", traits
-            result.measures = _measures(folder / "measures.json") if is_measured else []
+            pairs, problem = _read_object(folder / "measures.json") if is_measured else ({}, "")
+            result.measures = pairs.get("measures", [])
+            if problem:
+                logger.warning("%s: %s", folder, problem)
         return result
     _note_failure(result, record)
     if result.stage in _AFTER_TRAITS and traits:
@@ -137,14 +140,6 @@ def _failed_series(names: set[str], logs_dir: Path) -> list[TreeResult]:
             failed.append(TreeResult(f"series {name}"))
             _note_failure(failed[-1], record)
     return failed
-
-
-def _measures(path: Path) -> list[dict]:
-    """Return a tree's hand measurements beside ours; none where there is no such file."""
-    content, problem = _read_object(path)
-    if problem:
-        logger.warning("%s: %s", path, problem)
-    return content.get("measures", [])
 
 
 def _failure(status_dir: Path, traits_path: Path | None, is_measured: bool) -> dict | None:
@@ -175,12 +170,10 @@ def _time(record: dict, path: Path) -> float:
 
 def _read_object(path: Path) -> tuple[dict, str]:
     """Return a JSON object and what is wrong with it; ({}, "") where there is no file."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         return {}, ""
-    except (OSError, ValueError) as error:
-        return {}, f"{path.name} is not readable ({' '.join(str(error).split())})"
-    if not isinstance(content, dict) or not content:
-        return {}, f"{path.name} holds no JSON object"
-    return content, ""
+    try:
+        content = read_json(path)
+    except (OSError, StageError) as error:
+        return {}, f"{path.name} is not readable ({getattr(error, 'cause', error)})"
+    return content, "" if content else f"{path.name} holds no JSON object"
