@@ -23,7 +23,7 @@ from cherrypicker.batch.run_lock import begin_start, end_start
 from cherrypicker.batch.scans import Scans, is_plain
 from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of
 from cherrypicker.batch.watched_modules import digest_of_code
-from cherrypicker.batch.work_folder import check_results
+from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.runner import keys_of_stage
@@ -167,7 +167,7 @@ def of_known_trees(column):
     return lambda wildcards: [
         getattr(row, column)
         for row in (
-            BATCH.rows_to_tell("logs")
+            BATCH.rows_to_tell()
             if ONLY_FINISHED
             else map(BATCH.row, BATCH.known())
         )

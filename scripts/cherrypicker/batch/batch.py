@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -104,6 +103,11 @@ class Batch:
             name for scan in self.trees if scan not in self.open_scans for name in self.names(scan)
         ]
 
+    def folders(self) -> list[str]:
+        """Return the folders that a run writes."""
+        trees = dict.fromkeys([*self.trees, *self.known()])
+        return ["results", "logs", "benchmarks", *(f"results/{tree}" for tree in trees)]
+
     def series(self) -> dict[str, list[Tree]]:
         """Return the series of two scans or more, by the name of their folder."""
         return series_of(map(self.row, filter(self.has, self.known())))
@@ -134,13 +138,13 @@ class Batch:
         """Return a tree's hand measurements as text, the same wherever they stand in the table."""
         return [str(replace(row, line=0)) for row in self.measures if row.tree == tree]
 
-    def rows_to_tell(self, logs: str | os.PathLike) -> list[Tree]:
+    def rows_to_tell(self) -> list[Tree]:
         """Return a row a tree, and one a scan of several that failed or was not looked at."""
         rows: list[Tree] = []
         for scan, row in self.trees.items():
             names = self.names(scan)
             found_at = found_time(scan)  # what failed before is of the scan as a single tree
-            records = status_folder(scan, logs).glob("*.json")
+            records = status_folder(scan).glob("*.json")
             has_failed = any(record.stat().st_mtime >= found_at for record in records)
             if scan in self.places and (has_failed or not names):
                 rows.append(row)

@@ -8,6 +8,9 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -153,10 +156,7 @@ def _method(merged: Mapping) -> str:
 
 def lookup(config: Mapping, key: str) -> Any:
     """Return the value of a dotted key, ``denoise.std_ratio`` for instance."""
-    value: Any = config
-    for part in key.split("."):
-        value = value[part]
-    return value
+    return reduce(getitem, key.split("."), config)  # type: ignore[arg-type]
 
 
 def _merge(target: dict, layer: Mapping) -> None:
@@ -193,16 +193,9 @@ def _read_string(schema: Mapping, value: object) -> object:
     types = [types] if isinstance(types, str) else types
     is_text = "string" in types and re.search(schema.get("pattern", ""), str(value))
     if isinstance(value, str) and not is_text and types:
-        try:
+        with suppress(ValueError):
             parsed = parse_yaml(value)
-        except ValueError:
-            return value
-        if isinstance(parsed, str):
-            try:
-                parsed = float(parsed)
-            except ValueError:
-                return value
-        return _read_string(schema, parsed)
+            value = float(parsed) if isinstance(parsed, str) else parsed
     if isinstance(value, float) and value.is_integer() and "integer" in types:
         return int(value)
     return value
