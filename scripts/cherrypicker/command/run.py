@@ -17,10 +17,11 @@ import json
 import logging
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,13 +52,17 @@ def main(arguments: Sequence[str]) -> int:
     """Run Snakemake; return its exit status."""
     args, options = parser.parse_known_args(arguments)
     enter(args.directory)
-    command = snakemake_command(options)
+    snakefile = str(PROJECT / "Snakefile")
+    command = [sys.executable, "-m", "snakemake", "--snakefile", snakefile]
+    command += ["--directory", os.getcwd(), *options]
     width = None if sys.stdout.isatty() else FILE_WIDTH
     console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
     console.print(f"running: {shlex.join(command)}")
     if args.plain:
         return subprocess.run(command, check=False).returncode
     view, start = _View(console, TimeLeft(_forecast())), time.time()
+    # An interrupt reaches Snakemake as well, which then ends in its own time
+    on_interrupt = signal.signal(signal.SIGINT, lambda *_: None)
     with subprocess.Popen(
         [*command, "--logger", "cherrypicker"],
         stdout=subprocess.PIPE,
@@ -68,8 +73,9 @@ def main(arguments: Sequence[str]) -> int:
     ) as process:
         assert process.stdout is not None
         with view.progress:
-            for line in _lines(process.stdout):
+            for line in process.stdout:
                 view.take(line.rstrip("\n"))
+    signal.signal(signal.SIGINT, on_interrupt)
     view.close()
     if view.has_run:
         log = max(LOGS.glob("*.log"), default=LOGS)
@@ -94,28 +100,6 @@ def _forecast() -> dict[str, float]:
         return seconds_of_stages(batch_here())
     except (StageError, OSError):
         return {}
-
-
-def snakemake_command(options: Sequence[str]) -> list[str]:
-    """Return the command that runs this clone's workflow in the current folder."""
-    snakefile = str(PROJECT / "Snakefile")
-    folder = os.getcwd()
-    return [
-        *(sys.executable, "-m", "snakemake", "--snakefile", snakefile),
-        *("--directory", folder, *options),
-    ]
-
-
-def _lines(stream: Iterable[str]) -> Iterable[str]:
-    """Yield lines; an interrupt reaches Snakemake as well, which then ends in its own time."""
-    lines = iter(stream)
-    while True:
-        try:
-            yield next(lines)
-        except StopIteration:
-            return
-        except KeyboardInterrupt:
-            continue
 
 
 @dataclass
