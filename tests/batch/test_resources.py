@@ -21,7 +21,6 @@ from cherrypicker.batch.resources import (
     minutes_to_ask,
     size_of_cloud,
     size_of_photos,
-    stages_of,
     threads_to_ask,
 )
 from cherrypicker.batch.scans import size_of_photo_scan, sizes_of
@@ -30,7 +29,6 @@ from cherrypicker.files import load_schema
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.sfm.features import PLAIN_FIRST_MP
 
-PHOTO_STAGES = stages_of("", "photos", "unlabelled")
 SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
 # Largest resident MB of single stages, by size and number of the photos and by threads
 MEASURED_MB = {
@@ -104,6 +102,9 @@ MEASURED_MB = {
 
 def scan(n_photos=48, size=(800, 1200), **options):
     return size_of_photos([size] * n_photos, SETTINGS, **options)
+
+
+PHOTO_STAGES = scan().stages
 
 
 def test_a_scan_that_needs_it_has_its_photos_prepared(tmp_path):

@@ -12,12 +12,12 @@ from cherrypicker.batch.resources import (
     MEMORY_MARGIN,
     STAGES,
     ScanSize,
+    cost_of,
     cpu_seconds,
     disk_mb,
     mb_to_ask,
     memory_mb,
     speedup,
-    stages_of,
     threads_to_ask,
 )
 from cherrypicker.progress import duration
@@ -156,7 +156,8 @@ def formula_table() -> str:
         "| stage | CPU, s | memory, MB | memory a thread, MB | disk, MB | threads |",
         "|---|---|---|---|---|---|",
     ]
-    for rule, stage in stages_of(*{stage.of for stage in STAGES.values()}).items():
+    for rule in STAGES:
+        stage = cost_of(rule)
         cells = " | ".join((stage.cpu_s, stage.memory_mb, stage.thread_memory_mb, stage.disk_mb))
         lines.append(f"| {rule} | {cells} | {stage.max_threads} |")
     return "\n".join(lines)

@@ -64,17 +64,14 @@ STAGES = {
 }
 
 
-def stages_of(*kinds: str, stereo: str = "cpu") -> dict[str, StageCost]:
-    """Return the stages of scans of some kinds, the stereo's with a backend."""
-    backend = BACKENDS[stereo]
-    own = replace(
-        STAGES["estimate_depth"],
-        cpu_s=backend.cpu_s,
-        memory_mb=backend.memory_mb,
-        max_threads=backend.max_threads,
+def cost_of(rule: str, stereo: str = "cpu") -> StageCost:
+    """Return what a stage costs, the stereo with a backend."""
+    if rule != "estimate_depth":
+        return STAGES[rule]
+    own = BACKENDS[stereo]
+    return replace(
+        STAGES[rule], cpu_s=own.cpu_s, memory_mb=own.memory_mb, max_threads=own.max_threads
     )
-    stages = STAGES | {"estimate_depth": own}
-    return {rule: stage for rule, stage in stages.items() if stage.of in kinds}
 
 
 @dataclass(frozen=True)
@@ -110,7 +107,7 @@ class ScanSize:
         kinds = ["", "photos" if self.is_photo_scan else "clouds"]
         kinds += ["labelled" if self.is_labelled else "unlabelled"]
         kinds += ["prepared photos"] if self.is_prepared else []
-        return stages_of(*kinds, stereo=self.stereo)
+        return {rule: cost_of(rule, self.stereo) for rule in STAGES if STAGES[rule].of in kinds}
 
     def value_of(self, formula: str, *, at_most: bool = False) -> float:
         """Return the value of a formula, with the points to expect or as many as there may be."""
@@ -251,27 +248,22 @@ def disk_mb(stage: StageCost, scan: ScanSize) -> float:
     return scan.value_of(stage.disk_mb)
 
 
-def _stage(rule: str, scan: ScanSize) -> StageCost:
-    """A stage of a scan, or of those that a scan of several trees has besides."""
-    return scan.stages.get(rule, STAGES[rule])
-
-
 def threads_to_ask(rule: str, scan: ScanSize) -> int:
     """Return how many threads are worth asking for: two minutes of work each, up to the bound."""
-    stage = _stage(rule, scan)
+    stage = cost_of(rule, scan.stereo)
     wanted = math.ceil(cpu_seconds(stage, scan) / CPU_S_PER_THREAD)
     return max(1, min(stage.max_threads, wanted))
 
 
 def mb_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the memory to ask for, MB: formula and margin, times the attempt."""
-    peak = memory_mb(_stage(rule, scan), scan, threads)
+    peak = memory_mb(cost_of(rule, scan.stereo), scan, threads)
     return _round_up(attempt * (SNAKEMAKE_MB + MEMORY_MARGIN * peak), 100)
 
 
 def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the running time to ask for, minutes: formula and margin, times the attempt."""
-    busy_s = cpu_seconds(_stage(rule, scan), scan) / speedup(threads)
+    busy_s = cpu_seconds(cost_of(rule, scan.stereo), scan) / speedup(threads)
     return _round_up(attempt * (START_MINUTES + TIME_MARGIN * busy_s / 60.0), 5)
 
 
