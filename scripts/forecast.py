@@ -20,8 +20,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from cherrypicker.batch.batch import CONFIG_FILE
-from cherrypicker.batch.config import read_config_file, resolve_config
+from cherrypicker.batch.config import CONFIG_FILE, read_config_file, resolve_config
 from cherrypicker.batch.forecast import (
     forecast_jobs,
     forecast_text,

@@ -22,6 +22,7 @@ from cherrypicker.batch.old_keys import take_old_keys
 from cherrypicker.errors import StageError
 from cherrypicker.files import is_number, parse_yaml
 
+CONFIG_FILE = "config/config.yaml"
 # A number is finite: infinity would pass each least value, and NaN every bound
 _Validator = extend(
     Draft202012Validator,

@@ -14,10 +14,6 @@ def check_writable(folders: Iterable[str | os.PathLike]) -> None:
 
     Snakemake itself stops with a traceback, and takes the whole batch with it.
 
-    Parameters
-    ----------
-    folders : iterable of path-like
-
     Raises
     ------
     StageError
