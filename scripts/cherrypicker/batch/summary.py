@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import os
-from datetime import datetime
 from pathlib import Path
 
 from cherrypicker.batch.benchmarks import read_benchmarks
@@ -32,8 +31,6 @@ logger = logging.getLogger(__name__)
 
 # Their failure says nothing against traits.json, which was finished before they started.
 _AFTER_TRAITS = frozenset({"compare_measures", "report_tree", "summarise_batch"})
-# Stages in the order in which a tree goes through them
-_ORDER = {rule: place for place, rule in enumerate(STAGES)}
 
 
 def summarise(
@@ -64,7 +61,7 @@ def summarise(
         ``measures.csv``, ``accuracy.csv`` and ``datapackage.json`` beside the table of traits.
     """
     beside = Path(out_csv).with_name
-    results = collect_results(trees, results_dir, logs_dir)
+    results = [result_of(row, results_dir, logs_dir) for row in trees]
     series = _failed_series({result.series for result in results}, Path(logs_dir))
     pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
     tables = {
@@ -77,27 +74,22 @@ def summarise(
     package = data_package({path.name: columns for path, (columns, _) in tables.items()})
     write_text(dictionary or beside("datapackage.json"), package)
     costs = read_benchmarks(benchmarks_dir, {result.tree for result in results})
-    stages = sorted(costs, key=lambda rule: _ORDER.get(rule, len(_ORDER)))
-    page = summary_html(results, {rule: costs[rule] for rule in stages}, series)
-    write_text(out_html, page)
+    # In the order in which a tree goes through the stages
+    ordered = {rule: costs[rule] for rule in (*STAGES, *costs) if rule in costs}
+    write_text(out_html, summary_html(results, ordered, series))
 
 
-def collect_results(
-    trees: list[dict], results_dir: str | os.PathLike, logs_dir: str | os.PathLike
-) -> list[TreeResult]:
-    """Return one :class:`TreeResult` a row of the table, in the table's order."""
-    results_dir, logs_dir = Path(results_dir), Path(logs_dir)
-    return [_result_of(row, results_dir, logs_dir) for row in trees]
-
-
-def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
+def result_of(
+    row: dict, results_dir: str | os.PathLike = "results", logs_dir: str | os.PathLike = "logs"
+) -> TreeResult:
+    """Return what the files of a tree tell; its row is as for :func:`summarise`."""
     tree = str(row["tree"])
     result = TreeResult(tree, str(row.get("date") or ""), str(row.get("series") or ""))
-    folder = results_dir / tree
+    folder = Path(results_dir, tree)
     if (folder / "report.html").is_file():
         result.report = f"{tree}/report.html"
     series_page = f"series/{folder_name(result.series)}/report.html"
-    if result.series and (results_dir / series_page).is_file():
+    if result.series and Path(results_dir, series_page).is_file():
         result.series_page = series_page
     result.thumbnail = thumbnail_url(folder / "figures/thumbnail.png")
     traits_path = folder / "traits.json"
@@ -148,24 +140,18 @@ def _failure(status_dir: Path, traits_path: Path | None, is_measured: bool) -> d
     A record that is older than the tree's traits belongs to a stage that the tree no longer needs.
     """
     records = []
-    for path in sorted(status_dir.glob("*.json")) if status_dir.is_dir() else []:
+    for path in sorted(status_dir.glob("*.json")):
         record, problem = _read_object(path)
         if problem:
             record = {"rule": path.stem, "state": "failed", "cause": problem, "file": str(path)}
         record.setdefault("rule", path.stem)
         if record["rule"] == "compare_measures" and not is_measured:
             continue
-        is_later = traits_path is None or path.stat().st_mtime >= traits_path.stat().st_mtime
+        written = path.stat().st_mtime
+        is_later = traits_path is None or written >= traits_path.stat().st_mtime
         if is_later or record["rule"] in _AFTER_TRAITS:
-            records.append((record.get("state") == "running", _time(record, path), record))
+            records.append((record.get("state") == "running", written, record))
     return min(records, key=lambda item: item[:2])[2] if records else None
-
-
-def _time(record: dict, path: Path) -> float:
-    try:
-        return datetime.strptime(str(record.get("time")), "%Y-%m-%dT%H:%M:%S%z").timestamp()
-    except ValueError:
-        return path.stat().st_mtime
 
 
 def _read_object(path: Path) -> tuple[dict, str]:
