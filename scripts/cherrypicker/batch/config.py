@@ -98,10 +98,11 @@ def first_refusal(schema: Mapping, value: object) -> tuple[str, str] | None:
     A schema's own words are its ``refusal``, in which ``{value}`` is what was given; ``column``
     names the key of a rule that is of several.
     """
-    errors = sorted(_Validator(schema, format_checker=_FORMATS).iter_errors(value), key=_place)
-    if not errors:
+    errors = _Validator(schema, format_checker=_FORMATS).iter_errors(value)
+    error = min(errors, key=_place, default=None)
+    if error is None:
         return None
-    error, own, place = errors[0], errors[0].schema, _place(errors[0])
+    own, place = error.schema, _place(error)
     assert isinstance(own, Mapping)
     if error.validator == "additionalProperties":
         unknown = next(str(name) for name in error.instance if name not in own["properties"])
