@@ -61,6 +61,9 @@ if workflow.is_main_process:
     for note in BATCH.notes:
         logger.warning(note)
     begin_start()
+    # A module's `onstart` is not called
+    if not workflow.modifier.is_main_snakefile():
+        end_start()
 
 
 def of_each_tree(path, trees=None):
