@@ -17,23 +17,22 @@ import logging
 import os
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
-from cherrypicker.batch.batch import CONFIG_FILE
-from cherrypicker.batch.config import read_config_file, resolve_config
+from cherrypicker.batch.config import CONFIG_FILE, read_config_file, resolve_config
 from cherrypicker.batch.forecast import (
-    forecast_stages,
+    forecast_jobs,
     forecast_text,
     formula_table,
-    least_hours,
     read_corrections,
-    with_stereo,
 )
 from cherrypicker.batch.resources import ScanSize, size_of_photos
 from cherrypicker.batch.scans import Scans
 from cherrypicker.command.work_folder import batch_here
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
+from cherrypicker.mvs.backends.table import first_choice
 from cherrypicker.runner import SCHEMA_FILE, stage_parser
 
 
@@ -44,41 +43,38 @@ def main(args: argparse.Namespace) -> None:
         return
     os.chdir(args.directory)
     if args.photos:
-        scans, backends, labelled = assumed_scans(args.scans, args.photos, args.size)
+        scans = assumed_scans(args.scans, args.photos, args.size, args.gpu)
     else:
-        scans, backends, labelled = scans_of_batch()
-    scans = with_stereo(scans, backends, args.gpu)
-    corrections = read_corrections("benchmarks", scans)
-    stages = forecast_stages(scans, labelled, corrections, args.cores)
-    hours = least_hours(scans, labelled, corrections, args.cores)
-    print(forecast_text(stages, len(scans), hours, args.cores))
+        scans = scans_of_batch(args.gpu)
+    jobs = forecast_jobs(scans, read_corrections("benchmarks", scans), args.cores)
+    print(forecast_text(jobs, args.cores))
 
 
-def scans_of_batch() -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
-    """Return size and stereo backend of every tree of the table, and the labelled clouds."""
+def scans_of_batch(has_gpu: bool) -> dict[str, ScanSize]:
+    """Return the size of every scan of the table, with the stereo that there is for it."""
     batch = batch_here()
-    known = Scans(batch)
-    scans = {name: known.size(name) for name in batch.trees}
+    scans = Scans(batch).sizes()
     for name, row in batch.trees.items():
-        if row.is_photo_scan and not scans[name].n_photos:
+        backend = first_choice(batch.settings_of[name]["mvs"]["backend"], has_gpu)
+        scans[name] = replace(scans[name], stereo=backend)
+        if row.is_photo_scan and not scans[name].photos:
             raise StageError(
                 f"tree {name}: the folder holds no photo that can be read",
                 file=row.photos,
                 key="photos in trees.tsv",
             )
-    backends = {name: batch.settings_of[name]["mvs"]["backend"] for name in batch.trees}
-    return scans, backends, batch.ready_clouds()[0]
+    return scans
 
 
 def assumed_scans(
-    n_scans: int, n_photos: int, size: tuple[int, int]
-) -> tuple[dict[str, ScanSize], dict[str, str], list[str]]:
+    n_scans: int, n_photos: int, size: tuple[int, int], has_gpu: bool
+) -> dict[str, ScanSize]:
     """Return so many equal scans with the working directory's config, if there is one."""
     config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
     settings = resolve_config(load_schema(SCHEMA_FILE), config, source=CONFIG_FILE)
-    scan = size_of_photos([size] * n_photos, settings)
-    names = [f"scan{i + 1}" for i in range(n_scans)]
-    return dict.fromkeys(names, scan), dict.fromkeys(names, settings["mvs"]["backend"]), []
+    stereo = first_choice(settings["mvs"]["backend"], has_gpu)
+    scan = size_of_photos([size] * n_photos, settings, stereo=stereo)
+    return {f"scan{i + 1}": scan for i in range(n_scans)}
 
 
 def photo_size(text: str) -> tuple[int, int]:

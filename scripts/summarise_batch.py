@@ -43,8 +43,7 @@ def main(
         for tree, date, name in zip(trees, dates, series, strict=True)
     ]
     others = {"measures": measures, "accuracy": accuracy, "dictionary": dictionary}
-    given = {name: path for name, path in others.items() if path}
-    summarise(rows, results, logs, table, page, benchmarks, **given)
+    summarise(rows, results, logs, table, page, benchmarks, **others)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -12,59 +13,65 @@ from workspace import PROJECT, Workspace
 from cherrypicker.batch.config import resolve_config
 from cherrypicker.batch.forecast import (
     Correction,
-    forecast_stages,
+    forecast_jobs,
+    forecast_text,
     least_hours,
     read_corrections,
-    with_stereo,
 )
 from cherrypicker.batch.resources import ScanSize, cpu_seconds, memory_mb, size_of_photos
 from cherrypicker.files import load_schema
+from cherrypicker.mvs.backends.table import first_choice
 
 SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
 SCAN = size_of_photos([(4000, 3000)] * 250, SETTINGS)
 
 
 def test_stages_add_up_over_scans():
-    scans = {"a": SCAN, "b": SCAN, "c": ScanSize(points_m=1.0, most_points_m=1.0)}
-    rows = {row.rule: row for row in forecast_stages(scans, labelled=["c"])}
-    depth = rows["estimate_depth"]
-    expected = 2 * cpu_seconds(SCAN.stages["estimate_depth"], SCAN) / 3600
-    assert depth.n_jobs == 2
-    assert depth.cpu_hours == pytest.approx(expected)
-    assert depth.max_threads > 1  # of which each but the first does four fifths of a core's work
-    busy = 1 + 0.8 * (depth.max_threads - 1)
-    assert depth.job_minutes == pytest.approx(60 * expected / 2 / busy)
-    # 250 photos of 1.92 megapixels, two scans: their depths, and two depth and normal maps if kept
-    assert depth.disk_gb == pytest.approx(2 * 250 * 1.92 * 0.4 / 1000)
-    kept = forecast_stages({"a": replace(SCAN, keeps_dense=True)})
-    disk = {row.rule: row.disk_gb for row in kept}
+    cloud = ScanSize(points_m=1.0, most_points_m=1.0)
+    scans = {"a": SCAN, "b": SCAN, "c": replace(cloud, is_labelled=True), "d": cloud}
+    jobs = forecast_jobs(scans)
+    depth = next(job for job in jobs if job.rule == "estimate_depth")
+    expected = cpu_seconds(SCAN.stages["estimate_depth"], SCAN)
+    assert depth.cpu_s == pytest.approx(expected)
+    assert depth.threads > 1  # of which each but the first does four fifths of a core's work
+    busy = 1 + 0.8 * (depth.threads - 1)
+    assert depth.seconds == pytest.approx(expected / busy)
+    # 250 photos of 1.92 megapixels: their depths, and two depth and normal maps if kept
+    assert depth.disk_gb == pytest.approx(250 * 1.92 * 0.4 / 1000)
+    kept = forecast_jobs({"a": replace(SCAN, kept_mp=SCAN.dense_mp)})
+    disk = {job.rule: job.disk_gb for job in kept}
     assert disk["estimate_depth"] == pytest.approx(250 * 1.92 * 32.4 / 1000)
-    assert rows["import_cloud"].n_jobs == 1
-    assert rows["segment_cloud"].n_jobs == 2
-    assert rows["report_tree"].n_jobs == 3
-    assert max(row.max_threads for row in forecast_stages(scans, cores=2)) == 2
+    assert Counter(job.rule for job in jobs) >= Counter(
+        {"estimate_depth": 2, "import_cloud": 2, "segment_cloud": 3, "grow_limbs": 1}
+    )
+    assert max(job.threads for job in forecast_jobs(scans, cores=2)) == 2
+    printed = {line.split()[0]: line.split()[1:] for line in forecast_text(jobs, 2).splitlines()}
+    assert [int(printed[name][0]) for name in ("estimate_depth", "report_tree")] == [2, 4]
+    assert float(printed["estimate_depth"][2]) == pytest.approx(2 * expected / 3600, abs=0.01)
+    assert float(printed["estimate_depth"][3]) == pytest.approx(depth.seconds / 60, abs=0.1)
 
 
 def test_the_least_time_is_that_of_busy_cores_or_of_the_longest_tree():
-    scans = {f"s{i}": SCAN for i in range(4)}
-    alone = least_hours({"s": SCAN}, cores=1)
-    rows = forecast_stages({"s": SCAN}, cores=1)
-    assert alone == pytest.approx(sum(row.cpu_hours for row in rows))
-    assert least_hours(scans, cores=1) == pytest.approx(4 * alone)
-    assert least_hours(scans, cores=1000) == pytest.approx(least_hours({"s": SCAN}, cores=1000))
-    slower = {"estimate_depth": Correction(cpu=2.0)}
+    def hours(n_scans, cores, corrections=None):
+        scans = {f"s{i}": SCAN for i in range(n_scans)}
+        return least_hours(forecast_jobs(scans, corrections, cores), cores)
+
+    alone = hours(1, 1)
+    jobs = forecast_jobs({"s": SCAN}, cores=1)
+    assert alone == pytest.approx(sum(job.cpu_s for job in jobs) / 3600)
+    assert hours(4, 1) == pytest.approx(4 * alone)
+    assert hours(4, 1000) == pytest.approx(hours(1, 1000))
     more = cpu_seconds(SCAN.stages["estimate_depth"], SCAN) / 3600
-    assert least_hours({"s": SCAN}, corrections=slower) == pytest.approx(alone + more)
-    assert least_hours({}) == 0.0
+    assert hours(1, 1, {"estimate_depth": Correction(cpu=2.0)}) == pytest.approx(alone + more)
+    assert hours(0, 1) == 0.0
 
 
-def test_the_depth_maps_go_to_the_gpu_where_the_config_lets_them():
-    scans = dict.fromkeys("abc", SCAN)
-    backends = {"a": "auto", "b": "cpu", "c": "cuda"}
-    with_gpu = with_stereo(scans, backends, True)
-    assert [with_gpu[name].stereo for name in "abc"] == ["cuda", "cpu", "cuda"]
-    without = with_stereo(scans, backends, False)
-    assert [without[name].stereo for name in "abc"] == ["cpu", "cpu", "cuda"]
+@pytest.mark.parametrize(
+    ("wanted", "with_gpu", "without"),
+    [("auto", "cuda", "cpu"), ("cpu", "cpu", "cpu"), ("cuda", "cuda", "cuda")],
+)
+def test_the_depth_maps_go_to_the_gpu_where_the_config_lets_them(wanted, with_gpu, without):
+    assert [first_choice(wanted, has_gpu) for has_gpu in (True, False)] == [with_gpu, without]
 
 
 def write_benchmark(folder, rule, tree, cpu_s, rss_mb):
@@ -89,12 +96,10 @@ def test_own_benchmarks_correct_the_rates_when_there_are_enough(tmp_path):
     assert corrections["estimate_depth"] == Correction(
         cpu=pytest.approx(2.0), memory=pytest.approx(2.0), n_benchmarks=3
     )
-    plain = {row.rule: row for row in forecast_stages(scans)}
-    corrected = {row.rule: row for row in forecast_stages(scans, corrections=corrections)}
-    for rule, row in corrected.items():
-        factor = 2.0 if rule == "estimate_depth" else 1.0
-        assert row.cpu_hours == pytest.approx(factor * plain[rule].cpu_hours)
-        assert row.memory_gb == pytest.approx(factor * plain[rule].memory_gb)
+    for plain, job in zip(forecast_jobs(scans), forecast_jobs(scans, corrections), strict=True):
+        factor = 2.0 if job.rule == "estimate_depth" else 1.0
+        assert job.cpu_s == pytest.approx(factor * plain.cpu_s)
+        assert job.memory_gb == pytest.approx(factor * plain.memory_gb)
     assert read_corrections(tmp_path / "missing", scans) == {}
 
 

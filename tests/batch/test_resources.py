@@ -10,6 +10,7 @@ from workspace import PROJECT, small_tree
 
 from cherrypicker.batch.config import resolve_config
 from cherrypicker.batch.resources import (
+    ENLARGED_BELOW_MP,
     ScanSize,
     count_pairs,
     count_points,
@@ -23,13 +24,11 @@ from cherrypicker.batch.resources import (
     threads_to_ask,
 )
 from cherrypicker.batch.scans import size_of_photo_scan, sizes_of
-from cherrypicker.batch.stage_costs import ENLARGED_BELOW_MP, stages_of
 from cherrypicker.batch.trees import Tree
 from cherrypicker.files import load_schema
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.sfm.features import PLAIN_FIRST_MP
 
-PHOTO_STAGES = stages_of("", "photos")
 SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
 # Largest resident MB of single stages, by size and number of the photos and by threads
 MEASURED_MB = {
@@ -105,6 +104,9 @@ def scan(n_photos=48, size=(800, 1200), **options):
     return size_of_photos([size] * n_photos, SETTINGS, **options)
 
 
+PHOTO_STAGES = scan().stages
+
+
 def test_a_scan_that_needs_it_has_its_photos_prepared(tmp_path):
     plain, tree = tmp_path / "plain", Tree("a", photos=str(tmp_path / "plain"))
     plain.mkdir()
@@ -121,7 +123,7 @@ def test_a_scan_that_needs_it_has_its_photos_prepared(tmp_path):
     assert reduced.photo_mp == pytest.approx(0.25 * size().photo_mp)
     assert size(replace(tree, masks="own")).is_prepared
     (plain / "walk.mp4").touch()
-    assert size().is_prepared and size().n_photos == 3, "a film that does not open is none"
+    assert size().is_prepared and size().photos == 3, "a film that does not open is none"
 
 
 @pytest.mark.parametrize("key", MEASURED_MB, ids=str)
@@ -136,8 +138,8 @@ def test_the_measured_peaks_lie_within_what_is_asked_for(key):
 def test_photos_are_taken_as_enlarged_where_the_features_are_sought_so():
     assert ENLARGED_BELOW_MP == PLAIN_FIRST_MP
     large, small = scan(10, (4000, 3000)), scan(10, (800, 1200))
-    assert large.sift_mp == pytest.approx(large.feature_mp) == pytest.approx(43.2)
-    assert small.sift_mp == pytest.approx(4 * small.feature_mp)
+    assert large.sift_mp == pytest.approx(43.2)
+    assert small.sift_mp == pytest.approx(4 * 10 * small.largest_feature_mp)
 
 
 def test_later_stages_pay_for_what_the_crop_leaves():
@@ -150,7 +152,6 @@ def test_later_stages_pay_for_what_the_crop_leaves():
 
 def test_the_stereo_asks_for_the_bound_that_it_states():
     large = scan(250, (4000, 3000))
-    assert large.largest_dense_mp == pytest.approx(1.92)
     bound_mb = (38 * 6 + 80) * 1.92
     assert memory_mb(PHOTO_STAGES["estimate_depth"], large) == pytest.approx(260 + bound_mb)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cherrypicker.batch.summary import collect_results, summarise
+from cherrypicker.batch.summary import result_of, summarise
 from cherrypicker.traits.table import TRAITS as TABLE
 
 TRAITS = {"unit": "m", "height_m": 3.1234, "height_m_se": 0.01, "n_tips": 31, "flags": ["low: x"]}
@@ -208,8 +208,7 @@ def test_measurements_that_are_gone_from_the_table_do_not_count(batch):
 
 def test_links_only_to_what_is_there(batch):
     batch.add_traits("tree")
-    rows = [{"tree": "tree"}]
-    (result,) = collect_results(rows, batch.root / "results", batch.root / "logs")
+    result = result_of({"tree": "tree"}, batch.root / "results", batch.root / "logs")
     assert (result.report, result.thumbnail) == ("", "")
     (batch.root / "results/tree/report.html").write_text("x")
     _, page = batch("tree")

@@ -1,6 +1,5 @@
 """Outlier and sky-silhouette filters."""
 
-import importlib.util
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+import denoise_cloud as stage
 from cherrypicker.denoising.denoise import (
     DenoiseOptions,
     denoise_cloud,
@@ -198,10 +198,7 @@ def test_what_all_see_of_the_ground_says_nothing_about_twigs():
     assert len(denoise_cloud(sure, SKY, None, options)[0]) == len(cloud)
 
 
-def test_the_stage_writes_what_the_filters_leave(project, tmp_path, monkeypatch):
-    spec = importlib.util.spec_from_file_location("stage", project / "scripts/denoise_cloud.py")
-    stage = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(stage)
+def test_the_stage_writes_what_the_filters_leave(tmp_path, monkeypatch):
     monkeypatch.setattr(stage, "read_poses", lambda _: SimpleNamespace(centers=np.ones((2, 3))))
     monkeypatch.setattr(stage, "ScanPhotos", lambda *given: None)
     monkeypatch.setattr(stage, "ask_points", lambda photos, asked, sure, seed: speak(asked, sure))

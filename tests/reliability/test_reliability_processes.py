@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import os
 import random
+import select
 import shutil
 import signal
 import subprocess
@@ -235,10 +236,12 @@ def test_a_number_that_another_process_bears_again_keeps_no_leftover(tmp_path):
 
 
 START = """
-import os, sys, time
+import sys
 sys.path.insert(0, {scripts!r})
 from cherrypicker.batch import run_lock
-print(run_lock.begin_start(patience_s=float(sys.argv[1])), flush=True)
+run_lock.begin_start()
+run_lock.begin_start()
+print("started", flush=True)
 sys.stdin.readline()
 run_lock.end_start()
 print("next", flush=True)
@@ -246,10 +249,10 @@ sys.stdin.readline()
 """
 
 
-def start_in(folder, patience_s):
+def start_in(folder):
     code = START.format(scripts=str(PROJECT / "scripts"))
     return subprocess.Popen(
-        [sys.executable, "-c", code, str(patience_s)],
+        [sys.executable, "-c", code],
         cwd=folder,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -258,22 +261,18 @@ def start_in(folder, patience_s):
 
 
 def test_runs_start_one_after_the_other_and_a_killed_one_holds_nobody_up(tmp_path):
-    def start(patience_s):
-        return start_in(tmp_path, patience_s)
-
-    first = start(10)
-    assert first.stdout.readline() == "True\n"
-    impatient = start(0.2)
-    assert impatient.stdout.readline() == "False\n"
-    second = start(60)
+    first = start_in(tmp_path)
+    assert first.stdout.readline() == "started\n"
+    second = start_in(tmp_path)
+    assert select.select([second.stdout], [], [], 2.0) == ([], [], []), "it waits"
     first.stdin.write("\n")
     first.stdin.flush()
     assert first.stdout.readline() == "next\n"
-    assert second.stdout.readline() == "True\n"
+    assert second.stdout.readline() == "started\n"
     second.kill()
-    third = start(60)
-    assert third.stdout.readline() == "True\n"
-    for process in (first, impatient, second, third):
+    third = start_in(tmp_path)
+    assert third.stdout.readline() == "started\n"
+    for process in (first, second, third):
         process.kill()
         process.communicate()
 
@@ -283,13 +282,13 @@ def test_a_lock_is_released_only_when_nobody_runs(tmp_path):
 
     def left_by_next():
         """Whether the lock is still there when the next run has started and ended."""
-        run = start_in(tmp_path, 10)
-        assert run.stdout.readline() == "True\n"
+        run = start_in(tmp_path)
+        assert run.stdout.readline() == "started\n"
         run.communicate("\n\n")
         return lock.exists()
 
-    alive = start_in(tmp_path, 10)
-    assert alive.stdout.readline() == "True\n"
+    alive = start_in(tmp_path)
+    assert alive.stdout.readline() == "started\n"
     alive.stdin.write("\n")
     alive.stdin.flush()
     assert alive.stdout.readline() == "next\n"

@@ -1,10 +1,9 @@
 """Markers that the scale solved, as the labels take them."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 
+import segment_cloud as stage
 from cherrypicker.files import write_json
 from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers, Square, known_markers
@@ -68,10 +67,7 @@ def test_a_square_holds_its_print():
     assert square.holds(np.array([[0.6, 0, 0], [0, 0, 0.2]]), 0.1, 0.2).tolist() == [True, False]
 
 
-def test_the_stage_hands_on_the_markers_that_the_scale_solved(project, tmp_path, monkeypatch):
-    spec = importlib.util.spec_from_file_location("stage", project / "scripts/segment_cloud.py")
-    stage = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(stage)
+def test_the_stage_hands_on_the_markers_that_the_scale_solved(tmp_path, monkeypatch):
     given = []
 
     def segment(cloud, weights, **options):

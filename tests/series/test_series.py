@@ -1,7 +1,6 @@
 """Two dates of one tree: its frame, its branches' ids, what was cut and what grew."""
 
 import csv
-import importlib.util
 import io
 import json
 from dataclasses import replace
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import compare_series as stage
 from cherrypicker.batch.finished import finished_series
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
@@ -276,26 +276,18 @@ def results(dates, tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def stage(project):
-    spec = importlib.util.spec_from_file_location("stage", project / "scripts/compare_series.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.main
-
-
-def test_the_stage_names_a_broken_scan_and_compares_the_others(stage, results, tmp_path):
+def test_the_stage_names_a_broken_scan_and_compares_the_others(results, tmp_path):
     (results / "c").mkdir()
     days = ["2024-02-01", "2025-02-01", "2026-02-01"]
     names = ("report.html", "series.json", *(f"{name}.csv" for name in TABLES))
     files = [str(tmp_path / name) for name in names]
-    stage("row 1", ["a", "b", "c"], days, *files, str(results), unfinished=["d"])
+    stage.main("row 1", ["a", "b", "c"], days, *files, str(results), unfinished=["d"])
     assert {path.name for path in tmp_path.iterdir()} == set(names)
     numbers = json.loads((tmp_path / "series.json").read_text())
     assert numbers["left_out"].keys() == {"c", "d"}
     assert numbers["steps"][0]["n_cuts"] >= 5
     with pytest.raises(StageError, match="fewer than two"):
-        stage("row 1", ["a", "c"], days[:2], *files, str(results))
+        stage.main("row 1", ["a", "c"], days[:2], *files, str(results))
 
 
 def test_of_a_series_with_a_failure_the_finished_scans_are_left(tmp_path, monkeypatch):

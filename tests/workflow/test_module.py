@@ -20,7 +20,7 @@ rule mine:
     input: "results/small/segmented.ply"
     output: "mine.txt"
     default_target: True
-    shell: "wc -c < {{input}} > {{output}}"
+    shell: "flock --nonblock .snakemake/starting wc -c < {{input}} > {{output}}"
 """
 
 

@@ -1,10 +1,9 @@
 """Each config key reaches the options of its name in the stages that read it, and reruns these."""
 
-import importlib.util
+import importlib
 import inspect
 import os
 import re
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,17 +13,11 @@ from snakemake.settings.types import OutputSettings, ResourceSettings
 from workspace import PROJECT, Workspace
 
 from cherrypicker.batch.config import resolve_config
-from cherrypicker.batch.run_lock import end_start
 from cherrypicker.classes import CLASS_NAMES
 from cherrypicker.files import load_schema
 from cherrypicker.runner import keys_of_stage, options_of
 
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
-SCRIPTS = {
-    path.stem: path
-    for path in PROJECT.glob("scripts/**/*.py")
-    if "cherrypicker" not in str(path.parent)
-}
 # Keys that no stage takes as an option, and what reads them.
 ELSEWHERE = {
     "method": "the batch: which defaults the keys have",
@@ -89,15 +82,7 @@ STAGES = sorted({stage for stages in STAGES_OF.values() for stage in stages})
 @pytest.fixture(scope="module")
 def mains():
     """The ``main`` of each stage."""
-    sys.path.insert(0, str(PROJECT / "scripts/lab"))
-    found = {}
-    for stage in STAGES:
-        spec = importlib.util.spec_from_file_location(f"stage_{stage}", SCRIPTS[stage])
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        found[stage] = module.main
-    sys.path.remove(str(PROJECT / "scripts/lab"))
-    return found
+    return {stage: importlib.import_module(stage).main for stage in STAGES}
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +146,6 @@ def workflow(tmp_path_factory):
             ResourceSettings(cores=1), snakefile=PROJECT / "Snakefile", workdir=workspace.folder
         )
         yield loaded._workflow
-    end_start()
     os.chdir(before)
 
 

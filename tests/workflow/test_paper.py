@@ -1,9 +1,8 @@
 """Every row of docs/paper.md is run: its key changes what the stage leaves, its equation holds."""
 
-import importlib.util
+import importlib
 import re
 import shutil
-import sys
 from functools import cache
 from types import SimpleNamespace as Stand
 
@@ -66,22 +65,9 @@ def checks_of(title):
     return list(dict.fromkeys(row[-1].strip("` ") for row in rows_of(title)))
 
 
-@cache
-def stage_module(stage):
-    folder = "scripts" if (PROJECT / f"scripts/{stage}.py").is_file() else "scripts/lab"
-    sys.path.insert(0, str(PROJECT / "scripts/lab"))
-    spec = importlib.util.spec_from_file_location(
-        f"paper_{stage}", PROJECT / f"{folder}/{stage}.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    sys.path.remove(str(PROJECT / "scripts/lab"))
-    return module
-
-
 def run_stage(stage, settings, **files):
     """Run a stage's script with its keys from the config, as its rule does."""
-    main = stage_module(stage).main
+    main = importlib.import_module(stage).main
     values = {name: option.default for name, option in options_of(main).items()}
     for key in keys_of_stage(SCHEMA, stage):
         values[key.rpartition(".")[2]] = lookup(settings, key)
@@ -106,7 +92,7 @@ class Scene:
 
     def patch(self, stage, **functions):
         for name, function in functions.items():
-            self.monkeypatch.setattr(stage_module(stage), name, function)
+            self.monkeypatch.setattr(f"{stage}.{name}", function)
 
 
 # A key's run: the stage with a config, and what it leaves

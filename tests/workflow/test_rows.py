@@ -92,8 +92,8 @@ def test_a_listed_tree_has_its_scans_row_and_config(tmp_path, monkeypatch):
     assert (second.tree, second.photos, second.series) == ("row_2", "p", "field_2")
     assert batch.settings_for("row_2")["crop"]["target_xy"] is None
     assert [batch.has(name) for name in ("row", "row_2", "row_3")] == [False, True, False]
-    assert [row.tree for row in batch.rows_to_tell("logs")][:2] == ["row_1", "row_2"]
+    assert [row.tree for row in batch.rows_to_tell()][:2] == ["row_1", "row_2"]
     status = tmp_path / "logs/status/row"
     status.mkdir(parents=True)
     (status / "segment_cloud.json").write_text("{}", encoding="utf-8")
-    assert batch.rows_to_tell("logs")[0].tree == "row"  # a scan that failed is told
+    assert batch.rows_to_tell()[0].tree == "row"  # a scan that failed is told

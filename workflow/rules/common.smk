@@ -1,7 +1,6 @@
 # What the rules share: the batch, and functions that give a rule its files, params and resources.
 
 import sys
-from functools import cache
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -16,16 +15,16 @@ sys.path.insert(0, str(LIBRARY))
 
 from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.config import lookup as lookup_key
-from cherrypicker.files import load_schema
 from cherrypicker.batch.finished import finished_series, summarise_finished
 from cherrypicker.batch.resources import mb_to_ask, minutes_to_ask, threads_to_ask
 from cherrypicker.batch.run_lock import begin_start, end_start
-from cherrypicker.batch.scans import Scans, is_plain
+from cherrypicker.batch.scans import Scans
 from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of
 from cherrypicker.batch.watched_modules import digest_of_code
-from cherrypicker.batch.work_folder import check_results
+from cherrypicker.batch.work_folder import check_writable
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.table import BACKENDS, first_choice
+from cherrypicker.files import load_schema
+from cherrypicker.mvs.backends.table import BACKENDS
 from cherrypicker.runner import keys_of_stage
 
 
@@ -52,16 +51,19 @@ SCANS = Scans(BATCH)
 SETTINGS, TREES, SETTINGS_OF = BATCH.settings, BATCH.trees, BATCH.settings_of
 # ROW_SCANS are of several trees: they have no tree's results themselves.
 ROW_SCANS = list(BATCH.places)
-ROW_TREES = rf"(?:{any_of(ROW_SCANS)})_[1-9][0-9]*"
 LISTED_TREES = BATCH.listed()
 EDITED_TREES = BATCH.edited()
 MEASURED_TREES = BATCH.measured()
+MASKED_TREES = [name for name, tree in TREES.items() if tree.masks]
 LABELLED_TREES, UNLABELLED_TREES = BATCH.ready_clouds()
 
 if workflow.is_main_process:
     for note in BATCH.notes:
         logger.warning(note)
     begin_start()
+    # A module's `onstart` is not called
+    if not workflow.modifier.is_main_snakefile():
+        end_start()
 
 
 def of_each_tree(path, trees=None):
@@ -84,9 +86,8 @@ def of_each_tree(path, trees=None):
     return [*paths(LISTED_TREES), *map(of_one, BATCH.open_scans)]
 
 
-def large(path):
-    """A file or folder that goes when all who read it have, unless the config asks for it."""
-    return path if SETTINGS["keep"]["dense"] else temp(path)
+# Of a file or folder that goes when all who read it have, unless the config asks for it
+large = (lambda path: path) if SETTINGS["keep"]["dense"] else temp
 
 
 def shared_file(path):
@@ -136,14 +137,10 @@ def weights_of(key):
 
 def cfg(key):
     """The value of one config key for the tree at hand."""
-
-    def value_for(wildcards):
-        tree = wildcards.get("tree")
-        is_known = BATCH.scan_of(tree or "") in TREES
-        return lookup_key(BATCH.settings_for(tree) if is_known else SETTINGS, key)
-
-    lookup_key(SETTINGS, key)
-    return value_for
+    lookup_key(SETTINGS, key)  # what is no key stops the start
+    return lambda wildcards: lookup_key(
+        BATCH.settings_for(wildcards.get("tree", "")), key
+    )
 
 
 def options(stage):
@@ -156,29 +153,16 @@ def row(column):
     return lambda wildcards: getattr(BATCH.row(wildcards.tree), column)
 
 
-def prepared_masks(wildcards):
-    """The folder of a scan's own masks as stages read them, none for most."""
-    masks = f"results/{wildcards.tree}/photo_masks"
-    return masks if row("masks")(wildcards) else []
-
-
 def of_known_trees(column):
     """A column of the table for every tree that is known, with failed scans once some ended."""
-    return lambda wildcards: [
-        getattr(row, column)
-        for row in (
-            BATCH.rows_to_tell("logs")
-            if ONLY_FINISHED
-            else map(BATCH.row, BATCH.known())
-        )
-    ]
+    rows = BATCH.rows_to_tell if ONLY_FINISHED else BATCH.rows
+    return lambda wildcards: [getattr(row, column) for row in rows()]
 
 
 def code(script, *files):
     """The digest of a stage's code and of the files that it reads with it, wherever they lie."""
-    paths = [LIBRARY / "cherrypicker" / file for file in files]
-    digest = cache(lambda: digest_of_code(SCRIPTS / f"{script}.py", LIBRARY, paths))
-    return lambda wildcards: digest()
+    paths = tuple(LIBRARY / "cherrypicker" / file for file in files)
+    return lambda wildcards: digest_of_code(SCRIPTS / f"{script}.py", LIBRARY, paths)
 
 
 def threads_for(stage):
@@ -203,4 +187,4 @@ def more_at_each_attempt(mem_mb):
 
 def stereo_gpus(wildcards):
     """One GPU where the tree's stereo needs CUDA."""
-    return int(BACKENDS[first_choice(cfg("mvs.backend")(wildcards))].needs_cuda)
+    return int(BACKENDS[SCANS.size(wildcards.tree).stereo].needs_cuda)

@@ -55,7 +55,7 @@ rule split_scan:
     benchmark:
         "benchmarks/split_scan/{tree}.tsv"
     wildcard_constraints:
-        tree=ROW_TREES,
+        tree=rf"(?:{any_of(ROW_SCANS)})_[1-9][0-9]*",
     conda:
         "../../envs/pointcloud.yaml"
     threads: threads_for("split_scan")

@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 import difflib
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cherrypicker.accuracy.measures import Measure, read_measures
-from cherrypicker.batch.config import config_notes, read_config_file, resolve_config
-from cherrypicker.batch.rows import (
-    ALL,
-    KEY,
-    check_names,
-    found_time,
-    names_found,
-    places_of,
-    split_name,
+from cherrypicker.batch.config import (
+    CONFIG_FILE,
+    config_notes,
+    read_config_file,
+    resolve_config,
 )
+from cherrypicker.batch.rows import ALL, found_time, names_found, scans_of_several, split_name
 from cherrypicker.batch.trees import Tree, read_trees, series_of
-from cherrypicker.errors import StageError
 from cherrypicker.runner import status_folder
-
-CONFIG_FILE = "config/config.yaml"
-# Of a scan: so many are asked for a file of corrections before anybody has looked (guess)
-MOST_TREES = 1000
 
 
 @dataclass(frozen=True)
@@ -68,9 +59,13 @@ class Batch:
         return replace(row, tree=tree, series=row.series and f"{row.series}_{whose[1]}")
 
     def settings_for(self, tree: str) -> dict:
-        """Return a tree's config: that of its scan, less the places of the scan's trees."""
-        settings = self.settings_of[self.scan_of(tree)]
-        if tree in self.trees:
+        """Return a tree's config: that of its scan, less the places of the scan's trees.
+
+        Of what is no tree, that of the batch.
+        """
+        scan = self.scan_of(tree)
+        settings = self.settings_of.get(scan, self.settings)
+        if tree == scan:
             return settings
         return settings | {"crop": settings["crop"] | {"target_xy": None}}
 
@@ -98,15 +93,24 @@ class Batch:
         """Return every tree as far as it is known, in the table's order."""
         return [name for scan in self.trees for name in self.names(scan)]
 
+    def rows(self) -> list[Tree]:
+        """Return a row a tree, as far as they are known."""
+        return list(map(self.row, self.known()))
+
     def listed(self) -> list[str]:
         """Return the trees that the table and the config name, whatever is found in a scan."""
         return [
             name for scan in self.trees if scan not in self.open_scans for name in self.names(scan)
         ]
 
+    def folders(self) -> list[str]:
+        """Return the folders that a run writes."""
+        trees = dict.fromkeys([*self.trees, *self.known()])
+        return ["results", "logs", "benchmarks", *(f"results/{tree}" for tree in trees)]
+
     def series(self) -> dict[str, list[Tree]]:
         """Return the series of two scans or more, by the name of their folder."""
-        return series_of(map(self.row, filter(self.has, self.known())))
+        return series_of(row for row in self.rows() if self.has(row.tree))
 
     def edits_of(self, tree: str) -> str:
         """Return the file of a tree's hand corrections, whether it is there or not."""
@@ -114,17 +118,14 @@ class Batch:
 
     def edited(self) -> list[str]:
         """Return the trees that have a file of hand corrections, those not yet found as well."""
-        numbered = [
-            f"{scan}_{number}"
-            for scan in self.open_scans
-            if "{tree}" in self.settings_for(f"{scan}_1")["graph"]["edits"]
-            for number in range(1, MOST_TREES + 1)
-        ]
-        return [
-            name
-            for name in (*self.listed(), *numbered)
-            if self.edits_of(name) and Path(self.edits_of(name)).is_file()
-        ]
+        from snakemake.io import glob_wildcards
+
+        names = self.listed()
+        for scan in self.open_scans:
+            path = self.settings_of[scan]["graph"]["edits"]
+            there = glob_wildcards(path).tree if "{tree}" in path else []
+            names += sorted(name for name in there if self.scan_of(name) == scan != name)
+        return [name for name in names if Path(self.edits_of(name)).is_file()]
 
     def measured(self) -> list[str]:
         """Return the trees with hand measurements."""
@@ -134,13 +135,13 @@ class Batch:
         """Return a tree's hand measurements as text, the same wherever they stand in the table."""
         return [str(replace(row, line=0)) for row in self.measures if row.tree == tree]
 
-    def rows_to_tell(self, logs: str | os.PathLike) -> list[Tree]:
+    def rows_to_tell(self) -> list[Tree]:
         """Return a row a tree, and one a scan of several that failed or was not looked at."""
         rows: list[Tree] = []
         for scan, row in self.trees.items():
             names = self.names(scan)
             found_at = found_time(scan)  # what failed before is of the scan as a single tree
-            records = status_folder(scan, logs).glob("*.json")
+            records = status_folder(scan).glob("*.json")
             has_failed = any(record.stat().st_mtime >= found_at for record in records)
             if scan in self.places and (has_failed or not names):
                 rows.append(row)
@@ -188,24 +189,5 @@ def read_batch(schema: Mapping, config: Mapping, command_line: Mapping | None = 
     path = settings["measures"]
     is_default = path == schema["properties"]["measures"]["default"]
     measures = read_measures(path, may_miss=is_default) if path else []
-    places = _places(settings, trees, settings_of)
+    places = scans_of_several(trees, settings_of, settings["trees"])
     return Batch(settings, trees, settings_of, measures, places, notes)
-
-
-def _places(
-    settings: Mapping, trees: Mapping[str, Tree], settings_of: Mapping[str, dict]
-) -> dict[str, str | list]:
-    """The scans of several trees; refuse names and series that they cannot have."""
-    files = {name: row.config or CONFIG_FILE for name, row in trees.items()}
-    asked = {name: places_of(settings_of[name]) for name in trees}
-    several = {name: places for name, places in asked.items() if places is not None}
-    check_names(trees, several, settings["trees"])
-    for name, places in several.items():
-        if places == ALL and trees[name].series:
-            raise StageError(
-                f"tree {name!r}: the trees of a series must keep their numbers; give a list of "
-                "places, in one order for all dates",
-                file=files[name],
-                key=KEY,
-            )
-    return several

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import csv
 import logging
-import math
 import os
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import cell_number, read_table
 
 logger = logging.getLogger(__name__)
 
+_COLUMNS = ("s", "cpu_time", "max_rss")
 
-@dataclass(frozen=True)
-class Benchmark:
+
+class Benchmark(NamedTuple):
     """One job."""
 
     wall_s: float
@@ -25,14 +27,11 @@ class Benchmark:
 def read_benchmark(path: Path) -> Benchmark | None:
     """Read the last row of a benchmark file; None if it holds no numbers, which is logged."""
     try:
-        with open(path, newline="", encoding="utf-8") as stream:
-            row = list(csv.DictReader(stream, delimiter="\t"))[-1]
-        found = Benchmark(float(row["s"]), float(row["cpu_time"]), float(row["max_rss"]))
-    except (OSError, csv.Error, LookupError, TypeError, ValueError) as error:
-        logger.warning("%s is left out: %s", path, error or type(error).__name__)
+        line, row = read_table(path, _COLUMNS, "\t")[-1]
+        return Benchmark(*(cell_number(row[name], path, line) for name in _COLUMNS))
+    except StageError as error:
+        logger.warning("%s is left out: %s", path, error.cause)
         return None
-    is_finite = all(map(math.isfinite, (found.wall_s, found.cpu_s, found.memory_mb)))
-    return found if is_finite else None
 
 
 def read_benchmarks(

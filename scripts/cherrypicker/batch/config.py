@@ -8,6 +8,9 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,7 @@ from cherrypicker.batch.old_keys import take_old_keys
 from cherrypicker.errors import StageError
 from cherrypicker.files import is_number, parse_yaml
 
+CONFIG_FILE = "config/config.yaml"
 # A number is finite: infinity would pass each least value, and NaN every bound
 _Validator = extend(
     Draft202012Validator,
@@ -94,10 +98,11 @@ def first_refusal(schema: Mapping, value: object) -> tuple[str, str] | None:
     A schema's own words are its ``refusal``, in which ``{value}`` is what was given; ``column``
     names the key of a rule that is of several.
     """
-    errors = sorted(_Validator(schema, format_checker=_FORMATS).iter_errors(value), key=_place)
-    if not errors:
+    errors = _Validator(schema, format_checker=_FORMATS).iter_errors(value)
+    error = min(errors, key=_place, default=None)
+    if error is None:
         return None
-    error, own, place = errors[0], errors[0].schema, _place(errors[0])
+    own, place = error.schema, _place(error)
     assert isinstance(own, Mapping)
     if error.validator == "additionalProperties":
         unknown = next(str(name) for name in error.instance if name not in own["properties"])
@@ -153,10 +158,7 @@ def _method(merged: Mapping) -> str:
 
 def lookup(config: Mapping, key: str) -> Any:
     """Return the value of a dotted key, ``denoise.std_ratio`` for instance."""
-    value: Any = config
-    for part in key.split("."):
-        value = value[part]
-    return value
+    return reduce(getitem, key.split("."), config)  # type: ignore[arg-type]
 
 
 def _merge(target: dict, layer: Mapping) -> None:
@@ -193,16 +195,9 @@ def _read_string(schema: Mapping, value: object) -> object:
     types = [types] if isinstance(types, str) else types
     is_text = "string" in types and re.search(schema.get("pattern", ""), str(value))
     if isinstance(value, str) and not is_text and types:
-        try:
+        with suppress(ValueError):
             parsed = parse_yaml(value)
-        except ValueError:
-            return value
-        if isinstance(parsed, str):
-            try:
-                parsed = float(parsed)
-            except ValueError:
-                return value
-        return _read_string(schema, parsed)
+            value = float(parsed) if isinstance(parsed, str) else parsed
     if isinstance(value, float) and value.is_integer() and "integer" in types:
         return int(value)
     return value

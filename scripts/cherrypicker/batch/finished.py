@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from cherrypicker.batch.summary import collect_results
+from cherrypicker.batch.summary import result_of
 from cherrypicker.batch.trees import Tree
 
 logger = logging.getLogger(__name__)
@@ -47,9 +47,8 @@ def summarise_finished(workflow: Any) -> None:
 
 def finished_series(series: Mapping[str, list[Tree]]) -> dict[str, list[Tree]]:
     """Return the finished scans of each series that has two or more of them."""
-
-    def is_finished(row: Tree) -> bool:
-        return bool(collect_results([asdict(row)], "results", "logs")[0].traits)
-
-    found = {name: list(filter(is_finished, rows)) for name, rows in series.items()}
+    found = {
+        name: [row for row in rows if result_of(asdict(row)).traits]
+        for name, rows in series.items()
+    }
     return {name: rows for name, rows in found.items() if len(rows) > 1}

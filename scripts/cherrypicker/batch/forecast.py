@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from cherrypicker.batch.benchmarks import read_benchmarks
 from cherrypicker.batch.resources import (
     MEMORY_MARGIN,
+    STAGES,
     ScanSize,
+    cost_of,
     cpu_seconds,
     disk_mb,
     mb_to_ask,
@@ -18,8 +20,6 @@ from cherrypicker.batch.resources import (
     speedup,
     threads_to_ask,
 )
-from cherrypicker.batch.stage_costs import stages_of
-from cherrypicker.mvs.backends.table import first_choice
 from cherrypicker.progress import duration
 
 # Benchmarks of a stage from which on they count for more than the shipped rates
@@ -28,8 +28,7 @@ ENOUGH_BENCHMARKS = 3
 _LEAST_CPU_S = 5.0
 
 
-@dataclass(frozen=True)
-class Correction:
+class Correction(NamedTuple):
     """How a folder's own benchmarks differ from the shipped rates, for one stage."""
 
     # cpu, memory: factors on CPU time and on memory
@@ -38,102 +37,57 @@ class Correction:
     n_benchmarks: int = 0  # benchmark files behind them
 
 
-@dataclass(frozen=True)
-class StageForecast:
-    """One stage over all scans."""
+class Job(NamedTuple):
+    """One stage of one scan."""
 
+    scan: str
     rule: str
-    n_jobs: int
-    max_threads: int  # of the widest job
-    cpu_hours: float  # of all jobs
-    job_minutes: float  # running time with its threads of the longest job
-    memory_gb: float  # asked for by the largest
-    disk_gb: float  # of all jobs
+    threads: int
+    cpu_s: float
+    memory_gb: float  # that it asks for
+    disk_gb: float
     n_benchmarks: int  # benchmark files that corrected the rates
 
+    @property
+    def seconds(self) -> float:
+        """Running time with its threads."""
+        return self.cpu_s / speedup(self.threads)
 
-def _costs(
+
+def forecast_jobs(
     scans: Mapping[str, ScanSize],
-    labelled: Sequence[str],
-    corrections: Mapping[str, Correction],
-    cores: int | None,
-) -> Iterator[tuple[str, str, int, float, float]]:
-    """Yield scan, stage, threads, CPU seconds and memory in GB of every job, scan by scan."""
-    for name, scan in scans.items():
-        for rule, stage in scan.stages.items():
-            if rule == "segment_cloud" and name in labelled:
-                continue  # labels need no network
-            fix = corrections.get(rule, Correction())
-            threads = threads_to_ask(rule, scan)
-            threads = min(threads, cores) if cores else threads
-            memory_gb = fix.memory * mb_to_ask(rule, scan, threads) / 1000.0
-            yield name, rule, threads, fix.cpu * cpu_seconds(stage, scan), memory_gb
-
-
-def forecast_stages(
-    scans: Mapping[str, ScanSize],
-    labelled: Sequence[str] = (),
     corrections: Mapping[str, Correction] | None = None,
     cores: int | None = None,
-) -> list[StageForecast]:
-    """Return the cost of every stage over all scans, in the order in which they run.
+) -> list[Job]:
+    """Return the cost of every stage of every scan, scan by scan.
 
     Parameters
     ----------
     scans : mapping
         Size of each scan by its id.
-    labelled : sequence of str
-        Ids of ready clouds with labels.
     corrections : mapping, optional
         From :func:`read_corrections`, by stage.
     cores : int, optional
         Most threads of a job.
     """
-    corrections = corrections or {}
-    rows: dict[str, list] = {}
-    for name, rule, threads, cpu_s, memory_gb in _costs(scans, labelled, corrections, cores):
-        row = rows.setdefault(rule, [0, 0, 0.0, 0.0, 0.0, 0.0])
-        row[0] += 1
-        row[1] = max(row[1], threads)
-        row[2] += cpu_s / 3600.0
-        row[3] = max(row[3], cpu_s / speedup(threads) / 60.0)
-        row[4] = max(row[4], memory_gb)
-        row[5] += disk_mb(scans[name].stages[rule], scans[name]) / 1000.0
-    return [
-        StageForecast(rule, *row, corrections.get(rule, Correction()).n_benchmarks)  # type: ignore[call-arg]
-        for rule, row in rows.items()
-    ]
+    jobs = []
+    for name, scan in scans.items():
+        for rule, stage in scan.stages.items():
+            fix = (corrections or {}).get(rule, Correction())
+            threads = min(threads_to_ask(rule, scan), cores or stage.max_threads)
+            memory_gb = fix.memory * mb_to_ask(rule, scan, threads) / 1000.0
+            cpu_s, disk_gb = fix.cpu * cpu_seconds(stage, scan), disk_mb(stage, scan) / 1000.0
+            jobs.append(Job(name, rule, threads, cpu_s, memory_gb, disk_gb, fix.n_benchmarks))
+    return jobs
 
 
-def least_hours(
-    scans: Mapping[str, ScanSize],
-    labelled: Sequence[str] = (),
-    corrections: Mapping[str, Correction] | None = None,
-    cores: int = 1,
-) -> float:
+def least_hours(jobs: Sequence[Job], cores: int) -> float:
     """Return the hours that so many cores need at least: all of them busy, or the longest tree."""
-    held_s, of_tree = 0.0, dict.fromkeys(scans, 0.0)
-    for name, _, threads, cpu_s, _ in _costs(scans, labelled, corrections or {}, cores):
-        job_s = cpu_s / speedup(threads)
-        held_s += threads * job_s
-        of_tree[name] += job_s
+    of_tree = dict.fromkeys((job.scan for job in jobs), 0.0)
+    for job in jobs:
+        of_tree[job.scan] += job.seconds
+    held_s = sum(job.threads * job.seconds for job in jobs)
     return max([held_s / cores, *of_tree.values()]) / 3600.0
-
-
-def with_stereo(
-    scans: Mapping[str, ScanSize], backends: Mapping[str, str], has_gpu: bool
-) -> dict[str, ScanSize]:
-    """Return the scans with depth maps on a GPU where there is one and the config allows it.
-
-    Parameters
-    ----------
-    backends : mapping
-        The key ``mvs.backend`` of each scan.
-    """
-    return {
-        name: replace(scan, stereo=first_choice(backends[name], has_gpu))
-        for name, scan in scans.items()
-    }
 
 
 def read_corrections(
@@ -154,42 +108,45 @@ def read_corrections(
     """
     corrections = {}
     for rule, jobs in read_benchmarks(benchmarks, scans.keys()).items():
-        ratios = []
+        cpu, memory = [], [MEMORY_MARGIN]
         for name, job in jobs.items():
             stage = scans[name].stages.get(rule)
             if stage is not None:
                 expected_s = max(cpu_seconds(stage, scans[name]), _LEAST_CPU_S)
-                memory = job.memory_mb / memory_mb(stage, scans[name])
-                ratios.append((max(job.cpu_s, _LEAST_CPU_S) / expected_s, memory))
-        if len(ratios) >= ENOUGH_BENCHMARKS:
-            corrections[rule] = Correction(
-                cpu=statistics.median(cpu for cpu, _ in ratios),
-                memory=max(1.0, max(memory for _, memory in ratios) / MEMORY_MARGIN),
-                n_benchmarks=len(ratios),
-            )
+                cpu.append(max(job.cpu_s, _LEAST_CPU_S) / expected_s)
+                memory.append(job.memory_mb / memory_mb(stage, scans[name]))
+        if len(cpu) >= ENOUGH_BENCHMARKS:
+            factor = max(memory) / MEMORY_MARGIN
+            corrections[rule] = Correction(statistics.median(cpu), factor, len(cpu))
     return corrections
 
 
-def forecast_text(stages: Sequence[StageForecast], n_scans: int, hours: float, cores: int) -> str:
+def forecast_text(jobs: Sequence[Job], cores: int) -> str:
     """Return the forecast as a table to read, with the hours that so many cores need at least."""
     lines = [
-        f"{n_scans} scans",
+        f"{len({job.scan for job in jobs})} scans",
         f"{'stage':20s}{'jobs':>6s}{'threads':>9s}{'CPU h':>9s}{'min a job':>11s}"
         f"{'GB a job':>10s}{'disk GB':>9s}  rates",
     ]
-    for row in stages:
-        source = f"{row.n_benchmarks} benchmarks here" if row.n_benchmarks else "shipped"
+    for rule in STAGES:
+        of_rule = [job for job in jobs if job.rule == rule]
+        if not of_rule:
+            continue
+        found = of_rule[0].n_benchmarks
         lines.append(
-            f"{row.rule:20s}{row.n_jobs:6d}{row.max_threads:9d}{row.cpu_hours:9.2f}"
-            f"{row.job_minutes:11.1f}{row.memory_gb:10.1f}{row.disk_gb:9.1f}  {source}"
+            f"{rule:20s}{len(of_rule):6d}{max(job.threads for job in of_rule):9d}"
+            f"{sum(job.cpu_s for job in of_rule) / 3600.0:9.2f}"
+            f"{max(job.seconds for job in of_rule) / 60.0:11.1f}"
+            f"{max(job.memory_gb for job in of_rule):10.1f}"
+            f"{sum(job.disk_gb for job in of_rule):9.1f}  "
+            + (f"{found} benchmarks here" if found else "shipped")
         )
     lines.append(
-        f"{'all':20s}{sum(row.n_jobs for row in stages):6d}{'':9s}"
-        f"{sum(row.cpu_hours for row in stages):9.2f}{'':11s}"
-        f"{max((row.memory_gb for row in stages), default=0.0):10.1f}"
-        f"{sum(row.disk_gb for row in stages):9.1f}"
+        f"{'all':20s}{len(jobs):6d}{'':9s}{sum(job.cpu_s for job in jobs) / 3600.0:9.2f}{'':11s}"
+        f"{max((job.memory_gb for job in jobs), default=0.0):10.1f}"
+        f"{sum(job.disk_gb for job in jobs):9.1f}"
     )
-    lines.append(f"{cores} cores: at least {duration(3600.0 * hours)}")
+    lines.append(f"{cores} cores: at least {duration(3600.0 * least_hours(jobs, cores))}")
     return "\n".join(lines)
 
 
@@ -199,7 +156,8 @@ def formula_table() -> str:
         "| stage | CPU, s | memory, MB | memory a thread, MB | disk, MB | threads |",
         "|---|---|---|---|---|---|",
     ]
-    for rule, stage in stages_of("", "photos", "clouds").items():
+    for rule in STAGES:
+        stage = cost_of(rule)
         cells = " | ".join((stage.cpu_s, stage.memory_mb, stage.thread_memory_mb, stage.disk_mb))
         lines.append(f"| {rule} | {cells} | {stage.max_threads} |")
     return "\n".join(lines)

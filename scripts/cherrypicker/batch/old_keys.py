@@ -20,19 +20,9 @@ def take_old_keys(config: MutableMapping) -> list[str]:
     limbs, `mst`, `paper` and `contract.method: lbc` alone are the contraction. A new key that is
     there wins.
     """
-    contract, graph = config.get("contract"), config.get("graph")
-    contract = contract if isinstance(contract, MutableMapping) else {}
-    graph = graph if isinstance(graph, MutableMapping) else {}
-    old = {
-        f"{section}.{name}": place.pop(name)
-        for section, place, names in (
-            ("contract", contract, ("preset", "method")),
-            ("graph", graph, ("method",)),
-        )
-        for name in names
-        if name in place
-    }
-    moved = {name: contract.pop(name) for name in _MOVED if name in contract}
+    keys = ("contract.preset", "contract.method", "graph.method")
+    old = {key: value for key in keys for value in _taken(config, key)}
+    moved = {name: value for name in _MOVED for value in _taken(config, f"contract.{name}")}
     if not (old or moved):
         return []
     skeleton = config["skeleton"] = dict(config.get("skeleton") or {})
@@ -42,7 +32,9 @@ def take_old_keys(config: MutableMapping) -> list[str]:
         if "method" in skeleton:
             lines.append(f"{said} does nothing beside skeleton.method, which replaces it")
         else:
-            skeleton["method"] = _method(old)
+            wanted = old.get("graph.method", old.get("contract.preset", "paper"))
+            contraction = old.get("contract.method", "slbc")
+            skeleton["method"] = contraction if wanted in ("mst", "paper") else "limbs"
             lines.append(f"{said} is now skeleton.method: {skeleton['method']}")
     for name, value in moved.items():
         if value is not None:  # null was the method's own constant
@@ -51,10 +43,8 @@ def take_old_keys(config: MutableMapping) -> list[str]:
     return [f"{line}; the old key goes with the next release" for line in lines]
 
 
-def _method(old: dict) -> str:
-    contraction = old.get("contract.method", "slbc")
-    if "graph.method" in old:
-        return contraction if old["graph.method"] == "mst" else "limbs"
-    if "contract.preset" in old:
-        return contraction if old["contract.preset"] == "paper" else "limbs"
-    return contraction
+def _taken(config: MutableMapping, key: str) -> list:
+    """The value of a dotted key, which is taken out, in a list; an empty one where it is not."""
+    section, name = key.split(".")
+    place = config.get(section)
+    return [place.pop(name)] if isinstance(place, MutableMapping) and name in place else []

@@ -1,7 +1,7 @@
 """Threads, memory and running time to ask for, from the size of a scan.
 
 The size comes from the headers of the photos or of the ready cloud and from the config, so that it
-is known before anything is run. The rates stand in :mod:`cherrypicker.batch.stage_costs`.
+is known before anything is run. What each stage costs stands in ``stage_costs.yaml``.
 """
 
 from __future__ import annotations
@@ -10,20 +10,11 @@ import math
 import os
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cherrypicker.batch.stage_costs import (
-    CROPPED_SHARE,
-    ENLARGED_BELOW_MP,
-    MOST_CROPPED_SHARE,
-    MOST_POINTS_PER_PIXEL,
-    POINTS_PER_PIXEL,
-    STAGES,
-    StageCost,
-    stages_of,
-    weigh,
-)
+from cherrypicker.files import load_schema
+from cherrypicker.mvs.backends.table import BACKENDS
 from cherrypicker.ply import PlyError, read_ply_header
 
 # Snakemake itself and the job's shell run beside the stage and count towards its memory
@@ -37,6 +28,16 @@ START_MINUTES = 5
 CPU_S_PER_THREAD = 120.0
 # How much of further threads is used, assumed: two cores were all there was to measure on
 THREAD_EFFICIENCY = 0.8
+# Photos below this size are enlarged fourfold for their features, see sfm/features.py
+ENLARGED_BELOW_MP = 2.0
+# Points of the cloud per pixel of all depth maps: 0.013 to 0.017 were measured on 48 to 86 photos;
+# this leaves room. At most, where bare ground keeps its points: 0.048 to 0.099, and 0.19 on the
+# rehearsal's 250 photos
+POINTS_PER_PIXEL = 0.03
+MOST_POINTS_PER_PIXEL = 0.20
+# How many of them the crop leaves: 0.8 to 0.9; of a cloud with all of its points half at most
+CROPPED_SHARE = 0.85
+MOST_CROPPED_SHARE = 0.5
 _BYTES_PER_TEXT_POINT = 30.0  # three coordinates with their blanks (guess)
 # Sources of a depth map that the stereo's rate holds for
 SOURCES_OF_RATE = 6.0
@@ -46,26 +47,56 @@ STEREO_SOURCE_BYTES, STEREO_PHOTO_BYTES, FUSION_MAP_BYTES = 38.0, 80.0, 16.0
 
 
 @dataclass(frozen=True)
+class StageCost:
+    """A row of ``stage_costs.yaml``: of which scans, and formulas of :class:`ScanSize`'s fields."""
+
+    of: str = ""
+    cpu_s: str = ""
+    memory_mb: str = ""
+    thread_memory_mb: str = ""
+    disk_mb: str = ""
+    max_threads: int = 1
+
+
+STAGES = {
+    rule: StageCost(**cells)
+    for rule, cells in load_schema(Path(__file__).with_name("stage_costs.yaml")).items()
+}
+
+
+def cost_of(rule: str, stereo: str = "cpu") -> StageCost:
+    """Return what a stage costs, the stereo with a backend."""
+    if rule != "estimate_depth":
+        return STAGES[rule]
+    own = BACKENDS[stereo]
+    return replace(
+        STAGES[rule], cpu_s=own.cpu_s, memory_mb=own.memory_mb, max_threads=own.max_threads
+    )
+
+
+@dataclass(frozen=True)
 class ScanSize:
     """How large a scan is, as far as its cost goes."""
 
     is_photo_scan: bool = False
-    stereo: str = "cpu"  # the backend of its depth maps
+    is_labelled: bool = False  # whether it is a ready cloud that came with labels
     is_prepared: bool = False  # whether stages read prepared photos
-    keeps_dense: bool = False  # whether undistorted photos and the stereo's maps stay
-    n_photos: int = 0
-    n_pairs: int = 0  # of photos to match
-    n_sources: int = 0  # source photos of each depth map
-    n_checked: int = 0  # photos that are asked about each point in the fusion
-    # Megapixels of all photos: as they are, as features are sought, the same with photos that are
-    # enlarged for it counted four times, and as depth is estimated; then of the largest photo
+    stereo: str = "cpu"  # the backend of its depth maps
+    photos: int = 0
+    pairs: int = 0  # of photos to match
+    # Megapixels of all photos: as they are, as features are sought with photos that are enlarged
+    # for it counted four times, as depth is estimated, and those whose maps stay on disk
     photo_mp: float = 0.0
-    feature_mp: float = 0.0
     sift_mp: float = 0.0
     dense_mp: float = 0.0
+    kept_mp: float = 0.0
+    # Of the largest photo: as it is, and as features are sought
     largest_photo_mp: float = 0.0
     largest_feature_mp: float = 0.0
-    largest_dense_mp: float = 0.0
+    stereo_mp: float = 0.0  # as `dense_mp`, if each depth map had as many sources as the rate's
+    # What the stereo holds at a time, and the fusion
+    stereo_mb: float = 0.0
+    fusion_mb: float = 0.0
     # Millions of points to expect in the cloud, and as many as memory must suffice for
     points_m: float = 0.0
     most_points_m: float = 0.0
@@ -73,33 +104,26 @@ class ScanSize:
     @property
     def stages(self) -> Mapping[str, StageCost]:
         """The stages that a scan like this goes through."""
-        if not self.is_photo_scan:
-            return stages_of("", "clouds")
-        prepared = ["prepared photos"] if self.is_prepared else []
-        return stages_of("", "photos", *prepared, stereo=self.stereo)
+        kinds = ["", "photos" if self.is_photo_scan else "clouds"]
+        kinds += ["labelled" if self.is_labelled else "unlabelled"]
+        kinds += ["prepared photos"] if self.is_prepared else []
+        return {rule: cost_of(rule, self.stereo) for rule in STAGES if STAGES[rule].of in kinds}
 
-    def quantities(self, points_m: float, cropped_share: float) -> dict[str, float]:
-        """Return what the formulas of :class:`StageCost` are of.
-
-        Parameters
-        ----------
-        points_m : float
-            Millions of points of the cloud.
-        cropped_share : float
-            How many of them the crop leaves; a ready cloud is not cropped.
-        """
-        return asdict(self) | {
-            "photos": float(self.n_photos),
-            "kept_mp": self.dense_mp if self.keeps_dense else 0.0,
-            "photos_squared": float(self.n_photos) ** 2,
-            "pairs": float(self.n_pairs),
-            "stereo_mp": self.dense_mp * self.n_sources / SOURCES_OF_RATE,
-            "stereo_mb": (STEREO_SOURCE_BYTES * self.n_sources + STEREO_PHOTO_BYTES)
-            * self.largest_dense_mp,
-            "fusion_mb": FUSION_MAP_BYTES * (self.n_checked + 1) * self.largest_dense_mp,
+    def value_of(self, formula: str, *, at_most: bool = False) -> float:
+        """Return the value of a formula, with the points to expect or as many as there may be."""
+        points_m = self.most_points_m if at_most else self.points_m
+        cropped = MOST_CROPPED_SHARE if at_most else CROPPED_SHARE
+        quantities = vars(self) | {
+            "photos_squared": self.photos**2,
             "points_m": points_m,
-            "cropped_m": points_m * (cropped_share if self.is_photo_scan else 1.0),
+            "cropped_m": points_m * (cropped if self.is_photo_scan else 1.0),
         }
+        total = 0.0
+        for term in filter(None, formula.split(" + ")):
+            *factor, last = term.split()
+            value = quantities[last] if last.isidentifier() else float(last)
+            total += value * (float(factor[0]) if factor else 1.0)
+        return total
 
 
 def size_of_photos(
@@ -123,40 +147,40 @@ def size_of_photos(
         Whether stages read prepared photos.
     """
     sfm, mvs = settings["sfm"], settings["mvs"]
-    limit_px = settings["photos"]["max_size_px"]
+    limit_px, sfm_px = settings["photos"]["max_size_px"], sfm["max_image_size_px"]
     as_is = _megapixels(sizes, limit_px)
-    features = _megapixels(
-        sizes, min(sfm["max_image_size_px"] or limit_px, limit_px or sfm["max_image_size_px"])
-    )
+    features = _megapixels(sizes, min(sfm_px or limit_px, limit_px or sfm_px))
     dense = _megapixels(sizes, mvs["max_image_size_px"])
+    dense_mp, largest_dense_mp = sum(dense), max(dense, default=0.0)
+    most_sources = max(len(sizes) - 1, 1)
+    sources, checked = min(mvs["n_sources"], most_sources), min(mvs["n_check"], most_sources)
     return ScanSize(
         is_photo_scan=True,
         is_prepared=is_prepared,
         stereo=stereo,
-        keeps_dense=settings["keep"]["dense"],
-        n_photos=len(sizes),
-        n_pairs=count_pairs(len(sizes), sfm),
-        n_sources=min(mvs["n_sources"], max(len(sizes) - 1, 1)),
-        n_checked=min(mvs["n_check"], max(len(sizes) - 1, 1)),
+        photos=len(sizes),
+        pairs=count_pairs(len(sizes), sfm),
         photo_mp=sum(as_is),
-        feature_mp=sum(features),
         sift_mp=sum(mp if mp >= ENLARGED_BELOW_MP else 4.0 * mp for mp in features),
-        dense_mp=sum(dense),
+        dense_mp=dense_mp,
+        kept_mp=dense_mp if settings["keep"]["dense"] else 0.0,
         largest_photo_mp=max(as_is, default=0.0),
         largest_feature_mp=max(features, default=0.0),
-        largest_dense_mp=max(dense, default=0.0),
-        points_m=POINTS_PER_PIXEL * sum(dense),
-        most_points_m=MOST_POINTS_PER_PIXEL * sum(dense),
+        stereo_mp=dense_mp * sources / SOURCES_OF_RATE,
+        stereo_mb=(STEREO_SOURCE_BYTES * sources + STEREO_PHOTO_BYTES) * largest_dense_mp,
+        fusion_mb=FUSION_MAP_BYTES * (checked + 1) * largest_dense_mp,
+        points_m=POINTS_PER_PIXEL * dense_mp,
+        most_points_m=MOST_POINTS_PER_PIXEL * dense_mp,
     )
 
 
-def size_of_cloud(path: str | os.PathLike) -> ScanSize:
+def size_of_cloud(path: str | os.PathLike, *, is_labelled: bool = False) -> ScanSize:
     """Return the size of a ready cloud; of an unreadable one as if it were empty.
 
     That such a file is refused is the import's work.
     """
     points_m = count_points(path) / 1e6
-    return ScanSize(points_m=points_m, most_points_m=points_m)
+    return ScanSize(is_labelled=is_labelled, points_m=points_m, most_points_m=points_m)
 
 
 def count_points(path: str | os.PathLike) -> int:
@@ -175,6 +199,17 @@ def count_points(path: str | os.PathLike) -> int:
         return int(path.stat().st_size / _BYTES_PER_TEXT_POINT)
     except (OSError, PlyError, struct.error):
         return 0
+
+
+def _las_points(path: Path) -> int:
+    """By hand: laspy reads as many records as a broken header says, before every run."""
+    with open(path, "rb") as stream:
+        head = stream.read(255)
+    if head[:4] != b"LASF":
+        return 0
+    (legacy,) = struct.unpack_from("<I", head, 107)
+    is_long = head[25] >= 4 and len(head) >= 255
+    return legacy or (struct.unpack_from("<Q", head, 247)[0] if is_long else 0)
 
 
 def count_pairs(n_photos: int, sfm: Mapping) -> int:
@@ -199,41 +234,36 @@ def count_pairs(n_photos: int, sfm: Mapping) -> int:
 
 def cpu_seconds(stage: StageCost, scan: ScanSize) -> float:
     """Return the CPU time to expect of a stage, seconds."""
-    return weigh(stage.cpu_s, scan.quantities(scan.points_m, CROPPED_SHARE))
+    return scan.value_of(stage.cpu_s)
 
 
 def memory_mb(stage: StageCost, scan: ScanSize, threads: int = 1) -> float:
     """Return the peak resident memory to expect of a stage, MB, without any margin."""
-    quantities = scan.quantities(scan.most_points_m, MOST_CROPPED_SHARE)
-    return weigh(stage.memory_mb, quantities) + threads * weigh(stage.thread_memory_mb, quantities)
+    of_threads = threads * scan.value_of(stage.thread_memory_mb, at_most=True)
+    return scan.value_of(stage.memory_mb, at_most=True) + of_threads
 
 
 def disk_mb(stage: StageCost, scan: ScanSize) -> float:
     """Return what a stage leaves on disk, MB."""
-    return weigh(stage.disk_mb, scan.quantities(scan.points_m, CROPPED_SHARE))
-
-
-def _stage(rule: str, scan: ScanSize) -> StageCost:
-    """A stage of a scan, or of those that a scan of several trees has besides."""
-    return STAGES[rule] if STAGES[rule].of == "several" else scan.stages[rule]
+    return scan.value_of(stage.disk_mb)
 
 
 def threads_to_ask(rule: str, scan: ScanSize) -> int:
     """Return how many threads are worth asking for: two minutes of work each, up to the bound."""
-    stage = _stage(rule, scan)
+    stage = cost_of(rule, scan.stereo)
     wanted = math.ceil(cpu_seconds(stage, scan) / CPU_S_PER_THREAD)
     return max(1, min(stage.max_threads, wanted))
 
 
 def mb_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the memory to ask for, MB: formula and margin, times the attempt."""
-    peak = memory_mb(_stage(rule, scan), scan, threads)
+    peak = memory_mb(cost_of(rule, scan.stereo), scan, threads)
     return _round_up(attempt * (SNAKEMAKE_MB + MEMORY_MARGIN * peak), 100)
 
 
 def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the running time to ask for, minutes: formula and margin, times the attempt."""
-    busy_s = cpu_seconds(_stage(rule, scan), scan) / speedup(threads)
+    busy_s = cpu_seconds(cost_of(rule, scan.stereo), scan) / speedup(threads)
     return _round_up(attempt * (START_MINUTES + TIME_MARGIN * busy_s / 60.0), 5)
 
 
@@ -250,16 +280,6 @@ def _megapixels(sizes: Sequence[tuple[int, int]], limit_px: int) -> list[float]:
         shrink = min(1.0, limit_px / longer) if limit_px and longer else 1.0
         megapixels.append(width * height * shrink**2 / 1e6)
     return megapixels
-
-
-def _las_points(path: Path) -> int:
-    with open(path, "rb") as stream:
-        head = stream.read(255)
-    if head[:4] != b"LASF":
-        return 0
-    (legacy,) = struct.unpack_from("<I", head, 107)
-    is_long = head[25] >= 4 and len(head) >= 255
-    return legacy or (struct.unpack_from("<Q", head, 247)[0] if is_long else 0)
 
 
 def _round_up(value: float, step: int) -> int:

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from cherrypicker.batch.config import lookup
+from cherrypicker.batch.config import CONFIG_FILE, lookup
+from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 
 logger = logging.getLogger(__name__)
-
-__all__ = ["ALL", "KEY", "check_names", "names_found", "places_of", "split_name"]
 
 KEY = "crop.target_xy"
 ALL = "all"
@@ -33,21 +32,36 @@ def places_of(settings: Mapping) -> str | list | None:
     return value if value == ALL or (value and isinstance(value[0], list)) else None
 
 
-def split_name(tree: str, scans: Iterable[str]) -> tuple[str, int] | None:
+def split_name(tree: str, scans: Collection[str]) -> tuple[str, int] | None:
     """Return the scan of several trees that a name is of, and the number of the tree; else None."""
     found = _NUMBERED.fullmatch(tree)
-    return (found[1], int(found[2])) if found and found[1] in set(scans) else None
+    return (found[1], int(found[2])) if found and found[1] in scans else None
 
 
-def check_names(names: Iterable[str], scans: Iterable[str], table: str) -> None:
-    """Refuse a row whose id is that of a tree of another row's scan.
+def scans_of_several(
+    trees: Mapping[str, Tree], settings_of: Mapping[str, dict], table: str
+) -> dict[str, str | list]:
+    """Return which trees are asked for of each scan of several.
+
+    Parameters
+    ----------
+    trees : mapping
+        Rows of the table by tree.
+    settings_of : mapping
+        The config of each.
+    table : str
+        The table's file.
 
     Raises
     ------
     StageError
+        For a row whose id is that of a tree of another row's scan, or a series whose trees would
+        not keep their numbers.
     """
-    folded = {scan.casefold(): scan for scan in scans}
-    for name in names:
+    asked = {name: places_of(settings_of[name]) for name in trees}
+    several = {name: places for name, places in asked.items() if places is not None}
+    folded = {scan.casefold(): scan for scan in several}
+    for name, row in trees.items():
         whose = split_name(name.casefold(), folded)
         if whose:
             raise StageError(
@@ -56,6 +70,14 @@ def check_names(names: Iterable[str], scans: Iterable[str], table: str) -> None:
                 file=table,
                 key="tree",
             )
+        if asked[name] == ALL and row.series:
+            raise StageError(
+                f"tree {name!r}: the trees of a series must keep their numbers; give a list of "
+                "places, in one order for all dates",
+                file=row.config or CONFIG_FILE,
+                key=KEY,
+            )
+    return several
 
 
 def names_found(scan: str, results: str = "results") -> list[str]:
@@ -63,27 +85,20 @@ def names_found(scan: str, results: str = "results") -> list[str]:
 
     A list that is broken stops its own scan alone: it is told, and counts as none.
     """
-    path = _found(scan, results)
+    path = Path(results, scan, "trees.json")
     if not path.is_file():
         return []
     try:
         return [f"{scan}_{int(one['number'])}" for one in read_json(path).get("trees", [])]
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        reason = f"no list of trees in it ({error!r})"
-    except StageError as error:
-        reason = error.cause
-    logger.warning(
-        "tree %s: %s is broken; delete it, and the next run looks for the trees again: %s",
-        *(scan, path, reason),
-    )
-    return []
+    except (StageError, TypeError, ValueError, OverflowError) as error:
+        logger.warning(
+            "tree %s: %s is broken; delete it, and the next run looks for the trees again: %s",
+            *(scan, path, getattr(error, "cause", error)),
+        )
+        return []
 
 
-def found_time(scan: str, results: str = "results") -> float:
+def found_time(scan: str) -> float:
     """Return when the trees of a scan were found, seconds; 0 where nobody has looked yet."""
-    path = _found(scan, results)
+    path = Path("results", scan, "trees.json")
     return path.stat().st_mtime if path.is_file() else 0.0
-
-
-def _found(scan: str, results: str) -> Path:
-    return Path(results) / scan / "trees.json"

@@ -12,53 +12,38 @@ import fcntl
 import logging
 import os
 import socket
-import time
 from pathlib import Path
 
 logger = logging.getLogger(__name__)
 
 FOLDER = Path(".snakemake")
 
-_POLL_S = 0.1
 _starting: list[int] = []
 _running: list[int] = []  # until the end of the process
 
 
-def begin_start(patience_s: float = 120.0) -> bool:
+def begin_start() -> None:
     """Wait until no other run is starting in this folder; the next one then waits for this one.
 
-    A file system that cannot lock, or a run that takes longer than that to start, is no reason not
-    to go on: Snakemake's own lock is still to come.
-
-    Parameters
-    ----------
-    patience_s : float, default 120
-        Longest wait, seconds.
-
-    Returns
-    -------
-    bool
-        Whether other runs now wait for :func:`end_start`, or for the end of this process.
+    A file system that cannot lock is no reason not to go on: Snakemake's own lock is still to come.
     """
+    end_start()  # of a workflow that this process loaded before
     try:
         FOLDER.mkdir(exist_ok=True)
         starting, running = (
             os.open(FOLDER / name, os.O_RDWR | os.O_CREAT, 0o644)
             for name in ("starting", "running")
         )
-        is_first = _wait(starting, patience_s)
+        _starting.append(starting)
         _running.append(running)
-        if is_first:
-            _starting.append(starting)
-        else:
-            os.close(starting)
-        if is_first and _take(running, fcntl.LOCK_EX):
+        if not _take(starting):
+            logger.warning("another run is starting in this folder; waiting for it")
+            fcntl.flock(starting, fcntl.LOCK_EX)
+        if _take(running):
             _unlock_if_ours(running)
         fcntl.flock(running, fcntl.LOCK_SH)
     except OSError as error:  # a folder that takes no file, a file system without locks
         logger.warning("cannot look for other runs in this folder: %s", error)
-        return False
-    return is_first
 
 
 def end_start() -> None:
@@ -67,22 +52,10 @@ def end_start() -> None:
         os.close(_starting.pop())
 
 
-def _wait(descriptor: int, patience_s: float) -> bool:
-    deadline, is_told = time.monotonic() + patience_s, False
-    while not _take(descriptor, fcntl.LOCK_EX):
-        if time.monotonic() > deadline:
-            logger.warning("another run has been starting in this folder for long; going on")
-            return False
-        if not is_told:
-            logger.warning("another run is starting in this folder; waiting for it")
-            is_told = True
-        time.sleep(_POLL_S)
-    return True
-
-
-def _take(descriptor: int, kind: int) -> bool:
+def _take(descriptor: int) -> bool:
+    """Lock a file for this process alone, if no other has it."""
     try:
-        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True

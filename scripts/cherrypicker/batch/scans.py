@@ -63,9 +63,15 @@ class Scans:
         if scan not in self._known:
             row, settings = self._batch.trees[scan], self._batch.settings_of[scan]
             self._known[scan] = (
-                size_of_photo_scan(row, settings) if row.is_photo_scan else size_of_cloud(row.cloud)
+                size_of_photo_scan(row, settings)
+                if row.is_photo_scan
+                else size_of_cloud(row.cloud, is_labelled=row.has_labelled_cloud())
             )
         return self._known[scan]
+
+    def sizes(self) -> dict[str, ScanSize]:
+        """Return how large each scan of the table is."""
+        return {scan: self.size(scan) for scan in self._batch.trees}
 
     def captures(self, tree: str) -> list[str]:
         """Return what lies in the folder of photos."""

@@ -5,14 +5,12 @@ No single broken file may keep the other trees from being listed.
 
 from __future__ import annotations
 
-import json
 import logging
 import os
-from datetime import datetime
 from pathlib import Path
 
 from cherrypicker.batch.benchmarks import read_benchmarks
-from cherrypicker.batch.stage_costs import STAGES
+from cherrypicker.batch.resources import STAGES
 from cherrypicker.batch.tables import (
     ACCURACY_COLUMNS,
     MEASURE_COLUMNS,
@@ -23,7 +21,8 @@ from cherrypicker.batch.tables import (
     trait_row,
 )
 from cherrypicker.batch.trees import folder_name
-from cherrypicker.files import write_text
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json, write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.report.text import thumbnail_url
 from cherrypicker.runner import status_folder, status_name
@@ -32,8 +31,6 @@ logger = logging.getLogger(__name__)
 
 # Their failure says nothing against traits.json, which was finished before they started.
 _AFTER_TRAITS = frozenset({"compare_measures", "report_tree", "summarise_batch"})
-# Stages in the order in which a tree goes through them
-_ORDER = {rule: place for place, rule in enumerate(STAGES)}
 
 
 def summarise(
@@ -43,7 +40,10 @@ def summarise(
     out_csv: str | os.PathLike,
     out_html: str | os.PathLike,
     benchmarks_dir: str | os.PathLike = "benchmarks",
-    **others: str | os.PathLike,
+    *,
+    measures: str | os.PathLike | None = None,
+    accuracy: str | os.PathLike | None = None,
+    dictionary: str | os.PathLike | None = None,
 ) -> None:
     """Write the tables and the page over all trees of the batch.
 
@@ -56,48 +56,40 @@ def summarise(
         ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
         Table of traits and page to write.
-    **others : path-like
-        ``measures`` and ``accuracy``, tables of hand measurements, and ``dictionary``, which says
-        what the columns of all three are; by default beside the table of traits.
+    measures, accuracy, dictionary : path-like, optional
+        Tables of hand measurements, and what says what the columns of all three are; by default
+        ``measures.csv``, ``accuracy.csv`` and ``datapackage.json`` beside the table of traits.
     """
     beside = Path(out_csv).with_name
-    names = {"measures": "measures.csv", "accuracy": "accuracy.csv"}
-    names["dictionary"] = "datapackage.json"
-    files = {name: Path(others.get(name) or beside(file)) for name, file in names.items()}
-    results = collect_results(trees, results_dir, logs_dir)
+    results = [result_of(row, results_dir, logs_dir) for row in trees]
     series = _failed_series({result.series for result in results}, Path(logs_dir))
     pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
     tables = {
         Path(out_csv): (TRAIT_COLUMNS, map(trait_row, results)),
-        files["measures"]: (MEASURE_COLUMNS, pairs),
-        files["accuracy"]: (ACCURACY_COLUMNS, accuracy_rows(pairs)),
+        Path(measures or beside("measures.csv")): (MEASURE_COLUMNS, pairs),
+        Path(accuracy or beside("accuracy.csv")): (ACCURACY_COLUMNS, accuracy_rows(pairs)),
     }
     for path, (columns, rows) in tables.items():
         write_text(path, csv_text(columns, rows))
-    dictionary = data_package({path.name: columns for path, (columns, _) in tables.items()})
-    write_text(files["dictionary"], dictionary)
+    package = data_package({path.name: columns for path, (columns, _) in tables.items()})
+    write_text(dictionary or beside("datapackage.json"), package)
     costs = read_benchmarks(benchmarks_dir, {result.tree for result in results})
-    stages = sorted(costs, key=lambda rule: _ORDER.get(rule, len(_ORDER)))
-    page = summary_html(results, {rule: costs[rule] for rule in stages}, series)
-    write_text(out_html, page)
+    # In the order in which a tree goes through the stages
+    ordered = {rule: costs[rule] for rule in (*STAGES, *costs) if rule in costs}
+    write_text(out_html, summary_html(results, ordered, series))
 
 
-def collect_results(
-    trees: list[dict], results_dir: str | os.PathLike, logs_dir: str | os.PathLike
-) -> list[TreeResult]:
-    """Return one :class:`TreeResult` a row of the table, in the table's order."""
-    results_dir, logs_dir = Path(results_dir), Path(logs_dir)
-    return [_result_of(row, results_dir, logs_dir) for row in trees]
-
-
-def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
+def result_of(
+    row: dict, results_dir: str | os.PathLike = "results", logs_dir: str | os.PathLike = "logs"
+) -> TreeResult:
+    """Return what the files of a tree tell; its row is as for :func:`summarise`."""
     tree = str(row["tree"])
     result = TreeResult(tree, str(row.get("date") or ""), str(row.get("series") or ""))
-    folder = results_dir / tree
+    folder = Path(results_dir, tree)
     if (folder / "report.html").is_file():
         result.report = f"{tree}/report.html"
     series_page = f"series/{folder_name(result.series)}/report.html"
-    if result.series and (results_dir / series_page).is_file():
+    if result.series and Path(results_dir, series_page).is_file():
         result.series_page = series_page
     result.thumbnail = thumbnail_url(folder / "figures/thumbnail.png")
     traits_path = folder / "traits.json"
@@ -109,7 +101,10 @@ def _result_of(row: dict, results_dir: Path, logs_dir: Path) -> TreeResult:
     if record is None:
         if traits:
             result.status, result.traits = "done", traits
-            result.measures = _measures(folder / "measures.json") if is_measured else []
+            pairs, problem = _read_object(folder / "measures.json") if is_measured else ({}, "")
+            result.measures = pairs.get("measures", [])
+            if problem:
+                logger.warning("%s: %s", folder, problem)
         return result
     _note_failure(result, record)
     if result.stage in _AFTER_TRAITS and traits:
@@ -139,48 +134,32 @@ def _failed_series(names: set[str], logs_dir: Path) -> list[TreeResult]:
     return failed
 
 
-def _measures(path: Path) -> list[dict]:
-    """Return a tree's hand measurements beside ours; none where there is no such file."""
-    content, problem = _read_object(path)
-    if problem:
-        logger.warning("%s: %s", path, problem)
-    return content.get("measures", [])
-
-
 def _failure(status_dir: Path, traits_path: Path | None, is_measured: bool) -> dict | None:
     """Return the record of the stage that keeps this tree from being done, the earliest failed.
 
     A record that is older than the tree's traits belongs to a stage that the tree no longer needs.
     """
     records = []
-    for path in sorted(status_dir.glob("*.json")) if status_dir.is_dir() else []:
+    for path in sorted(status_dir.glob("*.json")):
         record, problem = _read_object(path)
         if problem:
             record = {"rule": path.stem, "state": "failed", "cause": problem, "file": str(path)}
         record.setdefault("rule", path.stem)
         if record["rule"] == "compare_measures" and not is_measured:
             continue
-        is_later = traits_path is None or path.stat().st_mtime >= traits_path.stat().st_mtime
+        written = path.stat().st_mtime
+        is_later = traits_path is None or written >= traits_path.stat().st_mtime
         if is_later or record["rule"] in _AFTER_TRAITS:
-            records.append((record.get("state") == "running", _time(record, path), record))
+            records.append((record.get("state") == "running", written, record))
     return min(records, key=lambda item: item[:2])[2] if records else None
-
-
-def _time(record: dict, path: Path) -> float:
-    try:
-        return datetime.strptime(str(record.get("time")), "%Y-%m-%dT%H:%M:%S%z").timestamp()
-    except ValueError:
-        return path.stat().st_mtime
 
 
 def _read_object(path: Path) -> tuple[dict, str]:
     """Return a JSON object and what is wrong with it; ({}, "") where there is no file."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         return {}, ""
-    except (OSError, ValueError) as error:
-        return {}, f"{path.name} is not readable ({' '.join(str(error).split())})"
-    if not isinstance(content, dict) or not content:
-        return {}, f"{path.name} holds no JSON object"
-    return content, ""
+    try:
+        content = read_json(path)
+    except (OSError, StageError) as error:
+        return {}, f"{path.name} is not readable ({getattr(error, 'cause', error)})"
+    return content, "" if content else f"{path.name} holds no JSON object"

@@ -22,7 +22,6 @@ from cherrypicker.traits.table import TRAITS, Trait
 
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
-
 Field = dict[str, str]  # a field of a Table Schema
 
 
@@ -76,7 +75,6 @@ def accuracy_rows(pairs: Sequence[dict]) -> list[dict]:
     ]
     rows += [
         {"trait": item.trait, "source": item.source, "measured_on": item.measured_on}
-        | dict.fromkeys(("n", "rmse", "bias", "low", "high", "n_intervals", "n_covered"))
         | {"mae": item.mae, "relative_rmse": item.relative_rmse, "r2": item.r2}
         for item in PUBLISHED
         if item.trait in found
@@ -117,19 +115,18 @@ def data_package(tables: Mapping[str, Sequence[Field]]) -> str:
         "name": "cherrypicker-batch",
         "title": "Traits of the trees of a batch, measured by CherryPicker",
         "version": cherrypicker.__version__,
-        "resources": [_resource(name, columns) for name, columns in tables.items()],
+        "resources": [
+            {
+                "name": name.removesuffix(".csv"),
+                "path": name,
+                "profile": "tabular-data-resource",
+                "format": "csv",
+                "mediatype": "text/csv",
+                "encoding": "utf-8",
+                "schema": {"fields": columns}
+                | ({"primaryKey": "tree"} if columns is TRAIT_COLUMNS else {}),
+            }
+            for name, columns in tables.items()
+        ],
     }
     return json.dumps(package, indent=1, ensure_ascii=False) + "\n"
-
-
-def _resource(name: str, columns: Sequence[Field]) -> dict:
-    key = {"primaryKey": "tree"} if columns is TRAIT_COLUMNS else {}
-    return {
-        "name": name.removesuffix(".csv"),
-        "path": name,
-        "profile": "tabular-data-resource",
-        "format": "csv",
-        "mediatype": "text/csv",
-        "encoding": "utf-8",
-        "schema": {"fields": columns, **key},
-    }

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ast
 import hashlib
 import os
-from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -39,8 +38,9 @@ def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list
     return sorted(map(str, found))
 
 
+@cache
 def digest_of_code(
-    script: str | os.PathLike, root: str | os.PathLike, patterns: Iterable[Path] = ()
+    script: str | os.PathLike, root: str | os.PathLike, patterns: tuple[Path, ...] = ()
 ) -> str:
     """Return a digest of the content of a script and what it imports, wherever all that lies.
 
@@ -48,7 +48,7 @@ def digest_of_code(
     ----------
     root : path-like
         The folder that holds the packages.
-    patterns : iterable of Path
+    patterns : tuple of Path
         Files that it reads as well; their last part may be a pattern. One that is missing is for
         the stage to report.
 
@@ -70,28 +70,22 @@ def _content(path: Path) -> bytes:
 @cache
 def _imports_of(path: Path, root: Path) -> set[Path]:
     """The files behind a file's imports, the parents' ``__init__`` included."""
+    modules: set[str] = set()
+    members: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        if isinstance(node, ast.Import):
+            modules.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            modules.add(node.module)
+            members.update(f"{node.module}.{alias.name}" for alias in node.names)
     found: set[Path] = set()
-    for name, members in _names_in(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+    for name in modules | members:
         parts = name.split(".")
         if parts[0] not in PACKAGES:
             continue
         place = root.joinpath(*parts)
-        if not (place.is_dir() or place.with_suffix(".py").is_file()):
+        if name in modules and not (place.is_dir() or place.with_suffix(".py").is_file()):
             raise FileNotFoundError(f"{place} is imported by {path} but does not exist")
-        folders = [root.joinpath(*parts[:depth]) for depth in range(1, len(parts) + 1)]
-        within = [place / member for member in members]
-        files = [folder / "__init__.py" for folder in (*folders, *within)]
-        files += [each.with_suffix(".py") for each in (place, *within)]
-        found.update(filter(Path.is_file, files))
+        files = [root.joinpath(*parts[:depth], "__init__.py") for depth in range(1, len(parts) + 1)]
+        found.update(filter(Path.is_file, [*files, place.with_suffix(".py")]))
     return found - {path}
-
-
-def _names_in(block: ast.AST) -> Iterator[tuple[str, list[str]]]:
-    """Yield what a block imports, and the blocks in it, and from where; no expression does."""
-    for node in ast.iter_child_nodes(block):
-        if isinstance(node, ast.Import):
-            yield from ((alias.name, []) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield node.module or "", [alias.name for alias in node.names]
-        elif isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
-            yield from _names_in(node)

@@ -6,29 +6,13 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from cherrypicker.batch.batch import Batch
 from cherrypicker.errors import StageError
-
-
-def check_results(batch: Batch) -> None:
-    """Refuse a work folder whose results cannot be written.
-
-    Raises
-    ------
-    StageError
-    """
-    trees = dict.fromkeys([*batch.trees, *batch.known()])
-    check_writable(["results", "logs", "benchmarks", *(f"results/{tree}" for tree in trees)])
 
 
 def check_writable(folders: Iterable[str | os.PathLike]) -> None:
     """Refuse folders that cannot be written; one that is not there yet is judged by its parent.
 
     Snakemake itself stops with a traceback, and takes the whole batch with it.
-
-    Parameters
-    ----------
-    folders : iterable of path-like
 
     Raises
     ------

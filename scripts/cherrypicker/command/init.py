@@ -20,10 +20,10 @@ from pathlib import Path
 
 from PIL import ExifTags, Image
 
-from cherrypicker.batch.batch import CONFIG_FILE
+from cherrypicker.batch.config import CONFIG_FILE
 from cherrypicker.batch.trees import folder_name, read_trees
 from cherrypicker.errors import StageError
-from cherrypicker.files import PROJECT, write_text
+from cherrypicker.files import PROJECT, files_with, write_text
 from cherrypicker.intake.kinds import Kind, captures_in, kind_of
 from cherrypicker.intake.stills import tags_of
 from cherrypicker.markers.references import check_scale
@@ -32,14 +32,8 @@ from cherrypicker.sfm.photo_files import MIN_PHOTOS
 
 TABLE_FILE = "config/trees.tsv"
 COLUMNS = (
-    "tree",
-    "photos",
-    "masks",
-    "cloud",
-    "marker_dictionary",
-    "marker_sides_m",
-    "scale",
-    "date",
+    *("tree", "photos", "masks", "cloud"),
+    *("marker_dictionary", "marker_sides_m", "scale", "date"),
 )
 _CLOUD_SUFFIXES = (".ply", ".las", ".laz")
 _OWN_FOLDERS = ("config", "results", "logs", "benchmarks", "check")
@@ -78,14 +72,9 @@ def main(arguments: Sequence[str]) -> int:
     if args.photos and not Path(args.photos).is_dir():
         raise StageError("no such folder, nothing was written", file=args.photos, key="--photos")
     rows = []
-    for row in find_scans(Path(args.photos) if args.photos else folder, folder):
-        if row["photos"]:
-            row |= {
-                "marker_dictionary": args.marker_dictionary,
-                "marker_sides_m": args.marker_sides_m,
-                "scale": args.scale,
-            }
-        rows.append("\t".join(row.get(name, "") for name in COLUMNS))
+    for row in find_scans(Path(args.photos or folder), folder):
+        told = vars(args) if row["photos"] else {}  # the marker's columns, of photos alone
+        rows.append("\t".join(row.get(name) or told.get(name, "") for name in COLUMNS))
     table = _TABLE_HEAD + "\n".join(["\t".join(COLUMNS), *rows]) + "\n"
     write_text(folder / TABLE_FILE, table)
     write_text(folder / CONFIG_FILE, commented_config())
@@ -114,45 +103,45 @@ def find_scans(root: Path, folder: Path) -> Iterator[dict[str, str]]:
     folder : Path
         The work folder: paths inside it are written as seen from there.
     """
+    # From the root of the disk, links as they are
+    root, folder = (Path(os.path.abspath(path)) for path in (root, folder))
+
+    def as_seen(path: Path) -> str:
+        return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
+
     seen: set[str] = set()
-    walked = [(place, files, captures_in(place)) for place, files in _folders(root)]
-    masks = _mask_folders({place: photos for place, _, photos in walked if photos})
-    for place, files, photos in walked:
+    captures = {place: captures_in(place) for place in _folders(root)}
+    masks = _mask_folders(captures)
+    for place, photos in captures.items():
         if place in masks.values():
             continue
-        has_film = any(kind_of(path) is Kind.VIDEO for path in photos)
-        if len(photos) >= MIN_PHOTOS or has_film:
-            tree = _id_of(_absolute(place), _absolute(root), seen)
-            row = {"tree": tree, "photos": _as_seen(place, folder), "date": date_of(photos[0])}
-            yield row | ({"masks": _as_seen(masks[place], folder)} if place in masks else {})
-        for name in sorted(files):
-            if Path(name).suffix.lower() in _CLOUD_SUFFIXES and not name.startswith("."):
-                path = Path(place, name)
-                tree = _id_of(_absolute(path).with_suffix(""), _absolute(root), seen)
-                yield {"tree": tree, "photos": "", "cloud": _as_seen(path, folder)}
+        if len(photos) >= MIN_PHOTOS or any(kind_of(path) is Kind.VIDEO for path in photos):
+            row = {"photos": as_seen(place), "date": date_of(photos[0])}
+            row |= {"masks": as_seen(masks[place])} if place in masks else {}
+            yield {"tree": _id_of(place, root, seen)} | row
+        for path in files_with(place, _CLOUD_SUFFIXES):
+            tree = _id_of(path.with_suffix(""), root, seen)
+            yield {"tree": tree, "photos": "", "cloud": as_seen(path)}
 
 
-def _folders(root: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield every folder below `root` once, with its files; what is linked after what is there."""
-    waiting, seen = [os.fspath(root)], set()
-    here = os.path.realpath(root)
+def _folders(root: Path) -> Iterator[Path]:
+    """Yield every folder below `root` once; what is linked after what is there, nothing upward."""
+    waiting, seen = [root], set(root.resolve().parents)
     while waiting:
-        for place, names, files in os.walk(waiting.pop(0)):
-            real = os.path.realpath(place)
-            is_above = place != os.fspath(root) and os.path.commonpath([real, here]) == real
-            if real in seen or is_above:
-                names[:] = []
-                continue
-            seen.add(real)
+        for place, names, _ in os.walk(waiting.pop(0)):
+            real = Path(place).resolve()
             names[:] = sorted(
-                name for name in names if not name.startswith(".") and name not in _OWN_FOLDERS
+                name
+                for name in names
+                if real not in seen and not name.startswith(".") and name not in _OWN_FOLDERS
             )
-            links = (os.path.join(place, name) for name in names)
-            waiting += filter(os.path.islink, links)
-            yield place, files
+            if real not in seen:
+                yield Path(place)
+            seen.add(real)
+            waiting += [path for name in names if (path := Path(place, name)).is_symlink()]
 
 
-def _mask_folders(captures: dict[str, list[Path]]) -> dict[str, str]:
+def _mask_folders(captures: dict[Path, list[Path]]) -> dict[Path, Path]:
     """Return the folder of masks of each folder of photos that has one, in it or beside it.
 
     Masks are grey PNG files, each of which bears the name of a photo.
@@ -161,15 +150,15 @@ def _mask_folders(captures: dict[str, list[Path]]) -> dict[str, str]:
         place: {name for path in photos for name in (path.name, path.stem)}
         for place, photos in captures.items()
     }
-    found: dict[str, str] = {}
+    found: dict[Path, Path] = {}
     for place, pictures in captures.items():
-        if not all(path.suffix.lower() == ".png" and _is_grey(path) for path in pictures):
+        are_masks = all(path.suffix.lower() == ".png" and _is_grey(path) for path in pictures)
+        if not (pictures and are_masks):
             continue
         photos = [
             other
             for other in captures
-            if _is_beside(Path(place), Path(other))
-            and all(path.stem in names[other] for path in pictures)
+            if _is_beside(place, other) and all(path.stem in names[other] for path in pictures)
         ]
         if len(photos) == 1:
             found.setdefault(photos[0], place)
@@ -203,17 +192,6 @@ def _id_of(path: Path, root: Path, seen: set[str]) -> str:
         name += "_"
     seen.add(name.casefold())
     return name
-
-
-def _absolute(path: str | Path) -> Path:
-    """Return a path from the root, a link left as it is."""
-    return Path(os.path.abspath(path))
-
-
-def _as_seen(path: str | Path, folder: Path) -> str:
-    """Return a path as seen from the work folder where it lies in it, else from the root."""
-    path, folder = _absolute(path), _absolute(folder)
-    return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
 
 
 def date_of(photo: Path) -> str:

@@ -17,10 +17,11 @@ import json
 import logging
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +33,7 @@ import snakemake_logger_plugin_cherrypicker
 from cherrypicker.command.time_left import TimeLeft, seconds_of_stages
 from cherrypicker.command.work_folder import batch_here, enter, folder_parser
 from cherrypicker.errors import StageError
-from cherrypicker.files import PROJECT
+from cherrypicker.files import PROJECT, read_json
 from cherrypicker.progress import duration
 from cherrypicker.runner import NO_TREE, status_folder, status_name, told_of
 from snakemake_logger_plugin_cherrypicker import SEPARATOR
@@ -51,25 +52,32 @@ def main(arguments: Sequence[str]) -> int:
     """Run Snakemake; return its exit status."""
     args, options = parser.parse_known_args(arguments)
     enter(args.directory)
-    command = snakemake_command(options)
+    snakefile = str(PROJECT / "Snakefile")
+    command = [sys.executable, "-m", "snakemake", "--snakefile", snakefile]
+    command += ["--directory", os.getcwd(), *options]
     width = None if sys.stdout.isatty() else FILE_WIDTH
     console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
     console.print(f"running: {shlex.join(command)}")
     if args.plain:
         return subprocess.run(command, check=False).returncode
+    plugins = Path(snakemake_logger_plugin_cherrypicker.__file__).parents[1]
+    path = os.pathsep.join(filter(None, [str(plugins), os.environ.get("PYTHONPATH")]))
     view, start = _View(console, TimeLeft(_forecast())), time.time()
+    # An interrupt reaches Snakemake as well, which then ends in its own time
+    on_interrupt = signal.signal(signal.SIGINT, lambda *_: None)
     with subprocess.Popen(
         [*command, "--logger", "cherrypicker"],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         errors="replace",
-        env=_with_plugin(os.environ),
+        env=os.environ | {"PYTHONPATH": path},
     ) as process:
         assert process.stdout is not None
         with view.progress:
-            for line in _lines(process.stdout):
+            for line in process.stdout:
                 view.take(line.rstrip("\n"))
+    signal.signal(signal.SIGINT, on_interrupt)
     view.close()
     if view.has_run:
         log = max(LOGS.glob("*.log"), default=LOGS)
@@ -81,41 +89,12 @@ def main(arguments: Sequence[str]) -> int:
     return process.returncode
 
 
-def _with_plugin(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment with the package of the logger plugin on Python's path."""
-    folder = os.fspath(Path(snakemake_logger_plugin_cherrypicker.__file__).parents[1])
-    paths = [folder, *filter(None, [environment.get("PYTHONPATH")])]
-    return {**environment, "PYTHONPATH": os.pathsep.join(paths)}
-
-
 def _forecast() -> dict[str, float]:
     """Seconds of the stages; none where Snakemake's options name another table or config."""
     try:
         return seconds_of_stages(batch_here())
     except (StageError, OSError):
         return {}
-
-
-def snakemake_command(options: Sequence[str]) -> list[str]:
-    """Return the command that runs this clone's workflow in the current folder."""
-    snakefile = str(PROJECT / "Snakefile")
-    folder = os.getcwd()
-    return [
-        *(sys.executable, "-m", "snakemake", "--snakefile", snakefile),
-        *("--directory", folder, *options),
-    ]
-
-
-def _lines(stream: Iterable[str]) -> Iterable[str]:
-    """Yield lines; an interrupt reaches Snakemake as well, which then ends in its own time."""
-    lines = iter(stream)
-    while True:
-        try:
-            yield next(lines)
-        except StopIteration:
-            return
-        except KeyboardInterrupt:
-            continue
 
 
 @dataclass
@@ -141,11 +120,11 @@ class _Job:
         folder = status_folder(self.wildcards.get("tree", NO_TREE))
         note = folder / status_name(self.rule, others)
         try:
-            told = json.loads(note.read_text(encoding="utf-8"))
+            told = read_json(note)
             if told["state"] == "failed" and note.stat().st_mtime >= self.start - _CLOCKS_DIFFER_S:
                 failure = StageError(told["cause"], file=told["file"], key=told["key"])
                 return f"{failure.describe()}; log: {told['log']}"
-        except (OSError, ValueError, LookupError, TypeError):
+        except (OSError, StageError):
             pass
         log = f"; log: {self.log[0]}" if self.log else ""
         return self.last_words or f"it ended without a word (killed, or out of memory?){log}"
@@ -177,9 +156,35 @@ class _View:
             self._said_by_job(line)
             return
         told = json.loads(line[len(SEPARATOR) :])
-        show = getattr(self, f"_{told['event']}", None)
-        if show:
-            show(told)
+        match told["event"]:
+            case "run_info":
+                stats = (told["stats"] or {}).items()
+                self.time_left.waiting.update({rule: n for rule, n in stats if rule != "total"})
+            case "resources_info":
+                self.time_left.cores = told["cores"] or self.time_left.cores
+            case "job_started":
+                self.has_run = True
+            case "job_info":
+                name = told["rule_msg"] or told["rule_name"]
+                if told["jobid"] in self._failed:
+                    self.console.print(f"again: {name}")
+                task = self.progress.add_task(name, total=None, said="")
+                self._jobs[told["jobid"]] = _Job(
+                    told["rule_name"], name, told["wildcards"], told["log"], time.time(), task
+                )
+            case "job_finished" if job := self._end(told["job_id"]):
+                self.time_left.finish(job.rule)
+                self._last = f"{job.name}, {duration(time.time() - job.start)}"
+            case "job_error" if job := self._end(told["jobid"]):
+                self.time_left.fail(job.rule)
+                self._failed.add(told["jobid"])
+                self.console.print(f"FAILED {job.whose}: {job.cause()}")
+            case "progress":
+                done, total = told["done"], told["total"]
+                left = f"about {duration(self.time_left.left_s())} left"
+                steps = f"{done} of {total}, {left}"
+                self.progress.update(self._all, total=total, completed=done, said=steps)
+                self.console.print(f"[{done}/{total}] {self._last}; {left}")
         is_job = self.has_run and told.get("exception") == "RuleException"  # told as its failure
         if not told.get("text") or is_job:
             return
@@ -192,45 +197,6 @@ class _View:
         """Show what Snakemake said where it ran nothing."""
         if not self.has_run:
             self.console.print("\n".join(self._head))
-
-    def _run_info(self, told: dict) -> None:
-        self.time_left.waiting.update(
-            {rule: count for rule, count in (told["stats"] or {}).items() if rule != "total"}
-        )
-
-    def _resources_info(self, told: dict) -> None:
-        self.time_left.cores = told["cores"] or self.time_left.cores
-
-    def _job_started(self, told: dict) -> None:
-        self.has_run = True
-
-    def _job_info(self, told: dict) -> None:
-        name = told["rule_msg"] or told["rule_name"]
-        if told["jobid"] in self._failed:
-            self.console.print(f"again: {name}")
-        task = self.progress.add_task(name, total=None, said="")
-        self._jobs[told["jobid"]] = _Job(
-            told["rule_name"], name, told["wildcards"], told["log"], time.time(), task
-        )
-
-    def _job_finished(self, told: dict) -> None:
-        job = self._end(told["job_id"])
-        if job:
-            self.time_left.finish(job.rule)
-            self._last = f"{job.name}, {duration(time.time() - job.start)}"
-
-    def _progress(self, told: dict) -> None:
-        left = f"about {duration(self.time_left.left_s())} left"
-        steps = f"{told['done']} of {told['total']}, {left}"
-        self.progress.update(self._all, total=told["total"], completed=told["done"], said=steps)
-        self.console.print(f"[{told['done']}/{told['total']}] {self._last}; {left}")
-
-    def _job_error(self, told: dict) -> None:
-        job = self._end(told["jobid"])
-        if job:
-            self.time_left.fail(job.rule)
-            self._failed.add(told["jobid"])
-            self.console.print(f"FAILED {job.whose}: {job.cause()}")
 
     def _end(self, number: int) -> _Job | None:
         job = self._jobs.pop(number, None)

@@ -6,10 +6,9 @@ import threading
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch
-from cherrypicker.batch.config import lookup
 from cherrypicker.command.work_folder import results_of
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path, parse_yaml
+from cherrypicker.files import atomic_path
 from cherrypicker.skeleton import read_skeleton
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 
@@ -24,8 +23,8 @@ def edits_file(batch: Batch, tree: str) -> Path:
     StageError
         If the config names none, or one outside the work folder.
     """
-    name = lookup(batch.settings_for(tree), "graph.edits")
-    path = Path(name.replace("{tree}", tree))
+    name = batch.edits_of(tree)
+    path = Path(name)
     if not name or not path.resolve().is_relative_to(Path.cwd().resolve()):
         raise StageError(
             f"tree {tree}: edits are written to a file in the work folder alone",
@@ -55,11 +54,10 @@ def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
         For what is no list of edits, is of another tree, or would close a cycle.
     """
     path = edits_file(batch, tree)
-    _refuse_odd_yaml(body, tree, path)
     with _writing, atomic_path(path) as temporary:
         temporary.write_bytes(body)
         try:
-            edits = read_edits(temporary)
+            edits = read_edits(temporary, tree)
             _, report = apply_edits(read_skeleton(_edited_skeleton(tree)), edits)
         except StageError as error:
             raise StageError(error.cause, file=path, key=error.key) from error
@@ -79,14 +77,3 @@ def _edited_skeleton(tree: str) -> Path:
     )
     is_edited = report.is_file() and report.stat().st_mtime_ns >= skeleton.stat().st_mtime_ns
     return solved if is_edited and solved.is_file() else skeleton
-
-
-def _refuse_odd_yaml(body: bytes, tree: str, path: Path) -> None:
-    """Refuse another tree's edits, and what a short text can make a reader work long with."""
-    try:
-        content = parse_yaml(body.decode("utf-8"))
-    except ValueError as error:
-        raise StageError(f"no valid YAML ({error})", file=path) from error
-    named = content.get("tree", tree) if isinstance(content, dict) else tree
-    if named != tree:
-        raise StageError(f"the edits are of tree {named!r}, not of {tree!r}", file=path, key="tree")

@@ -77,6 +77,7 @@ class _RefusedError(Exception):
 class Handler(SimpleHTTPRequestHandler):
     """Answers one request."""
 
+    server: Server
     server_version, sys_version = "CherryPicker", ""
     timeout = _PATIENCE_S
 
@@ -129,7 +130,7 @@ class Handler(SimpleHTTPRequestHandler):
 
     def _refuse_foreign(self) -> None:
         """Refuse what is not asked of this host, or by a page of another one."""
-        own = {f"{name}:{self._own.server_port}" for name in _OWN_NAMES}
+        own = {f"{name}:{self.server.server_port}" for name in _OWN_NAMES}
         if self.headers.get("Host") not in own:
             raise _RefusedError(HTTPStatus.FORBIDDEN, "this server answers to localhost alone")
         origin = self.headers.get("Origin")
@@ -150,17 +151,12 @@ class Handler(SimpleHTTPRequestHandler):
     def _tree(self) -> str:
         """Return the tree of a request for edits."""
         tree = unquote(urlsplit(self.path).path.removeprefix(API))
-        if not self._own.batch.has(tree):
+        if not self.server.batch.has(tree):
             raise _RefusedError(HTTPStatus.NOT_FOUND, f"there is no tree {tree!r} in the table")
         return tree
 
-    @property
-    def _own(self) -> Server:
-        assert isinstance(self.server, Server)
-        return self.server
-
     def _send_edits(self, tree: str) -> None:
-        path = edits_file(self._own.batch, tree)
+        path = edits_file(self.server.batch, tree)
         if not path.is_file():
             self.send_response(HTTPStatus.NO_CONTENT)
             self.end_headers()
@@ -176,7 +172,7 @@ class Handler(SimpleHTTPRequestHandler):
             raise _RefusedError(HTTPStatus.FORBIDDEN, reason)
         if self.headers.get_content_type() != _YAML:
             raise _RefusedError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"edits are {_YAML}")
-        self._send_json(HTTPStatus.OK, save_edits(self._own.batch, tree, self._body()))
+        self._send_json(HTTPStatus.OK, save_edits(self.server.batch, tree, self._body()))
 
     def _body(self) -> bytes:
         length = self.headers.get("Content-Length", "")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Mapping
+from statistics import mean
 
 from cherrypicker.batch.batch import Batch
-from cherrypicker.batch.forecast import forecast_stages, read_corrections
+from cherrypicker.batch.forecast import forecast_jobs, read_corrections
+from cherrypicker.batch.resources import STAGES
 from cherrypicker.batch.scans import Scans
 
 # Rules of another name that do the work of a stage of the forecast
@@ -22,11 +24,10 @@ _ENOUGH_DONE = 0.05
 
 def seconds_of_stages(batch: Batch) -> dict[str, float]:
     """Return the CPU seconds of a job of each stage, the mean over the batch's trees."""
-    known = Scans(batch)
-    scans = {name: known.size(name) for name in batch.trees}
-    corrections = read_corrections("benchmarks", scans)
-    stages = forecast_stages(scans, batch.ready_clouds()[0], corrections)
-    return {row.rule: 3600.0 * row.cpu_hours / row.n_jobs for row in stages}
+    scans = Scans(batch).sizes()
+    jobs = forecast_jobs(scans, read_corrections("benchmarks", scans))
+    found = {rule: [job.cpu_s for job in jobs if job.rule == rule] for rule in STAGES}
+    return {rule: mean(seconds) for rule, seconds in found.items() if seconds}
 
 
 class TimeLeft:

@@ -6,8 +6,8 @@ import argparse
 import os
 from pathlib import Path
 
-from cherrypicker.batch.batch import CONFIG_FILE, Batch, read_batch
-from cherrypicker.batch.config import read_config_file
+from cherrypicker.batch.batch import Batch, read_batch
+from cherrypicker.batch.config import CONFIG_FILE, read_config_file
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
 from cherrypicker.runner import SCHEMA_FILE

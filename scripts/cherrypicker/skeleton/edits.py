@@ -52,12 +52,14 @@ class Edit:
         return f"{self.kind} {places}"
 
 
-def read_edits(path: str | os.PathLike) -> list[Edit]:
+def read_edits(path: str | os.PathLike, tree: str | None = None) -> list[Edit]:
     """Read a tree's edits: a YAML list under ``edits``, applied in its order.
 
     Parameters
     ----------
     path : path-like
+    tree : str, optional
+        The only tree that a key ``tree`` beside ``edits`` may name.
 
     Returns
     -------
@@ -66,13 +68,16 @@ def read_edits(path: str | os.PathLike) -> list[Edit]:
     Raises
     ------
     StageError
-        If the file cannot be read or an entry is no edit.
+        If the file cannot be read, is of another tree, or an entry is no edit.
     """
     try:
         content = parse_yaml(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise StageError(f"the edits cannot be read ({error})", file=path) from error
-    entries = content.get("edits") if isinstance(content, dict) else None
+    content = content if isinstance(content, dict) else {}
+    named, entries = content.get("tree", tree), content.get("edits")
+    if tree is not None and named != tree:
+        raise StageError(f"the edits are of tree {named!r}, not of {tree!r}", file=path, key="tree")
     if not isinstance(entries, list):
         raise StageError("no list under 'edits'", file=path, key="edits")
     return [_parsed(entry, number, path) for number, entry in enumerate(entries, start=1)]
