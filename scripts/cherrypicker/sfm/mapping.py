@@ -18,7 +18,7 @@ from cherrypicker.sfm.agreement import (
     measure_agreement,
     read_verified_pairs,
 )
-from cherrypicker.sfm.database import image_ids
+from cherrypicker.sfm.database import image_ids, verified_pairs
 from cherrypicker.sfm.features import FeatureOptions
 from cherrypicker.sfm.matching import PairOptions, add_guided_matches, match_pooled
 from cherrypicker.sfm.policies import (
@@ -296,13 +296,11 @@ class _Mapper:
 
     def _verify_again(self, database: Path, max_error_px: float) -> None:
         with pycolmap.Database.open(database) as opened:
-            pair_ids, geometries = opened.read_two_view_geometries()
-            for pair_id, geometry in zip(pair_ids, geometries):
-                if len(geometry.inlier_matches):  # keeps what guided matching added
-                    first, second = pycolmap.pair_id_to_image_pair(pair_id)
-                    if opened.exists_matches(first, second):
-                        opened.delete_matches(first, second)
-                    opened.write_matches(first, second, geometry.inlier_matches)
+            for pair, geometry in verified_pairs(opened).items():
+                # Keeps what guided matching added
+                if opened.exists_matches(*pair):
+                    opened.delete_matches(*pair)
+                opened.write_matches(*pair, geometry.inlier_matches)
             opened.clear_two_view_geometries()
         verifier = pycolmap.GeometricVerifierOptions()
         verifier.num_threads = self.threads

@@ -23,6 +23,7 @@ from cherrypicker.sfm.database import (
     publish_database,
     rename_images,
     verified_inliers,
+    verified_pairs,
     watched_table,
 )
 from cherrypicker.sfm.features import FeatureOptions, pool_descriptors
@@ -164,16 +165,13 @@ def match_pooled(
     add_guided_matches(working, options, seed=seed, threads=threads)
     n_taken = 0
     with pycolmap.Database.open(working) as found, pycolmap.Database.open(database) as opened:
-        pair_ids, geometries = found.read_two_view_geometries()
-        for pair_id, geometry in zip(pair_ids, geometries):
-            pair = pycolmap.pair_id_to_image_pair(pair_id)
+        for pair, geometry in verified_pairs(found).items():
             has = opened.exists_two_view_geometry(*pair)
             before = len(opened.read_two_view_geometry(*pair).inlier_matches) if has else 0
-            if len(geometry.inlier_matches) <= before:
-                continue
-            write = opened.update_two_view_geometry if has else opened.write_two_view_geometry
-            write(*pair, geometry)
-            n_taken += 1
+            if len(geometry.inlier_matches) > before:
+                write = opened.update_two_view_geometry if has else opened.write_two_view_geometry
+                write(*pair, geometry)
+                n_taken += 1
     working.unlink()
     logger.info(
         "pooled descriptors of %d photos: %d of %d pairs took their matches",
@@ -213,22 +211,16 @@ def add_guided_matches(
     verification = options.verification(seed, share=0.5)
     max_distance = pycolmap.SiftMatchingOptions().max_distance
     with pycolmap.Database.open(database) as opened:
-        pair_ids, geometries = opened.read_two_view_geometries()
-        todo = [
-            (pycolmap.pair_id_to_image_pair(pair_id), geometry)
-            for pair_id, geometry in zip(pair_ids, geometries)
-            if len(geometry.inlier_matches) >= options.min_inliers
-        ]
-        wanted = sorted({image_id for pair, _ in todo for image_id in pair})
+        pairs = verified_pairs(opened, options.min_inliers)
+        wanted = sorted({image_id for pair in pairs for image_id in pair})
         features = {image_id: read_features(opened, image_id) for image_id in wanted}
         before = after = 0
 
-        def search(item: tuple) -> pycolmap.TwoViewGeometry | None:
-            (first, second), geometry = item
+        def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry | None:
             return tight_guided_matches(
-                features[first],
-                features[second],
-                geometry,
+                features[pair[0]],
+                features[pair[1]],
+                pairs[pair],
                 verification,
                 max_ratio=options.max_match_ratio,
                 max_distance=max_distance,
@@ -236,16 +228,16 @@ def add_guided_matches(
 
         with (
             ThreadPoolExecutor(threads) as pool,
-            Progress(len(todo), "pairs matched again, guided") as bar,
+            Progress(len(pairs), "pairs matched again, guided") as bar,
         ):
-            for ((first, second), geometry), found in zip(todo, pool.map(search, todo)):
+            for (pair, geometry), found in zip(pairs.items(), pool.map(search, pairs)):
                 before += len(geometry.inlier_matches)
                 after += len((found or geometry).inlier_matches)
                 if found is not None:
-                    opened.update_two_view_geometry(first, second, found)
+                    opened.update_two_view_geometry(*pair, found)
                 bar.step()
     logger.info(
-        "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(todo), f"{after:,}"
+        "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(pairs), f"{after:,}"
     )
     return after - before
 

@@ -17,6 +17,7 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.progress import Progress
+from cherrypicker.sfm.database import verified_pairs
 from cherrypicker.sfm.guided import PhotoFeatures, guided_matches, read_features
 
 logger = logging.getLogger(__name__)
@@ -98,23 +99,30 @@ def match_by_poses(
     shutil.copyfile(source, target)
     band = options.band_errors * model.compute_mean_reprojection_error()
     band = min(max(band, options.min_band_px), max_error_px)
+    registered = set(model.reg_image_ids())
     with pycolmap.Database.open(target) as database:
-        verified = _verified(database, model)
+        verified = {
+            pair: geometry
+            for pair, geometry in verified_pairs(database).items()
+            if registered.issuperset(pair)
+        }
         pairs = sorted(overlapping_pairs(model, options) | set(verified))
         cameras = {i: model.cameras[model.images[i].camera_id] for pair in pairs for i in pair}
         features = {i: read_features(database, i, camera) for i, camera in cameras.items()}
         database.clear_two_view_geometries()
 
         def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry:
-            return _match_pair(model, pair, features, band, options.rematch_ratio)
+            guided = _match_pair(model, pair, features, band, options.rematch_ratio)
+            own = verified.get(pair, guided)
+            contradicts = 2 * len(guided.inlier_matches) < len(own.inlier_matches)
+            return own if contradicts else guided
 
         n_matches = 0
         with (
             ThreadPoolExecutor(threads) as pool,
             Progress(len(pairs), "pairs matched again by their poses") as bar,
         ):
-            for pair, guided in zip(pairs, pool.map(search, pairs)):
-                found = _less_contradicted(guided, verified.get(pair))
+            for pair, found in zip(pairs, pool.map(search, pairs)):
                 if len(found.inlier_matches):
                     database.write_two_view_geometry(*pair, found)
                 n_matches += len(found.inlier_matches)
@@ -128,14 +136,6 @@ def match_by_poses(
         len(pairs),
     )
     return n_matches
-
-
-def _less_contradicted(
-    guided: pycolmap.TwoViewGeometry, verified: pycolmap.TwoViewGeometry | None
-) -> pycolmap.TwoViewGeometry:
-    if verified is None or 2 * len(guided.inlier_matches) >= len(verified.inlier_matches):
-        return guided
-    return verified
 
 
 def overlapping_pairs(
@@ -182,19 +182,6 @@ def _view(
     rays = local @ pose[:, :3]
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     return inside & (local[:, 2] > 0), rays
-
-
-def _verified(
-    database: pycolmap.Database, model: pycolmap.Reconstruction
-) -> dict[tuple[int, int], pycolmap.TwoViewGeometry]:
-    """Read the verified pairs among the registered photos, the smaller id first."""
-    registered = set(model.reg_image_ids())
-    pair_ids, geometries = database.read_two_view_geometries()
-    return {
-        pair: geometry
-        for pair, geometry in zip(map(pycolmap.pair_id_to_image_pair, pair_ids), geometries)
-        if len(geometry.inlier_matches) and registered.issuperset(pair)
-    }
 
 
 def _match_pair(
