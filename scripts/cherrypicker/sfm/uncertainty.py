@@ -48,8 +48,13 @@ def camera_uncertainty(model: pycolmap.Reconstruction) -> dict[str, float] | Non
         return None
     centers = _centers(model, ids)
     centers = centers - centers.mean(axis=0)
-    free = _without_similarities(covariance, centers)
-    variance = np.einsum("iaia->i", free.reshape(len(ids), 3, len(ids), 3))
+    # Shifts, turns and scale of all cameras together are no error
+    moves = [np.broadcast_to(axis, centers.shape).ravel() for axis in np.eye(3)]
+    moves += [np.cross(axis, centers).ravel() for axis in np.eye(3)]
+    basis = np.linalg.qr(np.column_stack([*moves, centers.ravel()]))[0]
+    left = covariance - basis @ (basis.T @ covariance)
+    left = left - (left @ basis) @ basis.T
+    variance = np.diagonal(left).reshape(-1, 3).sum(axis=1)
     share = model.compute_mean_reprojection_error() / np.median(np.linalg.norm(centers, axis=1))
     errors = share * np.sqrt(np.maximum(variance, 0.0))
     return {model.images[i].name: float(error) for i, error in zip(ids, errors)}
@@ -154,41 +159,18 @@ def _covariance(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray | 
     wanted.params = pycolmap.BACovarianceOptionsParams.POSES
     wanted.damping = DAMPING
     found = pycolmap.estimate_ba_covariance(wanted, model, adjuster)
-    if found is None:
+    if found is None or any(found.get_cam_cov_from_world(i) is None for i in ids):
         return None
-    turns = [_center_by_pose(model.images[i].cam_from_world()) for i in ids]
-    covariance = np.zeros((3 * len(ids), 3 * len(ids)))
-    for a in range(len(ids)):
-        for b in range(a, len(ids)):
-            if a == b:
-                block = found.get_cam_cov_from_world(ids[a])
-            else:
-                block = found.get_cam_cross_cov_from_world(ids[a], ids[b])
-            if block is None:
-                return None
-            block = turns[a] @ block @ turns[b].T
-            covariance[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] = block
-            covariance[3 * b : 3 * b + 3, 3 * a : 3 * a + 3] = block.T
-    return covariance
+    moves = []  # how each centre -R^T t moves with its pose (rotation, translation), (3, 6)
+    for i in ids:
+        pose = model.images[i].cam_from_world()
+        R, (x, y, z) = pose.rotation.matrix(), pose.translation
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        moves.append(np.hstack([-R.T @ cross, -R.T]))
 
+    def block(a: int, b: int) -> np.ndarray:
+        cross = found.get_cam_cross_cov_from_world(ids[a], ids[b])
+        return moves[a] @ cross @ moves[b].T
 
-def _center_by_pose(pose: pycolmap.Rigid3d) -> np.ndarray:
-    """How a camera's centre -R^T t moves with its pose (rotation, translation), (3, 6)."""
-    R, (x, y, z) = pose.rotation.matrix(), pose.translation
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.hstack([-R.T @ cross, -R.T])
-
-
-def _without_similarities(covariance: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    """Take shifts, turns and scale of all centres (n, 3) out of their covariance (3 n, 3 n)."""
-    basis = _similarities(centers)
-    left = covariance - basis @ (basis.T @ covariance)
-    return left - (left @ basis) @ basis.T
-
-
-def _similarities(centers: np.ndarray) -> np.ndarray:
-    """Orthonormal small shifts, turns and scale of all centres (n, 3), (3 n, 7)."""
-    axes = np.eye(3)
-    moves = [np.broadcast_to(axis, centers.shape).ravel() for axis in axes]
-    moves += [np.cross(axis, centers).ravel() for axis in axes]
-    return np.linalg.qr(np.column_stack([*moves, centers.ravel()]))[0]
+    rows = range(len(ids))
+    return np.block([[block(a, b) if a < b else block(b, a).T for b in rows] for a in rows])
