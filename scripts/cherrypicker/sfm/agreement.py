@@ -94,5 +94,5 @@ def _errors(model: pycolmap.Reconstruction, pair: VerifiedPair) -> np.ndarray:
     second_from_first = second.cam_from_world() * first.cam_from_world().inverse()
     E = pycolmap.essential_matrix_from_pose(second_from_first)
     focal = np.mean([camera.mean_focal_length() for camera in cameras])
-    errors = focal * np.sqrt(pycolmap.compute_squared_sampson_error(*rays, E))
+    errors = focal * np.sqrt(pycolmap.compute_squared_sampson_error(rays[0], rays[1], E))
     return np.where(np.isfinite(errors), errors, np.inf)

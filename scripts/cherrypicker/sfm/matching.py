@@ -209,7 +209,6 @@ def add_guided_matches(
         Number of matches added over all pairs.
     """
     verification = options.verification(seed, share=0.5)
-    max_distance = pycolmap.SiftMatchingOptions().max_distance
     with pycolmap.Database.open(database) as opened:
         pairs = verified_pairs(opened, options.min_inliers)
         wanted = sorted({image_id for pair in pairs for image_id in pair})
@@ -217,14 +216,8 @@ def add_guided_matches(
         before = after = 0
 
         def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry | None:
-            return tight_guided_matches(
-                features[pair[0]],
-                features[pair[1]],
-                pairs[pair],
-                verification,
-                max_ratio=options.max_match_ratio,
-                max_distance=max_distance,
-            )
+            sides = features[pair[0]], features[pair[1]]
+            return tight_guided_matches(*sides, pairs[pair], verification, options.max_match_ratio)
 
         with (
             ThreadPoolExecutor(threads) as pool,

@@ -11,14 +11,17 @@ import logging
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
+from cherrypicker.placement.region import frames
 from cherrypicker.progress import Progress
 from cherrypicker.sfm.database import verified_pairs
-from cherrypicker.sfm.guided import PhotoFeatures, guided_matches, read_features
+from cherrypicker.sfm.export import poses_of, registered_photos
+from cherrypicker.sfm.guided import guided_matches, read_features
 
 logger = logging.getLogger(__name__)
 
@@ -112,7 +115,13 @@ def match_by_poses(
         database.clear_two_view_geometries()
 
         def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry:
-            guided = _match_pair(model, pair, features, band, options.rematch_ratio)
+            first, second = (model.images[i].cam_from_world() for i in pair)
+            guided = pycolmap.TwoViewGeometry()
+            guided.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+            guided.cam2_from_cam1 = second * first.inverse()
+            guided.E = pycolmap.essential_matrix_from_pose(guided.cam2_from_cam1)
+            sides = features[pair[0]], features[pair[1]]
+            guided.inlier_matches = guided_matches(*sides, guided, band, options.rematch_ratio)
             own = verified.get(pair, guided)
             contradicts = 2 * len(guided.inlier_matches) < len(own.inlier_matches)
             return own if contradicts else guided
@@ -147,61 +156,22 @@ def overlapping_pairs(
     """
     points = np.array([point.xyz for _, point in sorted(model.points3D.items())]).reshape(-1, 3)
     points = points[:: max(len(points) // N_POINTS, 1)]
-    ids = sorted(model.reg_image_ids())
-    views = [_view(model, image_id, points) for image_id in ids]
+    ids = np.array([image.image_id for image in registered_photos(model)])
+    poses, ids = poses_of(model).select(np.argsort(ids)), np.sort(ids)
+    seen = [frames(poses, i, points, 0.0) for i in range(len(poses))]
+    rays = points - poses.centers[:, None]  # (n_photos, n_points, 3)
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
     least = max(options.min_shared * len(points), 1)
     cosine = np.cos(np.radians(options.max_pair_angle_deg))
-    shared = np.zeros((len(views), len(views)), dtype=np.int64)
-    for a, (seen_a, rays_a) in enumerate(views):
-        for b in range(a + 1, len(views)):
-            seen_b, rays_b = views[b]
-            both = np.flatnonzero(seen_a & seen_b)
-            shared[a, b] = (np.einsum("ni,ni->n", rays_a[both], rays_b[both]) > cosine).sum()
+    shared = np.zeros((len(ids), len(ids)), dtype=np.int64)
+    for a, b in combinations(range(len(ids)), 2):
+        both = np.flatnonzero(seen[a] & seen[b])
+        shared[a, b] = (np.einsum("ni,ni->n", rays[a][both], rays[b][both]) > cosine).sum()
     shared += shared.T
     partners = np.argsort(-shared, axis=1, kind="stable")[:, : options.n_partners]
     return {
-        (ids[min(a, b)], ids[max(a, b)])
+        (int(ids[min(a, b)]), int(ids[max(a, b)]))
         for a, row in enumerate(partners)
         for b in row
         if shared[a, b] >= least
     }
-
-
-def _view(
-    model: pycolmap.Reconstruction, image_id: int, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Tell which points lie in the picture, lens distortion apart; and the unit rays to all."""
-    image = model.images[image_id]
-    camera = model.cameras[image.camera_id]
-    pose = np.array(image.cam_from_world().matrix())
-    local = points @ pose[:, :3].T + pose[:, 3]
-    pixels = local @ camera.calibration_matrix().T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        pixels = pixels[:, :2] / pixels[:, 2:]
-    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
-    rays = local @ pose[:, :3]
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return inside & (local[:, 2] > 0), rays
-
-
-def _match_pair(
-    model: pycolmap.Reconstruction,
-    pair: tuple[int, int],
-    features: dict[int, PhotoFeatures],
-    band_px: float,
-    max_ratio: float,
-) -> pycolmap.TwoViewGeometry:
-    first, second = (model.images[i].cam_from_world() for i in pair)
-    geometry = pycolmap.TwoViewGeometry()
-    geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
-    geometry.cam2_from_cam1 = second * first.inverse()
-    geometry.E = pycolmap.essential_matrix_from_pose(geometry.cam2_from_cam1)
-    geometry.inlier_matches = guided_matches(
-        features[pair[0]],
-        features[pair[1]],
-        geometry,
-        max_error_px=band_px,
-        max_ratio=max_ratio,
-        max_distance=pycolmap.SiftMatchingOptions().max_distance,
-    )
-    return geometry

@@ -79,7 +79,7 @@ def tree_errors(
         halves of the median over the places.
     """
     ids = sorted(model.reg_image_ids())
-    poses = poses_of(model, dict(model.cameras.items()))
+    poses = poses_of(model)
     region = find_region(poses)
     places = {image_id: _places(model, image_id, region) for image_id in ids}
     shown = {image_id: _shown(model, image_id, places[image_id]) for image_id in ids}
