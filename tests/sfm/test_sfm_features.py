@@ -85,7 +85,8 @@ def test_pooled_descriptors_are_of_the_same_features(photos, tmp_path, monkeypat
     monkeypatch.setattr(features, "PLAIN_FIRST_MP", plain_first_mp)
     before = contents(tmp_path / "f.db")
     options = FeatureOptions(max_features=N_WANTED)
-    features.pool_descriptors(tmp_path / "f.db", photos[0].parent, ["0.png", "1.png"], options)
+    files = tmp_path / "f.db", photos[0].parent
+    features.find_features(*files, ["0.png", "1.png"], options, pooled=True)
     after = contents(tmp_path / "f.db")
     for name, (keypoints, descriptors) in before.items():
         assert after[name][0] == keypoints

@@ -19,7 +19,7 @@ from cherrypicker.sfm.agreement import (
     read_verified_pairs,
 )
 from cherrypicker.sfm.database import image_ids, verified_pairs
-from cherrypicker.sfm.features import FeatureOptions
+from cherrypicker.sfm.features import SearchOptions
 from cherrypicker.sfm.matching import PairOptions, add_guided_matches, match_pooled
 from cherrypicker.sfm.policies import (
     Policy,
@@ -39,7 +39,7 @@ SCORE_MARGIN = 0.01
 
 
 @dataclass(frozen=True)
-class MappingOptions(PairOptions):
+class MappingOptions(PairOptions, SearchOptions):
     """How the model is built; the fields are config keys of ``sfm``."""
 
     mapper: str = "incremental"
@@ -48,9 +48,6 @@ class MappingOptions(PairOptions):
     wanted_pair_agreement: float = 0.9
     max_attempts: int = 5
     max_camera_error_px: float = 1.5
-    # Of the features that are described anew where photos fail
-    max_features: int = 4000
-    max_image_size_px: int = 2400
 
 
 @dataclass(frozen=True)
@@ -287,11 +284,7 @@ class _Mapper:
         return tree_errors(model, self.refining, seed=self.seed, threads=self.threads)
 
     def _match_pooled(self, database: Path, names: Collection[str]) -> None:
-        features = FeatureOptions(
-            max_features=self.options.max_features,
-            max_image_size_px=self.options.max_image_size_px,
-        )
-        wanted = database, self.photos, names, self.options, features
+        wanted = database, self.photos, names, self.options, self.options
         match_pooled(*wanted, masks=self.masks, seed=self.seed, threads=self.threads)
 
     def _verify_again(self, database: Path, max_error_px: float) -> None:

@@ -26,7 +26,7 @@ from cherrypicker.sfm.database import (
     verified_pairs,
     watched_table,
 )
-from cherrypicker.sfm.features import FeatureOptions, pool_descriptors
+from cherrypicker.sfm.features import SearchOptions, find_features
 from cherrypicker.sfm.guided import read_features, tight_guided_matches
 from cherrypicker.sfm.pairs import (
     exhaustive_pairs,
@@ -127,7 +127,7 @@ def match_pooled(
     photos: Path,
     names: Collection[str],
     options: PairOptions,
-    features: FeatureOptions,
+    search: SearchOptions,
     *,
     masks: str | os.PathLike | None = None,
     seed: int = 0,
@@ -157,7 +157,7 @@ def match_pooled(
     pairs = likely_partners(database, [name for name in sorted(names) if name in ids])
     working = Path(shutil.copyfile(database, database.with_name("pooled.db")))
     both = sorted({name for pair in pairs for name in pair})
-    pool_descriptors(working, photos, both, features, masks=masks, threads=threads)
+    find_features(working, photos, both, search, masks=masks, threads=threads, pooled=True)
     with pycolmap.Database.open(working) as opened:
         opened.clear_matches()
         opened.clear_two_view_geometries()
