@@ -137,8 +137,10 @@ def test_a_camera_known_worse_than_asked_is_doubtful(monkeypatch):
         None,
         {"photos": dict.fromkeys(names, {"problem": "", "exif_orientation": 1})},
         SimpleNamespace(images=dict(enumerate(images))),
+        [],
         min_inliers=15,
         errors={"a.jpg": 0.4, "b.jpg": 1.4},
+        left_out={},
         doubtful_px=1.0,
     )
     assert report["a.jpg"]["doubt"] == ""

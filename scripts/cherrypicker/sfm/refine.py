@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.rematch import RefineOptions, match_by_poses
 
 logger = logging.getLogger(__name__)
@@ -157,8 +158,7 @@ def drop_short_tracks(model: pycolmap.Reconstruction) -> None:
 
 def drop_photos(model: pycolmap.Reconstruction, names: Collection[str]) -> None:
     """Take photos out of a model in place, with what they alone hold."""
-    for frame_id in sorted(
-        image.frame_id for image in model.images.values() if image.name in names and image.has_pose
-    ):
-        model.deregister_frame(frame_id)
+    for image in registered_photos(model):
+        if image.name in names:
+            model.deregister_frame(image.frame_id)
     model.tear_down()
