@@ -53,12 +53,11 @@ def test_pairs_of_unregistered_photos_do_not_count(ring):
 
 
 def test_policies_follow_the_failure():
-    missing = further_policies("incremental", 4.0, too_few=True, has_exif_focal=True)
+    missing = further_policies("incremental", too_few=True, has_exif_focal=True)
     assert [policy.name for policy in missing[:2]] == ["guided", "pooled"]
     assert missing[1].pooled and missing[0].mapper == "incremental"
     assert missing[-1].trust_exif_focal is False
-    bent = further_policies("incremental", 4.0, too_few=False, has_exif_focal=False)
-    assert bent[0].recheck_error_px == 2.0
+    bent = further_policies("incremental", too_few=False, has_exif_focal=False)
     assert all(policy.trust_exif_focal and not policy.pooled for policy in bent)
     assert any(policy.mapper == "global" for policy in bent)
     names = [policy.name for policy in bent]

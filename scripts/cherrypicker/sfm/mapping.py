@@ -17,7 +17,7 @@ from cherrypicker.sfm.agreement import (
     measure_agreement,
     read_verified_pairs,
 )
-from cherrypicker.sfm.database import image_ids, verified_pairs
+from cherrypicker.sfm.database import image_ids
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
 from cherrypicker.sfm.matching import PairOptions, add_guided_matches, match_pooled
@@ -160,7 +160,6 @@ class Mapper:
             has_exif_focal = any(cam.has_prior_focal_length for cam in opened.read_all_cameras())
         further = further_policies(
             self.options.mapper,
-            self.options.max_epipolar_error_px,
             too_few=first.fraction < self.options.wanted_registered_fraction,
             has_exif_focal=has_exif_focal,
         )
@@ -197,13 +196,11 @@ class Mapper:
         names = set(image_ids(working))
         if not policy.trust_exif_focal:
             forget_focal_lengths(working)
-        if policy.recheck_error_px > 0:
-            self._verify_again(working, policy.recheck_error_px)
         if policy.pooled:
             self._match_pooled(working, names - set(registered))
         pycolmap.set_random_seed(self.seed)
         run = self._run_incremental if policy.mapper == "incremental" else self._run_global
-        models = run(policy, working, folder) or [pycolmap.Reconstruction()]
+        models = run(working, folder) or [pycolmap.Reconstruction()]
         models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
         others = [[image.name for image in registered_photos(each)] for each in models[1:]]
         attempt = Attempt(policy, models[0], self._judge(models[0]), others, len(names), working)
@@ -260,7 +257,7 @@ class Mapper:
         policy = Policy("again", "incremental", "photos not known matched and registered again")
         folder = self.scratch / policy.name
         folder.mkdir()
-        models = self._run_incremental(policy, database, folder, start=start if known else None)
+        models = self._run_incremental(database, folder, start if known else None)
         if not models:
             return None
         model = max(models, key=lambda each: each.num_reg_images())
@@ -308,25 +305,8 @@ class Mapper:
             threads=self.threads,
         )
 
-    def _verify_again(self, database: Path, max_error_px: float) -> None:
-        with pycolmap.Database.open(database) as opened:
-            for pair, geometry in verified_pairs(opened).items():
-                # Keeps what guided matching added
-                if opened.exists_matches(*pair):
-                    opened.delete_matches(*pair)
-                opened.write_matches(*pair, geometry.inlier_matches)
-            opened.clear_two_view_geometries()
-        verifier = pycolmap.GeometricVerifierOptions()
-        verifier.num_threads = self.threads
-        limits = replace(self.options, max_epipolar_error_px=max_error_px).verification(self.seed)
-        pycolmap.geometric_verification(database, verifier, two_view_geometry_options=limits)
-
     def _run_incremental(
-        self,
-        policy: Policy,
-        database: Path,
-        folder: Path,
-        start: pycolmap.Reconstruction | None = None,
+        self, database: Path, folder: Path, start: pycolmap.Reconstruction | None = None
     ) -> list[pycolmap.Reconstruction]:
         """Map incrementally, from a model on where one is given."""
         begun = folder / "start"
@@ -343,16 +323,14 @@ class Mapper:
                 database,
                 self.photos,
                 folder,
-                incremental_options(policy, self.seed, self.threads),
+                incremental_options(self.seed, self.threads),
                 input_path=begun if start is not None else "",
                 initial_image_pair_callback=lambda: step(2),
                 next_image_callback=step,
             )
         return list(models.values())
 
-    def _run_global(
-        self, policy: Policy, database: Path, folder: Path
-    ) -> list[pycolmap.Reconstruction]:
+    def _run_global(self, database: Path, folder: Path) -> list[pycolmap.Reconstruction]:
         with pycolmap.Database.open(database) as opened:
             calibrated = all(camera.has_prior_focal_length for camera in opened.read_all_cameras())
         if not calibrated:
