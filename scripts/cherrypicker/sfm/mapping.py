@@ -87,39 +87,24 @@ class Attempt:
 
 @dataclass
 class Mapper:
-    """Build a model of one scan; where it lacks photos or contradicts the matches, try other ways.
+    """Build a model of one scan, in other ways where it lacks photos or contradicts the matches."""
 
-    Parameters
-    ----------
-    database : Path
-        Database with verified matches. COLMAP changes it: pass a copy.
-    photos : Path
-        Folder of the photos, for pooled descriptors and the colours of the points.
-    scratch : Path
-        Folder for temporary files.
-    masks : path-like, optional
-        Folder of prepared masks: what is black gives no features.
-
-    Attributes
-    ----------
-    pairs : list of VerifiedPair
-        Those of the matching, which judge every model. Guided matches are twice as many, but some
-        pairs have wrong ones only.
-    limit_px : float
-        Error of a camera that is allowed, px of the photo as stored.
-    """
-
-    database: Path
-    photos: Path
-    scratch: Path
+    database: Path  # with verified matches. COLMAP changes it: pass a copy
+    photos: Path  # folder of the photos, for pooled descriptors and the colours of the points
+    scratch: Path  # folder for temporary files
     options: MappingOptions
     refining: RefineOptions
-    masks: str | os.PathLike | None = None
+    masks: str | os.PathLike | None = (
+        None  # folder of prepared masks: what is black has no features
+    )
     seed: int = 0
     threads: int = 1
 
     def __post_init__(self) -> None:
+        # They judge every model. Guided matches, which may be added later, are twice as many, but
+        # some pairs have wrong ones only
         self.pairs = read_verified_pairs(self.database)
+        # Error of a camera that is allowed, px of the photo as stored
         self.limit_px = largest_error_px(self.database, self.options)
 
     def run(self) -> list[Attempt]:

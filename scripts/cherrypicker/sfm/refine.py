@@ -50,7 +50,8 @@ def refine_model(
     _triangulate(refined, matched, options, seed)
     matched.unlink()
     # A point triangulated from poses not yet adjusted may be off by more.
-    _drop_beyond(refined, 2 * options.filter_px, options)
+    manager = pycolmap.ObservationManager(refined)
+    manager.filter_all_points3D(2 * options.filter_px, options.min_ray_angle_deg)
     adjust(refined, options, options.filter_errors, threads)
     return refined
 
@@ -61,7 +62,7 @@ def adjust(
     filter_errors: float = np.inf,
     threads: int = 1,
 ) -> None:
-    """Adjust poses, points and cameras with a Cauchy loss, drop what does not fit, adjust again.
+    """Adjust with a Cauchy loss; drop what does not fit or is seen from one side; adjust again.
 
     Mapping ends with a least-squares adjustment over observations of up to 4 px, which wrong
     matches pull.
@@ -78,7 +79,8 @@ def adjust(
     adjust_robustly(model, options, threads)
     error = max(model.compute_mean_reprojection_error(), LEAST_ERROR_PX)
     limit = min(options.filter_px, filter_errors * error)
-    n_dropped = _drop_beyond(model, limit, options)
+    manager = pycolmap.ObservationManager(model)
+    n_dropped = manager.filter_all_points3D(limit, options.min_ray_angle_deg)
     adjust_robustly(model, options, threads)
     logger.info(
         "adjusted: dropped %s of %s observations (%.1f %%), beyond %.1f px",
@@ -87,14 +89,6 @@ def adjust(
         100 * n_dropped / max(before, 1),
         limit,
     )
-
-
-def _drop_beyond(
-    model: pycolmap.Reconstruction, max_error_px: float, options: RefineOptions
-) -> int:
-    """Drop observations with larger errors and points seen from one side; return how many."""
-    manager = pycolmap.ObservationManager(model)
-    return manager.filter_all_points3D(max_error_px, options.min_ray_angle_deg)
 
 
 def adjust_robustly(model: pycolmap.Reconstruction, options: RefineOptions, threads: int) -> None:
@@ -141,18 +135,13 @@ def drop_short_tracks(model: pycolmap.Reconstruction) -> None:
 
     Two rays meet wherever along them the match was wrong: nothing vouches for such a point.
     """
-    longer = {
-        image_id: sum(
-            model.points3D[point.point3D_id].track.length() > 2
-            for point in model.images[image_id].points2D
-            if point.has_point3D()
-        )
-        for image_id in model.reg_image_ids()
-    }
-    for point_id, point in list(model.points3D.items()):
-        if point.track.length() > 2:
-            continue
-        if all(longer[element.image_id] > 0 for element in point.track.elements):
+    points = dict(model.points3D.items())
+    longer = [point.track for point in points.values() if point.track.length() > 2]
+    held = {element.image_id for track in longer for element in track.elements}
+    for point_id, point in points.items():
+        if point.track.length() <= 2 and held.issuperset(
+            element.image_id for element in point.track.elements
+        ):
             model.delete_point3D(point_id)
 
 

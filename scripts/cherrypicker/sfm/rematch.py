@@ -31,47 +31,33 @@ N_POINTS = 3000
 
 @dataclass(frozen=True)
 class RefineOptions:
-    """How the chosen model is matched once more, triangulated and adjusted.
+    """How the chosen model is matched once more, triangulated and adjusted."""
 
-    Attributes
-    ----------
-    band_errors, min_band_px : float
-        Half width of the band around an epipolar line, in mean reprojection errors and at least in
-        px: on the thinned rings 1.5 px where the mean error was 0.3 to 0.4 px.
-    rematch_ratio : float
-        Largest ratio of best to second best descriptor angle in a band, where few others lie: 0.6,
-        0.7, 0.8 and 0.9 left cameras of the thinned rings 2.9, 2.3, 3.6 and 4.4 mm off.
-    max_pair_angle_deg, min_shared : float
-        Angle at which two photos may see a point, degrees (SIFT hardly matches beyond 45; 70 cost a
-        third more and gave no better cameras), and the share of the points that they must see so.
-    n_partners : int
-        Photos that each is tried with, those that share most points: 30 are more than nearly all
-        have in a scan of 66, so that pairs grow with the photos, not with their square.
-    loss_scale_px, filter_px : float
-        Scale of the Cauchy loss; largest error of an observation that stays, px (guesses).
-    filter_errors : float
-        That error in mean reprojection errors, of the last filter: on the thinned rings 1 px where
-        the mean was 0.3 px took the largest error of a camera from 10 to 8 mm.
-    min_ray_angle_deg : float
-        Least angle between the rays of a point, degrees, as COLMAP's mapper has it.
-    max_ray_error_px : float
-        Largest error of a ray that founds or joins a track, px; narrower cost observations.
-    n_adjustments : int
-        Iterations of an adjustment; the gain is in the first, the loss is flat near the end.
-    """
-
+    # Half width of the band around an epipolar line, in mean reprojection errors and at least in
+    # px: on the thinned rings 1.5 px where the mean error was 0.3 to 0.4 px
     band_errors: float = 4.0
     min_band_px: float = 1.5
+    # Largest ratio of best to second best descriptor angle in a band, where few others lie: 0.6,
+    # 0.7, 0.8 and 0.9 left cameras of the thinned rings 2.9, 2.3, 3.6 and 4.4 mm off
     rematch_ratio: float = 0.7
+    # Angle at which two photos may see a point (SIFT hardly matches beyond 45; 70 cost a third more
+    # and gave no better cameras), and the share of the points that they must see so
     max_pair_angle_deg: float = 45.0
     min_shared: float = 0.02
+    # Photos that each is tried with, those that share most points: 30 are more than nearly all have
+    # in a scan of 66, so that pairs grow with the photos, not with their square
     n_partners: int = 30
+    # Scale of the Cauchy loss; largest error of an observation that stays (guesses)
     loss_scale_px: float = 1.0
     filter_px: float = 2.0
+    # That error in mean reprojection errors, of the last filter: on the thinned rings 1 px where
+    # the mean was 0.3 px took the largest error of a camera from 10 to 8 mm
     filter_errors: float = 3.0
-    min_ray_angle_deg: float = 1.5
-    max_ray_error_px: float = 3.0
-    n_adjustments: int = 30
+    min_ray_angle_deg: float = 1.5  # least angle between the rays of a point, as COLMAP's mapper
+    max_ray_error_px: float = (
+        3.0  # of a ray that founds or joins a track; narrower cost observations
+    )
+    n_adjustments: int = 30  # iterations; the gain is in the first, the loss is flat near the end
 
 
 def match_by_poses(
