@@ -6,16 +6,14 @@ import logging
 import os
 import shutil
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
-from cherrypicker.progress import Progress
+from cherrypicker.progress import in_threads
 from cherrypicker.sfm.database import (
     SCRATCH,
     copy_database,
@@ -28,18 +26,10 @@ from cherrypicker.sfm.database import (
 )
 from cherrypicker.sfm.features import SearchOptions, find_features
 from cherrypicker.sfm.guided import read_features, tight_guided_matches
-from cherrypicker.sfm.pairs import (
-    exhaustive_pairs,
-    global_descriptors,
-    retrieval_pairs,
-    sequential_pairs,
-    unique_pairs,
-)
+from cherrypicker.sfm.pairs import choose_pairs
 
 logger = logging.getLogger(__name__)
 
-# Features of a photo that its global descriptor is made of, the largest (guess)
-N_GLOBAL_FEATURES = 2000
 # Photos that one which needs more matches is matched with anew (guess)
 N_PARTNERS = 8
 
@@ -105,7 +95,8 @@ def match_features(
         if pairing == "vocab_tree":
             _match_by_vocabulary_tree(working, options, seed, threads)
         else:
-            pairs = _choose_pairs(working, pairing, options, seed)
+            near, alike = options.sequential_overlap, options.retrieval_neighbors
+            pairs = choose_pairs(working, pairing, near, alike, seed)
             _match_pairs(working, pairs, options, seed, threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
@@ -219,16 +210,12 @@ def add_guided_matches(
             sides = features[pair[0]], features[pair[1]]
             return tight_guided_matches(*sides, pairs[pair], verification, options.max_match_ratio)
 
-        with (
-            ThreadPoolExecutor(threads) as pool,
-            Progress(len(pairs), "pairs matched again, guided") as bar,
-        ):
-            for (pair, geometry), found in zip(pairs.items(), pool.map(search, pairs)):
-                before += len(geometry.inlier_matches)
-                after += len((found or geometry).inlier_matches)
-                if found is not None:
-                    opened.update_two_view_geometry(*pair, found)
-                bar.step()
+        results = in_threads(search, pairs, threads, "pairs matched again, guided")
+        for (pair, geometry), found in zip(pairs.items(), results):
+            before += len(geometry.inlier_matches)
+            after += len((found or geometry).inlier_matches)
+            if found is not None:
+                opened.update_two_view_geometry(*pair, found)
     logger.info(
         "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(pairs), f"{after:,}"
     )
@@ -250,29 +237,6 @@ def _choose_pairing(options: MatchingOptions, n_photos: int) -> str:
         chosen,
     )
     return chosen
-
-
-def _choose_pairs(
-    database: Path, pairing: str, options: MatchingOptions, seed: int
-) -> list[tuple[str, str]]:
-    """Return pairs of photo names; retrieval adds the neighbours in name order."""
-    ids = image_ids(database)
-    names = list(ids)
-    if pairing == "exhaustive":
-        pairs = exhaustive_pairs(len(names))
-    else:
-        pairs = sequential_pairs(len(names), options.sequential_overlap)
-    if pairing == "retrieval":
-        with pycolmap.Database.open(database) as opened:
-            descriptors = [
-                np.array(opened.read_descriptors(ids[name]).data[-N_GLOBAL_FEATURES:])
-                for name in names
-            ]
-        vectors = global_descriptors(descriptors, seed)
-        pairs = unique_pairs(pairs, retrieval_pairs(vectors, options.retrieval_neighbors))
-    n_all = len(names) * (len(names) - 1) // 2
-    logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
-    return [(names[i], names[j]) for i, j in pairs]
 
 
 def _match(

@@ -6,7 +6,6 @@ import hashlib
 import logging
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from PIL import ExifTags, Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.photos import UNREADABLE, exif_orientation, read_photo
-from cherrypicker.progress import Progress
+from cherrypicker.progress import in_threads
 
 logger = logging.getLogger(__name__)
 
@@ -86,11 +85,7 @@ def check_photos(
         )
     if len({path.parent for path in paths}) > 1:
         raise StageError("the photos lie in several folders", file=paths[0], key=PHOTOS_COLUMN)
-    with Progress(len(paths), "photos checked") as bar, ThreadPoolExecutor(threads) as pool:
-        infos = []
-        for info in pool.map(_check_photo, paths):
-            infos.append(info)
-            bar.step()
+    infos = list(in_threads(_check_photo, paths, threads, "photos checked"))
     unreadable = [info for info in infos if info.problem]
     if unreadable and not skip_unreadable:
         more = f" (and {len(unreadable) - 1} more)" if len(unreadable) > 1 else ""
