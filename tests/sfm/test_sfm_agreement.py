@@ -5,7 +5,7 @@ import pycolmap
 import pytest
 
 from cherrypicker.sfm.agreement import measure_agreement, read_verified_pairs
-from cherrypicker.sfm.policies import further_policies
+from cherrypicker.sfm.mapping import further_policies
 
 
 @pytest.fixture(scope="module")

@@ -21,14 +21,14 @@ from cherrypicker.sfm.database import image_ids
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
 from cherrypicker.sfm.matching import PairOptions, add_guided_matches, match_pooled
-from cherrypicker.sfm.policies import (
-    Policy,
-    further_policies,
-    global_options,
-    incremental_options,
+from cherrypicker.sfm.photo_files import MIN_PHOTOS
+from cherrypicker.sfm.refine import (
+    RefineOptions,
+    adjust,
+    drop_photos,
+    drop_short_tracks,
+    refine_model,
 )
-from cherrypicker.sfm.refine import adjust, drop_photos, drop_short_tracks, refine_model
-from cherrypicker.sfm.rematch import RefineOptions
 from cherrypicker.sfm.uncertainty import tree_errors
 
 logger = logging.getLogger(__name__)
@@ -48,6 +48,17 @@ class MappingOptions(PairOptions, SearchOptions):
     wanted_pair_agreement: float = 0.9
     max_attempts: int = 5
     max_camera_error_px: float = 1.5
+
+
+@dataclass(frozen=True)
+class Policy:
+    """One way to build a model from the verified matches."""
+
+    name: str
+    mapper: str  # {"incremental", "global"}
+    reason: str  # what the policy does differently, for the log
+    pooled: bool = False  # match the photos that are missing anew first, by pooled descriptors
+    trust_exif_focal: bool = True  # false starts every focal length from 1.2 times the longer side
 
 
 @dataclass(frozen=True)
@@ -202,11 +213,9 @@ class Mapper:
         adjust(adjusted, self.refining, threads=self.threads)
         before = self._judge(adjusted)
         model, limit = adjusted, self.options.max_epipolar_error_px
-        files = attempt.database, self.scratch
+        how = self.refining, self.seed, self.threads
         for _ in range(n_rounds):
-            model = refine_model(
-                model, *files, limit, self.refining, seed=self.seed, threads=self.threads
-            )
+            model = refine_model(model, attempt.database, limit, *how)
         agreement = self._judge(model)
         if agreement.matches < before.matches - SCORE_MARGIN:
             logger.warning("matching by poses took the model off the verified pairs: left out")
@@ -294,6 +303,11 @@ class Mapper:
         self, database: Path, folder: Path, start: pycolmap.Reconstruction | None = None
     ) -> list[pycolmap.Reconstruction]:
         """Map incrementally, from a model on where one is given."""
+        options = pycolmap.IncrementalPipelineOptions()
+        options.random_seed = options.mapper.random_seed = self.seed
+        options.triangulation.random_seed = self.seed
+        options.num_threads = options.mapper.num_threads = self.threads
+        options.min_model_size = MIN_PHOTOS
         begun = folder / "start"
         if start is not None:
             begun.mkdir()
@@ -308,7 +322,7 @@ class Mapper:
                 database,
                 self.photos,
                 folder,
-                incremental_options(self.seed, self.threads),
+                options,
                 input_path=begun if start is not None else "",
                 initial_image_pair_callback=lambda: step(2),
                 next_image_callback=step,
@@ -322,8 +336,40 @@ class Mapper:
             calibration = pycolmap.ViewGraphCalibrationOptions()
             calibration.random_seed = self.seed
             pycolmap.calibrate_view_graph(database, calibration)
-        wanted = global_options(self.seed, self.threads, self.photos)
-        return list(pycolmap.global_mapping(database, self.photos, folder, wanted).values())
+        options = pycolmap.GlobalPipelineOptions()
+        options.num_threads = options.mapper.num_threads = self.threads
+        options.random_seed = options.mapper.random_seed = self.seed
+        options.mapper.rotation_averaging.random_seed = self.seed
+        options.mapper.global_positioning.random_seed = self.seed
+        options.mapper.global_positioning.use_gpu = False
+        options.mapper.bundle_adjustment.ceres.use_gpu = False
+        options.image_path = self.photos
+        return list(pycolmap.global_mapping(database, self.photos, folder, options).values())
+
+
+def further_policies(mapper: str, *, too_few: bool, has_exif_focal: bool) -> list[Policy]:
+    """Return what to try when the configured way fails, the most promising first.
+
+    Parameters
+    ----------
+    too_few : bool
+        True where photos are missing from the model, False where the model contradicts the matches.
+    has_exif_focal : bool
+        Whether some focal length came from EXIF, which may be wrong.
+    """
+    if too_few:
+        reason = "the missing photos matched anew by pooled descriptors"
+        policies = [
+            Policy("guided", mapper, "verified pairs matched again along their epipolar lines"),
+            Policy("pooled", mapper, reason, pooled=True),
+        ]
+    else:
+        other = "global" if mapper == "incremental" else "incremental"
+        policies = [Policy(other, other, f"the {other} mapper")]
+    if has_exif_focal:
+        reason = "EXIF focal lengths ignored"
+        policies.append(Policy("no_exif_focal", mapper, reason, trust_exif_focal=False))
+    return policies
 
 
 def largest_error_px(database: Path, options: MappingOptions) -> float:

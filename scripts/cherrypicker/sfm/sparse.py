@@ -17,7 +17,7 @@ from cherrypicker.sfm.diagnosis import diagnose_photos
 from cherrypicker.sfm.export import registered_photos, undistorted_poses, write_model
 from cherrypicker.sfm.gps import compare_places, stated_places
 from cherrypicker.sfm.mapping import Attempt, Mapper, MappingOptions
-from cherrypicker.sfm.rematch import RefineOptions
+from cherrypicker.sfm.refine import RefineOptions
 from cherrypicker.sfm.uncertainty import camera_uncertainty
 
 logger = logging.getLogger(__name__)

@@ -15,10 +15,9 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.geometry.similarity import best_turn
-from cherrypicker.placement.region import Region, find_region
+from cherrypicker.placement.region import find_region
 from cherrypicker.sfm.export import poses_of
-from cherrypicker.sfm.refine import adjust_robustly
-from cherrypicker.sfm.rematch import RefineOptions
+from cherrypicker.sfm.refine import RefineOptions, adjust_robustly
 
 # Random halves of the points (guess: their largest scatter moves by a quarter with the seed), and
 # iterations of each: 30 take 2.6 times the time, and the errors of 86 photos are the same to 1 %
@@ -79,9 +78,12 @@ def tree_errors(
         halves of the median over the places.
     """
     ids = sorted(model.reg_image_ids())
-    poses = poses_of(model)
-    region = find_region(poses)
-    places = {image_id: _places(model, image_id, region) for image_id in ids}
+    region = find_region(poses_of(model))
+    near = np.zeros((0, 3))
+    if region is not None:
+        near = region.samples - region.center
+        near = region.center + near[np.linalg.norm(near, axis=1) <= TREE_SHARE * region.radius]
+    places = {image_id: _places(model, image_id, near) for image_id in ids}
     shown = {image_id: _shown(model, image_id, places[image_id]) for image_id in ids}
     point_ids = np.array(sorted(model.points3D))
     rng = np.random.default_rng(seed)
@@ -100,16 +102,13 @@ def tree_errors(
     return {model.images[i].name: float(error) for i, error in zip(ids, errors)}
 
 
-def _places(model: pycolmap.Reconstruction, image_id: int, region: Region | None) -> np.ndarray:
-    """Places of the tree that a photo shows, or else the points that it sees, (n, 3)."""
-    if region is not None:
-        near = region.samples - region.center
-        near = region.center + near[np.linalg.norm(near, axis=1) <= TREE_SHARE * region.radius]
-        pixels = _shown(model, image_id, near)
-        camera = model.cameras[model.images[image_id].camera_id]
-        inside = (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
-        if inside.any():
-            return near[inside]
+def _places(model: pycolmap.Reconstruction, image_id: int, near: np.ndarray) -> np.ndarray:
+    """Those of some places (n, 3) that a photo shows; where none, the points that it sees."""
+    pixels = _shown(model, image_id, near)
+    camera = model.cameras[model.images[image_id].camera_id]
+    inside = (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    if inside.any():
+        return near[inside]
     seen = [p.point3D_id for p in model.images[image_id].points2D if p.has_point3D()]
     return np.array([model.points3D[i].xyz for i in seen]).reshape(-1, 3)
 
