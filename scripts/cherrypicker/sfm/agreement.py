@@ -35,7 +35,8 @@ class Agreement:
     n_pairs: int  # verified pairs of which both photos are registered
     pairs: float  # share of them most of whose matches fit the model's epipolar geometry
     matches: float  # share of all their matches that fit
-    median_error_px: float  # median over the pairs of the median Sampson error, px
+    # Median over the pairs of the median Sampson error, px; None of no pair
+    median_error_px: float | None
 
 
 def read_verified_pairs(database: Path, min_inliers: int = LEAST_MATCHES) -> list[VerifiedPair]:
@@ -73,7 +74,7 @@ def measure_agreement(
     registered = set(model.reg_image_ids())
     errors = [_errors(model, pair) for pair in pairs if registered.issuperset(pair.ids)]
     if not errors:
-        return Agreement(0, 0.0, 0.0, float("inf"))
+        return Agreement(0, 0.0, 0.0, None)
     shares = np.array([np.mean(each <= max_error_px) for each in errors])
     return Agreement(
         n_pairs=len(errors),
