@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from cherrypicker.sfm.database import feature_counts, verified_inliers
+from cherrypicker.sfm.database import verified_inliers
 from cherrypicker.sfm.export import registered_photos
 
 # Features below which a photo counts as blurred or blank, and as a share of the median (guesses)
@@ -57,7 +57,6 @@ def diagnose_photos(
         ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
     """
     known_px = {**errors, **left_out}
-    counts = feature_counts(database)
     inliers = verified_inliers(database, min_inliers)
     registered = {image.name: image.num_points3D for image in registered_photos(model)}
     report = {}
@@ -69,7 +68,7 @@ def diagnose_photos(
             "reason": "",
             "doubt": "",
             "error_px": known_px.get(name),
-            "n_features": counts.get(name, 0),
+            "n_features": info["n_features"],
             "n_partners": len(partners),
             "n_matches": sum(partners.values()),
             "best_partner": best,
@@ -78,6 +77,7 @@ def diagnose_photos(
             "exif_orientation": info["exif_orientation"],
         }
     medians = {key: float(np.median([each[key] for each in report.values()])) for key in _HOLD}
+    usual = [each["n_features"] for each in listing["photos"].values() if not each["problem"]]
     for name, info in listing["photos"].items():
         facts, error = report[name], known_px.get(name)
         known = "" if error is None else f"known within {error:.1f} px, {_cause(facts, medians)}"
@@ -85,7 +85,7 @@ def diagnose_photos(
             facts["reason"] = f"left out: its camera is {known}"
         elif name not in registered:
             facts["reason"] = info["problem"] or _reason(
-                name, facts, registered, other_models, float(np.median([*counts.values()]))
+                name, facts, registered, other_models, float(np.median(usual))
             )
         elif error is not None and error > doubtful_px:
             facts["doubt"] = known

@@ -105,9 +105,7 @@ class Mapper:
     scratch: Path  # folder for temporary files
     options: MappingOptions
     refining: RefineOptions
-    masks: str | os.PathLike | None = (
-        None  # folder of prepared masks: what is black has no features
-    )
+    masks: str | os.PathLike | None = None  # folder of prepared masks
     seed: int = 0
     threads: int = 1
 
