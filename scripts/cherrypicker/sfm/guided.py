@@ -86,7 +86,7 @@ def guided_matches(
         matrix = np.array(geometry.F)
     else:
         return np.empty((0, 2), dtype=np.uint32)
-    return _match(
+    best1, dots1, best2, dots2 = _best_two(
         points1,
         points2,
         first.descriptors,
@@ -94,9 +94,13 @@ def guided_matches(
         np.ascontiguousarray(matrix, dtype=np.float64),
         planar,
         max_error_px,
-        max_ratio,
-        MAX_ANGLE,
     )
+    rows = np.flatnonzero((best1 >= 0) & (best2[best1] == np.arange(len(best1))))
+    columns = best1[rows]
+    dots = np.stack([dots1[rows, 0], dots1[rows, 1], dots2[columns, 1]])
+    angle, second1, second2 = np.arccos(np.minimum(dots / _UNIT_DOT, 1.0))
+    clear = (angle < max_ratio * second1) & (angle < max_ratio * second2)
+    return np.column_stack([rows, columns])[clear & (angle <= MAX_ANGLE)].astype(np.uint32)
 
 
 def tight_guided_matches(
@@ -142,7 +146,7 @@ def tight_guided_matches(
 
 
 @compiled(nogil=True)
-def _match(
+def _best_two(
     points1: np.ndarray,
     points2: np.ndarray,
     descriptors1: np.ndarray,
@@ -150,9 +154,8 @@ def _match(
     matrix: np.ndarray,
     planar: bool,
     max_error: float,
-    ratio: float,
-    distance: float,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Best match of each feature and its two largest dot products, of either photo."""
     n1, n2 = len(points1), len(points2)
     best1, dots1 = np.full(n1, -1, np.int64), np.zeros((n1, 2), np.int64)
     best2, dots2 = np.full(n2, -1, np.int64), np.zeros((n2, 2), np.int64)
@@ -186,7 +189,7 @@ def _match(
                 best1[i] = j
             if _improves(dots2, j, dot):
                 best2[j] = i
-    return _mutual(best1, dots1, best2, dots2, ratio, distance)
+    return best1, dots1, best2, dots2
 
 
 @compiled(nogil=True)
@@ -228,28 +231,3 @@ def _improves(dots: np.ndarray, i: int, dot: int) -> bool:
         return True
     dots[i, 1] = max(dots[i, 1], dot)
     return False
-
-
-@compiled(nogil=True)
-def _mutual(
-    best1: np.ndarray,
-    dots1: np.ndarray,
-    best2: np.ndarray,
-    dots2: np.ndarray,
-    ratio: float,
-    distance: float,
-) -> np.ndarray:
-    """Return the mutually best pairs that are near enough and pass the ratio test both ways."""
-    matches = np.empty((min(len(best1), len(best2)), 2), np.uint32)
-    n = 0
-    for i in range(len(best1)):
-        j = best1[i]
-        if j < 0 or best2[j] != i:
-            continue
-        angle = np.arccos(min(dots1[i, 0] / _UNIT_DOT, 1.0))
-        second1 = np.arccos(min(dots1[i, 1] / _UNIT_DOT, 1.0))
-        second2 = np.arccos(min(dots2[j, 1] / _UNIT_DOT, 1.0))
-        if angle <= distance and angle < ratio * second1 and angle < ratio * second2:
-            matches[n, 0], matches[n, 1] = i, j
-            n += 1
-    return matches[:n]
