@@ -172,11 +172,10 @@ def find_features(
         cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
         camera_of = {image.name: cameras[image.camera_id] for image in opened.read_all_images()}
     names = [name for name in names if name in camera_of]
-    sizes = {name: (camera_of[name].width, camera_of[name].height) for name in names}
     large = [
         name
-        for name, size in sizes.items()
-        if _searched_mp(size, options.max_image_size_px) >= PLAIN_FIRST_MP
+        for name in names
+        if _searched_mp(camera_of[name], options.max_image_size_px) >= PLAIN_FIRST_MP
     ]
     _search(database, photos, large, _PLAIN, wanted, masks)
     counts = feature_counts(database)
@@ -185,10 +184,11 @@ def find_features(
     _search(database, photos, rest, _ENLARGED, wanted, masks)
 
 
-def _searched_mp(size: tuple[int, int], max_image_size_px: int) -> float:
-    """Megapixels of a photo of a width and height, px, as it is searched."""
-    shrink = min(1.0, max_image_size_px / max(*size, 1)) if max_image_size_px > 0 else 1.0
-    return size[0] * size[1] * shrink**2 / 1e6
+def _searched_mp(camera: pycolmap.Camera, max_image_size_px: int) -> float:
+    """Megapixels of a photo as it is searched."""
+    longer = max(camera.width, camera.height, 1)
+    shrink = min(1.0, max_image_size_px / longer) if max_image_size_px > 0 else 1.0
+    return camera.width * camera.height * shrink**2 / 1e6
 
 
 def _search(

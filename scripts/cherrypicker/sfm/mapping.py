@@ -12,11 +12,7 @@ from pathlib import Path
 import pycolmap
 
 from cherrypicker.progress import Progress
-from cherrypicker.sfm.agreement import (
-    Agreement,
-    measure_agreement,
-    read_verified_pairs,
-)
+from cherrypicker.sfm.agreement import Agreement, measure_agreement, read_verified_pairs
 from cherrypicker.sfm.database import image_ids
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions

@@ -223,8 +223,6 @@ def add_guided_matches(
 
 
 def _choose_pairing(options: MatchingOptions, n_photos: int) -> str:
-    if options.pairing == "vocab_tree" and not options.vocab_tree_path:
-        raise StageError("pairing vocab_tree needs the file of a tree", key="sfm.vocab_tree_path")
     if options.pairing != "auto":
         return options.pairing
     if n_photos <= options.exhaustive_max_photos:
@@ -279,7 +277,11 @@ def _match_by_vocabulary_tree(
 ) -> None:
     tree = Path(options.vocab_tree_path)
     if not tree.is_file():
-        raise StageError("the vocabulary tree is missing", file=tree, key="sfm.vocab_tree_path")
+        raise StageError(
+            "pairing vocab_tree needs the file of a tree, which is missing",
+            file=options.vocab_tree_path or None,
+            key="sfm.vocab_tree_path",
+        )
     pairing = pycolmap.VocabTreePairingOptions()
     pairing.vocab_tree_path = tree
     pairing.num_images = options.retrieval_neighbors
