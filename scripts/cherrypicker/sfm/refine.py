@@ -56,9 +56,8 @@ class RefineOptions:
     # the mean was 0.3 px took the largest error of a camera from 10 to 8 mm
     filter_errors: float = 3.0
     min_ray_angle_deg: float = 1.5  # least angle between the rays of a point, as COLMAP's mapper
-    max_ray_error_px: float = (
-        3.0  # of a ray that founds or joins a track; narrower cost observations
-    )
+    # Largest error of a ray that founds or joins a track; narrower cost observations
+    max_ray_error_px: float = 3.0
     n_adjustments: int = 30  # iterations; the gain is in the first, the loss is flat near the end
 
 
