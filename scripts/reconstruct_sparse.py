@@ -13,7 +13,7 @@ from typing import Annotated
 from cherrypicker.photos import photo_files
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.sfm.mapping import MappingOptions
-from cherrypicker.sfm.rematch import RefineOptions
+from cherrypicker.sfm.refine import RefineOptions
 from cherrypicker.sfm.sparse import reconstruct_sparse
 
 

@@ -5,10 +5,15 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 logger = logging.getLogger(__name__)
 
 _DAY_S = 86400.0
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 class Progress:
@@ -62,6 +67,16 @@ class Progress:
             duration(left),
             extra={"console": True},
         )
+
+
+def in_threads(
+    work: Callable[[T], R], items: Collection[T], threads: int, what: str
+) -> Iterator[R]:
+    """Yield what ``work`` makes of each item, in their order, and report progress."""
+    with ThreadPoolExecutor(threads) as pool, Progress(len(items), what) as bar:
+        for result in pool.map(work, items):
+            yield result
+            bar.step()
 
 
 def duration(seconds: float) -> str:

@@ -5,6 +5,7 @@ from contextlib import closing
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 from scipy.spatial import cKDTree
 from sfm_scene import texture
@@ -74,9 +75,10 @@ def test_large_photos_are_enlarged_only_where_features_are_few(photos, tmp_path,
 
 
 def test_the_size_that_counts_is_the_one_searched():
-    assert features._searched_mp((4000, 3000), 2400) == pytest.approx(4.32)
-    assert features._searched_mp((4000, 3000), 0) == pytest.approx(12.0)
-    assert features._searched_mp((800, 1200), 2400) == pytest.approx(0.96)
+    large, small = (pycolmap.Camera(width=w, height=h) for w, h in ((4000, 3000), (800, 1200)))
+    assert features._searched_mp(large, 2400) == pytest.approx(4.32)
+    assert features._searched_mp(large, 0) == pytest.approx(12.0)
+    assert features._searched_mp(small, 2400) == pytest.approx(0.96)
 
 
 @pytest.mark.parametrize("plain_first_mp", [0.0, np.inf])
@@ -85,7 +87,8 @@ def test_pooled_descriptors_are_of_the_same_features(photos, tmp_path, monkeypat
     monkeypatch.setattr(features, "PLAIN_FIRST_MP", plain_first_mp)
     before = contents(tmp_path / "f.db")
     options = FeatureOptions(max_features=N_WANTED)
-    features.pool_descriptors(tmp_path / "f.db", photos[0].parent, ["0.png", "1.png"], options)
+    files = tmp_path / "f.db", photos[0].parent
+    features.find_features(*files, ["0.png", "1.png"], options, pooled=True)
     after = contents(tmp_path / "f.db")
     for name, (keypoints, descriptors) in before.items():
         assert after[name][0] == keypoints

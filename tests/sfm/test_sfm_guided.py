@@ -7,6 +7,7 @@ import pytest
 from cherrypicker.sfm.guided import PhotoFeatures, guided_matches
 
 FOCAL = 500.0
+CAMERA = pycolmap.Camera.create_from_model_name(1, "SIMPLE_PINHOLE", FOCAL, 640, 640)
 CONFIG = pycolmap.TwoViewGeometryConfiguration
 
 
@@ -16,7 +17,7 @@ def unit_bytes(values):
 
 def photo(points, descriptors):
     rays = FOCAL * points[:, :2] / points[:, 2:]
-    return PhotoFeatures(rays + 320.0, np.ascontiguousarray(rays), descriptors, FOCAL)
+    return PhotoFeatures(CAMERA, rays + 320.0, np.ascontiguousarray(rays), descriptors)
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def geometry_of(config, **matrices):
     return geometry
 
 
-OPTIONS = {"max_error_px": 2.0, "max_ratio": 0.8, "max_distance": 0.7}
+OPTIONS = {"max_error_px": 2.0, "max_ratio": 0.8}
 
 
 def check(matches, order, least):
@@ -70,8 +71,8 @@ def test_planar_pair_uses_the_homography():
     moved = np.column_stack([pixels, np.ones(150)]) @ H.T
     moved = moved[:, :2] / moved[:, 2:]
     looks = unit_bytes(np.abs(rng.normal(size=(75, 128))).repeat(2, axis=0))
-    first = PhotoFeatures(pixels, pixels, looks, FOCAL)
-    second = PhotoFeatures(moved, moved, looks, FOCAL)
+    first = PhotoFeatures(CAMERA, pixels, pixels, looks)
+    second = PhotoFeatures(CAMERA, moved, moved, looks)
     matches = guided_matches(first, second, geometry_of(CONFIG.PLANAR, H=H), **OPTIONS)
     assert len(matches) == 150
     assert (matches[:, 0] == matches[:, 1]).all()

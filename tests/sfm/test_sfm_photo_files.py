@@ -129,16 +129,18 @@ def test_turned_phone_photos_keep_their_stored_grid(real_data):
 
 def test_a_camera_known_worse_than_asked_is_doubtful(monkeypatch):
     names = ["a.jpg", "b.jpg"]
-    monkeypatch.setattr(diagnosis, "feature_counts", lambda _: dict.fromkeys(names, 900))
+    photo = {"problem": "", "exif_orientation": 1, "n_features": 900}
     pair = {"a.jpg": {"b.jpg": 80}, "b.jpg": {"a.jpg": 80}}
     monkeypatch.setattr(diagnosis, "verified_inliers", lambda *_: pair)
     images = [SimpleNamespace(name=name, has_pose=True, num_points3D=50) for name in names]
     report = diagnosis.diagnose_photos(
         None,
-        {"photos": dict.fromkeys(names, {"problem": "", "exif_orientation": 1})},
+        {"photos": dict.fromkeys(names, photo)},
         SimpleNamespace(images=dict(enumerate(images))),
+        [],
         min_inliers=15,
         errors={"a.jpg": 0.4, "b.jpg": 1.4},
+        left_out={},
         doubtful_px=1.0,
     )
     assert report["a.jpg"]["doubt"] == ""

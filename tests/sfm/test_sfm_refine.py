@@ -5,8 +5,13 @@ import pycolmap
 import pytest
 from sfm_scene import similarity_errors
 
-from cherrypicker.sfm.refine import drop_short_tracks, refine_model
-from cherrypicker.sfm.rematch import RefineOptions, match_by_poses, overlapping_pairs
+from cherrypicker.sfm.refine import (
+    RefineOptions,
+    drop_short_tracks,
+    match_by_poses,
+    overlapping_pairs,
+    refine_model,
+)
 
 N_PHOTOS = 12
 N_POINTS = 250
@@ -123,7 +128,7 @@ def test_pair_that_contradicts_the_poses_keeps_its_matches(moved, tmp_path):
 def test_refined_cameras_are_nearer_the_truth(moved, tmp_path):
     model, path, centers = moved
     start = centers_in(model)
-    refined = refine_model(model, path, tmp_path, 4.0, RefineOptions())
+    refined = refine_model(model, path, 4.0, RefineOptions())
     before = similarity_errors(start, centers)
     after = similarity_errors(centers_in(refined), centers)
     assert np.median(after) < 0.5 * np.median(before)

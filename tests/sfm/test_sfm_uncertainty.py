@@ -8,8 +8,7 @@ from test_sfm_refine import FOCAL, SIZE, pose_of
 
 from cherrypicker.errors import StageError
 from cherrypicker.sfm import sparse
-from cherrypicker.sfm.refine import adjust
-from cherrypicker.sfm.rematch import RefineOptions
+from cherrypicker.sfm.refine import RefineOptions, adjust
 from cherrypicker.sfm.uncertainty import camera_uncertainty, tree_errors
 
 N_CAMERAS = 12

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -172,15 +172,3 @@ def _resized(picture: np.ndarray, longer_px: int) -> np.ndarray:
     if shrink >= 1.0:
         return picture
     return cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-
-
-def copies(looks: Collection[Look]) -> dict[str, str]:
-    """Return the names of byte-equal photos with that of the first of them."""
-    first: dict[str, str] = {}
-    same = {}
-    for look in looks:
-        if look.digest:
-            original = first.setdefault(look.digest, look.path.name)
-            if original != look.path.name:
-                same[look.path.name] = original
-    return same

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cherrypicker.capture.look import Look, copies
+from cherrypicker.capture.look import Look
 from cherrypicker.capture.overlap import find_overlaps
 from cherrypicker.capture.ring import Ring, find_ring, widest_gaps
-from cherrypicker.sfm.photo_files import MIN_PHOTOS
+from cherrypicker.sfm.photo_files import MIN_PHOTOS, copies
 
 # Photos shall stand 15 to 20 degrees apart (README); the azimuths are right within 5 (measured)
 WIDE_GAP_DEG = 25.0
@@ -111,7 +111,7 @@ def _files(looks: Sequence[Look]) -> list[Finding]:
     if broken:
         text = f"{_names(looks, broken)}: {looks[broken[0]].problem}; copy again or delete"
         found.append(Finding(text, broken, True))
-    same = copies(looks)
+    same = copies({look.path.name: look.digest for look in looks})
     if same:
         rows = [row for row, look in enumerate(looks) if look.path.name in same]
         found.append(Finding(f"copies of other photos: {_names(looks, rows)}", rows))

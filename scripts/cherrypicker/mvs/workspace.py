@@ -109,7 +109,7 @@ class Workspace:
                     f"a camera is {camera.model.name}, not an undistorted pinhole",
                     file=self.folder / "sparse",
                 )
-        self.poses = poses_of(self.model, dict(self.model.cameras.items()))
+        self.poses = poses_of(self.model)
         self.views = [view_of(self.poses, i) for i in range(len(self.poses))]
 
     @cached_property

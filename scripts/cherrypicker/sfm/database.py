@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-import subprocess
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from subprocess import PIPE, Popen
 
 import pycolmap
 
@@ -67,28 +67,23 @@ def watched_table(database: Path, table: str, total: int, what: str) -> Iterator
     before = count_rows(database, table)
     command = [sys.executable, "-c", _COUNTER, _read_only(database), table, str(POLL_INTERVAL_S)]
 
-    def watch(bar: Progress) -> None:
+    def watch() -> None:
         for line in counter.stdout or ():
-            done = int(line) - before
-            if done > bar.done:
-                bar.step(done - bar.done)
+            step_to(int(line))
+
+    def step_to(n_rows: int) -> None:
+        bar.step(max(n_rows - before - bar.done, 0))
 
     with Progress(total, what) as bar:
-        counter = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
-        )
-        watcher = threading.Thread(target=watch, args=(bar,), daemon=True)
-        watcher.start()
-        try:
-            yield
-        finally:
-            counter.kill()
-            counter.wait()
-            watcher.join()
-            for stream in (counter.stdin, counter.stdout):
-                if stream is not None:
-                    stream.close()
-        bar.step(max(count_rows(database, table) - before - bar.done, 0))
+        with Popen(command, stdin=PIPE, stdout=PIPE, text=True, bufsize=1) as counter:
+            watcher = threading.Thread(target=watch, daemon=True)
+            watcher.start()
+            try:
+                yield
+            finally:
+                counter.kill()
+                watcher.join()
+        step_to(count_rows(database, table))
 
 
 # Ends with its parent, whose end closes its standard input.
@@ -118,18 +113,28 @@ def rename_images(database: Path, new_names: dict[str, str]) -> None:
         )
 
 
+def verified_pairs(
+    database: pycolmap.Database, least: int = 1
+) -> dict[tuple[int, int], pycolmap.TwoViewGeometry]:
+    """Read the two-view geometries with ``least`` matches or more, by the ids of their photos."""
+    pair_ids, geometries = database.read_two_view_geometries()
+    return {
+        pycolmap.pair_id_to_image_pair(pair_id): geometry
+        for pair_id, geometry in zip(pair_ids, geometries)
+        if len(geometry.inlier_matches) >= least
+    }
+
+
 def verified_inliers(database: Path, min_inliers: int) -> dict[str, dict[str, int]]:
     """Return, by photo, the photos it has a verified pair with and the matches of each pair."""
+    names = {image_id: name for name, image_id in image_ids(database).items()}
     result: dict[str, dict[str, int]] = {}
     with pycolmap.Database.open(database) as opened:
-        names = {image.image_id: image.name for image in opened.read_all_images()}
-        pair_ids, n_inliers = opened.read_two_view_geometry_num_inliers()
-        for pair_id, n in zip(pair_ids, n_inliers):
-            if n < min_inliers:
-                continue
-            first, second = (names[i] for i in pycolmap.pair_id_to_image_pair(pair_id))
-            result.setdefault(first, {})[second] = int(n)
-            result.setdefault(second, {})[first] = int(n)
+        for pair, geometry in verified_pairs(opened, min_inliers).items():
+            first, second = (names[i] for i in pair)
+            n_matches = len(geometry.inlier_matches)
+            result.setdefault(first, {})[second] = n_matches
+            result.setdefault(second, {})[first] = n_matches
     return result
 
 

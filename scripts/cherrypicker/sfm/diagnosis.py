@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from cherrypicker.sfm.database import feature_counts, verified_inliers
+from cherrypicker.sfm.database import verified_inliers
+from cherrypicker.sfm.export import registered_photos
 
 # Features below which a photo counts as blurred or blank, and as a share of the median (guesses)
 FEW_FEATURES = 200
@@ -20,13 +21,13 @@ _HOLD = {"n_features": "features", "n_partners": "partners", "n_matches": "match
 def diagnose_photos(
     database: Path,
     listing: dict,
-    model: pycolmap.Reconstruction | None,
-    other_models: Sequence[Sequence[str]] = (),
+    model: pycolmap.Reconstruction,
+    other_models: Sequence[Sequence[str]],
     *,
     min_inliers: int,
-    errors: Mapping[str, float] | None = None,
-    left_out: Mapping[str, float] | None = None,
-    doubtful_px: float = np.inf,
+    errors: Mapping[str, float],
+    left_out: Mapping[str, float],
+    doubtful_px: float,
 ) -> dict[str, dict]:
     """Explain each photo of the folder.
 
@@ -36,13 +37,13 @@ def diagnose_photos(
         Database with verified matches.
     listing : dict
         What :func:`cherrypicker.sfm.features.extract_features` listed.
-    model : pycolmap.Reconstruction or None
+    model : pycolmap.Reconstruction
         The model that was kept.
     other_models : sequence of sequence of str
         Photo names of the models that were not.
     min_inliers : int
         Least matches of a verified pair.
-    errors, left_out : mapping of str to float, optional
+    errors, left_out : mapping of str to float
         Errors at the tree, px, of the photos of the model and of those that were left out.
     doubtful_px : float
         Error from which on a photo that is used has a ``doubt``.
@@ -55,13 +56,9 @@ def diagnose_photos(
         ``n_partners`` (photos it has a verified pair with), ``n_matches`` (over those pairs),
         ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
     """
-    left_out = left_out or {}
-    known_px = {**(errors or {}), **left_out}
-    counts = feature_counts(database)
+    known_px = {**errors, **left_out}
     inliers = verified_inliers(database, min_inliers)
-    registered = {}
-    if model is not None:
-        registered = {im.name: im.num_points3D for im in model.images.values() if im.has_pose}
+    registered = {image.name: image.num_points3D for image in registered_photos(model)}
     report = {}
     for name, info in sorted(listing["photos"].items()):
         partners = inliers.get(name, {})
@@ -71,7 +68,7 @@ def diagnose_photos(
             "reason": "",
             "doubt": "",
             "error_px": known_px.get(name),
-            "n_features": counts.get(name, 0),
+            "n_features": info["n_features"],
             "n_partners": len(partners),
             "n_matches": sum(partners.values()),
             "best_partner": best,
@@ -80,6 +77,7 @@ def diagnose_photos(
             "exif_orientation": info["exif_orientation"],
         }
     medians = {key: float(np.median([each[key] for each in report.values()])) for key in _HOLD}
+    usual = [each["n_features"] for each in listing["photos"].values() if not each["problem"]]
     for name, info in listing["photos"].items():
         facts, error = report[name], known_px.get(name)
         known = "" if error is None else f"known within {error:.1f} px, {_cause(facts, medians)}"
@@ -87,7 +85,7 @@ def diagnose_photos(
             facts["reason"] = f"left out: its camera is {known}"
         elif name not in registered:
             facts["reason"] = info["problem"] or _reason(
-                name, facts, registered, other_models, float(np.median([*counts.values()]))
+                name, facts, registered, other_models, float(np.median(usual))
             )
         elif error is not None and error > doubtful_px:
             facts["doubt"] = known

@@ -33,12 +33,18 @@ def undistorted_poses(model: pycolmap.Reconstruction, errors: Mapping[str, float
     return replace(poses, error_px=np.array([errors[name] for name in poses.names.tolist()]))
 
 
-def poses_of(model: pycolmap.Reconstruction, cameras: Mapping[int, pycolmap.Camera]) -> Poses:
-    """Return the registered photos of a model, sorted by name, with pinhole cameras by id."""
-    images = sorted(
-        (image for image in model.images.values() if image.has_pose), key=lambda each: each.name
-    )
-    chosen = [cameras[image.camera_id] for image in images]
+def poses_of(
+    model: pycolmap.Reconstruction, cameras: Mapping[int, pycolmap.Camera] | None = None
+) -> Poses:
+    """Return the registered photos of a model, sorted by name, as pinholes.
+
+    Parameters
+    ----------
+    cameras : mapping of int to pycolmap.Camera, optional
+        Cameras by id in place of the model's own, whose distortion is passed over.
+    """
+    images = registered_photos(model)
+    chosen = [(cameras or model.cameras)[image.camera_id] for image in images]
     return Poses(
         names=np.array([image.name for image in images], dtype=str),
         cam_from_world=np.array([image.cam_from_world().matrix() for image in images]),
@@ -46,6 +52,12 @@ def poses_of(model: pycolmap.Reconstruction, cameras: Mapping[int, pycolmap.Came
         width=np.array([camera.width for camera in chosen]),
         height=np.array([camera.height for camera in chosen]),
     )
+
+
+def registered_photos(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
+    """Return the photos of a model that have a pose, sorted by name."""
+    images = (image for image in model.images.values() if image.has_pose)
+    return sorted(images, key=lambda image: image.name)
 
 
 def write_model(model: pycolmap.Reconstruction, folder: str | os.PathLike) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import os
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,6 @@ from cherrypicker.files import temporary_folder, write_json
 from cherrypicker.sfm.database import (
     SCRATCH,
     feature_counts,
-    image_ids,
     publish_database,
     watched_table,
 )
@@ -38,17 +37,23 @@ _ENLARGED, _PLAIN = -1, 0  # COLMAP's first_octave
 
 
 @dataclass(frozen=True)
-class FeatureOptions:
-    """Which features are found; the fields are config keys of ``sfm``.
+class SearchOptions:
+    """How many features are sought and where; the fields are config keys of ``sfm``.
 
     COLMAP keeps whole levels of scale, which may be a third more than ``max_features``. Feature
     coordinates are those of the full photo, whatever the size at which they are sought.
     """
 
-    camera_mode: str = "folder"
-    camera_model: str = "RADIAL"
     max_features: int = 4000
     max_image_size_px: int = 2400
+
+
+@dataclass(frozen=True)
+class FeatureOptions(SearchOptions):
+    """Which photos are searched, and their cameras; the fields are config keys of ``sfm``."""
+
+    camera_mode: str = "folder"
+    camera_model: str = "RADIAL"
     skip_unreadable: bool = False
 
 
@@ -99,98 +104,91 @@ def extract_features(
         len(infos),
         len(groups),
     )
+    photo_folder = infos[0].path.parent
     with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = scratch / "features.db"
         pycolmap.Database.open(working).close()
+        reader = pycolmap.ImageReaderOptions()
+        reader.camera_model = options.camera_model
+        # In order, before the search: its threads would number the photos as they finish.
         for group in groups:
-            _import_group(working, group, options.camera_model)
-        sizes = {info.name: (info.width, info.height) for group in groups for info in group}
-        _extract(working, infos[0].path.parent, sizes, options, threads, masks)
+            pycolmap.import_images(
+                working,
+                photo_folder,
+                camera_mode=pycolmap.CameraMode.SINGLE,
+                image_names=[info.name for info in group],
+                options=reader,
+            )
+        names = [info.name for group in groups for info in group]
+        find_features(working, photo_folder, names, options, masks=masks, threads=threads)
         counts = feature_counts(working)
         if not any(counts.values()):
             raise StageError(
                 "no photo shows any feature (blank or wholly blurred photos?)",
-                file=folder or infos[0].path.parent,
+                file=folder or photo_folder,
                 key="photos in trees.tsv",
             )
-        content = _listing(infos, groups, counts, working)
         publish_database(working, database)
+    content = _listing(infos, groups, counts)
     write_json(listing, content)
     return content
 
 
-def pool_descriptors(
+def find_features(
     database: Path,
     photos: Path,
     names: Sequence[str],
-    options: FeatureOptions,
+    options: SearchOptions,
     *,
     masks: str | os.PathLike | None = None,
     threads: int = 1,
+    pooled: bool = False,
 ) -> None:
-    """Describe the features of some photos over several sizes each (Dong and Soatto 2015).
-
-    The features stay the same, in the same order: matches between photos so described hold for
-    their plain descriptors, too. It takes twice the time of the features.
+    """Search photos, in place of the features that they have; large ones enlarged only where few.
 
     Parameters
     ----------
     database : Path
-        Changed in place.
+        Changed in place; photos that it does not have are passed over.
     photos : Path
         Folder of the photos.
     masks : path-like, optional
         As of :func:`extract_features`.
+    pooled : bool
+        Describe each feature over several sizes (Dong and Soatto 2015). The features stay the same,
+        in the same order: matches between photos so described hold for their plain descriptors,
+        too. It takes twice the time of the features.
     """
+    wanted = pycolmap.FeatureExtractionOptions()
+    wanted.use_gpu = False
+    wanted.num_threads = threads
+    wanted.max_image_size = options.max_image_size_px if options.max_image_size_px > 0 else -1
+    wanted.sift.max_num_features = options.max_features
+    # A second orientation of the same spot costs as much as a new spot and matches no better.
+    wanted.sift.max_num_orientations = 1
+    wanted.sift.estimate_affine_shape = True
+    wanted.sift.domain_size_pooling = pooled
     with pycolmap.Database.open(database) as opened:
         cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
-        used = {image.name: cameras[image.camera_id] for image in opened.read_all_images()}
-    sizes = {name: (used[name].width, used[name].height) for name in names}
-    _forget_features(database, names)
-    _extract(database, photos, sizes, options, threads, masks, pooled=True)
-
-
-def _import_group(database: Path, group: Sequence[PhotoInfo], camera_model: str) -> None:
-    """Enter a group's photos and camera in order: threads would number them as they finish."""
-    reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = camera_model
-    pycolmap.import_images(
-        database,
-        group[0].path.parent,
-        camera_mode=pycolmap.CameraMode.SINGLE,
-        image_names=[info.name for info in group],
-        options=reader,
-    )
-
-
-def _extract(
-    database: Path,
-    folder: Path,
-    sizes: Mapping[str, tuple[int, int]],
-    options: FeatureOptions,
-    threads: int,
-    masks: str | os.PathLike | None,
-    *,
-    pooled: bool = False,
-) -> None:
-    """Search all photos; large ones enlarged only where they show too few features without."""
+        camera_of = {image.name: cameras[image.camera_id] for image in opened.read_all_images()}
+    names = [name for name in names if name in camera_of]
     large = [
         name
-        for name, size in sizes.items()
-        if _searched_mp(size, options.max_image_size_px) >= PLAIN_FIRST_MP
+        for name in names
+        if _searched_mp(camera_of[name], options.max_image_size_px) >= PLAIN_FIRST_MP
     ]
-    _search(database, folder, large, _PLAIN, options, threads, masks, pooled=pooled)
+    _search(database, photos, large, _PLAIN, wanted, masks)
     counts = feature_counts(database)
-    enough = {name for name in large if counts.get(name, 0) > options.max_features}
-    rest = [name for name in sizes if name not in enough]
-    _forget_features(database, rest)
-    _search(database, folder, rest, _ENLARGED, options, threads, masks, pooled=pooled)
+    enough = {name for name in large if counts[name] > options.max_features}
+    rest = [name for name in names if name not in enough]
+    _search(database, photos, rest, _ENLARGED, wanted, masks)
 
 
-def _searched_mp(size: tuple[int, int], max_image_size_px: int) -> float:
-    """Megapixels of a photo of a width and height, px, as it is searched."""
-    shrink = min(1.0, max_image_size_px / max(*size, 1)) if max_image_size_px > 0 else 1.0
-    return size[0] * size[1] * shrink**2 / 1e6
+def _searched_mp(camera: pycolmap.Camera, max_image_size_px: int) -> float:
+    """Megapixels of a photo as it is searched."""
+    longer = max(camera.width, camera.height, 1)
+    shrink = min(1.0, max_image_size_px / longer) if max_image_size_px > 0 else 1.0
+    return camera.width * camera.height * shrink**2 / 1e6
 
 
 def _search(
@@ -198,24 +196,20 @@ def _search(
     photos: Path,
     names: Sequence[str],
     first_octave: int,
-    options: FeatureOptions,
-    threads: int,
+    wanted: pycolmap.FeatureExtractionOptions,
     masks: str | os.PathLike | None,
-    *,
-    pooled: bool = False,
 ) -> None:
+    """Search photos in place of the features that they have: COLMAP passes over such photos."""
     if not names:
         return
-    wanted = pycolmap.FeatureExtractionOptions()
-    wanted.use_gpu = False
-    wanted.num_threads = threads
-    wanted.max_image_size = options.max_image_size_px if options.max_image_size_px > 0 else -1
+    with closing(sqlite3.connect(database)) as connection, connection:
+        for table in ("keypoints", "descriptors"):
+            connection.executemany(
+                f"DELETE FROM {table} WHERE image_id IN "
+                "(SELECT image_id FROM images WHERE name = ?)",
+                [(name,) for name in names],
+            )
     wanted.sift.first_octave = first_octave
-    wanted.sift.max_num_features = options.max_features
-    # A second orientation of the same spot costs as much as a new spot and matches no better.
-    wanted.sift.max_num_orientations = 1
-    wanted.sift.estimate_affine_shape = True
-    wanted.sift.domain_size_pooling = pooled
     reader = pycolmap.ImageReaderOptions()
     if masks is not None:
         reader.mask_path = masks
@@ -231,30 +225,17 @@ def _search(
         )
 
 
-def _forget_features(database: Path, names: Sequence[str]) -> None:
-    """Remove photos' features: COLMAP passes over photos that have some."""
-    with closing(sqlite3.connect(database)) as connection, connection:
-        for table in ("keypoints", "descriptors"):
-            connection.executemany(
-                f"DELETE FROM {table} WHERE image_id IN "
-                "(SELECT image_id FROM images WHERE name = ?)",
-                [(name,) for name in names],
-            )
-
-
 def _listing(
     infos: Sequence[PhotoInfo],
     groups: Sequence[Sequence[PhotoInfo]],
     counts: dict[str, int],
-    database: Path,
 ) -> dict:
     """Describe each photo, and log what a reader wants to know."""
     group_of = {info.name: i for i, group in enumerate(groups) for info in group}
-    ids = image_ids(database)
     photos: dict[str, dict] = {}
     for info in infos:
         problem = info.problem
-        if not problem and info.name not in ids:
+        if not problem and info.name not in counts:
             problem = "COLMAP could not read the photo"
             logger.warning("%s is left out: %s", info.name, problem)
         photos[info.name] = {

@@ -27,23 +27,21 @@ LEAST_PLACES = 5
 MOST_LEFT = 0.5
 
 
-def stated_places(photos: Iterable[Path]) -> dict[str, tuple[float, float]]:
-    """Return longitude and latitude, degrees, of the photos that state them, by file name."""
+def stated_places(photos: Iterable[Path]) -> dict[str, Place]:
+    """Return the places of the photos that state one, by file name."""
     stated = {Path(path).name: stated_place(path) for path in photos}
-    return {name: (at.longitude, at.latitude) for name, at in stated.items() if at}
+    return {name: place for name, place in stated.items() if place}
 
 
-def compare_places(
-    centers: Mapping[str, np.ndarray], places: Mapping[str, tuple[float, float]]
-) -> dict | None:
+def compare_places(centers: Mapping[str, np.ndarray], places: Mapping[str, Place]) -> dict | None:
     """Hold the places of cameras against those that their photos state.
 
     Parameters
     ----------
     centers : mapping of str to ndarray of shape (3,)
         Of the registered photos, units of the model.
-    places : mapping of str to (float, float)
-        Longitude and latitude, degrees.
+    places : mapping of str to Place
+        Their altitudes do not count.
 
     Returns
     -------
@@ -53,11 +51,10 @@ def compare_places(
         what the fit leaves) and ``is_consistent``; None where too few places are stated.
     """
     names = sorted(centers.keys() & places.keys())
-    degrees = np.array([places[name] for name in names]).reshape(-1, 2)
-    n_places = len(np.unique(degrees, axis=0))
+    level = [places[name]._replace(altitude=0.0) for name in names]
+    n_places = len(set(level))
     if n_places < LEAST_PLACES:
         return None
-    level = [Place(latitude, longitude, 0.0) for longitude, latitude in degrees.tolist()]
     stated = local_metres(level) * [1.0, 1.0, 0.0]
     found = np.array([centers[name] for name in names])
     found = found - found.mean(axis=0)

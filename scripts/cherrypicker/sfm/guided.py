@@ -21,19 +21,20 @@ _PLANAR = (_GEOMETRY.PLANAR, _GEOMETRY.PANORAMIC, _GEOMETRY.PLANAR_OR_PANORAMIC)
 _UNIT_DOT = 512.0 * 512.0
 # Lengths below count as none
 _TINY = 1e-30
+# Largest descriptor angle of a match, rad
+MAX_ANGLE = pycolmap.SiftMatchingOptions().max_distance
 
 
 @dataclass(frozen=True)
 class PhotoFeatures:
     """Features of a photo."""
 
+    camera: pycolmap.Camera
     pixels: np.ndarray  # (n, 2) float64: positions in the photo, px
     # (n, 2) float64: undistorted positions relative to the principal point, px (tangents times
     # focal length)
     rays: np.ndarray
     descriptors: np.ndarray  # (n, 128) uint8
-    focal: float  # focal length, px
-    camera: pycolmap.Camera | None = None  # the camera that the rays come from
 
 
 def read_features(
@@ -42,22 +43,19 @@ def read_features(
     """Read a photo's features, with the camera that the database knows where none is given."""
     camera = camera or database.read_camera(database.read_image(image_id).camera_id)
     keypoints = np.asarray(database.read_keypoints(image_id))
-    descriptors = np.asarray(database.read_descriptors(image_id).data, dtype=np.uint8)
     pixels = np.ascontiguousarray(keypoints[:, :2], dtype=np.float64).reshape(-1, 2)
-    focal = float(camera.mean_focal_length())
-    rays = np.asarray(camera.cam_from_img(pixels), dtype=np.float64).reshape(-1, 2) * focal
-    rays, descriptors = np.ascontiguousarray(rays), np.ascontiguousarray(descriptors)
-    return PhotoFeatures(pixels, rays, descriptors, focal, camera)
+    rays = np.asarray(camera.cam_from_img(pixels), dtype=np.float64).reshape(-1, 2)
+    rays = np.ascontiguousarray(rays * float(camera.mean_focal_length()))
+    descriptors = np.ascontiguousarray(database.read_descriptors(image_id).data, dtype=np.uint8)
+    return PhotoFeatures(camera, pixels, rays, descriptors)
 
 
 def guided_matches(
     first: PhotoFeatures,
     second: PhotoFeatures,
     geometry: pycolmap.TwoViewGeometry,
-    *,
     max_error_px: float,
     max_ratio: float,
-    max_distance: float,
 ) -> np.ndarray:
     """Match features that a two-view geometry allows to be the same point.
 
@@ -69,27 +67,26 @@ def guided_matches(
         Largest Sampson error (or transfer error where the scene is planar), px.
     max_ratio : float
         Largest ratio of best to second best descriptor angle, among the allowed ones.
-    max_distance : float
-        Largest descriptor angle, rad.
 
     Returns
     -------
     ndarray of shape (n_matches, 2), uint32
         Mutually best matches, by feature of the first photo.
     """
-    if geometry.config in _PLANAR and geometry.H is not None:
-        points1, points2, matrix = first.pixels, second.pixels, np.array(geometry.H)
+    planar = geometry.config in _PLANAR and geometry.H is not None
+    points1, points2 = first.pixels, second.pixels
+    if planar:
+        matrix = np.array(geometry.H)
     elif geometry.config == _GEOMETRY.CALIBRATED and geometry.E is not None:
         points1, points2 = first.rays, second.rays
-        to_unit1 = np.diag([1.0 / first.focal, 1.0 / first.focal, 1.0])
-        to_unit2 = np.diag([1.0 / second.focal, 1.0 / second.focal, 1.0])
+        focals = (float(each.camera.mean_focal_length()) for each in (first, second))
+        to_unit1, to_unit2 = (np.diag([1.0 / focal, 1.0 / focal, 1.0]) for focal in focals)
         matrix = to_unit2 @ np.array(geometry.E) @ to_unit1
     elif geometry.F is not None:
-        points1, points2, matrix = first.pixels, second.pixels, np.array(geometry.F)
+        matrix = np.array(geometry.F)
     else:
         return np.empty((0, 2), dtype=np.uint32)
-    planar = geometry.config in _PLANAR and geometry.H is not None
-    return _match(
+    best1, dots1, best2, dots2 = _best_two(
         points1,
         points2,
         first.descriptors,
@@ -97,9 +94,13 @@ def guided_matches(
         np.ascontiguousarray(matrix, dtype=np.float64),
         planar,
         max_error_px,
-        max_ratio,
-        max_distance,
     )
+    rows = np.flatnonzero((best1 >= 0) & (best2[best1] == np.arange(len(best1))))
+    columns = best1[rows]
+    dots = np.stack([dots1[rows, 0], dots1[rows, 1], dots2[columns, 1]])
+    angle, second1, second2 = np.arccos(np.minimum(dots / _UNIT_DOT, 1.0))
+    clear = (angle < max_ratio * second1) & (angle < max_ratio * second2)
+    return np.column_stack([rows, columns])[clear & (angle <= MAX_ANGLE)].astype(np.uint32)
 
 
 def tight_guided_matches(
@@ -107,9 +108,7 @@ def tight_guided_matches(
     second: PhotoFeatures,
     geometry: pycolmap.TwoViewGeometry,
     verification: pycolmap.TwoViewGeometryOptions,
-    *,
     max_ratio: float,
-    max_distance: float,
 ) -> pycolmap.TwoViewGeometry | None:
     """Match along wide epipolar bands, estimate the geometry again, match along bands half as wide.
 
@@ -122,7 +121,7 @@ def tight_guided_matches(
         Verified geometry of the pair.
     verification : pycolmap.TwoViewGeometryOptions
         Those of the second estimate; its largest error is half the width of the first bands.
-    max_ratio, max_distance : float
+    max_ratio : float
         As in :func:`guided_matches`.
 
     Returns
@@ -130,19 +129,16 @@ def tight_guided_matches(
     pycolmap.TwoViewGeometry or None
         The second estimate with its guided matches; None if it contradicts the first.
     """
-    limits = {"max_ratio": max_ratio, "max_distance": max_distance}
     width = verification.ransac.max_error
-    wide = guided_matches(first, second, geometry, max_error_px=2 * width, **limits)
+    wide = guided_matches(first, second, geometry, 2 * width, max_ratio)
     if len(wide) < verification.min_num_inliers:
         return None
-    assert first.camera is not None and second.camera is not None  # the database has them
     again = pycolmap.estimate_two_view_geometry(
         first.camera, first.pixels, second.camera, second.pixels, wide, verification
     )
-    n_supported = len(again.inlier_matches)
-    if n_supported < max(verification.min_num_inliers, 0.5 * len(wide)):
+    if len(again.inlier_matches) < max(verification.min_num_inliers, 0.5 * len(wide)):
         return None
-    narrow = guided_matches(first, second, again, max_error_px=width, **limits)
+    narrow = guided_matches(first, second, again, width, max_ratio)
     if len(narrow) < len(geometry.inlier_matches):
         return None
     again.inlier_matches = narrow
@@ -150,7 +146,7 @@ def tight_guided_matches(
 
 
 @compiled(nogil=True)
-def _match(
+def _best_two(
     points1: np.ndarray,
     points2: np.ndarray,
     descriptors1: np.ndarray,
@@ -158,9 +154,8 @@ def _match(
     matrix: np.ndarray,
     planar: bool,
     max_error: float,
-    ratio: float,
-    distance: float,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Best match of each feature and its two largest dot products, of either photo."""
     n1, n2 = len(points1), len(points2)
     best1, dots1 = np.full(n1, -1, np.int64), np.zeros((n1, 2), np.int64)
     best2, dots2 = np.full(n2, -1, np.int64), np.zeros((n2, 2), np.int64)
@@ -194,7 +189,7 @@ def _match(
                 best1[i] = j
             if _improves(dots2, j, dot):
                 best2[j] = i
-    return _mutual(best1, dots1, best2, dots2, ratio, distance)
+    return best1, dots1, best2, dots2
 
 
 @compiled(nogil=True)
@@ -236,28 +231,3 @@ def _improves(dots: np.ndarray, i: int, dot: int) -> bool:
         return True
     dots[i, 1] = max(dots[i, 1], dot)
     return False
-
-
-@compiled(nogil=True)
-def _mutual(
-    best1: np.ndarray,
-    dots1: np.ndarray,
-    best2: np.ndarray,
-    dots2: np.ndarray,
-    ratio: float,
-    distance: float,
-) -> np.ndarray:
-    """Return the mutually best pairs that are near enough and pass the ratio test both ways."""
-    matches = np.empty((min(len(best1), len(best2)), 2), np.uint32)
-    n = 0
-    for i in range(len(best1)):
-        j = best1[i]
-        if j < 0 or best2[j] != i:
-            continue
-        angle = np.arccos(min(dots1[i, 0] / _UNIT_DOT, 1.0))
-        second1 = np.arccos(min(dots1[i, 1] / _UNIT_DOT, 1.0))
-        second2 = np.arccos(min(dots2[j, 1] / _UNIT_DOT, 1.0))
-        if angle <= distance and angle < ratio * second1 and angle < ratio * second2:
-            matches[n, 0], matches[n, 1] = i, j
-            n += 1
-    return matches[:n]

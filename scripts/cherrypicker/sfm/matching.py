@@ -6,16 +6,14 @@ import logging
 import os
 import shutil
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
-from cherrypicker.progress import Progress
+from cherrypicker.progress import in_threads
 from cherrypicker.sfm.database import (
     SCRATCH,
     copy_database,
@@ -23,22 +21,15 @@ from cherrypicker.sfm.database import (
     publish_database,
     rename_images,
     verified_inliers,
+    verified_pairs,
     watched_table,
 )
-from cherrypicker.sfm.features import FeatureOptions, pool_descriptors
+from cherrypicker.sfm.features import SearchOptions, find_features
 from cherrypicker.sfm.guided import read_features, tight_guided_matches
-from cherrypicker.sfm.pairs import (
-    exhaustive_pairs,
-    global_descriptors,
-    retrieval_pairs,
-    sequential_pairs,
-    unique_pairs,
-)
+from cherrypicker.sfm.pairs import choose_pairs
 
 logger = logging.getLogger(__name__)
 
-# Features of a photo that its global descriptor is made of, the largest (guess)
-N_GLOBAL_FEATURES = 2000
 # Photos that one which needs more matches is matched with anew (guess)
 N_PARTNERS = 8
 
@@ -104,7 +95,8 @@ def match_features(
         if pairing == "vocab_tree":
             _match_by_vocabulary_tree(working, options, seed, threads)
         else:
-            pairs = _choose_pairs(working, pairing, options, seed)
+            near, alike = options.sequential_overlap, options.retrieval_neighbors
+            pairs = choose_pairs(working, pairing, near, alike, seed)
             _match_pairs(working, pairs, options, seed, threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
@@ -126,7 +118,7 @@ def match_pooled(
     photos: Path,
     names: Collection[str],
     options: PairOptions,
-    features: FeatureOptions,
+    search: SearchOptions,
     *,
     masks: str | os.PathLike | None = None,
     seed: int = 0,
@@ -156,7 +148,7 @@ def match_pooled(
     pairs = likely_partners(database, [name for name in sorted(names) if name in ids])
     working = Path(shutil.copyfile(database, database.with_name("pooled.db")))
     both = sorted({name for pair in pairs for name in pair})
-    pool_descriptors(working, photos, both, features, masks=masks, threads=threads)
+    find_features(working, photos, both, search, masks=masks, threads=threads, pooled=True)
     with pycolmap.Database.open(working) as opened:
         opened.clear_matches()
         opened.clear_two_view_geometries()
@@ -164,16 +156,13 @@ def match_pooled(
     add_guided_matches(working, options, seed=seed, threads=threads)
     n_taken = 0
     with pycolmap.Database.open(working) as found, pycolmap.Database.open(database) as opened:
-        pair_ids, geometries = found.read_two_view_geometries()
-        for pair_id, geometry in zip(pair_ids, geometries):
-            pair = pycolmap.pair_id_to_image_pair(pair_id)
+        for pair, geometry in verified_pairs(found).items():
             has = opened.exists_two_view_geometry(*pair)
             before = len(opened.read_two_view_geometry(*pair).inlier_matches) if has else 0
-            if len(geometry.inlier_matches) <= before:
-                continue
-            write = opened.update_two_view_geometry if has else opened.write_two_view_geometry
-            write(*pair, geometry)
-            n_taken += 1
+            if len(geometry.inlier_matches) > before:
+                write = opened.update_two_view_geometry if has else opened.write_two_view_geometry
+                write(*pair, geometry)
+                n_taken += 1
     working.unlink()
     logger.info(
         "pooled descriptors of %d photos: %d of %d pairs took their matches",
@@ -211,48 +200,29 @@ def add_guided_matches(
         Number of matches added over all pairs.
     """
     verification = options.verification(seed, share=0.5)
-    max_distance = pycolmap.SiftMatchingOptions().max_distance
     with pycolmap.Database.open(database) as opened:
-        pair_ids, geometries = opened.read_two_view_geometries()
-        todo = [
-            (pycolmap.pair_id_to_image_pair(pair_id), geometry)
-            for pair_id, geometry in zip(pair_ids, geometries)
-            if len(geometry.inlier_matches) >= options.min_inliers
-        ]
-        wanted = sorted({image_id for pair, _ in todo for image_id in pair})
+        pairs = verified_pairs(opened, options.min_inliers)
+        wanted = sorted({image_id for pair in pairs for image_id in pair})
         features = {image_id: read_features(opened, image_id) for image_id in wanted}
         before = after = 0
 
-        def search(item: tuple) -> pycolmap.TwoViewGeometry | None:
-            (first, second), geometry = item
-            return tight_guided_matches(
-                features[first],
-                features[second],
-                geometry,
-                verification,
-                max_ratio=options.max_match_ratio,
-                max_distance=max_distance,
-            )
+        def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry | None:
+            sides = features[pair[0]], features[pair[1]]
+            return tight_guided_matches(*sides, pairs[pair], verification, options.max_match_ratio)
 
-        with (
-            ThreadPoolExecutor(threads) as pool,
-            Progress(len(todo), "pairs matched again, guided") as bar,
-        ):
-            for ((first, second), geometry), found in zip(todo, pool.map(search, todo)):
-                before += len(geometry.inlier_matches)
-                after += len((found or geometry).inlier_matches)
-                if found is not None:
-                    opened.update_two_view_geometry(first, second, found)
-                bar.step()
+        results = in_threads(search, pairs, threads, "pairs matched again, guided")
+        for (pair, geometry), found in zip(pairs.items(), results):
+            before += len(geometry.inlier_matches)
+            after += len((found or geometry).inlier_matches)
+            if found is not None:
+                opened.update_two_view_geometry(*pair, found)
     logger.info(
-        "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(todo), f"{after:,}"
+        "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(pairs), f"{after:,}"
     )
     return after - before
 
 
 def _choose_pairing(options: MatchingOptions, n_photos: int) -> str:
-    if options.pairing == "vocab_tree" and not options.vocab_tree_path:
-        raise StageError("pairing vocab_tree needs the file of a tree", key="sfm.vocab_tree_path")
     if options.pairing != "auto":
         return options.pairing
     if n_photos <= options.exhaustive_max_photos:
@@ -265,29 +235,6 @@ def _choose_pairing(options: MatchingOptions, n_photos: int) -> str:
         chosen,
     )
     return chosen
-
-
-def _choose_pairs(
-    database: Path, pairing: str, options: MatchingOptions, seed: int
-) -> list[tuple[str, str]]:
-    """Return pairs of photo names; retrieval adds the neighbours in name order."""
-    ids = image_ids(database)
-    names = list(ids)
-    if pairing == "exhaustive":
-        pairs = exhaustive_pairs(len(names))
-    else:
-        pairs = sequential_pairs(len(names), options.sequential_overlap)
-    if pairing == "retrieval":
-        with pycolmap.Database.open(database) as opened:
-            descriptors = [
-                np.array(opened.read_descriptors(ids[name]).data[-N_GLOBAL_FEATURES:])
-                for name in names
-            ]
-        vectors = global_descriptors(descriptors, seed)
-        pairs = unique_pairs(pairs, retrieval_pairs(vectors, options.retrieval_neighbors))
-    n_all = len(names) * (len(names) - 1) // 2
-    logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
-    return [(names[i], names[j]) for i, j in pairs]
 
 
 def _match(
@@ -330,7 +277,11 @@ def _match_by_vocabulary_tree(
 ) -> None:
     tree = Path(options.vocab_tree_path)
     if not tree.is_file():
-        raise StageError("the vocabulary tree is missing", file=tree, key="sfm.vocab_tree_path")
+        raise StageError(
+            "pairing vocab_tree needs the file of a tree, which is missing",
+            file=options.vocab_tree_path or None,
+            key="sfm.vocab_tree_path",
+        )
     pairing = pycolmap.VocabTreePairingOptions()
     pairing.vocab_tree_path = tree
     pairing.num_images = options.retrieval_neighbors

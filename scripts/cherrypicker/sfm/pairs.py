@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+import pycolmap
 from scipy.cluster.vq import kmeans2, vq
+
+from cherrypicker.sfm.database import image_ids
 
 logger = logging.getLogger(__name__)
 
@@ -15,8 +19,40 @@ logger = logging.getLogger(__name__)
 N_WORDS = 64
 N_TRAINING_DESCRIPTORS = 60_000
 N_KMEANS_ITERATIONS = 12
+# Features of a photo that its global descriptor is made of, the largest (guess)
+N_FEATURES = 2000
 # Lengths below count as none
 TINY = 1e-6
+
+
+def choose_pairs(
+    database: Path, pairing: str, overlap: int, n_neighbors: int, seed: int
+) -> list[tuple[str, str]]:
+    """Choose the pairs of a database's photos, by name.
+
+    Parameters
+    ----------
+    pairing : {"exhaustive", "sequential", "retrieval"}
+        Retrieval adds the neighbours in name order.
+    overlap : int
+        As of :func:`sequential_pairs`.
+    n_neighbors : int
+        As of :func:`retrieval_pairs`.
+    """
+    ids = image_ids(database)
+    names = list(ids)
+    if pairing == "exhaustive":
+        pairs = exhaustive_pairs(len(names))
+    else:
+        pairs = sequential_pairs(len(names), overlap)
+    if pairing == "retrieval":
+        with pycolmap.Database.open(database) as opened:
+            found = (opened.read_descriptors(image_id).data for image_id in ids.values())
+            vectors = global_descriptors([np.array(each[-N_FEATURES:]) for each in found], seed)
+        pairs = unique_pairs(pairs, retrieval_pairs(vectors, n_neighbors))
+    n_all = len(names) * (len(names) - 1) // 2
+    logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
+    return [(names[i], names[j]) for i, j in pairs]
 
 
 def exhaustive_pairs(n_photos: int) -> np.ndarray:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,14 +13,13 @@ from PIL import ExifTags, Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.photos import UNREADABLE, exif_orientation, read_photo
-from cherrypicker.progress import Progress
+from cherrypicker.progress import in_threads
 
 logger = logging.getLogger(__name__)
 
 # Two photos give no scale to what a third sees
 MIN_PHOTOS = 3
-# EXIF tags of a camera's maker and model; longest focal length that is taken for one, mm
-MAKER, MODEL = 0x010F, 0x0110
+# Longest focal length that is taken for one, mm
 LONGEST_FOCAL_MM = 1e4
 PHOTOS_COLUMN = "photos in trees.tsv"
 
@@ -87,11 +85,7 @@ def check_photos(
         )
     if len({path.parent for path in paths}) > 1:
         raise StageError("the photos lie in several folders", file=paths[0], key=PHOTOS_COLUMN)
-    with Progress(len(paths), "photos checked") as bar, ThreadPoolExecutor(threads) as pool:
-        infos = []
-        for info in pool.map(_check_photo, paths):
-            infos.append(info)
-            bar.step()
+    infos = list(in_threads(_check_photo, paths, threads, "photos checked"))
     unreadable = [info for info in infos if info.problem]
     if unreadable and not skip_unreadable:
         more = f" (and {len(unreadable) - 1} more)" if len(unreadable) > 1 else ""
@@ -102,7 +96,14 @@ def check_photos(
         )
     for info in unreadable:
         logger.warning("%s is left out: %s", info.name, info.problem)
-    infos = _mark_copies(infos)
+    # A copy adds nothing but a zero baseline.
+    same = copies({info.name: info.digest for info in infos})
+    for name, original in same.items():
+        logger.warning("%s is left out: a copy of %s", name, original)
+    infos = [
+        replace(info, problem=f"a copy of {same[info.name]}") if info.name in same else info
+        for info in infos
+    ]
     n_usable = sum(not info.problem for info in infos)
     if n_usable < MIN_PHOTOS:
         raise StageError(
@@ -147,9 +148,7 @@ def _check_photo(path: Path) -> PhotoInfo:
         camera, focal_mm = exif_camera(path)
     except StageError as error:
         return PhotoInfo(path, problem=f"unreadable: {error.cause}")
-    return PhotoInfo(
-        path, width, height, camera, focal_mm, exif_orientation(path), problem="", digest=digest
-    )
+    return PhotoInfo(path, width, height, camera, focal_mm, exif_orientation(path), digest=digest)
 
 
 def exif_camera(path: Path) -> tuple[str, float]:
@@ -158,24 +157,23 @@ def exif_camera(path: Path) -> tuple[str, float]:
         with Image.open(path) as image:
             exif = image.getexif()
             details = exif.get_ifd(ExifTags.IFD.Exif)
-            words = [str(exif.get(tag, "")).strip("\0 ") for tag in (MAKER, MODEL)]
+            tags = ExifTags.Base.Make, ExifTags.Base.Model
+            words = [str(exif.get(tag, "")).strip("\0 ") for tag in tags]
             focal = float(details.get(ExifTags.Base.FocalLength) or 0.0)
     except UNREADABLE:
         return "", 0.0
-    return " ".join(
-        word for word in words if word
-    ), focal if 0.0 < focal < LONGEST_FOCAL_MM else 0.0
+    focal = focal if 0.0 < focal < LONGEST_FOCAL_MM else 0.0
+    return " ".join(word for word in words if word), focal
 
 
-def _mark_copies(infos: list[PhotoInfo]) -> list[PhotoInfo]:
-    """Keep the first of byte-equal photos: a second one adds nothing but a zero baseline."""
+def copies(digests: Mapping[str, str]) -> dict[str, str]:
+    """Return the names of byte-equal photos with that of the first of them.
+
+    Parameters
+    ----------
+    digests : mapping of str to str
+        Hash of each file by its name; empty for one that is no photo.
+    """
     first: dict[str, str] = {}
-    marked = []
-    for info in infos:
-        original = first.setdefault(info.digest, info.name) if info.digest else info.name
-        if original != info.name and not info.problem:
-            logger.warning("%s is left out: a copy of %s", info.name, original)
-            marked.append(replace(info, problem=f"a copy of {original}"))
-        else:
-            marked.append(info)
-    return marked
+    originals = {name: first.setdefault(each, name) for name, each in digests.items() if each}
+    return {name: original for name, original in originals.items() if original != name}

@@ -8,22 +8,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, temporary_folder, write_json
 from cherrypicker.poses import write_poses
 from cherrypicker.sfm.database import SCRATCH, copy_database
 from cherrypicker.sfm.diagnosis import diagnose_photos
-from cherrypicker.sfm.export import undistorted_poses, write_model
+from cherrypicker.sfm.export import registered_photos, undistorted_poses, write_model
 from cherrypicker.sfm.gps import compare_places, stated_places
-from cherrypicker.sfm.mapping import (
-    Attempt,
-    MappingOptions,
-    largest_error_px,
-    map_photos,
-)
-from cherrypicker.sfm.rematch import RefineOptions
+from cherrypicker.sfm.mapping import Attempt, Mapper, MappingOptions
+from cherrypicker.sfm.refine import RefineOptions
 from cherrypicker.sfm.uncertainty import camera_uncertainty
 
 logger = logging.getLogger(__name__)
@@ -82,20 +76,13 @@ def reconstruct_sparse(
     options = options or MappingOptions()
     if not photos:
         raise StageError("no photo found in the folder", key="photos in trees.tsv")
-    found, refining = read_json(listing), refining or RefineOptions()
+    found, folder = read_json(listing), Path(photos[0]).parent
     with temporary_folder(Path(model_folder).parent, SCRATCH) as scratch:
         working = copy_database(database, scratch / "database.db")
-        attempts = map_photos(
-            working,
-            Path(photos[0]).parent,
-            scratch,
-            options,
-            refining,
-            masks=masks,
-            seed=seed,
-            threads=threads,
+        mapper = Mapper(
+            working, folder, scratch, options, refining or RefineOptions(), masks, seed, threads
         )
-        best = attempts[0]
+        best, *others = mapper.run()
         explained = diagnose_photos(
             best.database,
             found,
@@ -104,22 +91,16 @@ def reconstruct_sparse(
             min_inliers=options.min_inliers,
             errors=best.errors,
             left_out=best.left_out,
-            doubtful_px=DOUBTFUL * largest_error_px(working, options),
+            doubtful_px=DOUBTFUL * mapper.limit_px,
         )
-        unsure = None if best.model is None else describe(camera_uncertainty(best.model))
-    content = _report(best, attempts, explained, unsure)
-    if best.model is not None:
-        centers = {
-            image.name: image.projection_center()
-            for image in best.model.images.values()
-            if image.has_pose
-        }
+    content = _report(best, others, explained)
+    if best.n_registered:
+        centers = {each.name: each.projection_center() for each in registered_photos(best.model)}
         content["gps"] = compare_places(centers, stated_places(map(Path, photos)))
     write_json(report, content)
     _log_missing(explained)
-    _enforce(content, options.min_registered_fraction, Path(photos[0]).parent)
-    _enforce_one_scale(content, Path(photos[0]).parent)
-    assert best.model is not None  # _enforce refuses a scan without
+    _enforce(content, options.min_registered_fraction, folder)
+    _enforce_one_scale(content, folder)
     write_model(best.model, model_folder)
     write_poses(poses, undistorted_poses(best.model, best.errors))
     logger.info(
@@ -133,37 +114,61 @@ def reconstruct_sparse(
     return content
 
 
-def _report(
-    best: Attempt, attempts: Sequence[Attempt], explained: dict, unsure: dict | None
-) -> dict:
-    n_usable = best.n_photos
+def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
+    model = best.model
+    fit = _fit(best)
     report = {
         "n_photos": len(explained),
-        "n_usable": n_usable,
+        "n_usable": best.n_photos,
         "n_registered": best.n_registered,
         "n_left_out": len(best.left_out),
         "camera_error_px": describe(best.errors),
         "registered_fraction": best.fraction,
-        "n_points": 0,
-        "mean_track_length": 0.0,
-        "mean_reprojection_error_px": None,
+        "n_points": model.num_points3D(),
+        "mean_track_length": model.compute_mean_track_length(),
+        "mean_reprojection_error_px": fit.get("mean_reprojection_error_px"),
         "mapper": best.policy.mapper,
         "attempt": best.policy.name,
-        "attempts": [_describe_attempt(attempt) for attempt in attempts],
-        "cameras": [],
+        "attempts": [
+            {
+                "name": attempt.policy.name,
+                "what": attempt.policy.reason,
+                "mapper": attempt.policy.mapper,
+                "n_registered": attempt.n_registered,
+                "n_other_models": len(attempt.other_models),
+                **_fit(attempt),
+            }
+            for attempt in (best, *others)
+        ],
+        "cameras": [
+            {
+                "model": model.cameras[i].model_name,
+                "width": model.cameras[i].width,
+                "height": model.cameras[i].height,
+                "params": np.asarray(model.cameras[i].params).tolist(),
+                "params_info": model.cameras[i].params_info,
+            }
+            for i in sorted({image.camera_id for image in registered_photos(model)})
+        ],
         "photos": explained,
     }
-    if best.model is not None and best.agreement is not None:
-        report |= {
-            "n_points": best.model.num_points3D(),
-            "mean_track_length": best.model.compute_mean_track_length(),
-            "mean_reprojection_error_px": best.model.compute_mean_reprojection_error(),
-            "pair_agreement": best.agreement.pairs,
-            "match_agreement": best.agreement.matches,
-            "camera_std_fraction": unsure,
-            "cameras": _describe_cameras(best.model),
-        }
+    if best.n_registered:
+        report["pair_agreement"] = best.agreement.pairs
+        report["match_agreement"] = best.agreement.matches
+        report["camera_std_fraction"] = describe(camera_uncertainty(model))
     return report
+
+
+def _fit(attempt: Attempt) -> dict:
+    """How well a model agrees with its matches; nothing of none."""
+    if not attempt.n_registered:
+        return {}
+    return {
+        "pair_agreement": attempt.agreement.pairs,
+        "match_agreement": attempt.agreement.matches,
+        "median_error_px": attempt.agreement.median_error_px,
+        "mean_reprojection_error_px": attempt.model.compute_mean_reprojection_error(),
+    }
 
 
 def describe(errors: Mapping[str, float] | None) -> dict | None:
@@ -172,38 +177,6 @@ def describe(errors: Mapping[str, float] | None) -> dict | None:
         return None
     worst = max(errors, key=lambda name: errors[name])
     return {"median": float(np.median([*errors.values()])), "max": errors[worst], "worst": worst}
-
-
-def _describe_attempt(attempt: Attempt) -> dict:
-    described = {
-        "name": attempt.policy.name,
-        "what": attempt.policy.reason,
-        "mapper": attempt.policy.mapper,
-        "n_registered": attempt.n_registered,
-        "n_other_models": len(attempt.other_models),
-    }
-    if attempt.model is not None and attempt.agreement is not None:
-        described |= {
-            "pair_agreement": attempt.agreement.pairs,
-            "match_agreement": attempt.agreement.matches,
-            "median_error_px": attempt.agreement.median_error_px,
-            "mean_reprojection_error_px": attempt.model.compute_mean_reprojection_error(),
-        }
-    return described
-
-
-def _describe_cameras(model: pycolmap.Reconstruction) -> list[dict]:
-    used = sorted({image.camera_id for image in model.images.values() if image.has_pose})
-    return [
-        {
-            "model": model.cameras[i].model_name,
-            "width": model.cameras[i].width,
-            "height": model.cameras[i].height,
-            "params": np.asarray(model.cameras[i].params).tolist(),
-            "params_info": model.cameras[i].params_info,
-        }
-        for i in used
-    ]
 
 
 def _log_missing(explained: dict) -> None:

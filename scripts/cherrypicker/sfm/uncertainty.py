@@ -15,10 +15,9 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.geometry.similarity import best_turn
-from cherrypicker.placement.region import Region, find_region
+from cherrypicker.placement.region import find_region
 from cherrypicker.sfm.export import poses_of
-from cherrypicker.sfm.refine import adjust_robustly
-from cherrypicker.sfm.rematch import RefineOptions
+from cherrypicker.sfm.refine import RefineOptions, adjust_robustly
 
 # Random halves of the points (guess: their largest scatter moves by a quarter with the seed), and
 # iterations of each: 30 take 2.6 times the time, and the errors of 86 photos are the same to 1 %
@@ -48,8 +47,13 @@ def camera_uncertainty(model: pycolmap.Reconstruction) -> dict[str, float] | Non
         return None
     centers = _centers(model, ids)
     centers = centers - centers.mean(axis=0)
-    free = _without_similarities(covariance, centers)
-    variance = np.einsum("iaia->i", free.reshape(len(ids), 3, len(ids), 3))
+    # Shifts, turns and scale of all cameras together are no error
+    moves = [np.broadcast_to(axis, centers.shape).ravel() for axis in np.eye(3)]
+    moves += [np.cross(axis, centers).ravel() for axis in np.eye(3)]
+    basis = np.linalg.qr(np.column_stack([*moves, centers.ravel()]))[0]
+    left = covariance - basis @ (basis.T @ covariance)
+    left = left - (left @ basis) @ basis.T
+    variance = np.diagonal(left).reshape(-1, 3).sum(axis=1)
     share = model.compute_mean_reprojection_error() / np.median(np.linalg.norm(centers, axis=1))
     errors = share * np.sqrt(np.maximum(variance, 0.0))
     return {model.images[i].name: float(error) for i, error in zip(ids, errors)}
@@ -74,9 +78,12 @@ def tree_errors(
         halves of the median over the places.
     """
     ids = sorted(model.reg_image_ids())
-    poses = poses_of(model, dict(model.cameras.items()))
-    region = find_region(poses)
-    places = {image_id: _places(model, image_id, region) for image_id in ids}
+    region = find_region(poses_of(model))
+    near = np.zeros((0, 3))
+    if region is not None:
+        near = region.samples - region.center
+        near = region.center + near[np.linalg.norm(near, axis=1) <= TREE_SHARE * region.radius]
+    places = {image_id: _places(model, image_id, near) for image_id in ids}
     shown = {image_id: _shown(model, image_id, places[image_id]) for image_id in ids}
     point_ids = np.array(sorted(model.points3D))
     rng = np.random.default_rng(seed)
@@ -95,16 +102,13 @@ def tree_errors(
     return {model.images[i].name: float(error) for i, error in zip(ids, errors)}
 
 
-def _places(model: pycolmap.Reconstruction, image_id: int, region: Region | None) -> np.ndarray:
-    """Places of the tree that a photo shows, or else the points that it sees, (n, 3)."""
-    if region is not None:
-        near = region.samples - region.center
-        near = region.center + near[np.linalg.norm(near, axis=1) <= TREE_SHARE * region.radius]
-        pixels = _shown(model, image_id, near)
-        camera = model.cameras[model.images[image_id].camera_id]
-        inside = (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
-        if inside.any():
-            return near[inside]
+def _places(model: pycolmap.Reconstruction, image_id: int, near: np.ndarray) -> np.ndarray:
+    """Those of some places (n, 3) that a photo shows; where none, the points that it sees."""
+    pixels = _shown(model, image_id, near)
+    camera = model.cameras[model.images[image_id].camera_id]
+    inside = (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    if inside.any():
+        return near[inside]
     seen = [p.point3D_id for p in model.images[image_id].points2D if p.has_point3D()]
     return np.array([model.points3D[i].xyz for i in seen]).reshape(-1, 3)
 
@@ -154,41 +158,18 @@ def _covariance(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray | 
     wanted.params = pycolmap.BACovarianceOptionsParams.POSES
     wanted.damping = DAMPING
     found = pycolmap.estimate_ba_covariance(wanted, model, adjuster)
-    if found is None:
+    if found is None or any(found.get_cam_cov_from_world(i) is None for i in ids):
         return None
-    turns = [_center_by_pose(model.images[i].cam_from_world()) for i in ids]
-    covariance = np.zeros((3 * len(ids), 3 * len(ids)))
-    for a in range(len(ids)):
-        for b in range(a, len(ids)):
-            if a == b:
-                block = found.get_cam_cov_from_world(ids[a])
-            else:
-                block = found.get_cam_cross_cov_from_world(ids[a], ids[b])
-            if block is None:
-                return None
-            block = turns[a] @ block @ turns[b].T
-            covariance[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] = block
-            covariance[3 * b : 3 * b + 3, 3 * a : 3 * a + 3] = block.T
-    return covariance
+    moves = []  # how each centre -R^T t moves with its pose (rotation, translation), (3, 6)
+    for i in ids:
+        pose = model.images[i].cam_from_world()
+        R, (x, y, z) = pose.rotation.matrix(), pose.translation
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        moves.append(np.hstack([-R.T @ cross, -R.T]))
 
+    def block(a: int, b: int) -> np.ndarray:
+        cross = found.get_cam_cross_cov_from_world(ids[a], ids[b])
+        return moves[a] @ cross @ moves[b].T
 
-def _center_by_pose(pose: pycolmap.Rigid3d) -> np.ndarray:
-    """How a camera's centre -R^T t moves with its pose (rotation, translation), (3, 6)."""
-    R, (x, y, z) = pose.rotation.matrix(), pose.translation
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.hstack([-R.T @ cross, -R.T])
-
-
-def _without_similarities(covariance: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    """Take shifts, turns and scale of all centres (n, 3) out of their covariance (3 n, 3 n)."""
-    basis = _similarities(centers)
-    left = covariance - basis @ (basis.T @ covariance)
-    return left - (left @ basis) @ basis.T
-
-
-def _similarities(centers: np.ndarray) -> np.ndarray:
-    """Orthonormal small shifts, turns and scale of all centres (n, 3), (3 n, 7)."""
-    axes = np.eye(3)
-    moves = [np.broadcast_to(axis, centers.shape).ravel() for axis in axes]
-    moves += [np.cross(axis, centers).ravel() for axis in axes]
-    return np.linalg.qr(np.column_stack([*moves, centers.ravel()]))[0]
+    rows = range(len(ids))
+    return np.block([[block(a, b) if a < b else block(b, a).T for b in rows] for a in rows])
