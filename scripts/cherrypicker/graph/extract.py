@@ -13,7 +13,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing
 from cherrypicker.graph.radius import never_growing
 from cherrypicker.graph.spanning_tree import FEWEST_NODES, spanning_tree
-from cherrypicker.limbs.growth import Limbs, limbs_of_wood
+from cherrypicker.limbs.growth import Limbs, grow_limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.axis_radii import tell_radii
@@ -132,7 +132,7 @@ def limb_tree(
         raise StageError(f"{len(points)} points are too few for a graph", key="graph.spacing_m")
     if found is None:
         base = lowest_base(points, labels).base if base is None else base
-        found = limbs_of_wood(points, base, stem=labels == Label.TRUNK)
+        found = grow_limbs(points, base, stem=labels == Label.TRUNK)
     if len(found.member) != len(points):
         raise StageError(f"limbs of {len(found.member)} points for a tree of {len(points)}")
     nodes, parent, radius, limb = join_limbs(found.limbs, found.spacing, spacing_m)

@@ -33,7 +33,7 @@ from cherrypicker.limbs.tubes import (
     stretch,
 )
 
-__all__ = ["Limbs", "chains_of", "grow_limbs", "limbs_of_wood", "spacing_of"]
+__all__ = ["Limbs", "chains_of", "grow_limbs", "spacing_of"]
 
 logger = logging.getLogger(__name__)
 
@@ -149,36 +149,21 @@ def grow_limbs(
 
     Raises
     ------
-    ValueError
+    StageError
         If the points make no limb.
     """
     base = np.asarray(base, dtype=np.float64)
     points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits
     spacing = spacing_of(points) if len(points) >= LEAST_POINTS else 0.0
-    if not spacing > 0:
-        raise ValueError(f"{len(points)} points make no limb")
-    growth = _Growth(points, spacing, stem, count)
-    while growth.add_round():  # what no tube claims tells the next
-        pass
-    if not growth.limbs:
-        raise ValueError(f"{len(points)} points make no limb")
-    return growth.finish(base)
-
-
-def limbs_of_wood(
-    points: np.ndarray, base: npt.ArrayLike, *, stem: np.ndarray | None = None
-) -> Limbs:
-    """`grow_limbs` for the stages: points that make no limb are told in the user's terms.
-
-    Raises
-    ------
-    StageError
-        If the points make no limb.
-    """
-    try:
-        return grow_limbs(points, base, stem=stem)
-    except ValueError as error:
-        raise StageError(str(error), key="contract.classes, contract.voxel_size_m") from error
+    if spacing > 0:
+        growth = _Growth(points, spacing, stem, count)
+        while growth.add_round():  # what no tube claims tells the next
+            pass
+        if growth.limbs:
+            return growth.finish(base)
+    raise StageError(
+        f"{len(points)} points make no limb", key="contract.classes, contract.voxel_size_m"
+    )
 
 
 class _Growth:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,11 +24,10 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 from cherrypicker.wood.target import Choice, choose_target
-from cherrypicker.wood.thinned import WoodChoice, agreed_labels, thinned_wood
+from cherrypicker.wood.thinned import GrowthOptions, agreed_labels, thinned_wood
 
 __all__ = [
     "SharedWood",
-    "TargetWood",
     "lowest_base",
     "select_target_wood",
     "share_cloud",
@@ -62,29 +61,6 @@ DIRECTION_COSINE = np.cos(np.radians(30.0))  # (15 degrees: 0.2, 60: 0.2)
 BORDER_IN_SPACINGS, THIN_M, FOOT_OF_WAY = 3.0, 0.025, 0.2
 
 
-@dataclass
-class TargetWood:
-    """Which points are the target's wood.
-
-    Attributes
-    ----------
-    keep : ndarray of shape (n_points,), bool
-        Of the cloud.
-    base : ndarray of shape (3,), float64
-        Base of the target's stem.
-    report : dict
-        Counts: ``n_stems``, ``n_wood``, ``n_kept``, ``n_neighbors_cut``, ``n_floating``; and
-        ``loose``, see `_loose`.
-    choice : Choice
-        Why this tree, and what else stands there.
-    """
-
-    keep: np.ndarray
-    base: np.ndarray
-    choice: Choice
-    report: dict = field(default_factory=dict)
-
-
 def select_target_wood(
     points: np.ndarray,
     shared: SharedWood,
@@ -93,7 +69,7 @@ def select_target_wood(
     stem_gap_m: float = STEM_GAP_M,
     target_xy: ArrayLike | None = None,
     region: Footprint | None = None,
-) -> TargetWood:
+) -> tuple[Choice, dict]:
     """Choose the target tree among those that wood was shared out to.
 
     Parameters
@@ -110,7 +86,11 @@ def select_target_wood(
 
     Returns
     -------
-    TargetWood
+    choice : Choice
+        Why this tree, and what else stands there.
+    report : dict
+        Counts of the thinned wood: ``n_stems``, ``n_wood``, ``n_kept``, ``n_neighbors_cut``,
+        ``n_floating``; and ``loose``, see `_loose`.
 
     Raises
     ------
@@ -122,9 +102,15 @@ def select_target_wood(
         thin, shared.bases, owner, spacing=shared.spacing, region=region, target_xy=target_xy
     )
     keep = owner == choice.target.stem
-    report = _report(owner, len(shared.bases), keep)
     reach = max(gap_m, stem_gap_m * _growth(thin))
-    report["loose"] = _loose(thin, owner, keep, shared.spacing, reach)
+    report = {
+        "n_stems": len(shared.bases),
+        "n_wood": len(owner),
+        "n_kept": int(np.count_nonzero(keep)),
+        "n_neighbors_cut": int(np.count_nonzero((owner >= 0) & ~keep)),
+        "n_floating": int(np.count_nonzero(owner < 0)),
+        "loose": _loose(thin, owner, keep, shared.spacing, reach),
+    }
     logger.info(
         "kept %s of %s wood points (%.1f %%): %s on neighbours, %s loose",
         f"{report['n_kept']:,}",
@@ -133,8 +119,7 @@ def select_target_wood(
         f"{report['n_neighbors_cut']:,}",
         f"{report['n_floating']:,}",
     )
-    is_own = shared.owner == choice.target.stem
-    return TargetWood(is_own, shared.bases[choice.target.stem], choice, report)
+    return choice, report
 
 
 @dataclass
@@ -220,7 +205,7 @@ def share_wood(
 
 
 def share_cloud(
-    cloud: PointCloud, chosen: WoodChoice, most: int, *, region: Footprint | None = None
+    cloud: PointCloud, chosen: GrowthOptions, most: int, *, region: Footprint | None = None
 ) -> SharedWood:
     """Give a cloud's wood, thinned, to the stems that it hangs on.
 
@@ -228,7 +213,7 @@ def share_cloud(
     ----------
     cloud : PointCloud
         With the field ``label``, z up.
-    chosen : WoodChoice
+    chosen : GrowthOptions
     most : int
         Points of the thinned wood at most.
     region : Footprint, optional
@@ -432,16 +417,6 @@ def _edges_among(rows: np.ndarray, edges: np.ndarray, n_points: int) -> np.ndarr
     number[rows] = np.arange(len(rows))
     own = number[edges]
     return own[(own >= 0).all(axis=1)]
-
-
-def _report(owner: np.ndarray, n_stems: int, keep: np.ndarray) -> dict:
-    return {
-        "n_stems": n_stems,
-        "n_wood": len(owner),
-        "n_kept": int(np.count_nonzero(keep)),
-        "n_neighbors_cut": int(np.count_nonzero((owner >= 0) & ~keep)),
-        "n_floating": int(np.count_nonzero(owner < 0)),
-    }
 
 
 def _loose(

@@ -14,7 +14,7 @@ from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 
-__all__ = ["FEWEST_WOOD", "WoodChoice", "agreed_labels", "thinned_wood"]
+__all__ = ["FEWEST_WOOD", "GrowthOptions", "agreed_labels", "thinned_wood"]
 
 logger = logging.getLogger(__name__)
 
@@ -24,14 +24,15 @@ AROUND = 1.8  # in voxels: neighbours whose points count as well (all that share
 
 
 @dataclass(frozen=True)
-class WoodChoice:
-    """Which wood is looked at; the fields are config keys of ``contract``."""
+class GrowthOptions:
+    """Which wood limbs are grown from; the fields are config keys of ``contract``."""
 
     classes: tuple[int, ...] = WOOD
     voxel_size_m: float = 0.005
     gap_m: float = GAP_M
     stem_gap_m: float = STEM_GAP_M
     min_density: float = 0.05
+    max_points: int = 100_000
 
 
 def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
@@ -47,7 +48,7 @@ def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 
 def thinned_wood(
-    cloud: PointCloud, chosen: WoodChoice, most: int
+    cloud: PointCloud, chosen: GrowthOptions, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Thin the wood of a cloud.
 
@@ -58,7 +59,7 @@ def thinned_wood(
     ----------
     cloud : PointCloud
         With the field ``label``.
-    chosen : WoodChoice
+    chosen : GrowthOptions
         A voxel stays that holds, with its neighbours, `min_density` of the median number of points
         there.
     most : int
