@@ -11,12 +11,12 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing
-from cherrypicker.graph.radius import never_growing
+from cherrypicker.graph.radius import isotonic_radii
 from cherrypicker.graph.spanning_tree import FEWEST_NODES, spanning_tree
 from cherrypicker.limbs.growth import Limbs, grow_limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton.axis_radii import tell_radii
+from cherrypicker.skeleton.axis_radii import measure_radii
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.target_wood import lowest_base
 
@@ -84,7 +84,7 @@ def extract_skeleton(
         skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base, found=limbs)
         widest = 1.5 * float(skeleton.radius.max())
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
-    told = tell_radii(
+    told = measure_radii(
         skeleton,
         surface,
         spacing=spacing,
@@ -92,7 +92,7 @@ def extract_skeleton(
     )
     if settings.method != "limbs":
         return told
-    radius = never_growing(skeleton.parent, skeleton.radius, told.fields["radius_error"])
+    radius = isotonic_radii(skeleton.parent, skeleton.radius, told.fields["radius_error"])
     return replace(told, radius=radius)
 
 

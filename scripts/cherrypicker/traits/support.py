@@ -79,17 +79,18 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
     max_gap : float
         Stretches without wood points longer than this are gaps; in the skeleton's unit.
     """
-    samples, node, radius, spacing = densify(skeleton, _SAMPLE_M)
-    near = wood.query(samples)[0] <= np.maximum(_NEAR_RADII * radius, reach)
-    bare = np.bincount(node[~near], spacing[~near], len(skeleton))  # of each node's edge
+    samples = densify(skeleton, _SAMPLE_M)
+    node = samples.node
+    near = wood.query(samples.points)[0] <= np.maximum(_NEAR_RADII * samples.radius, reach)
+    bare = np.bincount(node[~near], samples.length[~near], len(skeleton))  # of each node's edge
     gap, follows = _gaps(skeleton, bare)
     gap[gap <= max_gap] = 0.0
     is_rest = follows < follows[0] / 2  # else the foot is what was not seen
     is_stray = (follows < gap) & is_rest
     kept = sum_from_root(skeleton.parent, is_stray.astype(float)) == 0
 
-    away, sample = cKDTree(samples).query(wood.data)
-    owner, thick = node[sample], radius[sample]
+    away, row = samples.nearest(wood.data)
+    owner, thick = node[row], samples.radius[row]
     point = kept[owner] & (away <= np.maximum(OWN_RADII * thick, reach))
     is_far = away > np.maximum(OWN_RADII * thick, _MISSED_M)
     missed, length = missed_wood(wood.data[is_far], wood.data[point], reach)
@@ -100,7 +101,7 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
         gap[gap > 0],
         int(is_stray.sum()),
         float(follows[is_stray].sum()),
-        np.vstack([missed, samples[near & ~kept[node]]]),
+        np.vstack([missed, samples.points[near & ~kept[node]]]),
         len(missed) / max(len(missed) + int(point.sum()), 1),
         length,
     )
