@@ -80,5 +80,5 @@ def test_a_limb_that_no_point_is_of_is_not_told():
     stem, shoot = (
         Tube(np.array([[0, 0, 0.0], end]), np.full(2, 0.01)) for end in ((0, 0, 1.0), (1.0, 0, 0))
     )
-    nothing = {"weight": np.empty(0), "noise": 0.001, "together": 1.0}
+    nothing = {"weight": np.empty(0), "noise": 0.001, "effect": 1.0}
     assert not is_supported(np.empty((0, 3)), shoot, stem, **nothing)

@@ -179,12 +179,7 @@ def majority_label(labels: np.ndarray, member: np.ndarray, n_nodes: int) -> np.n
     classes, column = np.unique(labels, return_inverse=True)
     votes = np.bincount(member * len(classes) + column, minlength=n_nodes * len(classes))
     votes = votes.reshape(n_nodes, len(classes))
-    label = classes[np.argmax(votes, axis=1)].astype(np.int64)
-    empty = votes.sum(axis=1) == 0
-    if empty.any():
-        filled = np.flatnonzero(~empty)
-        label[empty] = label[filled[0]]
-    return label
+    return classes[np.argmax(votes, axis=1)].astype(np.int64)
 
 
 def median_spacing(points: np.ndarray, tree: cKDTree) -> float:

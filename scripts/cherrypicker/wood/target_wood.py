@@ -193,7 +193,9 @@ def share_wood(
     gap_m = max(gap_m, IN_USUAL_GAPS * _usual_gap(points, edges))
     links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
     stems = find_stems(points, ground, labels) or [lowest_base(points, labels)]
-    border = _border_seeds(points, region, spacing)
+    border = np.empty(0, dtype=np.int64)
+    if region is not None:
+        border = np.flatnonzero(region.inward(points[:, :2]) < BORDER_IN_SPACINGS * spacing)
     owner = _compete(points, edges, links, stems, border)
     piece, _ = components(len(points), np.vstack([edges, links]).astype(np.int64))
     lost = stems_off_the_ground(points, piece, owner)
@@ -345,13 +347,6 @@ def _stem_links(
         return np.empty((0, 2), dtype=np.int64)
     links = component_links(points[trunk], _edges_among(trunk, edges, len(points)), stem_gap_m)
     return trunk[links]
-
-
-def _border_seeds(points: np.ndarray, region: Footprint | None, spacing: float) -> np.ndarray:
-    """Rows of wood points at the border of the region of interest."""
-    if region is None:
-        return np.empty(0, dtype=np.int64)
-    return np.flatnonzero(region.inward(points[:, :2]) < BORDER_IN_SPACINGS * spacing)
 
 
 def _compete(

@@ -88,25 +88,20 @@ def thinned_wood(
             key="contract.classes, segment",
         )
     points, _, member, size = thin_to_limit(cloud.points[rows], chosen.voxel_size_m, most)
-    keep = _is_dense(points, np.bincount(member), size, chosen.min_density)
-    number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
-    rows, member = rows[number >= 0], number[number >= 0]
-    points = points[keep]
-    return points, majority_label(labels[rows], member, len(points)), rows, member
-
-
-def _is_dense(points: np.ndarray, count: np.ndarray, size: float, min_density: float) -> np.ndarray:
-    """Which voxels hold enough points, with their neighbours, to be wood, (n_voxels,) bool."""
+    # With its neighbours a voxel of wood holds enough points
     a, b = cKDTree(points).query_pairs(AROUND * size, output_type="ndarray").T
-    n = len(points)
+    n, count = len(points), np.bincount(member)
     support = count + np.bincount(a, count[b], n) + np.bincount(b, count[a], n)
-    least = min_density * np.median(support)
+    least = chosen.min_density * np.median(support)
     keep = support >= least
     logger.info(
         "kept %s of %s voxels of wood (%.1f %%), the rest too thin (under %.1f points around)",
         f"{np.count_nonzero(keep):,}",
-        f"{len(keep):,}",
+        f"{n:,}",
         100 * keep.mean(),
         least,
     )
-    return keep
+    number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
+    rows, member = rows[number >= 0], number[number >= 0]
+    points = points[keep]
+    return points, majority_label(labels[rows], member, len(points)), rows, member
