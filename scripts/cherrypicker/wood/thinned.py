@@ -12,7 +12,6 @@ from cherrypicker.classes import CLASS_NAMES, WOOD
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 
 __all__ = ["FEWEST_WOOD", "GrowthOptions", "agreed_labels", "thinned_wood"]
 
@@ -29,8 +28,8 @@ class GrowthOptions:
 
     classes: tuple[int, ...] = WOOD
     voxel_size_m: float = 0.005
-    gap_m: float = GAP_M
-    stem_gap_m: float = STEM_GAP_M
+    gap_m: float = 0.25
+    stem_gap_m: float = 0.6
     min_density: float = 0.05
     max_points: int = 100_000
 
