@@ -171,8 +171,8 @@ def search_circle(
     circles = circles[usable]
     if not len(circles):
         raise StageError("no circle fits the stem points", key="traits.trunk_height_m")
-    away = np.hypot(*(points.T[:, None] - circles.T[:2, :, None])) - circles[:, 2:]
-    miss = np.minimum(np.square(away / tolerance), 1.0)  # (n_circles, n_points)
+    offset = points.T[:, None] - circles.T[:2, :, None]  # (2, n_circles, n_points)
+    miss = np.minimum(np.square((np.hypot(*offset) - circles[:, 2:]) / tolerance), 1.0)
     promising = np.argsort(miss.sum(axis=1), kind="stable")[:_PROMISING]
     score = [sector_weights(points - circles[row, :2]) @ (1.0 - miss[row]) for row in promising]
     return circles[promising[np.argmax(score)]]

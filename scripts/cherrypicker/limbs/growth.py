@@ -413,11 +413,11 @@ class _Growth:
         spread = robust_sigma(residual[near]) if near.any() else 0.0
         if spread > 0:
             if np.median(tube.radius) > SURE_RADIUS * self.noise:
-                self.noises.append((spread, np.count_nonzero(near)))
+                self.noises.append((spread, int(np.count_nonzero(near))))
                 self.noise = max(_middle(self.noises), LEAST_NOISE * self.spacing)
             sure = np.abs(residual) < TUKEY * spread
             effect = design_effect(self.points[around][sure], residual[sure])
-            self.effects.append((effect, np.count_nonzero(sure)))
+            self.effects.append((effect, int(np.count_nonzero(sure))))
             self.effect = _middle(self.effects)
         return tube
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -102,7 +103,7 @@ def select_target_wood(
     )
     keep = owner == choice.target.stem
     reach = max(gap_m, stem_gap_m * _growth(thin))
-    report = {
+    report: dict[str, Any] = {
         "n_stems": len(shared.bases),
         "n_wood": len(owner),
         "n_kept": int(np.count_nonzero(keep)),
