@@ -32,7 +32,7 @@ from cherrypicker.skeleton import (
     write_skeleton_ply,
     write_topology_graphml,
 )
-from cherrypicker.skeleton.networks import as_networkx, folded, write_network
+from cherrypicker.skeleton.networks import folded, write_network
 
 
 def main(
@@ -84,14 +84,11 @@ def main(
         write_skeleton_swc(skeleton_swc, skeleton)
     if report:
         write_json(report, {"unit": skeleton.unit, "refuted": refuted})
-    if options.method == "limbs":
-        if topology:
-            write_topology_graphml(topology, fold(skeleton, axis_list))
-        write_skeleton_graphml(skeleton_graph, skeleton)
-    else:
-        if topology:
-            write_network(topology, folded(skeleton, order))
-        write_network(skeleton_graph, as_networkx(skeleton))
+    write_skeleton_graphml(skeleton_graph, skeleton)
+    if topology and options.method == "limbs":
+        write_topology_graphml(topology, fold(skeleton, axis_list))
+    elif topology:
+        write_network(topology, folded(skeleton, order))
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -35,8 +35,8 @@ def main(
     places = read_places(target_xy)
     found = find_trees(
         cloud,
+        read_orchard(limbs),
         places if isinstance(places, str) else frame["factor"] * places,
-        shared=read_orchard(limbs),
         region=Footprint.from_dict(frame["region"]) if frame["region"] else None,
     )
     write_npz(owners, owner=found.owner)

@@ -193,7 +193,7 @@ def test_the_help_tells_text_key_and_default():
     parser = stage_parser(stage.__doc__, stage.main)
     add_options(parser, stage.main)
     text = " ".join(parser.format_help().split())
-    assert "Longest gap along a branch's own direction that missing data may leave" in text
+    assert "Longest gap that missing data may leave beside a piece of wood" in text
     assert "[config key segment.smooth_k, default 12]" in text
 
 

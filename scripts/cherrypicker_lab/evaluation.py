@@ -233,11 +233,11 @@ def compare_skeletons(found, truth, *, tolerance=0.02, min_radius=0.005):
         ``skeleton_recall``, ``skeleton_precision``, their F1, the same over wood of any radius
         (``_all``), recall by order, and the ratio of the total lengths.
     """
-    samples, _, radius, weight = densify(found, _SAMPLE_M)
-    true_samples, true_node, true_radius, true_weight = densify(truth, _SAMPLE_M)
-    is_hit = cKDTree(samples).query(true_samples)[0] <= tolerance
-    is_true = cKDTree(true_samples).query(samples)[0] <= tolerance
-    thick, true_thick = radius >= min_radius, true_radius >= min_radius
+    samples, true = densify(found, _SAMPLE_M), densify(truth, _SAMPLE_M)
+    weight, true_weight = samples.length, true.length
+    is_hit = samples.nearest(true.points)[0] <= tolerance
+    is_true = true.nearest(samples.points)[0] <= tolerance
+    thick, true_thick = samples.radius >= min_radius, true.radius >= min_radius
     report = {
         "skeleton_recall": _share(is_hit, true_weight, true_thick),
         "skeleton_precision": _share(is_true, weight, thick),
@@ -248,7 +248,7 @@ def compare_skeletons(found, truth, *, tolerance=0.02, min_radius=0.005):
     report["skeleton_f1"] = 2 * both[0] * both[1] / max(sum(both), 1e-12)
     report["length_ratio"] = float(weight.sum() / true_weight.sum())
     if "order" in truth.fields:
-        orders = truth.fields["order"][true_node]
+        orders = truth.fields["order"][true.node]
         report["recall_by_order"] = {
             str(order): _share(is_hit, true_weight, true_thick & (orders == order))
             for order in np.unique(orders[true_thick])

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
 
 from cherrypicker.classes import wood_mask
@@ -110,12 +109,12 @@ class FinishedScan:
 
         True is what lies within `TOLERANCE_M` of a true axis or inside of its wood.
         """
-        places, node, _, length = densify(skeleton, SAMPLE_M)
-        true, _, radius, _ = densify(self.true, SAMPLE_M)
-        distance, nearest = cKDTree(true).query(places)
-        is_true = distance <= np.maximum(TOLERANCE_M, radius[nearest])
-        axis = axis_of_node(skeleton, axes(skeleton))[node]
-        whole, right = np.bincount(axis, length), np.bincount(axis, length * is_true)
+        places, true = densify(skeleton, SAMPLE_M), densify(self.true, SAMPLE_M)
+        distance, nearest = true.nearest(places.points)
+        is_true = distance <= np.maximum(TOLERANCE_M, true.radius[nearest])
+        axis = axis_of_node(skeleton, axes(skeleton))[places.node]
+        whole = np.bincount(axis, places.length)
+        right = np.bincount(axis, places.length * is_true)
         rows = [each["branch_id"] for each in told]
         return [
             (each["p_exists"], float(right[row] / whole[row]), float(whole[row]))
@@ -127,8 +126,8 @@ def _still_there(spoilt: Spoilt, left: Skeleton) -> float:
     """Length of an added strand that is still in a skeleton."""
     if not len(spoilt.added):
         return 0.0
-    places = densify(left, SAMPLE_M)[0]
-    return float(spoilt.length * (cKDTree(places).query(spoilt.added)[0] < SAMPLE_M).mean())
+    away = densify(left, SAMPLE_M).nearest(spoilt.added)[0]
+    return float(spoilt.length * (away < SAMPLE_M).mean())
 
 
 def reliability(axes: list[tuple[float, float, float]]) -> list[tuple[int, float, float]]:

@@ -99,16 +99,16 @@ def _without(skeleton: Skeleton, cloud: PointCloud, is_gone: np.ndarray) -> Spoi
     """Take nodes and all beyond them from a scan, and the wood points nearest to them."""
     for node in range(1, len(skeleton)):
         is_gone[node] |= is_gone[skeleton.parent[node]]
-    places, owner, _, weight = densify(skeleton, STEP_M)
-    gone = is_gone[owner]
+    places = densify(skeleton, STEP_M)
+    gone = is_gone[places.node]
     is_kept = ~wood_mask(cloud["label"])
-    is_kept |= ~gone[cKDTree(places).query(cloud.points)[1]]
+    is_kept |= ~gone[places.nearest(cloud.points)[1]]
     return Spoilt(
         skeleton.select(~is_gone),
         cloud.select(is_kept),
-        places[gone],
+        places.points[gone],
         np.empty((0, 3)),
-        float(weight[gone].sum()),
+        float(places.length[gone].sum()),
     )
 
 

@@ -16,7 +16,7 @@ from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.contraction.on_axes import points_on_axes
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_thin
-from cherrypicker.limbs.growth import limbs_of_wood
+from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.wood.feet import find_stems
 from cherrypicker_lab.skeletons.distances import chamfer_cm2
@@ -28,7 +28,7 @@ def test_points_of_a_thick_stem_and_of_a_twig_go_to_their_axes():
     twig = tube((0.03, 0, 0.3), (0.33, 0, 0.3), 0.004, 30_000, rng=rng, noise=0.001)
     points = np.vstack([stem, twig])
     _, source, _ = voxel_thin(points, 0.008)
-    limbs = limbs_of_wood(points[source], (0, 0, 0))
+    limbs = grow_limbs(points[source], (0, 0, 0))
     moved = points_on_axes(points[source], limbs)
     assert len(limbs.limbs) == 2
     of_stem, of_twig = moved[source < len(stem)], moved[source >= len(stem)]
@@ -44,14 +44,14 @@ def test_points_of_a_limb_stand_for_its_axis_inside_the_stem_too():
     limb = tube((0.06, 0, 0.4), (0.5, 0, 0.4), 0.012, 20_000, rng=rng)
     points = np.vstack([stem, limb])
     _, source, _ = voxel_thin(points, 0.01)
-    moved = points_on_axes(points[source], limbs_of_wood(points[source], (0, 0, 0)))
+    moved = points_on_axes(points[source], grow_limbs(points[source], (0, 0, 0)))
     inside = np.stack([np.linspace(0, 0.06, 7), np.zeros(7), np.full(7, 0.4)], axis=1)
     assert cKDTree(moved).query(inside)[0].max() < 0.01
 
 
 def test_coinciding_points_name_the_key():
     with pytest.raises(StageError, match="no limb.*contract.classes"):
-        limbs_of_wood(np.zeros((30, 3)), (0, 0, 0))
+        grow_limbs(np.zeros((30, 3)), (0, 0, 0))
 
 
 def test_wrong_labels_do_not_carry_branches_onto_the_stem():

@@ -11,7 +11,7 @@ from cherrypicker.geometry.tree_walks import (
     sum_from_root,
     window,
 )
-from cherrypicker.graph.radius import never_growing
+from cherrypicker.graph.radius import isotonic_radii
 
 PARENT = np.array([-1, 0, 1, 1, 3, 3, 0])
 LENGTH = np.array([0.0, 1.0, 5.0, 2.0, 1.0, 4.0, 3.0])
@@ -39,7 +39,7 @@ def test_radii_of_one_axis_are_the_isotonic_regression(n):
     rng = np.random.default_rng(n)
     radius, weights = rng.uniform(1, 2, n), rng.uniform(0.1, 1, n)
     wanted = isotonic_regression(radius, weights=weights, increasing=False).x
-    found = never_growing(np.arange(-1, n - 1), radius, weights**-0.5)
+    found = isotonic_radii(np.arange(-1, n - 1), radius, weights**-0.5)
     np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
 
@@ -59,7 +59,7 @@ def test_radii_of_a_tree_are_the_nearest_that_never_grow():
     rng = np.random.default_rng(0)
     parent = np.array([-1, *(rng.integers(max(i - 6, 0), i) for i in range(1, 60))])
     radius, weights = rng.uniform(0.01, 0.05, 60), rng.uniform(0.2, 2.0, 60)
-    found = never_growing(parent, radius, weights**-0.5)
+    found = isotonic_radii(parent, radius, weights**-0.5)
     assert (found[1:] <= found[parent[1:]] + 1e-12).all()
     limits = [
         {"type": "ineq", "fun": lambda r, i=i: r[parent[i]] - r[i]} for i in range(1, len(parent))
@@ -77,6 +77,6 @@ def test_radii_of_a_tree_are_the_nearest_that_never_grow():
 def test_a_limb_is_not_made_thin_by_its_fork_nor_a_stem_thick_by_a_limb_without_points():
     radius = np.repeat([0.04, 0.008, 0.022, 0.06], [51, 4, 60, 9])
     error = np.repeat([0.0002, 0.001, 0.0002, 0.0], [51, 4, 60, 9])
-    found = never_growing(np.arange(-1, len(radius) - 1), radius, error)
+    found = isotonic_radii(np.arange(-1, len(radius) - 1), radius, error)
     np.testing.assert_allclose(found[:51], 0.04)
     np.testing.assert_allclose(found[51:], 0.022, atol=1e-4)

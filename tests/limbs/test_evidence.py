@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cherrypicker.limbs.evidence import points_that_err_together, tell_limb
+from cherrypicker.limbs.evidence import design_effect, is_supported
 from cherrypicker.limbs.tubes import Tube
 
 NOISE = 0.001
@@ -19,9 +19,9 @@ def limb(length, n_points, rng, start=0.02):
     return points + rng.normal(0, NOISE, points.shape), shoot, stem
 
 
-def is_told(points, shoot, stem, *, share=1.0, noise=NOISE, together=1.0):
+def is_told(points, shoot, stem, *, share=1.0, noise=NOISE, effect=1.0):
     weight = np.full(len(points), share)
-    return tell_limb(points, shoot, stem, weight=weight, noise=noise, together=together)
+    return is_supported(points, shoot, stem, weight=weight, noise=noise, effect=effect)
 
 
 def test_a_shoot_is_told_and_a_bump_is_not():
@@ -53,10 +53,10 @@ def test_noise_of_the_parent_is_no_limb():
     assert not is_told(points, shoot, stem, noise=2 * NOISE)
 
 
-def test_points_that_err_together_or_are_few_for_their_wood_tell_less():
+def test_design_effect_or_are_few_for_their_wood_tell_less():
     points, shoot, stem = limb(0.03, 12, np.random.default_rng(2))
     assert is_told(points, shoot, stem)
-    assert not is_told(points, shoot, stem, together=30.0)
+    assert not is_told(points, shoot, stem, effect=30.0)
     assert not is_told(points, shoot, stem, share=0.02)
 
 
@@ -69,16 +69,16 @@ def test_how_many_points_err_together(cell, low, high):
     if cell:
         patch = (points[:, :2] // cell).astype(int)
         residual = rng.normal(0, NOISE, (10, 10))[patch[:, 0], patch[:, 1]]
-    assert low <= points_that_err_together(points, residual) <= high
+    assert low <= design_effect(points, residual) <= high
 
 
 def test_few_points_are_taken_to_err_by_themselves():
-    assert points_that_err_together(np.zeros((5, 3)), np.ones(5)) == 1.0
+    assert design_effect(np.zeros((5, 3)), np.ones(5)) == 1.0
 
 
 def test_a_limb_that_no_point_is_of_is_not_told():
     stem, shoot = (
         Tube(np.array([[0, 0, 0.0], end]), np.full(2, 0.01)) for end in ((0, 0, 1.0), (1.0, 0, 0))
     )
-    nothing = {"weight": np.empty(0), "noise": 0.001, "together": 1.0}
-    assert not tell_limb(np.empty((0, 3)), shoot, stem, **nothing)
+    nothing = {"weight": np.empty(0), "noise": 0.001, "effect": 1.0}
+    assert not is_supported(np.empty((0, 3)), shoot, stem, **nothing)

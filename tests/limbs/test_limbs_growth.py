@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 from skeleton_shapes import old_cherry, sample_axes, small_tree, tube
 
+from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.limbs.growth import chains_of, grow_limbs, spacing_of
 from cherrypicker.limbs.joints import join_limbs
@@ -189,7 +190,7 @@ def test_spacing_of_a_grid_is_its_step():
 
 
 def test_points_that_make_no_limb_are_refused():
-    with pytest.raises(ValueError, match="no limb"):
+    with pytest.raises(StageError, match="no limb"):
         grow_limbs(np.zeros((40, 3)), FOOT)
 
 

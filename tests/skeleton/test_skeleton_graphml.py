@@ -1,9 +1,9 @@
-"""GraphML as columns, beside networkx."""
+"""GraphML of networkx, read as columns."""
 
 import networkx as nx
 import pytest
 
-from cherrypicker.skeleton.graphml import GraphColumns, read_graphml, write_graphml
+from cherrypicker.skeleton.graphml import GraphColumns, read_graphml
 
 
 def columns(kind="a tip"):
@@ -29,16 +29,9 @@ def write_by_networkx(graph, path, **options):
     nx.write_graphml_xml(as_networkx(graph), str(path), **options)
 
 
-@pytest.mark.parametrize("kind", ["a tip", "<thin> & \u00e4"])
-def test_bytes_are_those_of_networkx(tmp_path, kind):
-    write_graphml(tmp_path / "own.graphml", columns(kind))
-    write_by_networkx(columns(kind), tmp_path / "nx.graphml", prettyprint=True, named_key_ids=True)
-    assert (tmp_path / "own.graphml").read_bytes() == (tmp_path / "nx.graphml").read_bytes()
-
-
 def test_what_was_written_is_read(tmp_path):
-    write_graphml(tmp_path / "own.graphml", columns())
-    found = read_graphml(tmp_path / "own.graphml")
+    write_by_networkx(columns(), tmp_path / "nx.graphml", prettyprint=True, named_key_ids=True)
+    found = read_graphml(tmp_path / "nx.graphml")
     assert found.edges == [("0", "1"), ("0", "2"), ("1", "7")]  # by their first nodes
     assert found.edge_data == {"length": [0.25, 0.1, 1.0], "gap": [0, 0, 1]}
     expected = columns()
@@ -62,10 +55,8 @@ def test_other_layouts_are_read_as_well(tmp_path):
 
 def test_a_single_node(tmp_path):
     graph = GraphColumns({"root": "0"}, ["0"], {"x": [1.0]}, [], {})
-    write_graphml(tmp_path / "own.graphml", graph)
     write_by_networkx(graph, tmp_path / "nx.graphml", prettyprint=True, named_key_ids=True)
-    assert (tmp_path / "own.graphml").read_bytes() == (tmp_path / "nx.graphml").read_bytes()
-    assert read_graphml(tmp_path / "own.graphml") == graph
+    assert read_graphml(tmp_path / "nx.graphml") == graph
 
 
 def test_what_is_no_graphml_is_a_value_error(tmp_path):

@@ -1,4 +1,4 @@
-"""Skeletons as networkx graphs: the same trees and files as by columns."""
+"""Skeletons as networkx graphs, and folded by networkx as by ourselves."""
 
 import networkx as nx
 import numpy as np
@@ -10,7 +10,6 @@ from cherrypicker.skeleton import (
     fold,
     node_order,
     read_topology,
-    write_skeleton_graphml,
     write_topology_graphml,
 )
 from cherrypicker.skeleton.networks import as_networkx, folded, write_network
@@ -32,12 +31,6 @@ def test_a_skeleton_is_a_tree_of_its_nodes(skeleton):
     assert graph.graph == {"root": "0", "unit": "m", "frame": "metric"}
     assert graph.nodes[7]["x"] == skeleton.points[7, 0] and graph.nodes[7]["n_points"] == 7
     assert graph.edges[3, 2] == {"length": skeleton.edge_length[3], "gap": 1}
-
-
-def test_the_file_has_the_bytes_that_the_columns_have(skeleton, tmp_path):
-    write_network(tmp_path / "nx.graphml", as_networkx(skeleton))
-    write_skeleton_graphml(tmp_path / "ours.graphml", skeleton)
-    assert (tmp_path / "nx.graphml").read_bytes() == (tmp_path / "ours.graphml").read_bytes()
 
 
 def test_folding_leaves_root_junctions_and_tips(skeleton, tmp_path):

@@ -6,7 +6,9 @@ from skeleton_shapes import labelled_cloud, tube
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
+from cherrypicker.limbs.orchard import MOST_POINTS, GrowthOptions
 from cherrypicker.wood.row import NO_TREE, NO_WOOD, find_trees, read_places, rows_of_tree
+from cherrypicker.wood.target_wood import share_cloud
 
 DENSITY = 20_000
 SPACING = 1.0
@@ -39,8 +41,13 @@ def row():
 
 
 @pytest.fixture(scope="module")
-def found(row):
-    return find_trees(row[0])
+def shared(row):
+    return share_cloud(row[0], GrowthOptions(), MOST_POINTS)
+
+
+@pytest.fixture(scope="module")
+def found(row, shared):
+    return find_trees(row[0], shared)
 
 
 def test_every_tree_is_found_in_the_order_of_the_row_and_a_post_is_none(found):
@@ -60,9 +67,9 @@ def test_each_has_its_own_wood_where_the_crowns_touch(row, found):
     np.testing.assert_array_equal(found.owner == NO_WOOD, truth == NO_WOOD)
 
 
-def test_a_list_numbers_the_trees_as_it_names_them(row, found):
+def test_a_list_numbers_the_trees_as_it_names_them(row, shared, found):
     cloud, _ = row
-    two = find_trees(cloud, [(2.1, 0.05), (0.0, -0.1)])
+    two = find_trees(cloud, shared, [(2.1, 0.05), (0.0, -0.1)])
     np.testing.assert_array_equal(two.owner == 1, found.owner == 3)
     np.testing.assert_array_equal(two.owner == 2, found.owner == 1)
     report = two.report("row", factor=2.0, unit="m")
@@ -80,9 +87,9 @@ def test_a_list_numbers_the_trees_as_it_names_them(row, found):
         ([(0.0, 0.0), (30.0, 0.0)], "lies outside the wood"),
     ],
 )
-def test_places_that_mean_no_tree_of_their_own_are_refused(row, places, told):
+def test_places_that_mean_no_tree_of_their_own_are_refused(row, shared, places, told):
     with pytest.raises(StageError, match=told) as caught:
-        find_trees(row[0], places)
+        find_trees(row[0], shared, places)
     assert caught.value.key == "crop.target_xy"
 
 

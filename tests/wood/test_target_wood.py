@@ -11,7 +11,7 @@ from cherrypicker.geometry.sampling import farthest_point_sample, voxel_thin
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import find_stems, ground_height
-from cherrypicker.wood.thinned import WoodChoice, thinned_wood
+from cherrypicker.wood.thinned import GrowthOptions, thinned_wood
 
 
 def two_trees(gap=0.9):
@@ -219,7 +219,7 @@ def test_voxels_that_hold_hardly_a_point_are_no_wood(min_density, n_kept):
     stray = np.column_stack([np.linspace(0, 1, 10), np.full((10, 2), 0.4)])
     points = np.vstack([rng.uniform(0, [0.05, 0.05, 0.5], (n, 3)), stray])
     cloud = PointCloud(points, fields={"label": np.full(len(points), Label.BRANCH, np.uint8)})
-    chosen = WoodChoice(voxel_size_m=0.01, min_density=min_density)
+    chosen = GrowthOptions(voxel_size_m=0.01, min_density=min_density)
     rows = thinned_wood(cloud, chosen, len(points))[2]
     assert np.count_nonzero(rows >= n) == n_kept
     assert np.count_nonzero(rows < n) > 0.99 * n

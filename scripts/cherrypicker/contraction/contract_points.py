@@ -6,9 +6,9 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from cherrypicker.classes import CLASS_IDS
 from cherrypicker.contraction.laplacian_published import (
@@ -137,14 +137,32 @@ def contract_points(
     Meyer et al.: CherryPicker. CVPR workshops 2023.
     """
     options = options or SkeletonOptions()
-    points = _checked(points)
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points must have shape (N, 3), got {points.shape}")
+    if len(points) < FEWEST_POINTS:
+        raise StageError(f"{len(points)} points are too few to contract", key="contract.classes")
+    if not np.isfinite(points).all():
+        raise StageError("the cloud holds points that are not finite")
+    laplacian_of = partial(
+        cotangent_laplacian,
+        n_neighbors=options.n_neighbors,
+        mollify_factor=options.mollify_factor,
+    )
     centre = points.mean(axis=0)  # far-off frames would cost digits in the normal equations
     current = points - centre
-    L, mass = _laplacian_or_error(current, options)
+    try:
+        L, mass = laplacian_of(current)
+    except RuntimeError as error:
+        raise StageError(
+            f"no Laplacian of the cloud ({error})", key="skeleton.n_neighbors"
+        ) from error
     first_mass = before = mass
     w_l = options.initial_contraction * np.sqrt(mass.mean())
     w_h = np.full(len(points), options.initial_attraction)
-    amplification = options.amplification or _amplification(len(points))
+    amplification = options.amplification or next(
+        factor for limit, factor in AMPLIFICATION_BY_SIZE if len(points) < limit
+    )
     ratios: list[float] = []
     stop = f"{options.max_iterations} iterations"
     for iteration in range(1, options.max_iterations + 1):
@@ -155,7 +173,7 @@ def contract_points(
             if not np.isfinite(new).all():
                 raise RuntimeError("the solution is not finite")
             solved = time.perf_counter()
-            L, mass = _laplacian(new, options)
+            L, mass = laplacian_of(new)
             if not (np.isfinite(L.data).all() and np.isfinite(mass).all()):
                 raise RuntimeError("the Laplacian is not finite")
         except RuntimeError as error:
@@ -188,35 +206,3 @@ def contract_points(
         w_h = np.clip(w_h, options.min_weight, options.max_attraction)
     logger.info("stopped after %d iterations: %s", len(ratios), stop)
     return Contraction(current + centre, ratios, stop)
-
-
-def _checked(points: np.ndarray) -> np.ndarray:
-    points = np.asarray(points, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"points must have shape (N, 3), got {points.shape}")
-    if len(points) < FEWEST_POINTS:
-        raise StageError(f"{len(points)} points are too few to contract", key="contract.classes")
-    if not np.isfinite(points).all():
-        raise StageError("the cloud holds points that are not finite")
-    return points
-
-
-def _laplacian(points: np.ndarray, options: SkeletonOptions) -> tuple[csr_matrix, np.ndarray]:
-    return cotangent_laplacian(
-        points, n_neighbors=options.n_neighbors, mollify_factor=options.mollify_factor
-    )
-
-
-def _laplacian_or_error(
-    points: np.ndarray, options: SkeletonOptions
-) -> tuple[csr_matrix, np.ndarray]:
-    try:
-        return _laplacian(points, options)
-    except RuntimeError as error:
-        raise StageError(
-            f"no Laplacian of the cloud ({error})", key="skeleton.n_neighbors"
-        ) from error
-
-
-def _amplification(n_points: int) -> float:
-    return next(factor for limit, factor in AMPLIFICATION_BY_SIZE if n_points < limit)

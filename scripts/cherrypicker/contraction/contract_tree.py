@@ -12,7 +12,7 @@ from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import SkeletonOptions, contract_points
 from cherrypicker.contraction.on_axes import points_on_axes
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
-from cherrypicker.limbs.growth import Limbs, limbs_of_wood
+from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.wood.target_wood import lowest_base
 from cherrypicker.wood.thinned import agreed_labels
 
@@ -33,21 +33,17 @@ class ContractedTree(NamedTuple):
         Class of each; None where the tree has none.
     details : dict
         How it went; plain values.
-    limbs : Limbs or None
-        To whose axes the points were moved; None where they were contracted.
     """
 
     points: np.ndarray
     source: np.ndarray
     label: np.ndarray | None
     details: dict
-    limbs: Limbs | None = None
 
 
 def contract_tree(
     points: np.ndarray,
     labels: np.ndarray | None = None,
-    base: np.ndarray | None = None,
     *,
     weights: Mapping[int, float] | None = None,
     options: SkeletonOptions,
@@ -60,8 +56,7 @@ def contract_tree(
 
     The methods "lbc" and "slbc" run the published iteration on the points, or on the means of their
     voxels, with the class of most points of a voxel. The method "limbs" moves points of the cloud
-    itself, one a voxel (above `max_points` of those that `draw_evenly` leaves), to the axes of
-    their limbs, and its classes agree with those around them.
+    itself, one a voxel, to the axes of their limbs, and its classes agree with those around them.
 
     Parameters
     ----------
@@ -69,8 +64,6 @@ def contract_tree(
         Metres, z up.
     labels : ndarray of shape (n_points,), int, optional
         Class of each point, any integers.
-    base : ndarray of shape (3,), float64, optional
-        Foot of the stem, where the limbs start; left out, the lowest points are it.
     weights : mapping of int to float, optional
         Lambda by class for "slbc"; classes that are not named weigh 1.
     options : SkeletonOptions
@@ -91,50 +84,32 @@ def contract_tree(
     StageError
         If the points cannot be contracted.
     """
-    thin, source, member, size = _thinned(
-        points, voxel_size, max_points, by_chance=options.method == "limbs"
-    )
-    details = {"voxel_size": size, "n_contracted": len(thin)}
-    label = None
-    if labels is not None:
-        label = majority_label(labels[member >= 0], member[member >= 0], len(thin))
-    if label is not None and options.method == "limbs":
-        label = agreed_labels(thin, label)
-    if options.method != "limbs":
-        lambdas = None
-        if options.method == "slbc" and label is not None:
-            lambdas = _lambda_of(label, weights or {})
-        result = contract_points(thin, lambdas, options, callback)
-        details["mass_ratio"] = [round(value, 6) for value in result.mass_ratio]
-        return ContractedTree(result.points, source, label, details | {"stop": result.stop})
-    in_stem = np.zeros(len(thin), bool) if label is None or stem is None else label == stem
-    if base is None:
+    thin, source, label = points, np.arange(len(points)), labels
+    if voxel_size is not None:
+        limit = len(points) if max_points is None else max_points
+        thin, source, member, voxel_size = thin_to_limit(points, voxel_size, limit)
+        label = None if labels is None else majority_label(labels, member, len(thin))
+        logger.info(
+            "thinned %s to %s points (voxels of %.1f mm)",
+            f"{len(points):,}",
+            f"{len(thin):,}",
+            1000 * voxel_size,
+        )
+    details: dict = {"voxel_size": voxel_size, "n_contracted": len(thin)}
+    if options.method == "limbs":
+        label = None if label is None else agreed_labels(thin, label)
+        in_stem = np.zeros(len(thin), bool) if label is None or stem is None else label == stem
         base = lowest_base(thin, np.where(in_stem, Label.TRUNK, Label.BRANCH)).base
-    found = limbs_of_wood(points[source], base, stem=in_stem)
-    details |= found.report()
-    return ContractedTree(points_on_axes(points[source], found), source, label, details, found)
-
-
-def _thinned(
-    points: np.ndarray, size: float | None, max_points: int | None, by_chance: bool
-) -> tuple:
-    """Means, sources, members and edge of the voxels, as `thin_to_limit`."""
-    if size is None:
-        rows = np.arange(len(points))
-        return points, rows, rows, None
-    limit = len(points) if max_points is None else max_points
-    thin, source, member, size = thin_to_limit(points, size, limit, by_chance=by_chance)
-    logger.info(
-        "thinned %s to %s points (voxels of %.1f mm)",
-        f"{len(points):,}",
-        f"{len(thin):,}",
-        1000 * size,
+        found = grow_limbs(points[source], base, stem=in_stem)
+        moved = points_on_axes(points[source], found)
+        return ContractedTree(moved, source, label, details | found.report())
+    lambdas = None
+    if options.method == "slbc" and label is not None:
+        lambdas = np.ones(len(thin))
+        for number, weight in (weights or {}).items():
+            lambdas[label == number] = weight
+    result = contract_points(thin, lambdas, options, callback)
+    ratios = [round(value, 6) for value in result.mass_ratio]
+    return ContractedTree(
+        result.points, source, label, details | {"mass_ratio": ratios, "stop": result.stop}
     )
-    return thin, source, member, float(size)
-
-
-def _lambda_of(labels: np.ndarray, weights: Mapping[int, float]) -> np.ndarray:
-    lambdas = np.ones(len(labels))
-    for label, weight in weights.items():
-        lambdas[labels == label] = weight
-    return lambdas

@@ -62,7 +62,7 @@ def contract_wood(
     labels = np.asarray(cloud["label"])
     if orchard is None:
         orchard = grow_orchard(cloud, chosen, region=region)
-    wood = select_target_wood(
+    choice, wood = select_target_wood(
         cloud.points,
         orchard,
         target_xy=target_xy,
@@ -70,26 +70,25 @@ def contract_wood(
         gap_m=chosen.gap_m,
         stem_gap_m=chosen.stem_gap_m,
     )
-    stem = wood.choice.target.stem
+    stem = choice.target.stem
     is_wood = np.isin(labels, chosen.classes)
-    rows = np.flatnonzero(is_wood & wood.keep)
+    rows = np.flatnonzero(is_wood & (orchard.owner == stem))
     if len(rows) < FEWEST_WOOD:
         raise StageError(
             f"only {len(rows)} wood points belong to the target tree", key="crop.target_xy"
         )
+    limbs = None
     if options.method != "limbs":
-        tree = contract_tree(
+        points, source, label, details = contract_tree(
             cloud.points[rows],
             labels[rows],
-            wood.base,
             weights=options.lambdas,
             options=options,
             voxel_size=chosen.voxel_size_m,
             max_points=chosen.max_points,
         )
-        assert tree.label is not None  # it was given labels
-        source, points, label, limbs = rows[tree.source], tree.points, tree.label, None
-        details = tree.details
+        assert label is not None  # it was given labels
+        source = rows[source]
     else:
         source = orchard.entered[stem]
         source = source[is_wood[source]]
@@ -109,11 +108,11 @@ def contract_wood(
     report = {
         "unit": cloud.unit,
         "stem": stem,
-        "base": wood.base.tolist(),
+        "base": choice.target.base,
         "method": options.method,
         **details,
-        "wood": wood.report,
-        "choice": wood.choice,
+        "wood": wood,
+        "choice": choice,
         "limbs": limbs,
         "owner": orchard.owner,
     }

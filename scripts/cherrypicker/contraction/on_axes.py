@@ -27,6 +27,5 @@ def points_on_axes(points: np.ndarray, found: Limbs) -> np.ndarray:
         way = np.interp(
             seen.way, [0.0, piece, limb.tube.length], [0.0, piece + hidden, whole[number].length]
         )
-        axis = whole[number]
-        moved[rows] = np.stack([np.interp(way, axis.way, c) for c in axis.nodes.T], axis=1)
+        moved[rows] = whole[number].at(way).nodes
     return moved

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.sampling import voxel_sample
@@ -177,25 +177,14 @@ def component_links(
         found = found[found[:, 0] <= max_distance]
         if not len(found):
             return links
-        pairs = np.sort(found[:, 1:].astype(np.int64), axis=1)
-        pairs, first = np.unique(pairs, axis=0, return_index=True)
-        length = found[first, 0]
-        # ties could close a cycle: take the links shortest first, by a small Kruskal
-        parent = np.arange(n_components)
-
-        def top(item: int, parent: np.ndarray = parent) -> int:
-            while parent[item] != item:
-                parent[item] = parent[parent[item]]
-                item = parent[item]
-            return item
-
-        taken = []
-        for a, b in pairs[np.lexsort((pairs[:, 1], pairs[:, 0], length))]:
-            one, other = top(member[a]), top(member[b])
-            if one != other:
-                parent[one] = other
-                taken.append((a, b))
-        links = np.vstack([links, taken])
+        pairs = np.unique(np.sort(found[:, 1:].astype(np.int64), axis=1), axis=0)
+        length = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+        pairs = pairs[np.argsort(length, kind="stable")]
+        # ties could close a cycle: the shortest ones of a tree, and of two the first
+        joined, rank = np.unique(np.sort(member[pairs], axis=1), axis=0, return_index=True)
+        graph = coo_matrix((rank + 1, joined.T), shape=(n_components, n_components))
+        taken = np.sort(minimum_spanning_tree(graph).data.astype(np.int64)) - 1
+        links = np.vstack([links, pairs[taken]])
 
 
 def _nearest_foreign(

@@ -20,7 +20,6 @@ __all__ = [
     "voxel_thin",
 ]
 
-BLOCKS_ACROSS = 40  # the largest side of a cloud in blocks of farthest point sampling
 LEAST_GROWTH = 1.05  # of voxels that leave too many points
 # Points that `draw_evenly` leaves for each voxel of a block, and voxels across a block: of 1, 1.25,
 # 1.5 and 2 points, 16 and 32 voxels (docs/lab/skeleton.md, Time and memory)
@@ -180,12 +179,7 @@ def majority_label(labels: np.ndarray, member: np.ndarray, n_nodes: int) -> np.n
     classes, column = np.unique(labels, return_inverse=True)
     votes = np.bincount(member * len(classes) + column, minlength=n_nodes * len(classes))
     votes = votes.reshape(n_nodes, len(classes))
-    label = classes[np.argmax(votes, axis=1)].astype(np.int64)
-    empty = votes.sum(axis=1) == 0
-    if empty.any():
-        filled = np.flatnonzero(~empty)
-        label[empty] = label[filled[0]]
-    return label
+    return classes[np.argmax(votes, axis=1)].astype(np.int64)
 
 
 def median_spacing(points: np.ndarray, tree: cKDTree) -> float:
@@ -195,7 +189,7 @@ def median_spacing(points: np.ndarray, tree: cKDTree) -> float:
 
 
 def farthest_point_sample(
-    points: np.ndarray, spacing: float, *, first: int = 0, max_samples: int | None = None
+    points: np.ndarray, spacing: float, *, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sample points greedily, each the farthest from those before, until `spacing` covers all.
 
@@ -206,7 +200,6 @@ def farthest_point_sample(
         Stop when every point lies within this distance of a sample.
     first : int, default 0
         Row of the first sample.
-    max_samples : int, optional
 
     Returns
     -------
@@ -215,71 +208,26 @@ def farthest_point_sample(
     nearest : ndarray of shape (n_points,), int64
         Position in `samples` of each point's nearest sample.
     """
-    points = np.ascontiguousarray(points, dtype=np.float64)
-    limit = len(points) if max_samples is None else min(max_samples, len(points))
-    order, start = _blocks(points)
-    return _farthest(points[order], order, start, float(spacing), int(first), limit)
-
-
-def _blocks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points in blocks that lie together: rows block by block, and where each block starts."""
-    low = points.min(axis=0)
-    side = max(float(np.ptp(points, axis=0).max()), 1e-300) / BLOCKS_ACROSS
-    cell = np.floor((points - low) / side).astype(np.int64)
-    key = (cell[:, 0] * (BLOCKS_ACROSS + 1) + cell[:, 1]) * (BLOCKS_ACROSS + 1) + cell[:, 2]
-    order = np.argsort(key, kind="stable")
-    start = np.flatnonzero(np.diff(key[order], prepend=-1) != 0)
-    return order, np.append(start, len(points))
+    return _farthest(np.ascontiguousarray(points, dtype=np.float64), float(spacing), int(first))
 
 
 @compiled
-def _farthest(
-    points: np.ndarray,
-    row_of: np.ndarray,
-    start: np.ndarray,
-    spacing: float,
-    first: int,
-    limit: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Farthest point sampling; blocks that a new sample is too far from are passed over."""
-    n_points, n_blocks = len(points), len(start) - 1
-    samples = np.empty(limit, dtype=np.int64)
-    nearest = np.zeros(n_points, dtype=np.int64)
-    distance = np.full(n_points, np.inf)
-    low, high = np.empty((n_blocks, 3)), np.empty((n_blocks, 3))
-    worst, worst_at = np.full(n_blocks, np.inf), start[:n_blocks].copy()
-    for block in range(n_blocks):
-        for axis in range(3):
-            own = points[start[block] : start[block + 1], axis]
-            low[block, axis], high[block, axis] = own.min(), own.max()
-    current, n_samples = np.flatnonzero(row_of == first)[0], 0
-    while n_samples < limit:
-        samples[n_samples] = row_of[current]
-        at = points[current]
-        far, far_row = -1.0, n_points
-        for block in range(n_blocks):
-            outside = 0.0
-            for axis in range(3):
-                beside = max(low[block, axis] - at[axis], at[axis] - high[block, axis], 0.0)
-                outside += beside * beside
-            if outside < worst[block]:
-                own_worst = -1.0
-                for row in range(start[block], start[block + 1]):
-                    x, y, z = points[row, 0] - at[0], points[row, 1] - at[1], points[row, 2] - at[2]
-                    squared = x * x + y * y + z * z
-                    if squared < distance[row]:
-                        distance[row] = squared
-                        nearest[row] = n_samples
-                    if distance[row] > own_worst:
-                        own_worst = distance[row]
-                        worst_at[block] = row
-                worst[block] = own_worst
-            block_row = row_of[worst_at[block]]
-            if worst[block] > far or (worst[block] == far and block_row < far_row):
-                far, far_row, current = worst[block], block_row, worst_at[block]
+def _farthest(points: np.ndarray, spacing: float, first: int) -> tuple[np.ndarray, np.ndarray]:
+    samples, nearest = np.empty(len(points), np.int64), np.zeros(len(points), np.int64)
+    distance = np.full(len(points), np.inf)
+    far, n_samples = first, 0
+    while n_samples < len(points):
+        samples[n_samples] = at = far
+        far = 0
+        for row in range(len(points)):
+            x, y = points[row, 0] - points[at, 0], points[row, 1] - points[at, 1]
+            z = points[row, 2] - points[at, 2]
+            squared = x * x + y * y + z * z
+            if squared < distance[row]:
+                distance[row], nearest[row] = squared, n_samples
+            if distance[row] > distance[far]:
+                far = row
         n_samples += 1
-        if far <= spacing * spacing:
+        if distance[far] <= spacing * spacing:
             break
-    unsorted = np.empty(n_points, dtype=np.int64)
-    unsorted[row_of] = nearest
-    return samples[:n_samples], unsorted
+    return samples[:n_samples], nearest

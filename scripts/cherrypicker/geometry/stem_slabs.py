@@ -10,10 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import binned_statistic_2d, theilslopes
 
-from cherrypicker.compiled import compiled
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import rows_in_box
-from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sections import Section, circles_through, fit_section
 
@@ -173,45 +171,11 @@ def search_circle(
     circles = circles[usable]
     if not len(circles):
         raise StageError("no circle fits the stem points", key="traits.trunk_height_m")
-    return circles[_best_circle(np.ascontiguousarray(points), circles, tolerance)]
-
-
-@compiled
-def _best_circle(points: np.ndarray, circles: np.ndarray, tolerance: float) -> int:
-    """Row of the circle that most points lie near, by sectors, of those with the least miss."""
-    promising, missed, n = np.empty(_PROMISING, dtype=np.int64), np.empty(_PROMISING), 0
-    for row in range(len(circles)):
-        total = 0.0
-        for point in range(len(points)):
-            total += _miss(points, point, circles, row, tolerance)
-            if n == _PROMISING and total >= missed[n - 1]:
-                break
-        else:
-            at = min(n, _PROMISING - 1)
-            while at > 0 and missed[at - 1] > total:
-                missed[at], promising[at] = missed[at - 1], promising[at - 1]
-                at -= 1
-            missed[at], promising[at] = total, row
-            n = min(n + 1, _PROMISING)
-    best, most, offset = promising[0], -1.0, np.empty((len(points), 2))
-    for row in promising[:n]:
-        for point in range(len(points)):
-            for axis in range(2):
-                offset[point, axis] = points[point, axis] - circles[row, axis]
-        weights, score = sector_weights(offset), 0.0
-        for point in range(len(points)):
-            score += (1.0 - _miss(points, point, circles, row, tolerance)) * weights[point]
-        if score > most:
-            best, most = row, score
-    return best
-
-
-@compiled
-def _miss(points: np.ndarray, point: int, circles: np.ndarray, row: int, tolerance: float) -> float:
-    """Squared distance of a point from a circle in tolerances, 1 at most."""
-    x, y = points[point, 0] - circles[row, 0], points[point, 1] - circles[row, 1]
-    away = (np.sqrt(x * x + y * y) - circles[row, 2]) / tolerance
-    return min(away * away, 1.0)
+    offset = points.T[:, None] - circles.T[:2, :, None]  # (2, n_circles, n_points)
+    miss = np.minimum(np.square((np.hypot(*offset) - circles[:, 2:]) / tolerance), 1.0)
+    promising = np.argsort(miss.sum(axis=1), kind="stable")[:_PROMISING]
+    score = [sector_weights(points - circles[row, :2]) @ (1.0 - miss[row]) for row in promising]
+    return circles[promising[np.argmax(score)]]
 
 
 def steady_levels(
@@ -256,20 +220,10 @@ def steady_levels(
     return is_steady[level]
 
 
-@compiled
 def sector_weights(offset: np.ndarray) -> np.ndarray:
     """Weights that even out the number of points per sector, at most by `_MAX_BALANCE`."""
-    sector, count = np.empty(len(offset), dtype=np.int64), np.zeros(N_SECTORS)
-    for row in range(len(offset)):
-        turn = np.arctan2(offset[row, 1], offset[row, 0]) / (2 * np.pi) + 0.5
-        sector[row] = min(int(turn * N_SECTORS), N_SECTORS - 1)
-        count[sector[row]] += 1
-    filled, n_filled = np.empty(N_SECTORS), 0
-    for part in range(N_SECTORS):
-        filled[n_filled] = count[part]
-        n_filled += count[part] > 0
-    typical, weights = median(filled[:n_filled]), np.empty(len(offset))
-    for row in range(len(offset)):
-        balance = typical / count[sector[row]]
-        weights[row] = min(max(balance, 1.0 / _MAX_BALANCE), _MAX_BALANCE)
-    return weights
+    turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
+    sector = np.minimum((turn * N_SECTORS).astype(int), N_SECTORS - 1)
+    count = np.bincount(sector)
+    balance = np.median(count[count > 0]) / count[sector]
+    return np.clip(balance, 1.0 / _MAX_BALANCE, _MAX_BALANCE)

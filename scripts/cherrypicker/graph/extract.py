@@ -11,12 +11,12 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing
-from cherrypicker.graph.radius import never_growing
+from cherrypicker.graph.radius import isotonic_radii
 from cherrypicker.graph.spanning_tree import FEWEST_NODES, spanning_tree
-from cherrypicker.limbs.growth import Limbs, limbs_of_wood
+from cherrypicker.limbs.growth import Limbs, grow_limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton.axis_radii import tell_radii
+from cherrypicker.skeleton.axis_radii import measure_radii
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.target_wood import lowest_base
 
@@ -84,7 +84,7 @@ def extract_skeleton(
         skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base, found=limbs)
         widest = 1.5 * float(skeleton.radius.max())
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
-    told = tell_radii(
+    told = measure_radii(
         skeleton,
         surface,
         spacing=spacing,
@@ -92,7 +92,7 @@ def extract_skeleton(
     )
     if settings.method != "limbs":
         return told
-    radius = never_growing(skeleton.parent, skeleton.radius, told.fields["radius_error"])
+    radius = isotonic_radii(skeleton.parent, skeleton.radius, told.fields["radius_error"])
     return replace(told, radius=radius)
 
 
@@ -132,7 +132,7 @@ def limb_tree(
         raise StageError(f"{len(points)} points are too few for a graph", key="graph.spacing_m")
     if found is None:
         base = lowest_base(points, labels).base if base is None else base
-        found = limbs_of_wood(points, base, stem=labels == Label.TRUNK)
+        found = grow_limbs(points, base, stem=labels == Label.TRUNK)
     if len(found.member) != len(points):
         raise StageError(f"limbs of {len(found.member)} points for a tree of {len(points)}")
     nodes, parent, radius, limb = join_limbs(found.limbs, found.spacing, spacing_m)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["never_growing"]
+__all__ = ["isotonic_radii"]
 
 UNTOLD = 1e3  # a node without an error errs by so many times the largest: it has no say
 
 
-def never_growing(parent: np.ndarray, radius: np.ndarray, error: np.ndarray) -> np.ndarray:
+def isotonic_radii(parent: np.ndarray, radius: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Least-squares radii that are nowhere larger than their parent's.
 
     From the tips to the root every node pools with the child block of the largest mean for as long

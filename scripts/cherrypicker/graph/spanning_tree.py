@@ -72,15 +72,8 @@ def spanning_tree(
     graph.add_weighted_edges_from(zip(*edges.T.tolist(), length.tolist(), strict=True))
     pairs = np.array(nx.minimum_spanning_tree(graph).edges)
     order, parent = rooted_order(len(nodes), pairs, 0)
-    label = label[order]
-    gap = _long_edges(nodes[order], parent, spacing_m)
-    skeleton = Skeleton(nodes[order], parent, np.zeros(len(nodes)), label, {"gap": gap})
+    skeleton = Skeleton(nodes[order], parent, np.zeros(len(nodes)), label[order])
+    # no sample lies within 3 spacings of one that missing data parts from the next
+    skeleton.fields["gap"] = (skeleton.edge_length > 3 * spacing_m).astype(np.int64)
     logger.info("%d samples every %.1f mm, %d links added", len(nodes), 1e3 * spacing_m, len(links))
     return skeleton
-
-
-def _long_edges(points: np.ndarray, parent: np.ndarray, spacing: float) -> np.ndarray:
-    """Flag of the edges that bridge missing data: no sample lies within 3 spacings."""
-    length = np.zeros(len(points))
-    length[1:] = np.linalg.norm(points[1:] - points[parent[1:]], axis=1)
-    return (length > 3 * spacing).astype(np.int64)

@@ -3,8 +3,8 @@
 Two models of the same points are compared by the Bayesian information criterion (Schwarz,
 "Estimating the dimension of a model", Annals of Statistics 1978). Points of a cloud from photos err
 together with those around them, and so do all where a tube does not follow the wood, so that many
-say no more than few: as many as the residuals on the limbs show count as one (a design effect, as
-of a sample that is drawn in clusters).
+say no more than few: their number is divided by the design effect that the residuals on the limbs
+show, as that of a sample that is drawn in clusters.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.limbs.tubes import Tube, seen_from
 
-__all__ = ["points_that_err_together", "tell_limb"]
+__all__ = ["N_TOGETHER", "design_effect", "is_supported"]
 
 N_TUBE = 6  # numbers that a limb adds to its parent: its place there, heading, length and radius
 N_BUMP = 4  # those of a bump: its place there, extent and height
@@ -23,7 +23,7 @@ N_BUMP = 4  # those of a bump: its place there, extent and height
 N_TOGETHER = 40
 
 
-def points_that_err_together(points: np.ndarray, residual: np.ndarray) -> float:
+def design_effect(points: np.ndarray, residual: np.ndarray) -> float:
     """How many points tell as much as one whose error is its own.
 
     Parameters
@@ -46,14 +46,14 @@ def points_that_err_together(points: np.ndarray, residual: np.ndarray) -> float:
     return max(together, 1.0)
 
 
-def tell_limb(
+def is_supported(
     points: np.ndarray,
     tube: Tube,
     parent: Tube,
     *,
     weight: np.ndarray,
     noise: float,
-    together: float,
+    effect: float,
 ) -> bool:
     """Whether points tell a tube from noise of its parent's surface and from a bump of it.
 
@@ -70,13 +70,13 @@ def tell_limb(
         How much of a point of the parent each tells.
     noise : float
         Standard deviation of a point in each direction.
-    together : float
-        See `points_that_err_together`.
+    effect : float
+        See `design_effect`.
     """
     told = weight.sum()
     if not told:  # no point is nearest to it
         return False
-    price = np.log(max(told / together, np.e)) * together
+    price = np.log(max(told / effect, np.e)) * effect
     on_parent, on_tube = seen_from(parent, points), seen_from(tube, points)
     off_parent, off = (
         np.hypot(one.away - one.radius, one.beyond) / noise for one in (on_parent, on_tube)

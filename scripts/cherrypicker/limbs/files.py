@@ -14,10 +14,10 @@ from cherrypicker.limbs.tubes import Limb, Tube
 
 __all__ = ["read_orchard", "write_orchard"]
 
-_ARRAYS = {
+_ARRAYS = (
     *("owner", "sample", "spacing", "base", "entered", "n_entered"),
     *("nodes", "radius", "n_nodes", "parent", "member", "n_limbs", "of_limbs"),
-}
+)
 _OF_LIMBS = ("spacing", "noise", "claimed")  # columns of ``of_limbs``
 
 
@@ -61,10 +61,7 @@ def read_orchard(path: str | os.PathLike) -> Orchard:
     StageError
         If the file is missing or broken.
     """
-    arrays = read_npz(path)
-    missing = sorted(_ARRAYS - arrays.keys())
-    if missing:
-        raise StageError(f"no {', '.join(missing)} in it", file=path)
+    arrays = read_npz(path, _ARRAYS)
     try:
         return _orchard(arrays)
     except (ValueError, IndexError) as error:

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 from cherrypicker.limbs.contacts import join_at_contacts
-from cherrypicker.limbs.evidence import N_TOGETHER, points_that_err_together, tell_limb
+from cherrypicker.limbs.evidence import N_TOGETHER, design_effect, is_supported
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import ring_forest, ways_over_wood
 from cherrypicker.limbs.tubes import (
@@ -33,7 +33,7 @@ from cherrypicker.limbs.tubes import (
     stretch,
 )
 
-__all__ = ["Limbs", "chains_of", "grow_limbs", "limbs_of_wood", "spacing_of"]
+__all__ = ["Limbs", "chains_of", "grow_limbs", "spacing_of"]
 
 logger = logging.getLogger(__name__)
 
@@ -149,36 +149,21 @@ def grow_limbs(
 
     Raises
     ------
-    ValueError
+    StageError
         If the points make no limb.
     """
     base = np.asarray(base, dtype=np.float64)
     points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits
     spacing = spacing_of(points) if len(points) >= LEAST_POINTS else 0.0
-    if not spacing > 0:
-        raise ValueError(f"{len(points)} points make no limb")
-    growth = _Growth(points, spacing, stem, count)
-    while growth.add_round():  # what no tube claims tells the next
-        pass
-    if not growth.limbs:
-        raise ValueError(f"{len(points)} points make no limb")
-    return growth.finish(base)
-
-
-def limbs_of_wood(
-    points: np.ndarray, base: npt.ArrayLike, *, stem: np.ndarray | None = None
-) -> Limbs:
-    """`grow_limbs` for the stages: points that make no limb are told in the user's terms.
-
-    Raises
-    ------
-    StageError
-        If the points make no limb.
-    """
-    try:
-        return grow_limbs(points, base, stem=stem)
-    except ValueError as error:
-        raise StageError(str(error), key="contract.classes, contract.voxel_size_m") from error
+    if spacing > 0:
+        growth = _Growth(points, spacing, stem, count)
+        while growth.add_round():  # what no tube claims tells the next
+            pass
+        if growth.limbs:
+            return growth.finish(base)
+    raise StageError(
+        f"{len(points)} points make no limb", key="contract.classes, contract.voxel_size_m"
+    )
 
 
 class _Growth:
@@ -200,20 +185,11 @@ class _Growth:
             self.weight = np.minimum(count / count[around].mean(axis=1), 1.0)
         self.owner = np.full(len(points), -1, dtype=np.int64)
         self.limbs: list[Limb] = []
-        self.noises, self.togethers = _Counted(), _Counted()
-
-    @property
-    def noise(self) -> float:
-        """Median noise of the thick limbs so far, each counted by its points."""
-        known = self.noises.middle
-        floor = LEAST_NOISE * self.spacing
-        return NOISE_SHARE * self.spacing if known is None else max(known, floor)
-
-    @property
-    def together(self) -> float:
-        """How many points tell as much as one, by the limbs so far."""
-        known = self.togethers.middle
-        return 1.0 if known is None else known
+        # Of the limbs so far, the medians of what each tells, counted by its points: the noise of
+        # thick ones, and how many points tell as much as one
+        self.noises: list[tuple[float, int]] = []
+        self.effects: list[tuple[float, int]] = []
+        self.noise, self.effect = NOISE_SHARE * spacing, 1.0
 
     def add_round(self) -> bool:
         """Cut what no tube has claimed into rings, and make limbs of their chains; whether of any.
@@ -377,13 +353,13 @@ class _Growth:
 
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
         """Whether a limb's points tell it from noise and bumps of its parent."""
-        return self._ends_beyond_claim(tube, parent) and tell_limb(
+        return self._ends_beyond_claim(tube, parent) and is_supported(
             self.points[rows],
             tube,
             parent,
             weight=self.weight[rows],
             noise=self.noise,
-            together=self.together,
+            effect=self.effect,
         )
 
     def _through_middles(self, run: np.ndarray) -> Tube | None:
@@ -437,10 +413,12 @@ class _Growth:
         spread = robust_sigma(residual[near]) if near.any() else 0.0
         if spread > 0:
             if np.median(tube.radius) > SURE_RADIUS * self.noise:
-                self.noises.add(spread, int(np.count_nonzero(near)))
+                self.noises.append((spread, int(np.count_nonzero(near))))
+                self.noise = max(_middle(self.noises), LEAST_NOISE * self.spacing)
             sure = np.abs(residual) < TUKEY * spread
-            together = points_that_err_together(self.points[around][sure], residual[sure])
-            self.togethers.add(together, int(np.count_nonzero(sure)))
+            effect = design_effect(self.points[around][sure], residual[sure])
+            self.effects.append((effect, int(np.count_nonzero(sure))))
+            self.effect = _middle(self.effects)
         return tube
 
     def _near(self, tube: Tube, margin: float, in_radii: float = 0.0) -> tuple[np.ndarray, Seen]:
@@ -481,24 +459,10 @@ class _Growth:
         return member
 
 
-class _Counted:
-    """Values with how often each counts, and their median, kept until another comes."""
-
-    def __init__(self) -> None:
-        self._counted: list[tuple[float, int]] = []
-        self._middle: float | None = None
-
-    def add(self, value: float, count: int) -> None:
-        self._counted.append((value, count))
-        self._middle = None
-
-    @property
-    def middle(self) -> float | None:
-        if self._middle is None and self._counted:
-            values, counts = np.array(sorted(self._counted)).T
-            at = np.searchsorted(np.cumsum(counts), counts.sum() / 2)
-            self._middle = float(values[at])
-        return self._middle
+def _middle(counted: list[tuple[float, int]]) -> float:
+    """Median of values, each with how often it counts."""
+    values, counts = np.array(sorted(counted)).T
+    return float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
 
 
 def _way_out(tube: Tube, parent: Tube) -> np.ndarray:

@@ -14,12 +14,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
+from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.limbs.growth import Limbs, grow_limbs
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target_wood import SharedWood, share_cloud
-from cherrypicker.wood.thinned import WoodChoice, agreed_labels
+from cherrypicker.wood.thinned import GrowthOptions, agreed_labels
 
 __all__ = ["GrowthOptions", "Orchard", "grow_orchard"]
 
@@ -27,16 +28,8 @@ logger = logging.getLogger(__name__)
 
 FEWEST_POINTS = 60  # thinned points of a stem; fewer grow no limbs (guess)
 SELECTION_FACTOR = 2  # wood is shared out by up to so many times the points that a tree grows from
-MOST_POINTS = (
-    2_000_000  # and of a row by as many points as of ten trees (guess: a walk of a session)
-)
-
-
-@dataclass(frozen=True)
-class GrowthOptions(WoodChoice):
-    """Which wood limbs are grown from; the fields are config keys of ``contract``."""
-
-    max_points: int = 100_000
+# and of a row by as many points as of ten trees (guess: a walk of a session)
+MOST_POINTS = 2_000_000
 
 
 @dataclass
@@ -154,6 +147,6 @@ def _grow(
     count = np.bincount(nearest, minlength=len(source))
     try:
         return source, grow_limbs(points[source], base, stem=stem, count=count)
-    except ValueError as error:  # no limb
-        logger.warning("stem at (%.2f, %.2f): %s", *base[:2], error)
+    except StageError as error:  # no limb
+        logger.warning("stem at (%.2f, %.2f): %s", *base[:2], error.cause)
         return source[:0], None

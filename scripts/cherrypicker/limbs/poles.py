@@ -94,7 +94,7 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
     if found is None:
         return None
     middle, along, radius, length = found
-    reach = _reach(radius, spacing)
+    reach = float(claim_radius(np.array([radius]), spacing)[0])
     while True:  # the line grows with its points
         rows, way, aside = in_cylinder(points, middle, along, reach)
         inside = np.abs(way) <= length / 2
@@ -114,10 +114,6 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
         return None
     slack = even if radius > spacing else reach
     return Pole(middle, along, length, float(np.median(aside[main])), slack, reach)
-
-
-def _reach(radius: float, spacing: float) -> float:
-    return float(claim_radius(np.array([radius]), spacing)[0])
 
 
 def _pieces(way: np.ndarray, gap: float) -> np.ndarray:

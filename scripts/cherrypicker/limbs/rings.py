@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges, sparse_graph
 
-__all__ = ["RingForest", "Ways", "ring_forest", "ways_from_foot", "ways_over_wood"]
+__all__ = ["RingForest", "Ways", "ring_forest", "geodesic_distances", "ways_over_wood"]
 
 N_NEIGHBORS = 6  # a mesh on a surface has six on average (Euler); more reach the next twig
 REACH = 2.5  # in spacings: neighbours this near touch
@@ -84,7 +84,7 @@ class RingForest:
         return np.array([len(rows) for rows in self.rows], dtype=np.int64)
 
 
-def ways_from_foot(
+def geodesic_distances(
     points: np.ndarray,
     base: np.ndarray,
     spacing: float,
@@ -201,19 +201,19 @@ def ways_over_wood(
     Parameters
     ----------
     points, base, spacing, stem
-        As in `ways_from_foot`.
+        As in `geodesic_distances`.
 
     Returns
     -------
     Ways
     """
-    found = ways_from_foot(points, base, spacing, stem)
+    found = geodesic_distances(points, base, spacing, stem)
     ways = _in_bands(points, spacing, *found)
     everything = np.arange(len(points))
     over = _gaps_beyond_turns(points, spacing, found[0], found[2], ring_forest(ways, everything))
     if not len(over):
         return ways
-    return _in_bands(points, spacing, *ways_from_foot(points, base, spacing, stem, over))
+    return _in_bands(points, spacing, *geodesic_distances(points, base, spacing, stem, over))
 
 
 def _in_bands(

@@ -75,6 +75,12 @@ class Tube:
         """Way along the axis from its start to each node, (n_nodes,) float64."""
         return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1)))
 
+    def at(self, places: np.ndarray) -> Tube:
+        """The tube through places along its axis, ways from its start, (n,)."""
+        way = self.way
+        nodes = np.stack([np.interp(places, way, column) for column in self.nodes.T], axis=1)
+        return Tube(nodes, np.interp(places, way, self.radius))
+
 
 @dataclass
 class Limb:
@@ -105,16 +111,14 @@ def even(tube: Tube, spacing: float) -> Tube | None:
     Tube or None
         With at least two nodes; None where all lie in one place.
     """
-    way = tube.way
-    keep = np.append(True, np.diff(way) > 0)
-    way, nodes, radius = way[keep], tube.nodes[keep], tube.radius[keep]
-    if len(way) < 2:
+    keep = np.append(True, np.diff(tube.way) > 0)
+    tube = Tube(tube.nodes[keep], tube.radius[keep])
+    if len(tube.nodes) < 2:
         return None
-    density = 1.0 / np.maximum(STEP * spacing, radius)
+    way, density = tube.way, 1.0 / np.maximum(STEP * spacing, tube.radius)
     count = np.append(0.0, np.cumsum(np.diff(way) * (density[1:] + density[:-1]) / 2))
-    at = np.interp(np.linspace(0.0, count[-1], max(2, round(count[-1]) + 1)), count, way)
-    new = np.stack([np.interp(at, way, column) for column in nodes.T], axis=1)
-    return Tube(new, np.interp(at, way, radius))
+    n_nodes = max(2, round(count[-1]) + 1)
+    return tube.at(np.interp(np.linspace(0.0, count[-1], n_nodes), count, way))
 
 
 def stretch(tube: Tube, start: float, end: float) -> Tube:
@@ -132,13 +136,10 @@ def smooth(tube: Tube, step: float) -> Tube:
     """The same tube with nodes at most `step` apart, on a smooth curve through the old ones."""
     way = tube.way
     at = np.linspace(0.0, way[-1], max(2, int(np.ceil(way[-1] / step)) + 1))
+    straight = tube.at(at)
     if len(way) < 3:
-        return Tube(
-            np.stack([np.interp(at, way, column) for column in tube.nodes.T], axis=1),
-            np.interp(at, way, tube.radius),
-        )
-    nodes = PchipInterpolator(way, tube.nodes)(at)
-    return Tube(nodes, np.interp(at, way, tube.radius))
+        return straight
+    return Tube(PchipInterpolator(way, tube.nodes)(at), straight.radius)
 
 
 def place_on_axis(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -276,25 +277,23 @@ def fit_tube(
             radius = np.maximum(thinner, np.minimum(radius, max(widest, least)))
         if np.abs(step).max() < 0.02 * noise and limit == last:
             break
-    segment, share = place_on_axis(points, nodes)
-    inside = np.clip(share, 0, 1)
-    away, _, own = _offsets(points, nodes, radius, segment, inside)
+    *_, away, _, own = _offsets(points, nodes, radius)
     return Tube(nodes, radius), away - own
 
 
-def _offsets(
-    points: np.ndarray,
-    nodes: np.ndarray,
-    radius: np.ndarray,
-    segment: np.ndarray,
-    share: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distance from the axis, its direction, and the radius there."""
-    place = nodes[segment] + share[:, None] * (nodes[segment + 1] - nodes[segment])
+def _offsets(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, ...]:
+    """How points stand to an axis that ends at its ends.
+
+    Segment, way along it as of `place_on_axis` and clipped, distance from the axis, its direction,
+    and the radius there.
+    """
+    segment, share = place_on_axis(points, nodes)
+    inside = np.clip(share, 0.0, 1.0)
+    place = nodes[segment] + inside[:, None] * (nodes[segment + 1] - nodes[segment])
     offset = points - place
     away = np.linalg.norm(offset, axis=1)
-    own = radius[segment] + share * (radius[segment + 1] - radius[segment])
-    return away, offset / np.maximum(away, 1e-12)[:, None], own
+    own = radius[segment] + inside * (radius[segment + 1] - radius[segment])
+    return segment, share, inside, away, offset / np.maximum(away, 1e-12)[:, None], own
 
 
 def _area(nodes: np.ndarray, radius: np.ndarray) -> float:
@@ -315,10 +314,8 @@ def _newton_step(
 
     And the distance of each point from the surface before it, (n_points,).
     """
-    segment, share = place_on_axis(points, nodes)
+    segment, share, inside, away, out, own = _offsets(points, nodes, radius)
     length = np.maximum(np.linalg.norm(np.diff(nodes, axis=0), axis=1), LEAST_STEP * spacing)
-    inside = np.clip(share, 0.0, 1.0)
-    away, out, own = _offsets(points, nodes, radius, segment, inside)
     robust = np.square(np.maximum(0.0, 1.0 - np.square((away - own) / limit)))
     robust[np.abs(share - inside) * length[segment] > spacing] = 0.0
     told = np.bincount(segment, robust, len(nodes) - 1)

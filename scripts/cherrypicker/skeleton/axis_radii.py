@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.compiled import compiled
 from cherrypicker.geometry.ordering import median
@@ -15,7 +14,7 @@ from cherrypicker.geometry.tree_walks import child_rows, window
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.samples import densify
 
-__all__ = ["tell_radii", "typical_scatter"]
+__all__ = ["measure_radii", "typical_scatter"]
 
 MOST_POINTS = 300  # of a node, evenly drawn from more: bounds the time (guess)
 FEWEST_POINTS = 5  # of which a circle is judged: two more than it has numbers
@@ -30,7 +29,7 @@ ARC_SECTORS = 24  # that the covered arc is counted in: steps of 15 degrees
 LEAST_RADIUS_M = 0.001  # of a tree of which no point tells any; a guess
 
 
-def tell_radii(
+def measure_radii(
     skeleton: Skeleton, surface: np.ndarray, *, spacing: float, max_radius: float
 ) -> Skeleton:
     """Say of each node what the points around it tell of its radius.
@@ -57,9 +56,10 @@ def tell_radii(
         the circle of the node's radius) and ``radius_error`` (of the radius that such a circle
         would have), zero where there are too few points.
     """
-    places, edge, *_ = densify(skeleton, spacing / SAMPLES)
-    distance, nearest = cKDTree(places).query(surface, distance_upper_bound=max_radius)
-    surface, edge = surface[np.isfinite(distance)], edge[nearest[np.isfinite(distance)]]
+    samples = densify(skeleton, spacing / SAMPLES)
+    distance, nearest = samples.nearest(surface, max_radius)
+    near = np.isfinite(distance)
+    surface, edge = surface[near], samples.node[nearest[near]]
     ends = np.stack([edge, np.maximum(skeleton.parent[edge], 0)])
     away = np.linalg.norm(surface - skeleton.points[ends], axis=2)
     owner = np.where(away[0] <= away[1], *ends)
@@ -67,7 +67,7 @@ def tell_radii(
     start = np.searchsorted(owner[order], np.arange(len(skeleton) + 1))
     reach = np.maximum(REACH * skeleton.radius, LEAST_EDGES * spacing)
     tree = skeleton.parent, skeleton.edge_length, *child_rows(skeleton.parent)
-    n_points, told = _tell(surface[order], start, tree, reach, skeleton.points, skeleton.radius)
+    n_points, told = _measured(surface[order], start, tree, reach, skeleton.points, skeleton.radius)
     radius, arc, residual, error = told.T
     known = radius[radius > 0]
     for at in np.flatnonzero(radius == 0):
@@ -90,7 +90,7 @@ def typical_scatter(skeleton: Skeleton) -> float | None:
 
 
 @compiled
-def _tell(
+def _measured(
     surface: np.ndarray,
     start: np.ndarray,
     tree: tuple,

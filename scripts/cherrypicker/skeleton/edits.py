@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -158,12 +158,9 @@ class _EditedTree:
 
     def __init__(self, skeleton: Skeleton) -> None:
         self.skeleton = skeleton
-        self.points = skeleton.points.copy()
-        self.parent = skeleton.parent.copy()
-        gap = skeleton.fields.get("gap", np.zeros(len(skeleton), dtype=np.int64))
-        self.gap = gap.copy()
+        self.points, self.parent = skeleton.points.copy(), skeleton.parent.copy()
+        self.gap = skeleton.fields.get("gap", np.zeros(len(skeleton), dtype=np.int64)).copy()
         self.alive = np.ones(len(skeleton), dtype=bool)
-        self.usual = float(np.median(skeleton.edge_length[1:])) if len(skeleton) > 1 else 0.0
 
     def nearest(self, place: np.ndarray, tolerance: float) -> int:
         """Living node nearest to a place, -1 if none lies within the tolerance."""
@@ -185,33 +182,24 @@ class _EditedTree:
             self.alive[self._beyond(nodes[0])] = False
 
     def _connect(self, number: int, edit: Edit, start: int, target: int) -> None:
-        if self._top(start) != self._top(target):
-            self._hang_from(start)
-        elif start in self._way_down(target):
+        way, other = self._way_down(start), self._way_down(target)
+        if way[-1] != other[-1]:  # a piece turns round, so that it hangs from this node
+            self.parent[way[1:]], self.gap[way[1:]] = way[:-1], self.gap[way[:-1]]
+        elif start in other:
             raise StageError(
                 f"edit {number} ({edit}) would close a cycle: 'to' lies beyond 'from'",
                 key="graph.edits",
             )
         self.parent[start] = target
         length = np.linalg.norm(self.points[start] - self.points[target])
-        self.gap[start] = int(length > BARE_STEPS * self.usual)
+        usual = float(np.median(self.skeleton.edge_length[1:])) if len(self.parent) > 1 else 0.0
+        self.gap[start] = int(length > BARE_STEPS * usual)
 
     def _way_down(self, node: int) -> list[int]:
         way = [node]
         while self.parent[way[-1]] >= 0:
             way.append(int(self.parent[way[-1]]))
         return way
-
-    def _top(self, node: int) -> int:
-        return self._way_down(node)[-1]
-
-    def _hang_from(self, node: int) -> None:
-        """Turn a piece's parents round so that it hangs from a node."""
-        way = self._way_down(node)
-        gaps = [self.gap[item] for item in way]
-        for lower, item, gap in zip(way[1:], way[:-1], gaps):
-            self.parent[lower], self.gap[lower] = item, gap
-        self.parent[node] = -1
 
     def _beyond(self, node: int) -> np.ndarray:
         """A node and all that hangs on it, (n_nodes,) bool."""
@@ -228,25 +216,17 @@ class _EditedTree:
         keep = self._beyond(0) & self.alive
         if np.count_nonzero(keep) < 2:
             raise StageError("the edits leave nothing of the tree", key="graph.edits")
-        has_parent = self.alive & (self.parent >= 0)
-        length = np.linalg.norm(self.points - self.points[np.maximum(self.parent, 0)], axis=1)
-        before = float(self.skeleton.edge_length.sum())
-        kept = float(length[keep & has_parent].sum())
-        rows = np.flatnonzero(keep)
-        place = np.full(len(keep), -1)
-        place[rows] = np.arange(len(rows))
+        rows, place = np.flatnonzero(keep), np.cumsum(keep) - 1
         edges = np.stack([place[self.parent[rows[1:]]], np.arange(1, len(rows))], axis=1)
         order, parent = rooted_order(len(rows), edges, 0)
         rows, old = rows[order], self.skeleton
-        fields = {name: values[rows] for name, values in old.fields.items()}
-        fields["gap"] = self.gap[rows]
-        edited = Skeleton(
-            self.points[rows],
-            parent,
-            old.radius[rows],
-            old.label[rows],
-            fields,
-            old.unit,
-            old.frame,
+        edited = replace(
+            old,
+            points=self.points[rows],
+            parent=parent,
+            radius=old.radius[rows],
+            label=old.label[rows],
+            fields={name: values[rows] for name, values in old.fields.items()}
+            | {"gap": self.gap[rows]},
         )
-        return edited, max(before - kept, 0.0)
+        return edited, max(float(old.edge_length.sum() - edited.edge_length.sum()), 0.0)

@@ -1,4 +1,4 @@
-"""Skeletons and topologies as GraphML and PLY, and back."""
+"""Skeletons and topologies from GraphML, and skeletons as PLY."""
 
 from __future__ import annotations
 
@@ -10,66 +10,17 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.ply import write_ply_vertices
-from cherrypicker.skeleton.graphml import GraphColumns, parse_long, read_graphml, write_graphml
+from cherrypicker.skeleton.graphml import GraphColumns, parse_long, read_graphml
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.topology import Topology, TopologyEdge
 
 __all__ = [
     "read_skeleton",
     "read_topology",
-    "write_skeleton_graphml",
     "write_skeleton_ply",
-    "write_topology_graphml",
 ]
 
 LARGEST_ROUNDING = 1e-5  # float32 is enough while it moves no vertex by more than this
-
-
-def write_skeleton_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
-    """Write ``skeleton.graphml``: one node a skeleton node, ids "0" (the root) and up.
-
-    Parameters
-    ----------
-    path : path-like
-    skeleton : Skeleton
-        Its `fields` become further node attributes; ``gap`` becomes an edge attribute.
-    """
-    fields = {name: values.tolist() for name, values in skeleton.fields.items() if name != "gap"}
-    gap = skeleton.fields.get("gap")
-    ids = list(map(str, range(len(skeleton))))
-    nodes = dict(zip("xyz", skeleton.points.T.astype(float).tolist(), strict=True))
-    nodes["radius"] = skeleton.radius.astype(float).tolist()
-    nodes["label"] = skeleton.label.astype(int).tolist()
-    edge_data = {"length": skeleton.edge_length[1:].astype(float).tolist()}
-    if gap is not None:
-        edge_data["gap"] = gap[1:].astype(int).tolist()
-    attributes = {"root": "0", "unit": skeleton.unit, "frame": skeleton.frame}
-    edges = list(zip(map(str, skeleton.parent[1:].tolist()), ids[1:], strict=True))
-    with atomic_path(path) as temporary:
-        write_graphml(temporary, GraphColumns(attributes, ids, nodes | fields, edges, edge_data))
-
-
-def write_topology_graphml(path: str | os.PathLike, topology: Topology) -> None:
-    """Write ``topology.graphml``; node ids are the skeleton's, a path is "0 1 2".
-
-    Parameters
-    ----------
-    path : path-like
-    topology : Topology
-    """
-    nodes = dict(zip("xyz", topology.points.T.astype(float).tolist(), strict=True))
-    nodes["kind"] = list(topology.kind)
-    edge_data: dict[str, list] = {
-        name: [float(getattr(edge, name)) for edge in topology.edges]
-        for name in ("length", "radius_start", "radius_end")
-    }
-    edge_data["order"] = [int(edge.order) for edge in topology.edges]
-    edge_data["path"] = [" ".join(map(str, edge.path.tolist())) for edge in topology.edges]
-    attributes = {"root": "0", "unit": topology.unit, "frame": topology.frame}
-    ids = list(map(str, topology.nodes.tolist()))
-    edges = [(str(edge.parent), str(edge.child)) for edge in topology.edges]
-    with atomic_path(path) as temporary:
-        write_graphml(temporary, GraphColumns(attributes, ids, nodes, edges, edge_data))
 
 
 def _read_graph(path: str | os.PathLike) -> GraphColumns:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -104,14 +104,13 @@ class Skeleton:
         new_id = np.cumsum(keep) - 1
         parent = self.parent[keep]
         parent[1:] = new_id[parent[1:]]
-        return Skeleton(
-            self.points[keep],
-            parent,
-            self.radius[keep],
-            self.label[keep],
-            {name: values[keep] for name, values in self.fields.items()},
-            self.unit,
-            self.frame,
+        return replace(
+            self,
+            points=self.points[keep],
+            parent=parent,
+            radius=self.radius[keep],
+            label=self.label[keep],
+            fields={name: values[keep] for name, values in self.fields.items()},
         )
 
 

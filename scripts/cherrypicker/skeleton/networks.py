@@ -1,7 +1,4 @@
-"""Skeletons as networkx graphs: the library's interface, and the files of the published path.
-
-The default writes the same files by columns (`cherrypicker.skeleton.graphml`), ten times faster.
-"""
+"""Skeletons and topologies as networkx graphs, and the GraphML of them."""
 
 from __future__ import annotations
 
@@ -12,11 +9,18 @@ import numpy as np
 
 from cherrypicker.files import atomic_path
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.topology import Topology
 
 if TYPE_CHECKING:
     import networkx
 
-__all__ = ["as_networkx", "folded", "write_network"]
+__all__ = [
+    "as_networkx",
+    "folded",
+    "write_network",
+    "write_skeleton_graphml",
+    "write_topology_graphml",
+]
 
 
 def as_networkx(skeleton: Skeleton) -> networkx.Graph:
@@ -97,3 +101,42 @@ def write_network(path: str | os.PathLike, graph: networkx.Graph) -> None:
 
     with atomic_path(path) as temporary:
         nx.write_graphml_xml(graph, str(temporary), prettyprint=True, named_key_ids=True)
+
+
+def write_skeleton_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
+    """Write ``skeleton.graphml``: one node a skeleton node, ids "0" (the root) and up.
+
+    Parameters
+    ----------
+    path : path-like
+    skeleton : Skeleton
+        Its `fields` become further node attributes; ``gap`` becomes an edge attribute.
+    """
+    write_network(path, as_networkx(skeleton))
+
+
+def write_topology_graphml(path: str | os.PathLike, topology: Topology) -> None:
+    """Write ``topology.graphml``; node ids are the skeleton's, a path is "0 1 2".
+
+    Parameters
+    ----------
+    path : path-like
+    topology : Topology
+    """
+    import networkx as nx
+
+    graph = nx.Graph(root="0", unit=topology.unit, frame=topology.frame)
+    places = topology.points.tolist()
+    for node, kind, place in zip(topology.nodes.tolist(), topology.kind, places, strict=True):
+        graph.add_node(node, **dict(zip("xyz", place)), kind=kind)
+    for edge in topology.edges:
+        graph.add_edge(
+            edge.parent,
+            edge.child,
+            length=edge.length,
+            radius_start=edge.radius_start,
+            radius_end=edge.radius_end,
+            order=edge.order,
+            path=" ".join(map(str, edge.path.tolist())),
+        )
+    write_network(path, graph)

@@ -106,9 +106,10 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
     max_gap : float
         Stretches without wood points longer than this are gaps; in the skeleton's unit.
     """
-    samples, node, radius, spacing = densify(skeleton, _SAMPLE_M)
-    near = wood.query(samples)[0] <= np.maximum(_NEAR_RADII * radius, reach)
-    bare = np.bincount(node[~near], spacing[~near], len(skeleton))  # of each node's edge
+    samples = densify(skeleton, _SAMPLE_M)
+    node = samples.node
+    near = wood.query(samples.points)[0] <= np.maximum(_NEAR_RADII * samples.radius, reach)
+    bare = np.bincount(node[~near], samples.length[~near], len(skeleton))  # of each node's edge
     gap, follows = _gaps(skeleton, bare)
     gap[gap <= max_gap] = 0.0
     is_rest = follows < follows[0] / 2  # else the foot is what was not seen
@@ -126,7 +127,7 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
         gap[gap > 0],
         int(is_stray.sum()),
         float(follows[is_stray].sum()),
-        np.vstack([missed, samples[near & ~kept[node]]]),
+        np.vstack([missed, samples.points[near & ~kept[node]]]),
         len(missed) / max(len(missed) + int(point.sum()), 1),
         length,
     )

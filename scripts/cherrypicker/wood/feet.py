@@ -110,7 +110,9 @@ def find_stems(
             found.append(Stem(_upright(points[foot], points[own], CELL * full), own))
     found.sort(key=lambda stem: -len(stem.rows))
     if labels is not None:
-        found = _without_branches(found, labels)
+        share = [np.mean(labels[stem.rows] == Label.TRUNK) for stem in found]
+        if max(share, default=0.0) >= MOSTLY_TRUNK:
+            found = [stem for stem, part in zip(found, share) if part >= HARDLY_TRUNK]
     return _merge_close(found, SAME_STEM * full)
 
 
@@ -142,14 +144,6 @@ def _height(points: np.ndarray, ground: np.ndarray) -> np.ndarray:
         "%.0f %% of the wood lie below what is labelled ground: it is not used", 100 * buried
     )
     return points[:, 2] - lowest
-
-
-def _without_branches(stems: list[Stem], labels: np.ndarray) -> list[Stem]:
-    """The stems that are trunk, if there is one; else all."""
-    share = [np.mean(labels[stem.rows] == Label.TRUNK) for stem in stems]
-    if not stems or max(share) < MOSTLY_TRUNK:
-        return stems
-    return [stem for stem, part in zip(stems, share) if part >= HARDLY_TRUNK]
 
 
 def _cluster_from_above(xy: np.ndarray, cell: float) -> np.ndarray:

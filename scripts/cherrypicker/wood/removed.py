@@ -15,13 +15,6 @@ __all__ = ["Earlier", "removed_points"]
 logger = logging.getLogger(__name__)
 
 
-def _kept_rows(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Which points (n, 3) are among those that a stage left (m, 3), (n,) bool."""
-    as_one = np.dtype((np.void, before.itemsize * 3))
-    was, left = (np.ascontiguousarray(points).view(as_one).ravel() for points in (before, after))
-    return np.isin(was, left)
-
-
 class Earlier(NamedTuple):
     """What a tree from photos was before its cloud was metric."""
 
@@ -59,7 +52,11 @@ def removed_points(
     by[is_wood & (owner < 0)] = Removal.LOOSE
     parts = [(segmented, by)]
     if earlier is not None:
-        is_out = ~_kept_rows(earlier.aligned.points, earlier.cropped.points)
+        before, after = (
+            np.ascontiguousarray(cloud.points).view("V24").ravel()  # a point's bytes as one
+            for cloud in (earlier.aligned, earlier.cropped)
+        )
+        is_out = ~np.isin(before, after)
         for cloud, taken in (
             (earlier.aligned, is_out * np.uint8(Removal.REGION)),
             (earlier.cropped, earlier.denoised_by),

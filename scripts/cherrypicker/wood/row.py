@@ -21,8 +21,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target import TREE_SHARE, Candidate, choose_target
-from cherrypicker.wood.target_wood import SharedWood, share_cloud
-from cherrypicker.wood.thinned import WoodChoice
+from cherrypicker.wood.target_wood import SharedWood
 
 __all__ = [
     "ALL",
@@ -39,8 +38,6 @@ logger = logging.getLogger(__name__)
 
 ALL = "all"
 NO_TREE, NO_WOOD = 0, -1  # owners beside the numbers of trees, which start at 1
-# As many points as of ten single trees are looked at (guess: a walk of a session)
-MOST_POINTS = 2_000_000
 
 
 @dataclass
@@ -116,9 +113,9 @@ def read_places(given: Sequence) -> str | np.ndarray:
 
 def find_trees(
     cloud: PointCloud,
+    shared: SharedWood,
     asked: str | Sequence[ArrayLike] = ALL,
     *,
-    shared: SharedWood | None = None,
     region: Footprint | None = None,
 ) -> FoundTrees:
     """Find the trees of a scan and share its wood out among them.
@@ -127,11 +124,11 @@ def find_trees(
     ----------
     cloud : PointCloud
         With the field ``label``, z up.
+    shared : SharedWood
+        Which wood hangs on which stem.
     asked : "all" or sequence of array-like of 2 floats
         Every stem that carries as much as a tree, or the stems nearest to these places, in the
         cloud's frame.
-    shared : SharedWood, optional
-        Which wood hangs on which stem; left out, it is shared out here.
     region : Footprint, optional
         Of the region of interest; wood that comes in over its border is no tree's.
 
@@ -142,31 +139,28 @@ def find_trees(
     Raises
     ------
     StageError
-        If there is too little wood, no tree, a place that is none of the scene, or two places at
-        one stem.
+        If there is no tree, a place is none of the scene, or two places mean one stem.
     """
     labels = np.asarray(cloud["label"])
-    if shared is None:
-        shared = share_cloud(cloud, WoodChoice(), MOST_POINTS, region=region)
-    found = _chosen(cloud.points, shared, asked, region)
+    trees, places, left = _chosen(cloud.points, shared, asked, region)
     number = np.full(len(shared.bases) + 2, NO_TREE, dtype=np.int16)
-    for place, tree in enumerate(found.trees, 1):
+    for place, tree in enumerate(trees, 1):
         number[tree.stem] = place
     on_stem = shared.sample[shared.owner[shared.sample] >= 0]
     is_wood = wood_mask(labels)
-    owner = shared.owner[is_wood]
+    stem = shared.owner[is_wood]
     # A point without a way goes with the nearest wood that has one
-    loose = owner < 0
+    loose = stem < 0
     nearest = cKDTree(cloud.points[on_stem]).query(cloud.points[is_wood][loose])[1]
-    owner[loose] = shared.owner[on_stem[nearest]]
-    found.owner = np.full(len(labels), NO_WOOD, dtype=np.int16)
-    found.owner[is_wood] = number[owner]
-    for place, tree in enumerate(found.trees, 1):
-        n_points = np.count_nonzero(found.owner == place)
+    stem[loose] = shared.owner[on_stem[nearest]]
+    owner = np.full(len(labels), NO_WOOD, dtype=np.int16)
+    owner[is_wood] = number[stem]
+    for place, tree in enumerate(trees, 1):
+        n_points = np.count_nonzero(owner == place)
         logger.info("tree %d at (%.2f, %.2f): %s points", place, *tree.base[:2], f"{n_points:,}")
-    for other, reason in found.left_out:
+    for other, reason in left:
         logger.info("left out at (%.2f, %.2f): %s", *other.base[:2], reason)
-    return found
+    return FoundTrees(trees, places, left, owner)
 
 
 def _chosen(
@@ -174,35 +168,25 @@ def _chosen(
     shared: SharedWood,
     asked: str | Sequence[ArrayLike],
     region: Footprint | None,
-) -> FoundTrees:
-    """The trees, without the owners of points."""
+) -> tuple[list[Candidate], list[np.ndarray], list[tuple[Candidate, str]]]:
+    """The trees, where each was asked for, and what is left out and why."""
     owner = shared.owner[shared.sample]
     choose = partial(
         choose_target, points[shared.sample], shared.bases, owner, spacing=shared.spacing
     )
     if isinstance(asked, str):
-        choice = choose()
-        heaviest = max(one.mass for one in choice.candidates)
-        trees = _along_the_row([c for c in choice.candidates if c.mass >= TREE_SHARE * heaviest])
-        places = [np.array(tree.base[:2]) for tree in trees]
-    else:
-        choices = [choose(region=region, target_xy=place) for place in asked]
-        choice, heaviest = choices[0], None
-        trees, places = [each.target for each in choices], [np.asarray(p, float) for p in asked]
-    taken = {tree.stem for tree in trees}
-    left = [(o, _reason(o, heaviest)) for o in choice.candidates if o.stem not in taken]
-    _refuse_shared_stems(trees, places)
-    return FoundTrees(trees, places, left, np.empty(0, dtype=np.int16))
-
-
-def _reason(other: Candidate, heaviest: int | None) -> str:
-    if heaviest is None:
-        return "no place of crop.target_xy is nearest to it"
-    share = 100 * other.mass / heaviest
-    return f"carries {share:.0f} % of the heaviest tree's wood, a tree {100 * TREE_SHARE:.0f} %"
-
-
-def _refuse_shared_stems(trees: list[Candidate], places: list[np.ndarray]) -> None:
+        found = choose().candidates
+        heaviest = max(one.mass for one in found)
+        trees = _along_the_row([one for one in found if one.mass >= TREE_SHARE * heaviest])
+        least = f"% of the heaviest tree's wood, a tree {100 * TREE_SHARE:.0f} %"
+        left = [
+            (one, f"carries {100 * one.mass / heaviest:.0f} {least}")
+            for one in found
+            if one not in trees
+        ]
+        return trees, [np.array(tree.base[:2]) for tree in trees], left
+    choices = [choose(region=region, target_xy=place) for place in asked]
+    trees, places = [each.target for each in choices], [np.asarray(p, float) for p in asked]
     first: dict[int, int] = {}
     for number, tree in enumerate(trees, 1):
         if tree.stem in first:
@@ -213,6 +197,9 @@ def _refuse_shared_stems(trees: list[Candidate], places: list[np.ndarray]) -> No
                 key="crop.target_xy",
             )
         first[tree.stem] = number
+    reason = "no place of crop.target_xy is nearest to it"
+    left = [(one, reason) for one in choices[0].candidates if one.stem not in first]
+    return trees, places, left
 
 
 def _along_the_row(trees: list[Candidate]) -> list[Candidate]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -158,7 +158,7 @@ def choose_target(
     if not found:
         raise StageError("no wood hangs on a stem", key="segment")
     best = max(one.score for one in found) or 1.0
-    found = [Candidate(**{**asdict(one), "score": one.score / best}) for one in found]
+    found = [replace(one, score=one.score / best) for one in found]
     found.sort(key=lambda one: (-one.score, one.stem))
     if target_xy is None:
         choice = Choice(found[0], "wood", found)

@@ -12,9 +12,8 @@ from cherrypicker.classes import CLASS_NAMES, WOOD
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.wood.gaps import GAP_M, STEM_GAP_M
 
-__all__ = ["FEWEST_WOOD", "WoodChoice", "agreed_labels", "thinned_wood"]
+__all__ = ["FEWEST_WOOD", "GrowthOptions", "agreed_labels", "thinned_wood"]
 
 logger = logging.getLogger(__name__)
 
@@ -24,14 +23,15 @@ AROUND = 1.8  # in voxels: neighbours whose points count as well (all that share
 
 
 @dataclass(frozen=True)
-class WoodChoice:
-    """Which wood is looked at; the fields are config keys of ``contract``."""
+class GrowthOptions:
+    """Which wood limbs are grown from; the fields are config keys of ``contract``."""
 
     classes: tuple[int, ...] = WOOD
     voxel_size_m: float = 0.005
-    gap_m: float = GAP_M
-    stem_gap_m: float = STEM_GAP_M
+    gap_m: float = 0.25
+    stem_gap_m: float = 0.6
     min_density: float = 0.05
+    max_points: int = 100_000
 
 
 def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 
 def thinned_wood(
-    cloud: PointCloud, chosen: WoodChoice, most: int
+    cloud: PointCloud, chosen: GrowthOptions, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Thin the wood of a cloud.
 
@@ -58,7 +58,7 @@ def thinned_wood(
     ----------
     cloud : PointCloud
         With the field ``label``.
-    chosen : WoodChoice
+    chosen : GrowthOptions
         A voxel stays that holds, with its neighbours, `min_density` of the median number of points
         there.
     most : int
@@ -87,25 +87,20 @@ def thinned_wood(
             key="contract.classes, segment",
         )
     points, _, member, size = thin_to_limit(cloud.points[rows], chosen.voxel_size_m, most)
-    keep = _is_dense(points, np.bincount(member), size, chosen.min_density)
-    number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
-    rows, member = rows[number >= 0], number[number >= 0]
-    points = points[keep]
-    return points, majority_label(labels[rows], member, len(points)), rows, member
-
-
-def _is_dense(points: np.ndarray, count: np.ndarray, size: float, min_density: float) -> np.ndarray:
-    """Which voxels hold enough points, with their neighbours, to be wood, (n_voxels,) bool."""
+    # With its neighbours a voxel of wood holds enough points
     a, b = cKDTree(points).query_pairs(AROUND * size, output_type="ndarray").T
-    n = len(points)
+    n, count = len(points), np.bincount(member)
     support = count + np.bincount(a, count[b], n) + np.bincount(b, count[a], n)
-    least = min_density * np.median(support)
+    least = chosen.min_density * np.median(support)
     keep = support >= least
     logger.info(
         "kept %s of %s voxels of wood (%.1f %%), the rest too thin (under %.1f points around)",
         f"{np.count_nonzero(keep):,}",
-        f"{len(keep):,}",
+        f"{n:,}",
         100 * keep.mean(),
         least,
     )
-    return keep
+    number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
+    rows, member = rows[number >= 0], number[number >= 0]
+    points = points[keep]
+    return points, majority_label(labels[rows], member, len(points)), rows, member

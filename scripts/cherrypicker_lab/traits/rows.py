@@ -17,11 +17,13 @@ from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, read_npz
 from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.limbs.orchard import MOST_POINTS, GrowthOptions
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.wood.row import FoundTrees, find_trees, rows_of_tree
+from cherrypicker.wood.target_wood import share_cloud
 from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
 from cherrypicker_lab.orchard.rows import row_cloud, row_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
@@ -53,7 +55,7 @@ def measure_row(seed, n_points=300_000, *, spacing=None):
     """
     scene = row_scene(seed, spacing=spacing)
     cloud = row_cloud(scene, n_points)
-    found = find_trees(cloud)
+    found = find_trees(cloud, share_cloud(cloud, GrowthOptions(), MOST_POINTS))
     wood = wood_mask(cloud["label"])
     stands = np.array([tree.base for tree in found.trees])
     rows = share_scores(found.owner[wood], cloud["tree"][wood], stands, scene.offsets)

@@ -9,8 +9,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json, write_npz
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
-from cherrypicker.skeleton import read_skeleton_csv
-from cherrypicker.skeleton.exports import write_skeleton_graphml
+from cherrypicker.skeleton import read_skeleton_csv, write_skeleton_graphml
 from cherrypicker_lab.orchard import rows as orchard_rows
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.traits.rows import measure_scanned_row, share_scores
