@@ -14,9 +14,9 @@ from scan_scene import (
 )
 
 from cherrypicker.errors import StageError
-from cherrypicker.placement.align import AlignOptions, align
+from cherrypicker.placement.align import align
 from cherrypicker.placement.directions import angle_deg, rodrigues
-from cherrypicker.placement.ground import ground_tilt
+from cherrypicker.placement.ground import AlignOptions, ground_tilt
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.placement.up import photos_up
 
@@ -28,7 +28,7 @@ def aligned_errors(points, poses, **options):
     moved, moved_poses, (scale, q, shift) = arbitrary_frame(points, poses)
     result = align(moved, moved_poses, **options)
     up = result.rotation @ q @ [0, 0, 1.0]
-    origin = result.apply(shift[None])[0] / scale
+    origin = (result.rotation @ shift + result.translation) / scale
     return angle_deg(up, [0, 0, 1.0]), origin, result
 
 

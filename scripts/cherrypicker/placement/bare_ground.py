@@ -13,7 +13,6 @@ from scipy.ndimage import binary_dilation, map_coordinates
 
 from cherrypicker.geometry.ground_surface import GroundSurface
 from cherrypicker.geometry.sampling import thin_randomly
-from cherrypicker.placement.align import MIN_SCORE, AlignOptions
 from cherrypicker.placement.directions import rodrigues
 from cherrypicker.placement.ground import (
     LOW_QUANTILE,
@@ -21,9 +20,10 @@ from cherrypicker.placement.ground import (
     REACH,
     SPOT_CELL,
     TOLERANCE,
+    AlignOptions,
     Plane,
+    find_ground,
     ground_cells,
-    judged_planes,
 )
 from cherrypicker.placement.region import Region
 from cherrypicker.poses import Poses
@@ -63,24 +63,33 @@ def needed_points(
     ndarray of shape (n_points,), bool
         All true where the points show no plane that the cameras stand on.
     """
-    keep = np.ones(len(points), bool)
     distance, options = region.distance, AlignOptions()  # the ground is found as it will be there
-    band = options.ground_distance_fraction * distance
     sample = thin_randomly(points, MOST_POINTS, seed)
-    planes = judged_planes(
-        sample, poses, region.center, distance, band, n_planes=options.n_planes, seed=seed
-    )
-    if not planes or planes[0].score < MIN_SCORE:
+    plane, _ = find_ground(sample, poses, region.center, distance, options, seed=seed)
+    if plane is None:
         logger.warning("no ground that the cameras stand on: all points are kept")
-        return keep
+        return np.ones(len(points), bool)
+    ground = _Ground(plane, sample, region)
+    band = options.ground_distance_fraction * distance
     reach = np.inf if margin_fraction is None else region.radius * (1.0 + 2.0 * margin_fraction)
-    ground = _Ground(planes[0], sample, region, band, reach)
-    blocks = [slice(at, at + MOST_POINTS) for at in range(0, len(points), MOST_POINTS)]
+    # In blocks, which bounds the memory: where something stands, then what does not
+    blocks = np.split(points, range(MOST_POINTS, len(points), MOST_POINTS))
+    n_low, n_all = np.zeros((2, ground.n**2), np.int64)
     for block in blocks:
-        ground.note(points[block])
-    voxel = np.concatenate([ground.spare_voxels(points[block], spacing) for block in blocks])
-    spare = np.flatnonzero(voxel >= 0)
-    _, first = np.unique(voxel[spare], return_index=True)
+        _, cell, height = ground.place(block)
+        n_all += np.bincount(cell[height <= TOLERANCE * distance], minlength=ground.n**2)
+        is_low = (height > band) & (height <= TOLERANCE * distance)
+        n_low += np.bincount(cell[is_low], minlength=ground.n**2)
+    stands = (n_low > LOW_QUANTILE * n_all).reshape(ground.n, ground.n)  # fewer are grass
+    around = binary_dilation(stands, np.ones((3, 3), bool)).ravel()
+    is_spare, voxel = [], []
+    for block in blocks:
+        away, cell, height = ground.place(block)
+        is_spare.append((away > reach) | ((height <= band) & ~around[cell]))
+        voxel.append(_voxels((block - region.center) / distance, spacing))
+    spare = np.flatnonzero(np.concatenate(is_spare))
+    _, first = np.unique(np.concatenate(voxel)[spare], return_index=True)
+    keep = np.ones(len(points), bool)
     keep[spare] = False
     keep[spare[first]] = True
     logger.info(
@@ -93,54 +102,32 @@ def needed_points(
 
 
 class _Ground:
-    """The ground's surface in square cells, and in which of them something stands.
+    """The ground's surface in square cells around the middle of the region."""
 
-    Points are given in blocks, which bounds the memory.
-    """
-
-    def __init__(
-        self, plane: Plane, sample: np.ndarray, region: Region, band: float, reach: float
-    ) -> None:
-        self.region, self.band, self.reach = region, band, reach
+    def __init__(self, plane: Plane, sample: np.ndarray, region: Region) -> None:
         self.rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
-        self.origin = region.center - plane.height(region.center[None])[0] * plane.normal
+        self.origin = region.center - plane.height(region.center) * plane.normal
         self.cell, self.n = SPOT_CELL * region.distance, 2 * int(REACH / SPOT_CELL) + 1
         at = self.cell * (np.arange(self.n) - self.n // 2)
         xy = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1).reshape(-1, 2)
-        surface = GroundSurface(ground_cells(self._upright(sample), region.distance))
+        upright = (sample - self.origin) @ self.rotation.T
+        surface = GroundSurface(ground_cells(upright, region.distance))
         self.heights = surface(xy).reshape(self.n, self.n)
-        self.n_low, self.n_all = np.zeros((2, self.n * self.n), np.int64)
 
-    def _upright(self, points: np.ndarray) -> np.ndarray:
-        return (points - self.origin) @ self.rotation.T
-
-    def _placed(self, upright: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cell of each point (n,), and its height over the ground, NaN beyond the cells."""
+    def place(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of each point its distance from the middle, its cell, and its height above or below the
+        ground, NaN beyond the cells; each (n_points,)."""
+        upright = (points - self.origin) @ self.rotation.T
         place = upright[:, :2].T / self.cell + self.n // 2
-        height = upright[:, 2] - map_coordinates(self.heights, place, order=1, cval=np.nan)
-        cell = np.where(np.isnan(height), 0, np.round(place)).astype(int)
-        return cell[0] * self.n + cell[1], height
+        height = np.abs(upright[:, 2] - map_coordinates(self.heights, place, order=1, cval=np.nan))
+        x, y = np.where(np.isnan(height), 0, np.round(place)).astype(int)
+        return np.hypot(*upright[:, :2].T), x * self.n + y, height
 
-    def note(self, points: np.ndarray) -> None:
-        """Count what lies on the ground and low over it."""
-        cell, height = self._placed(self._upright(points))
-        near = np.abs(height) <= TOLERANCE * self.region.distance
-        low = near & (np.abs(height) > self.band)
-        self.n_all += np.bincount(cell[near], minlength=self.n**2)
-        self.n_low += np.bincount(cell[low], minlength=self.n**2)
 
-    def spare_voxels(self, points: np.ndarray, spacing: float) -> np.ndarray:
-        """Voxel of each point (n,) that is spare, -1 of the others: ground that nothing stands on
-        or beside, and what the default crop takes."""
-        upright = self._upright(points)
-        cell, height = self._placed(upright)
-        stands = (self.n_low > LOW_QUANTILE * self.n_all).reshape(self.n, self.n)  # fewer are grass
-        around = binary_dilation(stands, np.ones((3, 3), bool)).ravel()
-        is_spare = np.hypot(upright[:, 0], upright[:, 1]) > self.reach
-        is_spare |= (np.abs(height) <= self.band) & ~around[cell]
-        offset = (points - self.region.center) / self.region.distance
-        # What is beyond goes onto the sphere: one in each direction
-        offset /= np.maximum(np.linalg.norm(offset, axis=1), 1.0)[:, None]
-        n_across = int(2 / spacing) + 1
-        x, y, z = ((offset + 1.0) / spacing).astype(np.int64).T
-        return np.where(is_spare, (x * n_across + y) * n_across + z, -1)
+def _voxels(offset: np.ndarray, spacing: float) -> np.ndarray:
+    """Number of the voxel of each place (n, 3) in the unit ball, (n,) int64."""
+    # What is beyond goes onto the sphere: one in each direction
+    offset = offset / np.maximum(np.linalg.norm(offset, axis=1), 1.0)[:, None]
+    n_across = int(2 / spacing) + 1
+    x, y, z = ((offset + 1.0) / spacing).astype(np.int64).T
+    return (x * n_across + y) * n_across + z
