@@ -16,7 +16,7 @@ from scan_scene import (
 from cherrypicker.errors import StageError
 from cherrypicker.placement.align import align
 from cherrypicker.placement.directions import angle_deg, rodrigues
-from cherrypicker.placement.ground import AlignOptions, ground_tilt
+from cherrypicker.placement.ground import AlignOptions
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.placement.up import photos_up
 
@@ -162,15 +162,6 @@ def test_a_level_plane_larger_than_the_ground_does_not_win(what):
     assert_below_what_is_looked_at(origin)
     ground, *others = [plane["n_inliers"] for plane in result.report["candidates"]]
     assert ground < max(others)
-
-
-def test_ground_near_that_is_not_as_the_far_is_trusted_less():
-    rng = np.random.default_rng(23)
-    level = ground_points(rng)
-    mound = level + [0, 0, 0.1] * (np.hypot(*level[:, :2].T) < 3)[:, None] * level[:, :1] / 3
-    (_, even, _), (_, doubted, near_far) = (ground_tilt(points, 3.0) for points in (level, mound))
-    assert even < 1.0 and doubted > even + near_far / 2
-    assert near_far == pytest.approx(np.degrees(np.arctan(0.1 / 3)), rel=0.3)
 
 
 def test_photos_all_sideways_and_from_one_side():

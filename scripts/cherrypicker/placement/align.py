@@ -25,12 +25,10 @@ from cherrypicker.placement.directions import angle_deg, rodrigues, tangent_basi
 from cherrypicker.placement.ground import (
     LOWEST_PERCENTILE,
     MOST_POINTS,
-    SLOPE_DEG,
     AlignOptions,
-    Plane,
     find_ground,
     ground_height,
-    ground_tilt,
+    ground_normal,
 )
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.placement.up import Evidence, PhotosUp, photos_up, roll_costs, solve_up
@@ -40,6 +38,7 @@ logger = logging.getLogger(__name__)
 
 _MIN_POINTS = 100
 # Guesses
+_LEVEL_DEG, _SLOPE_DEG = 0.7, 5.0  # what ground near a tree is off level: at best, and remarkably
 _LEAST_SLOPE = 0.3  # keeps a division finite
 _MOST_DEG = 15  # rolls that differ by more, or an up that is less sure, tell no vertical
 
@@ -107,7 +106,12 @@ def align(
         up = _photos_alone(photos, options, warnings)
         angles = {"ground_to_cameras_deg": None}
     else:
-        up, angles = _vertical(points - target, distance, ground, target, photos, options, warnings)
+        normal = ground.normal
+        if options.plane != "ransac":  # the ground's true shape refines what the plane says
+            turn = rodrigues(normal, [0.0, 0.0, 1.0])
+            flat = (points - target) @ turn.T + [0.0, 0.0, ground.height(target)]
+            normal = turn.T @ ground_normal(flat, distance)
+        up, angles = _vertical(normal, photos, options, warnings)
     rotation = rodrigues(up, [0.0, 0.0, 1.0])
     upright = (points - target) @ rotation.T
     if ground is None:
@@ -115,7 +119,7 @@ def align(
     else:  # down the vertical from the target to the plane
         level = -ground.height(target) / max(up @ ground.normal, _LEAST_SLOPE)
     upright[:, 2] -= level
-    if options.plane != "ransac":  # the ground's true shape refines what the plane says
+    if options.plane != "ransac":
         below = ground_height(upright, distance)
         if below is None:
             warnings.append(
@@ -170,22 +174,12 @@ def align(
 
 
 def _vertical(
-    from_target: np.ndarray,
-    distance: float,
-    ground: Plane,
-    target: np.ndarray,
-    photos: PhotosUp,
-    options: AlignOptions,
-    warnings: list[str],
+    normal: np.ndarray, photos: PhotosUp, options: AlignOptions, warnings: list[str]
 ) -> tuple[np.ndarray, dict]:
-    """Up direction from the ground and the photos, and the angles between them."""
-    rotation = rodrigues(ground.normal, [0.0, 0.0, 1.0])
-    flat = from_target @ rotation.T + [0.0, 0.0, ground.height(target)]
-    tilt, sigma_deg, near_far = ground_tilt(flat, distance)
-    normal = ground.normal if options.plane == "ransac" else rotation.T @ tilt
+    """Up direction from the ground's normal and the photos, and the angles between them."""
     disagreement = angle_deg(normal, photos.up)
     # What the photos do not allow is a slope: as much of its angle is no error of theirs.
-    noise_deg = np.sqrt(max(sigma_deg**2, disagreement**2 - photos.sigma_deg**2))
+    noise_deg = np.sqrt(max(_LEVEL_DEG**2, disagreement**2 - photos.sigma_deg**2))
     level = Evidence(tangent_basis(normal)[None], np.zeros((1, 2)), np.radians(noise_deg))
     up = {
         "ground": lambda: normal,
@@ -194,22 +188,19 @@ def _vertical(
     }[options.up_from]()
     angles = {
         "ground_normal": normal,
-        "ground_sigma_deg": sigma_deg,
-        "ground_near_far_deg": near_far,
         "ground_to_cameras_deg": disagreement,
         "up_to_ground_deg": angle_deg(up, normal),
         "up_to_cameras_deg": angle_deg(up, photos.up),
     }
     logger.info(
-        "up: ground (+- %.2f deg) and cameras (+- %.2f deg) differ by %.2f deg; the result is "
-        "%.2f deg from the ground's normal and %.2f deg from the cameras' up",
-        sigma_deg,
+        "up: ground and cameras (+- %.2f deg) differ by %.2f deg; the result is %.2f deg from the "
+        "ground's normal and %.2f deg from the cameras' up",
         photos.sigma_deg,
         disagreement,
         angles["up_to_ground_deg"],
         angles["up_to_cameras_deg"],
     )
-    if disagreement > max(SLOPE_DEG, 2 * photos.sigma_deg):
+    if disagreement > max(_SLOPE_DEG, 2 * photos.sigma_deg):
         warnings.append(
             f"the ground slopes by {disagreement:.1f} degrees against the cameras' mean up "
             f"direction (align.up_from is {options.up_from})"

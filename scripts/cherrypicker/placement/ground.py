@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.ground_surface import robust_plane
 from cherrypicker.geometry.sampling import thin_randomly, voxel_sample
-from cherrypicker.placement.directions import angle_deg, unit
+from cherrypicker.placement.directions import unit
 from cherrypicker.placement.up import roll_costs
 from cherrypicker.poses import Poses
 
@@ -30,7 +30,6 @@ CELL, REACH, FEWEST_CELLS, TOLERANCE = 0.1, 2.5, 12, 0.3
 SPOT_CELL, N_SPOT = 0.024, 80  # below a spot: 7 cm wide seen from 3 m, a stem fills few
 LOW_QUANTILE = 0.1  # of the heights in a cell; low, since what is not ground stands on it
 LOWEST_PERCENTILE = 1  # of heights that stands for the lowest: what is below is noise
-LEVEL_DEG, SLOPE_DEG = 0.7, 5.0  # what ground near a tree is off level: at best, and remarkably
 MIN_SCORE = 0.5  # of the photos speak for the ground, or it is none
 
 
@@ -205,8 +204,8 @@ def ground_cells(points: np.ndarray, distance: float, width: float = CELL) -> np
     return np.column_stack([middle, low])
 
 
-def ground_tilt(points: np.ndarray, distance: float) -> tuple[np.ndarray, float, float | None]:
-    """Normal of the ground around the z axis, and how far it may be trusted.
+def ground_normal(points: np.ndarray, distance: float) -> np.ndarray:
+    """Normal of the ground around the z axis; that axis where too little of it was seen.
 
     Parameters
     ----------
@@ -217,27 +216,12 @@ def ground_tilt(points: np.ndarray, distance: float) -> tuple[np.ndarray, float,
 
     Returns
     -------
-    normal : ndarray of shape (3,)
-        Of the far fit (radius 2.5 distances).
-    sigma_deg : float
-        One standard deviation of its tilt as a stand-in for the vertical, degrees.
-    near_far_deg : float or None
-        Angle between the fits within one and within 2.5 distances; None where too little was seen.
+    ndarray of shape (3,)
+        Unit vector, z positive, of the plane through cells of equal area: far ground counts.
     """
     cells = ground_cells(points, distance)
-    near = cells[np.hypot(cells[:, 0], cells[:, 1]) < distance]
     if len(cells) < FEWEST_CELLS:
-        return np.array([0.0, 0.0, 1.0]), SLOPE_DEG, None
-    normal = _normal(cells)
-    if len(near) < FEWEST_CELLS:
-        return normal, SLOPE_DEG, None
-    # Hills give themselves away by the near and the far ground disagreeing.
-    near_far = angle_deg(_normal(near), normal)
-    return normal, LEVEL_DEG + near_far, near_far
-
-
-def _normal(cells: np.ndarray) -> np.ndarray:
-    """Unit normal, z positive, of the plane through cells of equal area: far ground counts."""
+        return np.array([0.0, 0.0, 1.0])
     (_, b, c), _ = robust_plane(cells[:, :2], cells[:, 2])
     return unit([-b, -c, 1.0])
 
