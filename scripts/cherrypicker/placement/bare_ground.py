@@ -69,26 +69,22 @@ def needed_points(
     if plane is None:
         logger.warning("no ground that the cameras stand on: all points are kept")
         return np.ones(len(points), bool)
-    ground = _Ground(plane, sample, region)
+    n_cells = 2 * int(REACH / SPOT_CELL) + 1  # each way
+    away, cell, height = _over_ground(points, sample, plane, region, n_cells)
     band = options.ground_distance_fraction * distance
-    reach = np.inf if margin_fraction is None else region.radius * (1.0 + 2.0 * margin_fraction)
-    # In blocks, which bounds the memory: where something stands, then what does not
-    blocks = np.split(points, range(MOST_POINTS, len(points), MOST_POINTS))
-    n_low, n_all = np.zeros((2, ground.n**2), np.int64)
-    for block in blocks:
-        _, cell, height = ground.place(block)
-        n_all += np.bincount(cell[height <= TOLERANCE * distance], minlength=ground.n**2)
-        is_low = (height > band) & (height <= TOLERANCE * distance)
-        n_low += np.bincount(cell[is_low], minlength=ground.n**2)
-    stands = (n_low > LOW_QUANTILE * n_all).reshape(ground.n, ground.n)  # fewer are grass
+    near = height <= TOLERANCE * distance
+    n_all = np.bincount(cell[near], minlength=n_cells**2)
+    n_low = np.bincount(cell[near & (height > band)], minlength=n_cells**2)
+    stands = (n_low > LOW_QUANTILE * n_all).reshape(n_cells, n_cells)  # fewer are grass
     around = binary_dilation(stands, np.ones((3, 3), bool)).ravel()
-    is_spare, voxel = [], []
-    for block in blocks:
-        away, cell, height = ground.place(block)
-        is_spare.append((away > reach) | ((height <= band) & ~around[cell]))
-        voxel.append(_voxels((block - region.center) / distance, spacing))
-    spare = np.flatnonzero(np.concatenate(is_spare))
-    _, first = np.unique(np.concatenate(voxel)[spare], return_index=True)
+    reach = np.inf if margin_fraction is None else region.radius * (1.0 + 2.0 * margin_fraction)
+    spare = np.flatnonzero((away > reach) | ((height <= band) & ~around[cell]))
+    offset = (points[spare] - region.center) / distance
+    # What is beyond goes onto the sphere: one in each direction
+    offset /= np.maximum(np.linalg.norm(offset, axis=1), 1.0)[:, None]
+    n_across = int(2 / spacing) + 1
+    x, y, z = ((offset + 1.0) / spacing).astype(np.int64).T
+    _, first = np.unique((x * n_across + y) * n_across + z, return_index=True)
     keep = np.ones(len(points), bool)
     keep[spare] = False
     keep[spare[first]] = True
@@ -101,33 +97,28 @@ def needed_points(
     return keep
 
 
-class _Ground:
-    """The ground's surface in square cells around the middle of the region."""
+def _over_ground(
+    points: np.ndarray, sample: np.ndarray, plane: Plane, region: Region, n_cells: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where points stand over the ground, whose surface is that of a sample of them.
 
-    def __init__(self, plane: Plane, sample: np.ndarray, region: Region) -> None:
-        self.rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
-        self.origin = region.center - plane.height(region.center) * plane.normal
-        self.cell, self.n = SPOT_CELL * region.distance, 2 * int(REACH / SPOT_CELL) + 1
-        at = self.cell * (np.arange(self.n) - self.n // 2)
-        xy = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1).reshape(-1, 2)
-        upright = (sample - self.origin) @ self.rotation.T
-        surface = GroundSurface(ground_cells(upright, region.distance))
-        self.heights = surface(xy).reshape(self.n, self.n)
-
-    def place(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of each point its distance from the middle, its cell, and its height above or below the
-        ground, NaN beyond the cells; each (n_points,)."""
-        upright = (points - self.origin) @ self.rotation.T
-        place = upright[:, :2].T / self.cell + self.n // 2
-        height = np.abs(upright[:, 2] - map_coordinates(self.heights, place, order=1, cval=np.nan))
+    Returns
+    -------
+    away, cell, height : ndarray of shape (n_points,)
+        Horizontal distance from the region's middle; number of the square cell; distance above or
+        below the ground, NaN beyond the cells.
+    """
+    rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
+    origin = region.center - plane.height(region.center) * plane.normal
+    width, middle = SPOT_CELL * region.distance, n_cells // 2
+    xy = width * (np.indices((n_cells, n_cells)).reshape(2, -1).T - middle)
+    surface = GroundSurface(ground_cells((sample - origin) @ rotation.T, region.distance))
+    heights, parts = surface(xy).reshape(n_cells, n_cells), []
+    for block in np.split(points, range(MOST_POINTS, len(points), MOST_POINTS)):  # bounds memory
+        upright = (block - origin) @ rotation.T
+        place = upright[:, :2].T / width + middle
+        height = np.abs(upright[:, 2] - map_coordinates(heights, place, order=1, cval=np.nan))
         x, y = np.where(np.isnan(height), 0, np.round(place)).astype(int)
-        return np.hypot(*upright[:, :2].T), x * self.n + y, height
-
-
-def _voxels(offset: np.ndarray, spacing: float) -> np.ndarray:
-    """Number of the voxel of each place (n, 3) in the unit ball, (n,) int64."""
-    # What is beyond goes onto the sphere: one in each direction
-    offset = offset / np.maximum(np.linalg.norm(offset, axis=1), 1.0)[:, None]
-    n_across = int(2 / spacing) + 1
-    x, y, z = ((offset + 1.0) / spacing).astype(np.int64).T
-    return (x * n_across + y) * n_across + z
+        parts.append((np.hypot(*upright[:, :2].T), x * n_cells + y, height))
+    away, cell, height = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return away, cell, height
