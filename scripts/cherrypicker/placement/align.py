@@ -37,10 +37,11 @@ from cherrypicker.poses import Poses
 logger = logging.getLogger(__name__)
 
 _MIN_POINTS = 100
-# Guesses
-_LEVEL_DEG, _SLOPE_DEG = 0.7, 5.0  # what ground near a tree is off level: at best, and remarkably
+# What ground near a tree is off level: as it counts (more is worse, docs/lab/placement.md), and
+# remarkably
+_LEVEL_DEG, _SLOPE_DEG = 0.7, 5.0
 _LEAST_SLOPE = 0.3  # keeps a division finite
-_MOST_DEG = 15  # rolls that differ by more, or an up that is less sure, tell no vertical
+_MOST_DEG = 15  # rolls that differ by more, or a less sure up, tell no vertical (guess)
 
 
 @dataclass
@@ -134,8 +135,8 @@ def align(
     margin = float(costs[1].mean() - costs[0].mean())
     if not (mass > 0 and margin > 0):
         warnings.append(
-            f"up and down may be swapped: centre of mass at z = {mass:.3g}, and the other way up "
-            f"the photos fit by {-margin:.2f} better"
+            f"up and down may be swapped: centre of mass at z = {mass:.3g}, and upside down the "
+            f"photos fit by {margin:.2f} worse"
         )
     report = {
         "transform": np.vstack([np.column_stack([rotation, translation]), [0.0, 0.0, 0.0, 1.0]]),

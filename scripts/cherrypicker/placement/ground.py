@@ -30,7 +30,7 @@ CELL, REACH, FEWEST_CELLS, TOLERANCE = 0.1, 2.5, 12, 0.3
 SPOT_CELL, N_SPOT = 0.024, 80  # below a spot: 7 cm wide seen from 3 m, a stem fills few
 LOW_QUANTILE = 0.1  # of the heights in a cell; low, since what is not ground stands on it
 LOWEST_PERCENTILE = 1  # of heights that stands for the lowest: what is below is noise
-MIN_SCORE = 0.5  # of the photos speak for the ground, or it is none
+MIN_SCORE = 0.5  # of the photos speak for the ground, or it is none (guess)
 
 
 @dataclass(frozen=True)
