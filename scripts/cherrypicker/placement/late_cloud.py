@@ -28,13 +28,7 @@ _LAS_POINTS_AT_A_TIME = 500_000  # some 20 MB; a header that promises more takes
 
 @dataclass(frozen=True)
 class HeightOptions:
-    """Config keys ``scale.least_height_m`` and ``most_height_m``.
-
-    Attributes
-    ----------
-    least_height_m, most_height_m : float
-        What a cloud with a tree in it can be high.
-    """
+    """What a metric cloud with a tree in it can be high: two config keys of ``scale``."""
 
     least_height_m: float = 0.1
     most_height_m: float = 60.0
@@ -183,10 +177,8 @@ def _read_text(path: Path) -> PointCloud:
     with open(path, encoding="utf-8-sig", errors="replace") as stream:
         lines = [stream.readline() for _ in range(3)]
     delimiter = next((mark for mark in ",;" if mark in "".join(lines)), None)
-    n_header = 0
-    while n_header < len(lines) and lines[n_header] and not _is_point(lines[n_header], delimiter):
-        n_header += 1
-    if not any(lines[n_header:]):
+    n_header = next((i for i, line in enumerate(lines) if _is_point(line, delimiter)), None)
+    if n_header is None:
         raise StageError("not rows of x y z numbers", file=path)
     try:
         table = np.loadtxt(
@@ -194,8 +186,6 @@ def _read_text(path: Path) -> PointCloud:
         )
     except (ValueError, UnicodeDecodeError) as error:
         raise StageError(f"not rows of x y z numbers ({error})", file=path) from error
-    if table.size == 0 or table.shape[1] < 3:
-        raise StageError("not rows of x y z numbers", file=path)
     colors = None
     if table.shape[1] >= 6:
         rgb = table[:, 3:6]
