@@ -37,8 +37,8 @@ from cherrypicker.poses import Poses
 logger = logging.getLogger(__name__)
 
 _MIN_POINTS = 100
-# What ground near a tree is off level: as it counts (more is worse, docs/lab/placement.md), and
-# remarkably
+# What ground near a tree is off level: as it counts (on the level walks of docs/lab/placement.md
+# up is off by 0.39 degrees; with 1, 2 and 5 by 0.44, 0.53 and 0.58), and remarkably
 _LEVEL_DEG, _SLOPE_DEG = 0.7, 5.0
 _LEAST_SLOPE = 0.3  # keeps a division finite
 _MOST_DEG = 15  # rolls that differ by more, or a less sure up, tell no vertical (guess)
