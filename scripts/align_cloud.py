@@ -15,7 +15,8 @@ from typing import Annotated
 from cherrypicker.files import write_json
 from cherrypicker.intake.gravity import stated_up
 from cherrypicker.photos import exif_orientation, photo_files
-from cherrypicker.placement.align import AlignOptions, align
+from cherrypicker.placement.align import align
+from cherrypicker.placement.ground import AlignOptions
 from cherrypicker.placement.up import turns_from_exif
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses

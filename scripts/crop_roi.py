@@ -28,7 +28,7 @@ def main(
 ) -> None:
     """Load, crop, save."""
     aligned = read_cloud(cloud)
-    result = crop_roi(
+    keep, content = crop_roi(
         aligned.points,
         read_poses(poses),
         several=several,
@@ -36,8 +36,8 @@ def main(
         margin_fraction=margin_fraction,
         seed=seed,
     )
-    write_cloud(cropped, aligned.select(result.keep))
-    write_json(report, result.report)
+    write_cloud(cropped, aligned.select(keep))
+    write_json(report, content)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

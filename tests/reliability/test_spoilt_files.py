@@ -76,7 +76,6 @@ def model_of(folder, name, place, form, value):
         (import_cloud, lambda folder: las_of(folder, "1.2.las", 107, "<I", 2**32 - 1)),
         (import_cloud, lambda folder: las_of(folder, "1.2.las", 100, "<I", 2**31)),
         (import_cloud, lambda folder: las_of(folder, "1.4.las", 247, "<Q", 2**40)),
-        (import_cloud, lambda folder: las_of(folder, "1.4.las", 243, "<I", 2**31)),
         (read_model, lambda folder: model_of(folder, "images.bin", 0, "<Q", 2**40)),
         (read_model, lambda folder: model_of(folder, "points3D.bin", 8 + 43, "<Q", 2**33)),
         (read_model, lambda folder: model_of(folder, "frames.bin", 0, "<Q", 2**62)),
@@ -87,6 +86,12 @@ def test_a_header_that_promises_too_much_is_refused(tmp_path, read, make):
     with pytest.raises(StageError, match=r"promises|cut short") as caught:
         read(path)
     assert caught.value.file.startswith(str(tmp_path))
+
+
+def test_records_after_the_points_are_not_read(tmp_path):
+    whole = import_cloud(FILES["las"](tmp_path)[1])
+    cloud = import_cloud(las_of(tmp_path, "1.4.las", 243, "<I", 2**31))
+    np.testing.assert_array_equal(cloud.points, whole.points)
 
 
 @pytest.mark.parametrize("where", ["table", "layer"])

@@ -67,6 +67,6 @@ def scale_scene(
         "factor": factor,
         "scale_mode": scale_report.get("mode"),
         "camera_distance": factor * distance,
-        "region": Footprint.of_crop(crop_report).scaled(factor).as_dict(),
+        "region": Footprint.from_dict(crop_report).scaled(factor).as_dict(),
     }
     return scaled, poses.transformed(factor), report

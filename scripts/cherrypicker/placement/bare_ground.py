@@ -13,7 +13,6 @@ from scipy.ndimage import binary_dilation, map_coordinates
 
 from cherrypicker.geometry.ground_surface import GroundSurface
 from cherrypicker.geometry.sampling import thin_randomly
-from cherrypicker.placement.align import MIN_SCORE, AlignOptions
 from cherrypicker.placement.directions import rodrigues
 from cherrypicker.placement.ground import (
     LOW_QUANTILE,
@@ -21,9 +20,10 @@ from cherrypicker.placement.ground import (
     REACH,
     SPOT_CELL,
     TOLERANCE,
+    AlignOptions,
     Plane,
+    find_ground,
     ground_cells,
-    judged_planes,
 )
 from cherrypicker.placement.region import Region
 from cherrypicker.poses import Poses
@@ -63,24 +63,29 @@ def needed_points(
     ndarray of shape (n_points,), bool
         All true where the points show no plane that the cameras stand on.
     """
-    keep = np.ones(len(points), bool)
     distance, options = region.distance, AlignOptions()  # the ground is found as it will be there
-    band = options.ground_distance_fraction * distance
     sample = thin_randomly(points, MOST_POINTS, seed)
-    planes = judged_planes(
-        sample, poses, region.center, distance, band, n_planes=options.n_planes, seed=seed
-    )
-    if not planes or planes[0].score < MIN_SCORE:
+    plane, _ = find_ground(sample, poses, region.center, distance, options, seed=seed)
+    if plane is None:
         logger.warning("no ground that the cameras stand on: all points are kept")
-        return keep
+        return np.ones(len(points), bool)
+    n_cells = 2 * int(REACH / SPOT_CELL) + 1  # each way
+    away, cell, height = _over_ground(points, sample, plane, region, n_cells)
+    band = options.ground_distance_fraction * distance
+    near = height <= TOLERANCE * distance
+    n_all = np.bincount(cell[near], minlength=n_cells**2)
+    n_low = np.bincount(cell[near & (height > band)], minlength=n_cells**2)
+    stands = (n_low > LOW_QUANTILE * n_all).reshape(n_cells, n_cells)  # fewer are grass
+    around = binary_dilation(stands, np.ones((3, 3), bool)).ravel()
     reach = np.inf if margin_fraction is None else region.radius * (1.0 + 2.0 * margin_fraction)
-    ground = _Ground(planes[0], sample, region, band, reach)
-    blocks = [slice(at, at + MOST_POINTS) for at in range(0, len(points), MOST_POINTS)]
-    for block in blocks:
-        ground.note(points[block])
-    voxel = np.concatenate([ground.spare_voxels(points[block], spacing) for block in blocks])
-    spare = np.flatnonzero(voxel >= 0)
-    _, first = np.unique(voxel[spare], return_index=True)
+    spare = np.flatnonzero((away > reach) | ((height <= band) & ~around[cell]))
+    offset = (points[spare] - region.center) / distance
+    # What is beyond goes onto the sphere: one in each direction
+    offset /= np.maximum(np.linalg.norm(offset, axis=1), 1.0)[:, None]
+    n_across = int(2 / spacing) + 1
+    x, y, z = ((offset + 1.0) / spacing).astype(np.int64).T
+    _, first = np.unique((x * n_across + y) * n_across + z, return_index=True)
+    keep = np.ones(len(points), bool)
     keep[spare] = False
     keep[spare[first]] = True
     logger.info(
@@ -92,55 +97,28 @@ def needed_points(
     return keep
 
 
-class _Ground:
-    """The ground's surface in square cells, and in which of them something stands.
+def _over_ground(
+    points: np.ndarray, sample: np.ndarray, plane: Plane, region: Region, n_cells: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where points stand over the ground, whose surface is that of a sample of them.
 
-    Points are given in blocks, which bounds the memory.
+    Returns
+    -------
+    away, cell, height : ndarray of shape (n_points,)
+        Horizontal distance from the region's middle; number of the square cell; distance above or
+        below the ground, NaN beyond the cells.
     """
-
-    def __init__(
-        self, plane: Plane, sample: np.ndarray, region: Region, band: float, reach: float
-    ) -> None:
-        self.region, self.band, self.reach = region, band, reach
-        self.rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
-        self.origin = region.center - plane.height(region.center[None])[0] * plane.normal
-        self.cell, self.n = SPOT_CELL * region.distance, 2 * int(REACH / SPOT_CELL) + 1
-        at = self.cell * (np.arange(self.n) - self.n // 2)
-        xy = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1).reshape(-1, 2)
-        surface = GroundSurface(ground_cells(self._upright(sample), region.distance))
-        self.heights = surface(xy).reshape(self.n, self.n)
-        self.n_low, self.n_all = np.zeros((2, self.n * self.n), np.int64)
-
-    def _upright(self, points: np.ndarray) -> np.ndarray:
-        return (points - self.origin) @ self.rotation.T
-
-    def _placed(self, upright: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cell of each point (n,), and its height over the ground, NaN beyond the cells."""
-        place = upright[:, :2].T / self.cell + self.n // 2
-        height = upright[:, 2] - map_coordinates(self.heights, place, order=1, cval=np.nan)
-        cell = np.where(np.isnan(height), 0, np.round(place)).astype(int)
-        return cell[0] * self.n + cell[1], height
-
-    def note(self, points: np.ndarray) -> None:
-        """Count what lies on the ground and low over it."""
-        cell, height = self._placed(self._upright(points))
-        near = np.abs(height) <= TOLERANCE * self.region.distance
-        low = near & (np.abs(height) > self.band)
-        self.n_all += np.bincount(cell[near], minlength=self.n**2)
-        self.n_low += np.bincount(cell[low], minlength=self.n**2)
-
-    def spare_voxels(self, points: np.ndarray, spacing: float) -> np.ndarray:
-        """Voxel of each point (n,) that is spare, -1 of the others: ground that nothing stands on
-        or beside, and what the default crop takes."""
-        upright = self._upright(points)
-        cell, height = self._placed(upright)
-        stands = (self.n_low > LOW_QUANTILE * self.n_all).reshape(self.n, self.n)  # fewer are grass
-        around = binary_dilation(stands, np.ones((3, 3), bool)).ravel()
-        is_spare = np.hypot(upright[:, 0], upright[:, 1]) > self.reach
-        is_spare |= (np.abs(height) <= self.band) & ~around[cell]
-        offset = (points - self.region.center) / self.region.distance
-        # What is beyond goes onto the sphere: one in each direction
-        offset /= np.maximum(np.linalg.norm(offset, axis=1), 1.0)[:, None]
-        n_across = int(2 / spacing) + 1
-        x, y, z = ((offset + 1.0) / spacing).astype(np.int64).T
-        return np.where(is_spare, (x * n_across + y) * n_across + z, -1)
+    rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
+    origin = region.center - plane.height(region.center) * plane.normal
+    width, middle = SPOT_CELL * region.distance, n_cells // 2
+    xy = width * (np.indices((n_cells, n_cells)).reshape(2, -1).T - middle)
+    surface = GroundSurface(ground_cells((sample - origin) @ rotation.T, region.distance))
+    heights, parts = surface(xy).reshape(n_cells, n_cells), []
+    for block in np.split(points, range(MOST_POINTS, len(points), MOST_POINTS)):  # bounds memory
+        upright = (block - origin) @ rotation.T
+        place = upright[:, :2].T / width + middle
+        height = np.abs(upright[:, 2] - map_coordinates(heights, place, order=1, cval=np.nan))
+        x, y = np.where(np.isnan(height), 0, np.round(place)).astype(int)
+        parts.append((np.hypot(*upright[:, :2].T), x * n_cells + y, height))
+    away, cell, height = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return away, cell, height

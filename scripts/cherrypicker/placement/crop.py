@@ -11,7 +11,6 @@ several trees none stands in the middle, and the paper's box it is.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,19 +27,6 @@ logger = logging.getLogger(__name__)
 _DEPTH = 0.05
 
 
-@dataclass
-class Crop:
-    """Result of :func:`crop_roi`."""
-
-    keep: np.ndarray  # (n_points,) bool
-    # As written to crop.json, all in the aligned frame: ``center`` (what the cameras look at),
-    # ``center_xy`` and ``radius`` of the region, ``source`` (a `Footprint`'s origin: ``region``,
-    # ``camera_box`` or ``cameras``),
-    # ``camera_distance``, ``box`` (``x`` and ``y`` limits, ``z_min``), ``n_points``, ``n_kept``,
-    # ``warnings``
-    report: dict
-
-
 def crop_roi(
     points: np.ndarray,
     poses: Poses,
@@ -49,7 +35,7 @@ def crop_roi(
     region: str = "view",
     margin_fraction: float = 0.0,
     seed: int = 0,
-) -> Crop:
+) -> tuple[np.ndarray, dict]:
     """Choose the points above the ground that the cameras look at.
 
     Parameters
@@ -67,24 +53,52 @@ def crop_roi(
     margin_fraction : float, default 0
         Widens (or, negative, narrows) the region on each side by this fraction of its extent.
 
+    Returns
+    -------
+    keep : ndarray of shape (n_points,), bool
+    report : dict
+        As written to crop.json, all in the aligned frame: ``center`` (what the cameras look at),
+        ``center_xy`` and ``radius`` of the region, ``source`` (``region``, ``camera_box`` or
+        ``cameras``), ``camera_distance``, ``box`` (``x`` and ``y`` limits, ``z_min``),
+        ``n_points``, ``n_kept``, ``warnings``.
+
     Raises
     ------
     StageError
         If the region holds no point.
     """
-    search = thin_randomly(points, MOST_POINTS, seed)
-    is_box = region == "cameras" and not several
-    center, distance, footprint, warnings = _footprint(poses, search, several, is_box)
+    search, warnings = thin_randomly(points, MOST_POINTS, seed), list[str]()
+    center, distance = look_at_point(poses, search)
+    if region == "cameras" and not several:
+        source, footprint = "cameras", _box_of(poses.centers)
+    elif not several and find_region(poses) is not None:
+        source, footprint = "region", Footprint(center[:2], distance)
+    else:
+        # The paper's box, and as far before the cameras as they are from what they look at
+        before = poses.centers + distance * poses.forward
+        source, footprint = "camera_box", _box_of(np.concatenate([poses.centers, before]))
+        if not several:
+            warnings.append(
+                "the cameras look at no common place: the region of interest is the box of the "
+                "cameras and of what lies before them, as far as their distance to the middle of "
+                "their view"
+            )
     footprint = footprint.widened(margin_fraction)
-    inside = footprint.inward(points[:, :2]) >= 0
+    box, inside = footprint.limits(), footprint.inward(points[:, :2]) >= 0
     if not inside.any():
         raise StageError(
             "the region of interest holds no point: x {:.3g} to {:.3g}, y {:.3g} to {:.3g}".format(
-                *footprint.limits().T.ravel()
+                *box.T.ravel()
             ),
             key="crop.margin_fraction",
         )
-    floor = float(points[inside, 2].min()) if is_box else _floor(search, footprint, distance)
+    if source == "cameras":
+        floor = float(points[inside, 2].min())
+    else:  # a little below the lowest ground inside
+        cells = ground_cells(search, distance)
+        low = cells[footprint.inward(cells[:, :2]) >= 0, 2]
+        lowest = np.percentile(low, LOWEST_PERCENTILE) if len(low) else 0.0
+        floor = float(min(lowest, 0.0) - _DEPTH * distance)
     keep = inside & (points[:, 2] >= floor)
     if not keep.any():
         raise StageError(
@@ -103,47 +117,20 @@ def crop_roi(
     )
     for warning in warnings:
         logger.warning("%s", warning)
-    box = footprint.limits()
     report = {
         "center": center,
         "center_xy": footprint.center_xy,
         "radius": footprint.radius,
-        "source": "cameras" if is_box else "region" if footprint.box is None else "camera_box",
+        "source": source,
         "camera_distance": distance,
         "box": {"x": box[:, 0], "y": box[:, 1], "z_min": floor},
         "n_points": len(points),
         "n_kept": kept,
         "warnings": warnings,
     }
-    return Crop(keep, report)
+    return keep, report
 
 
-def _footprint(
-    poses: Poses, points: np.ndarray, several: bool, is_box: bool
-) -> tuple[np.ndarray, float, Footprint, list[str]]:
-    """What the cameras look at, their distance to it, its footprint, and warnings."""
-    if is_box:
-        center, distance = look_at_point(poses, points)
-        xy = poses.centers[:, :2]
-        return center, distance, Footprint.of_box(np.stack([xy.min(axis=0), xy.max(axis=0)])), []
-    region = None if several else find_region(poses)
-    if region is not None:
-        return region.center, region.distance, Footprint(region.center[:2], region.radius), []
-    center, distance = look_at_point(poses, points)
-    # The paper's box, and as far before the cameras as they are from what they look at.
-    spots = np.concatenate([poses.centers, poses.centers + distance * poses.forward])[:, :2]
-    warning = (
-        "the cameras look at no common place: the region of interest is the box of the cameras "
-        "and of what lies before them, as far as their distance to the middle of their view"
-    )
-    footprint = Footprint.of_box(np.stack([spots.min(axis=0), spots.max(axis=0)]))
-    return center, distance, footprint, [] if several else [warning]
-
-
-def _floor(points: np.ndarray, footprint: Footprint, distance: float) -> float:
-    """Lowest height kept: a little below the lowest ground inside the region."""
-    cells = ground_cells(points, distance)
-    cells = cells[footprint.inward(cells[:, :2]) >= 0]
-    heights = cells[:, 2] if len(cells) else points[footprint.inward(points[:, :2]) >= 0, 2]
-    lowest = np.percentile(heights, LOWEST_PERCENTILE) if len(heights) else 0.0
-    return float(min(lowest, 0.0) - _DEPTH * distance)
+def _box_of(places: np.ndarray) -> Footprint:
+    """The box around places (n, 3), seen from above."""
+    return Footprint.of_box([places[:, :2].min(axis=0), places[:, :2].max(axis=0)])

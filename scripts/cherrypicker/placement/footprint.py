@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
@@ -25,23 +26,15 @@ class Footprint:
     box: np.ndarray | None = None
 
     @classmethod
-    def of_box(cls, box: np.ndarray) -> Footprint:
+    def of_box(cls, box: npt.ArrayLike) -> Footprint:
         """The footprint of a box of shape (2, 2), lower and upper corner."""
         box = np.asarray(box, dtype=np.float64)
         return cls(box.mean(axis=0), float(np.ptp(box, axis=0).max()) / 2, box)
 
     @classmethod
     def from_dict(cls, content: Mapping) -> Footprint:
-        """What `as_dict` wrote."""
-        return cls._of(content, content.get("box"))
-
-    @classmethod
-    def of_crop(cls, report: Mapping) -> Footprint:
-        """What a crop kept: of the content of crop.json, aligned frame."""
-        return cls._of(report, None if report["source"] == "region" else report["box"])
-
-    @classmethod
-    def _of(cls, content: Mapping, box: Mapping | None) -> Footprint:
+        """What `as_dict` wrote, or the content of crop.json, aligned frame."""
+        box = None if content.get("source") == "region" else content.get("box")
         try:
             return cls(
                 np.asarray(content["center_xy"], dtype=np.float64).reshape(2),
@@ -68,7 +61,7 @@ class Footprint:
         """How far places (n, 2) lie within the border, (n,); negative outside."""
         if self.box is not None:
             return np.minimum(xy - self.box[0], self.box[1] - xy).min(axis=1)
-        return self.radius - np.linalg.norm(xy - self.center_xy, axis=1)
+        return self.radius - self.from_center(xy)
 
     def from_center(self, xy: np.ndarray) -> np.ndarray:
         """Horizontal distance of places (n, 2) from the centre, (n,)."""
@@ -77,8 +70,7 @@ class Footprint:
     def widened(self, fraction: float) -> Footprint:
         """Widened on each side by a fraction of its extent; narrowed by a negative one."""
         if self.box is not None:
-            margin = fraction * np.ptp(self.box, axis=0)
-            return Footprint.of_box(np.stack([self.box[0] - margin, self.box[1] + margin]))
+            return Footprint.of_box(self.box + fraction * np.ptp(self.box, axis=0) * [[-1], [1]])
         return Footprint(self.center_xy, self.radius * (1.0 + 2.0 * fraction))
 
     def scaled(self, factor: float) -> Footprint:

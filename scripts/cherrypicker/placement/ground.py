@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.ground_surface import robust_plane
 from cherrypicker.geometry.sampling import thin_randomly, voxel_sample
-from cherrypicker.placement.directions import angle_deg, unit
+from cherrypicker.placement.directions import unit
 from cherrypicker.placement.up import roll_costs
 from cherrypicker.poses import Poses
 
@@ -30,7 +30,18 @@ CELL, REACH, FEWEST_CELLS, TOLERANCE = 0.1, 2.5, 12, 0.3
 SPOT_CELL, N_SPOT = 0.024, 80  # below a spot: 7 cm wide seen from 3 m, a stem fills few
 LOW_QUANTILE = 0.1  # of the heights in a cell; low, since what is not ground stands on it
 LOWEST_PERCENTILE = 1  # of heights that stands for the lowest: what is below is noise
-LEVEL_DEG, SLOPE_DEG = 0.7, 5.0  # what ground near a tree is off level: at best, and remarkably
+MIN_SCORE = 0.5  # of the photos speak for the ground, or it is none (guess)
+
+
+@dataclass(frozen=True)
+class AlignOptions:
+    """How ground and vertical are found; the fields are the config keys of ``align``."""
+
+    ground_distance_fraction: float = 0.03
+    plane: str = "judged"
+    n_planes: int = 5
+    up_from: str = "auto"
+    flip: str = "cameras"
 
 
 @dataclass
@@ -49,18 +60,17 @@ class Plane:
         return points @ self.normal + self.offset
 
 
-def judged_planes(
+def find_ground(
     points: np.ndarray,
     poses: Poses,
     target: np.ndarray,
     distance: float,
-    inlier_distance: float,
+    options: AlignOptions,
     *,
-    n_planes: int,
     stated_turns: np.ndarray | None = None,
     seed: int = 0,
-) -> list[Plane]:
-    """Planes near the target, each the largest of what the ones before it left, best ground first.
+) -> tuple[Plane | None, list[Plane]]:
+    """Find the plane of the ground near what the cameras look at.
 
     Parameters
     ----------
@@ -69,25 +79,35 @@ def judged_planes(
         Point that the cameras look at.
     distance : float
         Median distance of the cameras to the target.
-    inlier_distance : float
-        Largest distance of an inlier from its plane.
-    n_planes : int
-        Fewer come where the points run out.
     stated_turns : ndarray of shape (n_cameras,), int, optional
         Quarter turns of the stored photos according to EXIF.
+
+    Returns
+    -------
+    ground : Plane or None
+        None where the photos speak for no plane. The largest of all points decides by itself, as
+        the paper has it, where ``options.plane`` is "ransac".
+    candidates : list of Plane
+        Each the largest of what the ones before it left, best ground first.
     """
-    near = points[np.linalg.norm(points - target, axis=1) < REACH * distance]
-    thinned, *_ = voxel_sample(near if len(near) else points, inlier_distance)
-    rest, planes = thinned, list[Plane]()
-    while len(planes) < n_planes and len(rest) > max(2, LEAST_REST * len(thinned)):
-        plane = _largest_plane(rest, inlier_distance, seed)
-        is_inlier = np.abs(plane.height(rest)) < inlier_distance
-        inliers, rest = rest[is_inlier], rest[~is_inlier]
-        planes.append(judged(plane, inliers, poses, target, distance, stated_turns))
-    return sorted(planes, key=lambda plane: -plane.score)
+    is_alone = options.plane == "ransac"
+    threshold = options.ground_distance_fraction * distance
+    rest, find, n_planes = points, largest_plane, 1
+    if not is_alone:
+        near = points[np.linalg.norm(points - target, axis=1) < REACH * distance]
+        rest, *_ = voxel_sample(near if len(near) else points, threshold)
+        find, n_planes = _largest_plane, options.n_planes
+    least, planes = max(2, LEAST_REST * len(rest)), list[Plane]()
+    while len(planes) < n_planes and len(rest) > least:
+        plane = find(rest, threshold, seed)
+        is_inlier = np.abs(plane.height(rest)) < threshold
+        planes.append(_judged(plane, rest[is_inlier], poses, target, distance, stated_turns))
+        rest = rest[~is_inlier]
+    planes.sort(key=lambda plane: -plane.score)
+    return planes[0] if planes and (is_alone or planes[0].score >= MIN_SCORE) else None, planes
 
 
-def largest_plane(points: np.ndarray, distance: float, *, seed: int = 0) -> Plane:
+def largest_plane(points: np.ndarray, distance: float, seed: int) -> Plane:
     """The plane with the most of the points (n_points, 3) within `distance`, by Open3D's RANSAC.
 
     The paper's; the default does without Open3D, which needs libraries that pip cannot bring.
@@ -117,26 +137,19 @@ def _largest_plane(points: np.ndarray, distance: float, seed: int) -> Plane:
     return Plane(normal, float(-normal @ center), len(inliers))
 
 
-def judged(
+def _judged(
     plane: Plane,
     inliers: np.ndarray,
     poses: Poses,
     target: np.ndarray,
     distance: float,
-    stated_turns: np.ndarray | None = None,
+    stated_turns: np.ndarray | None,
 ) -> Plane:
     """Rate how well a plane serves as the ground: by the photos that stand on it.
 
     A photo speaks for a plane where its camera is above it, is held upright over it, and has some
-    of its points beneath the way to the tree. A wall, a roof or a hedge fails.
-
-    Parameters
-    ----------
-    plane : Plane
-    inliers : ndarray of shape (n_inliers, 3)
-        Points on it.
-    target, distance, stated_turns
-        As in :func:`judged_planes`.
+    of the plane's points (n_inliers, 3) beneath the way to the tree. A wall, a roof or a hedge
+    fails.
 
     Returns
     -------
@@ -191,8 +204,8 @@ def ground_cells(points: np.ndarray, distance: float, width: float = CELL) -> np
     return np.column_stack([middle, low])
 
 
-def ground_tilt(points: np.ndarray, distance: float) -> tuple[np.ndarray, float, float | None]:
-    """Normal of the ground around the z axis, and how far it may be trusted.
+def ground_normal(points: np.ndarray, distance: float) -> np.ndarray:
+    """Normal of the ground around the z axis; that axis where too little of it was seen.
 
     Parameters
     ----------
@@ -203,27 +216,12 @@ def ground_tilt(points: np.ndarray, distance: float) -> tuple[np.ndarray, float,
 
     Returns
     -------
-    normal : ndarray of shape (3,)
-        Of the far fit (radius 2.5 distances).
-    sigma_deg : float
-        One standard deviation of its tilt as a stand-in for the vertical, degrees.
-    near_far_deg : float or None
-        Angle between the fits within one and within 2.5 distances; None where too little was seen.
+    ndarray of shape (3,)
+        Unit vector, z positive, of the plane through cells of equal area: far ground counts.
     """
     cells = ground_cells(points, distance)
-    near = cells[np.hypot(cells[:, 0], cells[:, 1]) < distance]
     if len(cells) < FEWEST_CELLS:
-        return np.array([0.0, 0.0, 1.0]), SLOPE_DEG, None
-    normal = _normal(cells)
-    if len(near) < FEWEST_CELLS:
-        return normal, SLOPE_DEG, None
-    # Hills give themselves away by the near and the far ground disagreeing.
-    near_far = angle_deg(_normal(near), normal)
-    return normal, LEVEL_DEG + near_far, near_far
-
-
-def _normal(cells: np.ndarray) -> np.ndarray:
-    """Unit normal, z positive, of the plane through cells of equal area: far ground counts."""
+        return np.array([0.0, 0.0, 1.0])
     (_, b, c), _ = robust_plane(cells[:, :2], cells[:, 2])
     return unit([-b, -c, 1.0])
 

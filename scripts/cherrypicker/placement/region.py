@@ -20,8 +20,6 @@ from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
-# Radius of the region in the cameras' median distance to its centre: as wide as the paper's box
-REACH = 1.0
 # Nearest wood in a camera's own distance to the centre; nobody photographs a twig before the lens
 # (guess: a crown of 1.5 m radius seen from 2.2 m)
 NEAREST = 0.3
@@ -37,11 +35,8 @@ FAR_MISSES, LEAST_MISS, BEHIND_WEIGHT = 1.5, 1e-3, 0.05
 SETTLED = 1e-9  # of the cameras' distance: a move that ends the search
 # A pull far below any angle that counts, for axes that are parallel to the last digit
 RIDGE = 1e-9
-# Weight of the depth at which the cloud is seen, in axes: that of the spread above, below which
-# the axes tell no depth
-DEPTH_PULL = LEAST_SPREAD
-# What a photo's middle shows: its middle half each way, of so many points, so many in it (guesses)
-MIDDLE, SAMPLE, FEWEST_SEEN = 0.25, 4000, 5
+# What a photo's middle shows: its middle half each way, of so many points (guesses)
+MIDDLE, SAMPLE = 0.25, 4000
 # Samples of the region: 14 cm apart in a ball of 3 m radius
 N_SAMPLES = 3000
 
@@ -77,7 +72,7 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
         None where the cameras look at no common place (a facade, a walk along a row); of several
         trees only where parallel axes leave the depth of all open.
     """
-    center, spread = crossing(poses)
+    center, spread = _crossing(poses)
     away = np.linalg.norm(center - poses.centers, axis=1)
     distance = float(np.median(away))
     share = float(np.mean([frames(poses, i, center[None], 0.0)[0] for i in range(len(poses))]))
@@ -86,40 +81,30 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
             "the cameras look at no common place: %.0f %% frame the point where their axes cross "
             "(spread of the axes %.1f degrees); all that the photos share is the region",
             100.0 * share,
-            np.degrees(np.sqrt(max(spread, 0.0))),
+            np.degrees(np.sqrt(spread)),
         )
         return None
-    radius = REACH * (float(away.max()) if several else distance)
+    radius = float(away.max()) if several else distance  # as wide as the paper's box
     samples = center + radius * _ball(N_SAMPLES)
     return Region(center, radius, distance, samples)
 
 
-def crossing(
-    poses: Poses, *, prior: np.ndarray | None = None, pull: float = RIDGE
-) -> tuple[np.ndarray, float]:
+def _crossing(poses: Poses) -> tuple[np.ndarray, float]:
     """Return where the viewing axes cross, (3,), and how much they spread.
 
     Iteratively reweighted least squares of the distances to the axes. The spread is the least
     eigenvalue of the mean of the projectors across the axes, the mean squared sine of their angles
     to a common direction: 0 for parallel axes.
-
-    Parameters
-    ----------
-    prior : ndarray of shape (3,), optional
-        What closes a depth that parallel axes leave open; the middle of the cameras by default.
-    pull : float
-        Its weight, in those of one camera's axis.
     """
     centers, axes = poses.centers, poses.forward
     projectors = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # (N, 3, 3)
     spread = max(0.0, float(np.linalg.eigvalsh(projectors.mean(axis=0))[0]))
-    prior = centers.mean(axis=0) if prior is None else prior
+    point = middle = centers.mean(axis=0)  # closes a depth that parallel axes leave open
     weights = np.ones(len(centers))
-    point = prior
     for _ in range(N_ROUNDS):
-        ridge = pull * weights.sum()
+        ridge = RIDGE * weights.sum()
         left = np.einsum("n,nij->ij", weights, projectors) + ridge * np.eye(3)
-        right = np.einsum("n,nij,nj->i", weights, projectors, centers) + ridge * prior
+        right = np.einsum("n,nij,nj->i", weights, projectors, centers) + ridge * middle
         new_point = np.linalg.solve(left, right)
         offsets = new_point - centers
         misses = np.linalg.norm(np.einsum("nij,nj->ni", projectors, offsets), axis=1)
@@ -138,8 +123,8 @@ def crossing(
 def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
     """Point that the cameras look at: the centre of their region of interest.
 
-    Where they look at no common place (a walk along a row) their axes leave the depth open; a weak
-    pull towards the depth at which each camera sees the cloud closes it.
+    Where they look at no common place (a walk along a row) it is the median over the cameras of
+    what the middle of a photo shows, on its axis at the median depth.
 
     Parameters
     ----------
@@ -155,22 +140,15 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
     region = find_region(poses)
     if region is not None:
         return region.center, region.distance
-    point, _ = crossing(poses, prior=_mean_seen_point(poses, points), pull=DEPTH_PULL)
-    return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1)))
-
-
-def _mean_seen_point(poses: Poses, points: np.ndarray) -> np.ndarray:
-    """Median over the cameras of the axis point at the depth of what the photo's middle shows."""
-    step = max(1, len(points) // SAMPLE)
-    sample = np.asarray(points)[::step]
-    seen = []
-    for index in range(len(poses.names)):
+    sample, seen = points[:: max(1, len(points) // SAMPLE)], []
+    for index in range(len(poses)):
         pixels, depth = poses.project(sample, index)
         size = np.array([poses.width[index], poses.height[index]])
         central = (depth > 0) & np.all(np.abs(pixels - size / 2) < size * MIDDLE, axis=1)
-        if central.sum() >= FEWEST_SEEN:
+        if central.any():
             seen.append(poses.centers[index] + np.median(depth[central]) * poses.forward[index])
-    return np.median(seen, axis=0) if seen else np.median(sample, axis=0)
+    point = np.median(seen if seen else sample, axis=0)
+    return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1)))
 
 
 def frames(poses: Poses, index: int, points: np.ndarray, nearest: float) -> np.ndarray:

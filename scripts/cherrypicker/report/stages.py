@@ -134,7 +134,7 @@ def _aligned(data: dict, width_px: int) -> dict:
     }
     figures = []
     if data["aligned"] is not None and data["aligned_poses"] is not None:
-        roi = Footprint.of_crop(crop) if crop else None
+        roi = Footprint.from_dict(crop) if crop else None
         figure = alignment_figure(data["aligned"], data["aligned_poses"], roi, width_px)
         caption = "Aligned cloud: ground at z = 0, the region that was kept, cameras."
         figures.append((figure, caption))
