@@ -127,10 +127,10 @@ def in_cylinder(
     """Rows of the points (n, 3) near a line, where they are along it, in order, and how far off."""
     offset = points - middle
     way = offset @ along
-    aside = np.linalg.norm(offset - way[:, None] * along, axis=1)
-    rows = np.flatnonzero(aside <= reach)
+    square = np.einsum("ij,ij->i", offset, offset) - np.square(way)  # of how far off
+    rows = np.flatnonzero(square <= reach**2)
     rows = rows[np.argsort(way[rows])]
-    return rows, way[rows], aside[rows]
+    return rows, way[rows], np.sqrt(np.maximum(square[rows], 0.0))
 
 
 def _slices(way: np.ndarray, values: np.ndarray) -> np.ndarray:
