@@ -6,7 +6,7 @@ import pytest
 from cherrypicker.classes import WOOD, Label
 from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.segmentation.stems import label_wood, post_rows
+from cherrypicker.segmentation.stems import label_wood, post_rows, under_stems
 
 
 def _relabel(points, labels, *, colors=None, known=None):
@@ -291,3 +291,26 @@ def test_a_limb_that_is_no_pole_is_a_post_where_the_network_says_so():
     found = np.flatnonzero(_is_post(points, label))
     assert len(found) > 0.2 * len(post)
     assert (found >= len(wood)).all()
+
+
+def test_what_stands_under_a_stem_and_nowhere_else_is_the_stem():
+    rng = np.random.default_rng(6)
+    stem = _leader(rng)
+    board = rng.uniform((0.3, -0.2, 0.3), (0.31, 0.2, 0.6), (3000, 3))
+    post = _tube(rng, (0.3, 0, 0), (0.3, 0, 0.3), 0.01, 0.01)
+    ground = _ground(rng)
+    points = np.vstack([stem, board, post, ground])
+    labels = np.repeat(
+        [Label.BRANCH, Label.SIGN, Label.GROUND], [len(stem), len(board) + len(post), len(ground)]
+    ).astype(np.uint8)
+    is_stem = np.arange(len(points)) < len(stem)
+    lower = is_stem & (points[:, 2] < 0.4) & (np.hypot(*points[:, :2].T) < 0.05)
+    labels[lower] = Label.SIGN
+    seen = ~(lower & (points[:, 2] > 0.3))  # a gap, so that it hangs together with nothing
+    points, labels, lower = points[seen], labels[seen], lower[seen]
+    cloud = PointCloud(points, fields={"label": labels})
+    orchard = grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
+    found = np.zeros(len(points), bool)
+    found[under_stems(points, labels, orchard, found)] = True
+    assert (found == lower).all()
+    assert not len(under_stems(points, labels, orchard, lower))

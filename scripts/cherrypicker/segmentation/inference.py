@@ -27,7 +27,7 @@ from cherrypicker.segmentation.spheres import (
     neighbor_graphs,
     tree_frame,
 )
-from cherrypicker.segmentation.stems import label_wood, post_rows
+from cherrypicker.segmentation.stems import label_wood, post_rows, under_stems
 from cherrypicker.segmentation.things import (
     GROUP_COLUMNS,
     group_of,
@@ -218,6 +218,10 @@ def segment_cloud(
         posts = post_rows(cloud.points, labels, orchard, known)
         if len(posts):  # they stand so near that limbs which were grown with them are wrong
             labels[posts] = Label.SUPPORT_POST
+            orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
+        stems = under_stems(cloud.points, labels, orchard, known)
+        if len(stems):
+            labels[stems] = Label.TRUNK
             orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
         labels = loose_wood(cloud.points, labels, orchard.owner)
         labels = label_wood(

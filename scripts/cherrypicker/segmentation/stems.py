@@ -16,23 +16,26 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.geometry.ground_surface import ground_level
-from cherrypicker.geometry.neighbors import rows_in_box
+from cherrypicker.geometry.neighbors import link_components, rows_in_box
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.poles import Pole, find_pole, in_cylinder
-from cherrypicker.limbs.tubes import claim_radius, stretch
-from cherrypicker.segmentation.things import STANDS_M, THINGS
+from cherrypicker.limbs.tubes import Tube, claim_radius, stretch
+from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.feet import ground_height
 
-__all__ = ["label_wood", "post_rows"]
+__all__ = ["label_wood", "post_rows", "under_stems"]
 
 logger = logging.getLogger(__name__)
 
 HALF_LOST = (1 + TRUNK_KEEPS) / 2  # tubes are smooth: half of a step lies on either side of it
+# What stands under a stem and nowhere else: of a thing this share lies in line with it, which wood
+# leaves by so much of the way (guesses)
+IN_LINE, LEAN = 0.9, 0.2
 HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from (a guess)
 
 
@@ -208,36 +211,75 @@ def _nearest_surface(points: np.ndarray, tubes: _Tubes) -> tuple[np.ndarray, np.
     return off[1] < off[0], claimed[0] | claimed[1]
 
 
-def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m: float) -> None:
-    """Let a stem begin on the ground: cut what lies under it, or follow it down from the air."""
-    stem = limbs.limbs[0]
-    tube = stem.tube
+@dataclass
+class _Hanging:
+    """A stem whose foot is not on the ground, and where it would meet it."""
+
+    tube: Tube
+    heading: np.ndarray  # upwards
+    reach: float  # of what lies on its surface
+    gap: float  # of its foot over the ground, negative below it
+
+
+def _hanging(limbs: Limbs, ground: np.ndarray) -> _Hanging | None:
+    """None where the foot is on the ground, or the ground is not known there."""
+    tube = limbs.limbs[0].tube
     foot, radius = tube.nodes[0], float(tube.radius[0])
     level = ground_level(ground, foot[:2], radius)
-    reach = float(claim_radius(tube.radius[:1], limbs.spacing)[0])
     k = int(np.searchsorted(tube.way, HEADING_IN_RADII * radius).clip(1, len(tube.nodes) - 1))
     heading = tube.nodes[k] - foot
     heading /= np.linalg.norm(heading)
     if level is None or heading[2] <= 0 or abs(gap := foot[2] - level) <= limbs.spacing:
+        return None
+    reach = float(claim_radius(tube.radius[:1], limbs.spacing)[0])
+    return _Hanging(tube, heading, reach, gap)
+
+
+def under_stems(
+    points: np.ndarray, labels: np.ndarray, orchard: Orchard, known: np.ndarray
+) -> np.ndarray:
+    """Rows of the things that stand between a stem and the ground and nowhere else: they are it."""
+    ground = points[labels == Label.GROUND]
+    free = np.flatnonzero(np.isin(labels, [*THINGS, Label.SUPPORT_POST]) & ~known)
+    found = [free[:0]]
+    for limbs in orchard.limbs:
+        stem = _hanging(limbs, ground) if limbs else None
+        if stem is None or stem.gap < 0:
+            continue
+        foot, wide = stem.tube.nodes[0], stem.gap + STANDS_M
+        rows = free[rows_in_box(points[free], foot - wide, foot + [wide, wide, 0.0])]
+        piece = link_components(points[rows], TOUCH_M)
+        under, down, aside = in_cylinder(points[rows], foot, -stem.heading, wide)
+        is_in_line = (down > 0) & (aside <= stem.reach + LEAN * down)
+        n_in_line = np.bincount(piece[under], is_in_line, minlength=piece.max(initial=-1) + 1)
+        is_stem = n_in_line >= IN_LINE * np.bincount(piece)
+        found.append(rows[is_stem[piece]])
+    rows = np.unique(np.concatenate(found))
+    logger.info("%s points of things are stems, below the wood that they bear", f"{len(rows):,}")
+    return rows
+
+
+def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m: float) -> None:
+    """Let a stem begin on the ground: cut what lies under it, or follow it down from the air."""
+    stem = _hanging(limbs, ground)
+    if stem is None:
         return
-    if gap < 0:
-        stem.tube = stretch(tube, min(-gap / heading[2], tube.length / 2), tube.length)
+    foot, to_ground = stem.tube.nodes[0], stem.gap / stem.heading[2]
+    if stem.gap < 0:
+        cut = min(-to_ground, stem.tube.length / 2)
+        limbs.limbs[0].tube = stretch(stem.tube, cut, stem.tube.length)
         return
-    down = in_cylinder(points, foot, -heading, reach)[1]
-    to_ground = gap / heading[2]
+    down = in_cylinder(points, foot, -stem.heading, stem.reach)[1]
     steps = np.concatenate([[0.0], down[(down > 0) & (down <= to_ground)], [to_ground]])
     missing = np.flatnonzero(np.diff(steps) > stem_gap_m)
     end = steps[missing[0]] if len(missing) else to_ground
     if end > 0:
-        stem.tube = stretch(tube, -end, tube.length)
+        limbs.limbs[0].tube = stretch(stem.tube, -end, stem.tube.length)
     if len(missing):
-        logger.warning(
-            "the stem at (%.2f, %.2f) ends %.2f m over the ground",
-            *foot[:2],
-            gap - end * heading[2],
-        )
+        left = stem.gap - end * stem.heading[2]
+        logger.warning("the stem at (%.2f, %.2f) ends %.2f m over the ground", *foot[:2], left)
     else:
-        logger.info("stem at (%.2f, %.2f) followed %.3f m down to the ground", *foot[:2], gap)
+        logger.info("stem at (%.2f, %.2f) followed %.3f m to the ground", *foot[:2], stem.gap)
 
 
 def label_rings(points: np.ndarray, labels: np.ndarray, colors: np.ndarray, tubes: _Tubes) -> None:
