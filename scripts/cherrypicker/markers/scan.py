@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,7 +13,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.markers.layouts import camera_centers
 from cherrypicker.photos import read_photo
-from cherrypicker.progress import Progress
+from cherrypicker.progress import in_threads
 
 T = TypeVar("T")
 
@@ -96,14 +95,8 @@ class Scan:
                 )
             return find(grey, camera)
 
-        found: list[list[T]] = []
-        with (
-            ThreadPoolExecutor(max(1, self.threads)) as pool,
-            Progress(len(self.photos), f"photos searched for {what}") as bar,
-        ):
-            for each in pool.map(search, range(len(self.photos))):
-                found.append(each)
-                bar.step()
+        what = f"photos searched for {what}"
+        found = list(in_threads(search, range(len(self.photos)), max(1, self.threads), what))
         photos = np.repeat(np.arange(len(found)), [len(each) for each in found])
         shown_by = {
             "photos": photos,
