@@ -44,6 +44,7 @@ PASSES = {
     "vote per object": (inference, "vote_per_object", _unchanged),
     "loose wood": (inference, "loose_wood", lambda points, labels, *_: labels),
     "posts by shape": (inference, "post_rows", lambda *_: np.empty(0, int)),
+    "stem below the stem": (inference, "under_stems", lambda *_: np.empty(0, int)),
     "tubes claim": (stems, "claimed_by", lambda *_: (np.empty(0, int), np.empty(0, bool))),
     "down to the ground": (stems, "follow_down", _nothing),
     "white rings": (stems, "label_rings", _nothing),

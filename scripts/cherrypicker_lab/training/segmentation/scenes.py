@@ -36,7 +36,7 @@ FILLED = {
     "elsewhere": (hard_things, add_hard),  # and trees of other people's skeletons
 }
 THINGS = ("common", *FILLED)
-# Of the scenes that the shipped weights were trained on last (taste: random things vary most)
+# Of fresh scenes (taste: random things vary most); the shipped weights were not trained on these
 SHARES = {"common": 0.15, "confusable": 0.15, "random": 0.3, "hard": 0.2, "elsewhere": 0.2}
 # clouds reach so far at most
 EXTENT_M = {"common": 3.2, "confusable": 3.2, "random": 4.5, "hard": 3.5, "elsewhere": 3.5}
