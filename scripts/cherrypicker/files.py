@@ -277,6 +277,11 @@ def read_table(
 ) -> list[tuple[int, dict[str, str]]]:
     """Read the rows of a CSV with a header, each with its line number.
 
+    Parameters
+    ----------
+    delimiter : str
+        Of several the one that the header has most of.
+
     Raises
     ------
     StageError
@@ -285,17 +290,19 @@ def read_table(
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as stream:
+            delimiter = max(delimiter, key=stream.readline().count)
+            stream.seek(0)
             reader = csv.DictReader(stream, delimiter=delimiter)
             named = reader.fieldnames or ()
-            rows = list(reader)
+            rows = [(reader.line_num, row) for row in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StageError(f"cannot be read: {error}", file=path) from error
     missing = [name for name in required if name not in named]
     if missing or not rows:
         raise StageError(f"no {', '.join(missing) or 'rows'} in the table", file=path)
-    if any(row[name] is None for row in rows for name in required):
+    if any(row[name] is None for _, row in rows for name in required):
         raise StageError("a row is shorter than the header", file=path)
-    return list(enumerate(rows, start=2))
+    return rows
 
 
 def read_user_table(

@@ -3,12 +3,16 @@
 import numpy as np
 import pycolmap
 import torch
+from finished_tree import write_finished_tree
 from fuzz_bench import Reader
 from reliability_scene import table_of, write_ply
 from workspace import small_tree
 
+from cherrypicker.accuracy.digitised import read_digitised
 from cherrypicker.batch.resources import size_of_cloud
 from cherrypicker.batch.trees import Tree
+from cherrypicker.formats.measured import read_measured_tree
+from cherrypicker.formats.mtg import write_mtg
 from cherrypicker.lens import read_model
 from cherrypicker.limbs.files import read_orchard, write_orchard
 from cherrypicker.limbs.growth import Limbs
@@ -94,6 +98,13 @@ def _skeleton_tables(folder):
     rows = ["id,parent,x,y,z,radius,order,label", "1,-1,0,0,0,0.03,0,1", "2,1,0,0,0.5,,0,1"]
     (folder / "a.csv").write_text("\n".join([*rows, "3,2,0.1,0,0.7,0.01,1,2", ""]))
     return [folder / "a.csv"]
+
+
+def _digitised(folder):
+    write_finished_tree(folder / "tree")
+    write_mtg(folder / "tree.mtg", read_measured_tree(folder / "tree"))
+    (folder / "b.csv").write_text("id;parent;x;y;z;diameter\n1;;0;0;0;0,06\n2;1;0;0;0,5;0,05\n")
+    return [folder / "tree.mtg", folder / "b.csv"]
 
 
 def _poses(folder):
@@ -189,6 +200,7 @@ READERS = [
     Reader("skeleton", read_skeleton, _skeletons),
     Reader("topology", read_topology, _topologies),
     Reader("skeleton_table", read_skeleton_csv, _skeleton_tables),
+    Reader("digitised", read_digitised, _digitised),
     Reader("poses", read_poses, _poses),
     Reader("limbs", read_orchard, _limbs),
     Reader("sky_colors", read_sky_colors, _sky_colors),

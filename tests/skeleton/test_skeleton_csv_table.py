@@ -65,5 +65,5 @@ def test_what_is_no_table(tmp_path):
     with pytest.raises(StageError, match="cannot be read"):
         read_skeleton_csv(tmp_path / "absent.csv")
     (tmp_path / "s.csv").write_text("id,parent,x\n0,-1,0\n")
-    with pytest.raises(StageError, match="no y, z, radius in the table"):
+    with pytest.raises(StageError, match="no y, z in the table"):
         read_skeleton_csv(tmp_path / "s.csv")

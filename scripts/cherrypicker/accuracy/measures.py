@@ -5,21 +5,25 @@ Read by Snakemake's main process at every start, so nothing heavy is imported.
 
 from __future__ import annotations
 
+import csv
 import difflib
+import io
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cherrypicker.accuracy.quantities import NAMES, QUANTITIES, Quantity, known_unit, sensible_units
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_user_table
+from cherrypicker.files import read_user_table, write_text
 
 CONFIG_KEY = "measures"
 _NEEDED = ("tree", "trait", "value", "unit")
 _POINT = ("x_m", "y_m", "z_m")
 _PLACE = ("height_m", "azimuth_deg", "distance_m", *_POINT, "order")
+_SEPARATORS = ",;\t"
 COLUMNS = (*_NEEDED, "who", *_PLACE, "date", "note")
 
 
@@ -82,7 +86,7 @@ def read_measures(path: str | os.PathLike, *, may_miss: bool = False) -> list[Me
         return []
     title = "the table of hand measurements"
     rows, separator = read_user_table(
-        path, title, COLUMNS, _NEEDED, separators=",;\t", key=CONFIG_KEY
+        path, title, COLUMNS, _NEEDED, separators=_SEPARATORS, key=CONFIG_KEY
     )
     found = []
     for number, row in rows:
@@ -92,6 +96,57 @@ def read_measures(path: str | os.PathLike, *, may_miss: bool = False) -> list[Me
             cause = f"line {number}, tree {row['tree']!r}: {error}"
             raise StageError(cause, file=path, key=error.column) from None
     return found
+
+
+def measures_csv(
+    rows: Sequence[Measure], columns: Sequence[str] = COLUMNS, separator: str = ","
+) -> str:
+    """Return measurements as text of the table, with its head."""
+    stream = io.StringIO()
+    form: dict[str, Any] = {"delimiter": separator, "lineterminator": "\n"}
+    writer = csv.DictWriter(stream, columns, extrasaction="ignore", **form)
+    writer.writeheader()
+    for row in rows:
+        unit = "" if row.unit == "1" else row.unit
+        named = {"tree": row.tree, "trait": row.quantity.short_name, "value": row.number}
+        told = {"unit": unit, "who": row.who, "note": row.note}
+        writer.writerow({**named, **told, **row.place})
+    return stream.getvalue()
+
+
+def append_measures(path: str | os.PathLike, rows: Sequence[Measure]) -> None:
+    """Add rows to the table of hand measurements, which need not be there.
+
+    Raises
+    ------
+    StageError
+        If the table cannot be read, lacks a column that the rows need, or has one of the rows: the
+        same value and note, wherever it stands on the tree.
+    """
+    known = {_content(row): row.line for row in read_measures(path, may_miss=True)}
+    again = [known[_content(row)] for row in rows if _content(row) in known]
+    if again:
+        cause = f"{len(again)} of {len(rows)} rows are there already, the first in line {again[0]}"
+        raise StageError(f"{cause}; take them out first", file=path, key=CONFIG_KEY)
+    text = Path(path).read_bytes().decode("utf-8") if Path(path).exists() else ""
+    lines = text.removeprefix("\ufeff").splitlines()
+    heads = [line for line in lines if line.strip(f" {_SEPARATORS}") and line[0] != "#"]
+    head = heads[0] if heads else ",".join(COLUMNS)
+    separator = max(_SEPARATORS, key=head.count)
+    columns = [name.strip() for name in next(csv.reader([head], delimiter=separator))]
+    missing = [name for name in (*_POINT, "order", "height_m", "note") if name not in columns]
+    missing += ["who"] if any(row.who for row in rows) and "who" not in columns else []
+    if missing:
+        cause = f"the table has no column {', '.join(missing)}; add it to the head"
+        raise StageError(cause, file=path, key=CONFIG_KEY)
+    body = measures_csv(rows, columns, separator)
+    if heads:
+        body = ("" if text.endswith("\n") else "\n") + body.partition("\n")[2]
+    write_text(path, text + body)
+
+
+def _content(row: Measure) -> tuple:
+    return row.tree, row.quantity.name, row.number, row.unit, row.who, row.note
 
 
 class _RowError(Exception):

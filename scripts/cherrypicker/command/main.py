@@ -16,6 +16,7 @@ SUBCOMMANDS = {
     "serve": "serve the pages on this machine alone, so that edits are saved by clicking",
     "view": "open a tree's page, or the batch's, in the browser",
     "repeat": "tell how well two scans of one tree agree, and what a trial needs",
+    "measures": "make hand measurements of a tree that was digitised node by node",
     "export": "write finished trees in the formats of other tools",
     "doctor": "tell versions, libraries, GPU, disk and memory, and what to install",
 }
@@ -23,7 +24,7 @@ SUBCOMMANDS = {
 
 def usage() -> str:
     """Return the list of subcommands."""
-    lines = [f"  {name:8s}{text}" for name, text in SUBCOMMANDS.items()]
+    lines = [f"  {name:9s}{text}" for name, text in SUBCOMMANDS.items()]
     lines = ["usage: cherrypicker COMMAND ...", "", *lines, ""]
     return "\n".join([*lines, "cherrypicker COMMAND --help tells more; see docs/command.md"])
 

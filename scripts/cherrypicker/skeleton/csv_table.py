@@ -1,8 +1,10 @@
-"""Skeletons as a CSV of nodes: the form that truths and other tools' skeletons come in."""
+"""Skeletons as a table of nodes: what truths, digitisers and other tools' skeletons come in."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,9 +12,9 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_table
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 
-__all__ = ["read_skeleton_csv"]
+__all__ = ["closed_radii", "read_nodes", "read_skeleton_csv", "rooted_skeleton"]
 
-COLUMNS = ("id", "parent", "x", "y", "z", "radius")
+COLUMNS = ("id", "parent", "x", "y", "z")
 
 
 def read_skeleton_csv(path: str | os.PathLike, unit_m: float = 1.0) -> Skeleton:
@@ -21,9 +23,10 @@ def read_skeleton_csv(path: str | os.PathLike, unit_m: float = 1.0) -> Skeleton:
     Parameters
     ----------
     path : path-like
-        Columns ``id``, ``parent`` (of the root: -1, or any id that no node has), ``x``, ``y``,
-        ``z``, ``radius``, and where there are such ``order`` and ``label`` (0 and trunk without
-        them). A radius left open is the parent's, the root's that of the first node with one.
+        Columns ``id``, ``parent`` (of the root: -1, none, or any id that no node has), ``x``,
+        ``y``, ``z``, ``radius`` or ``diameter``, and where there are such ``order`` and ``label``
+        (0 and trunk without them), separated by commas, semicolons or tabs. A radius left open is
+        the parent's, the root's that of the first node with one.
     unit_m : float, default 1
         Metres per unit of the file.
 
@@ -37,37 +40,88 @@ def read_skeleton_csv(path: str | os.PathLike, unit_m: float = 1.0) -> Skeleton:
     StageError
         If the file is missing or its nodes are not one rooted tree.
     """
-    rows = read_table(path, required=COLUMNS)
+    skeleton = rooted_skeleton(read_nodes(path), path)
+    radius = closed_radii(skeleton.radius, skeleton.parent)
+    return replace(skeleton, points=unit_m * skeleton.points, radius=unit_m * radius)
+
+
+def read_nodes(path: str | os.PathLike) -> dict[str, np.ndarray]:
+    """Read the table of `read_skeleton_csv` as `rooted_skeleton` takes it.
+
+    Raises
+    ------
+    StageError
+        If the file is missing, lacks a column, or a cell is no number.
+    """
+    rows = read_table(path, COLUMNS, ",;\t")
+    named = [name for name in ("radius", "diameter") if name in rows[0][1]]
+    if not named:
+        raise StageError("no column radius or diameter in the table", file=path)
 
     def column(name: str, missing: float | None = None) -> np.ndarray:
-        return np.array([cell_number(row.get(name), path, at, missing) for at, row in rows])
+        cells = [(at, (row.get(name) or "").replace(",", ".")) for at, row in rows]
+        return np.array([cell_number(cell, path, at, missing) for at, cell in cells])
 
-    ids = column("id").astype(np.int64)
-    place = {node: row for row, node in enumerate(ids.tolist())}
-    if len(place) != len(ids):
-        raise StageError(f"{len(ids) - len(place)} ids stand there twice", file=path)
-    parent = np.array([place.get(node, -1) for node in column("parent").astype(np.int64).tolist()])
+    return {
+        "line": np.array([at for at, _ in rows]),
+        "id": column("id").astype(np.int64),
+        "parent": column("parent", missing=-1).astype(np.int64),
+        "points": np.stack([column(axis) for axis in "xyz"], axis=1),
+        "radius": column(named[0], missing=np.nan) / (1 if named[0] == "radius" else 2),
+        "order": column("order", missing=0).astype(np.int64),
+        "label": column("label", missing=1).astype(np.int64),
+    }
+
+
+def rooted_skeleton(nodes: Mapping[str, np.ndarray], path: str | os.PathLike) -> Skeleton:
+    """Order the nodes of a file as a skeleton, in its unit; radii left open stay NaN.
+
+    Parameters
+    ----------
+    nodes : mapping of str to ndarray of shape (n_nodes,)
+        ``id``, ``parent``, ``line`` of the file, ``points`` (n_nodes, 3), ``radius``, ``order`` and
+        ``label``.
+    path : path-like
+        For errors.
+
+    Raises
+    ------
+    StageError
+        If the nodes are not one rooted tree; the message names lines.
+    """
+    ids, lines = nodes["id"].tolist(), nodes["line"]
+    place = {node: row for row, node in enumerate(ids)}
+    again = [node for row, node in enumerate(ids) if place[node] != row]
+    if again:
+        cause = f"line {lines[place[again[0]]]}: id {again[0]} stands there twice; give it another"
+        raise StageError(cause, file=path)
+    parent = np.array([place.get(node, -1) for node in nodes["parent"].tolist()])
     roots = np.flatnonzero(parent < 0)
     if len(roots) != 1:
-        raise StageError(f"{len(roots)} nodes without a parent, 1 expected", file=path)
+        told = ", ".join(map(str, lines[roots[:5]].tolist())) or "none"
+        raise StageError(
+            f"{len(roots)} nodes without a parent, 1 expected (line {told}); the root alone has "
+            "none, or -1; give every other node's parent an id of the file",
+            file=path,
+        )
+    above = np.where(parent < 0, roots[0], parent)
+    for _ in range(len(ids).bit_length()):  # twice as far each time
+        above = above[above]
+    astray = lines[above != roots[0]]
+    if len(astray):
+        cause = f"the nodes are not one tree: from line {astray[0]} on parents lead in a circle"
+        raise StageError(f"{cause}; correct one of them", file=path)
     edges = np.stack([np.flatnonzero(parent >= 0), parent[parent >= 0]], axis=1)
-    try:
-        sequence, new_parent = rooted_order(len(ids), edges, int(roots[0]))
-    except ValueError as error:
-        raise StageError(f"the nodes are not one tree ({error})", file=path) from error
-    points = np.stack([column(axis) for axis in "xyz"], axis=1)
-    return Skeleton(
-        unit_m * points[sequence],
-        new_parent,
-        unit_m * _closed(column("radius", missing=np.nan)[sequence], new_parent),
-        column("label", missing=1)[sequence].astype(np.int64),
-        {"order": column("order", missing=0)[sequence].astype(np.int64)},
+    sequence, new_parent = rooted_order(len(ids), edges, int(roots[0]))
+    points, radius, label, order = (
+        nodes[name][sequence] for name in ("points", "radius", "label", "order")
     )
+    return Skeleton(points, new_parent, radius, label, {"order": order})
 
 
-def _closed(radius: np.ndarray, parent: np.ndarray) -> np.ndarray:
+def closed_radii(radius: np.ndarray, parent: np.ndarray) -> np.ndarray:
     """Radii with those left open filled from the parents; 0 where there are none at all."""
-    known = radius[np.isfinite(radius)]
+    radius, known = radius.copy(), radius[np.isfinite(radius)]
     for node in np.flatnonzero(~np.isfinite(radius)):
         radius[node] = radius[parent[node]] if node else np.append(known, 0.0)[0]
     return radius
