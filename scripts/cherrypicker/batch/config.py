@@ -8,6 +8,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -205,4 +206,6 @@ def _read_string(schema: Mapping, value: object) -> object:
         return _read_string(schema, parsed)
     if isinstance(value, float) and value.is_integer() and "integer" in types:
         return int(value)
+    if isinstance(value, date) and "string" in types:  # which YAML makes of 2026-04-01
+        return value.isoformat()
     return value
