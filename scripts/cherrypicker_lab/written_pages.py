@@ -27,7 +27,7 @@ PURPOSES = {
     "Scale": ("scale",),
     "Labels": ("segment",),
     "Skeleton": ("contract", "skeleton", "graph", "photo_check"),
-    "Traits and pages": ("traits", "report"),
+    "Traits, light and pages": ("traits", "light", "report"),
 }
 LAB_PURPOSES = {
     "Training": ("train_sky", "train_segment"),

@@ -66,12 +66,16 @@ if workflow.is_main_process:
         end_start()
 
 
-def of_each_tree(path, trees=None):
-    """A file of every tree, or of these; of a scan with ``all``, when its trees are found."""
+def of_each_tree(path, trees=None, key=None):
+    """A file of every tree, of these, or of those whose config sets a key; of a scan with ``all``,
+    when its trees are found."""
 
     def paths(names):
         return [
-            path.format(tree=each) for each in names if trees is None or each in trees
+            path.format(tree=each)
+            for each in names
+            if (trees is None or each in trees)
+            and (key is None or lookup_key(BATCH.settings_for(each), key))
         ]
 
     def of_one(scan):

@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from datetime import date
 from functools import reduce
 from operator import getitem
 from pathlib import Path
@@ -200,4 +201,6 @@ def _read_string(schema: Mapping, value: object) -> object:
             value = float(parsed) if isinstance(parsed, str) else parsed
     if isinstance(value, float) and value.is_integer() and "integer" in types:
         return int(value)
+    if isinstance(value, date) and "string" in types:  # which YAML makes of 2026-04-01
+        return value.isoformat()
     return value

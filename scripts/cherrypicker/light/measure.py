@@ -1,0 +1,162 @@
+"""Light of a tree by axis and by limb: silhouettes, share of the sky, energy over a season."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from cherrypicker.errors import StageError
+from cherrypicker.files import rounded
+from cherrypicker.formats.measured import MeasuredTree
+from cherrypicker.light.mesh import PartMesh, leaf_mesh, wood_mesh
+from cherrypicker.light.rays import Silhouettes, cast_silhouettes
+from cherrypicker.light.sky import SeasonLight, season_light, sky_directions
+from cherrypicker.skeleton import axis_of_node
+from cherrypicker.traits.limb_table import limb_of_axis
+
+
+@dataclass(frozen=True)
+class LightOptions:
+    """Config keys of the section ``light``, as the schema describes them."""
+
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    season: tuple[str, str] | None = None
+    north_deg: float = 90.0
+    row_spacing_m: float | None = None
+    row_azimuth_deg: float = 0.0
+    leaf_area_cm2: float = 0.0
+
+    def check(self, unit: str) -> None:
+        """Raise a StageError, which names the key, of what goes only with something else."""
+        needed = ("latitude_deg", "longitude_deg", "season")
+        missing = [f"light.{name}" for name in needed if getattr(self, name) is None]
+        if 0 < len(missing) < len(needed):
+            raise StageError(
+                f"light over a season needs place and season, and {' and '.join(missing)} is empty",
+                key=", ".join(missing),
+            )
+        if self.season and self.season[1] < self.season[0]:
+            raise StageError("the season ends before it begins", key="light.season")
+        if unit != "m" and (self.season or self.row_spacing_m or self.leaf_area_cm2):
+            raise StageError("light of a season, row or leaves needs a scale", key="scale.mode")
+
+
+def measure_light(
+    tree: MeasuredTree,
+    limbs: list[int],
+    options: LightOptions | None = None,
+    *,
+    n_rays: int = 200_000,
+    seed: int = 0,
+    threads: int = 1,
+) -> tuple[dict, list[dict]]:
+    """Measure the light that a tree's axes receive.
+
+    Parameters
+    ----------
+    tree : MeasuredTree
+    limbs : list of int
+        ``branch_id`` of each limb, by rank.
+    options : LightOptions, optional
+    n_rays, seed, threads : int
+        As in `cast_silhouettes`.
+
+    Returns
+    -------
+    totals : dict
+        What ``light.json`` holds: of the tree, and of each limb with all that it carries.
+    rows : list of dict
+        Of ``light.csv``: one an axis.
+
+    Raises
+    ------
+    StageError
+        From `LightOptions.check`.
+    """
+    options = options or LightOptions()
+    options.check(tree.skeleton.unit)
+    directions = sky_directions()
+    season = None
+    latitude, longitude = options.latitude_deg, options.longitude_deg
+    if options.season and latitude is not None and longitude is not None:
+        season = season_light(
+            directions, latitude, longitude, options.season, north_deg=options.north_deg
+        )
+    row_step = None
+    if options.row_spacing_m:
+        azimuth = np.radians(options.row_azimuth_deg)
+        row_step = options.row_spacing_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    mesh = wood_mesh(tree)
+    if options.leaf_area_cm2:
+        mesh = mesh.with_parts(leaf_mesh(tree, options.leaf_area_cm2 / 1e4))
+    seen = cast_silhouettes(
+        mesh, directions, row_step=row_step, n_rays=n_rays, seed=seed, threads=threads
+    )
+    n_axes = len(tree.axis_list)
+    carried = limb_of_axis([axis.parent for axis in tree.axis_list], limbs)
+    rank_of = {limb: rank for rank, limb in enumerate(limbs, 1)}
+    rank = np.array([rank_of.get(limb, 0) for limb in carried.tolist()])
+    owner = axis_of_node(tree.skeleton, tree.axis_list)[: len(seen.step_share)]
+    in_shade = tree.skeleton.edge_length[: len(owner)] * (1.0 - seen.step_share)
+    shaded = np.bincount(owner, in_shade, minlength=len(mesh.axis))
+
+    def sums(group: np.ndarray, n_groups: int) -> list[dict[str, float]]:
+        return light_sums(mesh, seen, shaded, season, group, n_groups)
+
+    rows = [
+        {"branch_id": axis, "limb_rank": rank[axis] or "", **found}
+        for axis, found in enumerate(sums(mesh.axis, n_axes))
+    ]
+    of_ranks = sums(rank[mesh.axis], len(limbs) + 1)
+    of_limbs = [{"rank": at, "branch_id": limb, **of_ranks[at]} for limb, at in rank_of.items()]
+    head = {"unit": tree.skeleton.unit, "n_directions": len(directions)}
+    return head | sums(0 * mesh.axis, 1)[0] | {"limbs": of_limbs}, rows
+
+
+def light_sums(
+    mesh: PartMesh,
+    seen: Silhouettes,
+    shaded: np.ndarray,
+    season: SeasonLight | None,
+    group: np.ndarray,
+    n_groups: int,
+) -> list[dict[str, float]]:
+    """Sum the light of parts by group, the wood's and, with the prefix ``leaf_``, the leaves'.
+
+    `shaded` is each part's length in shade, `group` each part's group; the sums stand in a list by
+    group, with the columns of docs/light.md.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for prefix, of_kind in (("", ~mesh.is_leaf), ("leaf_", mesh.is_leaf)):
+        if not of_kind.any():
+            continue
+        parts = np.flatnonzero(of_kind)
+        entries = (np.ones(len(parts)), (parts, group[parts]))
+        member = csr_matrix(entries, shape=(len(group), n_groups))
+        lit, alone, area = seen.lit @ member, seen.own.sum(axis=0) @ member, mesh.areas() @ member
+        silhouette = lit.mean(axis=0)
+        found = {
+            "area_m2": area,
+            "silhouette_m2": silhouette,
+            "star": silhouette / np.where(area > 0, area, 1.0),
+            "sky_share": lit.sum(axis=0) / np.where(alone > 0, alone, 1.0),
+        }
+        if season:
+            found["direct_mj"] = season.beam @ lit
+            # A uniform sky's radiance is a pi-th of what the level ground gets, from 2 pi of sky
+            found["diffuse_mj"] = 2.0 * season.diffuse * silhouette
+        if not prefix:
+            found["shaded_length_m"] = shaded @ member
+        columns |= {prefix + name: values for name, values in found.items()}
+    return [
+        {name: rounded(values[row]) for name, values in columns.items()} for row in range(n_groups)
+    ]
+
+
+def light_csv(rows: list[dict]) -> str:
+    """Text of ``light.csv``; the rows hold numbers alone."""
+    lines = [rows[0], *(row.values() for row in rows)]
+    return "".join(",".join(map(str, line)) + "\n" for line in lines)

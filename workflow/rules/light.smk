@@ -1,0 +1,28 @@
+# Light that a tree receives, by axis and by limb; of trees whose config asks for it.
+
+
+rule measure_light:
+    input:
+        skeleton="results/{tree}/skeleton.graphml",
+        branches="results/{tree}/branches.csv",
+        limbs="results/{tree}/limbs.csv",
+    output:
+        axes=ensure("results/{tree}/light.csv", non_empty=True),
+        light=ensure("results/{tree}/light.json", non_empty=True),
+    log:
+        "logs/measure_light/{tree}.log",
+    benchmark:
+        "benchmarks/measure_light/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 2
+    resources:
+        mem_mb=more_at_each_attempt(1500),
+        runtime=20,
+    params:
+        **options("measure_light"),
+        code=code("measure_light"),
+    message:
+        "{wildcards.tree}: measure the light"
+    script:
+        "../../scripts/measure_light.py"
