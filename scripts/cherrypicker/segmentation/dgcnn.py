@@ -11,7 +11,8 @@ at several scales (among all points, among a quarter, a sixteenth), which reach 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -297,6 +298,27 @@ class Dgcnn(nn.Module):
         return nn.functional.log_softmax(logits, dim=1)
 
 
+class Ensemble(nn.Module):
+    """Networks of equal settings; what they say is the mean of their probabilities.
+
+    Networks that were trained apart err apart (Lakshminarayanan et al., NIPS 2017).
+    """
+
+    def __init__(self, members: Iterable[Dgcnn]) -> None:
+        super().__init__()
+        self.members = nn.ModuleList(members)
+        self.settings: dict[str, Any] = self.members[0].settings
+        if any(member.settings != self.settings for member in self.members):
+            raise ValueError("the networks differ in their settings")
+
+    def forward(
+        self, features: torch.Tensor, graphs: list[torch.Tensor], sizes: list[int]
+    ) -> torch.Tensor:
+        """Log-probabilities (N, n_classes), arguments as of `Dgcnn.forward`."""
+        said = torch.stack([member(features, graphs, sizes) for member in self.members])
+        return said.logsumexp(dim=0) - math.log(len(said))
+
+
 def collate(spheres: list) -> tuple[torch.Tensor, list[torch.Tensor], list[int]]:
     """Join spheres into one batch for `Dgcnn.forward`.
 
@@ -325,33 +347,37 @@ def collate(spheres: list) -> tuple[torch.Tensor, list[torch.Tensor], list[int]]
 
 
 def save_weights(
-    path: str | Path, network: Dgcnn, sampling: dict, meta: dict | None = None
+    path: str | Path, network: Dgcnn | Ensemble, sampling: dict, meta: dict | None = None
 ) -> None:
-    """Write a network's weights with all that inference needs.
+    """Write the networks' weights with all that inference needs.
 
     Parameters
     ----------
     path : str or Path
-    network : Dgcnn
+    network : Dgcnn or Ensemble
     sampling : dict
-        ``voxel_size_m``, ``sphere_radius_m``, ``sphere_points`` the network was trained at.
+        ``voxel_size_m``, ``sphere_radius_m``, ``sphere_points`` the networks were trained at.
     meta : dict, optional
         Plain values for the model card (epochs, seeds, metrics).
     """
-    state = {name: tensor.detach().cpu() for name, tensor in network.state_dict().items()}
+    members = network.members if isinstance(network, Ensemble) else [network]
+    states = [
+        {name: tensor.detach().cpu() for name, tensor in member.state_dict().items()}
+        for member in members
+    ]
     content = {
         "format": CHECKPOINT_FORMAT,
         "settings": network.settings,
         "sampling": dict(sampling),
         "meta": dict(meta or {}),
-        "state": state,
+        "states": states,
     }
     with atomic_path(path) as temporary:
         torch.save(content, temporary)
 
 
-def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Dgcnn, dict, dict]:
-    """Read a file written by `save_weights`.
+def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Ensemble, dict, dict]:
+    """Read a file written by `save_weights`, or one of before, of one network.
 
     Parameters
     ----------
@@ -361,7 +387,7 @@ def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Dgcnn,
 
     Returns
     -------
-    network : Dgcnn
+    network : Ensemble
         In evaluation mode, on the CPU.
     sampling : dict
     meta : dict
@@ -382,11 +408,14 @@ def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Dgcnn,
     if not isinstance(content, dict) or content.get("format") != CHECKPOINT_FORMAT:
         raise StageError("not a file of segmentation weights", file=path, key=key)
     try:
+        settings = {"n_classes": N_CLASSES_BEFORE} | content["settings"]
+        if settings["n_classes"] > N_CLASSES:
+            raise ValueError(f"{settings['n_classes']} classes")
+        states = content["states"] if "states" in content else [content["state"]]
         with torch.device("meta"):  # takes no memory for sizes that the file's tensors do not have
-            network = Dgcnn(**{"n_classes": N_CLASSES_BEFORE} | content["settings"])
-        if network.settings["n_classes"] > N_CLASSES:
-            raise ValueError(f"{network.settings['n_classes']} classes")
-        network.load_state_dict(content["state"], assign=True)
+            network = Ensemble(Dgcnn(**settings) for _ in states)
+        for member, state in zip(network.members, states):
+            member.load_state_dict(state, assign=True)
         sampling, meta = dict(content["sampling"]), dict(content["meta"])
     except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise StageError(

@@ -18,7 +18,7 @@ from cherrypicker.limbs.orchard import GrowthOptions, Orchard, grow_orchard
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
-from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
+from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, Ensemble, collate, load_weights
 from cherrypicker.segmentation.known_markers import KnownMarkers
 from cherrypicker.segmentation.spheres import (
     TreeFrame,
@@ -66,7 +66,7 @@ class Sampling:
 
 
 def predict_spheres(
-    network: Dgcnn,
+    network: Dgcnn | Ensemble,
     points: np.ndarray,
     colors: np.ndarray | None,
     sampling: Sampling,

@@ -189,7 +189,7 @@ def test_weights_without_the_post_give_it_no_chance_and_can_start_a_network_that
     assert found.shape == (300, N_CLASSES)
     assert not found[:, Label.SUPPORT_POST.channel].any()
     assert np.allclose(found.sum(axis=1), 1.0, atol=1e-5)
-    new = widened(old)
+    new = widened(old.members[0])
     assert new.settings["n_classes"] == N_CLASSES and not new.training
     batch = collate([cut_spheres(_tree(0), SAMPLING, 1, 8, 2, np.random.default_rng(0))[0][:2]])
     with torch.inference_mode():
@@ -304,25 +304,3 @@ def test_class_weights_without_balance_are_alike():
     sample = _tree(0)
     assert class_weights([sample], 0.0)[:3].tolist() == [1, 1, 1]
     assert class_weights([sample], 0.5)[Label.TRUNK] > class_weights([sample], 0.5)[Label.GROUND]
-
-
-def test_what_is_kept_lies_between_the_start_and_the_end(trained, tmp_path):
-    weights = tmp_path / "start.pt"
-    save_weights(weights, trained[0], vars(SAMPLING))
-    start, kept = trained[0].state_dict(), {}
-    for share in (0.0, 0.25, 1.0):
-        schedule = Schedule(1, 4, 12, learning_rate=0.01, start_share=share)
-        network, _ = train(
-            [_tree(0)],
-            schedule=schedule,
-            sampling=SAMPLING,
-            checkpoint=tmp_path / f"{share}.pt",
-            start=weights,
-        )
-        kept[share] = network.state_dict()
-    for name, value in start.items():
-        if value.is_floating_point():
-            between = 0.75 * kept[0.0][name] + 0.25 * value
-            assert torch.allclose(kept[0.25][name], between, atol=1e-6)
-            assert torch.equal(kept[1.0][name], value)
-    assert not torch.equal(kept[0.0]["embed.0.weight"], start["embed.0.weight"])

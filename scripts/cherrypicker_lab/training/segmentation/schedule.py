@@ -29,9 +29,6 @@ class Schedule:
     # Decay of the running mean of the weights that is kept in place of the last ones; 0 keeps the
     # last ones
     average: float = 0.0
-    # Share of the weights that a run goes on from in those that are kept: between the two less of
-    # what was known is lost (Wortsman et al., CVPR 2022, there 0.5)
-    start_share: float = 0.0
     # Loss weights are the class frequencies to this power, inverted: 0 weighs points alike
     class_balance: float = 0.5
 

@@ -218,15 +218,10 @@ class _Run:
             self.average.load_state_dict(content["average"])
         self.n_batches, self.history = content["n_batches"], content["history"]
 
-    def kept(self, start, start_share):
-        """The network to keep, on the CPU, in evaluation mode; of `start` it has a share."""
+    def kept(self):
+        """The network to keep, on the CPU, in evaluation mode."""
         network = self.network if self.average is None else self.average.module
-        network = network.cpu().eval()
-        with torch.no_grad():
-            for name, value in network.state_dict().items():
-                if value.is_floating_point():
-                    value.lerp_(start[name], start_share)
-        return network
+        return network.cpu().eval()
 
 
 def _train_epoch(run, samples, sampling, schedule, epoch, weights, device, began):
@@ -339,7 +334,8 @@ def train(
     network_settings : dict, optional
         Arguments of `Dgcnn`.
     start : str or Path, optional
-        Weights to go on from, of a network of its own settings, see `widened`.
+        Weights to go on from, of a network of its own settings, see `widened`; of several, the
+        first.
     device : str
 
     Returns
@@ -357,8 +353,10 @@ def train(
     if not len(samples):
         raise StageError("there are no training clouds", key="train_segment.n_scenes")
     torch.manual_seed(schedule.seed)
-    network = widened(load_weights(start)[0]) if start else Dgcnn(**(network_settings or {}))
-    begun_from = {name: value.clone() for name, value in network.state_dict().items()}
+    if start:
+        network = widened(load_weights(start)[0].members[0])
+    else:
+        network = Dgcnn(**(network_settings or {}))
     run = _Run(network, schedule, device)
     settings = {
         "network": network.settings,
@@ -392,7 +390,7 @@ def train(
             bar.step()
             if schedule.minutes is not None and seconds >= 60 * schedule.minutes:
                 break
-    return run.kept(begun_from, schedule.start_share if start else 0.0), run.history
+    return run.kept(), run.history
 
 
 def measure(network, held_out, sampling, *, device="cpu"):
