@@ -123,12 +123,14 @@ def test_the_command_reads_the_table_and_writes_nothing(tmp_path):
         photo = Image.fromarray(np.zeros((240, 320, 3), np.uint8))
         photo.save(workspace.folder / f"photos/{i}.jpg")
     workspace.add_cloud("ready")
-    workspace.table("tree | photos | cloud | scale", "p | photos |  | none", "c |  | ready.ply | ")
+    workspace.configure({"light": {"enabled": True}}, "c.yaml")
+    rows = ["p | photos |  | none | ", "c |  | ready.ply |  | config/c.yaml"]
+    workspace.table("tree | photos | cloud | scale | config", *rows)
     before = sorted(workspace.folder.rglob("*"))
     printed = run_command("--directory", workspace.folder)
     rows = {line.split()[0]: line.split() for line in printed.splitlines() if line}
     assert rows["estimate_depth"][1] == "1"
-    assert rows["report_tree"][1] == "2"
+    assert [rows[name][1] for name in ("report_tree", "measure_light")] == ["2", "1"]
     assert "segment_cloud" in rows
     assert "cores: at least" in printed
     assert sorted(workspace.folder.rglob("*")) == before

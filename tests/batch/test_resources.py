@@ -135,6 +135,13 @@ def test_the_measured_peaks_lie_within_what_is_asked_for(key):
         assert expected < 4 * peak_mb, rule
 
 
+def test_light_is_paid_for_where_the_config_asks_for_it():
+    """371 MB at most on the demo trees, with leaves and a row."""
+    lit = size_of_photos([(800, 1200)] * 48, {**SETTINGS, "light": {"enabled": True}})
+    assert set(lit.stages) - set(PHOTO_STAGES) == {"measure_light"}
+    assert mb_to_ask("measure_light", lit) - 250 > 371
+
+
 def test_photos_are_taken_as_enlarged_where_the_features_are_sought_so():
     assert ENLARGED_BELOW_MP == PLAIN_FIRST_MP
     large, small = scan(10, (4000, 3000)), scan(10, (800, 1200))

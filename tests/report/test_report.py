@@ -159,6 +159,20 @@ def test_unscaled_page_does_not_say_metres(build):
     assert not re.search(r"\d m\b|\[m\]|metre|cm²|m³|m²", text.replace("in metres", "metre"))
 
 
+def test_light_is_told_where_it_was_measured(build):
+    without = build()
+    assert not re.search(r"\blight\b|sky_share", " ".join(Page(without).text), re.I)
+    assert "light.csv" not in without
+    (build.folder / "light.json").write_text('{"star": 0.2, "sky_share": 0.8, "limbs": []}')
+    (build.folder / "light.csv").write_text("branch_id,limb_rank,sky_share\n0,,0.75\n")
+    files = {"light": build.folder / "light.json", "light_axes": build.folder / "light.csv"}
+    text = build(**files)
+    assert "<h2>Light</h2>" in text and 'href="light.csv"' in text and "75 % of the sky" in text
+    (build.folder / "light.csv").write_text("branch_id,limb_rank,sky_share\n0,,dark\n")
+    with pytest.raises(StageError, match="'dark' is no number"):
+        build(**files)
+
+
 def test_scan_from_photos_has_its_stages(build):
     folder = build.folder
     photos = folder / "photos"

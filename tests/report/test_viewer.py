@@ -7,6 +7,7 @@ place.
 import base64
 import io
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -80,7 +81,9 @@ def spoilt():
     )
 
 
-def render(skeleton, tmp_path, *, tree_id="cherry", edits=None, flags="", poses=None, removed=None):
+def render(
+    skeleton, tmp_path, *, tree_id="cherry", edits=None, flags="", poses=None, **of_the_tree
+):
     axis_list = axes(skeleton)
     rows = branch_rows(skeleton, axis_list, 0.0)
     rows[1]["flags"] = flags
@@ -95,7 +98,7 @@ def render(skeleton, tmp_path, *, tree_id="cherry", edits=None, flags="", poses=
         "photos": [],
         "foot": np.zeros(3),
         "edits": edits,
-        "removed": removed,
+        **of_the_tree,
     }
     if poses is not None:
         data |= {"metric_poses": poses, "cameras": tmp_path, "photos": list(tmp_path.glob("*.jpg"))}
@@ -225,6 +228,38 @@ def test_points_that_were_taken_out_are_shown_by_their_cause_alone(opened, spoil
     assert view.page.evaluate(shown) == without + len(places)
     legend = view.page.locator("[data-part=legend-points]").inner_text()
     assert Removal.SKY.title in legend and Removal.LOOSE.title not in legend
+
+
+def test_light_is_a_colour_of_the_skeleton_and_a_table_of_limbs(
+    opened, spoilt, spoilt_page, tmp_path
+):
+    totals = {"star": 0.2, "sky_share": 0.8, "direct_mj": 512.34, "leaf_star": 0.13}
+    limbs = [
+        {"rank": rank, "branch_id": rank, **totals, "sky_share": share}
+        for rank, share in [(1, 0.9), (2, 0.25)]
+    ]
+    shares = {0: 1.0, 1: 0.9, 2: 0.25}  # of the last axis nothing is known
+    path = render(spoilt, tmp_path, light=totals | {"limbs": limbs}, light_axes=shares)
+    view = opened(path)
+    view.page.locator("select[name=skeleton]").select_option("light")
+    legend = view.page.locator("[data-part=legend-skeleton]").inner_text()
+    assert re.fullmatch(r"light: 0.25\s+1 of the sky", legend)
+    colors = view.ask(
+        "it.map((id) => v.scene.layers[0].colors[v.data.skeletons[0].axis.indexOf(id)] & 0xffffff)",
+        [0, 2, 3],
+    )
+    assert colors == [0x25E7FD, 0x540144, 0xAAAAAA]
+    table = view.page.locator("#light")
+    of_tree = table.locator("tfoot").inner_text().split()
+    assert of_tree == ["tree", "0.200", "0.800", "512.3", "0.130"]
+    table.get_by_role("button", name="sky share").click()
+    darkest = table.locator("tbody tr").first
+    assert darkest.inner_text().split() == ["2", "2", "0.200", "0.250", "512.3", "0.130"]
+    darkest.click()
+    assert picked(view) == ["2", "2"]  # in both tables
+    assert "25 % of the sky" in view.page.locator("[data-part=branch]").inner_text()
+    without = opened(spoilt_page).page  # of a tree whose light was not measured
+    assert "light" not in without.locator("select[name=skeleton] option").all_inner_texts()
 
 
 def test_the_table_is_sorted_by_a_click(opened, spoilt_page):

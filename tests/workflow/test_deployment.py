@@ -84,9 +84,11 @@ def test_the_groups_of_a_profile_are_rules():
     rules = set()
     for path in (PROJECT / "workflow/rules").rglob("*.smk"):
         rules |= set(re.findall(r"(?m)^rule (\w+):", path.read_text()))
-    for name in ("slurm", "kubernetes"):
-        profile = yaml.safe_load((PROJECT / f"profiles/{name}/profile.yaml").read_text())
-        assert set(profile["groups"]) <= rules
+    slurm, kubernetes = (
+        yaml.safe_load((PROJECT / f"profiles/{name}/profile.yaml").read_text())["groups"]
+        for name in ("slurm", "kubernetes")
+    )
+    assert set(slurm) <= rules and slurm == kubernetes
 
 
 def a_batch(tmp_path, *trees):
@@ -114,8 +116,12 @@ def dry_run(workspace, *arguments):
 
 
 def test_the_slurm_profile_plans_the_whole_batch(tmp_path):
-    printed = dry_run(a_batch(tmp_path, "a"), "--workflow-profile", str(PROJECT / "profiles/slurm"))
-    for rule in ("import_segmented_cloud", "contract_cloud", "report_tree", "summarise_batch"):
+    """Also with a stage between two of a group, which belongs to the group or nothing starts."""
+    batch = a_batch(tmp_path, "a")
+    batch.configure({"light": {"enabled": True}})
+    printed = dry_run(batch, "--workflow-profile", str(PROJECT / "profiles/slurm"))
+    rules = ("import_segmented_cloud", "contract_cloud", "measure_light", "report_tree")
+    for rule in (*rules, "summarise_batch"):
         assert re.search(rf"{rule} +1\n", printed), printed
 
 

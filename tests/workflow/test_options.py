@@ -25,7 +25,7 @@ ELSEWHERE = {
     "measures": "the batch: what was measured by hand on which trees",
     "finished_only": "the rules of the summary and the series: which trees are their inputs",
     "keep.dense": "the rules of the dense stage: which outputs are temporary",
-    "light.enabled": "rule all: whether a tree's light is a target",
+    "light.enabled": "report_tree: whether it has an input, which makes the light a target",
     "graph.edits": "edit_graph: its input, and which rule makes a tree's skeleton",
     "orchard.n_scenes": "orchard: which scenes are made",
     "orchard.seed": "orchard, make_skeleton_set: which scenes and trees are made",

@@ -66,16 +66,12 @@ if workflow.is_main_process:
         end_start()
 
 
-def of_each_tree(path, trees=None, key=None):
-    """A file of every tree, of these, or of those whose config sets a key; of a scan with ``all``,
-    when its trees are found."""
+def of_each_tree(path, trees=None):
+    """A file of every tree, or of these; of a scan with ``all``, when its trees are found."""
 
     def paths(names):
         return [
-            path.format(tree=each)
-            for each in names
-            if (trees is None or each in trees)
-            and (key is None or lookup_key(BATCH.settings_for(each), key))
+            path.format(tree=each) for each in names if trees is None or each in trees
         ]
 
     def of_one(scan):
@@ -111,6 +107,12 @@ def photo_only(path):
 def only_for(trees, path):
     """This file for some trees, none for the others."""
     return lambda wildcards: path if wildcards.tree in trees else []
+
+
+def only_with(key, path):
+    """This file for a tree whose config sets a key, none for the others."""
+    is_set = cfg(key)
+    return lambda wildcards: path if is_set(wildcards) else []
 
 
 def of_series(path):

@@ -15,10 +15,10 @@ rule measure_light:
         "benchmarks/measure_light/{tree}.tsv"
     conda:
         "../../envs/pointcloud.yaml"
-    threads: 2
+    threads: threads_for("measure_light")
     resources:
-        mem_mb=more_at_each_attempt(1500),
-        runtime=20,
+        mem_mb=mb_for("measure_light"),
+        runtime=minutes_for("measure_light"),
     params:
         **options("measure_light"),
         code=code("measure_light"),

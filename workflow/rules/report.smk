@@ -31,6 +31,8 @@ rule report_tree:
         photo_check=photo_only("results/{tree}/photo_check.json"),
         worst_photo=photo_only("results/{tree}/photo_check/worst.jpg"),
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
+        light=only_with("light.enabled", "results/{tree}/light.json"),
+        light_axes=only_with("light.enabled", "results/{tree}/light.csv"),
         measures=only_for(MEASURED_TREES, "results/{tree}/measures.json"),
         photos=photos_of,
         edits=lambda wildcards: (

@@ -81,6 +81,7 @@ class ScanSize:
     is_photo_scan: bool = False
     is_labelled: bool = False  # whether it is a ready cloud that came with labels
     is_prepared: bool = False  # whether stages read prepared photos
+    has_light: bool = False  # whether the config asks for the tree's light
     stereo: str = "cpu"  # the backend of its depth maps
     photos: int = 0
     pairs: int = 0  # of photos to match
@@ -107,6 +108,7 @@ class ScanSize:
         kinds = ["", "photos" if self.is_photo_scan else "clouds"]
         kinds += ["labelled" if self.is_labelled else "unlabelled"]
         kinds += ["prepared photos"] if self.is_prepared else []
+        kinds += ["light"] if self.has_light else []
         return {rule: cost_of(rule, self.stereo) for rule in STAGES if STAGES[rule].of in kinds}
 
     def value_of(self, formula: str, *, at_most: bool = False) -> float:
@@ -140,7 +142,8 @@ def size_of_photos(
     sizes : sequence of (int, int)
         Width and height of each photo, px.
     settings : mapping
-        The tree's whole config; the sections ``photos``, ``sfm``, ``mvs`` and ``keep`` are read.
+        The tree's whole config; the sections ``photos``, ``sfm``, ``mvs``, ``light`` and ``keep``
+        are read.
     stereo : str, default "cpu"
         The backend of the depth maps.
     is_prepared : bool, default False
@@ -157,6 +160,7 @@ def size_of_photos(
     return ScanSize(
         is_photo_scan=True,
         is_prepared=is_prepared,
+        has_light=settings["light"]["enabled"],
         stereo=stereo,
         photos=len(sizes),
         pairs=count_pairs(len(sizes), sfm),
@@ -174,13 +178,17 @@ def size_of_photos(
     )
 
 
-def size_of_cloud(path: str | os.PathLike, *, is_labelled: bool = False) -> ScanSize:
+def size_of_cloud(
+    path: str | os.PathLike, *, is_labelled: bool = False, has_light: bool = False
+) -> ScanSize:
     """Return the size of a ready cloud; of an unreadable one as if it were empty.
 
     That such a file is refused is the import's work.
     """
     points_m = count_points(path) / 1e6
-    return ScanSize(is_labelled=is_labelled, points_m=points_m, most_points_m=points_m)
+    return ScanSize(
+        is_labelled=is_labelled, has_light=has_light, points_m=points_m, most_points_m=points_m
+    )
 
 
 def count_points(path: str | os.PathLike) -> int:

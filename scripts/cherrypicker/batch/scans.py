@@ -65,7 +65,11 @@ class Scans:
             self._known[scan] = (
                 size_of_photo_scan(row, settings)
                 if row.is_photo_scan
-                else size_of_cloud(row.cloud, is_labelled=row.has_labelled_cloud())
+                else size_of_cloud(
+                    row.cloud,
+                    is_labelled=row.has_labelled_cloud(),
+                    has_light=settings["light"]["enabled"],
+                )
             )
         return self._known[scan]
 

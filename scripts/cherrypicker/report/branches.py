@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from cherrypicker.report.text import tell, tell_all
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
 from cherrypicker.units import unit_ending, unit_name, unit_word
@@ -14,7 +16,14 @@ _FLAGS = {
 
 
 def branch_table(rows: list, unit: str) -> dict:
-    """The table of axes, the longest first within an order.
+    """The table of axes as `sortable_table` gives it, the longest first within an order."""
+    columns = [column for column in BRANCH_COLUMNS.values() if rows and column.name in rows[0]]
+    ordered = sorted(rows, key=lambda row: (row["order"], -row["length_m"]))
+    return sortable_table(columns, ordered, unit)
+
+
+def sortable_table(columns: Sequence[BranchColumn], rows: list, unit: str) -> dict:
+    """A table whose rows are bound to axes of the view.
 
     Returns
     -------
@@ -22,8 +31,6 @@ def branch_table(rows: list, unit: str) -> dict:
         ``heads`` (``text``, ``kind`` and whether it ``is_more`` than a first look needs) and
         ``rows`` (``id`` and ``cells``, each the text shown and the value to sort by).
     """
-    columns = [column for column in BRANCH_COLUMNS.values() if rows and column.name in rows[0]]
-    ordered = sorted(rows, key=lambda row: (row["order"], -row["length_m"]))
     return {
         "heads": [
             {"text": column_head(column, unit), "kind": column.kind, "is_more": not column.title}
@@ -36,7 +43,7 @@ def branch_table(rows: list, unit: str) -> dict:
                     (column_cell(column, row), _sorted_by(row[column.name])) for column in columns
                 ],
             }
-            for row in ordered
+            for row in rows
         ],
     }
 
@@ -56,12 +63,15 @@ def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:
         "height of its base": "{base_height_m:.3f} {m}",
         "diameter by the photos": "{photo_diameter_m:.4f} {m}",
         "there, by the photos": "{percent:.0f} %",
+        "light": "{sky_percent:.0f} % of the sky",
         "rests on": "{base_n_points:,} points, {base_arc_deg:.0f}° of its girth",
         "flags": "{words}",
     }
-    percent = None if row.get("p_exists") is None else 100 * row["p_exists"]
-    words = "; ".join(flags) or "none"
-    return tell_all(facts, row | {"m": unit_name(unit), "percent": percent, "words": words})
+    percent, sky_percent = (
+        None if row.get(name) is None else 100 * row[name] for name in ("p_exists", "sky_share")
+    )
+    told = {"percent": percent, "sky_percent": sky_percent, "words": "; ".join(flags) or "none"}
+    return tell_all(facts, row | told | {"m": unit_name(unit)})
 
 
 def column_head(column: BranchColumn, unit: str) -> str:

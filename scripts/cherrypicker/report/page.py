@@ -18,6 +18,7 @@ from cherrypicker.report.branches import branch_facts, branch_table
 from cherrypicker.report.cameras import camera_views
 from cherrypicker.report.edit_file import edit_file
 from cherrypicker.report.figures import order_color, write_png
+from cherrypicker.report.light import light_section
 from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
@@ -41,6 +42,7 @@ _FILES = (
     "segmented.ply",
     "contracted.ply",
 )
+_LIGHT_FILES = ("light.csv", "light.json")
 
 
 @dataclass(frozen=True)
@@ -84,12 +86,15 @@ def render_report(
     verdict = photo_section(data)
     for item in [*sections, *([verdict] if verdict else [])]:
         item["figures"] = [_embedded(width_px, *figure) for figure in item["figures"]]
+    sky_shares = data["light_axes"] or {}
+    branches = [row | {"sky_share": sky_shares.get(row["branch_id"])} for row in data["branches"]]
     viewer = viewer_data(
         [
             ShownSkeleton(
                 data["skeleton"],
-                [branch_facts(row, unit) for row in data["branches"]],
-                [row.get("p_exists") for row in data["branches"]],
+                [branch_facts(row, unit) for row in branches],
+                [row.get("p_exists") for row in branches],
+                [row["sky_share"] for row in branches],
             )
         ],
         cloud,
@@ -115,10 +120,11 @@ def render_report(
         n_points=f"{len(cloud):,}",
         figures=[_embedded(width_px, *figure) for figure in figures],
         scaffold=limb_section(traits, data["limbs"], data["skeleton"]),
+        light=light_section(data["light"], unit),
         verdict=verdict,
         accuracy=accuracy_section([{**pair, "tree": "", "href": ""} for pair in measured]),
         stages=sections,
-        files=_FILES,
+        files=[*_FILES, *(_LIGHT_FILES if data["light"] else ())],
         version=cherrypicker.__version__,
     )
 

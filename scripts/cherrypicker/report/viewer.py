@@ -56,6 +56,8 @@ class ShownSkeleton(NamedTuple):
     facts: Sequence[Sequence[tuple[str, str]]] = ()
     #: How probable each branch is by the photos, None where nobody knows
     there: Sequence[float | None] = ()
+    #: Each branch's share of the light of the sky, likewise
+    light: Sequence[float | None] = ()
     #: What tells it from others in one view: its name, its one colour
     name: str = ""
     tint: Any = None
@@ -216,6 +218,7 @@ def _skeleton_data(shown: ShownSkeleton, origin: np.ndarray) -> dict:
                 "order": int(axis.order),
                 "facts": list(facts[i]) if i < len(facts) else [],
                 "there": shown.there[i] if i < len(shown.there) else None,
+                "light": shown.light[i] if i < len(shown.light) else None,
             }
             for i, axis in enumerate(axis_list)
         ],

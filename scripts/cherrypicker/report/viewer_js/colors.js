@@ -56,7 +56,8 @@ function nodeSchemes(data) {
     },
     branch: { title: "branch_id", of: (s) => ({ color: (node) => branchColor(s.axis[node]), legend: {} }) },
   };
-  if (data.skeletons.some((s) => s.branches.some((branch) => Number.isFinite(branch.there)))) {
+  const isKnown = (name) => data.skeletons.some((s) => s.branches.some((branch) => Number.isFinite(branch[name])));
+  if (isKnown("there")) {
     const there = (s, node) => s.branches[s.axis[node]].there;
     schemes.existence = {
       title: "there, by the photos",
@@ -64,6 +65,12 @@ function nodeSchemes(data) {
         color: (node) => (Number.isFinite(there(s, node)) ? ramp(there(s, node)) : UNKNOWN),
         legend: { low: 0, high: 1, unit: "" },
       }),
+    };
+  }
+  if (isKnown("light")) {
+    schemes.light = {
+      title: "light",
+      of: (s) => byScale(Float32Array.from(s.axis, (id) => s.branches[id].light ?? NaN), "of the sky"),
     };
   }
   return schemes;

@@ -20,8 +20,9 @@ class Viewer {
   constructor(box, scene, data) {
     Object.assign(this, { box, scene, data, tool: "look", measured: [], branch: null });
     this.part = (name) => box.querySelector(`[data-part=${name}]`);
-    const table = document.getElementById(box.dataset.table);
-    this.table = table && new BranchTable(table, (id) => this.pickBranch(id, { fly: true }));
+    const tables = box.dataset.tables.split(" ").map((id) => document.getElementById(id)).filter((table) => table);
+    this.tables = tables.map((table) => new BranchTable(table, (id) => this.pickBranch(id, { fly: true })));
+    [this.table] = this.tables; // whose rows the keys go through
     this.editor = data.edits && new Editor(scene, this.part("edit"), data.edits);
     this.fillControls();
     steer(scene, (x, y) => this.click(x, y));
@@ -177,7 +178,7 @@ class Viewer {
     const { scene } = this, branch = skeleton.branches[id], panel = this.part("branch");
     this.branch = branch ? id : null;
     scene.picked = branch ? { skeleton, axis: id } : null;
-    this.table?.mark(this.branch);
+    for (const table of this.tables) table.mark(this.branch);
     panel.hidden = !branch;
     if (branch) {
       this.part("branch-name").textContent = `Branch ${id}` + (skeleton.name ? `, ${skeleton.name}` : "");

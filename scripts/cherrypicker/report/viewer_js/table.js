@@ -1,4 +1,4 @@
-// The table of branches: sorted by a click on a head, its rows bound to the branches of the scene.
+// A table of branches: sorted by a click on a head, its rows bound to the branches of the scene.
 
 export class BranchTable {
   // onPick(branch_id) is called when a row is clicked, or Enter is pressed on it.

@@ -1,0 +1,54 @@
+"""The light's section of a tree's page: the tree, and each limb with all that it carries."""
+
+from __future__ import annotations
+
+import os
+
+from cherrypicker.files import cell_number, read_table
+from cherrypicker.report.branches import column_cell, sortable_table
+from cherrypicker.traits.table import BranchColumn
+
+_LIMB = [BranchColumn("rank", "whole", "rank"), BranchColumn("branch_id", "whole", "axis")]
+# Of the wood, and with ``leaf_`` before them of the leaves
+_TITLES = {
+    "star": "STAR",
+    "sky_share": "sky share",
+    "shaded_length_m": "shaded",
+    "direct_mj": "direct [MJ]",
+    "diffuse_mj": "diffuse [MJ]",
+}
+
+
+def read_sky_shares(path: str | os.PathLike) -> dict[int, float]:
+    """Read the share of the sky of each ``branch_id`` from ``light.csv``.
+
+    Raises
+    ------
+    StageError
+        If the file is missing or a cell is no number.
+    """
+    return {
+        int(cell_number(row["branch_id"], path, line)): cell_number(row["sky_share"], path, line)
+        for line, row in read_table(path, ("branch_id", "sky_share"))
+    }
+
+
+def light_section(light: dict | None, unit: str) -> dict | None:
+    """What the page shows of ``light.json``; None where no light was measured.
+
+    Returns
+    -------
+    dict
+        The limbs as of `cherrypicker.report.branches.sortable_table`, and ``tree``, the text of
+        the tree's own cells, without rank and axis.
+    """
+    if light is None:
+        return None
+    columns = [
+        BranchColumn(prefix + name, title=words + title, decimals=1 if "MJ" in title else 3)
+        for prefix, words in (("", ""), ("leaf_", "leaf "))
+        for name, title in _TITLES.items()
+        if prefix + name in light
+    ]
+    limbs = sortable_table([*_LIMB, *columns], light["limbs"], unit)
+    return {**limbs, "tree": [column_cell(column, light) for column in columns]}
