@@ -188,7 +188,7 @@ def test_the_kubernetes_profile_runs_a_batch_through_kubectl(tmp_path):
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
     command += ["--directory", str(workspace.folder), "--workflow-profile", str(profile)]
     done = subprocess.run(
-        [*command, "results/a/segmented.ply", "--latency-wait", "5"],
+        [*command, "results/a/segmented.ply", "--seconds-between-status-checks", "1"],
         cwd=tmp_path,
         env=environment,
         stdout=subprocess.PIPE,
