@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 
 BARK = (0.30, 0.24, 0.19)
@@ -64,15 +63,6 @@ def ring(n_views=12, distance=2.5, focal=1000.0, size=(480, 560)) -> Poses:
     )
 
 
-def pinhole(poses: Poses):
-    """Return ``to_photo`` of photos without distortion."""
-
-    def to_photo(i, in_camera):
-        return (in_camera @ poses.K[i].T)[:, :2] / in_camera[:, 2:]
-
-    return to_photo
-
-
 def sky_at(sky: str, rows: np.ndarray, height: int) -> np.ndarray:
     """Sky colour, (n, 3), at the rows of a photo; ground below the horizon."""
     low, high = (np.array(color) for color in SKIES[sky])
@@ -105,10 +95,3 @@ def without_twigs(mask: np.ndarray) -> np.ndarray:
     """Return a mask that lost all that is thin."""
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9))
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0
-
-
-def colored_as_sky(poses: Poses, points: np.ndarray, sky: str) -> PointCloud:
-    """Make a cloud of points that bear the sky's colour behind them in the first photo."""
-    rows = poses.project(points, 0)[0][:, 1]
-    height = int(poses.height[0])
-    return PointCloud(points, sky_at(sky, np.minimum(rows, height / 2), height).astype(np.float32))

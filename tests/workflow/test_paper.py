@@ -343,13 +343,6 @@ def test_a_row_of_keys(key, scene):
     assert run(scene, setting(key, plain)) != run(scene, setting(key, paper)), f"{key} does nothing"
 
 
-@pytest.mark.parametrize("stage", ["align", "crop", "denoise", "scale", "contract", "graph", "mvs"])
-def test_the_method_reaches_the_stages_by_its_keys(stage, scene):
-    run = RUN_OF.get(stage, graph)
-    plain, paper = (resolve_config(SCHEMA, {"method": name}) for name in ("default", "paper"))
-    assert run(scene, plain) != run(scene, paper)
-
-
 def rolled(points):
     """The rows of a contracted cloud's points in another order: garbage, of the same extent."""
     return points[np.random.default_rng(0).permutation(len(points))]
