@@ -97,31 +97,16 @@ def a_batch(tmp_path, *trees):
     return workspace
 
 
-def dry_run(workspace, *arguments):
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
-    command += ["--directory", str(workspace.folder), "--dry-run", *arguments]
-    done = subprocess.run(
-        command,
-        cwd=workspace.folder.parent,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
-    return done.stdout
-
-
 def test_the_slurm_profile_plans_the_whole_batch(tmp_path):
-    printed = dry_run(a_batch(tmp_path, "a"), "--workflow-profile", str(PROJECT / "profiles/slurm"))
+    profile = str(PROJECT / "profiles/slurm")
+    printed = a_batch(tmp_path, "a").run("--dry-run", "--workflow-profile", profile)
     for rule in ("import_segmented_cloud", "contract_cloud", "report_tree", "summarise_batch"):
         assert re.search(rf"{rule} +1\n", printed), printed
 
 
 @pytest.mark.skipif(not shutil.which("conda"), reason="conda is not installed")
 def test_the_conda_way_plans_the_whole_batch(tmp_path):
-    printed = dry_run(a_batch(tmp_path, "a"), "--cores", "2", "--sdm", "conda")
+    printed = a_batch(tmp_path, "a").run("--dry-run", "--sdm", "conda")
     assert re.search(r"report_tree +1\n", printed), printed
 
 
