@@ -15,11 +15,17 @@ keep_openblas_to_one_thread()  # of the imports above; two test processes share 
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's; the pages are tested in it
 PROJECT = Path(__file__).resolve().parents[1]
+LONGEST = ("test_slurm", "test_reliability_processes")  # two minutes each, the first mostly waits
 
 
 def pytest_collection_modifyitems(items):
     """Take the long modules first, those that start Snakemake: all processes shall end together."""
-    items.sort(key=lambda item: getattr(item.module, "Workspace", None) is not Workspace)
+
+    def place(item):
+        starts_snakemake = getattr(item.module, "Workspace", None) is Workspace
+        return item.module.__name__ not in LONGEST, not starts_snakemake
+
+    items.sort(key=place)
 
 
 @pytest.fixture(scope="session")

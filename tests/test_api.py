@@ -21,7 +21,8 @@ MODULES = (
 
 @pytest.fixture(scope="module")
 def tree():
-    return small_tree(noise=0.001)
+    points, labels, axes = small_tree(noise=0.001)
+    return points[::3], labels[::3], axes
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -55,21 +55,6 @@ def test_open3d_reads_what_we_write(cloud, tmp_path):
     np.testing.assert_allclose(np.asarray(seen.colors), cloud.colors, atol=1 / 255)
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_both_byte_orders_are_read(order, tmp_path):
-    table = np.zeros(3, dtype=[(c, order + "f4") for c in "xyz"] + [("label", "u1")])
-    table["x"], table["label"] = [1, 2, 3], [0, 1, 2]
-    name = "little" if order == "<" else "big"
-    header = (
-        f"ply\nformat binary_{name}_endian 1.0\nelement vertex 3\nproperty float x\n"
-        "property float y\nproperty float z\nproperty uchar label\nend_header\n"
-    )
-    (tmp_path / "a.ply").write_bytes(header.encode() + table.tobytes())
-    cloud = read_cloud(tmp_path / "a.ply")
-    np.testing.assert_array_equal(cloud.points[:, 0], [1, 2, 3])
-    np.testing.assert_array_equal(cloud["label"], [0, 1, 2])
-
-
 def test_ascii_with_crlf_is_read(tmp_path):
     text = "ply\r\nformat ascii 1.0\r\nelement vertex 2\r\nproperty double x\r\n"
     text += "property double y\r\nproperty double z\r\nend_header\r\n1 2 3\r\n4 5 6\r\n"

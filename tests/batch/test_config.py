@@ -62,11 +62,6 @@ def test_a_number_is_finite(schema, text):
         resolve_config(schema, {"graph": {"spacing_m": value}})
 
 
-def test_an_unknown_key_is_named_with_the_nearest_one(schema):
-    with pytest.raises(StageError, match=r"'mvs\.backedn'.*'mvs\.backend'"):
-        resolve_config(schema, {"mvs": {"backedn": "cpu"}})
-
-
 @pytest.mark.parametrize("value", [-1, "many", 1.5, None])
 def test_a_value_out_of_bounds_names_its_key(schema, value):
     with pytest.raises(StageError, match="seed"):

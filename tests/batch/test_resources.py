@@ -157,12 +157,6 @@ def test_later_stages_pay_for_what_the_crop_leaves():
     assert disk_mb(ready.stages["segment_cloud"], ready) == pytest.approx(2 * 34)
 
 
-def test_the_stereo_asks_for_the_bound_that_it_states():
-    large = scan(250, (4000, 3000))
-    bound_mb = (38 * 6 + 80) * 1.92
-    assert memory_mb(PHOTO_STAGES["estimate_depth"], large) == pytest.approx(260 + bound_mb)
-
-
 def test_more_and_larger_photos_ask_for_more_and_so_does_each_attempt():
     small, many, large = scan(20), scan(250), scan(20, (4000, 3000))
     for rule in ("extract_features", "match_features", "estimate_depth", "report_tree"):

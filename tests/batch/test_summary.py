@@ -65,16 +65,6 @@ def test_done_failed_and_not_run(batch):
     assert page.index("estimate_scale") < page.index("3.123")
 
 
-def test_data_is_escaped(batch):
-    batch.add_failure("bad", "estimate_scale", cause="<script>alert(1)</script>", file="<b>.jpg")
-    hostile = "</script><img src=x onerror=alert(2)>"
-    _, page = batch("bad", {"tree": hostile, "series": hostile})
-    assert "<script>alert" not in page
-    assert "&lt;script&gt;alert" in page
-    assert "<img src=x" not in page
-    assert island(page)["trees"][1]["tree"] == hostile
-
-
 def test_numbers_of_a_tree_that_failed_again_are_not_shown(batch):
     batch.add_traits("tree")
     batch.add_failure("tree", "segment_cloud")

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from scan_scene import look_at_poses
 
 from cherrypicker.capture.look import Look, blur_of, look_at
 from cherrypicker.capture.overlap import Overlap
@@ -21,15 +22,10 @@ DICTIONARY = "DICT_4X4_50"
 
 def cameras(azimuths, height=1.5, distance=4.0):
     """Rotations and places of cameras that look at (0, 0, 1)."""
-    poses = []
-    for azimuth in np.radians(azimuths):
-        place = np.array([distance * np.cos(azimuth), distance * np.sin(azimuth), height])
-        sight = np.array([0, 0, 1.0]) - place
-        sight /= np.linalg.norm(sight)
-        level = np.cross(sight, [0, 0, 1.0])
-        level /= np.linalg.norm(level)
-        poses.append((np.array([level, np.cross(sight, level), sight]), place))
-    return poses
+    angle = np.radians(azimuths)
+    z = np.full(len(angle), height)
+    places = np.column_stack([distance * np.cos(angle), distance * np.sin(angle), z])
+    return list(zip(look_at_poses(places, [0, 0, 1.0]).rotations, places))
 
 
 def turns(poses, pairs, rng, noise_deg=2.0, n_matches=60):

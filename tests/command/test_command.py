@@ -292,17 +292,13 @@ def test_a_job_that_is_tried_again_is_told(work, capsys, monkeypatch):
     told = [line for line in shown.splitlines() if "import the ready" in line or "FAILED" in line]
     assert told[0].startswith("FAILED twice import_cloud: it ended without a word")
     assert told[1] == "again: twice: import the ready cloud" and told[2].startswith("[2/3]")
+    assert len(told) == 3 and "[3/3] all" in shown, "a failure of an earlier run is not told"
 
 
 def test_a_quiet_run_still_tells_of_failures(work, capsys, monkeypatch):
     _, shown = run_of(work, monkeypatch, capsys, "bad", options=["--quiet", "all"])
     assert "FAILED bad import_cloud: no points; file: bad.ply" in shown
     assert "Building DAG" not in shown
-
-
-def test_a_run_that_succeeds_tells_of_no_failure(work, capsys, monkeypatch):
-    status, shown = run_of(work, monkeypatch, capsys, "good")
-    assert status == 0 and "FAILED" not in shown and "[3/3] all" in shown
 
 
 def test_the_jobs_and_the_cores_are_counted():

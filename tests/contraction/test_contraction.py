@@ -7,7 +7,6 @@ from skeleton_shapes import (
     labelled_cloud,
     sample_axes,
     small_tree,
-    stacked_least_squares,
     tube,
 )
 
@@ -16,7 +15,6 @@ from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.contraction.laplacian_published import (
     cotangent_laplacian,
     semantic_row_weights,
-    solve_contraction,
 )
 from cherrypicker.errors import StageError
 from cherrypicker.limbs.orchard import GrowthOptions
@@ -49,15 +47,6 @@ def test_semantic_rows_of_isolated_points_keep_their_weight():
     np.testing.assert_array_equal(semantic_row_weights(L, np.array([10.0, 1, 5])), [10, 1, 5])
 
 
-def test_one_solve_equals_the_stacked_least_squares():
-    rng = np.random.default_rng(3)
-    points = rng.random((40, 3))
-    L, _ = cotangent_laplacian(points, n_neighbors=12)
-    w_l, w_h = rng.random(40) + 0.5, rng.random(40) + 0.5
-    expected = stacked_least_squares(L, w_l, w_h, points)
-    np.testing.assert_allclose(solve_contraction(L, w_l, w_h, points), expected, atol=1e-8)
-
-
 def test_cylinder_contracts_to_its_axis(cylinder):
     result = contract_points(cylinder, options=SkeletonOptions("slbc", max_iterations=6))
     assert np.isfinite(result.points).all() and result.points.shape == cylinder.shape
@@ -73,12 +62,6 @@ def test_contraction_does_not_depend_on_the_frame(cylinder):
     shift = np.array([365_000.0, 5_620_000.0, 310.0])
     there = contract_points(cylinder + shift, options=options).points - shift
     assert np.median(np.linalg.norm(here - there, axis=1)) < 1e-4
-
-
-def test_equal_input_gives_equal_points(cylinder):
-    options = SkeletonOptions("slbc", max_iterations=2)
-    first, second = (contract_points(cylinder, options=options).points for _ in range(2))
-    np.testing.assert_array_equal(first, second)
 
 
 def test_heavier_trunk_contracts_further_past_a_hole():
@@ -117,7 +100,8 @@ def test_weights_name_classes_and_are_of_the_semantic_method_alone():
 
 def test_the_paper_takes_the_points_and_labels_as_they_are():
     points, labels, _ = small_tree()
-    labels[3000:3050] = 2  # of the stem
+    points, labels = points[::4], labels[::4]
+    labels[750:763] = 2  # of the stem
     options = SkeletonOptions("slbc", max_iterations=2)
     contracted, report = contract_wood(
         labelled_cloud(points, labels), GrowthOptions(voxel_size_m=1e-5), options=options

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from scan_scene import level_ring, look_at_poses
 
 from cherrypicker.evidence.frame_edges import frame_edges
-from cherrypicker.poses import Poses
 from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
 
@@ -13,18 +13,11 @@ N_PHOTOS, DISTANCE, FOCAL = 12, 4.0, 1000.0
 
 def ring(width=1000, height=2000, azimuths=None):
     """Level photos from a ring at height 1, all aimed at the axis x = y = 0."""
-    azimuths = np.arange(N_PHOTOS) * 2 * np.pi / N_PHOTOS if azimuths is None else azimuths
-    poses = []
-    for azimuth in azimuths:
-        back = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-        down = np.array([0.0, 0.0, -1.0])
-        rotation = np.stack([np.cross(down, -back), down, -back])
-        center = DISTANCE * back + [0, 0, 1.0]
-        poses.append(np.column_stack([rotation, -rotation @ center]))
-    n = len(poses)
-    K = np.array([[FOCAL, 0, width / 2], [0, FOCAL, height / 2], [0, 0, 1]])
-    names = [f"{i}.jpg" for i in range(n)]
-    return Poses(names, poses, np.tile(K, (n, 1, 1)), np.full(n, width), np.full(n, height))
+    centers = level_ring(N_PHOTOS, DISTANCE)
+    if azimuths is not None:
+        cos, sin = np.cos(azimuths), np.sin(azimuths)
+        centers = np.column_stack([DISTANCE * cos, DISTANCE * sin, np.ones(len(azimuths))])
+    return look_at_poses(centers, [0, 0, 1.0], size=(width, height), focal=FOCAL)
 
 
 def column(top, half_width=0.3):

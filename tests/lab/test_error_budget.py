@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scan_scene import look_at_poses
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json
 from cherrypicker.mvs.workspace import View
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
-from cherrypicker.poses import Poses, write_poses
+from cherrypicker.poses import write_poses
 from cherrypicker.skeleton import Skeleton, read_skeleton, read_topology
 from cherrypicker_lab import error_budget
 from cherrypicker_lab.dense.true_depth import TrueScene, ground_mesh, square_mesh, tube_mesh
@@ -37,16 +38,12 @@ def stem(n=11):
 
 
 def ring_poses(n=6):
-    matrices = []
-    for a in np.linspace(0, 2 * np.pi, n, endpoint=False):
-        forward = -np.array([np.cos(a), np.sin(a), 0.0])
-        right = np.cross(forward, [0, 0, 1.0])
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        centre = np.array([2 * np.cos(a), 2 * np.sin(a), 0.5 + 0.3 * np.sin(2 * a)])
-        matrices.append(np.hstack([rotation, -(rotation @ centre)[:, None]]))
-    K = np.array([[200.0, 0, 100], [0, 200, 150], [0, 0, 1]])
-    names = np.array([f"{k}.jpg" for k in range(n)])
-    return Poses(names, np.array(matrices), np.repeat(K[None], n, 0), [200] * n, [300] * n)
+    a = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    centers = np.column_stack([2 * np.cos(a), 2 * np.sin(a), 0.5 + 0.3 * np.sin(2 * a)])
+    level = centers * [0, 0, 1]
+    poses = look_at_poses(centers, level, size=(200, 300), focal=200.0)
+    poses.names = np.array([f"{k}.jpg" for k in range(n)])
+    return poses
 
 
 @pytest.fixture

@@ -4,10 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from scan_scene import look_at_poses, rotation_about
 
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
-from cherrypicker.poses import Poses, write_poses
+from cherrypicker.poses import write_poses
 from cherrypicker.skeleton import Skeleton, write_skeleton_graphml
 from cherrypicker_lab.evaluation import (
     camera_similarity,
@@ -21,27 +22,11 @@ from cherrypicker_lab.evaluation import (
 )
 
 
-def rotation(axis, degrees):
-    axis = np.asarray(axis, float) / np.linalg.norm(axis)
-    cross = np.cross(np.eye(3), -axis)
-    angle = np.radians(degrees)
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
 def ring(n=20):
     """Cameras around the z axis that look at it."""
     turn = 2 * np.pi * np.arange(n) / n
     centers = np.column_stack([2.5 * np.cos(turn), 2.5 * np.sin(turn), 1 + 0.3 * np.sin(3 * turn)])
-    matrices = []
-    for center in centers:
-        forward = -center / np.linalg.norm(center)
-        right = np.cross(forward, [0, 0, 1])
-        right /= np.linalg.norm(right)
-        r = np.stack([right, np.cross(forward, right), forward])
-        matrices.append(np.column_stack([r, -r @ center]))
-    names = [f"{i:02d}.jpg" for i in range(n)]
-    K = np.tile(np.diag([900.0, 900.0, 1.0]), (n, 1, 1))
-    return Poses(names, matrices, K, [1200] * n, [800] * n)
+    return look_at_poses(centers, np.zeros(3), focal=900.0)
 
 
 def y_skeleton():
@@ -97,7 +82,7 @@ def moved(skeleton, scale=1.0, turn=None, shift=(0, 0, 0)):
 def test_similarity_is_found():
     rng = np.random.default_rng(0)
     points = rng.standard_normal((10, 3))
-    turn = rotation([1, 2, 3], 70)
+    turn = rotation_about([1, 2, 3], 70)
     scale, found, shift = fit_similarity(points, 1.7 * points @ turn.T + [1, 2, 3])
     assert scale == pytest.approx(1.7)
     np.testing.assert_allclose(found, turn, atol=1e-9)
@@ -106,7 +91,7 @@ def test_similarity_is_found():
 
 def test_a_perfect_result_in_another_frame_meets_every_bar(tmp_path):
     truth = write_scene(tmp_path / "scene", y_skeleton(), TRAITS)
-    turn, shift = rotation([0, 0, 1], 130), np.array([0.4, -0.2, 0.03])
+    turn, shift = rotation_about([0, 0, 1], 130), np.array([0.4, -0.2, 0.03])
     results = write_results(
         tmp_path / "tree",
         moved(y_skeleton(), 1, turn, shift),
@@ -123,7 +108,7 @@ def test_a_perfect_result_in_another_frame_meets_every_bar(tmp_path):
 
 def test_known_errors_are_measured(tmp_path):
     truth = write_scene(tmp_path / "scene", y_skeleton(), TRAITS)
-    turn = rotation([1, 0, 0], 2.0)
+    turn = rotation_about([1, 0, 0], 2.0)
     results = write_results(
         tmp_path / "tree",
         moved(y_skeleton(), 1.01, turn),
@@ -200,7 +185,7 @@ def test_cameras_of_another_scene_are_the_users_error():
 def test_cameras_place_a_cloud_despite_one_wrong_pose():
     rng = np.random.default_rng(2)
     centers, names = rng.normal(size=(12, 3)), np.array([f"{i}.jpg" for i in range(12)])
-    turn = rotation([0.3, -1.0, 2.0], 128.0)
+    turn = rotation_about([0.3, -1.0, 2.0], 128.0)
     seen = (centers - [1.0, 2.0, 3.0]) @ turn / 0.4
     seen[3] += 5.0
     pairs = pair_cameras(names[::-1], seen[::-1], names, centers)

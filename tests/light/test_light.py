@@ -1,8 +1,7 @@
 """Light against shapes whose silhouettes and shade are known, and against pvlib's own sums."""
 
 import csv
-import subprocess
-import sys
+from functools import partial
 
 import numpy as np
 import pandas
@@ -10,6 +9,7 @@ import pvlib
 import pytest
 import trimesh
 from finished_tree import small_skeleton, write_finished_tree
+from stage_run import run_stage
 from workspace import Workspace
 
 from cherrypicker.batch.config import resolve_config
@@ -246,15 +246,14 @@ def test_dates_are_read_as_yaml_has_them(project):
         resolve_config(schema, {"light": {"season": ["2026-04-01", "2026-13-01"]}})
 
 
-def test_the_stage_writes_a_row_an_axis(project, tmp_path):
+def test_the_stage_writes_a_row_an_axis(tmp_path, monkeypatch):
     folder = tmp_path / "tree"
+    monkeypatch.setattr("measure_light.measure_light", partial(measure_light, n_rays=2000))
     skeleton = write_finished_tree(folder)
     write_text(folder / "limbs.csv", branches_csv([], LIMB_COLUMNS))
-    call = [sys.executable, project / "scripts/measure_light.py"]
-    call += ["--skeleton", folder / "skeleton.graphml", "--limbs", folder / "limbs.csv"]
-    call += ["--axes", folder / "light.csv", "--light", folder / "light.json"]
-    done = subprocess.run(call, check=False, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    files = {"skeleton": "skeleton.graphml", "limbs": "limbs.csv"}
+    files |= {"axes": "light.csv", "light": "light.json"}
+    run_stage("measure_light", **{name: folder / file for name, file in files.items()})
     with open(folder / "light.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == len(axes(skeleton)) == len(read_measured_tree(folder).axis_list)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from skeleton_shapes import tube
 
 from cherrypicker.limbs.poles import find_pole
 from cherrypicker.limbs.tubes import Tube
@@ -9,17 +10,8 @@ from cherrypicker.limbs.tubes import Tube
 SPACING = 0.004
 
 
-def _surface(rng, start, stop, first, last, n=4000):
-    """Points of a cone's surface, its radii (m) first and last, with 1 mm of noise."""
-    start, stop = np.array(start, float), np.array(stop, float)
-    share, angle = rng.random(n), rng.uniform(0, 2 * np.pi, n)
-    along = (stop - start) / np.linalg.norm(stop - start)
-    across = np.linalg.svd(along[None])[2][1:]
-    around = np.cos(angle)[:, None] * across[0] + np.sin(angle)[:, None] * across[1]
-    places = (
-        start + share[:, None] * (stop - start) + (first + share * (last - first))[:, None] * around
-    )
-    return places + rng.normal(scale=0.001, size=(n, 3))
+def _surface(rng, start, stop, first, last, density=60_000):
+    return tube(start, stop, first, density, rng=rng, end_radius=last, noise=0.001)
 
 
 def _tube(*corners, radii, step=0.01):
@@ -33,7 +25,7 @@ def _tube(*corners, radii, step=0.01):
 
 def test_a_limb_that_leads_from_a_branch_into_a_post_holds_a_pole_with_all_of_its_pieces():
     rng = np.random.default_rng(0)
-    post = _surface(rng, (0, 0, 0), (0, 0, 2), 0.025, 0.025, 12_000)
+    post = _surface(rng, (0, 0, 0), (0, 0, 2), 0.025, 0.025)
     post = post[(post[:, 2] < 0.6) | (post[:, 2] > 0.9)]  # a part of it is hidden
     branch = _surface(rng, (0.02, 0, 1.4), (0.8, 0, 1.6), 0.012, 0.006)
     points = np.vstack([post, branch])
@@ -75,11 +67,11 @@ def test_a_stretch_that_looks_even_to_the_tube_is_none_where_its_points_are_not(
 def crown():
     """A stem, a shoot of even thickness on it, and a wire that passes both, with a piece hidden."""
     rng = np.random.default_rng(3)
-    wire = _surface(rng, (-1.2, 0.03, 1.0), (1.4, 0.06, 1.01), 0.001, 0.001, 6000)
+    wire = _surface(rng, (-1.2, 0.03, 1.0), (1.4, 0.06, 1.01), 0.001, 0.001, 360_000)
     wire[:, 2] -= 0.002 * (1 - ((wire[:, 0] - 0.1) / 1.3) ** 2)  # it sags
     wire = wire[(wire[:, 0] < 0.5) | (wire[:, 0] > 0.7)]
-    stem = _surface(rng, (0, 0, 0), (0.02, 0, 2), 0.03, 0.012, 12_000)
-    shoot = _surface(rng, (0.02, 0, 1.2), (0.2, 0.9, 1.7), 0.003, 0.003, 3000)
+    stem = _surface(rng, (0, 0, 0), (0.02, 0, 2), 0.03, 0.012)
+    shoot = _surface(rng, (0.02, 0, 1.2), (0.2, 0.9, 1.7), 0.003, 0.003, 170_000)
     return wire, stem, shoot
 
 

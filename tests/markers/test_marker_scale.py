@@ -14,7 +14,6 @@ from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.fit import fit_marker
 from cherrypicker.markers.layouts import Sightings, intersect_rays
 from cherrypicker.markers.marker_scales import locate_marker, marker_references
-from cherrypicker.markers.references import check_scale
 from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.footprint import Footprint
@@ -59,13 +58,6 @@ def test_bad_marker_sides_name_the_column(text):
 )
 def test_dictionaries_by_name(name):
     assert marker_dictionary(name).markerSize >= 4
-
-
-def test_unknown_dictionary_and_id():
-    with pytest.raises(StageError, match="DICT_4X4_50"):
-        marker_dictionary("DICT_4X4_5O")
-    with pytest.raises(StageError, match="0 to 49"):
-        check_scale("", "marker", DICTIONARY, "50:0.2")
 
 
 def test_dictionaries_are_opencvs():
@@ -315,8 +307,12 @@ def options(**changes):
     } | changes
 
 
-def test_scale_of_a_rendered_scan(scan):
-    report = estimate_scale(*scan, **options())
+@pytest.fixture(scope="module")
+def report(scan):
+    return estimate_scale(*scan, **options())
+
+
+def test_scale_of_a_rendered_scan(report):
     assert report["scale"] == pytest.approx(0.4, rel=1e-3)
     assert 0 < report["scale_std"] < 0.004
     assert report["n_images"] == 8
@@ -327,9 +323,9 @@ def test_scale_of_a_rendered_scan(scan):
         assert marker["rms_reprojection_px"] < 0.3
 
 
-def test_scale_by_the_mean_of_the_sides(scan):
-    square_side, mean = (estimate_scale(*scan, **options(side=side)) for side in ("square", "mean"))
-    assert mean["scale"] == pytest.approx(0.4, rel=5e-3) and mean["scale"] != square_side["scale"]
+def test_scale_by_the_mean_of_the_sides(scan, report):
+    mean = estimate_scale(*scan, **options(side="mean"))
+    assert mean["scale"] == pytest.approx(0.4, rel=5e-3) and mean["scale"] != report["scale"]
     for marker in mean["markers"]:
         assert marker["scale"] == pytest.approx(marker["side_m"] / np.mean(marker["side_lengths"]))
         assert marker["n_inliers"] == marker["n_detections"]
@@ -351,9 +347,10 @@ def test_two_photos_suffice_and_one_does_not(scan):
 
 
 def test_missing_columns_wrong_ids_and_absurd_sides(scan):
+    scan = scan[0][:3], scan[1]
     with pytest.raises(StageError, match="marker_dictionary and marker_sides_m are empty"):
         estimate_scale(*scan, **options(dictionary="", sides_m=""))
-    with pytest.raises(StageError, match=r"7 \(8\), 8 \(8\)"):
+    with pytest.raises(StageError, match=r"7 \(3\), 8 \(3\)"):
         estimate_scale(*scan, **options(sides_m="9:0.25"))
     with pytest.raises(StageError, match="DICT_4X4_50 finds id 7, 8"):
         estimate_scale(*scan, **options(dictionary="DICT_6X6_250"))
@@ -427,10 +424,3 @@ def test_the_region_of_a_walk_stays_a_box():
     np.testing.assert_allclose(
         region.inward(np.array([[0.2, 0], [4.0, 0], [5.0, 0]])), [4, 0.2, -0.8]
     )
-
-
-def test_absurd_scale_is_refused():
-    cloud, poses, crop = aligned_scene()
-    for scale in (100.0, 0.001):
-        with pytest.raises(StageError, match="cameras stand"):
-            scale_scene(cloud, poses, {"mode": "number", "scale": scale, "unit": "m"}, crop)

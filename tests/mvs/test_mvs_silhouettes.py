@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from scan_scene import look_at_poses
 
 from cherrypicker.mvs.lines.lines import seen_lines
 from cherrypicker.mvs.lines.sky_lines import find_sky_lines
@@ -26,23 +27,12 @@ NOTHING = np.zeros((SIDE, SIDE), bool)
 
 def ring(n_photos: int) -> Poses:
     """Cameras all around the origin, a fifth of them looking up a little."""
-    poses = []
-    for k in range(n_photos):
-        angle = 2.0 * np.pi * k / n_photos
-        center = DISTANCE * np.array([np.cos(angle), np.sin(angle), -0.2 * (k % 3)])
-        forward = -center / np.linalg.norm(center)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        poses.append(np.column_stack([R, -R @ center]))
-    K = np.array([[FOCAL, 0.0, SIDE / 2], [0.0, FOCAL, SIDE / 2], [0.0, 0.0, 1.0]])
-    return Poses(
-        names=[f"{k:02d}.png" for k in range(n_photos)],
-        cam_from_world=np.array(poses),
-        K=np.repeat(K[None], n_photos, axis=0),
-        width=np.full(n_photos, SIDE),
-        height=np.full(n_photos, SIDE),
-    )
+    k = np.arange(n_photos)
+    angle = 2.0 * np.pi * k / n_photos
+    centers = DISTANCE * np.column_stack([np.cos(angle), np.sin(angle), -0.2 * (k % 3)])
+    poses = look_at_poses(centers, np.zeros(3), size=(SIDE, SIDE), focal=FOCAL)
+    poses.names = [f"{k:02d}.png" for k in range(n_photos)]
+    return poses
 
 
 def draw(poses: Poses, i: int, twigs) -> np.ndarray:

@@ -9,7 +9,6 @@ from cherrypicker.mvs.workspace import view_of
 from cherrypicker.placement.region import find_region, framing
 
 TARGET = np.array([0.0, 0.0, 1.2])
-TOP = np.array([0.0, 0.0, 3.4])
 
 
 def crown_walk():

@@ -190,14 +190,3 @@ def test_a_folder_without_a_readable_kind_of_photo(tmp_path, suffix):
     with pytest.raises(StageError, match="holds no photo") as caught:
         list_captures(tmp_path)
     assert caught.value.file == str(tmp_path)
-
-
-@pytest.mark.parametrize("content", [b"", b"\xff\xd8\xff", b"GIF89a", b"%PDF-1.4 no photo"])
-def test_what_is_no_photo_is_named(tmp_path, content):
-    images, _ = rendered(3)
-    for i, image in enumerate(images):
-        image.save(tmp_path / f"{i}.jpg")
-    (tmp_path / "1.jpg").write_bytes(content)
-    with pytest.raises(StageError, match=r"1\.jpg is unreadable") as caught:
-        check_photos(list_photos(tmp_path))
-    assert "sfm.skip_unreadable" in caught.value.key

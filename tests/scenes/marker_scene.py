@@ -114,7 +114,7 @@ def rectangle(corner, across, down):
 
 
 def marker_scan(
-    folder, markers, poses_from, *, boards=(), size=(640, 480), focal=700.0, k=-0.08, gamma=2.2
+    folder, markers, poses_from, *, boards=(), size=(480, 360), focal=540.0, k=-0.08, gamma=2.2
 ):
     """Render a scan of markers and return its sparse model.
 

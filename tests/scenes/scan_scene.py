@@ -49,6 +49,11 @@ def ring(n=40, radius=3.0, heights=(0.7, 1.4, 2.1), arc_deg=360.0, center=(0.0, 
     )
 
 
+def level_ring(n, radius):
+    """Camera centres 1 m up all around the z axis."""
+    return ring(n, radius, heights=(1.0,))
+
+
 def tree_points(rng, foot=(0.0, 0.0, 0.0), height=2.6, radius=0.05, n=6000):
     """Stem with a crown of straight branches."""
     t, phi = rng.random(n), rng.uniform(0, 2 * np.pi, n)

@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from scan_scene import look_at_poses
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 
@@ -31,17 +32,9 @@ def box_quads(rng):
 def orbit(n_photos, radius=3.5, span_deg=360.0, height=1.9):
     """Return cam_from_world (n, 3, 4) of cameras around the box that look at its middle."""
     angles = np.deg2rad(np.arange(n_photos) * span_deg / n_photos)
-    poses = []
-    for i, angle in enumerate(angles):
-        center = np.array([np.cos(angle), np.sin(angle), 0.0]) * radius
-        center[2] = height + 0.3 * (i % 2)
-        forward = np.array([0.0, 0.0, 0.5]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        poses.append(np.column_stack([rotation, -rotation @ center]))
-    return np.array(poses)
+    heights = height + 0.3 * (np.arange(n_photos) % 2)
+    centers = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), heights])
+    return look_at_poses(centers, [0.0, 0.0, 0.5]).cam_from_world
 
 
 def render(cam_from_world, quads, width=WIDTH, height=HEIGHT, focal=FOCAL):

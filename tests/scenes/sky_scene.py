@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scan_scene import level_ring, look_at_poses
 
-from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 
 BARK = (0.30, 0.24, 0.19)
@@ -46,31 +46,9 @@ STEM = Rod((0.0, 0.0, 0.70), (0.0, 0.0, 1.18), 0.03, PAINT)
 
 def ring(n_views=12, distance=2.5, focal=1000.0, size=(480, 560)) -> Poses:
     """Level cameras 1 m up on a circle that look at the z axis: the horizon at half height."""
-    width, height = size
-    matrices = []
-    for a in np.linspace(0, 2 * np.pi, n_views, endpoint=False):
-        forward = -np.array([np.cos(a), np.sin(a), 0.0])
-        right = np.cross(forward, [0, 0, 1.0])
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        centre = np.array([distance * np.cos(a), distance * np.sin(a), 1.0])
-        matrices.append(np.hstack([rotation, -(rotation @ centre)[:, None]]))
-    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
-    return Poses(
-        names=np.array([f"{k}.jpg" for k in range(n_views)]),
-        cam_from_world=np.array(matrices),
-        K=np.repeat(K[None], n_views, axis=0),
-        width=np.full(n_views, width),
-        height=np.full(n_views, height),
-    )
-
-
-def pinhole(poses: Poses):
-    """Return ``to_photo`` of photos without distortion."""
-
-    def to_photo(i, in_camera):
-        return (in_camera @ poses.K[i].T)[:, :2] / in_camera[:, 2:]
-
-    return to_photo
+    poses = look_at_poses(level_ring(n_views, distance), [0, 0, 1.0], size=size, focal=focal)
+    poses.names = np.array([f"{k}.jpg" for k in range(n_views)])
+    return poses
 
 
 def sky_at(sky: str, rows: np.ndarray, height: int) -> np.ndarray:
@@ -105,10 +83,3 @@ def without_twigs(mask: np.ndarray) -> np.ndarray:
     """Return a mask that lost all that is thin."""
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9))
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0
-
-
-def colored_as_sky(poses: Poses, points: np.ndarray, sky: str) -> PointCloud:
-    """Make a cloud of points that bear the sky's colour behind them in the first photo."""
-    rows = poses.project(points, 0)[0][:, 1]
-    height = int(poses.height[0])
-    return PointCloud(points, sky_at(sky, np.minimum(rows, height / 2), height).astype(np.float32))

@@ -126,7 +126,7 @@ def kill_group(process: subprocess.Popen) -> None:
 
 
 def project_with_own(module: str, target: Path) -> Path:
-    """Return a project with one module to edit; all else is linked, compiled kernels too."""
+    """Return a project with one module to edit; all else is linked; kernels compile anew."""
     source, folder = PROJECT, target
     for part in Path(module).parts:
         folder.mkdir(exist_ok=True)

@@ -3,6 +3,7 @@
 import numpy as np
 import pycolmap
 import pytest
+from scan_scene import look_at_poses
 from sfm_scene import similarity_errors
 
 from cherrypicker.sfm.refine import (
@@ -19,16 +20,8 @@ FOCAL = 800.0
 SIZE = (640, 480)
 
 
-def looking_at_origin(center):
-    forward = -center / np.linalg.norm(center)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right), forward])
-
-
 def pose_of(center):
-    rotation = looking_at_origin(center)
-    return pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ center)
+    return pycolmap.Rigid3d(look_at_poses(center[None], np.zeros(3)).cam_from_world[0])
 
 
 @pytest.fixture

@@ -1,12 +1,9 @@
 """Which tree is the target, on labelled clouds whose target is known."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from skeleton_shapes import labelled_cloud, tube
+from stage_run import run_stage
 from wood_choice import choose_wood
 
 from cherrypicker.classes import Label
@@ -20,7 +17,6 @@ from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
 from cherrypicker.wood.target import CLOSE_CALL, TREE_SHARE, choose_target, target_report
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
 DENSITY = 20_000  # points a square metre, 7 mm apart
 REGION = Footprint(np.zeros(2), 3.0)  # cameras 3 m from the middle of the crown
 
@@ -256,18 +252,17 @@ def test_the_stage_takes_crop_target_xy_in_the_aligned_frame(rng, tmp_path):
     metric = {"unit": "m", "factor": 0.5, "scale_mode": "number", "camera_distance": 3.0}
     write_json(tmp_path / "metric.json", metric | {"region": REGION.as_dict()})
     found = {}
-    for name, extra in {"wood": [], "config": ["--target_xy", "1.8", "0"]}.items():
-        command = [sys.executable, SCRIPTS / "contract_cloud.py"]
-        for option, file in {
+    for name, place in {"wood": None, "config": [1.8, 0.0]}.items():
+        files = {
             "segmented": "segmented.ply",
             "metric": "metric.json",
             "contracted": f"{name}.ply",
             "removed": f"{name}_removed.ply",
             "report": f"{name}_contract.json",
             "target": f"{name}.json",
-        }.items():
-            command += [f"--{option}", tmp_path / file]
-        subprocess.run([*map(str, command), *extra], check=True)
+        }
+        paths = {option: str(tmp_path / file) for option, file in files.items()}
+        run_stage("contract_cloud", **paths, target_xy=place)
         found[name] = read_json(tmp_path / f"{name}.json")
         base = read_json(tmp_path / f"{name}_contract.json")["base"]
         assert base[:2] == pytest.approx(found[name]["target_xy"], abs=1e-5)

@@ -99,27 +99,11 @@ def a_batch(tmp_path, *trees):
     return workspace
 
 
-def dry_run(workspace, *arguments):
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
-    command += ["--directory", str(workspace.folder), "--dry-run", *arguments]
-    done = subprocess.run(
-        command,
-        cwd=workspace.folder.parent,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
-    return done.stdout
-
-
 def test_the_slurm_profile_plans_the_whole_batch(tmp_path):
     """Also with a stage between two of a group, which belongs to the group or nothing starts."""
     batch = a_batch(tmp_path, "a")
     batch.configure({"light": {"enabled": True}})
-    printed = dry_run(batch, "--workflow-profile", str(PROJECT / "profiles/slurm"))
+    printed = batch.run("--dry-run", "--workflow-profile", str(PROJECT / "profiles/slurm"))
     rules = ("import_segmented_cloud", "contract_cloud", "measure_light", "report_tree")
     for rule in (*rules, "summarise_batch"):
         assert re.search(rf"{rule} +1\n", printed), printed
@@ -127,7 +111,7 @@ def test_the_slurm_profile_plans_the_whole_batch(tmp_path):
 
 @pytest.mark.skipif(not shutil.which("conda"), reason="conda is not installed")
 def test_the_conda_way_plans_the_whole_batch(tmp_path):
-    printed = dry_run(a_batch(tmp_path, "a"), "--cores", "2", "--sdm", "conda")
+    printed = a_batch(tmp_path, "a").run("--dry-run", "--sdm", "conda")
     assert re.search(r"report_tree +1\n", printed), printed
 
 
@@ -194,7 +178,7 @@ def test_the_kubernetes_profile_runs_a_batch_through_kubectl(tmp_path):
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
     command += ["--directory", str(workspace.folder), "--workflow-profile", str(profile)]
     done = subprocess.run(
-        [*command, "results/a/segmented.ply", "--latency-wait", "5"],
+        [*command, "results/a/segmented.ply", "--seconds-between-status-checks", "1"],
         cwd=tmp_path,
         env=environment,
         stdout=subprocess.PIPE,

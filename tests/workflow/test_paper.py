@@ -1,6 +1,5 @@
 """Every row of docs/paper.md is run: its key changes what the stage leaves, its equation holds."""
 
-import importlib
 import re
 import shutil
 from functools import cache
@@ -16,6 +15,7 @@ from scipy.sparse import diags
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist, squareform
 from skeleton_shapes import labelled_cloud, small_tree, stacked_least_squares, tube
+from stage_run import SCHEMA, run_stage
 from torch_geometric.nn import EdgeConv
 from workspace import PROJECT
 
@@ -28,7 +28,7 @@ from cherrypicker.contraction.laplacian_published import (
     solve_contraction,
 )
 from cherrypicker.denoising.denoise import neighbor_means, statistical_filter
-from cherrypicker.files import load_schema, read_json
+from cherrypicker.files import read_json
 from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import write_orchard
@@ -40,7 +40,6 @@ from cherrypicker.markers.scan import Scan
 from cherrypicker.placement.directions import rodrigues
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import write_poses
-from cherrypicker.runner import _bundled, keys_of_stage, options_of
 from cherrypicker.segmentation.dgcnn import LinearEdgeConv, nearest_features
 from cherrypicker.skeleton import axes, node_order, read_skeleton
 from cherrypicker.skeleton.networks import folded
@@ -49,7 +48,6 @@ from cherrypicker.sky.colors import SkyColorOptions, SkyColors, cluster_sky_colo
 from cherrypicker_lab.orchard import skeleton_set
 from cherrypicker_lab.skeletons.distances import chamfer_cm2
 
-SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
 PAGE = (PROJECT / "docs/paper.md").read_text(encoding="utf-8")
 
 
@@ -63,15 +61,6 @@ def rows_of(title):
 def checks_of(title):
     """What a section's rows are run by, each once."""
     return list(dict.fromkeys(row[-1].strip("` ") for row in rows_of(title)))
-
-
-def run_stage(stage, settings, **files):
-    """Run a stage's script with its keys from the config, as its rule does."""
-    main = importlib.import_module(stage).main
-    values = {name: option.default for name, option in options_of(main).items()}
-    for key in keys_of_stage(SCHEMA, stage):
-        values[key.rpartition(".")[2]] = lookup(settings, key)
-    main(**_bundled(main, {**values, **{name: each for name, each in files.items()}}))
 
 
 def setting(key, value, **sections):
@@ -352,13 +341,6 @@ def test_a_row_of_keys(key, scene):
         assert any((PROJECT / folder / path).exists() for folder in folders), path
     run = RUN_OF.get(key) or RUN_OF[key.split(".")[0]]
     assert run(scene, setting(key, plain)) != run(scene, setting(key, paper)), f"{key} does nothing"
-
-
-@pytest.mark.parametrize("stage", ["align", "crop", "denoise", "scale", "contract", "graph", "mvs"])
-def test_the_method_reaches_the_stages_by_its_keys(stage, scene):
-    run = RUN_OF.get(stage, graph)
-    plain, paper = (resolve_config(SCHEMA, {"method": name}) for name in ("default", "paper"))
-    assert run(scene, plain) != run(scene, paper)
 
 
 def rolled(points):

@@ -15,7 +15,7 @@ from cherrypicker.poses import read_poses
 
 SPARSE = ["extract_features", "match_features", "reconstruct_sparse"]
 DENSE = ["undistort_photos", "gather_evidence", "estimate_depth", "fuse_depth"]
-LEAN = {"sfm": {"max_features": 1000}, "mvs": {"backend": "cpu"}}
+LEAN = {"sfm": {"max_features": 800}, "mvs": {"backend": "cpu"}}
 CONFIG = {**LEAN, "keep": {"dense": True}}
 CLOUD = "results/box/cloud.ply"
 KEPT = ["coverage.json", "depth.json", "poses.npz"]
@@ -29,7 +29,7 @@ def of_box(*stages):
 def box(tmp_path_factory):
     """Photos of a textured box, taken as far as the dense cloud."""
     workspace = Workspace(tmp_path_factory.mktemp("photo batch") / "work")
-    write_orbit(workspace.folder / "photos", 8, span_deg=110.0)
+    write_orbit(workspace.folder / "photos", 6, span_deg=80.0)
     workspace.configure(CONFIG)
     workspace.table("tree | photos | scale", "box | photos | none")
     workspace.first = workspace.ran(CLOUD)

@@ -8,7 +8,6 @@ from stereo_scene import Surface, write_scene
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.choice import run_backend
 from cherrypicker.mvs.estimate import StereoOptions
-from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
 from cherrypicker.mvs.workspace import View, Workspace
 from cherrypicker_lab.dense.agreement import sparse_agreement
 from cherrypicker_lab.dense.backends import ALL_BACKENDS
@@ -47,14 +46,6 @@ def test_sgbm_normals_face_the_camera(scene):
     known = workspace.read_depth(workspace.views[2], "geometric") > 0
     np.testing.assert_allclose(np.linalg.norm(normals[known], axis=1), 1.0, atol=1e-4)
     assert (normals[known] @ [0.0, 0.0, -1.0] > 0.9).mean() > 0.7
-
-
-def test_sgbm_maps_can_be_fused(scene):
-    folder, _, manifest = scene
-    cloud = fuse_workspace(Workspace(folder), manifest["maps"], FusionOptions(min_views=2))
-    on_plane = np.abs(cloud.points[:, 2] - 4.0) < 0.05
-    radius = np.hypot(cloud.points[:, 0] - 0.2, cloud.points[:, 2] - 3.4)
-    assert (on_plane | (np.abs(radius - 0.12) < 0.05)).mean() > 0.9
 
 
 def make_view(center, *, turn=0.0):

@@ -209,13 +209,6 @@ def run(tmp_path):
     return made
 
 
-def test_the_benchmark_is_no_part_of_a_batch(run):
-    printed = run.run("--dry-run")
-    assert "import_segmented_cloud" in printed
-    for rule in ("benchmark_dense", "measure_stereo", "match_benchmark_photos"):
-        assert rule not in printed
-
-
 def test_the_rules_plan_every_run(run):
     run.configure({"benchmark": {"scenes": ["stereo_vase"], "backends": ["cpu", "sgbm"]}})
     printed = run.run("--dry-run", "benchmark_dense")

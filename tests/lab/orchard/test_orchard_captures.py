@@ -218,11 +218,6 @@ def test_presets_of_walks_can_be_registered_and_scaled(name):
     assert is_seen.all(axis=1).sum() >= 6
 
 
-def test_presets_of_walks_cover_walks_and_backgrounds():
-    assert len({preset["walk"] for preset in WALK_PRESETS.values()}) >= 4
-    assert {p["scene"]["background"] for p in WALK_PRESETS.values()} == set(BACKGROUNDS)
-
-
 def test_shipped_lists_name_the_presets_and_their_markers(project):
     examples = project / "config/examples"
     chosen = yaml.safe_load((examples / "walks.yaml").read_text())

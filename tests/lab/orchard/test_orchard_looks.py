@@ -9,7 +9,7 @@ from cherrypicker_lab.orchard.render.wind import moved_points, sway
 from cherrypicker_lab.orchard.scene.appearance import RELIEF_M, SMOOTH_M, bark_relief
 from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring, ring_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
-from cherrypicker_lab.orchard.scene.mesh import NO_TREE, box
+from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.scene.variety import scene_options
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 
@@ -133,13 +133,6 @@ def test_wind_moves_twigs_and_keeps_the_tree_whole(plain):
     k = next(i for i, axis in enumerate(tree.axes) if axis.order >= 2)
     places = moved_points(tree, moved[0], np.array([k, k]), np.array([0.0, 99.0]))
     np.testing.assert_allclose(places, moved[0][k][[0, -1]])
-
-
-def test_vertex_normals_of_a_box_point_out():
-    mesh = box((1.0, 2.0, 3.0))
-    normals = mesh.vertex_normals()
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    assert (np.einsum("ij,ij->i", normals, mesh.vertices) > 0).all()
 
 
 def test_looks_are_drawn_from_the_seed():

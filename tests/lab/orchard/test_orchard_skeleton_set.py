@@ -86,12 +86,6 @@ def test_templates_differ_where_their_names_say(trees):
     assert out[points[:, 2] < 0.4 * height].max() > 1.5 * out[points[:, 2] > 0.8 * height].max()
 
 
-def test_equal_seeds_give_equal_trees():
-    a, b, other = grow_any(4, "pine"), grow_any(4, "pine"), grow_any(5, "pine")
-    np.testing.assert_array_equal(a.skeleton().points, b.skeleton().points)
-    assert len(other.skeleton().points) != len(a.skeleton().points)
-
-
 @pytest.mark.parametrize("name", TEMPLATES)
 def test_trunk_and_orders_are_those_that_the_skeleton_stage_finds(trees, name):
     for tree in trees[name]:

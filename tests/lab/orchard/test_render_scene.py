@@ -92,11 +92,6 @@ def test_grounds_differ_and_unknown_ones_are_refused():
         ground.ground_color(places, 3, "lava")
 
 
-def test_srgb_round_trip():
-    values = np.linspace(0, 1, 256)
-    np.testing.assert_allclose(encode_srgb(photo.decode_srgb(values)), values, atol=1e-6)
-
-
 @pytest.mark.slow
 def test_rendered_ring_lies_where_the_truth_says(tmp_path, monkeypatch):
     pytest.importorskip("bpy")

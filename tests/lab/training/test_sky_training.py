@@ -2,14 +2,12 @@
 
 import json
 import logging
-import subprocess
-import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import torch
+from stage_run import run_stage
 
 from cherrypicker.errors import StageError
 from cherrypicker.sky.unet import save_weights
@@ -211,15 +209,14 @@ def test_a_foreign_checkpoint_is_not_used(folder, tmp_path, caplog):
 
 
 def test_the_script_keeps_its_checkpoint_after_the_time_limit_only(folder, tmp_path):
-    script = Path(__file__).parents[3] / "scripts/lab/train_sky.py"
-    command = [sys.executable, script, "--folders", folder, "--weights", tmp_path / "w.npz"]
-    command += ["--metrics", tmp_path / "m.json", "--exclude", "set/p[12].jpg", "--epochs", "2"]
-    command += ["--samples_per_epoch", "3", "--image_size_px", "64", "--threads", "1"]
-    subprocess.run([*command, "--time_limit_min", "1e-6"], check=True)
+    given = {"folders": [str(folder)], "exclude": ["set/p[12].jpg"], "threads": 1, "epochs": 2}
+    given |= {"weights": tmp_path / "w.npz", "metrics": tmp_path / "m.json"}
+    given |= {"samples_per_epoch": 3, "image_size_px": 64}
+    run_stage("train_sky", **given, time_limit_min=1e-6)
     metrics = json.loads((tmp_path / "m.json").read_text())
     assert len(metrics["epochs"]) == 1 and metrics["n_training"] + metrics["n_validation"] == 8
     assert (tmp_path / "checkpoint.pt").is_file()
-    subprocess.run(command, check=True)
+    run_stage("train_sky", **given)
     assert len(json.loads((tmp_path / "m.json").read_text())["epochs"]) == 2
     assert not (tmp_path / "checkpoint.pt").exists()
 
