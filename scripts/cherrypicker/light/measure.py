@@ -103,7 +103,7 @@ def measure_light(
     in_shade = tree.skeleton.edge_length[: len(owner)] * (1.0 - seen.step_share)
     shaded = np.bincount(owner, in_shade, minlength=len(mesh.axis))
 
-    def sums(group: np.ndarray, n_groups: int) -> list[dict[str, float]]:
+    def sums(group: np.ndarray, n_groups: int) -> list[dict[str, float | None]]:
         return light_sums(mesh, seen, shaded, season, group, n_groups)
 
     rows = [
@@ -123,11 +123,11 @@ def light_sums(
     season: SeasonLight | None,
     group: np.ndarray,
     n_groups: int,
-) -> list[dict[str, float]]:
+) -> list[dict[str, float | None]]:
     """Sum the light of parts by group, the wood's and, with the prefix ``leaf_``, the leaves'.
 
     `shaded` is each part's length in shade, `group` each part's group; the sums stand in a list by
-    group, with the columns of docs/light.md.
+    group, with the columns of docs/light.md. A share of nothing is None.
     """
     columns: dict[str, np.ndarray] = {}
     for prefix, of_kind in (("", ~mesh.is_leaf), ("leaf_", mesh.is_leaf)):
@@ -141,8 +141,8 @@ def light_sums(
         found = {
             "area_m2": area,
             "silhouette_m2": silhouette,
-            "star": silhouette / np.where(area > 0, area, 1.0),
-            "sky_share": lit.sum(axis=0) / np.where(alone > 0, alone, 1.0),
+            "star": silhouette / np.where(area > 0, area, np.nan),
+            "sky_share": lit.sum(axis=0) / np.where(alone > 0, alone, np.nan),
         }
         if season:
             found["direct_mj"] = season.beam @ lit
@@ -152,11 +152,17 @@ def light_sums(
             found["shaded_length_m"] = shaded @ member
         columns |= {prefix + name: values for name, values in found.items()}
     return [
-        {name: rounded(values[row]) for name, values in columns.items()} for row in range(n_groups)
+        {
+            name: None if np.isnan(values[row]) else rounded(values[row])
+            for name, values in columns.items()
+        }
+        for row in range(n_groups)
     ]
 
 
 def light_csv(rows: list[dict]) -> str:
-    """Text of ``light.csv``; the rows hold numbers alone."""
+    """Text of ``light.csv``; the rows hold numbers alone, or None for an empty cell."""
     lines = [rows[0], *(row.values() for row in rows)]
-    return "".join(",".join(map(str, line)) + "\n" for line in lines)
+    return "".join(
+        ",".join("" if cell is None else str(cell) for cell in line) + "\n" for line in lines
+    )

@@ -20,7 +20,7 @@ _TITLES = {
 
 
 def read_sky_shares(path: str | os.PathLike) -> dict[int, float]:
-    """Read the share of the sky of each ``branch_id`` from ``light.csv``.
+    """Read the share of the sky of each ``branch_id`` that has one from ``light.csv``.
 
     Raises
     ------
@@ -30,6 +30,7 @@ def read_sky_shares(path: str | os.PathLike) -> dict[int, float]:
     return {
         int(cell_number(row["branch_id"], path, line)): cell_number(row["sky_share"], path, line)
         for line, row in read_table(path, ("branch_id", "sky_share"))
+        if row["sky_share"]
     }
 
 

@@ -306,9 +306,10 @@ class Ensemble(nn.Module):
 
     def __init__(self, members: Iterable[Dgcnn]) -> None:
         super().__init__()
+        members = list(members)
         self.members = nn.ModuleList(members)
-        self.settings: dict[str, Any] = self.members[0].settings
-        if any(member.settings != self.settings for member in self.members):
+        self.settings = members[0].settings
+        if any(member.settings != self.settings for member in members):
             raise ValueError("the networks differ in their settings")
 
     def forward(
