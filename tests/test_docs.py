@@ -32,7 +32,7 @@ def pages(project):
 
 
 # By hand: on the pages of docs/lab, and on all others
-MOST_WORDS_IN_LABORATORY = 5000
+MOST_WORDS_IN_LABORATORY = 5160
 MOST_WORDS = 19734
 
 # Sections whose tables describe and are not measured

@@ -6,7 +6,7 @@ import pytest
 from cherrypicker.classes import WOOD, Label
 from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.segmentation.stems import label_wood, post_rows, under_stems
+from cherrypicker.segmentation.stems import label_wood, posts_and_stems, under_stems
 
 
 def _relabel(points, labels, *, colors=None, known=None):
@@ -222,13 +222,20 @@ def _leader(rng):
     )
 
 
-def _is_post(points, label, known=None):
-    """Which points `post_rows` finds, among limbs grown on what looks like wood or a post."""
+def _found(points, label, known=None):
+    """Posts and stems (n,), bool, among limbs grown on what looks like wood or a post."""
     chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
     orchard = grow_orchard(PointCloud(points, fields={"label": label}), chosen)
-    found = np.zeros(len(points), bool)
-    found[post_rows(points, label, orchard, found if known is None else known)] = True
+    found, none = np.zeros((2, len(points)), bool), np.zeros(len(points), bool)
+    for which, rows in zip(
+        found, posts_and_stems(points, label, orchard, none if known is None else known)
+    ):
+        which[rows] = True
     return found
+
+
+def _is_post(points, label, known=None):
+    return _found(points, label, known)[0]
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.15])
@@ -291,6 +298,22 @@ def test_a_limb_that_is_no_pole_is_a_post_where_the_network_says_so():
     found = np.flatnonzero(_is_post(points, label))
     assert len(found) > 0.2 * len(post)
     assert (found >= len(wood)).all()
+
+
+@pytest.mark.parametrize("is_bare", [False, True])
+def test_a_tapering_stem_that_passes_for_a_post_is_a_stem_if_limbs_would_hang_without_it(is_bare):
+    rng = np.random.default_rng(4)
+    stem = _tube(rng, (0, 0, 0), (0, 0, 1.6), 0.030, 0.010)
+    bough = _tube(rng, (0, 0, 0.9), (0.5, 0.1, 1.0), 0.012, 0.006)
+    points = np.vstack([stem, _ground(rng)] if is_bare else [stem, bough, _ground(rng)])
+    label = np.full(len(points), Label.BRANCH, np.uint8)
+    label[: len(stem)] = Label.SUPPORT_POST
+    label[-len(_ground(rng)) :] = Label.GROUND
+    is_post, is_stem = _found(points, label)
+    shown, other = (is_post, is_stem) if is_bare else (is_stem, is_post)
+    assert shown[: len(stem)].mean() > 0.4  # those that limbs are grown from
+    assert shown[len(stem) :].mean() < 0.02
+    assert not other.any()
 
 
 def test_what_stands_under_a_stem_and_nowhere_else_is_the_stem():

@@ -27,7 +27,7 @@ from cherrypicker.segmentation.spheres import (
     neighbor_graphs,
     tree_frame,
 )
-from cherrypicker.segmentation.stems import label_wood, post_rows, under_stems
+from cherrypicker.segmentation.stems import label_wood, posts_and_stems, under_stems
 from cherrypicker.segmentation.things import (
     GROUP_COLUMNS,
     group_of,
@@ -215,9 +215,9 @@ def segment_cloud(
         cloud = cloud.with_fields(label=labels)
         like_wood = replace(growth, classes=(*growth.classes, Label.SUPPORT_POST))
         orchard = grow_orchard(cloud, like_wood, region=region, is_row=is_row)
-        posts = post_rows(cloud.points, labels, orchard, known)
-        if len(posts):  # they stand so near that limbs which were grown with them are wrong
-            labels[posts] = Label.SUPPORT_POST
+        posts, stems = posts_and_stems(cloud.points, labels, orchard, known)
+        if len(posts) or len(stems):  # limbs that were grown with posts beside them are wrong
+            labels[posts], labels[stems] = Label.SUPPORT_POST, Label.TRUNK
             orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
         stems = under_stems(cloud.points, labels, orchard, known)
         if len(stems):

@@ -28,7 +28,7 @@ from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.feet import ground_height
 
-__all__ = ["label_wood", "post_rows", "under_stems"]
+__all__ = ["label_wood", "posts_and_stems", "under_stems"]
 
 logger = logging.getLogger(__name__)
 
@@ -121,16 +121,18 @@ def label_wood(
     return result
 
 
-def post_rows(
+def posts_and_stems(
     points: np.ndarray, labels: np.ndarray, orchard: Orchard, known: np.ndarray
-) -> np.ndarray:
-    """Rows of the posts and wires among limbs that were grown on what looks like wood or a post.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of posts and wires, and of stems, among limbs grown on what looks like wood or a post.
 
     No wood is so straight and even as a pole (`cherrypicker.limbs.poles`): what lies in one that
     stands is post, but for points (n,) whose class is known, and for one without which wood would
     hang in the air: that is a stem, if the network does not call it a post. One that ends in the
-    air on both sides is a wire. Of other limbs those are posts most of whose points say so.
+    air on both sides is a wire. Of other limbs those are posts most of whose points say so, but
+    for one that bears limbs which would hang in the air without it: that is a stem as well.
     """
+    stems = [np.empty(0, int)]
     found, is_thing = np.zeros(len(points), bool), np.isin(labels, THINGS) & ~known
     is_said, is_wood = labels == Label.SUPPORT_POST, wood_mask(labels)
     ground = points[labels == Label.GROUND]
@@ -148,19 +150,23 @@ def post_rows(
         rows = np.flatnonzero(own | is_thing)
         candidates, wood = points[rows], points[entered]
         poles: list[np.ndarray] = []
+        said: list[np.ndarray] = []
+        bearing: list[np.ndarray] = []
         hanging: list[tuple[int, Pole]] = []
         of_post = np.bincount(limbs.member, is_said[entered], len(limbs.limbs))
         is_post = 2 * of_post > np.bincount(limbs.member, minlength=len(limbs.limbs))
+        bears = {limb.parent for number, limb in enumerate(limbs.limbs) if not is_post[number]}
         for number, limb in enumerate(limbs.limbs):
             pole = find_pole(wood, limb.tube, limbs.spacing)
             lying = rows[:0] if pole is None else rows[pole.rows(candidates)]
             if len(lying) and stands(lying):
                 poles.append(lying)
             elif is_post[number]:
-                poles.append(entered[limbs.member == number])
+                which = bearing if number in bears else said
+                which.append(entered[limbs.member == number])
             elif pole is not None:
                 hanging.append((number, pole))
-        is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *poles]))
+        is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *poles, *said, *bearing]))
         tree = cKDTree(wood)
         for number, pole in hanging:  # a wire may end at a post, and hang on its stem as well
             if pole.is_free(wood[is_wood_left]):
@@ -168,15 +174,20 @@ def post_rows(
                 grown = limbs.member[tree.query(points[around])[1]]
                 lying = anything[pole.rows(everywhere)]
                 poles.append(np.union1d(lying, around[grown == number]))
-        if not poles:
-            continue
         left = own & is_wood
-        left[np.concatenate(poles)] = False
+        left[np.concatenate([rows[:0], *poles, *said, *bearing])] = False
         is_left_standing = not left.any() or stands(np.flatnonzero(left))
         for each in poles:
             found[each] |= is_left_standing or 2 * np.count_nonzero(is_said[each]) > len(each)
+        for each in said:
+            found[each] = True
+        if is_left_standing:
+            for each in bearing:
+                found[each] = True
+        else:
+            stems += bearing
     logger.info("%s points are of support posts", f"{found.sum():,}")
-    return np.flatnonzero(found)
+    return np.flatnonzero(found), np.concatenate(stems)
 
 
 def _joined(limbs: Limbs) -> _Tubes:
