@@ -149,9 +149,8 @@ def posts_and_stems(
         own = orchard.owner == stem
         rows = np.flatnonzero(own | is_thing)
         candidates, wood = points[rows], points[entered]
-        poles: list[np.ndarray] = []
-        said: list[np.ndarray] = []
-        bearing: list[np.ndarray] = []
+        # Rows, and whether limbs that are no posts grow from it
+        posts: list[tuple[np.ndarray, bool]] = []
         hanging: list[tuple[int, Pole]] = []
         of_post = np.bincount(limbs.member, is_said[entered], len(limbs.limbs))
         is_post = 2 * of_post > np.bincount(limbs.member, minlength=len(limbs.limbs))
@@ -160,32 +159,27 @@ def posts_and_stems(
             pole = find_pole(wood, limb.tube, limbs.spacing)
             lying = rows[:0] if pole is None else rows[pole.rows(candidates)]
             if len(lying) and stands(lying):
-                poles.append(lying)
+                posts.append((lying, False))
             elif is_post[number]:
-                which = bearing if number in bears else said
-                which.append(entered[limbs.member == number])
+                posts.append((entered[limbs.member == number], number in bears))
             elif pole is not None:
                 hanging.append((number, pole))
-        is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *poles, *said, *bearing]))
+        is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *(each for each, _ in posts)]))
         tree = cKDTree(wood)
         for number, pole in hanging:  # a wire may end at a post, and hang on its stem as well
             if pole.is_free(wood[is_wood_left]):
                 around = anything[pole.halo().rows(everywhere)]
                 grown = limbs.member[tree.query(points[around])[1]]
                 lying = anything[pole.rows(everywhere)]
-                poles.append(np.union1d(lying, around[grown == number]))
+                posts.append((np.union1d(lying, around[grown == number]), False))
         left = own & is_wood
-        left[np.concatenate([rows[:0], *poles, *said, *bearing])] = False
+        left[np.concatenate([rows[:0], *(each for each, _ in posts)])] = False
         is_left_standing = not left.any() or stands(np.flatnonzero(left))
-        for each in poles:
-            found[each] |= is_left_standing or 2 * np.count_nonzero(is_said[each]) > len(each)
-        for each in said:
-            found[each] = True
-        if is_left_standing:
-            for each in bearing:
-                found[each] = True
-        else:
-            stems += bearing
+        for each, does_bear in posts:
+            is_one = 2 * np.count_nonzero(is_said[each]) > len(each) and not does_bear
+            found[each] |= is_left_standing or is_one
+            if does_bear and not is_left_standing:
+                stems.append(each)
     logger.info("%s points are of support posts", f"{found.sum():,}")
     return np.flatnonzero(found), np.concatenate(stems)
 
