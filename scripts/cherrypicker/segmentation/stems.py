@@ -149,37 +149,44 @@ def posts_and_stems(
         own = orchard.owner == stem
         rows = np.flatnonzero(own | is_thing)
         candidates, wood = points[rows], points[entered]
-        # Rows, and whether limbs that are no posts grow from it
-        posts: list[tuple[np.ndarray, bool]] = []
+        posts: list[np.ndarray] = []
+        bearing: list[int] = []
         hanging: list[tuple[int, Pole]] = []
         of_post = np.bincount(limbs.member, is_said[entered], len(limbs.limbs))
         is_post = 2 * of_post > np.bincount(limbs.member, minlength=len(limbs.limbs))
+        tree = cKDTree(wood)
+        owned = np.flatnonzero(own)
+        limb_of = limbs.member[tree.query(points[owned])[1]]
         bears = {limb.parent for number, limb in enumerate(limbs.limbs) if not is_post[number]}
         for number, limb in enumerate(limbs.limbs):
             pole = find_pole(wood, limb.tube, limbs.spacing)
             lying = rows[:0] if pole is None else rows[pole.rows(candidates)]
             if len(lying) and stands(lying):
-                posts.append((lying, False))
+                posts.append(lying)
+            elif is_post[number] and pole is None and number in bears:
+                bearing.append(number)
             elif is_post[number]:
-                posts.append((entered[limbs.member == number], number in bears))
+                posts.append(entered[limbs.member == number])
             elif pole is not None:
                 hanging.append((number, pole))
-        is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *(each for each, _ in posts)]))
-        tree = cKDTree(wood)
+        taken = [*posts, *(entered[limbs.member == number] for number in bearing)]
+        is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *taken]))
         for number, pole in hanging:  # a wire may end at a post, and hang on its stem as well
             if pole.is_free(wood[is_wood_left]):
                 around = anything[pole.halo().rows(everywhere)]
                 grown = limbs.member[tree.query(points[around])[1]]
                 lying = anything[pole.rows(everywhere)]
-                posts.append((np.union1d(lying, around[grown == number]), False))
+                posts.append(np.union1d(lying, around[grown == number]))
         left = own & is_wood
-        left[np.concatenate([rows[:0], *(each for each, _ in posts)])] = False
+        left[np.concatenate([owned[is_post[limb_of]], *posts])] = False
         is_left_standing = not left.any() or stands(np.flatnonzero(left))
-        for each, does_bear in posts:
-            is_one = 2 * np.count_nonzero(is_said[each]) > len(each) and not does_bear
-            found[each] |= is_left_standing or is_one
-            if does_bear and not is_left_standing:
-                stems.append(each)
+        for each in posts:
+            found[each] |= is_left_standing or 2 * np.count_nonzero(is_said[each]) > len(each)
+        for number in bearing:
+            if is_left_standing:
+                found[entered[limbs.member == number]] = True
+            else:
+                stems.append(owned[limb_of == number])
     logger.info("%s points are of support posts", f"{found.sum():,}")
     return np.flatnonzero(found), np.concatenate(stems)
 
