@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from cherrypicker.classes import WOOD, Label
+from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
+from cherrypicker.limbs.tubes import Limb, Tube
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.segmentation.stems import label_wood, posts_and_stems, under_stems
+from cherrypicker.segmentation.stems import follow_down, label_wood, posts_and_stems, under_stems
 
 
 def _relabel(points, labels, *, colors=None, known=None):
@@ -199,6 +201,18 @@ def test_a_foot_that_passes_for_ground_in_grass_is_trunk():
     found = _relabel(points, labels)[0]
     assert (found[foot] == Label.TRUNK).mean() > 0.9
     assert (found[len(stem) :] == Label.GROUND).all()
+
+
+def test_a_stem_that_is_traced_aslant_into_the_ground_begins_where_it_meets_it():
+    upright = [[0, 0, z] for z in (0.01, 0.2, 0.6, 1.0)]
+    nodes = np.array([[-0.11, 0, -0.1], [-0.01, 0, 0.0], *upright])
+    limbs = Limbs([Limb(Tube(nodes, np.full(6, 0.05)), -1)], np.zeros(0, int), 0.004, 0.001, 1.0)
+    ground = _ground(np.random.default_rng(0))
+    follow_down(np.empty((0, 3)), limbs, ground, 0.6)
+    tube = limbs.limbs[0].tube
+    assert tube.nodes[0] == pytest.approx([-0.01, 0, 0], abs=0.002)
+    left = np.linalg.norm(np.diff(nodes[1:], axis=0), axis=1).sum()
+    assert tube.length == pytest.approx(left, abs=0.003)
 
 
 def test_grass_that_a_twig_hangs_into_stays_ground():

@@ -278,8 +278,10 @@ def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m
         return
     foot, to_ground = stem.tube.nodes[0], stem.gap / stem.heading[2]
     if stem.gap < 0:
-        cut = min(-to_ground, stem.tube.length / 2)
-        limbs.limbs[0].tube = stretch(stem.tube, cut, stem.tube.length)
+        way, over = stem.tube.way, stem.tube.nodes[:, 2] - (foot[2] - stem.gap)
+        k = int(np.argmax(over > 0))  # the first above the ground, 0 if none is
+        cut = np.interp(0.0, over[k - 1 : k + 1], way[k - 1 : k + 1]) if k else way[-1]
+        limbs.limbs[0].tube = stretch(stem.tube, min(cut, way[-1] / 2), way[-1])
         return
     down = in_cylinder(points, foot, -stem.heading, stem.reach)[1]
     steps = np.concatenate([[0.0], down[(down > 0) & (down <= to_ground)], [to_ground]])
