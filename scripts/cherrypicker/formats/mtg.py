@@ -135,9 +135,8 @@ def read_mtg_nodes(path: str | os.PathLike) -> dict[str, np.ndarray]:
     n_columns = next(place for place, name in enumerate(names) if place and name)
     wanted = [names.index(name) for name in (*_PLACE, thick[0])]
     rows = []
-    last: dict[
-        int, int
-    ] = {}  # of a column: the line with coordinates that its vertex leads back to
+    # Of a column: the line with coordinates that its vertex leads back to
+    last: dict[int, int] = {}
     for number, line in enumerate(lines[heads[0] + 1 :], heads[0] + 2):
         cells = [cell.strip() for cell in line.split("\t")] + [""] * len(names)
         column = next((place for place in range(n_columns) if cells[place]), n_columns)
