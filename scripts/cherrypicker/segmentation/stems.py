@@ -154,9 +154,6 @@ def posts_and_stems(
         hanging: list[tuple[int, Pole]] = []
         of_post = np.bincount(limbs.member, is_said[entered], len(limbs.limbs))
         is_post = 2 * of_post > np.bincount(limbs.member, minlength=len(limbs.limbs))
-        tree = cKDTree(wood)
-        owned = np.flatnonzero(own)
-        limb_of = limbs.member[tree.query(points[owned])[1]]
         bears = {limb.parent for number, limb in enumerate(limbs.limbs) if not is_post[number]}
         for number, limb in enumerate(limbs.limbs):
             pole = find_pole(wood, limb.tube, limbs.spacing)
@@ -171,12 +168,17 @@ def posts_and_stems(
                 hanging.append((number, pole))
         taken = [*posts, *(entered[limbs.member == number] for number in bearing)]
         is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *taken]))
+        tree = cKDTree(wood)
         for number, pole in hanging:  # a wire may end at a post, and hang on its stem as well
             if pole.is_free(wood[is_wood_left]):
                 around = anything[pole.halo().rows(everywhere)]
                 grown = limbs.member[tree.query(points[around])[1]]
                 lying = anything[pole.rows(everywhere)]
                 posts.append(np.union1d(lying, around[grown == number]))
+        if not posts and not bearing:
+            continue
+        owned = np.flatnonzero(own)
+        limb_of = limbs.member[tree.query(points[owned])[1]]
         left = own & is_wood
         left[np.concatenate([owned[is_post[limb_of]], *posts])] = False
         is_left_standing = not left.any() or stands(np.flatnonzero(left))
