@@ -42,7 +42,6 @@ PASSES = {
     "vote of neighbours": (inference, "smooth_probabilities", _unchanged),
     "roofs are sheets": (inference, "keep_roofs", _unchanged),
     "vote per object": (inference, "vote_per_object", _unchanged),
-    "loose wood": (inference, "loose_wood", lambda points, labels, *_: labels),
     "posts by shape": (inference, "posts_and_stems", lambda *_: (np.empty(0, int),) * 2),
     "stem below the stem": (inference, "under_stems", lambda *_: np.empty(0, int)),
     "tubes claim": (stems, "claimed_by", lambda *_: (np.empty(0, int), np.empty(0, bool))),

@@ -32,7 +32,6 @@ from cherrypicker.segmentation.things import (
     GROUP_COLUMNS,
     group_of,
     keep_roofs,
-    loose_wood,
     vote_per_object,
 )
 
@@ -223,7 +222,6 @@ def segment_cloud(
         if len(stems):
             labels[stems] = Label.TRUNK
             orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
-        labels = loose_wood(cloud.points, labels, orchard.owner)
         labels = label_wood(
             cloud.points,
             labels,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CHANNELS, WOOD, Label, wood_mask
+from cherrypicker.classes import CHANNELS, WOOD, Label
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.segmentation.known_markers import BOARD, THICKNESS, KnownMarkers
@@ -27,7 +27,6 @@ __all__ = [
     "group_of",
     "is_group",
     "keep_roofs",
-    "loose_wood",
     "vote_per_object",
 ]
 
@@ -39,11 +38,10 @@ GROUPS = ((Label.GROUND,), WOOD, THINGS, (Label.SUPPORT_POST,))
 LINK = 2.5  # voxels: parts of a thing lie no farther apart (a guess: neighbours with one missing)
 TOUCH_M = 0.05  # the same with the shipped weights' voxels
 STANDS_M = 0.5  # a thing that stands comes this near to the ground (a guess)
-# A roof's points with their nearest have a least variance of at most this share of all of it, and a
-# middle one of at least this share of the largest, or stand in an upright rod (cosine of 15
-# degrees). Guesses, held against laser scans of trees without a roof (docs/lab/segmentation.md)
-N_NEAR, FLAT, BROAD, UPRIGHT = 30, 0.05, 0.15, 0.966
-
+# Roofs are flat: points with this many nearest have a least variance of at most this share of all.
+# So are 0.79 to 1 of the points of roofs, their posts and wires, 0.01 of a laser scan's crown that
+# passes for one (docs/lab/segmentation.md)
+N_NEAR, FLAT = 30, 0.05
 
 #: Channels of each group.
 GROUP_COLUMNS = [
@@ -66,9 +64,9 @@ def keep_roofs(
 ) -> NDArray[np.float32]:
     """Take the class roof from what is none, such as the dense crown of a laser scan.
 
-    A roof is a sheet, and upright posts carry it: half of the points of a piece are of either, and
-    some of a sheet. Points (n, 3) and probabilities (n, n_channels) are of a voxel sample, z up,
-    whose neighbours are a `voxel` apart; the result is a copy.
+    What is built is of sheets and rods, and a crown spreads to all sides: most points of a piece
+    decide. Points (n, 3) and probabilities (n, n_channels) are of a voxel sample whose neighbours
+    are a `voxel` apart; the result is a copy.
     """
     roof = CHANNELS.index(Label.ROOF)
     rows = np.flatnonzero(probabilities.argmax(axis=1) == roof)
@@ -77,14 +75,11 @@ def keep_roofs(
     cells, cell_of, _ = voxel_sample(points[rows], 2 * voxel)  # posts are wider than a few voxels
     near = cells[cKDTree(cells).query(cells, k=np.arange(1, 1 + min(N_NEAR, len(cells))))[1]]
     near = near - near.mean(axis=1, keepdims=True)
-    variance, ways = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near))
-    is_broad = variance[:, 1] >= BROAD * variance[:, 2]
-    is_flat = is_broad & (variance[:, 0] <= FLAT * variance.sum(axis=1))
-    is_post = ~is_broad & (np.abs(ways[:, 2, 2]) >= UPRIGHT)
+    variance = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", near, near))
+    is_flat = variance[:, 0] <= FLAT * variance.sum(axis=1)
     piece = link_components(cells, 2 * LINK * voxel)
-    balance = np.bincount(piece, np.where(is_flat | is_post, 1.0, -1.0))
-    is_none = (balance < 0) | (np.bincount(piece, is_flat) == 0)
-    lost = rows[is_none[piece][cell_of]]
+    is_crown = np.bincount(piece, np.where(is_flat, 1.0, -1.0)) < 0
+    lost = rows[is_crown[piece][cell_of]]
     result = probabilities.copy()
     result[lost, roof] = 0.0
     result[lost, CHANNELS.index(Label.BRANCH)] += 1e-6  # what is certain to be a roof is wood then
@@ -132,28 +127,4 @@ def vote_per_object(
         f"{np.count_nonzero(board):,}",
         len(markers.squares) if markers else 0,
     )
-    return result
-
-
-def loose_wood(
-    points: NDArray[np.float64], labels: NDArray[np.uint8], owner: NDArray[np.intp]
-) -> NDArray[np.uint8]:
-    """Labels (n,) in which wood that hangs on no stem is of the thing that it touches, or branch.
-
-    So the post of a sign goes to its board, and a board most of which passes for wood to the rest
-    of it. Points (n, 3), owners (n,) as of `cherrypicker.wood.target_wood.SharedWood`.
-    """
-    result = labels.copy()
-    loose = np.flatnonzero(wood_mask(labels) & (owner < 0))
-    result[loose] = Label.BRANCH
-    things = np.flatnonzero(np.isin(labels, THINGS))
-    if not len(things) or not len(loose):
-        return result
-    piece = link_components(points[loose], TOUCH_M)
-    apart, nearest = cKDTree(points[things]).query(points[loose], distance_upper_bound=TOUCH_M)
-    touched = labels[things[np.minimum(nearest, len(things) - 1)]]
-    votes = [np.bincount(piece, np.isfinite(apart) & (touched == label)) for label in THINGS]
-    given = np.any(votes, axis=0)[piece]
-    result[loose[given]] = np.array(THINGS, np.uint8)[np.argmax(votes, axis=0)[piece[given]]]
-    logger.info("%s points of loose wood are of things", f"{np.count_nonzero(given):,}")
     return result
