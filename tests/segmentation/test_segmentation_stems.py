@@ -3,18 +3,23 @@
 import numpy as np
 import pytest
 
-from cherrypicker.classes import WOOD, Label
+from cherrypicker.classes import Label
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
 from cherrypicker.limbs.tubes import Limb, Tube
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.segmentation.stems import follow_down, label_wood, posts_and_stems, under_stems
+from cherrypicker.segmentation.stems import (
+    follow_down,
+    label_wood,
+    poles_and_wires,
+    said_posts,
+    under_stems,
+)
 
 
 def _relabel(points, labels, *, colors=None, known=None):
     """Labels after the limbs have decided, and the limbs."""
-    cloud = PointCloud(points, fields={"label": labels})
-    orchard = grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
+    orchard = _grown(points, labels)
     after = label_wood(points, labels, orchard, colors=colors, known=known, stem_gap_m=0.6)
     return after, orchard
 
@@ -246,14 +251,21 @@ def _leader(rng):
 
 def _found(points, label, known=None):
     """Posts and stems (n,), bool, among limbs grown on what looks like wood or a post."""
-    chosen = GrowthOptions(voxel_size_m=0.006, classes=(*WOOD, Label.SUPPORT_POST))
-    orchard = grow_orchard(PointCloud(points, fields={"label": label}), chosen)
-    found, none = np.zeros((2, len(points)), bool), np.zeros(len(points), bool)
-    for which, rows in zip(
-        found, posts_and_stems(points, label, orchard, none if known is None else known)
-    ):
-        which[rows] = True
-    return found
+    known = np.zeros(len(points), bool) if known is None else known
+    said = label == Label.SUPPORT_POST
+    labels = np.where(said, np.uint8(Label.BRANCH), label)
+    is_post, is_stem = np.zeros((2, len(points)), bool)
+    orchard = _grown(points, labels)
+    is_post[poles_and_wires(points, labels, orchard, said=said, known=known)] = True
+    labels[is_post] = Label.SUPPORT_POST
+    posts, stems = said_posts(points, labels, _grown(points, labels), said)
+    is_post[posts], is_stem[stems] = True, True
+    return is_post, is_stem
+
+
+def _grown(points, labels):
+    cloud = PointCloud(points, fields={"label": labels})
+    return grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
 
 
 def _is_post(points, label, known=None):
@@ -353,8 +365,7 @@ def test_what_stands_under_a_stem_and_nowhere_else_is_the_stem():
     labels[lower] = Label.SIGN
     seen = ~(lower & (points[:, 2] > 0.3))  # a gap, so that it hangs together with nothing
     points, labels, lower = points[seen], labels[seen], lower[seen]
-    cloud = PointCloud(points, fields={"label": labels})
-    orchard = grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
+    orchard = _grown(points, labels)
     found = np.zeros(len(points), bool)
     found[under_stems(points, labels, orchard, found)] = True
     assert (found == lower).all()

@@ -34,15 +34,14 @@ HALO = 3.0
 class Pole:
     """A cylinder: its middle and direction (3,), length and radius.
 
-    ``level`` is the median distance of its points from its axis, which other pieces of it have to
-    within ``slack``; ``reach`` how far its points lie off at most. The slack of one that is thinner
-    than its points are apart, which show no surface of it, is all of its reach.
+    ``reach`` is how far its points lie off its axis at most; the median distances of its pieces
+    differ by ``slack`` at most. The slack of one that is thinner than its points are apart, which
+    show no surface of it, is all of its reach.
     """
 
     middle: np.ndarray
     along: np.ndarray
     length: float
-    level: float
     slack: float
     reach: float
 
@@ -52,7 +51,9 @@ class Pole:
         piece = _pieces(way, 2 * self.reach)
         ends = np.flatnonzero(np.diff(piece)) + 1
         level = np.array([np.median(each) for each in np.split(aside, ends) if len(each)])
-        return rows[np.abs(level - self.level)[piece] <= self.slack]
+        inside = np.abs(way) <= self.length / 2
+        own = np.median(aside[inside]) if inside.any() else np.inf
+        return rows[np.abs(level - own)[piece] <= self.slack]
 
     def halo(self) -> Pole:
         """The same with its stray points."""
@@ -113,7 +114,7 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
     if not (_is_even(way[main], aside[main], even) and _is_straight(way[main], offset, straight)):
         return None
     slack = even if radius > spacing else reach
-    return Pole(middle, along, length, float(np.median(aside[main])), slack, reach)
+    return Pole(middle, along, length, slack, reach)
 
 
 def _pieces(way: np.ndarray, gap: float) -> np.ndarray:

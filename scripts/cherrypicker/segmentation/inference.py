@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from cherrypicker.segmentation.spheres import (
     neighbor_graphs,
     tree_frame,
 )
-from cherrypicker.segmentation.stems import label_wood, posts_and_stems, under_stems
+from cherrypicker.segmentation.stems import label_wood, poles_and_wires, said_posts, under_stems
 from cherrypicker.segmentation.things import (
     GROUP_COLUMNS,
     group_of,
@@ -207,21 +208,24 @@ def segment_cloud(
             f"no point was labelled trunk or branch (found: {found})",
             key="segment.weights",
         )
-    if is_alone:
-        cloud = cloud.with_fields(label=labels)
-        orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
-    else:
-        cloud = cloud.with_fields(label=labels)
-        like_wood = replace(growth, classes=(*growth.classes, Label.SUPPORT_POST))
-        orchard = grow_orchard(cloud, like_wood, region=region, is_row=is_row)
-        posts, stems = posts_and_stems(cloud.points, labels, orchard, known)
-        if len(posts) or len(stems):  # limbs that were grown with posts beside them are wrong
-            labels[posts], labels[stems] = Label.SUPPORT_POST, Label.TRUNK
-            orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
+    said = labels == Label.SUPPORT_POST
+    if not is_alone:
+        labels[said] = Label.BRANCH  # until its limbs tell
+    cloud = cloud.with_fields(label=labels)
+    grow = partial(grow_orchard, cloud, growth, region=region, is_row=is_row)
+    orchard = grow()
+    if not is_alone:
+        # Limbs that were grown with posts beside them, or without their foot, are wrong
+        posts = poles_and_wires(cloud.points, labels, orchard, said=said, known=known)
+        labels[posts] = Label.SUPPORT_POST
+        orchard = grow() if len(posts) else orchard
+        posts, stems = said_posts(cloud.points, labels, orchard, said)
+        labels[said] = labels[posts] = Label.SUPPORT_POST
+        labels[stems] = Label.TRUNK
+        orchard = grow() if len(posts) or len(stems) else orchard
         stems = under_stems(cloud.points, labels, orchard, known)
-        if len(stems):
-            labels[stems] = Label.TRUNK
-            orchard = grow_orchard(cloud, growth, region=region, is_row=is_row)
+        labels[stems] = Label.TRUNK
+        orchard = grow() if len(stems) else orchard
         labels = label_wood(
             cloud.points,
             labels,

@@ -20,7 +20,7 @@ from cherrypicker.geometry.neighbors import link_components, rows_in_box
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
-from cherrypicker.limbs.poles import Pole, find_pole, in_cylinder
+from cherrypicker.limbs.poles import find_pole, in_cylinder
 from cherrypicker.limbs.tubes import Tube, claim_radius, stretch
 from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
@@ -28,7 +28,7 @@ from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.feet import ground_height
 
-__all__ = ["label_wood", "posts_and_stems", "under_stems"]
+__all__ = ["label_wood", "poles_and_wires", "said_posts", "under_stems"]
 
 logger = logging.getLogger(__name__)
 
@@ -122,76 +122,86 @@ def label_wood(
     return result
 
 
-def posts_and_stems(
-    points: np.ndarray, labels: np.ndarray, orchard: Orchard, known: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of posts and wires, and of stems, among limbs grown on what looks like wood or a post.
+def poles_and_wires(
+    points: np.ndarray,
+    labels: np.ndarray,
+    orchard: Orchard,
+    *,
+    said: np.ndarray,
+    known: np.ndarray,
+) -> np.ndarray:
+    """Rows of posts and wires by their shape, among limbs grown on wood and what is said a post.
 
     No wood is so straight and even as a pole (`cherrypicker.limbs.poles`): what lies in one that
     stands is post, but for points (n,) whose class is known, and for one without which wood would
-    hang in the air: that is a stem, if the network does not call it a post. One that ends in the
-    air on both sides is a wire. Of other limbs those are posts most of whose points say so, but
-    for one that bears limbs which would hang in the air without it: that is a stem as well.
+    hang in the air: that is a stem, unless most of it is said (n,) to be a post. One that ends in
+    the air on both sides is a wire.
     """
-    stems = [np.empty(0, int)]
-    found, is_thing = np.zeros(len(points), bool), np.isin(labels, THINGS) & ~known
-    is_said, is_wood = labels == Label.SUPPORT_POST, wood_mask(labels)
-    ground = points[labels == Label.GROUND]
-    anything = np.flatnonzero(is_wood | is_said | is_thing)
-    everywhere = points[anything]
-
-    def stands(rows: np.ndarray) -> bool:
-        foot = points[rows[points[rows, 2].argmin()]]
-        return bool(foot[2] - ground_height(foot[None, :2], ground, foot[2])[0] <= STANDS_M)
-
+    is_thing, is_limb = np.isin(labels, THINGS) & ~known, wood_mask(labels)
+    ground, anything = points[labels == Label.GROUND], np.flatnonzero(is_limb | is_thing)
+    found = np.zeros(len(points), bool)
     for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
         if limbs is None:
             continue
-        own = orchard.owner == stem
+        own, wood, near = orchard.owner == stem, points[entered], cKDTree(points[entered])
         rows = np.flatnonzero(own | is_thing)
-        candidates, wood = points[rows], points[entered]
-        posts: list[np.ndarray] = []
-        bearing: list[int] = []
-        hanging: list[tuple[int, Pole]] = []
-        of_post = np.bincount(limbs.member, is_said[entered], len(limbs.limbs))
-        is_post = 2 * of_post > np.bincount(limbs.member, minlength=len(limbs.limbs))
-        bears = {limb.parent for number, limb in enumerate(limbs.limbs) if not is_post[number]}
-        for number, limb in enumerate(limbs.limbs):
-            pole = find_pole(wood, limb.tube, limbs.spacing)
-            lying = rows[:0] if pole is None else rows[pole.rows(candidates)]
-            if len(lying) and stands(lying):
-                posts.append(lying)
-            elif is_post[number] and pole is None and number in bears:
-                bearing.append(number)
-            elif is_post[number]:
-                posts.append(entered[limbs.member == number])
-            elif pole is not None:
-                hanging.append((number, pole))
-        taken = [*posts, *(entered[limbs.member == number] for number in bearing)]
-        is_wood_left = ~np.isin(entered, np.concatenate([rows[:0], *taken]))
-        tree = cKDTree(wood)
-        for number, pole in hanging:  # a wire may end at a post, and hang on its stem as well
-            if pole.is_free(wood[is_wood_left]):
-                around = anything[pole.halo().rows(everywhere)]
-                grown = limbs.member[tree.query(points[around])[1]]
-                lying = anything[pole.rows(everywhere)]
-                posts.append(np.union1d(lying, around[grown == number]))
-        if not posts and not bearing:
-            continue
-        owned = np.flatnonzero(own)
-        limb_of = limbs.member[tree.query(points[owned])[1]]
-        left = own & is_wood
-        left[np.concatenate([owned[is_post[limb_of]], *posts])] = False
-        is_left_standing = not left.any() or stands(np.flatnonzero(left))
+        poles = [find_pole(wood, limb.tube, limbs.spacing) for limb in limbs.limbs]
+        lying = [rows[pole.rows(points[rows])] if pole else rows[:0] for pole in poles]
+        posts = [each for each in lying if _stands(points[each], ground)]
+        left = own & is_limb
+        left[np.concatenate([rows[:0], *posts])] = False
+        is_left = left[entered]
+        for number, pole in enumerate(poles):
+            if pole is None or _stands(points[lying[number]], ground):
+                continue
+            if pole.is_free(
+                wood[is_left]
+            ):  # a wire may end at a post, and hang on its stem as well
+                around = anything[pole.halo().rows(points[anything])]
+                grown = limbs.member[near.query(points[around])[1]] == number
+                found[np.union1d(anything[pole.rows(points[anything])], around[grown])] = True
+        is_left_standing = not left.any() or _stands(points[left], ground)
         for each in posts:
-            found[each] |= is_left_standing or 2 * np.count_nonzero(is_said[each]) > len(each)
-        for number in bearing:
-            if is_left_standing:
-                found[entered[limbs.member == number]] = True
-            else:
-                stems.append(owned[limb_of == number])
-    logger.info("%s points are of support posts", f"{found.sum():,}")
-    return np.flatnonzero(found), np.concatenate(stems)
+            found[each] |= is_left_standing or 2 * np.count_nonzero(said[each]) > len(each)
+    logger.info("%s points are of poles and wires", f"{found.sum():,}")
+    return np.flatnonzero(found)
+
+
+def said_posts(
+    points: np.ndarray, labels: np.ndarray, orchard: Orchard, said: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of posts and of stems among limbs most of whose points are said (n,) to be a post.
+
+    One that bears limbs which would hang in the air without it is a stem.
+    """
+    is_wood, ground = wood_mask(labels) & ~said, points[labels == Label.GROUND]
+    posts, stems = [np.empty(0, int)], [np.empty(0, int)]
+    for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
+        if limbs is None:
+            continue
+        n_said = np.bincount(limbs.member, said[entered], len(limbs.limbs))
+        is_post = 2 * n_said > np.bincount(limbs.member, minlength=len(limbs.limbs))
+        if not is_post.any():
+            continue
+        bears = np.zeros(len(is_post), bool)
+        bears[[limb.parent for limb, post in zip(limbs.limbs, is_post) if not post]] = True
+        owned = np.flatnonzero(orchard.owner == stem)
+        limb = limbs.member[cKDTree(points[entered]).query(points[owned])[1]]
+        left = owned[~is_post[limb] & is_wood[owned]]
+        hangs = len(left) > 0 and not _stands(points[left], ground)
+        is_stem = is_post & bears & hangs
+        stems.append(owned[is_stem[limb]])
+        posts.append(entered[(is_post & ~is_stem)[limbs.member]])
+    logger.info("%s points are of posts by the network's word", f"{sum(map(len, posts)):,}")
+    return np.concatenate(posts), np.concatenate(stems)
+
+
+def _stands(points: np.ndarray, ground: np.ndarray) -> bool:
+    """Whether the points (n, 3) reach the ground, or nearly."""
+    if not len(points):
+        return False
+    foot = points[points[:, 2].argmin()]
+    return bool(foot[2] - ground_height(foot[None, :2], ground, foot[2])[0] <= STANDS_M)
 
 
 def _joined(limbs: Limbs) -> _Tubes:
