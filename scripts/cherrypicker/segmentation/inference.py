@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -211,21 +210,24 @@ def segment_cloud(
     said = labels == Label.SUPPORT_POST
     if not is_alone:
         labels[said] = Label.BRANCH  # until its limbs tell
-    cloud = cloud.with_fields(label=labels)
-    grow = partial(grow_orchard, cloud, growth, region=region, is_row=is_row)
-    orchard = grow()
+
+    def grow(labels: np.ndarray) -> Orchard:
+        labelled = cloud.with_fields(label=labels)
+        return grow_orchard(labelled, growth, region=region, is_row=is_row)
+
+    orchard = grow(labels)
     if not is_alone:
         # Limbs that were grown with posts beside them, or without their foot, are wrong
         posts = poles_and_wires(cloud.points, labels, orchard, said=said, known=known)
         labels[posts] = Label.SUPPORT_POST
-        orchard = grow() if len(posts) else orchard
+        orchard = grow(labels) if len(posts) else orchard
         posts, stems = said_posts(cloud.points, labels, orchard, said)
         labels[said] = labels[posts] = Label.SUPPORT_POST
         labels[stems] = Label.TRUNK
-        orchard = grow() if len(posts) or len(stems) else orchard
-        stems = under_stems(cloud.points, labels, orchard, known)
+        orchard = grow(labels) if len(posts) or len(stems) else orchard
+        stems = under_stems(cloud.points, labels, orchard, known=known, grow=grow)
         labels[stems] = Label.TRUNK
-        orchard = grow() if len(stems) else orchard
+        orchard = grow(labels) if len(stems) else orchard
         labels = label_wood(
             cloud.points,
             labels,

@@ -9,6 +9,7 @@ is wood, whatever its likeliest class, and a stem that ends in the air over grou
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,9 +34,7 @@ __all__ = ["label_wood", "poles_and_wires", "said_posts", "under_stems"]
 logger = logging.getLogger(__name__)
 
 HALF_LOST = (1 + TRUNK_KEEPS) / 2  # tubes are smooth: half of a step lies on either side of it
-# What stands under a stem and nowhere else: of a thing this share lies in line with it, which wood
-# leaves by so much of the way (guesses)
-IN_LINE, LEAN = 0.9, 0.2
+IN_TUBES = 0.9  # of a thing that is a stem (a guess)
 HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from (a guess)
 
 
@@ -261,24 +260,37 @@ def _hanging(limbs: Limbs, ground: np.ndarray) -> _Hanging | None:
 
 
 def under_stems(
-    points: np.ndarray, labels: np.ndarray, orchard: Orchard, known: np.ndarray
+    points: np.ndarray,
+    labels: np.ndarray,
+    orchard: Orchard,
+    *,
+    known: np.ndarray,
+    grow: Callable[[np.ndarray], Orchard],
 ) -> np.ndarray:
-    """Rows of the things that stand between a stem and the ground and nowhere else: they are it."""
-    ground = points[labels == Label.GROUND]
-    free = np.flatnonzero(np.isin(labels, [*THINGS, Label.SUPPORT_POST]) & ~known)
-    found = [free[:0]]
-    for limbs in orchard.limbs:
-        stem = _hanging(limbs, ground) if limbs else None
-        if stem is None or stem.gap < 0:
+    """Rows of the things that are the foot of a stem which else hangs in the air.
+
+    What lies around under such a stem is grown along with the wood: of a thing that is a stem most
+    points lie in the tubes of the tree that hung, of a board or a sign with its post they do not.
+    """
+    ground, found = points[labels == Label.GROUND], [np.empty(0, int)]
+    free = np.flatnonzero(np.isin(labels, THINGS) & ~known)
+    for stem, limbs in enumerate(orchard.limbs):
+        hanging = _hanging(limbs, ground) if limbs else None
+        if hanging is None or hanging.gap <= TOUCH_M:
             continue
-        foot, wide = stem.tube.nodes[0], stem.gap + STANDS_M
-        rows = free[rows_in_box(points[free], foot - wide, foot + [wide, wide, 0.0])]
+        foot, wide = hanging.tube.nodes[0], hanging.gap + STANDS_M
+        rows = free[rows_in_box(points[free], foot - wide, foot + [wide, wide, TOUCH_M])]
+        trial = labels.copy()
+        trial[rows] = Label.BRANCH
+        grown = grow(trial) if len(rows) else orchard
+        owner = np.bincount(1 + grown.owner[orchard.owner == stem]).argmax() - 1
+        joined = grown.limbs[owner] if owner >= 0 and len(rows) else None
+        if joined is None:
+            continue
         piece = link_components(points[rows], TOUCH_M)
-        under, down, aside = in_cylinder(points[rows], foot, -stem.heading, wide)
-        is_in_line = (down > 0) & (aside <= stem.reach + LEAN * down)
-        n_in_line = np.bincount(piece[under], is_in_line, minlength=piece.max(initial=-1) + 1)
-        is_stem = n_in_line >= IN_LINE * np.bincount(piece)
-        found.append(rows[is_stem[piece]])
+        inside = claimed_by(_joined(joined), points[rows])[0]
+        n_inside = np.bincount(piece[inside], minlength=piece.max() + 1)
+        found.append(rows[(n_inside >= IN_TUBES * np.bincount(piece))[piece]])
     rows = np.unique(np.concatenate(found))
     logger.info("%s points of things are stems, below the wood that they bear", f"{len(rows):,}")
     return rows
