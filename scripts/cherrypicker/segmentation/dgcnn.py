@@ -23,7 +23,6 @@ from torch import nn
 from torch_geometric.nn import EdgeConv
 
 from cherrypicker.classes import CHANNELS
-from cherrypicker.compiled import compiled
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 
@@ -34,7 +33,6 @@ N_CLASSES_BEFORE = 7  # of weights that do not say it: they know the support pos
 N_FEATURES = 10  # RGB, colour flag, global xyz, normalised xyz
 CHECKPOINT_FORMAT = "cherrypicker-dgcnn-1"
 GRAPHS = ("fixed", "dynamic")
-N_BLOCKS = 8  # of channels, one a thread
 
 
 def choose_device(threads: int, gpu: int) -> str:
@@ -59,69 +57,21 @@ def choose_device(threads: int, gpu: int) -> str:
     return "cuda" if gpu and torch.cuda.is_available() else "cpu"
 
 
-@compiled(parallel=True)
-def _gather_max(
-    values: np.ndarray, neighbors: np.ndarray, out: np.ndarray, arg: np.ndarray
-) -> None:
-    n_points, k = neighbors.shape
-    n_channels = values.shape[1]
-    for i in numba.prange(n_points):
-        j = neighbors[i, 0]
-        for c in range(n_channels):
-            out[i, c] = values[j, c]
-            arg[i, c] = j
-        for q in range(1, k):
-            j = neighbors[i, q]
-            for c in range(n_channels):
-                larger = values[j, c] > out[i, c]
-                out[i, c] = values[j, c] if larger else out[i, c]
-                arg[i, c] = j if larger else arg[i, c]
-
-
-@compiled(parallel=True)
-def _scatter_max(grad: np.ndarray, arg: np.ndarray, out: np.ndarray, n_blocks: int) -> None:
-    # Each thread owns a block of channels, so the sums have one fixed order.
-    n_points, n_channels = grad.shape
-    for block in numba.prange(n_blocks):
-        first = block * n_channels // n_blocks
-        last = (block + 1) * n_channels // n_blocks
-        for i in range(n_points):
-            for c in range(first, last):
-                out[arg[i, c], c] += grad[i, c]
-
-
-class _NeighborMax(torch.autograd.Function):
+def neighbor_max(values: torch.Tensor, neighbors: torch.Tensor) -> torch.Tensor:
     """Channel-wise maximum over the neighbours, ``out[i, c] = max_q values[neighbors[i, q], c]``.
 
-    On a CPU the gathered (N, k, C) array is never made, which is twelve times as fast as torch.
+    Values (N, C) and indices (M, k) to (M, C). The gathered (M, k, C) tensor is never made.
     """
-
-    @staticmethod
-    def forward(ctx: Any, values: torch.Tensor, neighbors: torch.Tensor) -> torch.Tensor:
-        if values.is_cuda:
-            gathered = values[neighbors]  # (N, k, C)
-            out, which = gathered.max(dim=1)
-            arg = neighbors.gather(1, which)
-        else:
-            shape = (len(neighbors), values.shape[1])
-            out_np, arg_np = np.empty(shape, np.float32), np.empty(shape, np.int32)
-            values_np = np.ascontiguousarray(values.detach().numpy())
-            _gather_max(values_np, neighbors.numpy(), out_np, arg_np)
-            out, arg = torch.from_numpy(out_np), torch.from_numpy(arg_np)
-        ctx.save_for_backward(arg)
-        ctx.n_values = len(values)
-        ctx.mark_non_differentiable(arg)
-        return out
-
-    @staticmethod
-    def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor, None]:
-        (arg,) = ctx.saved_tensors
-        if grad.is_cuda:
-            out = grad.new_zeros(ctx.n_values, grad.shape[1])
-            return out.scatter_add_(0, arg.long(), grad), None
-        total = np.zeros((ctx.n_values, grad.shape[1]), np.float32)
-        _scatter_max(np.ascontiguousarray(grad.numpy()), arg.numpy(), total, N_BLOCKS)
-        return torch.from_numpy(total), None
+    columns = neighbors.T.contiguous()  # rows of one neighbour each are gathered three times faster
+    with torch.no_grad():
+        largest = values.index_select(0, columns[0])
+        which = columns[0][:, None].expand_as(largest)
+        for column in columns[1:]:
+            other = values.index_select(0, column)
+            if values.requires_grad:
+                which = torch.where(other > largest, column[:, None], which)
+            largest = torch.maximum(largest, other)
+    return values.gather(0, which.long()) if values.requires_grad else largest
 
 
 class LinearEdgeConv(EdgeConv):
@@ -142,7 +92,7 @@ class LinearEdgeConv(EdgeConv):
         of_self, of_offset = self.nn.weight.split(self.in_channels, dim=1)
         center = torch.nn.functional.linear(x, of_self - of_offset, self.nn.bias)
         offset = torch.nn.functional.linear(x, of_offset)
-        return center + _NeighborMax.apply(offset, neighbors)
+        return center + neighbor_max(offset, neighbors)
 
 
 def nearest_features(h: torch.Tensor, sizes: list[int], k: int) -> torch.Tensor:
@@ -159,7 +109,7 @@ def nearest_features(h: torch.Tensor, sizes: list[int], k: int) -> torch.Tensor:
     Returns
     -------
     Tensor of shape (N, k), int
-        Rows of `h`, the point itself first, of the type that `LinearEdgeConv` takes there.
+        Rows of `h`, the point itself first.
     """
     found, start = [], 0
     with torch.no_grad():
@@ -169,8 +119,7 @@ def nearest_features(h: torch.Tensor, sizes: list[int], k: int) -> torch.Tensor:
             fill = nearest[:, :1].expand(-1, k - nearest.shape[1])
             found.append(torch.cat([nearest, fill], dim=1) + start)
             start += len(part)
-    neighbors = torch.cat(found)
-    return neighbors if h.is_cuda else neighbors.int()
+    return torch.cat(found)
 
 
 class _Block(nn.Module):

@@ -95,7 +95,7 @@ def predict_spheres(
                 features = features_of(part, part_colors, center, radius)
                 parts.append((features, neighbor_graphs(part, k, n_scales)))
             tensor, graphs, sizes = collate(parts)
-            graphs = [graph if device == "cpu" else graph.long().to(device) for graph in graphs]
+            graphs = [graph.to(device) for graph in graphs]
             result = network(tensor.to(device), graphs, sizes).exp().cpu().numpy()
             for (_, rows), part in zip(batch, np.split(result, np.cumsum(sizes)[:-1])):
                 total[rows, : part.shape[1]] += part  # the rows of one sphere are distinct

@@ -187,7 +187,7 @@ class _Run:
             group["lr"] = rate
         features, graphs, sizes = collate([(f, g) for f, g, _ in batch])
         targets = torch.from_numpy(np.concatenate([t for _, _, t in batch])).to(device)
-        graphs = [g if device == "cpu" else g.long().to(device) for g in graphs]
+        graphs = [graph.to(device) for graph in graphs]
         output = self.network(features.to(device), graphs, sizes)
         loss = wood_loss(output, targets, weights)
         self.optimizer.zero_grad()
