@@ -22,7 +22,7 @@ from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.poles import find_pole, in_cylinder
-from cherrypicker.limbs.tubes import Tube, claim_radius, stretch
+from cherrypicker.limbs.tubes import claim_radius, stretch
 from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
@@ -235,28 +235,12 @@ def _nearest_surface(points: np.ndarray, tubes: _Tubes) -> tuple[np.ndarray, np.
     return off[1] < off[0], claimed[0] | claimed[1]
 
 
-@dataclass
-class _Hanging:
-    """A stem whose foot is not on the ground, and where it would meet it."""
-
-    tube: Tube
-    heading: np.ndarray  # upwards
-    reach: float  # of what lies on its surface
-    gap: float  # of its foot over the ground, negative below it
-
-
-def _hanging(limbs: Limbs, ground: np.ndarray) -> _Hanging | None:
-    """None where the foot is on the ground, or the ground is not known there."""
+def _over_ground(limbs: Limbs, ground: np.ndarray) -> float:
+    """How far a stem's foot is over the ground, or 0: within its spacing, or nothing is known."""
     tube = limbs.limbs[0].tube
-    foot, radius = tube.nodes[0], float(tube.radius[0])
-    level = ground_level(ground, foot[:2], radius)
-    k = int(np.searchsorted(tube.way, HEADING_IN_RADII * radius).clip(1, len(tube.nodes) - 1))
-    heading = tube.nodes[k] - foot
-    heading /= np.linalg.norm(heading)
-    if level is None or heading[2] <= 0 or abs(gap := foot[2] - level) <= limbs.spacing:
-        return None
-    reach = float(claim_radius(tube.radius[:1], limbs.spacing)[0])
-    return _Hanging(tube, heading, reach, gap)
+    level = ground_level(ground, tube.nodes[0, :2], float(tube.radius[0]))
+    gap = 0.0 if level is None else float(tube.nodes[0, 2] - level)
+    return gap if abs(gap) > limbs.spacing else 0.0
 
 
 def under_stems(
@@ -275,10 +259,10 @@ def under_stems(
     ground, found = points[labels == Label.GROUND], [np.empty(0, int)]
     free = np.flatnonzero(np.isin(labels, THINGS) & ~known)
     for stem, limbs in enumerate(orchard.limbs):
-        hanging = _hanging(limbs, ground) if limbs else None
-        if hanging is None or hanging.gap <= TOUCH_M:
+        gap = _over_ground(limbs, ground) if limbs else 0.0
+        if limbs is None or gap <= TOUCH_M:
             continue
-        foot, wide = hanging.tube.nodes[0], hanging.gap + STANDS_M
+        foot, wide = limbs.limbs[0].tube.nodes[0], gap + STANDS_M
         rows = free[rows_in_box(points[free], foot - wide, foot + [wide, wide, TOUCH_M])]
         trial = labels.copy()
         trial[rows] = Label.BRANCH
@@ -298,27 +282,31 @@ def under_stems(
 
 def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m: float) -> None:
     """Let a stem begin on the ground: cut what lies under it, or follow it down from the air."""
-    stem = _hanging(limbs, ground)
-    if stem is None:
+    tube, gap = limbs.limbs[0].tube, _over_ground(limbs, ground)
+    foot, radius = tube.nodes[0], tube.radius[0]
+    heading = tube.nodes[np.searchsorted(tube.way[:-1], HEADING_IN_RADII * radius)] - foot
+    heading /= np.linalg.norm(heading)
+    if not gap or heading[2] <= 0:
         return
-    foot, to_ground = stem.tube.nodes[0], stem.gap / stem.heading[2]
-    if stem.gap < 0:
-        way, over = stem.tube.way, stem.tube.nodes[:, 2] - (foot[2] - stem.gap)
+    if gap < 0:
+        over = tube.nodes[:, 2] - (foot[2] - gap)
         k = int(np.argmax(over > 0))  # the first above the ground, 0 if none is
-        cut = np.interp(0.0, over[k - 1 : k + 1], way[k - 1 : k + 1]) if k else way[-1]
-        limbs.limbs[0].tube = stretch(stem.tube, min(cut, way[-1] / 2), way[-1])
+        way = tube.way[-1]
+        cut = np.interp(0.0, over[k - 1 : k + 1], tube.way[k - 1 : k + 1]) if k else way
+        limbs.limbs[0].tube = stretch(tube, min(cut, way / 2), way)
         return
-    down = in_cylinder(points, foot, -stem.heading, stem.reach)[1]
+    reach, to_ground = claim_radius(tube.radius[:1], limbs.spacing)[0], gap / heading[2]
+    down = in_cylinder(points, foot, -heading, float(reach))[1]
     steps = np.concatenate([[0.0], down[(down > 0) & (down <= to_ground)], [to_ground]])
     missing = np.flatnonzero(np.diff(steps) > stem_gap_m)
     end = steps[missing[0]] if len(missing) else to_ground
     if end > 0:
-        limbs.limbs[0].tube = stretch(stem.tube, -end, stem.tube.length)
+        limbs.limbs[0].tube = stretch(tube, -end, tube.length)
     if len(missing):
-        left = stem.gap - end * stem.heading[2]
+        left = gap - end * heading[2]
         logger.warning("the stem at (%.2f, %.2f) ends %.2f m over the ground", *foot[:2], left)
     else:
-        logger.info("stem at (%.2f, %.2f) followed %.3f m to the ground", *foot[:2], stem.gap)
+        logger.info("stem at (%.2f, %.2f) followed %.3f m to the ground", *foot[:2], gap)
 
 
 def label_rings(points: np.ndarray, labels: np.ndarray, colors: np.ndarray, tubes: _Tubes) -> None:
