@@ -199,6 +199,7 @@ def test_limbs_carry_their_axes_and_all_adds_up(tree, alone):
 def test_neighbours_and_leaves_take_light_from_the_wood(tree, alone):
     row, _ = measured(tree, row_spacing_m=0.8)
     leafy, of_axes = measured(tree, leaf_area_cm2=20)
+    assert row["row_spacing_m"] == 0.8 and row["season"] == leafy["season"] == YEAR_PART
     for name in ("sky_share", "direct_mj", "diffuse_mj"):
         assert row[name] < alone[0][name] and leafy[name] < alone[0][name]
     assert leafy["leaf_area_m2"] == pytest.approx(sum(each["leaf_area_m2"] for each in of_axes))

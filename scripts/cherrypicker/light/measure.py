@@ -67,7 +67,7 @@ def measure_light(
     Returns
     -------
     totals : dict
-        What ``light.json`` holds: of the tree, and of each limb with all that it carries.
+        What ``light.json`` holds: the options, the tree, and each limb with all that it carries.
     rows : list of dict
         Of ``light.csv``: one an axis.
 
@@ -112,7 +112,7 @@ def measure_light(
     ]
     of_ranks = sums(rank[mesh.axis], len(limbs) + 1)
     of_limbs = [{"rank": at, "branch_id": limb, **of_ranks[at]} for limb, at in rank_of.items()]
-    head = {"unit": tree.skeleton.unit, "n_directions": len(directions)}
+    head = {"unit": tree.skeleton.unit, "n_directions": len(directions), **vars(options)}
     return head | sums(0 * mesh.axis, 1)[0] | {"limbs": of_limbs}, rows
 
 
