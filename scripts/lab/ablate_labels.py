@@ -44,7 +44,7 @@ PASSES = {
     "vote per object": (inference, "vote_per_object", _unchanged),
     "posts by shape": (inference, "poles_and_wires", lambda *_, **__: np.empty(0, int)),
     "posts by word": (inference, "said_posts", lambda *_: (np.empty(0, int),) * 2),
-    "stem below the stem": (inference, "under_stems", lambda *_: np.empty(0, int)),
+    "stem below the stem": (inference, "under_stems", lambda *_, **__: np.empty(0, int)),
     "tubes claim": (stems, "claimed_by", lambda *_: (np.empty(0, int), np.empty(0, bool))),
     "down to the ground": (stems, "follow_down", _nothing),
     "white rings": (stems, "label_rings", _nothing),
