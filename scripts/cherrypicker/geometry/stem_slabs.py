@@ -99,7 +99,7 @@ def stem_section(
     fit = section_of(local, tolerance, radius_range, rng, waves=True)
     # Points spread evenly reach sqrt(3) standard deviations from their mean
     along = local[fit.weights > 0, 2]
-    if abs(along.mean()) > np.sqrt(3.0) * along.std():
+    if not len(along) or abs(along.mean()) > np.sqrt(3.0) * along.std():
         raise StageError(f"the stem points around z = {z:.2f} end above or below it")
     if not radius_range[0] <= fit.radius <= radius_range[1]:  # a fit may leave what it began at
         raise StageError(f"the stem fitted around z = {z:.2f} is not as thick as expected")
