@@ -107,7 +107,8 @@ class Workspace:
 
     def planned(self, *arguments: str) -> set[tuple[str, str]]:
         """Return the (rule, tree) pairs that :meth:`ran` would return, without running them."""
-        rows = [line.split("\t") for line in self.run("--summary", *arguments).splitlines()]
+        self.printed = self.run("--summary", *arguments)
+        rows = [line.split("\t") for line in self.printed.splitlines()]
         pending = {(row[0], row[2]) for row in rows if row[-1] == "update pending"}
         return {(rule, "/".join(Path(output).parts[1:-1][:1])) for output, rule in pending}
 
