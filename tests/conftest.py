@@ -15,7 +15,7 @@ keep_openblas_to_one_thread()  # of the imports above; two test processes share 
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's; the pages are tested in it
 PROJECT = Path(__file__).resolve().parents[1]
-LONGEST = ("test_slurm", "test_reliability_processes")  # two minutes each, the first mostly waits
+LONGEST = ("test_slurm", "test_workflow_photos")  # two minutes each, the first mostly waits
 
 
 def pytest_collection_modifyitems(items):

@@ -1,7 +1,6 @@
-"""Kills and crowds: whatever happens to the processes, the results are those of a quiet run."""
+"""Kills and crowds: whatever happens to the processes, the results stay the same."""
 
 import csv
-import json
 import multiprocessing
 import os
 import random
@@ -12,26 +11,18 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import psutil
 import pytest
 from reliability_scene import same_files
-from sfm_scene import centers_of, similarity_errors, write_orbit
-from workspace import PROJECT, Workspace, kill_group
+from workspace import PROJECT, Workspace, kill_in_stage
 
 from cherrypicker.files import atomic_path, leftovers, temporary_folder
 from cherrypicker.pointcloud import PointCloud, write_cloud
-from cherrypicker.poses import read_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 
 LATE = ["import_cloud", "segment_cloud", "contract_cloud", "extract_graph"]
 LATE += ["measure_traits", "report_tree"]
-SPARSE = ["extract_features", "match_features", "reconstruct_sparse"]
-DENSE = ["undistort_photos", "estimate_depth", "fuse_depth"]
-CLOUD = "results/box/cloud.ply"
-# What COLMAP's own threads may change in the last digits, relative to the cameras' distance.
-COLMAP_TOLERANCE = 1e-3
 
 
 def wait_for(condition, limit_s=240.0):
@@ -42,35 +33,6 @@ def wait_for(condition, limit_s=240.0):
         time.sleep(0.01)
 
 
-def try_to_kill_in_stage(workspace, rule, tree, delay_s, *targets):
-    """Kill a whole run, as a power cut does; whether the stage was at work then.
-
-    The run is stopped while it is looked at, every 2 ms, so that no stage is over in the meantime.
-    """
-    status = workspace.folder / "logs/status" / tree / f"{rule}.json"
-    process = workspace.start(*targets)
-    while process.poll() is None:
-        os.killpg(process.pid, signal.SIGSTOP)
-        if status.exists():
-            break
-        os.killpg(process.pid, signal.SIGCONT)
-        time.sleep(0.002)
-    if delay_s and process.poll() is None:
-        os.killpg(process.pid, signal.SIGCONT)
-        time.sleep(delay_s)
-    kill_group(process)
-    return status.exists() and json.loads(status.read_text())["state"] == "running"
-
-
-def kill_in_stage(workspace, rule, tree, delay_s, *targets):
-    """Kill a whole run while a stage works; one that was over before it was seen is run again."""
-    for again in ((), *4 * [("--forcerun", rule)]):
-        if try_to_kill_in_stage(workspace, rule, tree, delay_s, *targets, *again):
-            return
-        delay_s = 0.0
-    pytest.fail(f"{rule} was never seen at work")
-
-
 def add_unlabelled(workspace, name):
     """A small generated tree as somebody's dense cloud, without labels."""
     cloud = sample_scene(generate_scene(11, neighbours=0), 12_000, rng=1, extent=1.5)
@@ -78,18 +40,41 @@ def add_unlabelled(workspace, name):
 
 
 @pytest.fixture(scope="module")
-def quiet(tmp_path_factory):
-    """A batch of one unlabelled cloud that nobody disturbed."""
-    workspace = Workspace(tmp_path_factory.mktemp("quiet") / "work")
+def crowded(tmp_path_factory):
+    """A batch of one unlabelled cloud that two runs began at once and a third in the midst.
+
+    Returns
+    -------
+    tuple of Workspace, dict, str
+        What each of the two printed with its return code, and what the third printed.
+    """
+    workspace = Workspace(tmp_path_factory.mktemp("crowded") / "work")
     add_unlabelled(workspace, "a")
     workspace.table("tree | cloud", "a | a.ply")
-    workspace.run()
-    return workspace
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    runs = [
+        subprocess.Popen(workspace.command(), cwd=workspace.folder.parent, **pipes)
+        for _ in range(2)
+    ]
+    wait_for(lambda: any(run.poll() is not None for run in runs))
+    late = workspace.run(fails=True)
+    return workspace, {run.communicate()[0]: run.returncode for run in runs}, late
 
 
-def test_killed_in_every_stage_of_a_late_cloud(quiet, tmp_path):
+def test_two_runs_at_once_in_one_folder(crowded):
+    """Neither a second start in the same moment nor one in mid-run harms the first."""
+    workspace, printed, late = crowded
+    assert sorted(printed.values()) == [0, 1]
+    refused = [text for text, code in printed.items() if code == 1]
+    for text in (*refused, late):
+        assert "cannot be locked" in text
+    assert "Nothing to be done" in workspace.run()
+
+
+def test_killed_in_every_stage_of_a_late_cloud(crowded, tmp_path):
+    """Kills and crowds disturb in different ways: equal results were disturbed by neither."""
     workspace = Workspace(tmp_path / "work")
-    shutil.copy(quiet.folder / "a.ply", workspace.folder / "a.ply")
+    shutil.copy(crowded[0].folder / "a.ply", workspace.folder / "a.ply")
     workspace.table("tree | cloud", "a | a.ply")
     delays = random.Random(7)
     for rule in LATE:
@@ -99,7 +84,7 @@ def test_killed_in_every_stage_of_a_late_cloud(quiet, tmp_path):
     kill_in_stage(workspace, "summarise_batch", "_batch", 0.0)
     assert "error" not in workspace.run().lower().replace("errors", "")
     assert (workspace.folder / "results/a/contracted.ply").stat().st_mtime_ns == stamp
-    results = [each.folder / "results" for each in (workspace, quiet)]
+    results = [each.folder / "results" for each in (workspace, crowded[0])]
     same_files(*results, ignore=("summary.html",))  # it bears the stages' times
     assert "Nothing to be done" in workspace.run()
     assert not list((workspace.folder / "logs/status").rglob("*.json"))
@@ -130,67 +115,6 @@ def test_one_stage_killed_for_its_memory_does_not_stop_the_others(tmp_path):
     assert (results / "b/skeleton.graphml").exists() and other["failed_stage"] == ""
     workspace.run(*targets)
     same_files(results / "a", results / "b")
-
-
-def test_two_runs_at_once_in_one_folder(quiet, tmp_path):
-    """Neither a second start in the same moment nor one in mid-run harms the first."""
-    workspace = Workspace(tmp_path / "work")
-    shutil.copy(quiet.folder / "a.ply", workspace.folder / "a.ply")
-    workspace.table("tree | cloud", "a | a.ply")
-    contracted = "results/a/contracted.ply"
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    runs = [
-        subprocess.Popen(workspace.command(contracted), cwd=workspace.folder.parent, **pipes)
-        for _ in range(2)
-    ]
-    wait_for(lambda: any(run.poll() is not None for run in runs))
-    late = workspace.run(contracted, fails=True)
-    printed = {run.communicate()[0]: run.returncode for run in runs}
-    assert sorted(printed.values()) == [0, 1]
-    refused = [text for text, code in printed.items() if code == 1]
-    for text in (*refused, late):
-        assert "cannot be locked" in text
-    assert (workspace.folder / contracted).read_bytes() == (quiet.folder / contracted).read_bytes()
-    assert "Nothing to be done" in workspace.run(contracted)
-
-
-@pytest.mark.parametrize("stage", SPARSE + DENSE)
-def test_killed_in_every_stage_from_photos_to_the_cloud(box, stage):
-    """In order, on one workspace; each kill interrupts the stage that is due."""
-    kill_in_stage(box.disturbed, stage, "box", 0.05, CLOUD)
-    if stage == DENSE[-1]:
-        box.disturbed.run(CLOUD)
-        first, second = (w.folder / "results/box" for w in (box.disturbed, box.quiet))
-        for name in ("features.db", "photos.json", "database.db"):
-            assert (first / "sfm" / name).read_bytes() == (second / "sfm" / name).read_bytes()
-        poses = [read_poses(folder / "poses.npz") for folder in (first, second)]
-        assert list(poses[0].names) == list(poses[1].names)
-        spread = np.linalg.norm(np.ptp(poses[1].centers, axis=0))
-        errors = similarity_errors(poses[0].centers, poses[1].centers)
-        assert errors.max() < COLMAP_TOLERANCE * spread
-        assert similarity_errors(poses[0].centers, centers_of(box.truth)).max() < 0.1
-        if (first / "poses.npz").read_bytes() == (second / "poses.npz").read_bytes():
-            assert (first / "cloud.ply").read_bytes() == (second / "cloud.ply").read_bytes()
-        assert not [path for path in first.rglob(".*") if path.is_dir() or ".part" in path.name]
-        assert "Nothing to be done" in box.disturbed.run(CLOUD)
-
-
-@pytest.fixture(scope="module")
-def box(tmp_path_factory):
-    """The photos of a textured box, twice: taken quietly to its cloud, and not yet."""
-
-    class Pair:
-        pass
-
-    pair = Pair()
-    for name in ("quiet", "disturbed"):
-        workspace = Workspace(tmp_path_factory.mktemp(name) / "work")
-        _, pair.truth = write_orbit(workspace.folder / "photos", 6, span_deg=80.0)
-        workspace.configure({"sfm": {"max_features": 800}, "mvs": {"backend": "cpu"}})
-        workspace.table("tree | photos | scale", "box | photos | none")
-        setattr(pair, name, workspace)
-    pair.quiet.run(CLOUD)
-    return pair
 
 
 def _die_while_writing(path, folder):

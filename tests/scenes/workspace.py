@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 import yaml
 
 from cherrypicker.classes import Label
@@ -104,7 +107,8 @@ class Workspace:
 
     def planned(self, *arguments: str) -> set[tuple[str, str]]:
         """Return the (rule, tree) pairs that :meth:`ran` would return, without running them."""
-        rows = [line.split("\t") for line in self.run("--summary", *arguments).splitlines()]
+        self.printed = self.run("--summary", *arguments)
+        rows = [line.split("\t") for line in self.printed.splitlines()]
         pending = {(row[0], row[2]) for row in rows if row[-1] == "update pending"}
         return {(rule, "/".join(Path(output).parts[1:-1][:1])) for output, rule in pending}
 
@@ -123,6 +127,35 @@ def kill_group(process: subprocess.Popen) -> None:
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
+
+
+def try_to_kill_in_stage(workspace, rule, tree, delay_s, *targets):
+    """Kill a whole run, as a power cut does; whether the stage was at work then.
+
+    The run is stopped while it is looked at, every 2 ms, so that no stage is over in the meantime.
+    """
+    status = workspace.folder / "logs/status" / tree / f"{rule}.json"
+    process = workspace.start(*targets)
+    while process.poll() is None:
+        os.killpg(process.pid, signal.SIGSTOP)
+        if status.exists():
+            break
+        os.killpg(process.pid, signal.SIGCONT)
+        time.sleep(0.002)
+    if delay_s and process.poll() is None:
+        os.killpg(process.pid, signal.SIGCONT)
+        time.sleep(delay_s)
+    kill_group(process)
+    return status.exists() and json.loads(status.read_text())["state"] == "running"
+
+
+def kill_in_stage(workspace, rule, tree, delay_s, *targets):
+    """Kill a whole run while a stage works; one that was over before it was seen is run again."""
+    for again in ((), *4 * [("--forcerun", rule)]):
+        if try_to_kill_in_stage(workspace, rule, tree, delay_s, *targets, *again):
+            return
+        delay_s = 0.0
+    pytest.fail(f"{rule} was never seen at work")
 
 
 def project_with_own(module: str, target: Path) -> Path:

@@ -126,15 +126,14 @@ def test_a_camera_known_worse_than_asked_is_doubtful(monkeypatch):
     pair = {"a.jpg": {"b.jpg": 80}, "b.jpg": {"a.jpg": 80}}
     monkeypatch.setattr(diagnosis, "verified_inliers", lambda *_: pair)
     images = [SimpleNamespace(name=name, has_pose=True, num_points3D=50) for name in names]
-    report = diagnosis.diagnose_photos(
-        None,
-        {"photos": dict.fromkeys(names, photo)},
-        SimpleNamespace(images=dict(enumerate(images))),
-        [],
-        min_inliers=15,
+    attempt = SimpleNamespace(
+        database=None,
+        model=SimpleNamespace(images=dict(enumerate(images))),
+        other_models=[],
         errors={"a.jpg": 0.4, "b.jpg": 1.4},
         left_out={},
-        doubtful_px=1.0,
     )
+    listing = {"photos": dict.fromkeys(names, photo)}
+    report = diagnosis.diagnose_photos(attempt, listing, min_inliers=15, doubtful_px=1.0)
     assert report["a.jpg"]["doubt"] == ""
     assert report["b.jpg"]["doubt"].startswith("known within 1.4 px")

@@ -176,7 +176,7 @@ def unchanged(workflow):
 @pytest.mark.parametrize("key", [key for key in STAGES_OF if key not in ELSEWHERE])
 def test_a_changed_key_reruns_its_stages_and_no_other(workflow, unchanged, key):
     section, _, name = key.rpartition(".")
-    held = [workflow.globals["SETTINGS"], workflow.globals["SETTINGS_OF"]["a"]]
+    held = [workflow.globals["SETTINGS"], workflow.globals["BATCH"].settings_of["a"]]
     held = [settings[section] if section else settings for settings in held]
     was = [settings[name] for settings in held]
     for settings in held:

@@ -33,7 +33,7 @@ def planned(space):
 
 def test_a_list_makes_a_tree_a_place_and_all_every_tree_that_stands_there(row):
     row.configure({"crop": {"target_xy": [[2.8, 0.0], [0.0, 0.0]]}})
-    assert planned(row) | {"find_trees": 1, "split_scan": 2, "report_tree": 2} == planned(row)
+    assert {"find_trees": 1, "split_scan": 2, "report_tree": 2}.items() <= planned(row).items()
     row.configure({"crop": {"target_xy": "all"}})
     assert "report_tree" not in planned(row)  # nobody has looked yet
     done = row.ran("results/row_2/segmented.ply")
@@ -52,7 +52,7 @@ def test_a_list_makes_a_tree_a_place_and_all_every_tree_that_stands_there(row):
     place = read_json(row.folder / "results/row_2/tree.json")
     np.testing.assert_allclose(place["target_xy"], FEET[1], atol=0.03)
     assert len(place["neighbours_xy"]) == 2
-    assert planned(row) | {"split_scan": 2, "contract_cloud": 3, "report_tree": 3} == planned(row)
+    assert {"split_scan": 2, "contract_cloud": 3, "report_tree": 3}.items() <= planned(row).items()
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-from sfm_scene import texture, write_orbit
-from workspace import Workspace
+from sfm_scene import centers_of, similarity_errors, texture, write_orbit
+from workspace import Workspace, kill_in_stage
 
 from cherrypicker.mvs.depth_rasters import read_depth_raster
 from cherrypicker.poses import read_poses
@@ -18,6 +18,8 @@ DENSE = ["undistort_photos", "gather_evidence", "estimate_depth", "fuse_depth"]
 LEAN = {"sfm": {"max_features": 800}, "mvs": {"backend": "cpu"}}
 CONFIG = {**LEAN, "keep": {"dense": True}}
 CLOUD = "results/box/cloud.ply"
+# What COLMAP's own threads may change in the last digits, relative to the cameras' distance.
+COLMAP_TOLERANCE = 1e-3
 KEPT = ["coverage.json", "depth.json", "poses.npz"]
 
 
@@ -29,7 +31,7 @@ def of_box(*stages):
 def box(tmp_path_factory):
     """Photos of a textured box, taken as far as the dense cloud."""
     workspace = Workspace(tmp_path_factory.mktemp("photo batch") / "work")
-    write_orbit(workspace.folder / "photos", 6, span_deg=80.0)
+    _, workspace.truth = write_orbit(workspace.folder / "photos", 6, span_deg=80.0)
     workspace.configure(CONFIG)
     workspace.table("tree | photos | scale", "box | photos | none")
     workspace.first = workspace.ran(CLOUD)
@@ -39,6 +41,36 @@ def box(tmp_path_factory):
 def test_seven_steps_lead_from_photos_to_the_cloud(box):
     assert box.first == of_box(*SPARSE, "segment_sky", *DENSE)
     assert "Nothing to be done" in box.run(CLOUD)
+
+
+@pytest.fixture(scope="module")
+def disturbed(box, tmp_path_factory):
+    """The same photos, of which nothing is made yet."""
+    workspace = Workspace(tmp_path_factory.mktemp("disturbed") / "work")
+    shutil.copytree(box.folder / "photos", workspace.folder / "photos")
+    shutil.copytree(box.folder / "config", workspace.folder / "config", dirs_exist_ok=True)
+    return workspace
+
+
+@pytest.mark.parametrize("stage", [each for each in SPARSE + DENSE if each != "gather_evidence"])
+def test_killed_in_every_stage_it_ends_as_if_undisturbed(box, disturbed, stage):
+    """In order, on one workspace; each kill interrupts the stage that is due."""
+    kill_in_stage(disturbed, stage, "box", 0.05, CLOUD)
+    if stage == DENSE[-1]:
+        disturbed.run(CLOUD)
+        first, second = (each.folder / "results/box" for each in (disturbed, box))
+        for name in ("features.db", "photos.json", "database.db"):
+            assert (first / "sfm" / name).read_bytes() == (second / "sfm" / name).read_bytes()
+        poses = [read_poses(folder / "poses.npz") for folder in (first, second)]
+        assert list(poses[0].names) == list(poses[1].names)
+        spread = np.linalg.norm(np.ptp(poses[1].centers, axis=0))
+        errors = similarity_errors(poses[0].centers, poses[1].centers)
+        assert errors.max() < COLMAP_TOLERANCE * spread
+        assert similarity_errors(poses[0].centers, centers_of(box.truth)).max() < 0.1
+        if (first / "poses.npz").read_bytes() == (second / "poses.npz").read_bytes():
+            assert (first / "cloud.ply").read_bytes() == (second / "cloud.ply").read_bytes()
+        assert not [path for path in first.rglob(".*") if path.is_dir() or ".part" in path.name]
+        assert "Nothing to be done" in disturbed.run(CLOUD)
 
 
 @pytest.mark.parametrize(

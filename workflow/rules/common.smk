@@ -48,13 +48,11 @@ ONLY_FINISHED = BATCH.settings["finished_only"]
 SERIES = finished_series(ALL_SERIES) if ONLY_FINISHED else ALL_SERIES
 SCANS = Scans(BATCH)
 # Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
-SETTINGS, TREES, SETTINGS_OF = BATCH.settings, BATCH.trees, BATCH.settings_of
+SETTINGS, TREES = BATCH.settings, BATCH.trees
 # ROW_SCANS are of several trees: they have no tree's results themselves.
 ROW_SCANS = list(BATCH.places)
-LISTED_TREES = BATCH.listed()
 EDITED_TREES = BATCH.edited()
 MEASURED_TREES = BATCH.measured()
-MASKED_TREES = [name for name, tree in TREES.items() if tree.masks]
 LABELLED_TREES, UNLABELLED_TREES = BATCH.ready_clouds()
 
 if workflow.is_main_process:
@@ -83,7 +81,7 @@ def of_each_tree(path, trees=None):
 
     if ONLY_FINISHED:
         return [file for file in paths(BATCH.known()) if Path(file).is_file()]
-    return [*paths(LISTED_TREES), *map(of_one, BATCH.open_scans)]
+    return [*paths(BATCH.listed()), *map(of_one, BATCH.open_scans)]
 
 
 # Of a file or folder that goes when all who read it have, unless the config asks for it
@@ -92,27 +90,17 @@ large = (lambda path: path) if SETTINGS["keep"]["dense"] else temp
 
 def shared_file(path):
     """A file of a tree, ``{tree}``, or of the scan that it is from, ``{scan}``."""
-    return lambda wildcards: path.format(
-        tree=wildcards.tree, scan=BATCH.scan_of(wildcards.tree)
-    )
+    return of_tree(lambda tree: path.format(tree=tree, scan=BATCH.scan_of(tree)))
 
 
 def photo_only(path):
     """A file as of `shared_file` for a tree from photos, none for a ready cloud."""
-    return lambda wildcards: (
-        shared_file(path)(wildcards) if BATCH.row(wildcards.tree).is_photo_scan else []
-    )
+    return branch(row("is_photo_scan"), then=shared_file(path))
 
 
-def only_for(trees, path):
-    """This file for some trees, none for the others."""
-    return lambda wildcards: path if wildcards.tree in trees else []
-
-
-def only_with(key, path):
-    """This file for a tree whose config sets a key, none for the others."""
-    is_set = cfg(key)
-    return lambda wildcards: path if is_set(wildcards) else []
+def is_in(trees):
+    """Whether the tree at hand is one of these."""
+    return lambda wildcards: wildcards.tree in trees
 
 
 def of_series(path):
@@ -129,9 +117,10 @@ def of_tree(function):
     return lambda wildcards: function(wildcards.tree)
 
 
-captures_of, photos_of = of_tree(SCANS.captures), of_tree(SCANS.photos)
-photo_folder, user_masks_of = of_tree(SCANS.photo_folder), of_tree(SCANS.masks)
-cloud_of, is_of_several = of_tree(SCANS.cloud), of_tree(BATCH.is_of_several)
+photos_of, photo_folder = of_tree(SCANS.photos), of_tree(SCANS.photo_folder)
+is_of_several = of_tree(BATCH.is_of_several)
+# One GPU where the tree's stereo needs CUDA
+stereo_gpus = of_tree(lambda tree: int(BACKENDS[SCANS.size(tree).stereo].needs_cuda))
 
 
 def weights_of(key):
@@ -189,8 +178,3 @@ mb_for, minutes_for = growing(mb_to_ask), growing(minutes_to_ask)
 def more_at_each_attempt(mem_mb):
     """This memory times the attempt."""
     return lambda wildcards, attempt: attempt * mem_mb
-
-
-def stereo_gpus(wildcards):
-    """One GPU where the tree's stereo needs CUDA."""
-    return int(BACKENDS[SCANS.size(wildcards.tree).stereo].needs_cuda)

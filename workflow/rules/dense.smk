@@ -63,7 +63,7 @@ rule estimate_depth:
         lenses="results/{tree}/sfm/model/cameras.bin",
         sky_masks=lambda wildcards: (
             "results/{tree}/sky"
-            if cfg("mvs.use_sky_masks")(wildcards) or wildcards.tree in MASKED_TREES
+            if cfg("mvs.use_sky_masks")(wildcards) or row("masks")(wildcards)
             else []
         ),
     output:

@@ -7,7 +7,7 @@ ruleorder: import_segmented_cloud > segment_cloud
 
 rule import_cloud:
     input:
-        source=cloud_of,
+        source=of_tree(SCANS.cloud),
     output:
         imported=ensure("results/{tree}/metric.ply", non_empty=True),
     log:

@@ -31,13 +31,11 @@ rule report_tree:
         photo_check=photo_only("results/{tree}/photo_check.json"),
         worst_photo=photo_only("results/{tree}/photo_check/worst.jpg"),
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
-        light=only_with("light.enabled", "results/{tree}/light.json"),
-        light_axes=only_with("light.enabled", "results/{tree}/light.csv"),
-        measures=only_for(MEASURED_TREES, "results/{tree}/measures.json"),
+        light=branch(cfg("light.enabled"), then="results/{tree}/light.json"),
+        light_axes=branch(cfg("light.enabled"), then="results/{tree}/light.csv"),
+        measures=branch(is_in(MEASURED_TREES), then="results/{tree}/measures.json"),
         photos=photos_of,
-        edits=lambda wildcards: (
-            BATCH.edits_of(wildcards.tree) if wildcards.tree in EDITED_TREES else []
-        ),
+        edits=branch(is_in(EDITED_TREES), then=of_tree(BATCH.edits_of)),
     output:
         report=report(
             ensure("results/{tree}/report.html", non_empty=True),

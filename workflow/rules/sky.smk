@@ -4,7 +4,7 @@
 rule segment_sky:
     input:
         photos=photos_of,
-        photo_masks=only_for(MASKED_TREES, "results/{tree}/photo_masks"),
+        photo_masks=branch(row("masks"), then="results/{tree}/photo_masks"),
         weights_file=weights_of("sky.weights"),
     output:
         masks=directory("results/{tree}/sky"),

@@ -4,8 +4,8 @@
 # For a scan whose photos are not all plain files of a usable size without masks (docs/photos.md).
 rule prepare_photos:
     input:
-        captures=captures_of,
-        user_masks=user_masks_of,
+        captures=of_tree(SCANS.captures),
+        user_masks=of_tree(SCANS.masks),
     output:
         photos=directory("results/{tree}/photos"),
         photo_masks=directory("results/{tree}/photo_masks"),
@@ -35,7 +35,7 @@ rule prepare_photos:
 rule extract_features:
     input:
         photos=photos_of,
-        photo_masks=only_for(MASKED_TREES, "results/{tree}/photo_masks"),
+        photo_masks=branch(row("masks"), then="results/{tree}/photo_masks"),
     output:
         database=ensure("results/{tree}/sfm/features.db", non_empty=True),
         listing=ensure("results/{tree}/sfm/photos.json", non_empty=True),
@@ -89,7 +89,7 @@ rule reconstruct_sparse:
         database="results/{tree}/sfm/database.db",
         listing="results/{tree}/sfm/photos.json",
         photos=photos_of,
-        photo_masks=only_for(MASKED_TREES, "results/{tree}/photo_masks"),
+        photo_masks=branch(row("masks"), then="results/{tree}/photo_masks"),
     output:
         cameras=ensure("results/{tree}/sfm/model/cameras.bin", non_empty=True),
         images=ensure("results/{tree}/sfm/model/images.bin", non_empty=True),

@@ -13,7 +13,7 @@ rule measure_traits:
         cameras=photo_only("results/{scan}/dense/poses.npz"),
         evidence=photo_only("results/{scan}/evidence"),
         photo_check=photo_only("results/{tree}/photo_check.json"),
-        edits=only_for(EDITED_TREES, "results/{tree}/edits.json"),
+        edits=branch(is_in(EDITED_TREES), then="results/{tree}/edits.json"),
     output:
         traits=ensure("results/{tree}/traits.json", non_empty=True),
         branches=ensure("results/{tree}/branches.csv", non_empty=True),

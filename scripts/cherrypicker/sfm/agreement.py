@@ -20,12 +20,8 @@ from cherrypicker.sfm.database import verified_pairs
 LEAST_MATCHES = 30
 
 
-@dataclass(frozen=True)
-class VerifiedPair:
-    """Matches of two photos that a two-view geometry supports."""
-
-    ids: tuple[int, int]  # COLMAP's ids of the photos
-    pixels: tuple[np.ndarray, np.ndarray]  # (n, 2) float64 each: positions of the matches, px
+# COLMAP's ids of two photos, and where in each their verified matches lie, px, (n, 2) float64
+VerifiedPairs = dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -39,7 +35,7 @@ class Agreement:
     median_error_px: float | None
 
 
-def read_verified_pairs(database: Path, min_inliers: int = LEAST_MATCHES) -> list[VerifiedPair]:
+def read_verified_pairs(database: Path, min_inliers: int = LEAST_MATCHES) -> VerifiedPairs:
     """Read the pairs of photos with at least ``min_inliers`` verified matches."""
     with pycolmap.Database.open(database) as opened:
 
@@ -47,17 +43,15 @@ def read_verified_pairs(database: Path, min_inliers: int = LEAST_MATCHES) -> lis
         def keypoints(image_id: int) -> np.ndarray:
             return np.array(opened.read_keypoints(image_id)[:, :2], dtype=np.float64)
 
-        pairs = []
-        for ids, geometry in verified_pairs(opened, min_inliers).items():
+        pairs = {}
+        for (first, second), geometry in verified_pairs(opened, min_inliers).items():
             rows = np.array(geometry.inlier_matches, dtype=np.int64).T
-            pairs.append(
-                VerifiedPair(ids, (keypoints(ids[0])[rows[0]], keypoints(ids[1])[rows[1]]))
-            )
+            pairs[first, second] = keypoints(first)[rows[0]], keypoints(second)[rows[1]]
     return pairs
 
 
 def measure_agreement(
-    model: pycolmap.Reconstruction, pairs: list[VerifiedPair], max_error_px: float
+    model: pycolmap.Reconstruction, pairs: VerifiedPairs, max_error_px: float
 ) -> Agreement:
     """Judge a model by the verified pairs among its registered photos.
 
@@ -72,7 +66,7 @@ def measure_agreement(
         Of no pair at all: shares of 0.
     """
     registered = set(model.reg_image_ids())
-    errors = [_errors(model, pair) for pair in pairs if registered.issuperset(pair.ids)]
+    errors = [_errors(model, *pair) for pair in pairs.items() if registered.issuperset(pair[0])]
     if not errors:
         return Agreement(0, 0.0, 0.0, None)
     shares = np.array([np.mean(each <= max_error_px) for each in errors])
@@ -84,13 +78,15 @@ def measure_agreement(
     )
 
 
-def _errors(model: pycolmap.Reconstruction, pair: VerifiedPair) -> np.ndarray:
+def _errors(
+    model: pycolmap.Reconstruction, ids: tuple[int, int], matches: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
     """Sampson errors of a pair's matches under a model's poses, px."""
-    first, second = (model.images[i] for i in pair.ids)
+    first, second = (model.images[i] for i in ids)
     cameras = [model.cameras[image.camera_id] for image in (first, second)]
     rays = [
         np.asarray(camera.cam_from_img(pixels), dtype=np.float64).reshape(-1, 2)
-        for camera, pixels in zip(cameras, pair.pixels)
+        for camera, pixels in zip(cameras, matches)
     ]
     second_from_first = second.cam_from_world() * first.cam_from_world().inverse()
     E = pycolmap.essential_matrix_from_pose(second_from_first)

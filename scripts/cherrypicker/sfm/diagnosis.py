@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
-import pycolmap
 
 from cherrypicker.sfm.database import verified_inliers
 from cherrypicker.sfm.export import registered_photos
+from cherrypicker.sfm.mapping import Attempt
 
 # Features below which a photo counts as blurred or blank, and as a share of the median (guesses)
 FEW_FEATURES = 200
@@ -19,32 +18,18 @@ _HOLD = {"n_features": "features", "n_partners": "partners", "n_matches": "match
 
 
 def diagnose_photos(
-    database: Path,
-    listing: dict,
-    model: pycolmap.Reconstruction,
-    other_models: Sequence[Sequence[str]],
-    *,
-    min_inliers: int,
-    errors: Mapping[str, float],
-    left_out: Mapping[str, float],
-    doubtful_px: float,
+    attempt: Attempt, listing: dict, *, min_inliers: int, doubtful_px: float
 ) -> dict[str, dict]:
     """Explain each photo of the folder.
 
     Parameters
     ----------
-    database : Path
-        Database with verified matches.
+    attempt : Attempt
+        Whose model was kept.
     listing : dict
         What :func:`cherrypicker.sfm.features.extract_features` listed.
-    model : pycolmap.Reconstruction
-        The model that was kept.
-    other_models : sequence of sequence of str
-        Photo names of the models that were not.
     min_inliers : int
         Least matches of a verified pair.
-    errors, left_out : mapping of str to float
-        Errors at the tree, px, of the photos of the model and of those that were left out.
     doubtful_px : float
         Error from which on a photo that is used has a ``doubt``.
 
@@ -56,9 +41,9 @@ def diagnose_photos(
         ``n_partners`` (photos it has a verified pair with), ``n_matches`` (over those pairs),
         ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
     """
-    known_px = {**errors, **left_out}
-    inliers = verified_inliers(database, min_inliers)
-    registered = {image.name: image.num_points3D for image in registered_photos(model)}
+    known_px = {**attempt.errors, **attempt.left_out}
+    inliers = verified_inliers(attempt.database, min_inliers)
+    registered = {image.name: image.num_points3D for image in registered_photos(attempt.model)}
     report = {}
     for name, info in sorted(listing["photos"].items()):
         partners = inliers.get(name, {})
@@ -81,11 +66,11 @@ def diagnose_photos(
     for name, info in listing["photos"].items():
         facts, error = report[name], known_px.get(name)
         known = "" if error is None else f"known within {error:.1f} px, {_cause(facts, medians)}"
-        if name in left_out:
+        if name in attempt.left_out:
             facts["reason"] = f"left out: its camera is {known}"
         elif name not in registered:
             facts["reason"] = info["problem"] or _reason(
-                name, facts, registered, other_models, float(np.median(usual))
+                name, facts, registered, attempt.other_models, float(np.median(usual))
             )
         elif error is not None and error > doubtful_px:
             facts["doubt"] = known

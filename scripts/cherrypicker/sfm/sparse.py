@@ -84,13 +84,9 @@ def reconstruct_sparse(
         )
         best, *others = mapper.run()
         explained = diagnose_photos(
-            best.database,
+            best,
             found,
-            best.model,
-            best.other_models,
             min_inliers=options.min_inliers,
-            errors=best.errors,
-            left_out=best.left_out,
             doubtful_px=DOUBTFUL * mapper.limit_px,
         )
     content = _report(best, others, explained)

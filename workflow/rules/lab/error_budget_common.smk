@@ -27,7 +27,7 @@ def whole_row(wildcards):
 
 def settings_of_tree(wildcards):
     """Return a tree's config, all keys."""
-    return SETTINGS_OF[wildcards.tree]
+    return BATCH.settings_of[wildcards.tree]
 
 
 TREES_WITH_TRUTH = [

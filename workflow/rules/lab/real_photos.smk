@@ -5,7 +5,7 @@
 
 rule real_photos:
     input:
-        reports=expand("results/{tree}/report.html", tree=LISTED_TREES),
+        reports=expand("results/{tree}/report.html", tree=BATCH.listed()),
         traits="results/traits.csv",
     output:
         table=ensure("results/real_photos/table.md", non_empty=True),
