@@ -23,7 +23,7 @@ LAYERS = [
     "wood",
     "limbs",
     *("segmentation", "contraction", "graph", "traits", "series", "formats", "photo_check"),
-    "light",
+    *("light", "pruning"),
     "accuracy",
     *("report", "batch", "command", "api"),
 ]
@@ -39,7 +39,8 @@ STAGES = [
     *("estimate_depth", "fuse_depth", "align_cloud", "crop_roi", "segment_sky", "denoise_cloud"),
     *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
     *("gather_evidence", "grow_limbs"),
-    *("edit_graph", "check_photos", "measure_traits", "measure_light", "report_tree"),
+    *("edit_graph", "check_photos", "measure_traits", "measure_light", "propose_pruning"),
+    "report_tree",
     "summarise_batch",
     *("compare_series", "import_cloud", "compare_measures", "find_trees", "split_scan"),
 ]

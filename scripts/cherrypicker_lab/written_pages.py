@@ -27,7 +27,7 @@ PURPOSES = {
     "Scale": ("scale",),
     "Labels": ("segment",),
     "Skeleton": ("contract", "skeleton", "graph", "photo_check"),
-    "Traits, light and pages": ("traits", "light", "report"),
+    "Traits, light, pruning and pages": ("traits", "light", "pruning", "report"),
 }
 LAB_PURPOSES = {
     "Training": ("train_sky", "train_segment"),

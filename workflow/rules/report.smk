@@ -33,6 +33,8 @@ rule report_tree:
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
         light=only_with("light.enabled", "results/{tree}/light.json"),
         light_axes=only_with("light.enabled", "results/{tree}/light.csv"),
+        pruning=only_with("pruning.preset", "results/{tree}/pruning.json"),
+        cuts=only_with("pruning.preset", "results/{tree}/pruning.csv"),
         measures=only_for(MEASURED_TREES, "results/{tree}/measures.json"),
         photos=photos_of,
         edits=lambda wildcards: (
