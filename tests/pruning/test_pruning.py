@@ -1,5 +1,7 @@
 """Cuts on small trees whose answer is known by hand, and the stage from end to end."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from finished_tree import small_skeleton, write_finished_tree
@@ -10,10 +12,13 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema, read_json, write_json, write_text
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.pruning.faults import crossings
+from cherrypicker.pruning.made import made_cuts
 from cherrypicker.pruning.plan import propose_cuts
 from cherrypicker.pruning.standing import StandingTree
 from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.pruning.target import OWN, PruningOptions, read_presets, resolve_target
+from cherrypicker.series.changes import Gone
+from cherrypicker.series.wood import sample_wood
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv, read_branches
 from cherrypicker.traits.intervals import Estimate
@@ -163,6 +168,22 @@ def test_of_two_that_touch_the_lesser_goes_and_a_fork_is_no_touch():
     ]
     beside = (1.0, (0.9, 0.3, 1.0), 0.010)  # leaves the stem where the first does
     assert len(crossings(standing_of(rods(over, beside)))) == 0
+
+
+def test_a_later_scan_tells_which_cuts_were_made_and_what_went_besides():
+    skeleton = rods(*FOUR)
+    _, rows, _ = proposed(skeleton, {"renew_limbs": 2})
+    wood = sample_wood(skeleton)
+    piece = np.full(len(wood), -1)
+    # The first limb was cut 3 cm further out, the second not at all, half of the third besides
+    piece[(wood.axis == 1) & (wood.along > rows[0]["along_m"] + 0.03)] = 0
+    piece[(wood.axis == 3) & (wood.along > 0.3)] = 1
+    step = SimpleNamespace(
+        earlier=SimpleNamespace(wood=wood), gone=Gone(np.array([0, 0]), piece=piece)
+    )
+    told = made_cuts(step, rows)
+    assert (told["made_cuts"], told["missed_cuts"], told["n_more_cuts"]) == ([1], [2], 1)
+    assert told["more_length_m"] == pytest.approx(wood.length[piece == 1].sum())
 
 
 def test_presets_name_a_source_and_are_the_schemas(project):
