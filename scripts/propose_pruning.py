@@ -42,6 +42,7 @@ def main(
         limb_rows,
         read_json(traits),
         stub=target.stub,
+        least_limb=options.min_limb_m,
         row_azimuth_deg=options.row_azimuth_deg,
     )
     summary, rows = propose_cuts(

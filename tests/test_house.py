@@ -30,7 +30,7 @@ LAYERS = [
 LAB_LAYERS = [
     *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "series", "training"),
     *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts", "real_photos"),
-    "up_direction",
+    *("up_direction", "pruning"),
     *("published", "written_pages"),
 ]
 STAGES = [

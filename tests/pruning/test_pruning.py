@@ -99,9 +99,14 @@ def test_the_thickest_limbs_go_until_the_ratio_is_reached_and_no_more():
     assert [row["height_m"] for row in rows] == pytest.approx([0.8, 1.4], abs=0.02)
 
 
-def test_what_is_left_is_what_a_new_measurement_of_the_cut_tree_finds():
+@pytest.mark.parametrize(
+    "target, n_cuts",
+    [({"limb_trunk_ratio": 0.3, "height_m": 1.8}, 3), ({"row_width_m": 0.2, "height_m": 1.8}, 3)],
+)
+def test_what_is_left_is_what_a_new_measurement_of_the_cut_tree_finds(target, n_cuts):
+    """What stays of a limb that is headed 7 cm off the stem is a stub."""
     skeleton = rods(*FOUR)
-    summary, rows, standing = proposed(skeleton, {"limb_trunk_ratio": 0.3, "height_m": 1.8})
+    summary, rows, standing = proposed(skeleton, target)
     cut = skeleton.select(standing.stands)
     _, limbs, traits = measured(cut)
     after = summary["after"]
@@ -110,7 +115,7 @@ def test_what_is_left_is_what_a_new_measurement_of_the_cut_tree_finds():
     assert after["n_limbs"] == len(limbs)
     assert after["length_m"] == pytest.approx(cut.edge_length.sum())
     assert after["height_m"] == pytest.approx(1.8, abs=0.011)
-    assert all(each["is_reached"] for each in summary["targets"]) and len(rows) == 3
+    assert all(each["is_reached"] for each in summary["targets"]) and len(rows) == n_cuts
 
 
 def test_the_stem_is_cut_at_the_height_asked_for_and_nowhere_without_one():

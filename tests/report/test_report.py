@@ -189,7 +189,9 @@ def test_pruning_is_told_on_a_sheet_where_it_was_asked_for(build):
     files = {"pruning": build.folder / "pruning.json", "cuts": build.folder / "pruning.csv"}
     text = build(**files)
     assert "<h2>Pruning: tall spindle</h2>" in text and 'href="pruning.csv"' in text
-    assert "over height" in text and "0.99 ± 0.01 m" in text and "a &lt;book&gt;" in text
+    assert (
+        "1 (heading: over height)" in text and "0.99 ± 0.01 m" in text and "a &lt;book&gt;" in text
+    )
     (build.folder / "pruning.csv").write_text(lines[0] + "\n")
     assert "Nothing to cut" in build(**files)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,43 +12,17 @@ from cherrypicker.pruning.faults import crossings
 from cherrypicker.pruning.standing import StandingTree
 
 
-@dataclass
-class Aim:
-    """One limit.
+class Aim(NamedTuple):
+    """One limit."""
 
-    Attributes
-    ----------
-    name : str
-        Of `cherrypicker.pruning.target.LIMITS`.
-    weight : ndarray of shape (n_nodes,), float64
-        What each node adds to what is limited.
-    allowed : float
-        What of that may stand.
-    cuts : ndarray of int64
-        Nodes to cut at.
-    pairs : ndarray of shape (n, 3), int64, optional
-        From `crossings`: then these are limited, and nodes have no weight of their own.
-    """
-
-    name: str
-    weight: np.ndarray
-    allowed: float
-    cuts: np.ndarray
-    pairs: np.ndarray | None = None
-
-    def weights(self, standing: StandingTree) -> np.ndarray:
-        """What each node adds now; a pair that touches counts once where both hang on one node."""
-        if self.pairs is None:
-            return self.weight
-        touching = self.pairs[standing.stands[self.pairs[:, :2]].all(axis=1)]
-        weight = self.weight.copy()
-        np.add.at(weight, touching[:, :2], 1.0)
-        np.add.at(weight, touching[:, 2], -1.0)
-        return weight
+    name: str  # of `cherrypicker.pruning.target.LIMITS`
+    weight: np.ndarray  # (n_nodes,) float64: what each node adds to what is limited
+    allowed: float  # of that
+    cuts: np.ndarray  # (n_cuts,) int64: nodes to cut at
 
     def amount(self, standing: StandingTree) -> float:
         """What stands of what is limited."""
-        return float(self.weights(standing)[standing.stands].sum())
+        return float(self.weight[standing.stands].sum())
 
     def over(self, standing: StandingTree) -> float:
         """What of that is more than allowed; rounding is none."""
@@ -80,10 +54,8 @@ def aims_of(
     per_ratio = standing.limb_area.sum() / max(traits["limb_trunk_ratio"], 1e-12)
     sides = standing.base[~standing.stem[standing.base]]
     shares = {row["branch_id"]: _share_of_sky(row) for row in (light or {}).get("limbs", ())}
-    angle, share = (
-        np.array([find(row) for row in standing.limbs])
-        for find in (lambda r: r["crotch_angle_deg"], lambda r: shares.get(r["branch_id"], 1.0))
-    )
+    angle = np.array([row["crotch_angle_deg"] for row in standing.limbs])
+    share = np.array([shares.get(row["branch_id"], 1.0) for row in standing.limbs])
 
     def counted(nodes: np.ndarray) -> np.ndarray:
         return np.bincount(nodes, minlength=len(parent)).astype(np.float64)
@@ -92,7 +64,11 @@ def aims_of(
         return standing.length * is_out, 0.0, np.flatnonzero(is_out & ~is_out[parent])
 
     def going(is_to_go: np.ndarray) -> tuple:
-        return counted(bases[is_to_go]), 0.0, bases[is_to_go]
+        return counted(standing.limb_node[is_to_go]), 0.0, bases[is_to_go]
+
+    def touching(most: float) -> tuple:
+        nodes = _lesser_of_touching(standing)
+        return counted(nodes), most, nodes
 
     makers = {
         "height_m": lambda most: outside(standing.height > most),
@@ -100,22 +76,27 @@ def aims_of(
         "renew_limbs": lambda n: going(np.arange(len(bases)) < n),
         "steep_deg": lambda least: going(angle < least),
         "shaded_share": lambda least: going(share < least),
-        "crossing": lambda most: _touching(standing, most),
+        "crossing": touching,
         "limb_trunk_ratio": lambda most: (standing.limb_area, most * per_ratio, bases),
-        "n_limbs": lambda most: (counted(bases), most, bases),
+        "n_limbs": lambda most: (counted(standing.limb_node), most, bases),
         "length_m_per_cm2": lambda most: (standing.length, most * section, sides),
         "tips_per_cm2": lambda most: (standing.is_tip, most * section, sides),
     }
     return [Aim(name, *makers[name](limit)) for name, limit in limits.items()]
 
 
-def _touching(standing: StandingTree, most: float) -> tuple:
-    """Of two axes that touch, the one that loses less wood goes back to a lateral below."""
-    pairs, wood = crossings(standing), standing.beyond(standing.volume)
-    ways = [np.array([standing.back_to_lateral(node) for node in pair[:2]]) for pair in pairs]
-    allowed = [both for way in ways if len(both := standing.allowed(way))]
-    lesser = np.array([both[np.argmin(wood[both])] for both in allowed], dtype=np.int64)
-    return np.zeros(len(wood)), most, lesser, pairs
+def _lesser_of_touching(standing: StandingTree) -> np.ndarray:
+    """Of two axes that touch, where the one goes back to a lateral that loses less wood.
+
+    One that may be cut, where only one may.
+    """
+    wood, nodes = standing.beyond(standing.volume), []
+    for one, other in crossings(standing):
+        both = np.array([standing.back_to_lateral(one), standing.back_to_lateral(other)])
+        allowed = standing.allowed(both)
+        both = allowed if len(allowed) else both
+        nodes.append(both[np.argmin(wood[both])])
+    return np.array(nodes, dtype=np.int64)
 
 
 def _share_of_sky(row: Mapping) -> float:

@@ -11,10 +11,10 @@ from cherrypicker.pruning.standing import StandingTree
 def crossings(
     standing: StandingTree, gap: float = 0.005, least_angle_deg: float = 15.0
 ) -> np.ndarray:
-    """Places where two side axes touch, one a pair of axes, (n, 3) int64.
+    """Places where two side axes that stand touch, one a pair of axes, (n, 2) int64.
 
-    Of each: the node of one axis, that of the other, and the last node that both hang on. Nearer to
-    it than axes part that leave one another at the least angle it is a fork.
+    Of each the node of either axis. Nearer to the last node that both hang on than axes part that
+    leave one another at the least angle it is a fork.
 
     Parameters
     ----------
@@ -24,10 +24,12 @@ def crossings(
         A guess.
     """
     skeleton, owner = standing.tree.skeleton, standing.owner
-    is_own = ~standing.stem & (standing.along > standing.along[standing.base[owner]])
+    is_own = (
+        standing.stands & ~standing.stem & (standing.along > standing.along[standing.base[owner]])
+    )
     own = np.flatnonzero(is_own)
     if not len(own):
-        return np.zeros((0, 3), dtype=np.int64)
+        return np.zeros((0, 2), dtype=np.int64)
     radius = standing.tree.scale[owner] * skeleton.radius
     reach = 2.0 * radius[own].max() + gap
     near = own[cKDTree(skeleton.points[own]).query_pairs(reach, output_type="ndarray")]
@@ -40,5 +42,5 @@ def crossings(
         fork = standing.fork(int(one[row]), int(other[row]))
         way = to_root[one[row]] + to_root[other[row]] - 2.0 * (to_root[fork] + radius[fork])
         if pair not in found and way > thick[row] / np.sin(np.radians(least_angle_deg) / 2.0):
-            found[pair] = (one[row], other[row], fork)
-    return np.array(sorted(found.values()), dtype=np.int64).reshape(-1, 3)
+            found[pair] = (one[row], other[row])
+    return np.array(sorted(found.values()), dtype=np.int64).reshape(-1, 2)

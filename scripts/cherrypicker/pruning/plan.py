@@ -57,13 +57,23 @@ def propose_cuts(
         raise StageError(f"no axis {strangers[0]}, the tree has {n_axes}", key="pruning.keep")
     standing.stays = standing.stem & (standing.height <= target.limits.get("height_m", np.inf))
     standing.stays |= np.isin(standing.owner, list(keep))
-    aims = aims_of(standing, target.limits, light)
-    before, was = standing.told(), [aim.amount(standing) for aim in aims]
-    chosen = _choose(standing, aims)
+    before = standing.told()
+    was = [aim.amount(standing) for aim in aims_of(standing, target.limits, light)]
+    chosen: dict[int, list[str]] = {}
+    for turn in TURNS:
+        aims = aims_of(standing, {n: v for n, v in target.limits.items() if n in turn}, light)
+        first = {aim.name: aim.over(standing) for aim in aims}
+        while found := _best_cut(standing, aims, first):
+            node, served = found
+            # A cut on wood that a later one takes is none
+            chosen = {cut: why for cut, why in chosen.items() if not standing.holds(node, cut)}
+            chosen[node] = [turn[name] for name in served]
+            standing.cut(node)
     standing.stands[:] = True
     in_turn = sorted(chosen, key=lambda node: -standing.cut_diameter(node)[0])
     rows = [_made(standing, node, chosen[node], at) for at, node in enumerate(in_turn, 1)]
     after = standing.told()
+    aims = aims_of(standing, target.limits, light)
     told = [
         {
             "name": aim.name,
@@ -80,45 +90,27 @@ def propose_cuts(
     return head | told_of | {"targets": told, "before": before, "after": after}, rows
 
 
-def _choose(standing: StandingTree, aims: list[Aim]) -> dict[int, list[str]]:
-    """Nodes to cut at, each with its reasons, and cut."""
-    chosen: dict[int, list[str]] = {}
-    for turn in TURNS:
-        own = [aim for aim in aims if aim.name in turn]
-        first = {aim.name: aim.over(standing) for aim in own}
-        while found := _best_cut(standing, own, first):
-            node, served = found
-            # A cut on wood that a later one takes is none
-            chosen = {cut: why for cut, why in chosen.items() if not standing.holds(node, cut)}
-            chosen[node] = [turn[name] for name in served]
-            standing.cut(node)
-    return chosen
-
-
 def _best_cut(
     standing: StandingTree, aims: list[Aim], first: Mapping[str, float]
 ) -> tuple[int, list[str]] | None:
     """The cut that brings aims nearest, and the names of those; None where no cut does."""
     still = [(aim, over) for aim in aims if (over := aim.over(standing))]
-    cuts = standing.allowed(
-        np.unique(np.concatenate([np.zeros(0, int), *(a.cuts for a, _ in still)]))
-    )
-    if not len(cuts):
+    if not still:
         return None
+    cuts = standing.allowed(np.unique(np.concatenate([aim.cuts for aim, _ in still])))
     gains = np.array(
         [
-            np.minimum(standing.beyond(aim.weights(standing))[cuts], over) / first[aim.name]
+            np.minimum(standing.beyond(aim.weight)[cuts], over) / first[aim.name]
             for aim, over in still
         ]
     )
     gain = gains.sum(axis=0)
-    if gain.max() <= 1e-9:
+    if gain.max(initial=0.0) <= 1e-9:
         return None
     equal = np.flatnonzero(gain >= gain.max() - 1e-9)
     best = equal[np.argmin(standing.beyond(standing.volume)[cuts[equal]])]
-    return int(cuts[best]), [
-        aim.name for (aim, _), own in zip(still, gains[:, best], strict=True) if own > 1e-9
-    ]
+    served = np.flatnonzero(gains[:, best] > 1e-9)
+    return int(cuts[best]), [still[row][0].name for row in served]
 
 
 def _made(standing: StandingTree, node: int, reasons: list[str], number: int) -> dict:

@@ -25,6 +25,8 @@ class StandingTree:
         ``traits.json``.
     stub : float
         What a thinning cut leaves beyond the bearer's surface.
+    least_limb : float
+        What stays of a limb and is shorter is none, as of ``traits.min_limb_m``.
     row_azimuth_deg : float
         Which way the row runs, from +x towards +y.
 
@@ -36,10 +38,12 @@ class StandingTree:
         Axis of each node.
     base : ndarray of shape (n_axes,), int64
         First node that a thinning cut of each axis takes.
+    limb_base, limb_node : ndarray of shape (n_limbs,), int64
+        That of each limb, and the node without which it is none.
     along : ndarray of shape (n_nodes,), float64
         Way to each node along its axis, from the node that the axis hangs on.
     length, volume, is_tip, limb_area : ndarray of shape (n_nodes,), float64
-        What each node adds to the tree; a limb's section, cm², goes with its base.
+        What each node adds to the tree; a limb's section, cm², goes with its node.
     height, across : ndarray of shape (n_nodes,), float64
         Over the stem's foot, and how far off it across the row.
     """
@@ -52,6 +56,7 @@ class StandingTree:
         traits: Mapping,
         *,
         stub: float = 0.0,
+        least_limb: float = 0.1,
         row_azimuth_deg: float = 0.0,
     ) -> None:
         skeleton = tree.skeleton
@@ -62,25 +67,27 @@ class StandingTree:
         self.stays = self.stem.copy()
         self._start, self._end, self._order = _subtrees(skeleton.parent)
         self.along = np.zeros(len(skeleton))
-        self.base = self._bases(stub)
+        self.base = self._nodes_beyond(stub)
         self.length = skeleton.edge_length
         self.volume = np.zeros(len(skeleton))
         pieces = tree.cylinders
         self.volume[pieces.node] = np.pi * pieces.radius**2 * pieces.length
         self.is_tip = (skeleton.n_children == 0).astype(np.float64)
-        self.limb_base = self.base[[row["branch_id"] for row in limbs]]
+        of_limbs = [row["branch_id"] for row in limbs]
+        self.limb_base = self.base[of_limbs]
+        self.limb_node = np.maximum(self.limb_base, self._nodes_beyond(least_limb)[of_limbs])
         self.limb_area = np.zeros(len(skeleton))
-        self.limb_area[self.limb_base] = [row["area_cm2"] for row in limbs]
+        self.limb_area[self.limb_node] = [row["area_cm2"] for row in limbs]
         offset = skeleton.points - np.asarray(traits.get("foot", skeleton.points[0]))
         azimuth = np.radians(row_azimuth_deg)
         self.height = offset[:, 2]
         self.across = np.abs(offset[:, :2] @ [-np.sin(azimuth), np.cos(azimuth)])
 
-    def _bases(self, stub: float) -> np.ndarray:
-        """First node that a thinning cut of each axis takes; fills `along`.
+    def _nodes_beyond(self, stub: float) -> np.ndarray:
+        """First node of each axis that is more than a stub beyond its bearer's surface.
 
-        It lies a stub beyond where the axis comes out of its bearer, and on a limb beyond the limbs
-        that fork off at the stem, which stand without it.
+        On a limb it also lies beyond the limbs that fork off at the stem, which stand without it.
+        Fills `along`.
         """
         axis_list, limbs = self.tree.axis_list, {row["branch_id"] for row in self.limbs}
         cut_at = np.zeros(len(axis_list))
@@ -96,14 +103,11 @@ class StandingTree:
             cut_at[index] = stub + (self.along[axis.nodes[n_inside - 1]] if n_inside else 0.0)
             if {index, axis.parent} <= limbs:
                 cut_at[axis.parent] = max(cut_at[axis.parent], self.along[axis.attach] + stub)
-        return np.array(
-            [
-                axis.nodes[
-                    min(np.searchsorted(self.along[axis.nodes], at, "right"), len(axis.nodes) - 1)
-                ]
-                for axis, at in zip(axis_list, cut_at, strict=True)
-            ]
-        )
+        rows = [
+            np.searchsorted(self.along[axis.nodes[:-1]], at, "right")
+            for axis, at in zip(axis_list, cut_at, strict=True)
+        ]
+        return np.array([axis.nodes[row] for axis, row in zip(axis_list, rows, strict=True)])
 
     def cut(self, node: int) -> None:
         """Take a node and all that hangs on it."""
@@ -147,7 +151,7 @@ class StandingTree:
         return {
             "limb_trunk_ratio": ratio * self.limb_area[stands].sum() / area if area else 0.0,
             "limb_trunk_ratio_se": self._ratio_error(),
-            "n_limbs": int(stands[self.limb_base].sum()),
+            "n_limbs": int(stands[self.limb_node].sum()),
             "length_m": length,
             "length_m_per_cm2": length / traits["tcsa_cm2"],
             "n_tips": round(n_tips),
@@ -176,10 +180,10 @@ class StandingTree:
         own = 2.0 * area * (np.array(ends) / thick - 1.0) / Z90
         alone, together = float(own @ own), float(own.sum() ** 2)
         shared = np.clip((error**2 - alone) / max(together - alone, 1e-12), 0.0, 1.0)
-        left = own[self.stands[self.limb_base]]
+        left = own[self.stands[self.limb_node]]
         of_limbs = np.sqrt((1.0 - shared) * (left @ left) + shared * left.sum() ** 2)
         ratio = traits["limb_trunk_ratio"] / area.sum()
-        of_stem = stem / traits["tcsa_cm2"] * area[self.stands[self.limb_base]].sum()
+        of_stem = stem / traits["tcsa_cm2"] * area[self.stands[self.limb_node]].sum()
         return float(ratio * np.hypot(of_limbs, of_stem))
 
     def _volume_ends(self) -> tuple[float | None, float | None]:

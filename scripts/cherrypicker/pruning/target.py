@@ -30,8 +30,7 @@ TURNS = (
     },
 )
 LIMITS = {name: reason for turn in TURNS for name, reason in turn.items()}
-#: Name of a limit to that of `LIMITS` which it is a share of something for.
-SHARES = {"renew_share": "renew_limbs", "height_to_row_distance": "height_m"}
+SHARES = {"renew_share", "height_to_row_distance"}  # limits that become others
 PRESETS_FILE = Path(__file__).with_name("presets.yaml")
 OWN = "own"  # the preset that has no limits
 
@@ -45,6 +44,7 @@ class PruningOptions:
     keep: tuple[int, ...] = ()
     row_azimuth_deg: float = 0.0
     row_distance_m: float | None = None
+    min_limb_m: float = 0.10
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def resolve_target(options: PruningOptions, n_limbs: int, unit: str) -> Target:
         raise StageError(f"no preset {options.preset!r}", key="pruning.preset")
     preset = presets.get(options.preset, {"source": "config", "stub_m": 0.0, "target": {}})
     limits, notes = preset["target"] | options.target, []
-    unknown = sorted(limits.keys() - LIMITS.keys() - SHARES.keys())
+    unknown = sorted(limits.keys() - LIMITS.keys() - SHARES)
     if unknown or not limits:
         cause = f"no limit is named {', '.join(unknown)}" if unknown else "no limit is given"
         raise StageError(cause, key="pruning.target")

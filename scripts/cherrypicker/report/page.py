@@ -19,7 +19,7 @@ from cherrypicker.report.cameras import camera_views
 from cherrypicker.report.edit_file import edit_file
 from cherrypicker.report.figures import order_color, write_png
 from cherrypicker.report.light import light_section
-from cherrypicker.report.pruning import pruning_figure, pruning_section
+from cherrypicker.report.pruning import cuts_by_axis, pruning_figure, pruning_section
 from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
@@ -89,7 +89,11 @@ def render_report(
     for item in [*sections, *([verdict] if verdict else [])]:
         item["figures"] = [_embedded(width_px, *figure) for figure in item["figures"]]
     sky_shares = data["light_axes"] or {}
-    branches = [row | {"sky_share": sky_shares.get(row["branch_id"])} for row in data["branches"]]
+    cuts = cuts_by_axis(data["cuts"] or ())
+    branches = [
+        row | {"sky_share": sky_shares.get(row["branch_id"]), "cuts": cuts.get(row["branch_id"])}
+        for row in data["branches"]
+    ]
     pruning = pruning_section(data["pruning"], data["cuts"], unit)
     if pruning and data["cuts"]:
         drawn = pruning_figure(data["skeleton"], data["cuts"], width_px)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -49,6 +51,15 @@ def pruning_section(pruning: dict | None, rows: list[dict] | None, unit: str) ->
         "cuts": sortable_table(columns, rows, unit),
         "targets": [_told(each, unit) for each in pruning["targets"]],
     }
+
+
+def cuts_by_axis(rows: Sequence[Mapping]) -> dict[int, str]:
+    """What the view says of the cuts on each ``branch_id``: their numbers, kinds and reasons."""
+    told: dict[int, list[str]] = {}
+    for row in rows:
+        words = ", ".join(row["reasons"].split()).replace("_", " ")
+        told.setdefault(row["branch_id"], []).append(f"{row['cut']} ({row['kind']}: {words})")
+    return {axis: "; ".join(each) for axis, each in told.items()}
 
 
 def _told(target: dict, unit: str) -> tuple[str, str, str, str, bool]:
