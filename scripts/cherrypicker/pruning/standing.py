@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -142,7 +143,7 @@ class StandingTree:
             node = int(self.tree.skeleton.parent[node])
         return node
 
-    def told(self) -> dict[str, float | None]:
+    def told(self) -> dict[str, Any]:
         """The numbers of what stands; ``_se`` is a standard error, None where it is not known."""
         traits, stands = self.traits, self.stands
         ratio, area = traits["limb_trunk_ratio"], self.limb_area.sum()
