@@ -4,9 +4,12 @@ What is cut on a seen skeleton is carried to the true one: true wood goes where 
 lies nearest to it went. What is cut on a true skeleton is measured anew.
 """
 
+from pathlib import Path
+
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.files import read_json
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.pruning.made import made_cuts
 from cherrypicker.pruning.plan import propose_cuts
@@ -14,14 +17,17 @@ from cherrypicker.pruning.standing import StandingTree
 from cherrypicker.pruning.target import OWN, PruningOptions, read_presets, resolve_target
 from cherrypicker.series.compare import compare_scans
 from cherrypicker.skeleton import axes
+from cherrypicker.traits.branches import read_branches
 from cherrypicker.traits.intervals import Z90
 from cherrypicker.traits.limb_table import limb_of_axis
 from cherrypicker.traits.measure import TraitOptions, measure_traits
 from cherrypicker.traits.reports import Reports
+from cherrypicker.traits.table import LIMB_COLUMNS
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.series.judge import numbers_of
 from cherrypicker_lab.series.pairs import as_scan, find_skeleton, make_date, see_date
 from cherrypicker_lab.skeletons.set_tree import true_skeleton
+from cherrypicker_lab.traits.cases import scan_and_truth, whole_truth
 from cherrypicker_lab.traits.pairs import make_tree, skeleton_of
 from cherrypicker_lab.traits.table import true_scaffold
 
@@ -40,14 +46,15 @@ class Case:
     ----------
     skeleton, true : Skeleton
         As it is known, and as it is; one and the same, or in one frame.
+    found : tuple of dict
+        Traits and tables, as of `measure_traits`.
     stem : float
         True diameter of the stem.
     """
 
-    def __init__(self, skeleton, true, cloud, target, stem):
+    def __init__(self, skeleton, true, found, stem):
         self.skeleton, self.true, self.is_true = skeleton, true, skeleton is true
         self.axis_list = axes(skeleton)
-        found = measure_traits(skeleton, cloud, reports=Reports(target=target))
         self.traits, self.tables = found
         places = cKDTree(skeleton.points)
         _, self.nearest = places.query(true.points)
@@ -106,9 +113,12 @@ def measure_pruning(seed, n_points, *, bearing=False):
     tree, cloud = make_tree(seed, n_points, bearing=bearing)
     true = true_skeleton(tree.skeleton())
     seen, target = skeleton_of(cloud)
-    known = (true, true, cloud, target), (seen, true, cloud, target)
+    reports = Reports(target=target)
     stem = tree_traits(tree)["trunk_diameter_m"]
-    cases = {name: Case(*each, stem) for name, each in zip(("true", "seen"), known, strict=True)}
+    cases = {
+        name: Case(skeleton, true, measure_traits(skeleton, cloud, reports=reports), stem)
+        for name, skeleton in (("true", true), ("seen", seen))
+    }
     before = cases["true"].standing().told()
     severity = next_level(before["limb_trunk_ratio"])
     whole = {name: share * before[name] for name, share in SHARES.items()} | {"crossing": 0}
@@ -117,16 +127,42 @@ def measure_pruning(seed, n_points, *, bearing=False):
         "whole": PruningOptions(severity.preset, severity.target | whole),
         "tall_spindle_axe": PruningOptions("tall_spindle_axe", whole),
     }
-    n_limbs = len(cases["true"].limbs)
-    by_hand = np.random.default_rng([seed, 36]).permutation(min(OF_THICKEST, n_limbs))
+    chosen = by_hand(cases["true"], seed)
     rows = [
         {"skeleton": name, "target": words} | judge(case, options)
         for name, case in cases.items()
         for words, options in asked.items()
     ]
-    chosen = sorted(by_hand[: min(N_BY_HAND, n_limbs // 2)].tolist())
     rows += [{"skeleton": name} | cut_by_hand(case, chosen) for name, case in cases.items()]
     return {"seed": seed, "habit": tree.habit, "rows": rows}
+
+
+def measure_scan(results, truth, seed=0):
+    """Cut by hand a tree that was scanned from photos, as of `cut_by_hand`.
+
+    Parameters
+    ----------
+    results, truth : path-like
+        ``results/{tree}``, and the scene's truth with ``poses.npz`` and ``skeleton.csv``.
+    """
+    results, truth = Path(results), Path(truth)
+    skeleton, true = scan_and_truth(results, truth)
+    tables = {
+        "branches": read_branches(results / "branches.csv"),
+        "limbs": read_branches(results / "limbs.csv", LIMB_COLUMNS),
+    }
+    found = read_json(results / "traits.json"), tables
+    case = Case(skeleton, true, found, whole_truth(true)["trunk_diameter_m"])
+    before = case.ratio_of(case.limbs)
+    rows = [{"true_before": before} | cut_by_hand(case, by_hand(case, seed))]
+    return {"tree": results.name, "rows": rows}
+
+
+def by_hand(case, seed):
+    """Ranks of the true limbs that are cut by hand: half of them at most."""
+    n_limbs = len(case.limbs)
+    drawn = np.random.default_rng([seed, 36]).permutation(min(OF_THICKEST, n_limbs))
+    return sorted(drawn[: min(N_BY_HAND, n_limbs // 2)].tolist())
 
 
 def clear_of_stem(scaffold, limb):

@@ -66,7 +66,7 @@ def propose_cuts(
         while found := _best_cut(standing, aims, first):
             node, served = found
             # A cut on wood that a later one takes is none
-            chosen = {cut: why for cut, why in chosen.items() if not standing.holds(node, cut)}
+            chosen = {cut: why for cut, why in chosen.items() if standing.fork(node, cut) != node}
             chosen[node] = [turn[name] for name in served]
             standing.cut(node)
     standing.stands[:] = True

@@ -66,7 +66,7 @@ class StandingTree:
         self.owner = axis_of_node(skeleton, tree.axis_list)
         self.stem = np.isin(self.owner, Scaffold(skeleton, least=BEYOND_M).stem)
         self.stays = self.stem.copy()
-        self._start, self._end, self._order = _subtrees(skeleton.parent)
+        self._parent = skeleton.parent.tolist()
         self.along = np.zeros(len(skeleton))
         self.base = self._nodes_beyond(stub)
         self.length = skeleton.edge_length
@@ -112,12 +112,22 @@ class StandingTree:
 
     def cut(self, node: int) -> None:
         """Take a node and all that hangs on it."""
-        self.stands[self._order[self._start[node] : self._end[node]]] = False
+        self.stands[node] = False
+        for each in range(node + 1, len(self._parent)):  # parents before children
+            self.stands[each] &= self.stands[self._parent[each]]
 
     def beyond(self, values: np.ndarray) -> np.ndarray:
         """Sum of what stands of values over each node and all that hangs on it, (n_nodes,)."""
-        total = np.append(0.0, np.cumsum(np.where(self.stands, values, 0.0)[self._order]))
-        return total[self._end] - total[self._start]
+        total = np.where(self.stands, values, 0.0).tolist()
+        for node in range(len(total) - 1, 0, -1):
+            total[self._parent[node]] += total[node]
+        return np.array(total)
+
+    def fork(self, node: int, other: int) -> int:
+        """The last node that two nodes both hang on, or are."""
+        while node != other:
+            node, other = min(node, other), self._parent[max(node, other)]
+        return node
 
     def back_to_lateral(self, node: int) -> int:
         """Where to cut so that a node goes: beyond the last lateral below it, or at the base."""
@@ -132,16 +142,6 @@ class StandingTree:
     def allowed(self, nodes: np.ndarray) -> np.ndarray:
         """Those of some nodes that a cut may be made at."""
         return nodes[self.stands[nodes] & (self.beyond(self.stays)[nodes] == 0)]
-
-    def holds(self, node: int, other: int) -> bool:
-        """Whether the cut at a node takes another node too."""
-        return bool(self._start[node] <= self._start[other] < self._end[node])
-
-    def fork(self, node: int, other: int) -> int:
-        """The last node that two nodes both hang on."""
-        while not self.holds(node, other):
-            node = int(self.tree.skeleton.parent[node])
-        return node
 
     def told(self) -> dict[str, Any]:
         """The numbers of what stands; ``_se`` is a standard error, None where it is not known."""
@@ -210,21 +210,3 @@ class StandingTree:
             return found, None, None
         share = found / row["base_diameter_m"]
         return found, share * low, share * high
-
-
-def _subtrees(parent: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """An order of the nodes in which each one's subtree is a run: first and last + 1, and it.
-
-    Each of shape (n_nodes,), int64.
-    """
-    n = len(parent)
-    size = np.ones(n, dtype=np.int64)
-    for node in range(n - 1, 0, -1):
-        size[parent[node]] += size[node]
-    start, filled = np.zeros(n, dtype=np.int64), np.ones(n, dtype=np.int64)
-    for node in range(1, n):
-        start[node] = start[parent[node]] + filled[parent[node]]
-        filled[parent[node]] += size[node]
-    order = np.empty(n, dtype=np.int64)
-    order[start] = np.arange(n)
-    return start, start + size, order

@@ -49,24 +49,13 @@ class PruningOptions:
 
 @dataclass(frozen=True)
 class Target:
-    """Limits that a tree is pruned to.
-
-    Attributes
-    ----------
-    preset, source : str
-    limits : dict of str to float
-        By the names of `LIMITS`.
-    stub : float
-        What a thinning cut leaves beyond the bearer's surface.
-    notes : list of str
-        What was left out, and why.
-    """
+    """Limits that a tree is pruned to."""
 
     preset: str
     source: str
-    limits: dict[str, float]
-    stub: float
-    notes: list[str]
+    limits: dict[str, float]  # by the names of `LIMITS`
+    stub: float  # that a thinning cut leaves beyond the bearer's surface
+    notes: list[str]  # what was left out, and why
 
 
 def read_presets() -> dict[str, dict]:

@@ -96,7 +96,7 @@ def render_report(
     ]
     pruning = pruning_section(data["pruning"], data["cuts"], unit)
     if pruning and data["cuts"]:
-        drawn = pruning_figure(data["skeleton"], data["cuts"], width_px)
+        drawn = pruning_figure(data["skeleton"], data["cuts"], 2 * width_px // 3)
         pruning["figure"] = _embedded(width_px, drawn, "What goes in red; the numbers of the cuts.")
     viewer = viewer_data(
         [
