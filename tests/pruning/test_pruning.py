@@ -192,6 +192,24 @@ def test_a_later_scan_tells_which_cuts_were_made_and_what_went_besides():
     assert told["more_length_m"] == pytest.approx(wood.length[piece == 1].sum())
 
 
+def test_an_axis_that_touches_twice_goes_back_until_it_touches_no_more():
+    """It comes nearest further out, beyond a lateral."""
+    skeleton = rods((1.0, (1.0, 0.0, 1.0), 0.010), (0.8, (0.8, 0.0, 1.2), 0.006))
+    points = skeleton.points
+    end = len(points)
+    points[-30:] = points[-31] + 0.01 * np.arange(1, 31)[:, None] * [1.0, 0.0, -1.0]
+    points[-60:, 1] = np.interp(np.arange(60), [0, 5, 27, 34], [0.0, 0.015, 0.015, 0.0])
+    lateral = points[end - 33] + 0.01 * np.arange(1, 13)[:, None] * [0.0, 1.0, 1.0]
+    double = Skeleton(
+        np.vstack([points, lateral]),
+        [*skeleton.parent, end - 33, *range(end, end + 11)],
+        [*skeleton.radius, *[0.003] * 12],
+        np.ones(end + 12),
+    )
+    _, rows, standing = proposed(double, {"crossing": 0})
+    assert len(rows) == 1 and rows[0]["kind"] == "thinning" and not len(crossings(standing))
+
+
 def test_presets_name_a_source_and_are_the_schemas(project):
     presets = read_presets()
     schema = load_schema(project / "workflow/schemas/config.schema.yaml")

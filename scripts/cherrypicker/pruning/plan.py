@@ -61,14 +61,16 @@ def propose_cuts(
     was = [aim.amount(standing) for aim in aims_of(standing, target.limits, light)]
     chosen: dict[int, list[str]] = {}
     for turn in TURNS:
-        aims = aims_of(standing, {n: v for n, v in target.limits.items() if n in turn}, light)
-        first = {aim.name: aim.over(standing) for aim in aims}
-        while found := _best_cut(standing, aims, first):
-            node, served = found
-            # A cut on wood that a later one takes is none
-            chosen = {cut: why for cut, why in chosen.items() if standing.fork(node, cut) != node}
-            chosen[node] = [turn[name] for name in served]
-            standing.cut(node)
+        limits, is_done = {n: v for n, v in target.limits.items() if n in turn}, False
+        while not is_done:  # two axes that no longer touch in one place may in another
+            aims, is_done = aims_of(standing, limits, light), True
+            first = {aim.name: aim.over(standing) for aim in aims}
+            while found := _best_cut(standing, aims, first):
+                (node, served), is_done = found, False
+                # A cut on wood that a later one takes is none
+                chosen = {k: why for k, why in chosen.items() if standing.fork(node, k) != node}
+                chosen[node] = [turn[name] for name in served]
+                standing.cut(node)
     standing.stands[:] = True
     in_turn = sorted(chosen, key=lambda node: -standing.cut_diameter(node)[0])
     rows = [_made(standing, node, chosen[node], at) for at, node in enumerate(in_turn, 1)]
