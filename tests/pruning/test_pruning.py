@@ -192,6 +192,14 @@ def test_a_later_scan_tells_which_cuts_were_made_and_what_went_besides():
     assert told["more_length_m"] == pytest.approx(wood.length[piece == 1].sum())
 
 
+def test_what_touches_a_limb_that_goes_is_let_be():
+    over, under = (1.0, (1.0, 0.0, 1.0), 0.010), (0.8, (0.8, 0.0, 1.2), 0.006)
+    _, rows, _ = proposed(rods(over, under), {"renew_limbs": 1, "crossing": 0})
+    assert [row["reasons"] for row in rows] == ["renewal"]
+    _, rows, _ = proposed(rods(over, under), {"limb_trunk_ratio": 0.05, "crossing": 0})
+    assert [row["reasons"] for row in rows] == ["over_ratio"]
+
+
 def test_an_axis_that_touches_twice_goes_back_until_it_touches_no_more():
     """It comes nearest further out, beyond a lateral."""
     skeleton = rods((1.0, (1.0, 0.0, 1.0), 0.010), (0.8, (0.8, 0.0, 1.2), 0.006))

@@ -1,10 +1,10 @@
 """An ordered list of cuts that brings a tree to its target.
 
-Limits on where wood may stand come first, then wood that is to go, then how much may be left. Of
-each of these in turn every step takes the cut that brings the limits nearest: the sum over them of
-the share of what was over that goes with it. So a ratio is served by the largest limbs first, as in
-Schupp et al. 2017. Of cuts that bring them equally near, as where several reach them, it takes the
-one that loses least wood. The list begins with the thickest cut.
+Limits on where wood may stand come first, then wood that is to go, then how much may be left, at
+last what still touches. Of each of these in turn every step takes the cut that brings the limits
+nearest: the sum over them of the share of what was over that goes with it. So a ratio is served by
+the largest limbs first, as in Schupp et al. 2017. Of cuts that bring them equally near, as where
+several reach them, it takes the one that loses least wood. The list begins with the thickest cut.
 """
 
 from __future__ import annotations
@@ -61,16 +61,15 @@ def propose_cuts(
     was = [aim.amount(standing) for aim in aims_of(standing, target.limits, light)]
     chosen: dict[int, list[str]] = {}
     for turn in TURNS:
-        limits, is_done = {n: v for n, v in target.limits.items() if n in turn}, False
-        while not is_done:  # two axes that no longer touch in one place may in another
-            aims, is_done = aims_of(standing, limits, light), True
-            first = {aim.name: aim.over(standing) for aim in aims}
-            while found := _best_cut(standing, aims, first):
-                (node, served), is_done = found, False
-                # A cut on wood that a later one takes is none
-                chosen = {k: why for k, why in chosen.items() if standing.fork(node, k) != node}
-                chosen[node] = [turn[name] for name in served]
-                standing.cut(node)
+        limits = {name: limit for name, limit in target.limits.items() if name in turn}
+        first = {aim.name: aim.over(standing) for aim in aims_of(standing, limits, light)}
+        # Sought anew after each cut: axes that touched may not, or in another place
+        while found := _best_cut(standing, aims_of(standing, limits, light), first):
+            node, served = found
+            # A cut on wood that a later one takes is none
+            chosen = {cut: why for cut, why in chosen.items() if standing.fork(node, cut) != node}
+            chosen[node] = [turn[name] for name in served]
+            standing.cut(node)
     standing.stands[:] = True
     in_turn = sorted(chosen, key=lambda node: -standing.cut_diameter(node)[0])
     rows = [_made(standing, node, chosen[node], at) for at, node in enumerate(in_turn, 1)]

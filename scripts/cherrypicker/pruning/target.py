@@ -10,7 +10,7 @@ import yaml
 from cherrypicker.errors import StageError
 
 #: Name of a limit to why a cut that serves it is made, as ``pruning.csv`` spells it. In turn: where
-#: wood may stand, which of it goes, and how much may be left.
+#: wood may stand, which of it goes, how much may be left, and what may touch.
 TURNS = (
     {
         "height_m": "over_height",
@@ -20,7 +20,6 @@ TURNS = (
         "renew_limbs": "renewal",  # so many of the thickest limbs go
         "steep_deg": "steep",  # limbs go whose crotch angle is less
         "shaded_share": "shaded",  # limbs go that get less of the sky's light
-        "crossing": "crossing",  # so many pairs of axes that touch are let be
     },
     {
         "limb_trunk_ratio": "over_ratio",
@@ -28,6 +27,7 @@ TURNS = (
         "length_m_per_cm2": "too_much_wood",  # of the stem's section
         "tips_per_cm2": "too_many_tips",
     },
+    {"crossing": "crossing"},  # so many pairs of axes that touch are let be
 )
 LIMITS = {name: reason for turn in TURNS for name, reason in turn.items()}
 SHARES = {"renew_share", "height_to_row_distance"}  # limits that become others
