@@ -16,11 +16,14 @@ from typing import Annotated
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json, write_text
+from cherrypicker.pruning.made import made_cuts
+from cherrypicker.pruning.table import CUT_COLUMNS as PRUNING_COLUMNS
 from cherrypicker.report.series_page import series_page
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.series.compare import compare_scans
 from cherrypicker.series.scan_files import read_scan
 from cherrypicker.series.tables import TABLES, as_csv, totals
+from cherrypicker.traits.branches import read_branches
 
 logger = logging.getLogger(__name__)
 
@@ -37,6 +40,7 @@ def main(
     cuts: Annotated[str, "CSV of removed wood to write"],
     results: Annotated[str, "folder of the results"] = "results",
     unfinished: Annotated[Sequence[str], "ids of its trees that failed, to be named"] = (),
+    pruning: Annotated[Sequence[str], "pruning.csv of its trees that have one"] = (),
 ) -> None:
     if len(trees) != len(dates):
         raise StageError(f"{len(trees)} trees and {len(dates)} dates given")
@@ -58,8 +62,13 @@ def main(
     tables = {name: make(comparison) for name, (make, _) in TABLES.items()}
     for name, (_, columns) in TABLES.items():
         write_text(files[name], as_csv(tables[name], columns))
-    write_json(numbers, {"series": series, **totals(comparison)})
-    write_text(page, series_page(series, comparison, tables))
+    told = totals(comparison)
+    plans = {Path(path).parent.name: read_branches(path, PRUNING_COLUMNS) for path in pruning}
+    for step, each in zip(comparison.steps, told["steps"], strict=True):
+        if step.earlier.tree in plans:
+            each["proposed"] = made_cuts(step, plans[step.earlier.tree])
+    write_json(numbers, {"series": series, **told})
+    write_text(page, series_page(series, comparison, tables, told["steps"]))
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -24,14 +24,14 @@ LAYERS = [
     "wood",
     "limbs",
     *("segmentation", "contraction", "graph", "traits", "series", "formats", "photo_check"),
-    "light",
+    *("light", "pruning"),
     "accuracy",
     *("report", "batch", "command", "api"),
 ]
 LAB_LAYERS = [
     *("outputs", "evaluation", "dense", "orchard", "skeletons", "traits", "series", "training"),
     *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts", "real_photos"),
-    "up_direction",
+    *("up_direction", "pruning"),
     *("published", "written_pages"),
 ]
 STAGES = [
@@ -40,7 +40,8 @@ STAGES = [
     *("estimate_depth", "fuse_depth", "align_cloud", "crop_roi", "segment_sky", "denoise_cloud"),
     *("estimate_scale", "scale_cloud", "segment_cloud", "contract_cloud", "extract_graph"),
     *("gather_evidence", "grow_limbs"),
-    *("edit_graph", "check_photos", "measure_traits", "measure_light", "report_tree"),
+    *("edit_graph", "check_photos", "measure_traits", "measure_light", "propose_pruning"),
+    "report_tree",
     "summarise_batch",
     *("compare_series", "import_cloud", "compare_measures", "find_trees", "split_scan"),
 ]

@@ -27,7 +27,7 @@ PURPOSES = {
     "Scale": ("scale",),
     "Labels": ("segment",),
     "Skeleton": ("contract", "skeleton", "graph", "photo_check"),
-    "Traits, light and pages": ("traits", "light", "report"),
+    "Traits, light, pruning and pages": ("traits", "light", "pruning", "report"),
 }
 LAB_PURPOSES = {
     "Training": ("train_sky", "train_segment"),
@@ -101,7 +101,9 @@ def _key_row(name: str, entry: Mapping[str, Any], stages: list[str], up: str) ->
     kind = entry.get("type", "")
     kind = " or ".join(kind) if isinstance(kind, list) else kind
     bounds = [f"{sign} {entry[word]}" for word, sign in _BOUNDS.items() if word in entry]
-    allowed = ", ".join(f"`{each}`" for each in entry.get("enum", [])) or ", ".join(bounds)
+    allowed = ", ".join(
+        f"`{each}`" for each in entry.get("enum", []) if each is not None
+    ) or ", ".join(bounds)
     what = " ".join(entry.get("description", "").split()).replace("|", "\\|")
     what += f" *{kind.capitalize()}*{': ' if allowed else ''}{allowed}."
     if "paper" in entry:

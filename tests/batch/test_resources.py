@@ -142,6 +142,13 @@ def test_light_is_paid_for_where_the_config_asks_for_it():
     assert mb_to_ask("measure_light", lit) - 250 > 371
 
 
+def test_pruning_is_paid_for_where_the_config_names_a_preset():
+    """200 MB on a tree of 65 m."""
+    pruned = size_of_photos([(800, 1200)] * 48, {**SETTINGS, "pruning": {"preset": "ltr_100"}})
+    assert set(pruned.stages) - set(PHOTO_STAGES) == {"propose_pruning"}
+    assert mb_to_ask("propose_pruning", pruned) - 250 > 200
+
+
 def test_photos_are_taken_as_enlarged_where_the_features_are_sought_so():
     assert ENLARGED_BELOW_MP == PLAIN_FIRST_MP
     large, small = scan(10, (4000, 3000)), scan(10, (800, 1200))

@@ -13,6 +13,7 @@ from PIL import Image
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
+from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.report.page import ReportOptions
 from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.stage_figures import (
@@ -171,6 +172,28 @@ def test_light_is_told_where_it_was_measured(build):
     (build.folder / "light.csv").write_text("branch_id,limb_rank,sky_share\n0,,dark\n")
     with pytest.raises(StageError, match="'dark' is no number"):
         build(**files)
+
+
+def test_pruning_is_told_on_a_sheet_where_it_was_asked_for(build):
+    assert "Pruning" not in build()
+    target = {"name": "height_m", "limit": 1.0, "before": 1.4, "after": 0.99, "after_se": 0.01}
+    told = {"preset": "tall_spindle", "source": "a <book>", "notes": ["no width"]}
+    told["targets"] = [target | {"is_reached": True}]
+    (build.folder / "pruning.json").write_text(json.dumps(told))
+    cells = {"cut": "1", "branch_id": "0", "node": "5", "kind": "heading", "n_tips_after": "2"}
+    cells |= {"reasons": "over_height", "n_limbs_after": "3", "ratio_low": "", "ratio_high": ""}
+    names = [name for name, column in CUT_COLUMNS.items() if column.kind != "maybe"]
+    names += ["ratio_low", "ratio_high"]
+    lines = [",".join(names), ",".join(cells.get(name, "0.99") for name in names)]
+    (build.folder / "pruning.csv").write_text("\n".join(lines) + "\n")
+    files = {"pruning": build.folder / "pruning.json", "cuts": build.folder / "pruning.csv"}
+    text = build(**files)
+    assert "<h2>Pruning: tall spindle</h2>" in text and 'href="pruning.csv"' in text
+    assert (
+        "1 (heading: over height)" in text and "0.99 ± 0.01 m" in text and "a &lt;book&gt;" in text
+    )
+    (build.folder / "pruning.csv").write_text(lines[0] + "\n")
+    assert "Nothing to cut" in build(**files)
 
 
 def test_scan_from_photos_has_its_stages(build):

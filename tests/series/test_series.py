@@ -290,6 +290,27 @@ def test_the_stage_names_a_broken_scan_and_compares_the_others(results, tmp_path
         stage.main("row 1", ["a", "c"], days[:2], *files, str(results))
 
 
+def test_what_became_of_proposed_cuts_is_told(results, tmp_path):
+    names = ("report.html", "series.json", *(f"{name}.csv" for name in TABLES))
+    files = [str(tmp_path / name) for name in names]
+    given = "row 1", ["a", "b"], ["2024-02-01", "2025-02-01"], *files, str(results)
+    stage.main(*given)
+    with open(tmp_path / "cuts.csv", newline="") as stream:
+        cuts = list(csv.DictReader(stream))
+    with open(tmp_path / "growth.csv", newline="") as stream:
+        whole = [row for row in csv.DictReader(stream) if float(row["removed_m"]) == 0]
+    uncut = max((row for row in whole if row["order"] == "1"), key=lambda r: r["length_before_m"])
+    plan = results / "a" / "pruning.csv"
+    made, missed = cuts[0]["series_branch_id"], uncut["series_branch_id"]
+    lines = f"cut,branch_id,along_m\n1,{made},{cuts[0]['left_m']}\n2,{missed},0.05\n"
+    plan.write_text(lines)
+    stage.main(*given, pruning=[str(plan)])
+    told = json.loads((tmp_path / "series.json").read_text())["steps"][0]["proposed"]
+    assert (told["made_cuts"], told["missed_cuts"]) == ([1], [2])
+    assert told["n_more_cuts"] == len(cuts) - 1 and told["more_length_m"] > 0.25
+    assert "1 made, missed: 2" in (tmp_path / "report.html").read_text()
+
+
 def test_of_a_series_with_a_failure_the_finished_scans_are_left(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for tree in "ab":

@@ -6,7 +6,7 @@ import pytest
 from cherrypicker.geometry.hulls import alpha_volume, hull_of
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv
-from cherrypicker.traits.support import missed_wood
+from cherrypicker.traits.support import missed_wood, owning_nodes
 
 
 @pytest.fixture
@@ -88,3 +88,11 @@ def test_wood_without_an_axis_is_counted_where_it_touches_the_tree():
     assert length == pytest.approx(0.25, abs=0.04)
     np.testing.assert_allclose([missed[:, 0].min(), missed[:, 0].max()], [0.05, 0.3], atol=0.02)
     assert len(missed_wood(wood[:0], wood[:900], 0.03)[0]) == 0
+
+
+def test_a_largest_radius_whose_square_rounds_down_has_a_place():
+    """Squared alone it was less than in an array, by one digit in some trees of two thousand."""
+    thickest = 0.07541889597278378
+    skeleton = Skeleton([[0, 0, 0], [0, 0, 1.0]], [-1, 0], [thickest, thickest / 2], [1, 1])
+    _, away, thick = owning_nodes(np.array([[0.1, 0.0, 0.0]]), skeleton)
+    assert away == pytest.approx([0.1]) and thick == pytest.approx([thickest])

@@ -33,6 +33,8 @@ rule report_tree:
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
         light=branch(cfg("light.enabled"), then="results/{tree}/light.json"),
         light_axes=branch(cfg("light.enabled"), then="results/{tree}/light.csv"),
+        pruning=branch(cfg("pruning.preset"), then="results/{tree}/pruning.json"),
+        cuts=branch(cfg("pruning.preset"), then="results/{tree}/pruning.csv"),
         measures=branch(is_in(MEASURED_TREES), then="results/{tree}/measures.json"),
         photos=photos_of,
         edits=branch(is_in(EDITED_TREES), then=of_tree(BATCH.edits_of)),

@@ -10,6 +10,11 @@ rule compare_series:
         scales=of_series("results/{scan}/scale.json"),
         poses=of_series("results/{scan}/poses.npz"),
         metric_poses=of_series("results/{scan}/metric_poses.npz"),
+        pruning=lambda wildcards: [
+            f"results/{row.tree}/pruning.csv"
+            for row in SERIES[wildcards.series]
+            if BATCH.settings_for(row.tree)["pruning"]["preset"]
+        ],
     output:
         page=report(
             ensure("results/series/{series}/report.html", non_empty=True),

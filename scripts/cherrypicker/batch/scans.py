@@ -69,6 +69,7 @@ class Scans:
                     row.cloud,
                     is_labelled=row.has_labelled_cloud(),
                     has_light=settings["light"]["enabled"],
+                    has_pruning=bool(settings["pruning"]["preset"]),
                 )
             )
         return self._known[scan]

@@ -64,6 +64,7 @@ def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:
         "diameter by the photos": "{photo_diameter_m:.4f} {m}",
         "there, by the photos": "{percent:.0f} %",
         "light": "{sky_percent:.0f} % of the sky",
+        "cut": "{cuts}",
         "rests on": "{base_n_points:,} points, {base_arc_deg:.0f}° of its girth",
         "flags": "{words}",
     }

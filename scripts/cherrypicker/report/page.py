@@ -19,6 +19,7 @@ from cherrypicker.report.cameras import camera_views
 from cherrypicker.report.edit_file import edit_file
 from cherrypicker.report.figures import order_color, write_png
 from cherrypicker.report.light import light_section
+from cherrypicker.report.pruning import cuts_by_axis, pruning_figure, pruning_section
 from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
@@ -43,6 +44,7 @@ _FILES = (
     "contracted.ply",
 )
 _LIGHT_FILES = ("light.csv", "light.json")
+_PRUNING_FILES = ("pruning.csv", "pruning.json")
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,15 @@ def render_report(
     for item in [*sections, *([verdict] if verdict else [])]:
         item["figures"] = [_embedded(width_px, *figure) for figure in item["figures"]]
     sky_shares = data["light_axes"] or {}
-    branches = [row | {"sky_share": sky_shares.get(row["branch_id"])} for row in data["branches"]]
+    cuts = cuts_by_axis(data["cuts"] or ())
+    branches = [
+        row | {"sky_share": sky_shares.get(row["branch_id"]), "cuts": cuts.get(row["branch_id"])}
+        for row in data["branches"]
+    ]
+    pruning = pruning_section(data["pruning"], data["cuts"], unit)
+    if pruning and data["cuts"]:
+        drawn = pruning_figure(data["skeleton"], data["cuts"], 2 * width_px // 3)
+        pruning["figure"] = _embedded(width_px, drawn, "What goes in red; the numbers of the cuts.")
     viewer = viewer_data(
         [
             ShownSkeleton(
@@ -121,10 +131,15 @@ def render_report(
         figures=[_embedded(width_px, *figure) for figure in figures],
         scaffold=limb_section(traits, data["limbs"], data["skeleton"]),
         light=light_section(data["light"], unit),
+        pruning=pruning,
         verdict=verdict,
         accuracy=accuracy_section([{**pair, "tree": "", "href": ""} for pair in measured]),
         stages=sections,
-        files=[*_FILES, *(_LIGHT_FILES if data["light"] else ())],
+        files=[
+            *_FILES,
+            *(_LIGHT_FILES if data["light"] else ()),
+            *(_PRUNING_FILES if pruning else ()),
+        ],
         version=cherrypicker.__version__,
     )
 

@@ -32,7 +32,12 @@ _SHOWN = {
 }  # fmt: skip
 
 
-def series_page(series: str, comparison: Comparison, tables: dict[str, list[dict]]) -> str:
+def series_page(
+    series: str,
+    comparison: Comparison,
+    tables: dict[str, list[dict]],
+    numbers: list[dict] | None = None,
+) -> str:
     """Render the page.
 
     Parameters
@@ -42,13 +47,15 @@ def series_page(series: str, comparison: Comparison, tables: dict[str, list[dict
     comparison : Comparison
     tables : dict of str to list of dict
         Rows by the names of `tables.TABLES`.
+    numbers : list of dict, optional
+        What is told of each step, else as of `tables.totals`; what became of proposed cuts besides.
 
     Returns
     -------
     str
         HTML that needs no network; all text from data is escaped.
     """
-    numbers = totals(comparison)["steps"]
+    numbers = numbers or totals(comparison)["steps"]
     steps = [
         _step(step, comparison.ids[index : index + 2], numbers[index], tables)
         for index, step in enumerate(comparison.steps)
@@ -95,6 +102,12 @@ def _numbers(numbers: dict) -> list[tuple[str, str]]:
         ("Not seen at the later date", f"{numbers['unseen_length_m']:.2f} m"),
         ("Same wood lies within", f"{1e3 * numbers['tolerance_m']:.0f} mm"),
     ]  # fmt: skip
+    if proposed := numbers.get("proposed"):
+        missed = ", ".join(map(str, proposed["missed_cuts"])) or "none"
+        rows += [
+            ("Proposed cuts", f"{len(proposed['made_cuts'])} made, missed: {missed}"),
+            ("Cut besides", f"{proposed['more_length_m']:.2f} m, {proposed['n_more_cuts']} cuts"),
+        ]
     rows += [(f"Marker {name} moved by", f"{1e3 * far:.0f} mm") for name, far in moved.items()]
     return rows
 

@@ -87,7 +87,8 @@ def owning_nodes(
         Of the point from the axis there, and of the wood.
     """
     places, node, radius, _ = densify(skeleton, _BALL_M)
-    lifted = np.column_stack([places, np.sqrt(radius.max() ** 2 - radius**2)])
+    square = radius**2  # a number's own may differ from an array's in the last digit
+    lifted = np.column_stack([places, np.sqrt(square.max() - square)])
     _, ball = cKDTree(lifted).query(np.column_stack([points, np.zeros(len(points))]))
     return node[ball], np.linalg.norm(points - places[ball], axis=1), radius[ball]
 

@@ -49,18 +49,20 @@ def scan_cases(source, results, truth):
         See `_cases`.
     """
     results, truth = Path(results), Path(truth)
-    skeleton, traits = (
-        read_skeleton(results / "skeleton.graphml"),
-        read_json(results / "traits.json"),
-    )
-    rows = read_branches(results / "branches.csv")
+    traits, rows = read_json(results / "traits.json"), read_branches(results / "branches.csv")
+    whole = whole_truth(read_skeleton_csv(truth / "skeleton.csv"))
+    skeleton, true = scan_and_truth(results, truth)
+    error = Reports(scale=read_json(results / "scale.json")).scale_error
+    return _cases(source, results.name, whole, true, skeleton, traits, rows, error)
+
+
+def scan_and_truth(results, truth):
+    """Skeleton of a finished scan from photos and the true one in its frame, as of `scan_cases`."""
     true = read_skeleton_csv(truth / "skeleton.csv")
-    whole = whole_truth(true)
     found = read_poses(results / "metric_poses.npz")
     moved = compare_cameras(found, read_poses(truth / "poses.npz"))
     true.points = (true.points - moved["translation"]) @ moved["rotation"]
-    error = Reports(scale=read_json(results / "scale.json")).scale_error
-    return _cases(source, results.name, whole, true, skeleton, traits, rows, error)
+    return read_skeleton(results / "skeleton.graphml"), true
 
 
 def grown_cases(source, number, n_points):

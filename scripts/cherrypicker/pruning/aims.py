@@ -1,0 +1,105 @@
+"""Limits on a standing tree: what of it is over each, and which cuts serve it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from cherrypicker.errors import StageError
+from cherrypicker.pruning.faults import crossings
+from cherrypicker.pruning.standing import StandingTree
+
+
+class Aim(NamedTuple):
+    """One limit."""
+
+    name: str  # of `cherrypicker.pruning.target.LIMITS`
+    weight: np.ndarray  # (n_nodes,) float64: what each node adds to what is limited
+    allowed: float  # of that
+    cuts: np.ndarray  # (n_cuts,) int64: nodes to cut at
+
+    def amount(self, standing: StandingTree) -> float:
+        """What stands of what is limited."""
+        return float(self.weight[standing.stands].sum())
+
+    def over(self, standing: StandingTree) -> float:
+        """What of that is more than allowed; rounding is none."""
+        over = self.amount(standing) - self.allowed
+        return over if over > 1e-9 else 0.0
+
+
+def aims_of(
+    standing: StandingTree, limits: Mapping[str, float], light: Mapping | None = None
+) -> list[Aim]:
+    """The aims of limits, by the names of `cherrypicker.pruning.target.LIMITS`.
+
+    Too much height or width is the length of wood beyond it, so that every cut there helps.
+
+    Parameters
+    ----------
+    light : dict, optional
+        ``light.json``.
+
+    Raises
+    ------
+    StageError
+        If shaded limbs are asked for and the light was not measured.
+    """
+    if "shaded_share" in limits and light is None:
+        raise StageError("shaded limbs are asked for without light", key="light.enabled")
+    traits, bases = standing.traits, standing.limb_base
+    section, parent = traits["tcsa_cm2"], np.maximum(standing.tree.skeleton.parent, 0)
+    per_ratio = standing.limb_area.sum() / max(traits["limb_trunk_ratio"], 1e-12)
+    sides = standing.base[~standing.stem[standing.base]]
+    shares = {row["branch_id"]: _share_of_sky(row) for row in (light or {}).get("limbs", ())}
+    angle = np.array([row["crotch_angle_deg"] for row in standing.limbs])
+    share = np.array([shares.get(row["branch_id"], 1.0) for row in standing.limbs])
+
+    def counted(nodes: np.ndarray) -> np.ndarray:
+        return np.bincount(nodes, minlength=len(parent)).astype(np.float64)
+
+    def outside(is_out: np.ndarray) -> tuple:
+        return standing.length * is_out, 0.0, np.flatnonzero(is_out & ~is_out[parent])
+
+    def going(is_to_go: np.ndarray) -> tuple:
+        return counted(standing.limb_node[is_to_go]), 0.0, bases[is_to_go]
+
+    def touching(most: float) -> tuple:
+        nodes = _lesser_of_touching(standing)
+        return counted(nodes), most, nodes
+
+    makers = {
+        "height_m": lambda most: outside(standing.height > most),
+        "row_width_m": lambda most: outside(standing.across > most / 2.0),
+        "renew_limbs": lambda n: going(np.arange(len(bases)) < n),
+        "steep_deg": lambda least: going(angle < least),
+        "shaded_share": lambda least: going(share < least),
+        "crossing": touching,
+        "limb_trunk_ratio": lambda most: (standing.limb_area, most * per_ratio, bases),
+        "n_limbs": lambda most: (counted(standing.limb_node), most, bases),
+        "length_m_per_cm2": lambda most: (standing.length, most * section, sides),
+        "tips_per_cm2": lambda most: (standing.is_tip, most * section, sides),
+    }
+    return [Aim(name, *makers[name](limit)) for name, limit in limits.items()]
+
+
+def _lesser_of_touching(standing: StandingTree) -> np.ndarray:
+    """Of two axes that touch, where the one goes back to a lateral that loses less wood.
+
+    One that may be cut, where only one may.
+    """
+    wood, nodes = standing.beyond(standing.volume), []
+    for one, other in crossings(standing):
+        both = np.array([standing.back_to_lateral(one), standing.back_to_lateral(other)])
+        allowed = standing.allowed(both)
+        both = allowed if len(allowed) else both
+        nodes.append(both[np.argmin(wood[both])])
+    return np.array(nodes, dtype=np.int64)
+
+
+def _share_of_sky(row: Mapping) -> float:
+    """Of the sky's light what a limb's leaves get, or without leaves its wood."""
+    share = row.get("leaf_sky_share", row["sky_share"])
+    return 1.0 if share is None else share

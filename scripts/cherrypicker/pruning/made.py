@@ -1,0 +1,48 @@
+"""Proposed cuts against what a later scan shows: made, missed, and more than was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cherrypicker.series.compare import Step
+
+
+def made_cuts(step: Step, rows: Sequence[Mapping], share: float = 0.5) -> dict:
+    """Tell which of the cuts that were proposed on the earlier scan were made.
+
+    Parameters
+    ----------
+    step : Step
+        From the scan that the cuts were proposed on to a later one.
+    rows : sequence of mapping
+        Of its ``pruning.csv``.
+    share : float, default 0.5
+        Of the wood beyond a proposed cut that is gone where it was made, in whatever way; and of a
+        piece that is gone, of which no less was not asked for (a guess: most of it).
+
+    Returns
+    -------
+    dict
+        ``made_cuts``, ``missed_cuts``: numbers of rows; ``n_more_cuts``, ``more_length_m``: pieces
+        and wood that went without being proposed.
+    """
+    wood, piece = step.earlier.wood, step.gone.piece
+    asked = np.zeros(len(wood), dtype=bool)
+    numbers: dict[bool, list[int]] = {True: [], False: []}
+    for row in rows:
+        beyond = (wood.axis == row["branch_id"]) & (wood.along > row["along_m"])
+        for sample in range(1, len(wood)):
+            beyond[sample] |= beyond[wood.parent[sample]]
+        gone = wood.length[beyond & (piece >= 0)].sum()
+        numbers[bool(gone > share * wood.length[beyond].sum())].append(row["cut"])
+        asked |= beyond
+    more = [wood.length[(piece == each) & ~asked].sum() for each in range(len(step.gone.first))]
+    whole = [wood.length[piece == each].sum() for each in range(len(step.gone.first))]
+    return {
+        "made_cuts": numbers[True],
+        "missed_cuts": numbers[False],
+        "n_more_cuts": sum(a >= share * b for a, b in zip(more, whole, strict=True)),
+        "more_length_m": float(sum(more)),
+    }

@@ -1,0 +1,212 @@
+"""A measured tree under the saw: what stands after cuts, and how sure each number of it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cherrypicker.formats.measured import MeasuredTree
+from cherrypicker.geometry.lines import Line
+from cherrypicker.skeleton import axis_of_node
+from cherrypicker.traits.intervals import Z90
+from cherrypicker.traits.scaffold import BEYOND_M, Scaffold
+
+
+class StandingTree:
+    """What stands of a tree. A cut is a node, and takes all that hangs on it with it.
+
+    Parameters
+    ----------
+    tree : MeasuredTree
+    branches, limbs : list of dict
+        Rows of ``branches.csv`` and ``limbs.csv``.
+    traits : dict
+        ``traits.json``.
+    stub : float
+        What a thinning cut leaves beyond the bearer's surface.
+    least_limb : float
+        What stays of a limb and is shorter is none, as of ``traits.min_limb_m``.
+    row_azimuth_deg : float
+        Which way the row runs, from +x towards +y.
+
+    Attributes
+    ----------
+    stands, stem, stays : ndarray of shape (n_nodes,), bool
+        What is not cut; the trunk, and a leader that goes on above it; what no cut may take.
+    owner : ndarray of shape (n_nodes,), int64
+        Axis of each node.
+    base : ndarray of shape (n_axes,), int64
+        First node that a thinning cut of each axis takes.
+    limb_base, limb_node : ndarray of shape (n_limbs,), int64
+        That of each limb, and the node without which it is none.
+    along : ndarray of shape (n_nodes,), float64
+        Way to each node along its axis, from the node that the axis hangs on.
+    length, volume, is_tip, limb_area : ndarray of shape (n_nodes,), float64
+        What each node adds to the tree; a limb's section, cm², goes with its node.
+    height, across : ndarray of shape (n_nodes,), float64
+        Over the stem's foot, and how far off it across the row.
+    """
+
+    def __init__(
+        self,
+        tree: MeasuredTree,
+        branches: Sequence[Mapping],
+        limbs: Sequence[Mapping],
+        traits: Mapping,
+        *,
+        stub: float = 0.0,
+        least_limb: float = 0.1,
+        row_azimuth_deg: float = 0.0,
+    ) -> None:
+        skeleton = tree.skeleton
+        self.tree, self.branches, self.limbs, self.traits = tree, branches, limbs, traits
+        self.stands = np.ones(len(skeleton), dtype=bool)
+        self.owner = axis_of_node(skeleton, tree.axis_list)
+        self.stem = np.isin(self.owner, Scaffold(skeleton, least=BEYOND_M).stem)
+        self.stays = self.stem.copy()
+        self._parent = skeleton.parent.tolist()
+        self.along = np.zeros(len(skeleton))
+        self.base = self._nodes_beyond(stub)
+        self.length = skeleton.edge_length
+        self.volume = np.zeros(len(skeleton))
+        pieces = tree.cylinders
+        self.volume[pieces.node] = np.pi * pieces.radius**2 * pieces.length
+        self.is_tip = (skeleton.n_children == 0).astype(np.float64)
+        of_limbs = [row["branch_id"] for row in limbs]
+        self.limb_base = self.base[of_limbs]
+        self.limb_node = np.maximum(self.limb_base, self._nodes_beyond(least_limb)[of_limbs])
+        self.limb_area = np.zeros(len(skeleton))
+        self.limb_area[self.limb_node] = [row["area_cm2"] for row in limbs]
+        offset = skeleton.points - np.asarray(traits.get("foot", skeleton.points[0]))
+        azimuth = np.radians(row_azimuth_deg)
+        self.height = offset[:, 2]
+        self.across = np.abs(offset[:, :2] @ [-np.sin(azimuth), np.cos(azimuth)])
+
+    def _nodes_beyond(self, stub: float) -> np.ndarray:
+        """First node of each axis that is more than a stub beyond its bearer's surface.
+
+        On a limb it also lies beyond the limbs that fork off at the stem, which stand without it.
+        Fills `along`.
+        """
+        axis_list, limbs = self.tree.axis_list, {row["branch_id"] for row in self.limbs}
+        cut_at = np.zeros(len(axis_list))
+        for index, axis in enumerate(axis_list):
+            points = self.tree.axis_points(index)
+            self.along[axis.nodes] = Line(points).along[-len(axis.nodes) :]
+            if axis.attach < 0:
+                continue
+            bearer = self.tree.axis_points(axis.parent)
+            away = np.linalg.norm(points[1:, None] - bearer, axis=2)
+            is_clear = (away - self.tree.axis_radii(axis.parent)).min(axis=1) > 0
+            n_inside = np.argmax(is_clear) if is_clear.any() else 0
+            cut_at[index] = stub + (self.along[axis.nodes[n_inside - 1]] if n_inside else 0.0)
+            if {index, axis.parent} <= limbs:
+                cut_at[axis.parent] = max(cut_at[axis.parent], self.along[axis.attach] + stub)
+        rows = [
+            np.searchsorted(self.along[axis.nodes[:-1]], at, "right")
+            for axis, at in zip(axis_list, cut_at, strict=True)
+        ]
+        return np.array([axis.nodes[row] for axis, row in zip(axis_list, rows, strict=True)])
+
+    def cut(self, node: int) -> None:
+        """Take a node and all that hangs on it."""
+        self.stands[node] = False
+        for each in range(node + 1, len(self._parent)):  # parents before children
+            self.stands[each] &= self.stands[self._parent[each]]
+
+    def beyond(self, values: np.ndarray) -> np.ndarray:
+        """Sum of what stands of values over each node and all that hangs on it, (n_nodes,)."""
+        total = np.where(self.stands, values, 0.0).tolist()
+        for node in range(len(total) - 1, 0, -1):
+            total[self._parent[node]] += total[node]
+        return np.array(total)
+
+    def fork(self, node: int, other: int) -> int:
+        """The last node that two nodes both hang on, or are."""
+        while node != other:
+            node, other = min(node, other), self._parent[max(node, other)]
+        return node
+
+    def back_to_lateral(self, node: int) -> int:
+        """Where to cut so that a node goes: beyond the last lateral below it, or at the base."""
+        skeleton, axis = self.tree.skeleton, self.owner[node]
+        base = self.base[axis]
+        if self.along[node] <= self.along[base]:
+            return int(self.tree.axis_list[axis].nodes[0])
+        while node != base and skeleton.n_children[skeleton.parent[node]] == 1:
+            node = int(skeleton.parent[node])
+        return node
+
+    def allowed(self, nodes: np.ndarray) -> np.ndarray:
+        """Those of some nodes that a cut may be made at."""
+        return nodes[self.stands[nodes] & (self.beyond(self.stays)[nodes] == 0)]
+
+    def told(self) -> dict[str, Any]:
+        """The numbers of what stands; ``_se`` is a standard error, None where it is not known."""
+        traits, stands = self.traits, self.stands
+        ratio, area = traits["limb_trunk_ratio"], self.limb_area.sum()
+        length, n_tips = (float(v[stands].sum()) for v in (self.length, self.is_tip))
+        low, high = self._volume_ends()
+        return {
+            "limb_trunk_ratio": ratio * self.limb_area[stands].sum() / area if area else 0.0,
+            "limb_trunk_ratio_se": self._ratio_error(),
+            "n_limbs": int(stands[self.limb_node].sum()),
+            "length_m": length,
+            "length_m_per_cm2": length / traits["tcsa_cm2"],
+            "n_tips": round(n_tips),
+            "tips_per_cm2": n_tips / traits["tcsa_cm2"],
+            "height_m": float(self.height[stands].max()),
+            "height_m_se": traits.get("height_m_se"),
+            "row_width_m": 2.0 * float(self.across[stands].max()),
+            "row_width_m_se": traits.get("crown_width_m_se"),
+            "volume_m3": float(self.volume[stands].sum()),
+            "volume_low_m3": low,
+            "volume_high_m3": high,
+        }
+
+    def _ratio_error(self) -> float | None:
+        """Standard error of the ratio of the limbs that stand.
+
+        The table of limbs tells the error of each section, ``traits.json`` that of their sum: what
+        the limbs' errors have in common follows, as one correlation of all pairs, and holds for
+        those that stand. The stem's error is that of its section.
+        """
+        traits, ends = self.traits, [row["diameter_high_m"] for row in self.limbs]
+        error, stem = (traits.get(f"{name}_se") for name in ("limb_area_cm2", "tcsa_cm2"))
+        if error is None or stem is None or None in ends or not self.limb_area.any():
+            return None
+        area, thick = (np.array([row[k] for row in self.limbs]) for k in ("area_cm2", "diameter_m"))
+        own = 2.0 * area * (np.array(ends) / thick - 1.0) / Z90
+        alone, together = float(own @ own), float(own.sum() ** 2)
+        shared = np.clip((error**2 - alone) / max(together - alone, 1e-12), 0.0, 1.0)
+        left = own[self.stands[self.limb_node]]
+        of_limbs = np.sqrt((1.0 - shared) * (left @ left) + shared * left.sum() ** 2)
+        ratio = traits["limb_trunk_ratio"] / area.sum()
+        of_stem = stem / traits["tcsa_cm2"] * area[self.stands[self.limb_node]].sum()
+        return float(ratio * np.hypot(of_limbs, of_stem))
+
+    def _volume_ends(self) -> tuple[float | None, float | None]:
+        """90 % interval of the volume, all radii at the same end of theirs: they err together."""
+        ends = [(row["base_diameter_low_m"], row["base_diameter_high_m"]) for row in self.branches]
+        if any(None in pair for pair in ends):
+            return None, None
+        thick = np.array([row["base_diameter_m"] for row in self.branches])
+        share = (np.array(ends) / thick[:, None]) ** 2
+        low, high = share[self.owner[self.stands]].T @ self.volume[self.stands]
+        return float(low), float(high)
+
+    def cut_diameter(self, node: int) -> tuple[float, float | None, float | None]:
+        """Diameter of a cut and its 90 % interval: as a limb's beside the stem, or its axis's."""
+        axis = int(self.owner[node])
+        for row in self.limbs:
+            if row["branch_id"] == axis and self.base[axis] == node:
+                return row["diameter_m"], row["diameter_low_m"], row["diameter_high_m"]
+        row = self.branches[axis]
+        found = 2.0 * float(self.tree.scale[axis] * self.tree.skeleton.radius[node])
+        low, high = row["base_diameter_low_m"], row["base_diameter_high_m"]
+        if low is None or high is None:
+            return found, None, None
+        share = found / row["base_diameter_m"]
+        return found, share * low, share * high

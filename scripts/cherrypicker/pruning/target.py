@@ -1,0 +1,93 @@
+"""What a tree is pruned to: limits by name, from a preset and the config's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+
+from cherrypicker.errors import StageError
+
+#: Name of a limit to why a cut that serves it is made, as ``pruning.csv`` spells it. In turn: where
+#: wood may stand, which of it goes, how much may be left, and what may touch.
+TURNS = (
+    {
+        "height_m": "over_height",
+        "row_width_m": "over_width",  # twice the farthest reach across the row
+    },
+    {
+        "renew_limbs": "renewal",  # so many of the thickest limbs go
+        "steep_deg": "steep",  # limbs go whose crotch angle is less
+        "shaded_share": "shaded",  # limbs go that get less of the sky's light
+    },
+    {
+        "limb_trunk_ratio": "over_ratio",
+        "n_limbs": "too_many_limbs",
+        "length_m_per_cm2": "too_much_wood",  # of the stem's section
+        "tips_per_cm2": "too_many_tips",
+    },
+    {"crossing": "crossing"},  # so many pairs of axes that touch are let be
+)
+LIMITS = {name: reason for turn in TURNS for name, reason in turn.items()}
+SHARES = {"renew_share", "height_to_row_distance"}  # limits that become others
+PRESETS_FILE = Path(__file__).with_name("presets.yaml")
+OWN = "own"  # the preset that has no limits
+
+
+@dataclass(frozen=True)
+class PruningOptions:
+    """Config keys that pruning reads, as the schema describes them."""
+
+    preset: str | None = None
+    target: dict[str, float] = field(default_factory=dict)
+    keep: tuple[int, ...] = ()
+    row_azimuth_deg: float = 0.0
+    row_distance_m: float | None = None
+    min_limb_m: float = 0.10
+
+
+@dataclass(frozen=True)
+class Target:
+    """Limits that a tree is pruned to."""
+
+    preset: str
+    source: str
+    limits: dict[str, float]  # by the names of `LIMITS`
+    stub: float  # that a thinning cut leaves beyond the bearer's surface
+    notes: list[str]  # what was left out, and why
+
+
+def read_presets() -> dict[str, dict]:
+    """The shipped presets by name: ``source``, ``stub_m`` and ``target``."""
+    return yaml.safe_load(PRESETS_FILE.read_text(encoding="utf-8"))
+
+
+def resolve_target(options: PruningOptions, n_limbs: int, unit: str) -> Target:
+    """The limits of a preset with those of the config over them.
+
+    Raises
+    ------
+    StageError
+        If there is no limit, one of no known name, or one in metres of a tree without a scale.
+    """
+    presets = read_presets()
+    if options.preset not in {OWN, *presets}:
+        raise StageError(f"no preset {options.preset!r}", key="pruning.preset")
+    preset = presets.get(options.preset, {"source": "config", "stub_m": 0.0, "target": {}})
+    limits, notes = preset["target"] | options.target, []
+    unknown = sorted(limits.keys() - LIMITS.keys() - SHARES)
+    if unknown or not limits:
+        cause = f"no limit is named {', '.join(unknown)}" if unknown else "no limit is given"
+        raise StageError(cause, key="pruning.target")
+    if "renew_share" in limits:
+        limits["renew_limbs"] = round(limits.pop("renew_share") * n_limbs)
+    if "height_to_row_distance" in limits:
+        share = limits.pop("height_to_row_distance")
+        if options.row_distance_m:
+            limits.setdefault("height_m", share * options.row_distance_m)
+        else:
+            notes.append(f"no height: {share:g} of traits.row_distance_m, which is not given")
+    if unit != "m" and (metric := [n for n in limits if n.endswith("_m") or "_cm2" in n]):
+        raise StageError(f"a limit of {metric[0]} needs a scale", key="scale.mode")
+    return Target(options.preset or OWN, preset["source"], limits, preset["stub_m"], notes)

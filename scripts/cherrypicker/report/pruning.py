@@ -1,0 +1,96 @@
+"""The pruning's section of a tree's page: target, the cuts in order, and a picture with numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from cherrypicker.pruning.table import CUT_COLUMNS
+from cherrypicker.report.branches import sortable_table
+from cherrypicker.report.figures import tree_box, view_grid
+from cherrypicker.report.raster import side_views
+from cherrypicker.report.style import COLOR, FONT, GREY, LINE
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.table import BranchColumn
+from cherrypicker.units import unit_word
+
+# Of what is limited, or goes by a limit
+_TARGETS = {
+    "limb_trunk_ratio": "Limb-to-trunk ratio",
+    "n_limbs": "Limbs",
+    "length_m_per_cm2": "Wood per cm² of the stem's section [m]",
+    "tips_per_cm2": "Tips per cm² of the stem's section",
+    "height_m": "Height",
+    "row_width_m": "Width across the row",
+    "renew_limbs": "Limbs to renew",
+    "steep_deg": "Steep limbs",
+    "shaded_share": "Shaded limbs",
+    "crossing": "Axes that touch",
+}
+
+
+def pruning_section(pruning: dict | None, rows: list[dict] | None, unit: str) -> dict | None:
+    """What the page shows of ``pruning.json`` and ``pruning.csv``; None where none was asked for.
+
+    Returns
+    -------
+    dict
+        ``cuts`` as of `cherrypicker.report.branches.sortable_table`, ``targets`` (name, limit,
+        before, after, and whether it is reached), ``preset``, ``source`` and ``notes``.
+    """
+    if pruning is None or rows is None:
+        return None
+    columns: list[BranchColumn] = [column for column in CUT_COLUMNS.values() if column.title]
+    return {
+        "preset": pruning["preset"].replace("_", " "),
+        "source": pruning["source"],
+        "notes": pruning["notes"],
+        "cuts": sortable_table(columns, rows, unit),
+        "targets": [_told(each, unit) for each in pruning["targets"]],
+    }
+
+
+def cuts_by_axis(rows: Sequence[Mapping]) -> dict[int, str]:
+    """What the view says of the cuts on each ``branch_id``: their numbers, kinds and reasons."""
+    told: dict[int, list[str]] = {}
+    for row in rows:
+        words = ", ".join(row["reasons"].split()).replace("_", " ")
+        told.setdefault(row["branch_id"], []).append(f"{row['cut']} ({row['kind']}: {words})")
+    return {axis: "; ".join(each) for axis, each in told.items()}
+
+
+def _told(target: dict, unit: str) -> tuple[str, str, str, str, bool]:
+    end = f" {unit_word(target['name'], unit)}" if target["name"].endswith("_m") else ""
+    before, after = (f"{target[when]:.2f}".removesuffix(".00") for when in ("before", "after"))
+    error = "" if target["after_se"] is None else f" ± {target['after_se']:.2f}"
+    limit = f"{target['limit']:g}"
+    told = (limit + end, before + end, after + error + end)
+    return _TARGETS[target["name"]], *told, target["is_reached"]
+
+
+def pruning_figure(skeleton: Skeleton, rows: list[dict], width_px: int) -> Figure:
+    """The skeleton from two sides: what goes in red, each cut with its number."""
+    gone = np.zeros(len(skeleton), dtype=bool)
+    gone[[row["node"] for row in rows]] = True
+    for node in range(1, len(skeleton)):
+        gone[node] |= gone[skeleton.parent[node]]
+    thick = LINE["least_wood"] + LINE["most_wood"] * skeleton.radius / skeleton.radius.max()
+    views = side_views(tree_box(skeleton), kinds=("front", "side"))
+    figure, panels = view_grid(views, skeleton.unit, width_px, "Cuts by number")
+    outline = [withStroke(linewidth=2.0, foreground="w")]
+    for panel in panels:
+        for some, color in ((~gone, str(GREY["wood"] / 2)), (gone, COLOR["fit"])):
+            ends = np.flatnonzero(some[1:]) + 1
+            start = skeleton.points[skeleton.parent[ends]]
+            panel.lines(start, skeleton.points[ends], linewidths=thick[ends], colors=color)
+        for row in rows:
+            place = np.array([[row[name] for name in ("x_m", "y_m", "z_m")]])
+            across, up = panel.view.flatten(place)[0][0]
+            style: dict = {"fontsize": FONT["panel"], "ha": "center", "va": "center", "zorder": 3}
+            panel.axes.text(
+                across, up, str(row["cut"]), path_effects=outline, weight="bold", **style
+            )
+    return figure

@@ -1,0 +1,30 @@
+# Cuts that bring a tree to a pruning target; of trees whose config names a preset.
+
+
+rule propose_pruning:
+    input:
+        skeleton="results/{tree}/skeleton.graphml",
+        branches="results/{tree}/branches.csv",
+        limbs="results/{tree}/limbs.csv",
+        traits="results/{tree}/traits.json",
+        light=branch(cfg("light.enabled"), then="results/{tree}/light.json"),
+    output:
+        cuts=ensure("results/{tree}/pruning.csv", non_empty=True),
+        pruning=ensure("results/{tree}/pruning.json", non_empty=True),
+    log:
+        "logs/propose_pruning/{tree}.log",
+    benchmark:
+        "benchmarks/propose_pruning/{tree}.tsv"
+    conda:
+        "../../envs/pointcloud.yaml"
+    threads: 1
+    resources:
+        mem_mb=mb_for("propose_pruning"),
+        runtime=minutes_for("propose_pruning"),
+    params:
+        **options("propose_pruning"),
+        code=code("propose_pruning", "pruning/presets.yaml"),
+    message:
+        "{wildcards.tree}: propose the pruning"
+    script:
+        "../../scripts/propose_pruning.py"
