@@ -40,7 +40,7 @@ def _nothing(*_):
 # What stands in the place of each pass: module, its function, and what does nothing
 PASSES = {
     "vote of neighbours": (inference, "smooth_probabilities", _unchanged),
-    "roofs are sheets": (inference, "keep_roofs", _unchanged),
+    "roofs are flat": (inference, "keep_roofs", _unchanged),
     "vote per object": (inference, "vote_per_object", _unchanged),
     "posts by shape": (inference, "poles_and_wires", lambda *_, **__: np.empty(0, int)),
     "posts by word": (inference, "said_posts", lambda *_: (np.empty(0, int),) * 2),
