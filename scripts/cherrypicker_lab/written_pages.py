@@ -27,7 +27,7 @@ PURPOSES = {
     "Scale": ("scale",),
     "Labels": ("segment",),
     "Skeleton": ("contract", "skeleton", "graph", "photo_check"),
-    "Traits, light and pages": ("traits", "light", "report"),
+    "Traits, light, bearing wood and pages": ("traits", "light", "bearing", "report"),
 }
 LAB_PURPOSES = {
     "Training": ("train_sky", "train_segment"),

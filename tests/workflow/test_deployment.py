@@ -102,9 +102,10 @@ def a_batch(tmp_path, *trees):
 def test_the_slurm_profile_plans_the_whole_batch(tmp_path):
     """Also with a stage between two of a group, which belongs to the group or nothing starts."""
     batch = a_batch(tmp_path, "a")
-    batch.configure({"light": {"enabled": True}})
+    batch.configure({"light": {"enabled": True}, "bearing": {"enabled": True}})
     printed = batch.run("--dry-run", "--workflow-profile", str(PROJECT / "profiles/slurm"))
     rules = ("import_segmented_cloud", "contract_cloud", "measure_light", "report_tree")
+    rules = (*rules, "measure_bearing")
     for rule in (*rules, "summarise_batch"):
         assert re.search(rf"{rule} +1\n", printed), printed
 

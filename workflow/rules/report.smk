@@ -33,6 +33,8 @@ rule report_tree:
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
         light=only_with("light.enabled", "results/{tree}/light.json"),
         light_axes=only_with("light.enabled", "results/{tree}/light.csv"),
+        bearing=only_with("bearing.enabled", "results/{tree}/bearing.json"),
+        bearing_pieces=only_with("bearing.enabled", "results/{tree}/bearing.csv"),
         measures=only_for(MEASURED_TREES, "results/{tree}/measures.json"),
         photos=photos_of,
         edits=lambda wildcards: (

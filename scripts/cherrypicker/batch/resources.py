@@ -82,6 +82,7 @@ class ScanSize:
     is_labelled: bool = False  # whether it is a ready cloud that came with labels
     is_prepared: bool = False  # whether stages read prepared photos
     has_light: bool = False  # whether the config asks for the tree's light
+    has_bearing: bool = False  # and for its bearing wood
     stereo: str = "cpu"  # the backend of its depth maps
     photos: int = 0
     pairs: int = 0  # of photos to match
@@ -109,6 +110,7 @@ class ScanSize:
         kinds += ["labelled" if self.is_labelled else "unlabelled"]
         kinds += ["prepared photos"] if self.is_prepared else []
         kinds += ["light"] if self.has_light else []
+        kinds += ["bearing"] if self.has_bearing else []
         return {rule: cost_of(rule, self.stereo) for rule in STAGES if STAGES[rule].of in kinds}
 
     def value_of(self, formula: str, *, at_most: bool = False) -> float:
@@ -142,8 +144,8 @@ def size_of_photos(
     sizes : sequence of (int, int)
         Width and height of each photo, px.
     settings : mapping
-        The tree's whole config; the sections ``photos``, ``sfm``, ``mvs``, ``light`` and ``keep``
-        are read.
+        The tree's whole config; the sections ``photos``, ``sfm``, ``mvs``, ``light``,
+        ``bearing`` and ``keep`` are read.
     stereo : str, default "cpu"
         The backend of the depth maps.
     is_prepared : bool, default False
@@ -161,6 +163,7 @@ def size_of_photos(
         is_photo_scan=True,
         is_prepared=is_prepared,
         has_light=settings["light"]["enabled"],
+        has_bearing=settings["bearing"]["enabled"],
         stereo=stereo,
         photos=len(sizes),
         pairs=count_pairs(len(sizes), sfm),
@@ -179,7 +182,11 @@ def size_of_photos(
 
 
 def size_of_cloud(
-    path: str | os.PathLike, *, is_labelled: bool = False, has_light: bool = False
+    path: str | os.PathLike,
+    *,
+    is_labelled: bool = False,
+    has_light: bool = False,
+    has_bearing: bool = False,
 ) -> ScanSize:
     """Return the size of a ready cloud; of an unreadable one as if it were empty.
 
@@ -187,7 +194,11 @@ def size_of_cloud(
     """
     points_m = count_points(path) / 1e6
     return ScanSize(
-        is_labelled=is_labelled, has_light=has_light, points_m=points_m, most_points_m=points_m
+        is_labelled=is_labelled,
+        has_light=has_light,
+        has_bearing=has_bearing,
+        points_m=points_m,
+        most_points_m=points_m,
     )
 
 

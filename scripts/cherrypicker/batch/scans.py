@@ -69,6 +69,7 @@ class Scans:
                     row.cloud,
                     is_labelled=row.has_labelled_cloud(),
                     has_light=settings["light"]["enabled"],
+                    has_bearing=settings["bearing"]["enabled"],
                 )
             )
         return self._known[scan]

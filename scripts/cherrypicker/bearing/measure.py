@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cherrypicker.bearing.ages import Ages, age_tree
@@ -16,11 +14,6 @@ from cherrypicker.traits.limb_table import limb_of_axis
 
 #: Of wood: a shoot of one year, short wood of any age, and longer wood of two years or older.
 KINDS = ("shoot", "spur", "two_year", "older")
-
-
-@dataclass(frozen=True)
-class BearingOptions:
-    """Config keys of the section ``bearing``; whether it is measured is the workflow's."""
 
 
 def kind_table(n_ages: int) -> np.ndarray:
@@ -167,7 +160,9 @@ def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:
             }
             told = ages.chance[nodes[run], :, row["age_years"] - 1].sum(axis=1)
             row["p_age"] = rounded(weight @ told / weight.sum())
-            rows.append(row | {f"p_{name}": rounded(p) for name, p in zip(KINDS, mean, strict=True)})
+            rows.append(
+                row | {f"p_{name}": rounded(p) for name, p in zip(KINDS, mean, strict=True)}
+            )
     return rows
 
 

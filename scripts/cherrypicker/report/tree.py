@@ -15,6 +15,7 @@ from cherrypicker.files import read_json, write_text
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.report import figures as draw
+from cherrypicker.report.bearing import read_pieces
 from cherrypicker.report.light import read_sky_shares
 from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.style import LAYOUT
@@ -64,6 +65,8 @@ FILES = {
     "photo_check": _File(read_json, "photo_check.json"),
     "light": _File(read_json, "light.json"),
     "light_axes": _File(read_sky_shares, "light.csv"),
+    "bearing": _File(read_json, "bearing.json"),
+    "bearing_pieces": _File(read_pieces, "bearing.csv"),
     "measures": _File(read_json, "measures.json of a tree that was measured by hand"),
     "worst_photo": _File(lambda path: Path(path).read_bytes(), "photo_check/worst.jpg"),
     "best_photo": _File(lambda path: Path(path).read_bytes(), "photo_check/best.jpg"),

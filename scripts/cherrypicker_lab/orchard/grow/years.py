@@ -128,7 +128,10 @@ class _Growing:
             places += [(n, True) for n in self.some(rows, self.n["short_a_m"] * length)]
         if old.any() and not self.is_short[number]:
             rows = np.flatnonzero(old)[1:]
-            places += [(n, rng.random() < 0.5) for n in self.some(rows, self.n["late_a_m"] * 0.01 * len(rows))]
+            places += [
+                (n, rng.random() < 0.5)
+                for n in self.some(rows, self.n["late_a_m"] * 0.01 * len(rows))
+            ]
         taken = {a.parent_node for a in self.axes if a.parent == number}
         for node, is_short in places:
             if node in taken:
@@ -141,7 +144,11 @@ class _Growing:
             self.start(number, int(node), axis.order + 1, is_short, year, way)
 
     def some(self, rows, mean):
-        return self.rng.choice(rows, min(self.rng.poisson(mean), len(rows)), False) if len(rows) else ()
+        return (
+            self.rng.choice(rows, min(self.rng.poisson(mean), len(rows)), False)
+            if len(rows)
+            else ()
+        )
 
     def is_long_wood(self, axis, year):
         length = 0.01 * (axis.years == year).sum()
