@@ -16,7 +16,8 @@ import numpy as np
 from cherrypicker.bearing.rates import Rates
 from cherrypicker.skeleton import Axis, Skeleton
 
-_STEP_M = 1e-4  # to which lengths of edges are rounded: rates hardly change over it
+_STEP_M = 2e-4  # to which lengths of edges are rounded: a hundredth of the shortest increment
+_LEAST_RADIUS_M = 1e-4  # no wood is thinner
 
 
 @dataclass
@@ -49,16 +50,17 @@ def bare_lengths(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
     return length
 
 
-def _radius_chances(skeleton: Skeleton, radius: np.ndarray, length: np.ndarray, rates: Rates):
-    """Relative chance of each node's radius by state, (n_nodes, n_states) float64."""
+def _radius_logs(
+    skeleton: Skeleton, radius: np.ndarray, length: np.ndarray, rates: Rates, thicker: float
+) -> np.ndarray:
+    """Log likelihood of each node's radius by state, (n_nodes, n_states) float64."""
     spread = rates.of_states(rates.log_radius_sd)
     error = skeleton.fields.get("radius_error", np.zeros(len(skeleton)))
-    thick = np.maximum(radius, 1e-4)
+    thick = np.maximum(radius, _LEAST_RADIUS_M)
     variance = spread**2 + (np.nan_to_num(error) / thick)[:, None] ** 2
-    off = np.log(thick)[:, None] - rates.of_states(rates.log_radius)
+    off = np.log(thick)[:, None] - rates.of_states(rates.log_radius) - thicker
     log = -0.5 * (off**2 / variance + np.log(variance))
-    log *= np.minimum(length / rates.radius_run_m, 1.0)[:, None]
-    return np.exp(log - log.max(axis=1, keepdims=True))
+    return log * np.minimum(length / rates.radius_run_m, 1.0)[:, None]
 
 
 def age_tree(
@@ -71,6 +73,9 @@ def age_tree(
     seed: int = 0,
 ) -> Ages:
     """Tell the ages of a tree's wood.
+
+    How thick wood of an age is differs by tree and by scan: the ages are those at several such
+    factors, weighed by how well the whole tree agrees with each.
 
     Parameters
     ----------
@@ -88,50 +93,86 @@ def age_tree(
     Ages
     """
     length = bare_lengths(skeleton, axis_list)
-    rounded, which = np.unique(np.round(length / _STEP_M), return_inverse=True)
-    steps = rates.steps(rounded * _STEP_M)
-    of_node = _radius_chances(skeleton, radius, length, rates)
-    hung = {axis.nodes[0]: axis.attach for axis in axis_list if axis.attach >= 0}
-    ways = {}  # of a node: how its state follows from its parent's
-    order = []
-    for axis in axis_list:
-        before = axis.attach
-        for node in axis.nodes:
-            way = steps[which[node]]
-            ways[node] = rates.lateral_rate @ way if node in hung else way
-            order.append((node, before))
-            before = node
-    for axis in axis_list:
-        of_node[axis.nodes[-1]] *= rates.end_rate
-    beyond = of_node
-    for node, before in reversed(order):
-        beyond[node] /= beyond[node].max()
-        if before >= 0:
-            beyond[before] *= ways[node] @ beyond[node]
-    return Ages(*_from_the_foot(order, ways, beyond, rates, n_draws, seed), length)
-
-
-def _from_the_foot(order, ways, beyond, rates, n_draws, seed) -> tuple[np.ndarray, np.ndarray]:
-    """Chances (n_nodes, 2, n_ages) and drawn trees (n_draws, n_nodes), see `Ages`."""
+    chain = _Chain(axis_list, length, rates)
+    spread = rates.log_radius_tree_sd
+    factors, found = spread * np.linspace(-2.0, 2.0, 9), []
+    for thicker in factors:
+        seen = _radius_logs(skeleton, radius, length, rates, thicker)
+        beyond, log = chain.from_the_tips(seen)
+        found.append((log - 0.5 * (thicker / spread) ** 2, beyond))
+    logs = np.array([log for log, _ in found])
+    weight = np.exp(logs - logs.max())
+    weight /= weight.sum()
     rng = np.random.default_rng(seed)
-    n_states, phases = beyond.shape[1], rates.phases
-    chance = np.zeros_like(beyond)
-    drawn = np.zeros((len(beyond), n_draws), dtype=np.int64)
-    first = np.zeros(n_states)  # the foot is long wood of any age
-    first[: rates.n_ages * phases : phases] = 1.0
-    for node, before in order:
-        if before < 0:
-            chance[node] = first @ ways[node] * beyond[node]
-            chance[node] /= chance[node].sum()
-            drawn[node] = rng.choice(n_states, n_draws, p=chance[node])
-            continue
-        follows = ways[node] * beyond[node]
-        total = follows.sum(axis=1, keepdims=True)
-        follows /= np.where(total > 0, total, 1.0)
-        chance[node] = chance[before] @ follows
-        up_to = np.cumsum(follows, axis=1)[drawn[before]]
-        # A draw is below the row's sum, which rounding leaves a little off 1
-        at = rng.random((n_draws, 1)) * up_to[:, -1:]
-        drawn[node] = (up_to <= at).sum(axis=1)
-    chance = chance.reshape(len(beyond), 2, rates.n_ages, phases).sum(axis=3)
-    return chance, (drawn // phases).T
+    shares = rng.multinomial(n_draws, weight)
+    chance, drawn = 0.0, []
+    for (_, beyond), share, n in zip(found, weight, shares, strict=True):
+        if n:
+            some, trees = chain.from_the_foot(beyond, n, rng)
+            chance = chance + share * some
+            drawn.append(trees)
+    chance /= chance.sum(axis=(1, 2), keepdims=True)
+    return Ages(chance, np.concatenate(drawn), length)
+
+
+class _Chain:
+    """The chain on one tree: what follows from what, and what is asked of the ends."""
+
+    def __init__(self, axis_list: list[Axis], length: np.ndarray, rates: Rates) -> None:
+        self.rates, self.order = rates, []
+        self.tips = [axis.nodes[-1] for axis in axis_list]
+        rounded, which = np.unique(np.round(length / _STEP_M), return_inverse=True)
+        steps = rates.steps(rounded * _STEP_M)
+        laterals = rates.lateral_rate @ steps
+        self.ways = steps[which]  # of each node: how its state follows from the one before
+        for axis in axis_list:
+            before = axis.attach
+            for node in axis.nodes:
+                self.order.append((node, before))
+                before = node
+            if axis.attach >= 0:
+                self.ways[axis.nodes[0]] = laterals[which[axis.nodes[0]]]
+
+    def from_the_tips(self, seen: np.ndarray) -> tuple[np.ndarray, float]:
+        """Gather what lies beyond each node, (n_nodes, n_states), and the tree's log likelihood."""
+        most = seen.max(axis=1, keepdims=True)
+        beyond, log = np.exp(seen - most), float(most.sum())
+        beyond[self.tips] *= self.rates.end_rate
+        for node, before in reversed(self.order):
+            total = beyond[node].max()
+            beyond[node] /= total
+            log += np.log(total)
+            if before >= 0:
+                beyond[before] *= self.ways[node] @ beyond[node]
+        root = self.order[0][0]
+        return beyond, log + float(np.log(self._first() @ self.ways[root] @ beyond[root]))
+
+    def _first(self) -> np.ndarray:
+        """The foot is long wood of any age, (n_states,) float64."""
+        first = np.zeros(len(self.rates.state_age))
+        first[: self.rates.n_ages * self.rates.phases : self.rates.phases] = 1 / self.rates.n_ages
+        return first
+
+    def from_the_foot(
+        self, beyond: np.ndarray, n_draws: int, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Chances (n_nodes, 2, n_ages) and drawn trees (n_draws, n_nodes), see `Ages`."""
+        chance = np.zeros_like(beyond)
+        drawn = np.zeros((len(beyond), n_draws), dtype=np.int64)
+        for node, before in self.order:
+            if before < 0:
+                chance[node] = self._first() @ self.ways[node] * beyond[node]
+                chance[node] /= chance[node].sum()
+                drawn[node] = rng.choice(len(chance[node]), n_draws, p=chance[node])
+                continue
+            follows = self.ways[node] * beyond[node]
+            total = follows.sum(axis=1, keepdims=True)
+            follows /= np.where(total > 0, total, 1.0)
+            chance[node] = chance[before] @ follows
+            up_to = np.cumsum(follows, axis=1)[drawn[before]]
+            # A draw is below the row's sum, which rounding leaves a little off 1
+            at = rng.random((n_draws, 1)) * up_to[:, -1:]
+            drawn[node] = (up_to <= at).sum(axis=1)
+        phases = self.rates.phases
+        by_age = chance.reshape(len(beyond), 2, self.rates.n_ages, phases).sum(axis=3)
+        return by_age, (drawn // phases).T

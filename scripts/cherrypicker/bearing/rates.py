@@ -37,7 +37,9 @@ class Rates:
     lateral : ndarray of shape (n_ages, 2, n_ages), float64
         Chance of a lateral's type and age, by the age of the long wood that bears it: always less.
     log_radius, log_radius_sd : ndarray of shape (2, n_ages), float64
-        Of radii in metres.
+        Of radii in metres, within a tree.
+    log_radius_tree_sd : float
+        How much a tree, or a scan of it, is thicker as a whole.
     radius_run_m : float
         Along which radii tell as much as one.
     """
@@ -50,6 +52,7 @@ class Rates:
     lateral: np.ndarray
     log_radius: np.ndarray
     log_radius_sd: np.ndarray
+    log_radius_tree_sd: float
     radius_run_m: float
 
     @property

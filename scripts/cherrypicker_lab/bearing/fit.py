@@ -5,7 +5,7 @@ import numpy as np
 from cherrypicker.bearing.ages import bare_lengths
 from cherrypicker.skeleton import axes
 
-N_AGES, PHASES = 6, 3
+N_AGES, PHASES = 6, 6
 FEW = 0.5  # that every count is taken to have had besides: nothing allowed is impossible
 RADIUS_RUN_M = 0.1
 
@@ -26,7 +26,7 @@ def count_rates(trees):
     length, runs, laterals, ends = (np.zeros(shape) for _ in range(4))
     on = np.zeros((N_AGES, 2))  # next increment after long wood: long, short
     lateral = np.zeros((N_AGES, 2, N_AGES))
-    radii = [[[] for _ in range(N_AGES)] for _ in range(2)]
+    radii = []  # of each tree: state and logarithm of its nodes
     for tree in trees:
         axis_list = axes(tree.skeleton)
         step = bare_lengths(tree.skeleton, axis_list)
@@ -48,8 +48,9 @@ def count_rates(trees):
             if foot >= 0 and tree.age[nodes[0]] < tree.age[foot]:
                 laterals[kind[foot], age[foot]] += 1
                 lateral[age[foot], kind[nodes[0]], age[nodes[0]]] += kind[foot] == 0
-        for node in np.flatnonzero(step > 0):
-            radii[kind[node]][age[node]].append(tree.skeleton.radius[node])
+        outside = step > 0
+        state = N_AGES * kind[outside] + age[outside]
+        radii.append((state, np.log(tree.skeleton.radius[outside])))
     allowed = np.arange(N_AGES) < np.arange(N_AGES)[:, None]
     allowed[-1] = True
     lateral = (lateral + FEW) * allowed[:, None, :]
@@ -60,9 +61,24 @@ def count_rates(trees):
         "ends_a_m": (ends + FEW) / length,
         "goes_short": (on[:, 1] + FEW) / (on.sum(axis=1) + 2 * FEW),
         "lateral": lateral / total,
-        "log_radius": np.array([[np.log(r).mean() for r in row] for row in radii]),
-        "log_radius_sd": np.array([[np.log(r).std() for r in row] for row in radii]),
     }
     rates["laterals_a_m"][:, 0] = rates["ends_a_m"][:, 0] = 0.0
+    mean, within, of_trees = _radii(radii)
+    rates |= {"log_radius": mean.reshape(shape), "log_radius_sd": within.reshape(shape)}
     plain = {name: np.round(values, 4).tolist() for name, values in rates.items()}
+    plain["log_radius_tree_sd"] = round(of_trees, 4)
     return {"phases": PHASES, **plain, "radius_run_m": RADIUS_RUN_M}
+
+
+def _radii(radii):
+    """Mean and spread of logarithms by state, and the spread of the trees' own offsets."""
+    state, log = (np.concatenate(each) for each in zip(*radii, strict=True))
+    tree = np.repeat(np.arange(len(radii)), [len(each) for each, _ in radii])
+    n = np.maximum(np.bincount(state, minlength=2 * N_AGES), 1)
+    offset = np.zeros(len(radii))
+    for _ in range(20):
+        mean = np.bincount(state, log - offset[tree], 2 * N_AGES) / n
+        offset = np.bincount(tree, log - mean[state]) / np.bincount(tree)
+        offset -= offset.mean()
+    within = np.sqrt(np.bincount(state, (log - mean[state] - offset[tree]) ** 2, 2 * N_AGES) / n)
+    return mean, within, float(offset.std())
