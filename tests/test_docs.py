@@ -32,8 +32,8 @@ def pages(project):
 
 
 # By hand: on the pages of docs/lab, and on all others
-MOST_WORDS_IN_LABORATORY = 5151
-MOST_WORDS = 19801
+MOST_WORDS_IN_LABORATORY = 5393
+MOST_WORDS = 20206
 
 # Sections whose tables describe and are not measured
 DESCRIBED = {

@@ -105,11 +105,11 @@ def age_tree(
     weight /= weight.sum()
     rng = np.random.default_rng(seed)
     shares = rng.multinomial(n_draws, weight)
-    chance, drawn = 0.0, []
+    chance, drawn = np.zeros((len(skeleton), 2, rates.n_ages)), []
     for (_, beyond), share, n in zip(found, weight, shares, strict=True):
         if n:
             some, trees = chain.from_the_foot(beyond, n, rng)
-            chance = chance + share * some
+            chance += share * some
             drawn.append(trees)
     chance /= chance.sum(axis=(1, 2), keepdims=True)
     return Ages(chance, np.concatenate(drawn), length)

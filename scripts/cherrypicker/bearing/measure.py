@@ -127,13 +127,14 @@ def bearing_sums(
         "bearing_length_m": (length, ("two_year", "spur")),
     }
     sums: dict[str, float | None] = {}
+    per_cm2: dict[str, float | None] = {}
     for name, (weight, kinds) in asked.items():
         places = [KINDS.index(kind) for kind in kinds]
-        sums[name] = rounded(weight @ chance[:, places].sum(axis=1))
+        expected = float(weight @ chance[:, places].sum(axis=1))
+        sums[name] = rounded(expected)
+        per_cm2[f"{name}_per_cm2"] = rounded(expected / area_cm2) if area_cm2 else None
         sums[f"{name}_se"] = rounded(np.std(np.isin(drawn, places) @ weight))
-    for name in asked:
-        sums[f"{name}_per_cm2"] = rounded(sums[name] / area_cm2) if area_cm2 else None
-    return sums
+    return sums | per_cm2
 
 
 def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:
@@ -150,15 +151,16 @@ def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:
             weight = ages.length[nodes[run]]
             weight = weight if weight.sum() > 0 else np.ones(len(run))
             mean = weight @ chances[nodes[run]] / weight.sum()
+            years = int(age[nodes[run[0]]])
             row = {
                 "branch_id": branch,
                 "start_m": rounded(end[run[0]] - steps[run[0]]),
                 "end_m": rounded(end[run[-1]]),
                 "length_m": rounded(ages.length[nodes[run]].sum()),
                 "kind": KINDS[kind[nodes[run[0]]]],
-                "age_years": int(age[nodes[run[0]]]),
+                "age_years": years,
             }
-            told = ages.chance[nodes[run], :, row["age_years"] - 1].sum(axis=1)
+            told = ages.chance[nodes[run], :, years - 1].sum(axis=1)
             row["p_age"] = rounded(weight @ told / weight.sum())
             rows.append(
                 row | {f"p_{name}": rounded(p) for name, p in zip(KINDS, mean, strict=True)}

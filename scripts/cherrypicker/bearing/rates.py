@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -109,12 +110,7 @@ class Rates:
 
     @cached_property
     def lateral_rate(self) -> np.ndarray:
-        """Rate a metre of laterals by the states of what bears and of their first wood.
-
-        Returns
-        -------
-        ndarray of shape (n_states, n_states), float64
-        """
+        """Laterals a metre by the states of what bears and of their foot, (n_states, n_states)."""
         n, phases = len(self.state_age), self.phases
         rates = np.zeros((n, n))
         for state in range(n):
@@ -129,28 +125,17 @@ class Rates:
         return rates
 
     def steps(self, lengths: np.ndarray) -> np.ndarray:
-        """What happens over stretches of wood: the generator's exponentials.
-
-        Parameters
-        ----------
-        lengths : ndarray of shape (n,), float64
-            Metres.
-
-        Returns
-        -------
-        ndarray of shape (n, n_states, n_states), float64
-        """
+        """Chances from state to state over lengths (n,) in m, (n, n_states, n_states) float64."""
         return expm(np.asarray(lengths)[:, None, None] * self.generator)
 
 
 def rates_from(numbers: Mapping) -> Rates:
     """Rates of the plain numbers of a YAML file."""
-    return Rates(
-        **{
-            name: np.array(value, dtype=np.float64) if isinstance(value, list) else value
-            for name, value in numbers.items()
-        }
-    )
+    values: dict[str, Any] = {
+        name: np.array(value, dtype=np.float64) if isinstance(value, list) else value
+        for name, value in numbers.items()
+    }
+    return Rates(**values)
 
 
 def read_rates(path: Path = RATES_FILE) -> Rates:

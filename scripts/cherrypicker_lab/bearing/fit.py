@@ -7,7 +7,7 @@ from cherrypicker.skeleton import axes
 
 N_AGES, PHASES = 6, 6
 FEW = 0.5  # that every count is taken to have had besides: nothing allowed is impossible
-RADIUS_RUN_M = 0.1
+RADIUS_RUN_M = 0.2  # chosen on seen leaders and vases, docs/lab/bearing.md
 
 
 def count_rates(trees):

@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from cherrypicker.bearing.ages import bare_lengths
+from cherrypicker.bearing.ages import age_tree, bare_lengths
 from cherrypicker.bearing.measure import (
     KINDS,
     bearing_sums,
     kind_table,
     kinds_and_ages,
 )
-from cherrypicker.bearing.ages import age_tree
 from cherrypicker.skeleton import axes
 
 

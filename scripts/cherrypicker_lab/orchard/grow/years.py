@@ -73,7 +73,6 @@ class _Growing:
 
     def __init__(self, form, rng):
         self.form, self.rng, self.axes, self.is_short, self.lives = form, rng, [], [], []
-        self.is_dead = []
         ranges = {k: v for k, v in vars(form).items() if isinstance(v, tuple) and k != "years"}
         ranges = {k: v for k, v in ranges.items() if k not in ("angle", "upturn", "spur_m")}
         self.n = {name: rng.uniform(*ends) for name, ends in ranges.items()}
@@ -137,11 +136,11 @@ class _Growing:
             if node in taken:
                 continue
             taken.add(node)
-            is_short = is_short or axis.order + 1 > self.form.most_orders
+            stays_short = is_short or axis.order + 1 > self.form.most_orders
             way = rng.uniform(*self.form.spur_m)
-            if not is_short:
+            if not stays_short:
                 way = self.long_length(replace(axis, order=axis.order + 1), 0)
-            self.start(number, int(node), axis.order + 1, is_short, year, way)
+            self.start(number, int(node), axis.order + 1, stays_short, year, way)
 
     def some(self, rows, mean):
         return (
@@ -160,7 +159,7 @@ class _Growing:
         rows = np.flatnonzero(axis.years == axis.years[-1])
         borne = [a.parent_node for a in self.axes if a.parent == number]
         keep = max([rows[0] + int(self.rng.uniform(0.3, 0.7) * len(rows)), 4, *borne]) + 1
-        self.axes[number] = replace(axis.part(slice(keep)))
+        self.axes[number] = axis.part(slice(keep))
 
 
 def grow_years(seed, form="leader", *, years=None):
@@ -169,7 +168,6 @@ def grow_years(seed, form="leader", *, years=None):
     Parameters
     ----------
     seed : int
-        Equal arguments give an equal tree.
     form : str or YearForm
         One of `YEAR_FORMS`.
     years : int, optional
@@ -178,8 +176,7 @@ def grow_years(seed, form="leader", *, years=None):
     Returns
     -------
     Tree
-        z up, foot at the origin; each axis has its ``years``, 1 for the whip's, and the last year
-        is the tree's age.
+        z up, foot at the origin; each axis has its ``years``, 1 for the whip's.
     """
     form = YEAR_FORMS[form] if isinstance(form, str) else form
     rng = np.random.default_rng([int(seed), 401])
