@@ -27,7 +27,7 @@ PURPOSES = {
     "Scale": ("scale",),
     "Labels": ("segment",),
     "Skeleton": ("contract", "skeleton", "graph", "photo_check"),
-    "Traits, light, pruning and pages": ("traits", "light", "pruning", "report"),
+    "Traits, light, bearing, pruning, pages": ("traits", "light", "bearing", "pruning", "report"),
 }
 LAB_PURPOSES = {
     "Training": ("train_sky", "train_segment"),

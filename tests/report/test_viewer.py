@@ -262,6 +262,38 @@ def test_light_is_a_colour_of_the_skeleton_and_a_table_of_limbs(
     assert "light" not in without.locator("select[name=skeleton] option").all_inner_texts()
 
 
+def test_bearing_wood_is_two_colours_of_the_skeleton_and_a_table_of_limbs(
+    opened, spoilt, spoilt_page, tmp_path
+):
+    names = ("shoots", "spurs", "shoot_length_m", "bearing_length_m")
+    totals = {name: 12.5 for name in names} | {f"{name}_per_cm2": None for name in names}
+    limbs = [{"rank": rank, "branch_id": rank, **totals, "spurs": 3.0 * rank} for rank in (1, 2)]
+    pieces = [
+        {"branch_id": 0, "start_m": 0.0, "end_m": 99.0, "kind": 3, "age_years": 5},
+        {"branch_id": 1, "start_m": 0.0, "end_m": 99.0, "kind": 0, "age_years": 1},
+    ]
+    path = render(spoilt, tmp_path, bearing=totals | {"limbs": limbs}, bearing_pieces=pieces)
+    view = opened(path)
+    view.page.locator("select[name=skeleton]").select_option("kind")
+    legend = view.page.locator("[data-part=legend-skeleton]").inner_text()
+    assert "one-year shoot" in legend and "two-year wood" in legend
+    colors = view.ask(
+        "it.map((id) => v.data.skeletons[0].axis.lastIndexOf(id))"
+        ".map((node) => v.scene.layers[0].colors[node] & 0xffffff)",
+        [0, 1, 2],
+    )
+    assert colors == [0x5A5A5A, 0x009FE6, 0xAAAAAA]  # of the third axis nothing is told
+    view.page.locator("select[name=skeleton]").select_option("age")
+    legend = view.page.locator("[data-part=legend-skeleton]").inner_text()
+    assert re.fullmatch(r"age of wood: 1\s+5 years", legend)
+    table = view.page.locator("#bearing")
+    assert table.locator("tfoot").inner_text().split()[:3] == ["tree", "12.5", "12.5"]
+    heads = table.locator("thead").inner_text()
+    assert "length of shoots [m]" in heads and "spurs a cm²" in heads and "[cm²]" not in heads
+    without = opened(spoilt_page).page  # of a tree whose bearing wood was not told
+    assert "kind of wood" not in without.locator("select[name=skeleton] option").all_inner_texts()
+
+
 def test_the_table_is_sorted_by_a_click(opened, spoilt_page):
     view = opened(spoilt_page)
     heads = view.page.locator("table.branches th button").all_inner_texts()

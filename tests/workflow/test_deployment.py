@@ -102,10 +102,11 @@ def a_batch(tmp_path, *trees):
 def test_the_slurm_profile_plans_the_whole_batch(tmp_path):
     """Also with a stage between two of a group, which belongs to the group or nothing starts."""
     batch = a_batch(tmp_path, "a")
-    batch.configure({"light": {"enabled": True}, "pruning": {"preset": "ltr_100"}})
+    asked = {"light": {"enabled": True}, "bearing": {"enabled": True}}
+    batch.configure({**asked, "pruning": {"preset": "ltr_100"}})
     printed = batch.run("--dry-run", "--workflow-profile", str(PROJECT / "profiles/slurm"))
-    rules = ("import_segmented_cloud", "contract_cloud", "measure_light", "propose_pruning")
-    for rule in (*rules, "report_tree", "summarise_batch"):
+    rules = ("import_segmented_cloud", "contract_cloud", "measure_light", "measure_bearing")
+    for rule in (*rules, "propose_pruning", "report_tree", "summarise_batch"):
         assert re.search(rf"{rule} +1\n", printed), printed
 
 

@@ -26,6 +26,7 @@ ELSEWHERE = {
     "finished_only": "the rules of the summary and the series: which trees are their inputs",
     "keep.dense": "the rules of the dense stage: which outputs are temporary",
     "light.enabled": "report_tree: whether it has an input, which makes the light a target",
+    "bearing.enabled": "report_tree: whether it has an input, which makes it a target",
     "graph.edits": "edit_graph: its input, and which rule makes a tree's skeleton",
     "orchard.n_scenes": "orchard: which scenes are made",
     "orchard.seed": "orchard, make_skeleton_set: which scenes and trees are made",

@@ -33,6 +33,8 @@ rule report_tree:
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
         light=branch(cfg("light.enabled"), then="results/{tree}/light.json"),
         light_axes=branch(cfg("light.enabled"), then="results/{tree}/light.csv"),
+        bearing=branch(cfg("bearing.enabled"), then="results/{tree}/bearing.json"),
+        bearing_pieces=branch(cfg("bearing.enabled"), then="results/{tree}/bearing.csv"),
         pruning=branch(cfg("pruning.preset"), then="results/{tree}/pruning.json"),
         cuts=branch(cfg("pruning.preset"), then="results/{tree}/pruning.csv"),
         measures=branch(is_in(MEASURED_TREES), then="results/{tree}/measures.json"),

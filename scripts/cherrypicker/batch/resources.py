@@ -83,6 +83,7 @@ class ScanSize:
     is_prepared: bool = False  # whether stages read prepared photos
     has_light: bool = False  # whether the config asks for the tree's light
     has_pruning: bool = False  # whether it names a preset to prune the tree to
+    has_bearing: bool = False  # and for its bearing wood
     stereo: str = "cpu"  # the backend of its depth maps
     photos: int = 0
     pairs: int = 0  # of photos to match
@@ -111,6 +112,7 @@ class ScanSize:
         kinds += ["prepared photos"] if self.is_prepared else []
         kinds += ["light"] if self.has_light else []
         kinds += ["pruning"] if self.has_pruning else []
+        kinds += ["bearing"] if self.has_bearing else []
         return {rule: cost_of(rule, self.stereo) for rule in STAGES if STAGES[rule].of in kinds}
 
     def value_of(self, formula: str, *, at_most: bool = False) -> float:
@@ -145,7 +147,7 @@ def size_of_photos(
         Width and height of each photo, px.
     settings : mapping
         The tree's whole config; the sections ``photos``, ``sfm``, ``mvs``, ``light``,
-        ``pruning`` and ``keep`` are read.
+        ``bearing``, ``pruning`` and ``keep`` are read.
     stereo : str, default "cpu"
         The backend of the depth maps.
     is_prepared : bool, default False
@@ -164,6 +166,7 @@ def size_of_photos(
         is_prepared=is_prepared,
         has_light=settings["light"]["enabled"],
         has_pruning=bool(settings["pruning"]["preset"]),
+        has_bearing=settings["bearing"]["enabled"],
         stereo=stereo,
         photos=len(sizes),
         pairs=count_pairs(len(sizes), sfm),
@@ -187,6 +190,7 @@ def size_of_cloud(
     is_labelled: bool = False,
     has_light: bool = False,
     has_pruning: bool = False,
+    has_bearing: bool = False,
 ) -> ScanSize:
     """Return the size of a ready cloud; of an unreadable one as if it were empty.
 
@@ -197,6 +201,7 @@ def size_of_cloud(
         is_labelled=is_labelled,
         has_light=has_light,
         has_pruning=has_pruning,
+        has_bearing=has_bearing,
         points_m=points_m,
         most_points_m=points_m,
     )

@@ -70,6 +70,7 @@ class Scans:
                     is_labelled=row.has_labelled_cloud(),
                     has_light=settings["light"]["enabled"],
                     has_pruning=bool(settings["pruning"]["preset"]),
+                    has_bearing=settings["bearing"]["enabled"],
                 )
             )
         return self._known[scan]

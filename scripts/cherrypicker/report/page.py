@@ -14,6 +14,7 @@ from PIL import Image
 import cherrypicker
 from cherrypicker.mvs.undistort import UndistortedPhotos
 from cherrypicker.report.accuracy import accuracy_section
+from cherrypicker.report.bearing import bearing_section, node_wood
 from cherrypicker.report.branches import branch_facts, branch_table
 from cherrypicker.report.cameras import camera_views
 from cherrypicker.report.edit_file import edit_file
@@ -45,6 +46,7 @@ _FILES = (
 )
 _LIGHT_FILES = ("light.csv", "light.json")
 _PRUNING_FILES = ("pruning.csv", "pruning.json")
+_BEARING_FILES = ("bearing.csv", "bearing.json")
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ def render_report(
                 [branch_facts(row, unit) for row in branches],
                 [row.get("p_exists") for row in branches],
                 [row["sky_share"] for row in branches],
+                wood=node_wood(data["skeleton"], data["bearing_pieces"]),
             )
         ],
         cloud,
@@ -132,6 +135,7 @@ def render_report(
         scaffold=limb_section(traits, data["limbs"], data["skeleton"]),
         light=light_section(data["light"], unit),
         pruning=pruning,
+        bearing=bearing_section(data["bearing"], unit),
         verdict=verdict,
         accuracy=accuracy_section([{**pair, "tree": "", "href": ""} for pair in measured]),
         stages=sections,
@@ -139,6 +143,7 @@ def render_report(
             *_FILES,
             *(_LIGHT_FILES if data["light"] else ()),
             *(_PRUNING_FILES if pruning else ()),
+            *(_BEARING_FILES if data["bearing"] else ()),
         ],
         version=cherrypicker.__version__,
     )

@@ -16,6 +16,7 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.report import figures as draw
+from cherrypicker.report.bearing import read_pieces
 from cherrypicker.report.light import read_sky_shares
 from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.style import LAYOUT
@@ -67,6 +68,8 @@ FILES = {
     "light_axes": _File(read_sky_shares, "light.csv"),
     "pruning": _File(read_json, "pruning.json"),
     "cuts": _File(partial(read_branches, columns=CUT_COLUMNS), "pruning.csv"),
+    "bearing": _File(read_json, "bearing.json"),
+    "bearing_pieces": _File(read_pieces, "bearing.csv"),
     "measures": _File(read_json, "measures.json of a tree that was measured by hand"),
     "worst_photo": _File(lambda path: Path(path).read_bytes(), "photo_check/worst.jpg"),
     "best_photo": _File(lambda path: Path(path).read_bytes(), "photo_check/best.jpg"),

@@ -58,6 +58,8 @@ class ShownSkeleton(NamedTuple):
     there: Sequence[float | None] = ()
     #: Each branch's share of the light of the sky, likewise
     light: Sequence[float | None] = ()
+    #: Kind and age of the wood at each node, (n_nodes,) uint8 both, 255 where nobody knows
+    wood: tuple[np.ndarray, np.ndarray] | None = None
     #: What tells it from others in one view: its name, its one colour
     name: str = ""
     tint: Any = None
@@ -212,6 +214,8 @@ def _skeleton_data(shown: ShownSkeleton, origin: np.ndarray) -> dict:
         "radius": _packed(skeleton.radius, "<f4"),
         "error": None if error is None else _packed(error, "<f4"),
         "label": _packed(_known_labels(skeleton.label), "u1"),
+        "kind": None if shown.wood is None else _packed(shown.wood[0], "u1"),
+        "age": None if shown.wood is None else _packed(shown.wood[1], "u1"),
         "axis": _packed(axis_of_node(skeleton, axis_list), "<i4"),
         "branches": [
             {

@@ -2,6 +2,11 @@
 
 const UNKNOWN = [170, 170, 170];
 const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]]; // viridis
+// By the kinds of bearing.csv, in their order; colours that colour-blind people tell apart (Okabe and Ito, 2008)
+const WOOD = [
+  ["one-year shoot", [230, 159, 0]], ["spur", [204, 121, 167]], ["two-year wood", [86, 180, 233]], ["older", [90, 90, 90]],
+];
+const UNTOLD = 255; // kind and age of a node that nobody knows
 const TOP_SHARE = 0.98; // of the values lie below the end of a scale
 
 export function pack([r, g, b]) { return (0xff000000 | (b << 16) | (g << 8) | r) >>> 0; }
@@ -71,6 +76,19 @@ function nodeSchemes(data) {
     schemes.light = {
       title: "light",
       of: (s) => byScale(Float32Array.from(s.axis, (id) => s.branches[id].light ?? NaN), "of the sky"),
+    };
+  }
+  if (data.skeletons.some((s) => s.kind)) {
+    schemes.kind = {
+      title: "kind of wood",
+      of: (s) => ({
+        color: (node) => (WOOD[s.kind?.[node]] || [, UNKNOWN])[1],
+        legend: { items: WOOD },
+      }),
+    };
+    schemes.age = {
+      title: "age of wood",
+      of: (s) => byScale(Float32Array.from(s.age || [], (age) => (age === UNTOLD ? NaN : age)), "years"),
     };
   }
   return schemes;

@@ -42,6 +42,8 @@ async function loadSkeleton(raw) {
     error: raw.error ? await unpack(raw.error, Float32Array) : null,
     axis: await unpack(raw.axis, Int32Array), // the number of its branch
     label: await unpack(raw.label, Uint8Array),
+    kind: raw.kind ? await unpack(raw.kind, Uint8Array) : null, // of the wood below each node
+    age: raw.age ? await unpack(raw.age, Uint8Array) : null,
     branches: raw.branches, // what is known of each, in the order of their numbers
     tint: raw.tint || null, // the one colour of a skeleton that is shown beside another
   };

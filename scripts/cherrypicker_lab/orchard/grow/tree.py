@@ -22,6 +22,7 @@ class Axis:
     # those of circles of equal area.
     section: np.ndarray | None = None
     is_cut: bool = False  # a stub, whose end is flat
+    years: np.ndarray | None = None  # (n,) int64: in which each node grew, of a tree that tells
 
     @property
     def arclength(self):
@@ -48,7 +49,10 @@ class Axis:
     def part(self, rows):
         """The axis without the nodes outside a slice."""
         section = None if self.section is None else self.section[rows]
-        return replace(self, points=self.points[rows], radii=self.radii[rows], section=section)
+        years = None if self.years is None else self.years[rows]
+        return replace(
+            self, points=self.points[rows], radii=self.radii[rows], section=section, years=years
+        )
 
     @property
     def label(self):

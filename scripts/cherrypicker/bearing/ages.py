@@ -1,0 +1,150 @@
+"""Ages along a tree: a Markov chain from the foot to each tip, with branches.
+
+The state of the wood at a node is its type, age and phase (`cherrypicker.bearing.rates.Rates`).
+Towards the tip it only gets younger, and a lateral is younger than what bears it, so that wood that
+bears is at least two years old. What is seen are lengths, laterals, ends and radii. One pass from
+the tips gathers what lies beyond each node, one from the foot tells each node's chances
+(belief propagation on a tree: Pearl, Probabilistic Reasoning, 1988).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cherrypicker.bearing.rates import Rates
+from cherrypicker.skeleton import Axis, Skeleton
+
+_STEP_M = 2e-4  # to which lengths of edges are rounded: a hundredth of the shortest increment
+_LEAST_RADIUS_M = 1e-4  # no wood is thinner
+
+
+@dataclass
+class Ages:
+    """What is known of the wood at each node, which stands for the edge below it.
+
+    Attributes
+    ----------
+    chance : ndarray of shape (n_nodes, 2, n_ages), float64
+        Of each type and age.
+    length : ndarray of shape (n_nodes,), float64
+        Of the edge, beyond the bark of what bears it.
+    """
+
+    chance: np.ndarray
+    length: np.ndarray
+
+
+def bare_lengths(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
+    """Length of each node's edge outside the wood that its axis hangs on, (n_nodes,) float64."""
+    length = skeleton.edge_length.copy()
+    for axis in axis_list:
+        if axis.attach >= 0:
+            far = np.cumsum(length[axis.nodes])
+            far = np.maximum(far - skeleton.radius[axis.attach], 0.0)
+            length[axis.nodes] = np.diff(far, prepend=0.0)
+    return length
+
+
+def _radius_logs(
+    skeleton: Skeleton, radius: np.ndarray, length: np.ndarray, rates: Rates, thicker: float
+) -> np.ndarray:
+    """Log likelihood of each node's radius by state, (n_nodes, n_states) float64."""
+    spread = rates.of_states(rates.log_radius_sd)
+    error = skeleton.fields.get("radius_error", np.zeros(len(skeleton)))
+    thick = np.maximum(radius, _LEAST_RADIUS_M)
+    variance = spread**2 + (np.nan_to_num(error) / thick)[:, None] ** 2
+    off = np.log(thick)[:, None] - rates.of_states(rates.log_radius) - thicker
+    log = -0.5 * (off**2 / variance + np.log(variance))
+    return log * np.minimum(length / rates.radius_run_m, 1.0)[:, None]
+
+
+def age_tree(skeleton: Skeleton, axis_list: list[Axis], radius: np.ndarray, rates: Rates) -> Ages:
+    """Tell the ages of a tree's wood.
+
+    How thick wood of an age is differs by tree and by scan: the ages are those at several such
+    factors, weighed by how well the whole tree agrees with each.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        In metres.
+    axis_list : list of Axis
+        From `cherrypicker.skeleton.axes`: parents before children.
+    radius : ndarray of shape (n_nodes,), float64
+    rates : Rates
+
+    Returns
+    -------
+    Ages
+    """
+    length = bare_lengths(skeleton, axis_list)
+    chain = _Chain(axis_list, length, rates)
+    spread = rates.log_radius_tree_sd
+    factors, found = spread * np.linspace(-2.0, 2.0, 9), []
+    for thicker in factors:
+        seen = _radius_logs(skeleton, radius, length, rates, thicker)
+        beyond, log = chain.from_the_tips(seen)
+        found.append((log - 0.5 * (thicker / spread) ** 2, beyond))
+    logs = np.array([log for log, _ in found])
+    weight = np.exp(logs - logs.max())
+    weight /= weight.sum()
+    chance = np.zeros((len(skeleton), 2, rates.n_ages))
+    for (_, beyond), share in zip(found, weight, strict=True):
+        chance += share * chain.from_the_foot(beyond)
+    return Ages(chance, length)
+
+
+class _Chain:
+    """The chain on one tree: what follows from what, and what is asked of the ends."""
+
+    def __init__(self, axis_list: list[Axis], length: np.ndarray, rates: Rates) -> None:
+        self.rates, self.order = rates, []
+        self.tips = [axis.nodes[-1] for axis in axis_list]
+        rounded, which = np.unique(np.round(length / _STEP_M), return_inverse=True)
+        steps = rates.steps(rounded * _STEP_M)
+        laterals = rates.lateral_rate @ steps
+        self.ways = steps[which]  # of each node: how its state follows from the one before
+        for axis in axis_list:
+            before = axis.attach
+            for node in axis.nodes:
+                self.order.append((node, before))
+                before = node
+            if axis.attach >= 0:
+                self.ways[axis.nodes[0]] = laterals[which[axis.nodes[0]]]
+
+    def from_the_tips(self, seen: np.ndarray) -> tuple[np.ndarray, float]:
+        """Gather what lies beyond each node, (n_nodes, n_states), and the tree's log likelihood."""
+        most = seen.max(axis=1, keepdims=True)
+        beyond, log = np.exp(seen - most), float(most.sum())
+        beyond[self.tips] *= self.rates.end_rate
+        for node, before in reversed(self.order):
+            total = beyond[node].max()
+            beyond[node] /= total
+            log += np.log(total)
+            if before >= 0:
+                beyond[before] *= self.ways[node] @ beyond[node]
+        root = self.order[0][0]
+        return beyond, log + float(np.log(self._first() @ self.ways[root] @ beyond[root]))
+
+    def _first(self) -> np.ndarray:
+        """The foot is long wood of any age, (n_states,) float64."""
+        first = np.zeros(len(self.rates.state_age))
+        first[: self.rates.n_ages * self.rates.phases : self.rates.phases] = 1 / self.rates.n_ages
+        return first
+
+    def from_the_foot(self, beyond: np.ndarray) -> np.ndarray:
+        """Chances (n_nodes, 2, n_ages), see `Ages`."""
+        chance = np.zeros_like(beyond)
+        for node, before in self.order:
+            if before < 0:
+                chance[node] = self._first() @ self.ways[node] * beyond[node]
+                chance[node] /= chance[node].sum()
+                continue
+            follows = self.ways[node] * beyond[node]
+            total = follows.sum(axis=1, keepdims=True)
+            follows /= np.where(total > 0, total, 1.0)
+            chance[node] = chance[before] @ follows
+        by_age = chance.reshape(len(beyond), 2, self.rates.n_ages, self.rates.phases)
+        return by_age.sum(axis=3)

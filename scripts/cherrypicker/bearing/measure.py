@@ -1,0 +1,171 @@
+"""Bearing wood of a tree: pieces of its axes with kind and age, and what limbs carry of each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cherrypicker.bearing.ages import Ages, age_tree
+from cherrypicker.bearing.rates import SHORT, Rates, read_rates
+from cherrypicker.errors import StageError
+from cherrypicker.files import rounded
+from cherrypicker.formats.measured import MeasuredTree
+from cherrypicker.skeleton import axis_of_node
+from cherrypicker.traits.limb_table import limb_of_axis
+
+#: Of wood: a shoot of one year, short wood of any age, and longer wood of two years or older.
+KINDS = ("shoot", "spur", "two_year", "older")
+
+
+def kind_table(n_ages: int) -> np.ndarray:
+    """Kind by type and age, a place in `KINDS`, (2, n_ages) int64."""
+    table = np.tile(np.minimum(2 * (np.arange(n_ages) > 0) + (np.arange(n_ages) > 1), 3), (2, 1))
+    table[SHORT] = KINDS.index("spur")
+    return table
+
+
+def kind_chances(chance: np.ndarray) -> np.ndarray:
+    """Chance of each kind by node, (n_nodes, 4) float64, of `Ages.chance`."""
+    table = kind_table(chance.shape[2])
+    return np.stack([chance[:, table == kind].sum(axis=1) for kind in range(len(KINDS))], axis=1)
+
+
+def kinds_and_ages(chance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Kind (a place in `KINDS`) and age of each node, (n_nodes,) int64 both.
+
+    The age is the median of what it may be: as each may-be keeps to what the tree's order of growth
+    allows, so do the medians. What is short by more than half is a spur.
+    """
+    n_ages = chance.shape[2]
+    below = np.cumsum(chance.sum(axis=1), axis=1)
+    age = 1 + np.minimum((below < 0.5).sum(axis=1), n_ages - 1)
+    kind_of = kind_table(n_ages)
+    is_short = chance[:, SHORT].sum(axis=1) > 0.5
+    return kind_of[is_short.astype(int), age - 1], age
+
+
+def measure_bearing(
+    tree: MeasuredTree,
+    limbs: list[dict],
+    trunk_area_cm2: float | None = None,
+    *,
+    rates: Rates | None = None,
+) -> tuple[dict, list[dict]]:
+    """Tell the bearing wood of a tree.
+
+    Parameters
+    ----------
+    tree : MeasuredTree
+        In metres.
+    limbs : list of dict
+        Rows of ``limbs.csv``: ``branch_id`` and ``area_cm2``, by rank.
+    trunk_area_cm2 : float, optional
+        The trunk's section.
+    rates : Rates, optional
+        Those of ``rates.yaml`` by default.
+
+    Returns
+    -------
+    totals : dict
+        What ``bearing.json`` holds: of the tree and of each limb with all that it carries.
+    rows : list of dict
+        Of ``bearing.csv``: one a piece, from base to tip of each axis.
+
+    Raises
+    ------
+    StageError
+        If the tree has no scale.
+    """
+    if tree.skeleton.unit != "m":
+        raise StageError(
+            f"tree {tree.name}: shoots and spurs are told by their lengths, and the scale is not "
+            "known",
+            key="bearing.enabled, scale.mode",
+        )
+    rates = rates or read_rates()
+    owner = axis_of_node(tree.skeleton, tree.axis_list)
+    radius = tree.skeleton.radius * tree.scale[owner]
+    ages = age_tree(tree.skeleton, tree.axis_list, radius, rates)
+    starts = [row["branch_id"] for row in limbs]
+    carried = limb_of_axis([axis.parent for axis in tree.axis_list], starts)
+    tips = np.zeros(len(owner), dtype=bool)
+    tips[[axis.nodes[-1] for axis in tree.axis_list]] = True
+    totals = bearing_sums(ages, tips, np.ones(len(owner), dtype=bool), trunk_area_cm2)
+    of_limbs = []
+    for rank, row in enumerate(limbs, 1):
+        sums = bearing_sums(ages, tips, carried[owner] == row["branch_id"], row["area_cm2"])
+        of_limbs.append({"rank": rank, "branch_id": row["branch_id"], **sums})
+    head = {"unit": "m", "oldest_told_years": rates.n_ages}
+    return head | totals | {"limbs": of_limbs}, piece_rows(tree, ages)
+
+
+def bearing_sums(
+    ages: Ages, tips: np.ndarray, chosen: np.ndarray, area_cm2: float | None
+) -> dict[str, float | None]:
+    """Expected sums over nodes.
+
+    Parameters
+    ----------
+    tips, chosen : ndarray of shape (n_nodes,), bool
+        Last nodes of axes; nodes that count.
+    area_cm2 : float, optional
+        Of the section that the sums are also told a cm2 of.
+
+    Returns
+    -------
+    dict
+        ``shoots``, ``spurs`` (tips of each kind, expected counts), ``shoot_length_m``,
+        ``bearing_length_m`` (two-year wood and spurs), and the same with ``_per_cm2``.
+    """
+    chance = kind_chances(ages.chance[chosen])
+    at_tip, length = tips[chosen].astype(float), ages.length[chosen]
+    asked = {
+        "shoots": (at_tip, ("shoot",)),
+        "spurs": (at_tip, ("spur",)),
+        "shoot_length_m": (length, ("shoot",)),
+        "bearing_length_m": (length, ("two_year", "spur")),
+    }
+    sums: dict[str, float | None] = {}
+    per_cm2: dict[str, float | None] = {}
+    for name, (weight, kinds) in asked.items():
+        places = [KINDS.index(kind) for kind in kinds]
+        expected = float(weight @ chance[:, places].sum(axis=1))
+        sums[name] = rounded(expected)
+        per_cm2[f"{name}_per_cm2"] = rounded(expected / area_cm2) if area_cm2 else None
+    return sums | per_cm2
+
+
+def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:
+    """Rows of ``bearing.csv``: runs of one kind and age along each axis."""
+    kind, age = kinds_and_ages(ages.chance)
+    chances = kind_chances(ages.chance)
+    rows = []
+    for branch, axis in enumerate(tree.axis_list):
+        nodes = axis.nodes
+        steps = tree.skeleton.edge_length[nodes]
+        end = np.cumsum(steps)
+        changed = (np.diff(kind[nodes]) != 0) | (np.diff(age[nodes]) != 0)
+        for run in np.split(np.arange(len(nodes)), np.flatnonzero(changed) + 1):
+            weight = ages.length[nodes[run]]
+            weight = weight if weight.sum() > 0 else np.ones(len(run))
+            mean = weight @ chances[nodes[run]] / weight.sum()
+            years = int(age[nodes[run[0]]])
+            row = {
+                "branch_id": branch,
+                "start_m": rounded(end[run[0]] - steps[run[0]]),
+                "end_m": rounded(end[run[-1]]),
+                "length_m": rounded(ages.length[nodes[run]].sum()),
+                "kind": KINDS[kind[nodes[run[0]]]],
+                "age_years": years,
+            }
+            told = ages.chance[nodes[run], :, years - 1].sum(axis=1)
+            row["p_age"] = rounded(weight @ told / weight.sum())
+            rows.append(
+                row | {f"p_{name}": rounded(p) for name, p in zip(KINDS, mean, strict=True)}
+            )
+    return rows
+
+
+def bearing_csv(rows: list[dict]) -> str:
+    """Text of ``bearing.csv``."""
+    lines = [rows[0], *(row.values() for row in rows)]
+    return "".join(",".join(map(str, line)) + "\n" for line in lines)

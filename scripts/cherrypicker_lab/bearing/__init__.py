@@ -1,0 +1,1 @@
+"""Bearing wood against trees of known years: trees, rates, scores."""

@@ -1,0 +1,36 @@
+"""Measure kinds and ages of bearing wood on grown trees of known years.
+
+Example:
+
+    python scripts/lab/measure_bearing_wood.py --forms spindle --seeds 1 2 4 --seen --output a.json
+"""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import lab_path  # noqa: F401
+from cherrypicker.bearing.rates import read_rates
+from cherrypicker.files import write_json
+from cherrypicker.runner import run, stage_parser
+from cherrypicker_lab.bearing.score import score_tree, summarise
+from cherrypicker_lab.bearing.trees import as_seen_tree, year_tree
+
+
+def main(
+    forms: Annotated[Sequence[str], "of `YEAR_FORMS`"],
+    seeds: Annotated[Sequence[int], "trees of each form"],
+    output: Annotated[str, "JSON to write"],
+    *,
+    seen: bool = False,
+) -> None:
+    """Grow, see where asked for, tell, compare, save."""
+    rates, scores = read_rates(), []
+    for form in forms:
+        for seed in seeds:
+            tree, true = year_tree(form, seed)
+            told = as_seen_tree(tree, true, seed) if seen else true
+            scores.append(score_tree(told, rates, truth=true))
+    write_json(output, {"totals": summarise(scores), "trees": scores})
+
+
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))
