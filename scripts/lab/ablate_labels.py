@@ -42,6 +42,7 @@ PASSES = {
     "vote of neighbours": (inference, "smooth_probabilities", _unchanged),
     "roofs are flat": (inference, "keep_roofs", _unchanged),
     "vote per object": (inference, "vote_per_object", _unchanged),
+    "loose wood": (inference, "loose_wood", lambda points, labels, *_: labels),
     "posts by shape": (inference, "poles_and_wires", lambda *_, **__: np.empty(0, int)),
     "posts by word": (inference, "said_posts", lambda *_: (np.empty(0, int),) * 2),
     "stem below the stem": (inference, "under_stems", lambda *_, **__: np.empty(0, int)),

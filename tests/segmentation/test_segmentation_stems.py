@@ -126,14 +126,6 @@ def test_every_stem_of_the_scene_is_trunk():
     assert after[part == 0].mean() > 0.96 and after[part > 0].mean() < 0.08
 
 
-def test_wood_that_hangs_on_no_stem_is_branch():
-    rng = np.random.default_rng(3)
-    loose = _tube(rng, (1.0, 0, 0.9), (1.3, 0, 1.2), 0.02, 0.02)
-    points = np.vstack([_leader(rng), loose])
-    after = _relabel(points, np.full(len(points), Label.TRUNK, np.uint8))[0]
-    assert (after[-len(loose) :] == Label.BRANCH).all()
-
-
 def test_what_lies_in_a_limb_is_wood_unless_its_class_is_a_fact():
     rng = np.random.default_rng(6)
     tree, part = _fork(rng, 0.7)

@@ -9,6 +9,7 @@ from cherrypicker.segmentation.things import (
     THINGS,
     is_group,
     keep_roofs,
+    loose_wood,
     vote_per_object,
 )
 
@@ -123,6 +124,42 @@ def test_a_marker_that_was_not_solved_leaves_the_class_open_around_it(rng):
     of_each = channel.argmax(axis=1).reshape(3, -1)
     assert (of_each[:2] == Label.MARKER.channel).all()
     assert (of_each[2] != Label.MARKER.channel).all()
+
+
+BOARD = _box([0, -0.2, 0.8], [0.02, 0.2, 1.0])
+POST = _box([0, -0.02, 0.0], [0.04, 0.02, 0.8])
+
+
+def _labelled(*parts):
+    """Points, labels and owners of (box, label, owner) triples."""
+    points = np.vstack([box for box, *_ in parts])
+    labels = np.concatenate([np.full(len(box), label, np.uint8) for box, label, _ in parts])
+    return points, labels, np.concatenate([np.full(len(box), own) for box, _, own in parts])
+
+
+@pytest.mark.parametrize("label", [Label.TRUNK, Label.BRANCH])
+def test_wood_that_touches_a_sign_and_hangs_on_no_stem_belongs_to_it(label):
+    scene = _labelled((BOARD, Label.SIGN, -1), (POST, label, -1))
+    assert (loose_wood(*scene) == Label.SIGN).all()
+
+
+def test_most_of_a_board_that_passes_for_wood_goes_to_the_rest():
+    rim = BOARD[:, 1] < -0.15
+    scene = _labelled((BOARD[rim], Label.SIGN, -1), (BOARD[~rim], Label.TRUNK, -1))
+    assert (loose_wood(*scene) == Label.SIGN).all()
+
+
+def test_wood_of_a_stem_that_a_sign_is_tied_to_stays_wood():
+    scene = _labelled((BOARD, Label.SIGN, -1), (POST, Label.TRUNK, 0))
+    assert np.array_equal(loose_wood(*scene), scene[1])
+
+
+def test_loose_wood_far_from_things_is_branch_and_a_post_a_post():
+    scene = _labelled(
+        (BOARD, Label.SIGN, -1), (POST + [1, 0, 0], Label.TRUNK, -1), (POST, Label.SUPPORT_POST, -1)
+    )
+    found = np.split(loose_wood(*scene), [len(BOARD), len(BOARD) + len(POST)])
+    assert [set(each) for each in found] == [{Label.SIGN}, {Label.BRANCH}, {Label.SUPPORT_POST}]
 
 
 def _called_roof(points):

@@ -32,6 +32,7 @@ from cherrypicker.segmentation.things import (
     GROUP_COLUMNS,
     group_of,
     keep_roofs,
+    loose_wood,
     vote_per_object,
 )
 
@@ -228,6 +229,7 @@ def segment_cloud(
         stems = under_stems(cloud.points, labels, orchard, known=known, grow=grow)
         labels[stems] = Label.TRUNK
         orchard = grow(labels) if len(stems) else orchard
+        labels = loose_wood(cloud.points, labels, orchard.owner)
         labels = label_wood(
             cloud.points,
             labels,

@@ -83,10 +83,9 @@ def label_wood(
     Returns
     -------
     ndarray of shape (n_points,), uint8
-        A copy. Stems without limbs keep their labels; wood that hangs on no stem is branch.
+        A copy. Stems without limbs keep their labels.
     """
     result, is_wood = labels.copy(), wood_mask(labels)
-    result[is_wood & (orchard.owner < 0)] = Label.BRANCH
     is_ground = labels == Label.GROUND
     is_free = np.isin(labels, [*THINGS, Label.SUPPORT_POST])
     if known is not None:

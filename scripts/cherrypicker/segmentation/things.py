@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CHANNELS, WOOD, Label
+from cherrypicker.classes import CHANNELS, WOOD, Label, wood_mask
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.segmentation.known_markers import BOARD, THICKNESS, KnownMarkers
@@ -27,6 +27,7 @@ __all__ = [
     "group_of",
     "is_group",
     "keep_roofs",
+    "loose_wood",
     "vote_per_object",
 ]
 
@@ -127,4 +128,28 @@ def vote_per_object(
         f"{np.count_nonzero(board):,}",
         len(markers.squares) if markers else 0,
     )
+    return result
+
+
+def loose_wood(
+    points: NDArray[np.float64], labels: NDArray[np.uint8], owner: NDArray[np.intp]
+) -> NDArray[np.uint8]:
+    """Labels (n,) in which wood that hangs on no stem is of the thing that it touches, or branch.
+
+    So the post of a sign goes to its board, and a board most of which passes for wood to the rest
+    of it. Points (n, 3), owners (n,) as of `cherrypicker.wood.target_wood.SharedWood`.
+    """
+    result = labels.copy()
+    loose = np.flatnonzero(wood_mask(labels) & (owner < 0))
+    result[loose] = Label.BRANCH
+    things = np.flatnonzero(np.isin(labels, THINGS))
+    if not len(things) or not len(loose):
+        return result
+    piece = link_components(points[loose], TOUCH_M)
+    apart, nearest = cKDTree(points[things]).query(points[loose], distance_upper_bound=TOUCH_M)
+    touched = labels[things[np.minimum(nearest, len(things) - 1)]]
+    votes = [np.bincount(piece, np.isfinite(apart) & (touched == label)) for label in THINGS]
+    given = np.any(votes, axis=0)[piece]
+    result[loose[given]] = np.array(THINGS, np.uint8)[np.argmax(votes, axis=0)[piece[given]]]
+    logger.info("%s points of loose wood are of things", f"{np.count_nonzero(given):,}")
     return result
