@@ -7,9 +7,8 @@ import shutil
 import numpy as np
 import pytest
 from reliability_scene import same_files
-from sfm_scene import similarity_errors
-from test_reliability_processes import COLMAP_TOLERANCE, try_to_kill_in_stage
-from workspace import PROJECT, Workspace
+from sfm_scene import COLMAP_TOLERANCE, similarity_errors
+from workspace import PROJECT, Workspace, try_to_kill_in_stage
 
 from cherrypicker.poses import read_poses
 

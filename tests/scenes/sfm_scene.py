@@ -81,6 +81,10 @@ def centers_of(poses):
     return -np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3])
 
 
+# What COLMAP's own threads may change in the last digits, relative to the cameras' distance.
+COLMAP_TOLERANCE = 1e-3
+
+
 def similarity_errors(source, target):
     """Return the distances left after the best similarity of source onto target."""
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)

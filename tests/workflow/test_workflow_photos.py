@@ -7,7 +7,7 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-from sfm_scene import centers_of, similarity_errors, texture, write_orbit
+from sfm_scene import COLMAP_TOLERANCE, centers_of, similarity_errors, texture, write_orbit
 from workspace import Workspace, kill_in_stage
 
 from cherrypicker.mvs.depth_rasters import read_depth_raster
@@ -18,8 +18,6 @@ DENSE = ["undistort_photos", "gather_evidence", "estimate_depth", "fuse_depth"]
 LEAN = {"sfm": {"max_features": 800}, "mvs": {"backend": "cpu"}}
 CONFIG = {**LEAN, "keep": {"dense": True}}
 CLOUD = "results/box/cloud.ply"
-# What COLMAP's own threads may change in the last digits, relative to the cameras' distance.
-COLMAP_TOLERANCE = 1e-3
 KEPT = ["coverage.json", "depth.json", "poses.npz"]
 
 
