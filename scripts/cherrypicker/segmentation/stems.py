@@ -137,6 +137,7 @@ def poles_and_wires(
     """
     is_thing, is_limb = np.isin(labels, THINGS) & ~known, wood_mask(labels)
     ground, anything = points[labels == Label.GROUND], np.flatnonzero(is_limb | is_thing)
+    everywhere = points[anything]
     found = np.zeros(len(points), bool)
     for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
         if limbs is None:
@@ -145,19 +146,17 @@ def poles_and_wires(
         rows = np.flatnonzero(own | is_thing)
         poles = [find_pole(wood, limb.tube, limbs.spacing) for limb in limbs.limbs]
         lying = [rows[pole.rows(points[rows])] if pole else rows[:0] for pole in poles]
-        posts = [each for each in lying if _stands(points[each], ground)]
+        standing = [_stands(points[each], ground) for each in lying]
+        posts = [each for each, stands in zip(lying, standing) if stands]
         left = own & is_limb
         left[np.concatenate([rows[:0], *posts])] = False
-        is_left = left[entered]
+        wood_left = wood[left[entered]]
         for number, pole in enumerate(poles):
-            if pole is None or _stands(points[lying[number]], ground):
-                continue
-            if pole.is_free(
-                wood[is_left]
-            ):  # a wire may end at a post, and hang on its stem as well
-                around = anything[pole.halo().rows(points[anything])]
+            # A wire may end at a post, and hang on its stem as well
+            if pole and not standing[number] and pole.is_free(wood_left):
+                around = anything[pole.halo().rows(everywhere)]
                 grown = limbs.member[near.query(points[around])[1]] == number
-                found[np.union1d(anything[pole.rows(points[anything])], around[grown])] = True
+                found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
         is_left_standing = not left.any() or _stands(points[left], ground)
         for each in posts:
             found[each] |= is_left_standing or 2 * np.count_nonzero(said[each]) > len(each)
