@@ -9,12 +9,11 @@ import numpy as np
 from cherrypicker.bearing.measure import KINDS
 from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_table
-from cherrypicker.report.branches import column_cell, sortable_table
+from cherrypicker.report.branches import limb_sums
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.table import BranchColumn
 
 _COLUMNS = ("branch_id", "start_m", "end_m", "kind", "age_years")
-_LIMB = [BranchColumn("rank", "whole", "rank"), BranchColumn("branch_id", "whole", "axis")]
 _TITLES = {
     "shoots": ("one-year shoots", 1),
     "spurs": ("spurs", 1),
@@ -66,14 +65,7 @@ def node_wood(
 
 
 def bearing_section(bearing: dict | None, unit: str) -> dict | None:
-    """What the page shows of ``bearing.json``; None where no bearing wood was told.
-
-    Returns
-    -------
-    dict
-        The limbs as of `cherrypicker.report.branches.sortable_table`, and ``tree``, the text of
-        the tree's own cells, without rank and axis.
-    """
+    """What the page shows of ``bearing.json``, by `limb_sums`; None where none was told."""
     if bearing is None:
         return None
     columns = [
@@ -84,8 +76,7 @@ def bearing_section(bearing: dict | None, unit: str) -> dict | None:
         {_page_name(name): value for name, value in row.items()}
         for row in (bearing, *bearing["limbs"])
     )
-    table = sortable_table([*_LIMB, *columns], limbs, unit)
-    return {**table, "tree": [column_cell(column, tree) for column in columns]}
+    return limb_sums(columns, tree, limbs, unit)
 
 
 def _page_name(name: str) -> str:

@@ -48,6 +48,20 @@ def sortable_table(columns: Sequence[BranchColumn], rows: list, unit: str) -> di
     }
 
 
+def limb_sums(columns: Sequence[BranchColumn], tree: dict, limbs: list, unit: str) -> dict:
+    """A table of limbs by rank, each with all that it carries, and of the tree.
+
+    Returns
+    -------
+    dict
+        The limbs as of `sortable_table`, and ``tree``, the text of the tree's own cells, without
+        rank and axis.
+    """
+    head = [BranchColumn("rank", "whole", "rank"), BranchColumn("branch_id", "whole", "axis")]
+    table = sortable_table([*head, *columns], limbs, unit)
+    return {**table, "tree": [column_cell(column, tree) for column in columns]}
+
+
 def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:
     """What the view says of a branch: names and texts."""
     flags = [_FLAGS.get(flag, flag.replace("_", " ")) for flag in row.get("flags", "").split()]

@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 
 from cherrypicker.files import cell_number, read_table
-from cherrypicker.report.branches import column_cell, sortable_table
+from cherrypicker.report.branches import limb_sums
 from cherrypicker.traits.table import BranchColumn
 
-_LIMB = [BranchColumn("rank", "whole", "rank"), BranchColumn("branch_id", "whole", "axis")]
 # Of the wood, and with ``leaf_`` before them of the leaves
 _TITLES = {
     "star": "STAR",
@@ -35,14 +34,7 @@ def read_sky_shares(path: str | os.PathLike) -> dict[int, float]:
 
 
 def light_section(light: dict | None, unit: str) -> dict | None:
-    """What the page shows of ``light.json``; None where no light was measured.
-
-    Returns
-    -------
-    dict
-        The limbs as of `cherrypicker.report.branches.sortable_table`, and ``tree``, the text of
-        the tree's own cells, without rank and axis.
-    """
+    """What the page shows of ``light.json``, by `limb_sums`; None where no light was measured."""
     if light is None:
         return None
     columns = [
@@ -51,5 +43,4 @@ def light_section(light: dict | None, unit: str) -> dict | None:
         for name, title in _TITLES.items()
         if prefix + name in light
     ]
-    limbs = sortable_table([*_LIMB, *columns], light["limbs"], unit)
-    return {**limbs, "tree": [column_cell(column, light) for column in columns]}
+    return limb_sums(columns, light, light["limbs"], unit)
