@@ -13,7 +13,7 @@ from pathlib import Path
 import lab_path  # noqa: F401
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.segmentation.dgcnn import Ensemble, choose_device, load_weights, save_weights
+from cherrypicker.segmentation.dgcnn import choose_device, save_weights
 from cherrypicker.segmentation.inference import Sampling
 from cherrypicker_lab.training.segmentation.scans import load_scans
 from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, FreshScenes, load_samples
@@ -26,7 +26,6 @@ def main(
     metrics,
     workspace,
     trees=(),
-    beside=None,
     *,
     fresh: bool = False,
     n_scenes: int = 100,
@@ -72,8 +71,6 @@ def main(
     )
     done = history[-1]
     meta = {"epochs": done["epoch"], "n_scenes": done["n_scenes"], "batches": done["n_batches"]}
-    if beside:
-        network = Ensemble([*load_weights(beside)[0].members, network]).eval()
     save_weights(weights, network, asdict(sampling), meta)
     held_out_seeds = list(range(HELD_OUT_SEED, HELD_OUT_SEED + n_held_out))
     measured = {}
@@ -105,5 +102,4 @@ parser.add_argument(
     default=(),
     help="skeletons of trees from elsewhere, for --fresh: CSV id,parent,x,y,z,radius, m",
 )
-parser.add_argument("--beside", help="weights whose networks decide together with the trained one")
 run(main, parser, globals().get("snakemake"))

@@ -8,9 +8,7 @@ from torch_geometric.nn import EdgeConv
 from cherrypicker.errors import StageError
 from cherrypicker.segmentation.dgcnn import (
     N_CLASSES,
-    N_CLASSES_BEFORE,
     Dgcnn,
-    Ensemble,
     LinearEdgeConv,
     choose_device,
     collate,
@@ -137,35 +135,6 @@ def test_weights_survive_a_round_trip(tmp_path, graph):
         assert torch.equal(network(*batch), again(*batch))
 
 
-def _two_networks():
-    torch.manual_seed(4)
-    return [Dgcnn(width=8, embedding=16, scales=(0, 1), k=6).eval() for _ in range(2)]
-
-
-def test_networks_say_together_the_mean_of_their_probabilities(tmp_path):
-    first, second = _two_networks()
-    save_weights(tmp_path / "w.pt", Ensemble([first, second]), SAMPLING)
-    together, _, _ = load_weights(tmp_path / "w.pt")
-    batch = collate([_sphere(50, 3)])
-    with torch.inference_mode():
-        mean = (first(*batch).exp() + second(*batch).exp()) / 2
-        assert torch.allclose(together(*batch).exp(), mean, atol=1e-6)
-        assert not torch.allclose(mean, first(*batch).exp(), atol=1e-2)
-    with pytest.raises(ValueError, match="differ in their settings"):
-        Ensemble([first, Dgcnn(width=8, embedding=16, scales=(0, 1), k=7)])
-
-
-def test_a_file_of_before_holds_one_network(tmp_path):
-    network = _two_networks()[0]
-    save_weights(tmp_path / "w.pt", network, SAMPLING)
-    content = torch.load(tmp_path / "w.pt", weights_only=True)
-    (content["state"],) = content.pop("states")
-    torch.save(content, tmp_path / "before.pt")
-    batch = collate([_sphere(50, 3)])
-    with torch.inference_mode():
-        assert torch.equal(load_weights(tmp_path / "before.pt")[0](*batch), network(*batch))
-
-
 @pytest.mark.parametrize("content", [None, b"not torch"])
 def test_unusable_weights_name_the_file_and_the_key(tmp_path, content):
     path = tmp_path / "w.pt"
@@ -183,15 +152,6 @@ def test_weights_of_other_classes_are_refused(tmp_path):
     save_weights(tmp_path / "w.pt", network, SAMPLING, {})
     with pytest.raises(StageError, match=f"do not fit the network of {N_CLASSES} classes"):
         load_weights(tmp_path / "w.pt")
-
-
-def test_weights_that_do_not_say_their_outputs_have_those_of_before(tmp_path):
-    network = Dgcnn(width=8, embedding=16, k=6, n_classes=N_CLASSES_BEFORE).eval()
-    del network.settings["n_classes"]
-    save_weights(tmp_path / "w.pt", network, SAMPLING)
-    again, _, _ = load_weights(tmp_path / "w.pt")
-    with torch.inference_mode():
-        assert again(*collate([_sphere(50, 3)])).shape == (50, N_CLASSES_BEFORE)
 
 
 def test_another_kind_of_torch_file_is_refused(tmp_path):

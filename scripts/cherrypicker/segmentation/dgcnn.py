@@ -11,8 +11,7 @@ at several scales (among all points, among a quarter, a sixteenth), which reach 
 from __future__ import annotations
 
 import logging
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,6 @@ from cherrypicker.files import atomic_path
 logger = logging.getLogger(__name__)
 
 N_CLASSES = len(CHANNELS)
-N_CLASSES_BEFORE = 7  # of weights that do not say it: they know the support post as trunk
 N_FEATURES = 10  # RGB, colour flag, global xyz, normalised xyz
 CHECKPOINT_FORMAT = "cherrypicker-dgcnn-1"
 GRAPHS = ("fixed", "dynamic")
@@ -155,7 +153,7 @@ class Dgcnn(nn.Module):
     k : int
         Neighbours a point in each graph.
     n_classes : int
-        Outputs: the first so many channels of `cherrypicker.classes.CHANNELS`.
+        Outputs, the channels of `cherrypicker.classes.CHANNELS`.
     graph : {"fixed", "dynamic"}
         Neighbours by coordinates in every layer, or by coordinates in the first, by the features
         in those after it, and all points at one scale.
@@ -247,28 +245,6 @@ class Dgcnn(nn.Module):
         return nn.functional.log_softmax(logits, dim=1)
 
 
-class Ensemble(nn.Module):
-    """Networks of equal settings; what they say is the mean of their probabilities.
-
-    Networks that were trained apart err apart (Lakshminarayanan et al., NIPS 2017).
-    """
-
-    def __init__(self, members: Iterable[Dgcnn]) -> None:
-        super().__init__()
-        members = list(members)
-        self.members = nn.ModuleList(members)
-        self.settings = members[0].settings
-        if any(member.settings != self.settings for member in members):
-            raise ValueError("the networks differ in their settings")
-
-    def forward(
-        self, features: torch.Tensor, graphs: list[torch.Tensor], sizes: list[int]
-    ) -> torch.Tensor:
-        """Log-probabilities (N, n_classes), arguments as of `Dgcnn.forward`."""
-        said = torch.stack([member(features, graphs, sizes) for member in self.members])
-        return said.logsumexp(dim=0) - math.log(len(said))
-
-
 def collate(spheres: list) -> tuple[torch.Tensor, list[torch.Tensor], list[int]]:
     """Join spheres into one batch for `Dgcnn.forward`.
 
@@ -297,37 +273,32 @@ def collate(spheres: list) -> tuple[torch.Tensor, list[torch.Tensor], list[int]]
 
 
 def save_weights(
-    path: str | Path, network: Dgcnn | Ensemble, sampling: dict, meta: dict | None = None
+    path: str | Path, network: Dgcnn, sampling: dict, meta: dict | None = None
 ) -> None:
-    """Write the networks' weights with all that inference needs.
+    """Write the network's weights with all that inference needs.
 
     Parameters
     ----------
     path : str or Path
-    network : Dgcnn or Ensemble
+    network : Dgcnn
     sampling : dict
-        ``voxel_size_m``, ``sphere_radius_m``, ``sphere_points`` the networks were trained at.
+        ``voxel_size_m``, ``sphere_radius_m``, ``sphere_points`` the network was trained at.
     meta : dict, optional
         Plain values for the model card (epochs, seeds, metrics).
     """
-    members = network.members if isinstance(network, Ensemble) else [network]
-    states = [
-        {name: tensor.detach().cpu() for name, tensor in member.state_dict().items()}
-        for member in members
-    ]
     content = {
         "format": CHECKPOINT_FORMAT,
         "settings": network.settings,
         "sampling": dict(sampling),
         "meta": dict(meta or {}),
-        "states": states,
+        "state": {name: tensor.detach().cpu() for name, tensor in network.state_dict().items()},
     }
     with atomic_path(path) as temporary:
         torch.save(content, temporary)
 
 
-def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Ensemble, dict, dict]:
-    """Read a file written by `save_weights`, or one of before, of one network.
+def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Dgcnn, dict, dict]:
+    """Read a file written by `save_weights`.
 
     Parameters
     ----------
@@ -337,7 +308,7 @@ def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Ensemb
 
     Returns
     -------
-    network : Ensemble
+    network : Dgcnn
         In evaluation mode, on the CPU.
     sampling : dict
     meta : dict
@@ -358,14 +329,12 @@ def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Ensemb
     if not isinstance(content, dict) or content.get("format") != CHECKPOINT_FORMAT:
         raise StageError("not a file of segmentation weights", file=path, key=key)
     try:
-        settings = {"n_classes": N_CLASSES_BEFORE} | content["settings"]
-        if settings["n_classes"] > N_CLASSES:
+        settings = content["settings"]
+        if settings["n_classes"] != N_CLASSES:
             raise ValueError(f"{settings['n_classes']} classes")
-        states = content["states"] if "states" in content else [content["state"]]
         with torch.device("meta"):  # takes no memory for sizes that the file's tensors do not have
-            network = Ensemble(Dgcnn(**settings) for _ in states)
-        for member, state in zip(network.members, states):
-            member.load_state_dict(state, assign=True)
+            network = Dgcnn(**settings)
+        network.load_state_dict(content["state"], assign=True)
         sampling, meta = dict(content["sampling"]), dict(content["meta"])
     except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise StageError(

@@ -18,7 +18,7 @@ from cherrypicker.limbs.orchard import GrowthOptions, Orchard, grow_orchard
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
-from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, Ensemble, collate, load_weights
+from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
 from cherrypicker.segmentation.known_markers import KnownMarkers
 from cherrypicker.segmentation.spheres import (
     TreeFrame,
@@ -66,7 +66,7 @@ class Sampling:
 
 
 def predict_spheres(
-    network: Dgcnn | Ensemble,
+    network: Dgcnn,
     points: np.ndarray,
     colors: np.ndarray | None,
     sampling: Sampling,
@@ -77,7 +77,7 @@ def predict_spheres(
     """Mean class probabilities (n, N_CLASSES) of sampled points (n, 3) over overlapping spheres.
 
     Points and colours, None or (n, 3), are in the tree's frame, and the network in evaluation mode.
-    Rows sum to 1; channels that the network does not know are 0.
+    Rows sum to 1.
     """
     total = np.zeros((len(points), N_CLASSES), np.float32)
     visits = np.zeros(len(points), np.int32)
@@ -99,7 +99,7 @@ def predict_spheres(
             graphs = [graph.to(device) for graph in graphs]
             result = network(tensor.to(device), graphs, sizes).exp().cpu().numpy()
             for (_, rows), part in zip(batch, np.split(result, np.cumsum(sizes)[:-1])):
-                total[rows, : part.shape[1]] += part  # the rows of one sphere are distinct
+                total[rows] += part  # the rows of one sphere are distinct
                 visits[rows] += 1
             bar.step(int(np.minimum(visits, least).sum() - before))
     logger.info(

@@ -9,16 +9,12 @@ from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.segmentation.dgcnn import (
     N_CLASSES,
-    N_CLASSES_BEFORE,
     Dgcnn,
     choose_device,
-    collate,
-    load_weights,
     save_weights,
 )
 from cherrypicker.segmentation.inference import (
     Sampling,
-    predict_spheres,
     propagate,
     segment_cloud,
 )
@@ -27,14 +23,11 @@ from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
 from cherrypicker_lab.training.segmentation.schedule import Schedule
 from cherrypicker_lab.training.segmentation.training import (
     IGNORED,
-    NEW_CLASS_BIAS,
     STRAY,
     class_weights,
-    cut_spheres,
     measure,
     network_labels,
     train,
-    widened,
     wood_loss,
 )
 
@@ -177,28 +170,6 @@ def test_too_few_points_and_missing_weights_are_errors(trained, tmp_path):
 def test_post_trains_as_itself_and_the_unlabelled_is_ignored():
     targets = network_labels(np.array([0, 1, 7, 255, 6, NO_WOOD], np.uint8))
     assert targets.tolist() == [0, 1, 7, IGNORED, 6, STRAY]
-
-
-def test_weights_without_the_post_give_it_no_chance_and_can_start_a_network_that_has_it(tmp_path):
-    choose_device(1, 0)
-    torch.manual_seed(3)
-    save_weights(tmp_path / "w.pt", Dgcnn(**SMALL, n_classes=N_CLASSES_BEFORE), vars(SAMPLING))
-    old, _, _ = load_weights(tmp_path / "w.pt")
-    points = np.random.default_rng(0).random((300, 3))
-    found = predict_spheres(old, points, None, SAMPLING, seed=0)
-    assert found.shape == (300, N_CLASSES)
-    assert not found[:, Label.SUPPORT_POST.channel].any()
-    assert np.allclose(found.sum(axis=1), 1.0, atol=1e-5)
-    new = widened(old.members[0])
-    assert new.settings["n_classes"] == N_CLASSES and not new.training
-    batch = collate([cut_spheres(_tree(0), SAMPLING, 1, 8, 2, np.random.default_rng(0))[0][:2]])
-    with torch.inference_mode():
-        before, after = old(*batch), new(*batch)
-    trunk, post = after[:, Label.TRUNK.channel], after[:, Label.SUPPORT_POST.channel]
-    assert torch.allclose(trunk - post, torch.full_like(trunk, NEW_CLASS_BIAS), atol=1e-4)
-    shared = after[:, :N_CLASSES_BEFORE].log_softmax(dim=1)
-    assert torch.allclose(shared, before, atol=1e-4)
-    assert widened(new) is new
 
 
 def test_rare_classes_weigh_more():

@@ -47,7 +47,6 @@ _CENTER_WEIGHT = {
     Label.ROOF: 0.6,
 }
 CENTER_WEIGHTS = np.array([_CENTER_WEIGHT.get(label, 1.0) for label in CHANNELS])
-NEW_CLASS_BIAS = 2.0  # a class that a network gets starts less likely by e to this power
 BORDER_SHARE = 0.25  # weight of trunk against branch, whose border the stem's course decides
 
 
@@ -281,33 +280,6 @@ def evaluate(network, samples, sampling, *, seed=0, use_color=True, device="cpu"
     return scores(total)
 
 
-def widened(network):
-    """A network with an output for every channel: the post's starts as the trunk's, less likely.
-
-    Parameters
-    ----------
-    network : Dgcnn
-        Perhaps of `N_CLASSES_BEFORE` outputs, which knows the support post as trunk.
-
-    Returns
-    -------
-    Dgcnn
-        The same one where it has all outputs.
-    """
-    n_known = network.settings["n_classes"]
-    if n_known == N_CLASSES:
-        return network
-    wide, state = Dgcnn(**network.settings | {"n_classes": N_CLASSES}), network.state_dict()
-    head, _ = [name for name in state if name.startswith("head.")][-2:]
-    name, trunk = head.removesuffix("weight"), Label.TRUNK.channel
-    rows = [*range(n_known), *[trunk] * (N_CLASSES - n_known)]
-    for part in ("weight", "bias"):
-        state[name + part] = state[name + part][rows].clone()
-    state[name + "bias"][n_known:] -= NEW_CLASS_BIAS
-    wide.load_state_dict(state)
-    return wide.train(network.training)
-
-
 def _load_checkpoint(path, settings):
     """Content of a checkpoint of the same training, else None."""
     if not Path(path).is_file():
@@ -334,8 +306,7 @@ def train(
     network_settings : dict, optional
         Arguments of `Dgcnn`.
     start : str or Path, optional
-        Weights to go on from, of a network of its own settings, see `widened`; of several, the
-        first.
+        Weights to go on from, of a network of its own settings.
     device : str
 
     Returns
@@ -354,7 +325,7 @@ def train(
         raise StageError("there are no training clouds", key="train_segment.n_scenes")
     torch.manual_seed(schedule.seed)
     if start:
-        network = widened(load_weights(start)[0].members[0])
+        network = load_weights(start)[0]
     else:
         network = Dgcnn(**(network_settings or {}))
     run = _Run(network, schedule, device)
