@@ -1,8 +1,8 @@
 """Propose the cuts that bring a tree to a pruning target, in order.
 
 Reads skeleton.graphml with branches.csv beside it, limbs.csv and traits.json, and light.json where
-shaded limbs are asked for; writes pruning.csv, a row a cut, and pruning.json, the target, what it
-was before and what is left. Example:
+there is one, for shaded limbs and the light after each cut; writes pruning.csv, a row a cut, and
+pruning.json, the target, what it was before and what is left. Example:
 
     python scripts/propose_pruning.py --skeleton results/TREE/skeleton.graphml \\
         --limbs results/TREE/limbs.csv --traits results/TREE/traits.json \\
@@ -14,6 +14,7 @@ from typing import Annotated
 
 from cherrypicker.files import read_json, write_json, write_text
 from cherrypicker.formats.measured import read_measured_tree
+from cherrypicker.pruning.light_left import add_light_left
 from cherrypicker.pruning.plan import propose_cuts
 from cherrypicker.pruning.standing import StandingTree
 from cherrypicker.pruning.table import CUT_COLUMNS
@@ -29,9 +30,10 @@ def main(
     traits: Annotated[str, "traits.json"],
     cuts: Annotated[str, "pruning.csv to write"],
     pruning: Annotated[str, "pruning.json to write"],
-    light: Annotated[str | None, "light.json, where shaded limbs are asked for"] = None,
+    light: Annotated[str | None, "light.json, for shaded limbs and the light left"] = None,
     *,
     options: PruningOptions,
+    threads: int = 1,
 ) -> None:
     tree = read_measured_tree(Path(skeleton).parent)
     limb_rows = read_branches(limbs, LIMB_COLUMNS)
@@ -45,9 +47,10 @@ def main(
         least_limb=options.min_limb_m,
         row_azimuth_deg=options.row_azimuth_deg,
     )
-    summary, rows = propose_cuts(
-        standing, target, keep=options.keep, light=read_json(light) if light else None
-    )
+    measured = read_json(light) if light else None
+    summary, rows = propose_cuts(standing, target, keep=options.keep, light=measured)
+    if measured:
+        add_light_left(standing, summary, rows, measured, threads=threads)
     write_text(cuts, branches_csv(rows, CUT_COLUMNS))
     write_json(pruning, summary)
 

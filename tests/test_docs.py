@@ -33,7 +33,7 @@ def pages(project):
 
 # By hand: on the pages of docs/lab, and on all others
 MOST_WORDS_IN_LABORATORY = 5745
-MOST_WORDS = 20725
+MOST_WORDS = 20785
 
 # Sections whose tables describe and are not measured
 DESCRIBED = {

@@ -18,7 +18,7 @@ from cherrypicker.files import load_schema, read_json, write_text
 from cherrypicker.formats.measured import MeasuredTree, read_measured_tree
 from cherrypicker.light.measure import LightOptions, light_csv, light_sums, measure_light
 from cherrypicker.light.mesh import PartMesh, leaf_mesh, wood_mesh
-from cherrypicker.light.rays import cast_silhouettes
+from cherrypicker.light.rays import cast_cuts, cast_silhouettes
 from cherrypicker.light.sky import SeasonLight, season_light, sky_directions
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branches_csv
@@ -106,6 +106,27 @@ def test_an_upper_plate_shades_a_lower_one_and_what_it_shades_moves_with_the_lig
     shadow = 0.5 * (0.5 - (0.2 * np.tan(1.0) + 0.25 - 0.5))
     assert seen.lit[1] == pytest.approx([np.cos(1.0) * (1 - shadow), np.cos(1.0) / 4], rel=0.01)
     assert seen.own[0] == pytest.approx([1.0, 0.25], rel=0.01)
+
+
+def test_what_lies_under_a_plate_comes_to_light_with_the_cut_that_takes_it():
+    low, middle, high = (plate(1, 1, (0, 0, z)) for z in (0, 0.1, 0.2))
+    mesh = mesh_of(low, middle, high)
+    mesh.step = np.repeat([0, 1, 2], 2)
+    # First the middle one goes, of which nothing is seen, then the upper one
+    lit, own = cast_cuts(mesh, UP, np.array([2, 0, 1]))
+    assert lit == pytest.approx(np.array([[0, 0, 1], [0, 0, 1], [1, 0, 0]]), abs=1e-3)
+    assert own == pytest.approx(np.array([[1, 1, 1], [1, 0, 1], [1, 0, 0]]), abs=1e-3)
+    # Of one part that goes in two cuts the lower half is alone in the light after the first
+    mesh.part, mesh.axis, mesh.is_leaf = (
+        np.repeat([0, 1, 1], 2),
+        np.zeros(2, int),
+        np.zeros(2, bool),
+    )
+    lit, own = cast_cuts(mesh, UP, np.array([2, 1, 0]))
+    assert lit == pytest.approx(np.array([[0, 1], [0, 1], [1, 0]]), abs=1e-3)
+    assert own == pytest.approx(np.array([[1, 1], [1, 1], [1, 0]]), abs=1e-3)
+    seen = cast_silhouettes(mesh, UP)
+    assert lit[0] == pytest.approx(seen.lit[0]) and own[0] == pytest.approx(seen.own[0])
 
 
 def test_under_a_hedge_of_many_leaves_light_fades_as_beer_has_it():

@@ -11,7 +11,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.light.mesh import PartMesh, leaf_mesh, wood_mesh
-from cherrypicker.light.rays import Silhouettes, cast_silhouettes
+from cherrypicker.light.rays import N_RAYS, Silhouettes, cast_silhouettes
 from cherrypicker.light.sky import SeasonLight, season_light, sky_directions
 from cherrypicker.skeleton import axis_of_node
 from cherrypicker.traits.limb_table import limb_of_axis
@@ -49,7 +49,7 @@ def measure_light(
     limbs: list[int],
     options: LightOptions | None = None,
     *,
-    n_rays: int = 200_000,
+    n_rays: int = N_RAYS,
     seed: int = 0,
     threads: int = 1,
 ) -> tuple[dict, list[dict]]:
@@ -85,13 +85,7 @@ def measure_light(
         season = season_light(
             directions, latitude, longitude, options.season, north_deg=options.north_deg
         )
-    row_step = None
-    if options.row_spacing_m:
-        azimuth = np.radians(options.row_azimuth_deg)
-        row_step = options.row_spacing_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    mesh = wood_mesh(tree)
-    if options.leaf_area_cm2:
-        mesh = mesh.with_parts(leaf_mesh(tree, options.leaf_area_cm2 / 1e4))
+    mesh, row_step = mesh_of(tree, options)
     seen = cast_silhouettes(
         mesh, directions, row_step=row_step, n_rays=n_rays, seed=seed, threads=threads
     )
@@ -114,6 +108,18 @@ def measure_light(
     of_limbs = [{"rank": at, "branch_id": limb, **of_ranks[at]} for limb, at in rank_of.items()]
     head = {"unit": tree.skeleton.unit, "n_directions": len(directions), **vars(options)}
     return head | sums(0 * mesh.axis, 1)[0] | {"limbs": of_limbs}, rows
+
+
+def mesh_of(tree: MeasuredTree, options: LightOptions) -> tuple[PartMesh, np.ndarray | None]:
+    """The tree's wood and leaves, and the way to its neighbour in the row, None without one."""
+    row_step = None
+    if options.row_spacing_m:
+        azimuth = np.radians(options.row_azimuth_deg)
+        row_step = options.row_spacing_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    mesh = wood_mesh(tree)
+    if options.leaf_area_cm2:
+        mesh = mesh.with_parts(leaf_mesh(tree, options.leaf_area_cm2 / 1e4))
+    return mesh, row_step
 
 
 def light_sums(

@@ -146,6 +146,7 @@ def _made(standing: StandingTree, node: int, reasons: list[str], number: int) ->
         "length_after_m": left["length_m"],
         "n_tips_after": left["n_tips"],
         "height_after_m": left["height_m"],
+        "sky_share_after": None,  # until `light_left` tells
         "volume_after_m3": left["volume_m3"],
         "volume_low_m3": left["volume_low_m3"],
         "volume_high_m3": left["volume_high_m3"],

@@ -35,6 +35,7 @@ _COLUMNS = (
     CutColumn("length_after_m", title="wood left"),
     CutColumn("n_tips_after", "whole", "tips"),
     CutColumn("height_after_m", title="height after"),
+    BranchColumn("sky_share_after", "maybe", "sky after"),
     CutColumn("volume_after_m3"),
     CutColumn("volume_low_m3", "maybe"),
     CutColumn("volume_high_m3", "maybe"),

@@ -43,7 +43,11 @@ def pruning_section(pruning: dict | None, rows: list[dict] | None, unit: str) ->
     """
     if pruning is None or rows is None:
         return None
-    columns: list[BranchColumn] = [column for column in CUT_COLUMNS.values() if column.title]
+    columns: list[BranchColumn] = [
+        column
+        for name, column in CUT_COLUMNS.items()
+        if column.title and any(row.get(name) is not None for row in rows)
+    ]
     return {
         "preset": pruning["preset"].replace("_", " "),
         "source": pruning["source"],
