@@ -11,9 +11,7 @@ import numpy as np
 from cherrypicker.light.mesh import PartMesh
 from cherrypicker.progress import Progress
 
-N_RAYS = (
-    200_000  # a direction: bare demo trees get 0.02 % of the light less or more than of a million
-)
+N_RAYS = 200_000  # a direction: within 0.02 % of the light by a million, on bare demo trees
 
 
 @dataclass
