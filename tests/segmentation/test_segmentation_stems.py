@@ -241,14 +241,15 @@ def _leader(rng):
     )
 
 
-def _found(points, label, known=None):
+def _found(points, label, known=None, likely=0.1):
     """Posts and stems (n,), bool, among limbs grown on what looks like wood or a post."""
     known = np.zeros(len(points), bool) if known is None else known
     said = label == Label.SUPPORT_POST
     labels = np.where(said, np.uint8(Label.BRANCH), label)
+    post = np.where(said, 0.9, likely)
     is_post, is_stem = np.zeros((2, len(points)), bool)
     orchard = _grown(points, labels)
-    is_post[poles_and_wires(points, labels, orchard, said=said, known=known)] = True
+    is_post[poles_and_wires(points, labels, orchard, post=post, known=known)] = True
     labels[is_post] = Label.SUPPORT_POST
     posts, stems = said_posts(points, labels, _grown(points, labels), said)
     is_post[posts], is_stem[stems] = True, True
@@ -260,8 +261,8 @@ def _grown(points, labels):
     return grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
 
 
-def _is_post(points, label, known=None):
-    return _found(points, label, known)[0]
+def _is_post(points, label, known=None, likely=0.1):
+    return _found(points, label, known, likely)[0]
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.15])
@@ -273,6 +274,8 @@ def test_a_post_beside_a_stem_is_known_by_its_shape_to_both_ends(lean):
     is_post = _is_post(points, np.full(len(points), Label.BRANCH, np.uint8))
     assert is_post[len(wood) :].mean() > 0.95
     assert is_post[: len(wood)].mean() < 0.05
+    # A stem can be as straight: where the network is sure of wood it is wood
+    assert not _is_post(points, np.full(len(points), Label.BRANCH, np.uint8), likely=0.01).any()
 
 
 def test_an_even_upright_shoot_in_the_air_is_no_post():

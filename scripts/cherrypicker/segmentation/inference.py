@@ -219,7 +219,8 @@ def segment_cloud(
     orchard = grow(labels)
     if not is_alone:
         # Limbs that were grown with posts beside them, or without their foot, are wrong
-        posts = poles_and_wires(cloud.points, labels, orchard, said=said, known=known)
+        post = _post_of_wood(full)
+        posts = poles_and_wires(cloud.points, labels, orchard, post=post, known=known)
         labels[posts] = Label.SUPPORT_POST
         orchard = grow(labels) if len(posts) else orchard
         posts, stems = said_posts(cloud.points, labels, orchard, said)
@@ -301,6 +302,13 @@ def _likeliest(probabilities: np.ndarray) -> np.ndarray:
         channel = columns[probabilities[np.ix_(rows, columns)].argmax(axis=1)]
         labels[rows] = np.array(CHANNELS, np.uint8)[channel]
     return labels
+
+
+def _post_of_wood(probabilities: np.ndarray) -> np.ndarray:
+    """Probability of each point (n,) to be a support post, if it is that or wood."""
+    post = probabilities[:, CHANNELS.index(Label.SUPPORT_POST)]
+    wood = probabilities[:, [CHANNELS.index(label) for label in WOOD]].sum(axis=1)
+    return post / np.maximum(post + wood, np.finfo(np.float32).tiny)
 
 
 def _confidence(probabilities: np.ndarray, labels: np.ndarray) -> np.ndarray:

@@ -33,7 +33,9 @@ __all__ = ["label_wood", "poles_and_wires", "said_posts", "under_stems"]
 
 logger = logging.getLogger(__name__)
 
-HALF_LOST = (1 + TRUNK_KEEPS) / 2  # tubes are smooth: half of a step lies on either side of it
+# Mean probability of a post, if it is that or wood, of what is as straight and even as a pole: of
+# three stems 0.006 to 0.012, of seven posts 0.043 and 0.73 to 0.97 (2026-11-26)
+POST_BY_SHAPE = 0.025
 IN_TUBES = 0.9  # of a thing that is a stem (a guess)
 HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from (a guess)
 
@@ -125,15 +127,15 @@ def poles_and_wires(
     labels: np.ndarray,
     orchard: Orchard,
     *,
-    said: np.ndarray,
+    post: np.ndarray,
     known: np.ndarray,
 ) -> np.ndarray:
     """Rows of posts and wires by their shape, among limbs grown on wood and what is said a post.
 
-    No wood is so straight and even as a pole (`cherrypicker.limbs.poles`): what lies in one that
-    stands is post, but for points (n,) whose class is known, and for one without which wood would
-    hang in the air: that is a stem, unless most of it is said (n,) to be a post. One that ends in
-    the air on both sides is a wire.
+    Little wood is so straight and even as a pole (`cherrypicker.limbs.poles`): what lies in one
+    that stands is post, but for points (n,) whose class is known, for one that hardly is a post by
+    the network's probabilities (n,), and for one without which wood would hang in the air: that is
+    a stem, unless it is likelier a post. One that ends in the air on both sides is a wire.
     """
     is_thing, is_limb = np.isin(labels, THINGS) & ~known, wood_mask(labels)
     ground, anything = points[labels == Label.GROUND], np.flatnonzero(is_limb | is_thing)
@@ -148,6 +150,7 @@ def poles_and_wires(
         lying = [rows[pole.rows(points[rows])] if pole else rows[:0] for pole in poles]
         standing = [_stands(points[each], ground) for each in lying]
         posts = [each for each, stands in zip(lying, standing) if stands]
+        posts = [each for each in posts if post[each].mean() >= POST_BY_SHAPE]
         left = own & is_limb
         left[np.concatenate([rows[:0], *posts])] = False
         wood_left = wood[left[entered]]
@@ -159,7 +162,7 @@ def poles_and_wires(
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
         is_left_standing = not left.any() or _stands(points[left], ground)
         for each in posts:
-            found[each] |= is_left_standing or 2 * np.count_nonzero(said[each]) > len(each)
+            found[each] |= is_left_standing or post[each].mean() > 0.5
     logger.info("%s points are of poles and wires", f"{found.sum():,}")
     return np.flatnonzero(found)
 
@@ -333,7 +336,8 @@ def _to_its_end(skeleton: Skeleton, split: list[Axis], limb: np.ndarray) -> np.n
     below = skeleton.radius[trunk[(way <= way[-1] - TRUNK_SKIP * diameter)]]
     for axis in split[1:]:
         if axis.attach == trunk[-1] and limb[axis.nodes[0]] == limb[trunk[-1]] and len(below):
-            least = HALF_LOST * below[-1]
+            # Tubes are smooth: half of a step lies on either side of it
+            least = (1 + TRUNK_KEEPS) / 2 * below[-1]
             thin = (skeleton.radius[axis.nodes] < least) | (limb[axis.nodes] != limb[trunk[-1]])
             return np.concatenate(
                 [trunk, axis.nodes[: np.argmax(thin)] if thin.any() else axis.nodes]
