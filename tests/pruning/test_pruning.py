@@ -231,6 +231,8 @@ def test_light_after_the_cuts_is_what_a_new_measurement_of_the_cut_tree_finds(le
     assert len(of_tree) == len(rows) + 1
     assert of_tree[0] == pytest.approx(before[name], rel=1e-5)
     assert of_limbs[0] == pytest.approx([each[name] for each in before["limbs"]], rel=1e-5)
+    uncut, _ = light_left(standing, [], before, n_rays=10_000)
+    assert uncut == pytest.approx(of_tree[:1])
     gone = {row["branch_id"] for row in rows if row["kind"] == "thinning"}
     assert [np.isnan(each) for each in of_limbs[-1]] == [limb in gone for limb in limbs]
     cut = skeleton.select(standing.stands)
