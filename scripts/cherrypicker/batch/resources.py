@@ -81,9 +81,7 @@ class ScanSize:
     is_photo_scan: bool = False
     is_labelled: bool = False  # whether it is a ready cloud that came with labels
     is_prepared: bool = False  # whether stages read prepared photos
-    has_light: bool = False  # whether the config asks for the tree's light
-    has_pruning: bool = False  # whether it names a preset to prune the tree to
-    has_bearing: bool = False  # and for its bearing wood
+    asked: tuple[str, ...] = ()  # what the config asks for besides, by `asked_for`
     stereo: str = "cpu"  # the backend of its depth maps
     photos: int = 0
     pairs: int = 0  # of photos to match
@@ -110,9 +108,7 @@ class ScanSize:
         kinds = ["", "photos" if self.is_photo_scan else "clouds"]
         kinds += ["labelled" if self.is_labelled else "unlabelled"]
         kinds += ["prepared photos"] if self.is_prepared else []
-        kinds += ["light"] if self.has_light else []
-        kinds += ["pruning"] if self.has_pruning else []
-        kinds += ["bearing"] if self.has_bearing else []
+        kinds += self.asked
         return {rule: cost_of(rule, self.stereo) for rule in STAGES if STAGES[rule].of in kinds}
 
     def value_of(self, formula: str, *, at_most: bool = False) -> float:
@@ -130,6 +126,16 @@ class ScanSize:
             value = quantities[last] if last.isidentifier() else float(last)
             total += value * (float(factor[0]) if factor else 1.0)
         return total
+
+
+def asked_for(settings: Mapping) -> tuple[str, ...]:
+    """What a tree's whole config asks for that not every tree gets."""
+    is_asked = {
+        "light": settings["light"]["enabled"],
+        "bearing": settings["bearing"]["enabled"],
+        "pruning": settings["pruning"]["preset"],
+    }
+    return tuple(kind for kind, value in is_asked.items() if value)
 
 
 def size_of_photos(
@@ -164,9 +170,7 @@ def size_of_photos(
     return ScanSize(
         is_photo_scan=True,
         is_prepared=is_prepared,
-        has_light=settings["light"]["enabled"],
-        has_pruning=bool(settings["pruning"]["preset"]),
-        has_bearing=settings["bearing"]["enabled"],
+        asked=asked_for(settings),
         stereo=stereo,
         photos=len(sizes),
         pairs=count_pairs(len(sizes), sfm),
@@ -188,9 +192,7 @@ def size_of_cloud(
     path: str | os.PathLike,
     *,
     is_labelled: bool = False,
-    has_light: bool = False,
-    has_pruning: bool = False,
-    has_bearing: bool = False,
+    asked: tuple[str, ...] = (),
 ) -> ScanSize:
     """Return the size of a ready cloud; of an unreadable one as if it were empty.
 
@@ -199,9 +201,7 @@ def size_of_cloud(
     points_m = count_points(path) / 1e6
     return ScanSize(
         is_labelled=is_labelled,
-        has_light=has_light,
-        has_pruning=has_pruning,
-        has_bearing=has_bearing,
+        asked=asked,
         points_m=points_m,
         most_points_m=points_m,
     )

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch
-from cherrypicker.batch.resources import ScanSize, size_of_cloud, size_of_photos
+from cherrypicker.batch.resources import ScanSize, asked_for, size_of_cloud, size_of_photos
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import are_plain, captures_in
@@ -68,9 +68,7 @@ class Scans:
                 else size_of_cloud(
                     row.cloud,
                     is_labelled=row.has_labelled_cloud(),
-                    has_light=settings["light"]["enabled"],
-                    has_pruning=bool(settings["pruning"]["preset"]),
-                    has_bearing=settings["bearing"]["enabled"],
+                    asked=asked_for(settings),
                 )
             )
         return self._known[scan]

@@ -43,8 +43,7 @@ def light_left(
     options = LightOptions(**{name: light[name] for name in vars(LightOptions())})
     mesh, row_step = mesh_of(tree, options)
     cut_of_node = np.full(len(tree.skeleton), len(rows))
-    for number, row in enumerate(rows):
-        cut_of_node[row["node"]] = min(number, cut_of_node[row["node"]])
+    cut_of_node[[row["node"] for row in rows]] = np.arange(len(rows))
     for node in range(1, len(cut_of_node)):
         bearer = tree.skeleton.parent[node]
         cut_of_node[node] = min(cut_of_node[node], cut_of_node[bearer])

@@ -41,6 +41,7 @@ logger = logging.getLogger(__name__)
 _BLOCK = 500_000  # points of a block; bounds the memory, changes no result
 N_NEAREST = 3  # sampled points that a point takes its probabilities from
 NEAREST_M = 1e-6  # a sampled point nearer than this has all the weight
+WOOD_COLUMNS = [CHANNELS.index(label) for label in WOOD]
 TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_points")
 
 
@@ -307,14 +308,14 @@ def _likeliest(probabilities: np.ndarray) -> np.ndarray:
 def _post_of_wood(probabilities: np.ndarray) -> np.ndarray:
     """Probability of each point (n,) to be a support post, if it is that or wood."""
     post = probabilities[:, CHANNELS.index(Label.SUPPORT_POST)]
-    wood = probabilities[:, [CHANNELS.index(label) for label in WOOD]].sum(axis=1)
+    wood = probabilities[:, WOOD_COLUMNS].sum(axis=1)
     return post / np.maximum(post + wood, np.finfo(np.float32).tiny)
 
 
 def _confidence(probabilities: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Probability of each point's label; of wood that of all wood."""
-    joined, wood = probabilities.copy(), [CHANNELS.index(label) for label in WOOD]
-    joined[:, wood] = probabilities[:, wood].sum(axis=1, keepdims=True)
+    joined = probabilities.copy()
+    joined[:, WOOD_COLUMNS] = probabilities[:, WOOD_COLUMNS].sum(axis=1, keepdims=True)
     column = np.zeros(256, int)
     column[np.array(CHANNELS)] = np.arange(len(CHANNELS))
     return joined[np.arange(len(labels)), column[labels]].clip(0.0, 1.0)

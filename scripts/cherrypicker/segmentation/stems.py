@@ -149,8 +149,8 @@ def poles_and_wires(
         poles = [find_pole(wood, limb.tube, limbs.spacing) for limb in limbs.limbs]
         lying = [rows[pole.rows(points[rows])] if pole else rows[:0] for pole in poles]
         standing = [_stands(points[each], ground) for each in lying]
-        posts = [each for each, stands in zip(lying, standing) if stands]
-        posts = [each for each in posts if post[each].mean() >= POST_BY_SHAPE]
+        upright = [each for each, stands in zip(lying, standing) if stands]
+        posts = [each for each in upright if post[each].mean() >= POST_BY_SHAPE]
         left = own & is_limb
         left[np.concatenate([rows[:0], *posts])] = False
         wood_left = wood[left[entered]]
