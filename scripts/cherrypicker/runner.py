@@ -268,8 +268,9 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
         return
     line = StageError(**failure).describe()
     whose = told_of(wildcards)
-    # The console first: on a full disk it is all that is left to tell the reason.
-    console.write(f"ERROR {whose} rule={rule}: {line}; log: {log_path}\n")
+    # The console first: on a full disk it is all that is left to tell the reason. On a line of
+    # its own, since Snakemake writes its texts and their ends one by one into the same stream.
+    console.write(f"\nERROR {whose} rule={rule}: {line}; log: {log_path}\n")
     console.flush()
     try:
         write_json(status, record | failure | {"state": "failed", "time": _now()})
