@@ -1,8 +1,9 @@
 """Write the tables and the page over all trees of the batch.
 
-Reads every tree's traits.json and measures.json below the results folder, the failures below the
-logs folder and what jobs took below the benchmarks folder; writes traits.csv,
-measures.csv, accuracy.csv and datapackage.json, by default beside it, and summary.html. Example:
+Reads every tree's traits.json and measures.json below the results folder, and what else is asked
+for, the failures below the logs folder and what jobs took below the benchmarks folder; writes
+traits.csv, measures.csv, accuracy.csv and datapackage.json, by default beside it, and summary.html.
+Example:
 
     python scripts/summarise_batch.py --trees cherry_1 cherry_2 --table results/traits.csv \\
         --page results/summary.html
@@ -31,16 +32,20 @@ def main(
     measured: Annotated[
         Sequence[str] | None, "trees with hand measurements; else all that have a measures.json"
     ] = None,
+    asked: Annotated[
+        Sequence[str], "what else each tree has, of light, bearing and pruning, between spaces"
+    ] = (),
 ) -> None:
-    dates, series = dates or [""] * len(trees), series or [""] * len(trees)
-    if not len(trees) == len(dates) == len(series):
+    dates, series, asked = (given or [""] * len(trees) for given in (dates, series, asked))
+    if not len(trees) == len(dates) == len(series) == len(asked):
         raise StageError(f"{len(trees)} trees, {len(dates)} dates and {len(series)} series given")
     rows = [
         {
             **{"tree": tree, "date": date, "series": name},
             "is_measured": measured is None or tree in measured,
+            "asked": kinds.split(),
         }
-        for tree, date, name in zip(trees, dates, series, strict=True)
+        for tree, date, name, kinds in zip(trees, dates, series, asked, strict=True)
     ]
     others = {"measures": measures, "accuracy": accuracy, "dictionary": dictionary}
     summarise(rows, results, logs, table, page, benchmarks, **others)

@@ -26,6 +26,15 @@ def folder(tmp_path_factory):
         traits |= {"flags": ["gaps_bridged: 2 %"] if i == 3 else []}
         own = root / "results" / tree
         own.mkdir(parents=True)
+        if i < 4:  # of those that come after nothing was asked for
+            rows[-1]["asked"] = ("pruning", "light", "bearing")
+            target = {"name": "limb_trunk_ratio", "limit": 1.0, "before": 0.7 + 0.2 * i}
+            target |= {"after": 0.9, "after_se": None, "is_reached": True}
+            targets = [target, {**target, "name": "renew_limbs", "limit": 0.0}]
+            found = {"pruning": {"n_cuts": 9 - i, "targets": targets}}
+            found |= {"light": {"sky_share": 0.9 - 0.2 * i}, "bearing": {"shoots": 30.4 + i}}
+            for kind, content in found.items():
+                (own / f"{kind}.json").write_text(json.dumps(content))
         (own / "traits.json").write_text(json.dumps(traits))
         (own / "report.html").write_text(f"<title>{tree}</title>")
         jobs = root / "benchmarks/fuse_depth"
@@ -75,6 +84,26 @@ def test_failures_come_first_and_a_head_sorts(page):
     page.get_by_role("button", name="Height").click()
     assert shown(page)[:2] == ["tree05", "tree15"]
     assert shown(page)[-1] == "tree09"
+
+
+def test_trees_are_sorted_by_what_has_to_be_done(page):
+    as_run = shown(page)
+    for words, first in {
+        "most over a target": ["tree03", "tree02", "tree01", "tree00"],
+        "most cuts": ["tree00", "tree01", "tree02", "tree03"],
+        "most shoots": ["tree03", "tree02", "tree01", "tree00"],
+        "darkest": ["tree03", "tree02", "tree01", "tree00"],
+        "least sure by the photos": ["tree00", "tree01"],
+    }.items():
+        page.select_option("#order", label=words)
+        assert shown(page)[: len(first)] == first, words
+        assert "tree09" in shown(page)[4:]  # failed, of which nothing is known
+    page.select_option("#order", label="as run")
+    assert shown(page) == as_run
+    cells = page.locator("#trees tbody tr", has_text="tree02").locator("td").all_inner_texts()
+    assert cells[3:7] == ["7", "Limb-to-trunk ratio: 1.10, at most 1", "32", "50 %"]
+    least = page.locator("#trees tbody tr", has_text="tree01").locator("td").all_inner_texts()
+    assert least[4] == "none"  # 0.9 of at most 1
 
 
 def test_the_filter_holds_for_table_and_charts(page):

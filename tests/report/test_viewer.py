@@ -294,6 +294,62 @@ def test_bearing_wood_is_two_colours_of_the_skeleton_and_a_table_of_limbs(
     assert "kind of wood" not in without.locator("select[name=skeleton] option").all_inner_texts()
 
 
+def test_what_a_grower_decides_from_has_tabs_units_and_a_copy(opened, spoilt, tmp_path):
+    light = {"star": 0.2, "sky_share": 0.8, "shaded_length_m": 2.0}
+    light |= {"limbs": [{"rank": 1, "branch_id": 1, **light}]}
+    names = ("shoots", "spurs", "shoot_length_m", "bearing_length_m")
+    sums = {name: 2.0 for name in names} | {f"{name}_per_cm2": 0.5 for name in names}
+    bearing = sums | {"limbs": [{"rank": 1, "branch_id": 1, **sums}]}
+    pieces = [{"branch_id": 0, "start_m": 0.0, "end_m": 99.0, "kind": 3, "age_years": 5}]
+    given = {"light": light, "light_axes": {0: 1.0, 1: 0.5}}
+    view = opened(render(spoilt, tmp_path, bearing=bearing, bearing_pieces=pieces, **given))
+    page, tab = view.page, lambda name: view.page.get_by_role("tab", name=name)
+    assert tab("What will bear").get_attribute("aria-selected") == "true"
+    assert not page.locator("#light").is_visible()
+    tab("What will bear").press("ArrowRight")
+    assert page.locator("#light").is_visible() and not page.locator("#bearing").is_visible()
+    assert page.locator("select[name=skeleton]").input_value() == "light"
+    page.wait_for_function("location.hash.includes('view=') && location.hash.includes('light-tab')")
+    again = opened(tmp_path / "report.html", page.evaluate("location.hash")).page
+    assert again.locator("#light").is_visible() and not again.locator("#bearing").is_visible()
+    page.emulate_media(media="print")
+    assert page.locator("#bearing").is_visible() and page.locator("#light").is_visible()
+    page.emulate_media(media="screen")
+
+    trunk = page.locator("tr", has=page.get_by_role("cell", name="Trunk diameter", exact=True))
+    metres = trunk.locator("td").nth(1).inner_text()
+    page.select_option("#units", "us")
+    light_text = page.locator("#light").inner_text()
+    assert "shaded [ft]" in light_text and "6.562" in light_text and "0.800" in light_text
+    inches = trunk.locator("td").nth(1).inner_text()
+    assert metres.endswith(" m") and inches.endswith(" in")
+    in_m, in_inches = (float(re.match(r"[\d.]+", text)[0]) for text in (metres, inches))
+    assert in_inches == pytest.approx(in_m / 0.0254, rel=1e-3)
+    tab("What will bear").click()
+    heads = page.locator("#bearing thead").inner_text()
+    assert "shoots a in²" in heads and "bearing length a in² [ft]" in heads
+    cells = page.locator("#bearing tfoot").inner_text().split()
+    assert cells[1] == "2.0" and cells[3] == "6.56" and cells[5] == "3.23"  # 0.5 a cm²
+    assert cells[-1] == f"{0.5 * 3.28084 / 0.155:.2f}"
+    view.ask("v.pickBranch(1, {fly: true})")
+    assert re.search(r"[\d.]+ ft", page.locator("[data-part=branch-facts]").inner_text())
+
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.locator("button.copy", has_text="copy table").locator("visible=true").last.click()
+    page.wait_for_function(
+        "[...document.querySelectorAll('.copy')].some((b) => b.innerText === 'copied')"
+    )
+    lines = page.evaluate("navigator.clipboard.readText()").splitlines()
+    assert [len(line.split("\t")) for line in lines] == [
+        9,
+        9,
+        8,
+    ]  # the tree's first cell is two wide
+    page.select_option("#units", "metric")
+    assert "bearing length a cm² [m]" in page.locator("#bearing thead").inner_text()
+    assert page.locator("#bearing tfoot").inner_text().split()[3] == "2.00"
+
+
 def test_the_table_is_sorted_by_a_click(opened, spoilt_page):
     view = opened(spoilt_page)
     heads = view.page.locator("table.branches th button").all_inner_texts()

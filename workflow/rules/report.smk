@@ -99,6 +99,9 @@ rule report_tree:
             "report/bland_altman.html.j2",
             "report/scaffold.*",
             "report/style.css",
+            "report/tabs.js",
+            "report/copy.js",
+            "report/units.js",
             "report/viewer_js/*.js",
         ),
         tree=row("tree"),
@@ -153,12 +156,16 @@ rule summarise_batch:
             "report/accuracy.html.j2",
             "report/bland_altman.html.j2",
             "report/style.css",
+            "report/copy.js",
         ),
         trees=of_known_trees("tree"),
         dates=of_known_trees("date"),
         series=of_known_trees("series"),
         measured=lambda wildcards: [
             name for name in BATCH.known() if name in MEASURED_TREES
+        ],
+        asked=lambda wildcards: [
+            " ".join(asked_for(BATCH.settings_for(name))) for name in BATCH.known()
         ],
     message:
         "Summarise the batch"

@@ -51,7 +51,8 @@ def summarise(
     ----------
     trees : list of dict
         Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used. Where
-        ``is_measured`` is there and false, what is left of hand measurements does not count.
+        ``is_measured`` is there and false, what is left of hand measurements does not count;
+        ``asked`` names what else there is to read, of `cherrypicker.batch.resources.asked_for`.
     results_dir, logs_dir, benchmarks_dir : path-like
         ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
@@ -103,7 +104,11 @@ def result_of(
             result.status, result.traits = "done", traits
             pairs, problem = _read_object(folder / "measures.json") if is_measured else ({}, "")
             result.measures = pairs.get("measures", [])
-            if problem:
+            problems = [problem]
+            for kind in row.get("asked", ()):
+                result.found[kind], problem = _read_object(folder / f"{kind}.json")
+                problems.append(problem)
+            for problem in filter(None, problems):
                 logger.warning("%s: %s", folder, problem)
         return result
     _note_failure(result, record)

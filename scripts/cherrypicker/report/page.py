@@ -125,6 +125,7 @@ def render_report(
         warnings=_warnings(data),
         **_trait_tables(traits, unit),
         is_scale_known=unit == "m" and (data["scale"] or {}).get("scale_std"),
+        is_metric=unit == "m",
         unit=unit_name(unit),
         viewer=script_json(viewer),
         modules=module_map(),

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from cherrypicker.pruning.table import CUT_COLUMNS
+from cherrypicker.pruning.table import CUT_COLUMNS, TARGET_WORDS
 from cherrypicker.report.branches import sortable_table
 from cherrypicker.report.figures import tree_box, view_grid
 from cherrypicker.report.raster import side_views
@@ -16,20 +16,6 @@ from cherrypicker.report.style import COLOR, FONT, GREY, LINE
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.table import BranchColumn
 from cherrypicker.units import unit_word
-
-# Of what is limited, or goes by a limit
-_TARGETS = {
-    "limb_trunk_ratio": "Limb-to-trunk ratio",
-    "n_limbs": "Limbs",
-    "length_m_per_cm2": "Wood per cm² of the stem's section [m]",
-    "tips_per_cm2": "Tips per cm² of the stem's section",
-    "height_m": "Height",
-    "row_width_m": "Width across the row",
-    "renew_limbs": "Limbs to renew",
-    "steep_deg": "Steep limbs",
-    "shaded_share": "Shaded limbs",
-    "crossing": "Axes that touch",
-}
 
 
 def pruning_section(pruning: dict | None, rows: list[dict] | None, unit: str) -> dict | None:
@@ -72,7 +58,7 @@ def _told(target: dict, unit: str) -> tuple[str, str, str, str, bool]:
     error = "" if target["after_se"] is None else f" ± {target['after_se']:.2f}"
     limit = f"{target['limit']:g}"
     told = (limit + end, before + end, after + error + end)
-    return _TARGETS[target["name"]], *told, target["is_reached"]
+    return TARGET_WORDS[target["name"]], *told, target["is_reached"]
 
 
 def pruning_figure(skeleton: Skeleton, rows: list[dict], width_px: int) -> Figure:

@@ -115,6 +115,7 @@
       each.classList.toggle("gone", isGone);
       each.setAttribute("aria-pressed", isGone);
     }
+    document.dispatchEvent(new Event("cellschange"));
   }
 
   function toggle(id) {

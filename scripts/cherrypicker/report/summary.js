@@ -236,8 +236,7 @@ const valueOf = (row, column) => {
   const cell = row.cells[column];
   return cell.dataset.v === undefined ? cell.textContent.trim() : cell.dataset.v === "" ? null : Number(cell.dataset.v);
 };
-function sortBy(column) {
-  const direction = heads[column].getAttribute("aria-sort") === "ascending" ? -1 : 1;
+function sortBy(column, direction = heads[column].getAttribute("aria-sort") === "ascending" ? -1 : 1) {
   for (const head of heads) head.removeAttribute("aria-sort");
   heads[column].setAttribute("aria-sort", direction > 0 ? "ascending" : "descending");
   const compare = (a, b) => (typeof a === "number" ? a - b : a.localeCompare(b, "en", { numeric: true }));
@@ -252,6 +251,11 @@ heads.forEach((head, column) => {
   button.append(...head.childNodes);
   head.append(button);
   button.addEventListener("click", () => sortBy(column));
+});
+$("order")?.addEventListener("change", ({ target }) => {
+  if (target.value) return sortBy(names.indexOf(target.value), target.selectedOptions[0].dataset.down === "true" ? -1 : 1);
+  for (const head of heads) head.removeAttribute("aria-sort");
+  body.append(...rows);
 });
 // A term is a word of the row, or a trait with a bound.
 function accepts(term) {

@@ -15,6 +15,7 @@ from urllib.parse import quote
 from cherrypicker.files import is_number
 from cherrypicker.progress import duration
 from cherrypicker.report.accuracy import accuracy_section
+from cherrypicker.report.decisions import ORDERS, Decision, decisions_of
 from cherrypicker.report.outliers import FEWEST, LIMIT, off_the_line, outliers
 from cherrypicker.report.text import page_template, script_json, told, with_uncertainty
 from cherrypicker.traits.table import TRAITS, Trait
@@ -42,6 +43,8 @@ class TreeResult:
     traits: dict = field(default_factory=dict)
     # Hand measurements beside ours: the pairs of ``measures.json``
     measures: list[dict] = field(default_factory=list)
+    # What else was asked for, ``pruning``, ``bearing`` or ``light``: content of its JSON
+    found: dict[str, dict] = field(default_factory=dict)
     # stage, cause, file, key, log: of the failure; empty without one
     stage: str = ""
     cause: str = ""
@@ -106,12 +109,24 @@ def summary_html(
     }
     apart = {name: outliers(values) for name, values in sizes.items()}
     lines = {(x, y): off_the_line(sizes[x], sizes[y]) for x, y in _PAIRS}
+    decided = {result.tree: {d.name: d for d in decisions_of(result.found)} for result in ordered}
+    decisions = {d.name: d.title for some in decided.values() for d in some.values()}
+    known = {t.name for t in _SHOWN if any(r.number(t) is not None for r in results)}
+    known |= decisions.keys()
     measured = [{**pair, "tree": r.tree, "href": r.href} for r in results for pair in r.measures]
     page = page_template("summary.html.j2").render(
         counts=", ".join(counts),
         failed=[*(r for r in ordered if r.status in ("failed", "interrupted")), *failed_series],
-        titles=[(trait.name, trait.title) for trait in _SHOWN],
-        rows=[(result, [_cell(result, trait) for trait in _SHOWN]) for result in ordered],
+        titles=[*decisions.items(), *((trait.name, trait.title) for trait in _SHOWN)],
+        rows=[
+            (
+                result,
+                [_decided(decided[result.tree].get(name)) for name in decisions]
+                + [_cell(result, trait) for trait in _SHOWN],
+            )
+            for result in ordered
+        ],
+        orders={words: order for words, order in ORDERS.items() if order[0] in known},
         most_flags=_MANY_FLAGS,
         outliers=_outlier_rows(apart, lines, results),
         fewest=FEWEST,
@@ -121,6 +136,11 @@ def summary_html(
         data=script_json(_data(ordered, apart, lines, costs or {})),
     )
     return page + "\n"
+
+
+def _decided(decision: Decision | None) -> tuple[str, str]:
+    """The same of what is to be decided."""
+    return (f"{decision.number:g}", decision.text) if decision else ("", "–")
 
 
 def _cell(result: TreeResult, trait: Trait) -> tuple[str, str]:

@@ -30,7 +30,11 @@ class Viewer {
     scene.canvas.addEventListener("dblclick", () => { if (this.tool === "look") { scene.camera.reset(); scene.redraw(); } });
     scene.afterDraw.push(() => this.placeLabel(), () => this.rememberSoon());
     window.addEventListener("hashchange", () => this.restore());
-    window.addEventListener("beforeprint", () => scene.draw());
+    window.addEventListener("beforeprint", () => {
+      scene.draw();
+      this.remember();
+      for (const each of document.querySelectorAll("[data-address]")) each.textContent = location.href;
+    });
     this.restore();
     scene.redraw();
   }
@@ -188,6 +192,7 @@ class Viewer {
         fact.textContent = text;
         return [term, fact];
       }));
+      document.dispatchEvent(new Event("cellschange")); // they may be wanted in other units
     }
     if (branch && fly) {
       const nodes = [...skeleton.axis.keys()].filter((i) => skeleton.axis[i] === id);
@@ -235,6 +240,7 @@ class Viewer {
     const { scene, box } = this, { show, schemes } = scene;
     const clip = ["axis", "share"].map((name) => box.querySelector(`[name=clip-${name}]`).value);
     this.hash = writeHash({
+      ...readHash(location.hash), // what else the page holds there
       view: scene.camera.state().map((v) => Number(v.toFixed(4))).join(","),
       points: schemes.points,
       skeleton: schemes.skeleton,
