@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cherrypicker.files import load_schema
-from cherrypicker.mvs.backends.table import BACKENDS
+from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.ply import PlyError, read_ply_header
 
 # Snakemake itself and the job's shell run beside the stage and count towards its memory
@@ -58,30 +58,21 @@ class StageCost:
     max_threads: int = 1
 
 
+# Keys that ask for a stage which not every tree gets, by the kind of scan that this makes
+_ASKED_BY = {"light": "enabled", "bearing": "enabled", "pruning": "preset"}
+_PREPARED = "prepared photos"
+
 STAGES = {
     rule: StageCost(**cells)
     for rule, cells in load_schema(Path(__file__).with_name("stage_costs.yaml")).items()
 }
 
 
-def cost_of(rule: str, stereo: str = "cpu") -> StageCost:
-    """Return what a stage costs, the stereo with a backend."""
-    if rule != "estimate_depth":
-        return STAGES[rule]
-    own = BACKENDS[stereo]
-    return replace(
-        STAGES[rule], cpu_s=own.cpu_s, memory_mb=own.memory_mb, max_threads=own.max_threads
-    )
-
-
 @dataclass(frozen=True)
 class ScanSize:
-    """How large a scan is, as far as its cost goes."""
+    """How large a scan is, as far as its cost goes: what the formulas of the costs name."""
 
-    is_photo_scan: bool = False
-    is_labelled: bool = False  # whether it is a ready cloud that came with labels
-    is_prepared: bool = False  # whether stages read prepared photos
-    asked: tuple[str, ...] = ()  # what the config asks for besides, by `asked_for`
+    kinds: tuple[str, ...] = ("clouds", "unlabelled")  # of scans, as `StageCost.of` has them
     stereo: str = "cpu"  # the backend of its depth maps
     photos: int = 0
     pairs: int = 0  # of photos to match
@@ -98,51 +89,58 @@ class ScanSize:
     # What the stereo holds at a time, and the fusion
     stereo_mb: float = 0.0
     fusion_mb: float = 0.0
-    # Millions of points to expect in the cloud, and as many as memory must suffice for
+    # Millions of points to expect in the cloud and after the crop; as many as memory must suffice
+    # for, which is what memory is counted from
     points_m: float = 0.0
     most_points_m: float = 0.0
+    cropped_m: float = 0.0
+    most_cropped_m: float = 0.0
 
     @property
-    def stages(self) -> Mapping[str, StageCost]:
-        """The stages that a scan like this goes through."""
-        kinds = ["", "photos" if self.is_photo_scan else "clouds"]
-        kinds += ["labelled" if self.is_labelled else "unlabelled"]
-        kinds += ["prepared photos"] if self.is_prepared else []
-        kinds += self.asked
-        return {rule: cost_of(rule, self.stereo) for rule in STAGES if STAGES[rule].of in kinds}
+    def is_prepared(self) -> bool:
+        """Whether stages read prepared photos."""
+        return _PREPARED in self.kinds
 
-    def value_of(self, formula: str, *, at_most: bool = False) -> float:
-        """Return the value of a formula, with the points to expect or as many as there may be."""
-        points_m = self.most_points_m if at_most else self.points_m
-        cropped = MOST_CROPPED_SHARE if at_most else CROPPED_SHARE
-        quantities = vars(self) | {
-            "photos_squared": self.photos**2,
-            "points_m": points_m,
-            "cropped_m": points_m * (cropped if self.is_photo_scan else 1.0),
-        }
-        total = 0.0
-        for term in filter(None, formula.split(" + ")):
-            *factor, last = term.split()
-            value = quantities[last] if last.isidentifier() else float(last)
-            total += value * (float(factor[0]) if factor else 1.0)
-        return total
+    @property
+    def stages(self) -> list[str]:
+        """The stages that a scan like this goes through, in their order."""
+        return [rule for rule, stage in STAGES.items() if stage.of in ("", *self.kinds)]
+
+    def cost(self, rule: str) -> StageCost:
+        """Return what a stage costs, the stereo with the scan's backend."""
+        if rule != "estimate_depth":
+            return STAGES[rule]
+        own = BACKENDS[self.stereo]
+        return replace(
+            STAGES[rule], cpu_s=own.cpu_s, memory_mb=own.memory_mb, max_threads=own.max_threads
+        )
+
+    def cpu_s(self, rule: str) -> float:
+        """Return the CPU time to expect of a stage, seconds."""
+        return _value(self.cost(rule).cpu_s, vars(self))
+
+    def memory_mb(self, rule: str, threads: int = 1) -> float:
+        """Return the peak resident memory to expect of a stage, MB, without any margin."""
+        most = {"points_m": self.most_points_m, "cropped_m": self.most_cropped_m}
+        stage, known = self.cost(rule), vars(self) | most
+        return _value(stage.memory_mb, known) + threads * _value(stage.thread_memory_mb, known)
+
+    def disk_mb(self, rule: str) -> float:
+        """Return what a stage leaves on disk, MB."""
+        return _value(self.cost(rule).disk_mb, vars(self))
 
 
-def asked_for(settings: Mapping) -> tuple[str, ...]:
-    """What a tree's whole config asks for that not every tree gets."""
-    is_asked = {
-        "light": settings["light"]["enabled"],
-        "bearing": settings["bearing"]["enabled"],
-        "pruning": settings["pruning"]["preset"],
-    }
-    return tuple(kind for kind, value in is_asked.items() if value)
+def _value(formula: str, known: Mapping[str, float]) -> float:
+    """The value of a sum of products of numbers and known names; 0 of an empty one."""
+    terms = [term.split() for term in formula.split(" + ")] if formula else []
+    return sum(math.prod(known[at] if at in known else float(at) for at in term) for term in terms)
 
 
 def size_of_photos(
     sizes: Sequence[tuple[int, int]],
     settings: Mapping,
     *,
-    stereo: str = "cpu",
+    with_cuda: bool | None = None,
     is_prepared: bool = False,
 ) -> ScanSize:
     """Return the size of a scan from photos.
@@ -154,8 +152,8 @@ def size_of_photos(
     settings : mapping
         The tree's whole config; the sections ``photos``, ``sfm``, ``mvs``, ``light``,
         ``bearing``, ``pruning`` and ``keep`` are read.
-    stereo : str, default "cpu"
-        The backend of the depth maps.
+    with_cuda : bool, optional
+        Whether there is CUDA for the depth maps; left out, what is installed tells.
     is_prepared : bool, default False
         Whether stages read prepared photos.
     """
@@ -167,11 +165,11 @@ def size_of_photos(
     dense_mp, largest_dense_mp = sum(dense), max(dense, default=0.0)
     most_sources = max(len(sizes) - 1, 1)
     sources, checked = min(mvs["n_sources"], most_sources), min(mvs["n_check"], most_sources)
+    points_m, most_points_m = POINTS_PER_PIXEL * dense_mp, MOST_POINTS_PER_PIXEL * dense_mp
+    kinds = ["photos", "unlabelled", *_asked(settings)] + [_PREPARED] * is_prepared
     return ScanSize(
-        is_photo_scan=True,
-        is_prepared=is_prepared,
-        asked=asked_for(settings),
-        stereo=stereo,
+        kinds=tuple(kinds),
+        stereo=first_choice(mvs["backend"], with_cuda),
         photos=len(sizes),
         pairs=count_pairs(len(sizes), sfm),
         photo_mp=sum(as_is),
@@ -183,28 +181,33 @@ def size_of_photos(
         stereo_mp=dense_mp * sources / SOURCES_OF_RATE,
         stereo_mb=(STEREO_SOURCE_BYTES * sources + STEREO_PHOTO_BYTES) * largest_dense_mp,
         fusion_mb=FUSION_MAP_BYTES * (checked + 1) * largest_dense_mp,
-        points_m=POINTS_PER_PIXEL * dense_mp,
-        most_points_m=MOST_POINTS_PER_PIXEL * dense_mp,
+        points_m=points_m,
+        most_points_m=most_points_m,
+        cropped_m=CROPPED_SHARE * points_m,
+        most_cropped_m=MOST_CROPPED_SHARE * most_points_m,
     )
 
 
 def size_of_cloud(
-    path: str | os.PathLike,
-    *,
-    is_labelled: bool = False,
-    asked: tuple[str, ...] = (),
+    path: str | os.PathLike, settings: Mapping, *, is_labelled: bool = False
 ) -> ScanSize:
     """Return the size of a ready cloud; of an unreadable one as if it were empty.
 
     That such a file is refused is the import's work.
     """
     points_m = count_points(path) / 1e6
+    kinds = ("clouds", "labelled" if is_labelled else "unlabelled", *_asked(settings))
     return ScanSize(
-        is_labelled=is_labelled,
-        asked=asked,
+        kinds,
         points_m=points_m,
         most_points_m=points_m,
+        cropped_m=points_m,
+        most_cropped_m=points_m,
     )
+
+
+def _asked(settings: Mapping) -> list[str]:
+    return [kind for kind, key in _ASKED_BY.items() if settings[kind][key]]
 
 
 def count_points(path: str | os.PathLike) -> int:
@@ -256,38 +259,21 @@ def count_pairs(n_photos: int, sfm: Mapping) -> int:
     return min(all_pairs, n_photos * per_photo)
 
 
-def cpu_seconds(stage: StageCost, scan: ScanSize) -> float:
-    """Return the CPU time to expect of a stage, seconds."""
-    return scan.value_of(stage.cpu_s)
-
-
-def memory_mb(stage: StageCost, scan: ScanSize, threads: int = 1) -> float:
-    """Return the peak resident memory to expect of a stage, MB, without any margin."""
-    of_threads = threads * scan.value_of(stage.thread_memory_mb, at_most=True)
-    return scan.value_of(stage.memory_mb, at_most=True) + of_threads
-
-
-def disk_mb(stage: StageCost, scan: ScanSize) -> float:
-    """Return what a stage leaves on disk, MB."""
-    return scan.value_of(stage.disk_mb)
-
-
 def threads_to_ask(rule: str, scan: ScanSize) -> int:
     """Return how many threads are worth asking for: two minutes of work each, up to the bound."""
-    stage = cost_of(rule, scan.stereo)
-    wanted = math.ceil(cpu_seconds(stage, scan) / CPU_S_PER_THREAD)
-    return max(1, min(stage.max_threads, wanted))
+    wanted = math.ceil(scan.cpu_s(rule) / CPU_S_PER_THREAD)
+    return max(1, min(scan.cost(rule).max_threads, wanted))
 
 
 def mb_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the memory to ask for, MB: formula and margin, times the attempt."""
-    peak = memory_mb(cost_of(rule, scan.stereo), scan, threads)
+    peak = scan.memory_mb(rule, threads)
     return _round_up(attempt * (SNAKEMAKE_MB + MEMORY_MARGIN * peak), 100)
 
 
 def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the running time to ask for, minutes: formula and margin, times the attempt."""
-    busy_s = cpu_seconds(cost_of(rule, scan.stereo), scan) / speedup(threads)
+    busy_s = scan.cpu_s(rule) / speedup(threads)
     return _round_up(attempt * (START_MINUTES + TIME_MARGIN * busy_s / 60.0), 5)
 
 

@@ -8,14 +8,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch
-from cherrypicker.batch.resources import ScanSize, asked_for, size_of_cloud, size_of_photos
+from cherrypicker.batch.resources import ScanSize, size_of_cloud, size_of_photos
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import are_plain, captures_in
 from cherrypicker.intake.masks import masks_in
 from cherrypicker.intake.prepare import is_too_large, size_of_capture
 from cherrypicker.markers.references import check_scale
-from cherrypicker.mvs.backends.table import first_choice
 
 # Photos that a second of film gives: a slow walk round a tree takes 40 s and gives 40 (guess)
 FRAMES_PER_S = 1.0
@@ -34,17 +33,26 @@ def sizes_of(captures: Iterable[Path]) -> list[tuple[int, int]]:
     return found
 
 
-def size_of_photo_scan(tree: Tree, settings: Mapping) -> ScanSize:
-    """Return how large a scan from photos is; empty where no photo can be read."""
-    captures = captures_in(tree.photos)
+def size_of_scan(row: Tree, settings: Mapping, with_cuda: bool | None = None) -> ScanSize:
+    """Return how large a scan is; empty where no photo can be read.
+
+    Parameters
+    ----------
+    settings : mapping
+        The tree's whole config.
+    with_cuda : bool, optional
+        As for :func:`cherrypicker.batch.resources.size_of_photos`.
+    """
+    if not row.is_photo_scan:
+        return size_of_cloud(row.cloud, settings, is_labelled=row.has_labelled_cloud())
+    captures = captures_in(row.photos)
     sizes, limit = sizes_of(captures), settings["photos"]["max_size_px"]
     is_prepared = (
-        bool(tree.masks)
+        bool(row.masks)
         or not are_plain(captures)
         or any(is_too_large(size, limit) for size in sizes)
     )
-    stereo = first_choice(settings["mvs"]["backend"])
-    return size_of_photos(sizes, settings, stereo=stereo, is_prepared=is_prepared)
+    return size_of_photos(sizes, settings, with_cuda=with_cuda, is_prepared=is_prepared)
 
 
 class Scans:
@@ -53,24 +61,16 @@ class Scans:
     Files that are missing are left out, for the first stage to report.
     """
 
-    def __init__(self, batch: Batch) -> None:
-        self._batch = batch
+    def __init__(self, batch: Batch, with_cuda: bool | None = None) -> None:
+        self._batch, self._with_cuda = batch, with_cuda
         self._known: dict[str, ScanSize] = {}
 
     def size(self, tree: str) -> ScanSize:
-        """Return how large the scan is that a tree is from; empty where no photo can be read."""
+        """Return how large the scan is that a tree is from."""
         scan = self._batch.scan_of(tree)
         if scan not in self._known:
             row, settings = self._batch.trees[scan], self._batch.settings_of[scan]
-            self._known[scan] = (
-                size_of_photo_scan(row, settings)
-                if row.is_photo_scan
-                else size_of_cloud(
-                    row.cloud,
-                    is_labelled=row.has_labelled_cloud(),
-                    asked=asked_for(settings),
-                )
-            )
+            self._known[scan] = size_of_scan(row, settings, self._with_cuda)
         return self._known[scan]
 
     def sizes(self) -> dict[str, ScanSize]:
