@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import cv2
@@ -63,11 +64,18 @@ def film_header(path: str | os.PathLike) -> FilmHeader:
     StageError
         If it does not open.
     """
-    film = _opened(path)
-    try:
-        return _header_of(film)
-    finally:
-        film.release()
+    with _opened(path) as film:
+        value = {
+            name: float(np.nan_to_num(film.get(getattr(cv2, f"CAP_PROP_{name}"))))
+            for name in ("FRAME_WIDTH", "FRAME_HEIGHT", "FRAME_COUNT", "FPS", "ORIENTATION_META")
+        }
+    return FilmHeader(
+        width=int(value["FRAME_WIDTH"]),
+        height=int(value["FRAME_HEIGHT"]),
+        n_frames=max(int(value["FRAME_COUNT"]), 0),
+        per_second=max(value["FPS"], 0.0),
+        orientation=_ORIENTATION_OF_DEGREES.get(round(value["ORIENTATION_META"]) % 360, 1),
+    )
 
 
 def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
@@ -84,49 +92,31 @@ def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
         If the video does not open or holds no frame. One that breaks off gives what comes before,
         with a warning.
     """
-    film = _opened(path)
-    try:
-        header = _header_of(film)
-        n_read = 0
-        steps = _Steps(step)
-        while True:
-            is_there, frame = film.read()
-            if not is_there:
-                break
-            yield from steps.take(n_read, frame)
+    n_promised, n_read, steps = film_header(path).n_frames, 0, _Steps(step)
+    with _opened(path) as film:
+        while (taken := film.read())[0]:
+            yield from steps.take(n_read, taken[1])
             n_read += 1
-        if not n_read:
-            raise StageError("the video holds no frame", file=path, key=PHOTOS_COLUMN)
-        if n_read < (1.0 - FEW_FRAMES_SHARE) * header.n_frames - 1:
-            logger.warning(
-                "%s breaks off after %d of %d frames: what comes before is used",
-                *(os.path.basename(path), n_read, header.n_frames),
-            )
-        yield from steps.rest()
-    finally:
-        film.release()
+    if not n_read:
+        raise StageError("the video holds no frame", file=path, key=PHOTOS_COLUMN)
+    if n_read < (1.0 - FEW_FRAMES_SHARE) * n_promised - 1:
+        logger.warning(
+            "%s breaks off after %d of %d frames: what comes before is used",
+            *(os.path.basename(path), n_read, n_promised),
+        )
+    yield from steps.rest()
 
 
-def _opened(path: str | os.PathLike) -> cv2.VideoCapture:
+@contextmanager
+def _opened(path: str | os.PathLike) -> Iterator[cv2.VideoCapture]:
     film = cv2.VideoCapture(os.fspath(path), cv2.CAP_FFMPEG)
     if not film.isOpened():
         raise StageError("the video cannot be opened", file=path, key=PHOTOS_COLUMN)
     film.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
-    return film
-
-
-def _header_of(film: cv2.VideoCapture) -> FilmHeader:
-    value = {
-        name: float(np.nan_to_num(film.get(getattr(cv2, f"CAP_PROP_{name}"))))
-        for name in ("FRAME_WIDTH", "FRAME_HEIGHT", "FRAME_COUNT", "FPS", "ORIENTATION_META")
-    }
-    return FilmHeader(
-        width=int(value["FRAME_WIDTH"]),
-        height=int(value["FRAME_HEIGHT"]),
-        n_frames=max(int(value["FRAME_COUNT"]), 0),
-        per_second=max(value["FPS"], 0.0),
-        orientation=_ORIENTATION_OF_DEGREES.get(round(value["ORIENTATION_META"]) % 360, 1),
-    )
+    try:
+        yield film
+    finally:
+        film.release()
 
 
 class _Steps:
@@ -177,20 +167,18 @@ class _Steps:
         self._last = grey
 
     def _has_left(self, grey: np.ndarray) -> bool:
-        """Whether the picture has moved half a step since the last beginning."""
-        left, moved = self._follow(grey) if self._n_start else (0.0, 0.0)
-        return left < LEAST_LEFT or moved >= self._half
+        """Whether the picture has moved half a step since the last beginning.
 
-    def _follow(self, grey: np.ndarray) -> tuple[float, float]:
-        """Share of corners that are left, and how far half of them moved, of the longer side."""
+        Half of the corners did, of the longer side; or too few of them are left to tell.
+        """
         if len(self._now):
             there, back = _tracked(self._last, grey, self._now)
             self._start, self._now = self._start[back], there[back]
         self._last = grey
-        if not len(self._now):
-            return 0.0, 0.0
+        if len(self._now) < LEAST_LEFT * self._n_start or not len(self._now):
+            return True
         away = np.linalg.norm((self._now - self._start).reshape(-1, 2), axis=1)
-        return len(self._now) / self._n_start, float(np.median(away)) / max(grey.shape)
+        return float(np.median(away)) >= self._half * max(grey.shape)
 
 
 def _tracked(
