@@ -51,31 +51,25 @@ class UserMasks:
     def __init__(
         self, folder: str | os.PathLike, photos: Collection[str], left_out: Collection[str] = ()
     ) -> None:
-        folder = Path(folder)
-        if not folder.is_dir():
-            raise StageError("the folder of masks is missing", file=folder, key=MASKS_COLUMN)
         masks = masks_in(folder)
         if not masks:
-            raise StageError("the folder holds no mask (.png)", file=folder, key=MASKS_COLUMN)
+            is_there = Path(folder).is_dir()
+            cause = (
+                "the folder holds no mask (.png)" if is_there else "the folder of masks is missing"
+            )
+            raise StageError(cause, file=folder, key=MASKS_COLUMN)
         by_name = {name: name for name in photos} | {Path(name).stem: name for name in photos}
         unused = {*left_out, *(Path(name).stem for name in left_out)}
         self._masks: dict[str, Path] = {}
         for mask in masks:
-            photo = by_name.get(mask.stem)
-            if photo is None and mask.stem in unused:
+            photo = by_name.get(mask.stem, "")
+            if not photo and mask.stem in unused:
                 continue
-            if photo is None:
-                raise StageError(
-                    "the mask belongs to no photo: its name is that of the photo with .png",
-                    file=mask,
-                    key=MASKS_COLUMN,
-                )
+            cause = "the mask belongs to no photo: its name is that of the photo with .png"
             if photo in self._masks:
-                raise StageError(
-                    f"{photo} has two masks, {self._masks[photo].name} the other",
-                    file=mask,
-                    key=MASKS_COLUMN,
-                )
+                cause = f"{photo} has two masks, {self._masks[photo].name} the other"
+            if not photo or photo in self._masks:
+                raise StageError(cause, file=mask, key=MASKS_COLUMN)
             self._masks[photo] = mask
         self.without = sorted(name for name in photos if name not in self._masks)
 

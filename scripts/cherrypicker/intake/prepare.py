@@ -23,7 +23,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of, twins_in
 from cherrypicker.intake.masks import MASKS_COLUMN, UserMasks, write_hidden
-from cherrypicker.intake.stills import Still, read_still, still_size
+from cherrypicker.intake.stills import Still, read_still, still_size, unreadable
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
 from cherrypicker.photos import ORIENTATION, UNREADABLE, check_promise, exif_orientation
 from cherrypicker.progress import Progress
@@ -68,9 +68,7 @@ def size_of_capture(path: str | os.PathLike) -> tuple[int, int, float]:
             check_promise(image, path, PHOTOS_COLUMN)
             return *image.size, 0.0
     except UNREADABLE as error:
-        raise StageError(
-            f"the photo cannot be read ({error})", file=path, key=PHOTOS_COLUMN
-        ) from error
+        raise unreadable(path, error) from error
 
 
 def prepare_photos(
