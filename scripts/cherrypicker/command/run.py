@@ -62,7 +62,11 @@ def main(arguments: Sequence[str]) -> int:
         return subprocess.run(command, check=False).returncode
     plugins = Path(snakemake_logger_plugin_cherrypicker.__file__).parents[1]
     path = os.pathsep.join(filter(None, [str(plugins), os.environ.get("PYTHONPATH")]))
-    view, start = _View(console, TimeLeft(_forecast())), time.time()
+    try:
+        seconds = seconds_of_stages(batch_here())
+    except (StageError, OSError):  # Snakemake's options may name another table or config
+        seconds = {}
+    view, start = _View(console, TimeLeft(seconds)), time.time()
     # An interrupt reaches Snakemake as well, which then ends in its own time
     on_interrupt = signal.signal(signal.SIGINT, lambda *_: None)
     with subprocess.Popen(
@@ -87,14 +91,6 @@ def main(arguments: Sequence[str]) -> int:
             console.print(closing_table(TRAITS_TABLE))
             console.print(f"pages: {Path('results/summary.html').resolve()}")
     return process.returncode
-
-
-def _forecast() -> dict[str, float]:
-    """Seconds of the stages; none where Snakemake's options name another table or config."""
-    try:
-        return seconds_of_stages(batch_here())
-    except (StageError, OSError):
-        return {}
 
 
 @dataclass
