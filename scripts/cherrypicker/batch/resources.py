@@ -158,9 +158,9 @@ def size_of_photos(
         Whether stages read prepared photos.
     """
     sfm, mvs = settings["sfm"], settings["mvs"]
-    limit_px, sfm_px = settings["photos"]["max_size_px"], sfm["max_image_size_px"]
+    limit_px = settings["photos"]["max_size_px"] or math.inf  # 0: as it is
     as_is = _megapixels(sizes, limit_px)
-    features = _megapixels(sizes, min(sfm_px or limit_px, limit_px or sfm_px))
+    features = _megapixels(sizes, min(sfm["max_image_size_px"] or math.inf, limit_px))
     dense = _megapixels(sizes, mvs["max_image_size_px"])
     dense_mp, largest_dense_mp = sum(dense), max(dense, default=0.0)
     most_sources = max(len(sizes) - 1, 1)
@@ -282,14 +282,12 @@ def speedup(threads: int) -> float:
     return 1.0 + THREAD_EFFICIENCY * (max(threads, 1) - 1)
 
 
-def _megapixels(sizes: Sequence[tuple[int, int]], limit_px: int) -> list[float]:
-    """Megapixels of each photo once its longer side is at most ``limit_px`` (0: as it is)."""
-    megapixels = []
-    for width, height in sizes:
-        longer = max(width, height)
-        shrink = min(1.0, limit_px / longer) if limit_px and longer else 1.0
-        megapixels.append(width * height * shrink**2 / 1e6)
-    return megapixels
+def _megapixels(sizes: Sequence[tuple[int, int]], limit_px: float) -> list[float]:
+    """Megapixels of each photo once its longer side is at most ``limit_px``."""
+    return [
+        width * height * min(1.0, limit_px / max(width, height, 1)) ** 2 / 1e6
+        for width, height in sizes
+    ]
 
 
 def _round_up(value: float, step: int) -> int:
