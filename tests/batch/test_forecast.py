@@ -148,7 +148,7 @@ def test_the_command_plans_scans_that_are_not_taken_yet(tmp_path):
 def test_the_command_prints_its_formulas():
     printed = run_command("--formulas")
     (line,) = [line for line in printed.splitlines() if line.startswith("| estimate_depth ")]
-    assert "260 + stereo_mb" in line
+    assert "260 + 38 sources largest_dense_mp" in line
     assert "32 kept_mp" in line
     (line,) = [line for line in printed.splitlines() if line.startswith("| extract_features ")]
     assert "300 largest_feature_mp" in line

@@ -221,7 +221,7 @@ def test_a_new_backend_is_one_row_of_the_table(tmp_path, monkeypatch):
             workspace.write_maps(view, "geometric", depth.astype(np.float32), normals)
         return {view.name for view in workspace.views}
 
-    fake = Backend("Oracle", true_maps, "7 + 0 stereo_mp", "1", 3)
+    fake = Backend("Oracle", true_maps, "7 + 0 dense_mp", "1", 3)
     monkeypatch.setitem(BACKENDS, "oracle", fake)
     manifest = estimate_workspace(tmp_path, StereoOptions(n_sources=3), backend="oracle", threads=2)
     assert manifest["backend"] == "oracle"

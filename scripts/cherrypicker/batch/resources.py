@@ -38,12 +38,6 @@ MOST_POINTS_PER_PIXEL = 0.20
 # How many of them the crop leaves: 0.8 to 0.9; of a cloud with all of its points half at most
 CROPPED_SHARE = 0.85
 MOST_CROPPED_SHARE = 0.5
-_BYTES_PER_TEXT_POINT = 30.0  # three coordinates with their blanks (guess)
-# Sources of a depth map that the stereo's rate holds for
-SOURCES_OF_RATE = 6.0
-# Bytes a pixel of the largest map, as mvs/backends/ and mvs/fusion.py state for what they hold at a
-# time: of the stereo for each source and for the photo itself, of the fusion for each map
-STEREO_SOURCE_BYTES, STEREO_PHOTO_BYTES, FUSION_MAP_BYTES = 38.0, 80.0, 16.0
 
 
 @dataclass(frozen=True)
@@ -82,13 +76,13 @@ class ScanSize:
     sift_mp: float = 0.0
     dense_mp: float = 0.0
     kept_mp: float = 0.0
-    # Of the largest photo: as it is, and as features are sought
+    # Of the largest photo: as it is, as features are sought, and as depth is estimated
     largest_photo_mp: float = 0.0
     largest_feature_mp: float = 0.0
-    stereo_mp: float = 0.0  # as `dense_mp`, if each depth map had as many sources as the rate's
-    # What the stereo holds at a time, and the fusion
-    stereo_mb: float = 0.0
-    fusion_mb: float = 0.0
+    largest_dense_mp: float = 0.0
+    # Other photos that a depth map is made from, and those that it is checked against
+    sources: int = 0
+    checked: int = 0
     # Millions of points to expect in the cloud and after the crop; as many as memory must suffice
     # for, which is what memory is counted from
     points_m: float = 0.0
@@ -162,9 +156,7 @@ def size_of_photos(
     as_is = _megapixels(sizes, limit_px)
     features = _megapixels(sizes, min(sfm["max_image_size_px"] or math.inf, limit_px))
     dense = _megapixels(sizes, mvs["max_image_size_px"])
-    dense_mp, largest_dense_mp = sum(dense), max(dense, default=0.0)
-    most_sources = max(len(sizes) - 1, 1)
-    sources, checked = min(mvs["n_sources"], most_sources), min(mvs["n_check"], most_sources)
+    dense_mp, n_others = sum(dense), max(len(sizes) - 1, 1)
     points_m, most_points_m = POINTS_PER_PIXEL * dense_mp, MOST_POINTS_PER_PIXEL * dense_mp
     kinds = ["photos", "unlabelled", *_asked(settings)] + [_PREPARED] * is_prepared
     return ScanSize(
@@ -178,9 +170,9 @@ def size_of_photos(
         kept_mp=dense_mp if settings["keep"]["dense"] else 0.0,
         largest_photo_mp=max(as_is, default=0.0),
         largest_feature_mp=max(features, default=0.0),
-        stereo_mp=dense_mp * sources / SOURCES_OF_RATE,
-        stereo_mb=(STEREO_SOURCE_BYTES * sources + STEREO_PHOTO_BYTES) * largest_dense_mp,
-        fusion_mb=FUSION_MAP_BYTES * (checked + 1) * largest_dense_mp,
+        largest_dense_mp=max(dense, default=0.0),
+        sources=min(mvs["n_sources"], n_others),
+        checked=min(mvs["n_check"], n_others),
         points_m=points_m,
         most_points_m=most_points_m,
         cropped_m=CROPPED_SHARE * points_m,
@@ -213,7 +205,8 @@ def _asked(settings: Mapping) -> list[str]:
 def count_points(path: str | os.PathLike) -> int:
     """Return the number of points of a PLY or LAS/LAZ file from its header.
 
-    Text files are estimated from their length; a missing or broken file has none.
+    Text files are estimated from their length and their first lines; a missing or broken file has
+    none.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -223,7 +216,9 @@ def count_points(path: str | os.PathLike) -> int:
             return max(0, sum(one.count for one in elements if one.name == "vertex"))
         if suffix in (".las", ".laz"):
             return _las_points(path)
-        return int(path.stat().st_size / _BYTES_PER_TEXT_POINT)
+        with open(path, "rb") as stream:
+            head = stream.read(4096)
+        return path.stat().st_size * head.count(b"\n") // max(len(head), 1)
     except (OSError, PlyError, struct.error):
         return 0
 
