@@ -21,7 +21,7 @@ from cherrypicker.batch.run_lock import begin_start, end_start
 from cherrypicker.batch.scans import Scans
 from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of
 from cherrypicker.batch.watched_modules import digest_of_code
-from cherrypicker.batch.work_folder import check_writable
+from cherrypicker.command.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
 from cherrypicker.mvs.backends.table import BACKENDS
@@ -118,7 +118,7 @@ def of_tree(function):
 
 
 photos_of, photo_folder = of_tree(SCANS.photos), of_tree(SCANS.photo_folder)
-is_of_several = of_tree(BATCH.is_of_several)
+is_of_several = of_tree(lambda tree: BATCH.scan_of(tree) in BATCH.places)
 # One GPU where the tree's stereo needs CUDA
 stereo_gpus = of_tree(lambda tree: int(BACKENDS[SCANS.size(tree).stereo].needs_cuda))
 

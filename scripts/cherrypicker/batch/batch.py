@@ -38,10 +38,6 @@ class Batch:
         whose = split_name(tree, self.places)
         return whose[0] if whose else tree
 
-    def is_of_several(self, tree: str) -> bool:
-        """Whether a scan is of several trees, whichever of them or itself is asked for."""
-        return self.scan_of(tree) in self.places
-
     def has(self, tree: str) -> bool:
         """Whether a name can be one of a tree with results: a scan of several has none itself."""
         whose = split_name(tree, self.places)
