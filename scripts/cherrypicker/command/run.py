@@ -22,6 +22,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -115,13 +116,11 @@ class _Job:
         others = [value for name, value in self.wildcards.items() if name != "tree"]
         folder = status_folder(self.wildcards.get("tree", NO_TREE))
         note = folder / status_name(self.rule, others)
-        try:
+        with suppress(OSError, StageError):
             told = read_json(note)
             if told["state"] == "failed" and note.stat().st_mtime >= self.start - _CLOCKS_DIFFER_S:
                 failure = StageError(told["cause"], file=told["file"], key=told["key"])
                 return f"{failure.describe()}; log: {told['log']}"
-        except (OSError, StageError):
-            pass
         log = f"; log: {self.log[0]}" if self.log else ""
         return self.last_words or f"it ended without a word (killed, or out of memory?){log}"
 
