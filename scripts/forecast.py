@@ -62,8 +62,8 @@ def main(args: argparse.Namespace) -> None:
 
 def photo_size(text: str) -> tuple[int, int]:
     """Parse a size in pixels such as ``4000x3000``."""
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
-    if not match or "0" in match.groups():
+    match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
+    if not match:
         raise argparse.ArgumentTypeError(f"{text!r} is no size such as 4000x3000")
     return int(match[1]), int(match[2])
 

@@ -19,6 +19,7 @@ from functools import partial
 from http import HTTPStatus
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from cherrypicker.batch.batch import Batch
@@ -36,7 +37,7 @@ _YAML = "text/yaml"
 _PATIENCE_S = 30.0  # for a request that stops in the middle
 
 
-def make_server(batch: Batch, port: int) -> Server:
+def make_server(batch: Batch, port: int) -> ThreadingHTTPServer:
     """Return a server of the current work folder, which listens already.
 
     Parameters
@@ -52,18 +53,9 @@ def make_server(batch: Batch, port: int) -> Server:
         If the port is taken.
     """
     try:
-        server = Server((HOST, port), partial(Handler, directory="results"))
+        return ThreadingHTTPServer((HOST, port), partial(Handler, batch))
     except (OSError, OverflowError) as error:
         raise StageError(f"port {port} cannot be used ({error})", key="--port") from error
-    server.batch = batch
-    return server
-
-
-class Server(ThreadingHTTPServer):
-    """The server, and the batch that it serves."""
-
-    daemon_threads = True
-    batch: Batch
 
 
 class _RefusedError(Exception):
@@ -73,9 +65,13 @@ class _RefusedError(Exception):
 class Handler(SimpleHTTPRequestHandler):
     """Answers one request."""
 
-    server: Server
+    server: ThreadingHTTPServer
     server_version, sys_version = "CherryPicker", ""
     timeout = _PATIENCE_S
+
+    def __init__(self, batch: Batch, *request: Any) -> None:
+        self._batch = batch
+        super().__init__(*request, directory="results")
 
     def do_GET(self) -> None:
         """Send a page, a figure, or a tree's edits."""
@@ -139,7 +135,7 @@ class Handler(SimpleHTTPRequestHandler):
             self._send(HTTPStatus.FOUND, {"Location": "/summary.html"})
         elif not path.startswith(API):
             super().do_GET()
-        elif (edits := edits_file(self.server.batch, self._tree())).is_file():
+        elif (edits := edits_file(self._batch, self._tree())).is_file():
             kind = {"Content-Type": f"{_YAML}; charset=utf-8"}
             self._send(HTTPStatus.OK, kind, edits.read_bytes())
         else:
@@ -148,7 +144,7 @@ class Handler(SimpleHTTPRequestHandler):
     def _tree(self) -> str:
         """Return the tree of a request for edits."""
         tree = unquote(urlsplit(self.path).path.removeprefix(API))
-        if not self.server.batch.has(tree):
+        if not self._batch.has(tree):
             raise _RefusedError(HTTPStatus.NOT_FOUND, f"there is no tree {tree!r} in the table")
         return tree
 
@@ -161,7 +157,7 @@ class Handler(SimpleHTTPRequestHandler):
             raise _RefusedError(HTTPStatus.FORBIDDEN, reason)
         if self.headers.get_content_type() != _YAML:
             raise _RefusedError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"edits are {_YAML}")
-        self._send_json(HTTPStatus.OK, save_edits(self.server.batch, tree, self._body()))
+        self._send_json(HTTPStatus.OK, save_edits(self._batch, tree, self._body()))
 
     def _body(self) -> bytes:
         length = self.headers.get("Content-Length", "")

@@ -93,9 +93,7 @@ class UserMasks:
             return np.zeros(shape, bool)
         path = self._masks[photo]
         try:
-            with Image.open(path) as image:
-                check_promise(image, path, MASKS_COLUMN)
-                stored = np.asarray(image.convert("L"))
+            stored = _grey(path)
         except UNREADABLE as error:
             raise StageError(
                 f"the mask cannot be read ({error})", file=path, key=MASKS_COLUMN
@@ -127,11 +125,15 @@ def read_grey(path: str | os.PathLike) -> np.ndarray | None:
     By Pillow: OpenCV takes the memory that a chunk of a PNG promises, up to 4 GB.
     """
     try:
-        with Image.open(path) as image:
-            check_promise(image, path, MASKS_COLUMN)
-            return np.asarray(image.convert("L"))
+        return _grey(path)
     except (StageError, *UNREADABLE):
         return None
+
+
+def _grey(path: str | os.PathLike) -> np.ndarray:
+    with Image.open(path) as image:
+        check_promise(image, path, MASKS_COLUMN)
+        return np.asarray(image.convert("L"))
 
 
 def read_hidden(folder: str | os.PathLike | None, photo: str, shape: tuple[int, int]) -> np.ndarray:
