@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import os
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -202,10 +203,6 @@ def date_of(photo: Path) -> str:
 def commented_config() -> str:
     """Return the project's common keys, all but the first commented out."""
     shipped = (PROJECT / CONFIG_FILE).read_text(encoding="utf-8")
-    _, _, keys = shipped.partition("\n\n")
-    lines, is_first = [], True
-    for line in keys.splitlines():
-        is_key = bool(line.strip()) and not line.lstrip().startswith("#")
-        lines.append(f"#{line}" if is_key and not is_first else line)
-        is_first &= not is_key
-    return _CONFIG_HEAD + "\n" + "\n".join(lines) + "\n"
+    before_key = re.compile(r"^(?= *[^#\s])", re.MULTILINE)
+    head, first, rest = before_key.split(shipped.partition("\n\n")[2], maxsplit=2)
+    return f"{_CONFIG_HEAD}\n{head}{first}{before_key.sub('#', rest)}"
