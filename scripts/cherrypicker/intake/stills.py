@@ -66,10 +66,7 @@ def tags_of(path: str | os.PathLike) -> Image.Exif:
         if kind is Kind.RAW:
             with _open_raw(path) as raw:
                 return _raw_exif(Path(path), raw)
-        if kind is Kind.HEIF:
-            with _open_heif(path) as image:
-                return kept_tags(image.getexif())
-        with Image.open(path) as image:
+        with _open_heif(path) if kind is Kind.HEIF else Image.open(path) as image:
             return kept_tags(image.getexif())
     except (StageError, *UNREADABLE):
         return Image.Exif()
