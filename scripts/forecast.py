@@ -17,7 +17,6 @@ import logging
 import os
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 from cherrypicker.batch.config import CONFIG_FILE, read_config_file, resolve_config
@@ -27,12 +26,11 @@ from cherrypicker.batch.forecast import (
     formula_table,
     read_corrections,
 )
-from cherrypicker.batch.resources import ScanSize, size_of_photos
+from cherrypicker.batch.resources import size_of_photos
 from cherrypicker.batch.scans import Scans
 from cherrypicker.command.work_folder import batch_here
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
-from cherrypicker.mvs.backends.table import first_choice
 from cherrypicker.runner import SCHEMA_FILE, stage_parser
 
 
@@ -43,44 +41,29 @@ def main(args: argparse.Namespace) -> None:
         return
     os.chdir(args.directory)
     if args.photos:
-        scans = assumed_scans(args.scans, args.photos, args.size, args.gpu)
+        # The working directory's config, if there is one
+        config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
+        settings = resolve_config(load_schema(SCHEMA_FILE), config, source=CONFIG_FILE)
+        scan = size_of_photos([args.size] * args.photos, settings, with_cuda=args.gpu)
+        scans = {f"scan{i + 1}": scan for i in range(args.scans)}
     else:
-        scans = scans_of_batch(args.gpu)
+        batch = batch_here()
+        scans = Scans(batch, args.gpu).sizes()
+        for name, row in batch.trees.items():
+            if row.is_photo_scan and not scans[name].photos:
+                raise StageError(
+                    f"tree {name}: the folder holds no photo that can be read",
+                    file=row.photos,
+                    key="photos in trees.tsv",
+                )
     jobs = forecast_jobs(scans, read_corrections("benchmarks", scans), args.cores)
     print(forecast_text(jobs, args.cores))
 
 
-def scans_of_batch(has_gpu: bool) -> dict[str, ScanSize]:
-    """Return the size of every scan of the table, with the stereo that there is for it."""
-    batch = batch_here()
-    scans = Scans(batch).sizes()
-    for name, row in batch.trees.items():
-        backend = first_choice(batch.settings_of[name]["mvs"]["backend"], has_gpu)
-        scans[name] = replace(scans[name], stereo=backend)
-        if row.is_photo_scan and not scans[name].photos:
-            raise StageError(
-                f"tree {name}: the folder holds no photo that can be read",
-                file=row.photos,
-                key="photos in trees.tsv",
-            )
-    return scans
-
-
-def assumed_scans(
-    n_scans: int, n_photos: int, size: tuple[int, int], has_gpu: bool
-) -> dict[str, ScanSize]:
-    """Return so many equal scans with the working directory's config, if there is one."""
-    config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
-    settings = resolve_config(load_schema(SCHEMA_FILE), config, source=CONFIG_FILE)
-    stereo = first_choice(settings["mvs"]["backend"], has_gpu)
-    scan = size_of_photos([size] * n_photos, settings, stereo=stereo)
-    return {f"scan{i + 1}": scan for i in range(n_scans)}
-
-
 def photo_size(text: str) -> tuple[int, int]:
     """Parse a size in pixels such as ``4000x3000``."""
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
-    if not match or "0" in match.groups():
+    match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
+    if not match:
         raise argparse.ArgumentTypeError(f"{text!r} is no size such as 4000x3000")
     return int(match[1]), int(match[2])
 

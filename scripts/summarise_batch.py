@@ -2,8 +2,7 @@
 
 Reads every tree's traits.json and measures.json below the results folder, and what else is asked
 for, the failures below the logs folder and what jobs took below the benchmarks folder; writes
-traits.csv, measures.csv, accuracy.csv and datapackage.json, by default beside it, and summary.html.
-Example:
+traits.csv, measures.csv, accuracy.csv and datapackage.json beside it, and summary.html. Example:
 
     python scripts/summarise_batch.py --trees cherry_1 cherry_2 --table results/traits.csv \\
         --page results/summary.html
@@ -21,9 +20,6 @@ def main(
     trees: Annotated[list[str], "ids of the trees"],
     table: Annotated[str, "CSV to write"],
     page: Annotated[str, "HTML to write"],
-    measures: Annotated[str | None, "CSV of hand measurements to write"] = None,
-    accuracy: Annotated[str | None, "CSV of how well they agree to write"] = None,
-    dictionary: Annotated[str | None, "JSON that says what the columns are to write"] = None,
     dates: Annotated[Sequence[str], "ISO date of each tree's scan"] = (),
     series: Annotated[Sequence[str], "series of each tree's scan"] = (),
     results: Annotated[str, "folder of the results"] = "results",
@@ -47,8 +43,7 @@ def main(
         }
         for tree, date, name, kinds in zip(trees, dates, series, asked, strict=True)
     ]
-    others = {"measures": measures, "accuracy": accuracy, "dictionary": dictionary}
-    summarise(rows, results, logs, table, page, benchmarks, **others)
+    summarise(rows, results, logs, table, page, benchmarks)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

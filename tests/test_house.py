@@ -224,7 +224,7 @@ def test_no_rule_file_defines_a_name_of_another(project):
 
 def test_what_a_rule_watches_beside_modules_is_there(project, scripts):
     rules = "".join(path.read_text() for path in (project / "workflow/rules").rglob("*.smk"))
-    watched = re.findall(r'code\(\s*"[\w/]+",((?:[^()]|\([^()]*\))*)\)', rules)
+    watched = re.findall(r'(?:code|stage_params)\(\s*"[\w/]+",((?:[^()]|\([^()]*\))*)\)', rules)
     names = [name for call in watched for name in re.findall(r'"([^"]+)"', call)]
     assert len(names) > 10
     for name in names:

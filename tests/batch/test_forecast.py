@@ -18,7 +18,7 @@ from cherrypicker.batch.forecast import (
     least_hours,
     read_corrections,
 )
-from cherrypicker.batch.resources import ScanSize, cpu_seconds, memory_mb, size_of_photos
+from cherrypicker.batch.resources import ScanSize, size_of_photos
 from cherrypicker.files import load_schema
 from cherrypicker.mvs.backends.table import first_choice
 
@@ -27,11 +27,12 @@ SCAN = size_of_photos([(4000, 3000)] * 250, SETTINGS)
 
 
 def test_stages_add_up_over_scans():
+    labelled = ScanSize(("clouds", "labelled"), points_m=1.0, most_points_m=1.0)
     cloud = ScanSize(points_m=1.0, most_points_m=1.0)
-    scans = {"a": SCAN, "b": SCAN, "c": replace(cloud, is_labelled=True), "d": cloud}
+    scans = {"a": SCAN, "b": SCAN, "c": labelled, "d": cloud}
     jobs = forecast_jobs(scans)
     depth = next(job for job in jobs if job.rule == "estimate_depth")
-    expected = cpu_seconds(SCAN.stages["estimate_depth"], SCAN)
+    expected = SCAN.cpu_s("estimate_depth")
     assert depth.cpu_s == pytest.approx(expected)
     assert depth.threads > 1  # of which each but the first does four fifths of a core's work
     busy = 1 + 0.8 * (depth.threads - 1)
@@ -61,7 +62,7 @@ def test_the_least_time_is_that_of_busy_cores_or_of_the_longest_tree():
     assert alone == pytest.approx(sum(job.cpu_s for job in jobs) / 3600)
     assert hours(4, 1) == pytest.approx(4 * alone)
     assert hours(4, 1000) == pytest.approx(hours(1, 1000))
-    more = cpu_seconds(SCAN.stages["estimate_depth"], SCAN) / 3600
+    more = SCAN.cpu_s("estimate_depth") / 3600
     assert hours(1, 1, {"estimate_depth": Correction(cpu=2.0)}) == pytest.approx(alone + more)
     assert hours(0, 1) == 0.0
 
@@ -82,8 +83,7 @@ def write_benchmark(folder, rule, tree, cpu_s, rss_mb):
 
 def test_own_benchmarks_correct_the_rates_when_there_are_enough(tmp_path):
     scans = {f"s{i}": SCAN for i in range(4)}
-    stage = SCAN.stages["estimate_depth"]
-    cpu_s, rss_mb = cpu_seconds(stage, SCAN), memory_mb(stage, SCAN)
+    cpu_s, rss_mb = SCAN.cpu_s("estimate_depth"), SCAN.memory_mb("estimate_depth")
     # the third resumed half-made work; the last tree is not in the table
     for name, factor in (("s0", 2.0), ("s1", 2.0), ("s2", 0.01), ("gone", 50.0)):
         write_benchmark(tmp_path, "estimate_depth", name, factor * cpu_s, 2.6 * rss_mb)
@@ -148,7 +148,7 @@ def test_the_command_plans_scans_that_are_not_taken_yet(tmp_path):
 def test_the_command_prints_its_formulas():
     printed = run_command("--formulas")
     (line,) = [line for line in printed.splitlines() if line.startswith("| estimate_depth ")]
-    assert "260 + stereo_mb" in line
+    assert "260 + 38 sources largest_dense_mp" in line
     assert "32 kept_mp" in line
     (line,) = [line for line in printed.splitlines() if line.startswith("| extract_features ")]
     assert "300 largest_feature_mp" in line

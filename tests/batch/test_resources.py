@@ -14,16 +14,13 @@ from cherrypicker.batch.resources import (
     ScanSize,
     count_pairs,
     count_points,
-    cpu_seconds,
-    disk_mb,
     mb_to_ask,
-    memory_mb,
     minutes_to_ask,
     size_of_cloud,
     size_of_photos,
     threads_to_ask,
 )
-from cherrypicker.batch.scans import size_of_photo_scan, sizes_of
+from cherrypicker.batch.scans import size_of_scan, sizes_of
 from cherrypicker.batch.trees import Tree
 from cherrypicker.files import load_schema
 from cherrypicker.pointcloud import write_cloud
@@ -115,11 +112,11 @@ def test_a_scan_that_needs_it_has_its_photos_prepared(tmp_path):
 
     def size(row=tree, **photos):
         settings = {**SETTINGS, "photos": {**SETTINGS["photos"], **photos}}
-        return size_of_photo_scan(row, settings)
+        return size_of_scan(row, settings)
 
     assert "prepare_photos" not in size().stages
     reduced = size(max_size_px=200)
-    assert next(iter(reduced.stages)) == "prepare_photos"
+    assert reduced.stages[0] == "prepare_photos"
     assert reduced.photo_mp == pytest.approx(0.25 * size().photo_mp)
     assert size(replace(tree, masks="own")).is_prepared
     (plain / "walk.mp4").touch()
@@ -130,7 +127,7 @@ def test_a_scan_that_needs_it_has_its_photos_prepared(tmp_path):
 def test_the_measured_peaks_lie_within_what_is_asked_for(key):
     size, n_photos, threads = key
     for rule, peak_mb in MEASURED_MB[key].items():
-        expected = memory_mb(PHOTO_STAGES[rule], scan(n_photos, size), threads)
+        expected = scan(n_photos, size).memory_mb(rule, threads)
         assert peak_mb < mb_to_ask(rule, scan(n_photos, size), threads) - 250, rule
         assert expected < 4 * peak_mb, rule
 
@@ -158,10 +155,9 @@ def test_photos_are_taken_as_enlarged_where_the_features_are_sought_so():
 
 def test_later_stages_pay_for_what_the_crop_leaves():
     photos = scan(250, (4000, 3000))
-    by_rule = {rule: disk_mb(PHOTO_STAGES[rule], photos) for rule in ("align_cloud", "crop_roi")}
-    assert by_rule["crop_roi"] == pytest.approx(0.85 * by_rule["align_cloud"])
-    ready = ScanSize(points_m=2.0, most_points_m=2.0)
-    assert disk_mb(ready.stages["segment_cloud"], ready) == pytest.approx(2 * 34)
+    assert photos.disk_mb("crop_roi") == pytest.approx(0.85 * photos.disk_mb("align_cloud"))
+    ready = ScanSize(cropped_m=2.0, most_cropped_m=2.0)
+    assert ready.disk_mb("segment_cloud") == pytest.approx(2 * 34)
 
 
 def test_more_and_larger_photos_ask_for_more_and_so_does_each_attempt():
@@ -186,11 +182,10 @@ def test_feature_extraction_pays_memory_for_every_thread():
 
 
 def test_a_gpu_takes_the_stereo_off_the_cpu():
-    on_cpu, on_gpu = scan(250), scan(250, stereo="cuda")
-    times = [cpu_seconds(one.stages["estimate_depth"], one) for one in (on_cpu, on_gpu)]
-    assert times[1] < 0.5 * times[0]
+    on_cpu, on_gpu = scan(250, with_cuda=False), scan(250, with_cuda=True)
+    assert on_gpu.cpu_s("estimate_depth") < 0.5 * on_cpu.cpu_s("estimate_depth")
     assert threads_to_ask("estimate_depth", on_gpu) <= 2
-    assert on_cpu.stages["fuse_depth"] == on_gpu.stages["fuse_depth"]
+    assert on_cpu.cost("fuse_depth") == on_gpu.cost("fuse_depth")
 
 
 def test_photos_that_are_missing_ask_for_the_least():
@@ -220,7 +215,7 @@ def test_points_of_a_cloud_come_from_its_header(tmp_path):
     write_cloud(tmp_path / "a.ply", small_tree(n_points=3000))
     n_points = len(small_tree(n_points=3000).points)
     assert count_points(tmp_path / "a.ply") == n_points
-    assert size_of_cloud(tmp_path / "a.ply").points_m == pytest.approx(n_points / 1e6)
+    assert size_of_cloud(tmp_path / "a.ply", SETTINGS).points_m == pytest.approx(n_points / 1e6)
     (tmp_path / "broken.ply").write_bytes(b"ply\nno header")
     (tmp_path / "empty.ply").write_bytes(b"")
     for name in ("broken.ply", "empty.ply", "missing.ply", "missing.xyz"):

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from stereo_scene import Surface, write_scene
 
-from cherrypicker.batch.resources import ScanSize, cpu_seconds
+from cherrypicker.batch.resources import ScanSize
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.choice import choose_backend, estimate_workspace
 from cherrypicker.mvs.backends.table import BACKENDS, Backend, first_choice
@@ -221,14 +221,14 @@ def test_a_new_backend_is_one_row_of_the_table(tmp_path, monkeypatch):
             workspace.write_maps(view, "geometric", depth.astype(np.float32), normals)
         return {view.name for view in workspace.views}
 
-    fake = Backend("Oracle", true_maps, "7 + 0 stereo_mp", "1", 3)
+    fake = Backend("Oracle", true_maps, "7 + 0 dense_mp", "1", 3)
     monkeypatch.setitem(BACKENDS, "oracle", fake)
     manifest = estimate_workspace(tmp_path, StereoOptions(n_sources=3), backend="oracle", threads=2)
     assert manifest["backend"] == "oracle"
     assert min(manifest["share_with_depth"].values()) == pytest.approx(1.0)
-    scan = ScanSize(is_photo_scan=True, stereo=first_choice("oracle"), dense_mp=100.0)
-    assert cpu_seconds(scan.stages["estimate_depth"], scan) == 7.0
-    assert scan.stages["estimate_depth"].max_threads == 3
+    scan = ScanSize(stereo=first_choice("oracle"), dense_mp=100.0)
+    assert scan.cpu_s("estimate_depth") == 7.0
+    assert scan.cost("estimate_depth").max_threads == 3
 
 
 def test_the_config_allows_every_backend(project):

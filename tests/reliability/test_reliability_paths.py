@@ -10,7 +10,7 @@ from reliability_scene import same_files, small_disk
 from sfm_scene import write_orbit
 from workspace import Workspace, small_tree
 
-from cherrypicker.batch.work_folder import check_writable
+from cherrypicker.command.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path, write_npz
 from cherrypicker.pointcloud import write_cloud

@@ -9,7 +9,7 @@ from reliability_scene import table_of, write_ply
 from workspace import small_tree
 
 from cherrypicker.accuracy.digitised import read_digitised
-from cherrypicker.batch.resources import size_of_cloud
+from cherrypicker.batch.resources import count_points
 from cherrypicker.batch.trees import Tree
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.formats.mtg import write_mtg
@@ -188,7 +188,7 @@ def imported(path):
 
 def size_at_the_start(path):
     """What Snakemake's own process reads of a ready cloud, which must not stop the batch."""
-    return size_of_cloud(path), Tree("a", cloud=str(path)).has_labelled_cloud()
+    return count_points(path), Tree("a", cloud=str(path)).has_labelled_cloud()
 
 
 READERS = [

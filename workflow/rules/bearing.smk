@@ -17,11 +17,9 @@ rule measure_bearing:
     conda:
         "../../envs/pointcloud.yaml"
     resources:
-        mem_mb=mb_for("measure_bearing"),
-        runtime=minutes_for("measure_bearing"),
+        **resources_for("measure_bearing"),
     params:
-        **options("measure_bearing"),
-        code=code("measure_bearing", "bearing/rates.yaml"),
+        **stage_params("measure_bearing", "bearing/rates.yaml"),
     message:
         "{wildcards.tree}: tell the bearing wood"
     script:

@@ -21,7 +21,7 @@ from cherrypicker.batch.run_lock import begin_start, end_start
 from cherrypicker.batch.scans import Scans
 from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of
 from cherrypicker.batch.watched_modules import digest_of_code
-from cherrypicker.batch.work_folder import check_writable
+from cherrypicker.command.work_folder import check_writable
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
 from cherrypicker.mvs.backends.table import BACKENDS
@@ -118,7 +118,7 @@ def of_tree(function):
 
 
 photos_of, photo_folder = of_tree(SCANS.photos), of_tree(SCANS.photo_folder)
-is_of_several = of_tree(BATCH.is_of_several)
+is_of_several = of_tree(lambda tree: BATCH.scan_of(tree) in BATCH.places)
 # One GPU where the tree's stereo needs CUDA
 stereo_gpus = of_tree(lambda tree: int(BACKENDS[SCANS.size(tree).stereo].needs_cuda))
 
@@ -138,11 +138,6 @@ def cfg(key):
     )
 
 
-def options(stage):
-    """Every config key that the schema says a stage reads, one param each."""
-    return {key.rpartition(".")[2]: cfg(key) for key in keys_of_stage(SCHEMA, stage)}
-
-
 def row(column):
     """The tree's cell in ``trees.tsv``, empty where there is none."""
     return lambda wildcards: getattr(BATCH.row(wildcards.tree), column)
@@ -160,19 +155,27 @@ def code(script, *files):
     return lambda wildcards: digest_of_code(SCRIPTS / f"{script}.py", LIBRARY, paths)
 
 
+def stage_params(script, *files):
+    """Every config key that the schema says a stage reads, and its code, one param each."""
+    keys = keys_of_stage(SCHEMA, script.rpartition("/")[2])
+    params = {key.rpartition(".")[2]: cfg(key) for key in keys}
+    return params | {"code": code(script, *files)}
+
+
 def threads_for(stage):
     """As many as the size of the scan is worth."""
     return lambda wildcards: threads_to_ask(stage, SCANS.size(wildcards.tree))
 
 
-def growing(ask):
-    """A function of a stage: what it asks for, more at each attempt."""
-    return lambda stage: lambda wildcards, threads, attempt: ask(
-        stage, SCANS.size(wildcards.tree), threads, attempt
-    )
+def resources_for(stage):
+    """The memory and the time that a stage asks for, more at each attempt."""
 
+    def of(ask):
+        return lambda wildcards, threads, attempt: ask(
+            stage, SCANS.size(wildcards.tree), threads, attempt
+        )
 
-mb_for, minutes_for = growing(mb_to_ask), growing(minutes_to_ask)
+    return {"mem_mb": of(mb_to_ask), "runtime": of(minutes_to_ask)}
 
 
 def more_at_each_attempt(mem_mb):

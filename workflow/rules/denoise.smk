@@ -20,11 +20,9 @@ rule denoise_cloud:
         "../../envs/pointcloud.yaml"
     threads: threads_for("denoise_cloud")
     resources:
-        mem_mb=mb_for("denoise_cloud"),
-        runtime=minutes_for("denoise_cloud"),
+        **resources_for("denoise_cloud"),
     params:
-        **options("denoise_cloud"),
-        code=code("denoise_cloud"),
+        **stage_params("denoise_cloud"),
     message:
         "{wildcards.tree}: remove outliers and sky silhouettes"
     script:

@@ -18,11 +18,9 @@ rule undistort_photos:
         "../../envs/photogrammetry.yaml"
     threads: threads_for("undistort_photos")
     resources:
-        mem_mb=mb_for("undistort_photos"),
-        runtime=minutes_for("undistort_photos"),
+        **resources_for("undistort_photos"),
     params:
-        **options("undistort_photos"),
-        code=code("undistort_photos"),
+        **stage_params("undistort_photos"),
     message:
         "{wildcards.tree}: undistort the photos"
     script:
@@ -46,8 +44,7 @@ rule gather_evidence:
         "../../envs/photogrammetry.yaml"
     threads: 1
     resources:
-        mem_mb=mb_for("gather_evidence"),
-        runtime=minutes_for("gather_evidence"),
+        **resources_for("gather_evidence"),
     params:
         code=code("gather_evidence"),
     message:
@@ -78,12 +75,10 @@ rule estimate_depth:
         "../../envs/photogrammetry.yaml"
     threads: threads_for("estimate_depth")
     resources:
-        mem_mb=mb_for("estimate_depth"),
-        runtime=minutes_for("estimate_depth"),
+        **resources_for("estimate_depth"),
         gpu=stereo_gpus,
     params:
-        **options("estimate_depth"),
-        code=code("estimate_depth"),
+        **stage_params("estimate_depth"),
         several=is_of_several,
     message:
         "{wildcards.tree}: estimate depth maps"
@@ -111,11 +106,9 @@ rule fuse_depth:
         "../../envs/photogrammetry.yaml"
     threads: threads_for("fuse_depth")
     resources:
-        mem_mb=mb_for("fuse_depth"),
-        runtime=minutes_for("fuse_depth"),
+        **resources_for("fuse_depth"),
     params:
-        **options("fuse_depth"),
-        code=code("fuse_depth"),
+        **stage_params("fuse_depth"),
         several=is_of_several,
     message:
         "{wildcards.tree}: fuse the depth maps"

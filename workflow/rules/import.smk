@@ -20,11 +20,9 @@ rule import_cloud:
         "../../envs/pointcloud.yaml"
     threads: threads_for("import_cloud")
     resources:
-        mem_mb=mb_for("import_cloud"),
-        runtime=minutes_for("import_cloud"),
+        **resources_for("import_cloud"),
     params:
-        **options("import_cloud"),
-        code=code("import_cloud"),
+        **stage_params("import_cloud"),
         cloud=row("cloud"),
         unit=row("cloud_unit"),
         up=row("cloud_up"),

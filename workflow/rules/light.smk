@@ -17,11 +17,9 @@ rule measure_light:
         "../../envs/pointcloud.yaml"
     threads: threads_for("measure_light")
     resources:
-        mem_mb=mb_for("measure_light"),
-        runtime=minutes_for("measure_light"),
+        **resources_for("measure_light"),
     params:
-        **options("measure_light"),
-        code=code("measure_light"),
+        **stage_params("measure_light"),
     message:
         "{wildcards.tree}: measure the light"
     script:

@@ -26,11 +26,9 @@ rule check_photos:
         "../../envs/photogrammetry.yaml"
     threads: threads_for("check_photos")
     resources:
-        mem_mb=mb_for("check_photos"),
-        runtime=minutes_for("check_photos"),
+        **resources_for("check_photos"),
     params:
-        **options("check_photos"),
-        code=code("check_photos"),
+        **stage_params("check_photos"),
     message:
         "{wildcards.tree}: let the photos judge the skeleton"
     script:

@@ -15,11 +15,9 @@ rule align_cloud:
         "../../envs/pointcloud.yaml"
     threads: threads_for("align_cloud")
     resources:
-        mem_mb=mb_for("align_cloud"),
-        runtime=minutes_for("align_cloud"),
+        **resources_for("align_cloud"),
     params:
-        **options("align_cloud"),
-        code=code("align_cloud"),
+        **stage_params("align_cloud"),
     message:
         "{wildcards.tree}: turn the cloud upright, the ground to z = 0"
     script:
@@ -41,11 +39,9 @@ rule crop_roi:
         "../../envs/pointcloud.yaml"
     threads: threads_for("crop_roi")
     resources:
-        mem_mb=mb_for("crop_roi"),
-        runtime=minutes_for("crop_roi"),
+        **resources_for("crop_roi"),
     params:
-        **options("crop_roi"),
-        code=code("crop_roi"),
+        **stage_params("crop_roi"),
         several=is_of_several,
     message:
         "{wildcards.tree}: crop to the region of interest"

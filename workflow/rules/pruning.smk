@@ -19,11 +19,9 @@ rule propose_pruning:
         "../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=mb_for("propose_pruning"),
-        runtime=minutes_for("propose_pruning"),
+        **resources_for("propose_pruning"),
     params:
-        **options("propose_pruning"),
-        code=code("propose_pruning", "pruning/presets.yaml"),
+        **stage_params("propose_pruning", "pruning/presets.yaml"),
     message:
         "{wildcards.tree}: propose the pruning"
     script:

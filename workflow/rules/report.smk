@@ -86,11 +86,9 @@ rule report_tree:
         "../../envs/report.yaml"
     threads: threads_for("report_tree")
     resources:
-        mem_mb=mb_for("report_tree"),
-        runtime=minutes_for("report_tree"),
+        **resources_for("report_tree"),
     params:
-        **options("report_tree"),
-        code=code(
+        **stage_params(
             "report_tree",
             "report/report.html.j2",
             "report/viewer.html.j2",

@@ -22,11 +22,9 @@ checkpoint find_trees:
         "../../envs/pointcloud.yaml"
     threads: threads_for("find_trees")
     resources:
-        mem_mb=mb_for("find_trees"),
-        runtime=minutes_for("find_trees"),
+        **resources_for("find_trees"),
     params:
-        **options("find_trees"),
-        code=code("find_trees"),
+        **stage_params("find_trees"),
         scan=row("tree"),
     message:
         "{wildcards.tree}: find the trees of the scan"
@@ -60,8 +58,7 @@ rule split_scan:
         "../../envs/pointcloud.yaml"
     threads: threads_for("split_scan")
     resources:
-        mem_mb=mb_for("split_scan"),
-        runtime=minutes_for("split_scan"),
+        **resources_for("split_scan"),
     params:
         code=code("split_scan"),
         tree=row("tree"),

@@ -21,11 +21,9 @@ rule estimate_scale:
         "../../envs/photogrammetry.yaml"
     threads: threads_for("estimate_scale")
     resources:
-        mem_mb=mb_for("estimate_scale"),
-        runtime=minutes_for("estimate_scale"),
+        **resources_for("estimate_scale"),
     params:
-        **options("estimate_scale"),
-        code=code("estimate_scale", "geometry/interval_factors.yaml"),
+        **stage_params("estimate_scale", "geometry/interval_factors.yaml"),
         cell=row("scale"),
         dictionary=row("marker_dictionary"),
         sides_m=row("marker_sides_m"),
@@ -53,11 +51,9 @@ rule scale_cloud:
         "../../envs/pointcloud.yaml"
     threads: threads_for("scale_cloud")
     resources:
-        mem_mb=mb_for("scale_cloud"),
-        runtime=minutes_for("scale_cloud"),
+        **resources_for("scale_cloud"),
     params:
-        **options("scale_cloud"),
-        code=code("scale_cloud"),
+        **stage_params("scale_cloud"),
     message:
         "{wildcards.tree}: scale the cloud"
     script:

@@ -22,11 +22,9 @@ rule segment_cloud:
         "../../envs/learning.yaml"
     threads: threads_for("segment_cloud")
     resources:
-        mem_mb=mb_for("segment_cloud"),
-        runtime=minutes_for("segment_cloud"),
+        **resources_for("segment_cloud"),
     params:
-        **options("segment_cloud"),
-        code=code("segment_cloud", PROJECT / "resources/weights/dgcnn.pt"),
+        **stage_params("segment_cloud", PROJECT / "resources/weights/dgcnn.pt"),
         is_row=is_of_several,
     message:
         "{wildcards.tree}: label the cloud and grow its limbs"
@@ -50,11 +48,9 @@ rule grow_limbs:
         "../../envs/pointcloud.yaml"
     threads: threads_for("grow_limbs")
     resources:
-        mem_mb=mb_for("grow_limbs"),
-        runtime=minutes_for("grow_limbs"),
+        **resources_for("grow_limbs"),
     params:
-        **options("grow_limbs"),
-        code=code("grow_limbs"),
+        **stage_params("grow_limbs"),
         is_row=is_of_several,
     message:
         "{wildcards.tree}: grow the limbs"

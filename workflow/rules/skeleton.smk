@@ -29,11 +29,9 @@ rule contract_cloud:
         "../../envs/pointcloud.yaml"
     threads: threads_for("contract_cloud")
     resources:
-        mem_mb=mb_for("contract_cloud"),
-        runtime=minutes_for("contract_cloud"),
+        **resources_for("contract_cloud"),
     params:
-        **options("contract_cloud"),
-        code=code("contract_cloud"),
+        **stage_params("contract_cloud"),
     message:
         "{wildcards.tree}: contract the target's wood to its skeleton points"
     script:
@@ -66,11 +64,9 @@ rule extract_graph:
         "../../envs/pointcloud.yaml"
     threads: threads_for("extract_graph")
     resources:
-        mem_mb=mb_for("extract_graph"),
-        runtime=minutes_for("extract_graph"),
+        **resources_for("extract_graph"),
     params:
-        **options("extract_graph"),
-        code=code("extract_graph"),
+        **stage_params("extract_graph"),
     message:
         "{wildcards.tree}: connect the skeleton and measure its radii"
     script:
@@ -110,8 +106,7 @@ rule edit_graph:
         "../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=mb_for("extract_graph"),
-        runtime=minutes_for("extract_graph"),
+        **resources_for("extract_graph"),
     params:
         code=code("edit_graph"),
     message:

@@ -17,11 +17,9 @@ rule segment_sky:
         "../../envs/learning.yaml"
     threads: threads_for("segment_sky")
     resources:
-        mem_mb=mb_for("segment_sky"),
-        runtime=minutes_for("segment_sky"),
+        **resources_for("segment_sky"),
     params:
-        **options("segment_sky"),
-        code=code("segment_sky", PROJECT / "resources/weights/sky_unet.npz"),
+        **stage_params("segment_sky", PROJECT / "resources/weights/sky_unet.npz"),
         problem=lambda wildcards, input: SCANS.problem(wildcards.tree),
         photo_folder=photo_folder,
     message:

@@ -18,11 +18,9 @@ rule prepare_photos:
         "../../envs/photogrammetry.yaml"
     threads: threads_for("prepare_photos")
     resources:
-        mem_mb=mb_for("prepare_photos"),
-        runtime=minutes_for("prepare_photos"),
+        **resources_for("prepare_photos"),
     params:
-        **options("prepare_photos"),
-        code=code("prepare_photos"),
+        **stage_params("prepare_photos"),
         problem=lambda wildcards, input: SCANS.problem(wildcards.tree),
         folder=row("photos"),
         masks=row("masks"),
@@ -47,11 +45,9 @@ rule extract_features:
         "../../envs/photogrammetry.yaml"
     threads: threads_for("extract_features")
     resources:
-        mem_mb=mb_for("extract_features"),
-        runtime=minutes_for("extract_features"),
+        **resources_for("extract_features"),
     params:
-        **options("extract_features"),
-        code=code("extract_features"),
+        **stage_params("extract_features"),
         problem=lambda wildcards, input: SCANS.problem(wildcards.tree),
         folder=photo_folder,
     message:
@@ -73,11 +69,9 @@ rule match_features:
         "../../envs/photogrammetry.yaml"
     threads: threads_for("match_features")
     resources:
-        mem_mb=mb_for("match_features"),
-        runtime=minutes_for("match_features"),
+        **resources_for("match_features"),
     params:
-        **options("match_features"),
-        code=code("match_features"),
+        **stage_params("match_features"),
     message:
         "{wildcards.tree}: match the photos"
     script:
@@ -106,11 +100,9 @@ rule reconstruct_sparse:
         "../../envs/photogrammetry.yaml"
     threads: threads_for("reconstruct_sparse")
     resources:
-        mem_mb=mb_for("reconstruct_sparse"),
-        runtime=minutes_for("reconstruct_sparse"),
+        **resources_for("reconstruct_sparse"),
     params:
-        **options("reconstruct_sparse"),
-        code=code("reconstruct_sparse"),
+        **stage_params("reconstruct_sparse"),
     message:
         "{wildcards.tree}: reconstruct the camera poses"
     script:

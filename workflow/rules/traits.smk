@@ -27,11 +27,9 @@ rule measure_traits:
         "../../envs/pointcloud.yaml"
     threads: threads_for("measure_traits")
     resources:
-        mem_mb=mb_for("measure_traits"),
-        runtime=minutes_for("measure_traits"),
+        **resources_for("measure_traits"),
     params:
-        **options("measure_traits"),
-        code=code("measure_traits", "geometry/interval_factors.yaml"),
+        **stage_params("measure_traits", "geometry/interval_factors.yaml"),
     message:
         "{wildcards.tree}: measure the traits"
     script:

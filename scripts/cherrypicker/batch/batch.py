@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cherrypicker.accuracy.measures import Measure, read_measures
@@ -14,7 +14,7 @@ from cherrypicker.batch.config import (
     read_config_file,
     resolve_config,
 )
-from cherrypicker.batch.rows import ALL, found_time, names_found, scans_of_several, split_name
+from cherrypicker.batch.rows import ALL, names_found, scans_of_several, split_name
 from cherrypicker.batch.trees import Tree, read_trees, series_of
 from cherrypicker.runner import status_folder
 
@@ -29,18 +29,14 @@ class Batch:
     settings_of: dict[str, dict]
     measures: list[Measure]  # taken by hand, of whichever trees
     # Scans of several trees: the places that are asked for, or "all"
-    places: dict[str, str | list] = field(default_factory=dict)
+    places: dict[str, str | list]
     # What is to be said of the config: old keys, and keys that nothing reads
-    notes: list[str] = field(default_factory=list)
+    notes: list[str]
 
     def scan_of(self, tree: str) -> str:
         """Return the row of the table that a tree is from; most trees are one themselves."""
         whose = split_name(tree, self.places)
         return whose[0] if whose else tree
-
-    def is_of_several(self, tree: str) -> bool:
-        """Whether a scan is of several trees, whichever of them or itself is asked for."""
-        return self.scan_of(tree) in self.places
 
     def has(self, tree: str) -> bool:
         """Whether a name can be one of a tree with results: a scan of several has none itself."""
@@ -140,11 +136,13 @@ class Batch:
         rows: list[Tree] = []
         for scan, row in self.trees.items():
             names = self.names(scan)
-            found_at = found_time(scan)  # what failed before is of the scan as a single tree
-            records = status_folder(scan).glob("*.json")
-            has_failed = any(record.stat().st_mtime >= found_at for record in records)
-            if scan in self.places and (has_failed or not names):
-                rows.append(row)
+            if scan in self.places:
+                # What failed before its trees were found is of the scan as a single tree
+                found = Path("results", scan, "trees.json")
+                since = found.stat().st_mtime if found.is_file() else 0.0
+                records = status_folder(scan).glob("*.json")
+                if not names or any(record.stat().st_mtime >= since for record in records):
+                    rows.append(row)
             rows += map(self.row, names)
         return rows
 

@@ -83,8 +83,8 @@ def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None)
     StageError
         For an unknown key (naming the nearest valid one) or a value out of bounds.
     """
-    merged, _ = _merged(layers)
-    resolved = _fill(schema, merged, _method(merged))
+    merged, method, _ = _merged(layers)
+    resolved = _fill(schema, merged, method)
     refusal = first_refusal(schema, resolved)
     if refusal:
         key, reason = refusal
@@ -125,8 +125,7 @@ def config_notes(schema: Mapping, *layers: Mapping) -> list[str]:
     A key is read while every key that its schema's ``needs`` names has one of the values there. The
     layers are those of a valid config.
     """
-    merged, notes = _merged(layers)
-    method = _method(merged)
+    merged, method, notes = _merged(layers)
     resolved, unset = _fill(schema, merged, method), _fill(schema, {}, method)
     for section, keys in merged.items():
         for name in keys if isinstance(keys, Mapping) else ():
@@ -144,17 +143,16 @@ def config_notes(schema: Mapping, *layers: Mapping) -> list[str]:
     return notes
 
 
-def _merged(layers: Sequence[Mapping]) -> tuple[dict, list[str]]:
-    """The layers as one, with old keys renamed, and what is to be said of those."""
+def _merged(layers: Sequence[Mapping]) -> tuple[dict, str, list[str]]:
+    """The layers as one, with old keys renamed, and what is to be said of those.
+
+    Between them the schema's keyword that holds the method's defaults.
+    """
     merged: dict = {}
     for layer in layers:
         _merge(merged, layer)
-    return merged, take_old_keys(merged)
-
-
-def _method(merged: Mapping) -> str:
-    """Name of the schema's keyword that holds the defaults."""
-    return "paper" if merged.get("method") == "paper" else "default"
+    method = "paper" if merged.get("method") == "paper" else "default"
+    return merged, method, take_old_keys(merged)
 
 
 def lookup(config: Mapping, key: str) -> Any:

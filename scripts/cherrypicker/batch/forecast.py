@@ -12,11 +12,7 @@ from cherrypicker.batch.resources import (
     MEMORY_MARGIN,
     STAGES,
     ScanSize,
-    cost_of,
-    cpu_seconds,
-    disk_mb,
     mb_to_ask,
-    memory_mb,
     speedup,
     threads_to_ask,
 )
@@ -72,11 +68,11 @@ def forecast_jobs(
     """
     jobs = []
     for name, scan in scans.items():
-        for rule, stage in scan.stages.items():
+        for rule in scan.stages:
             fix = (corrections or {}).get(rule, Correction())
-            threads = min(threads_to_ask(rule, scan), cores or stage.max_threads)
+            threads = min(threads_to_ask(rule, scan), cores or scan.cost(rule).max_threads)
             memory_gb = fix.memory * mb_to_ask(rule, scan, threads) / 1000.0
-            cpu_s, disk_gb = fix.cpu * cpu_seconds(stage, scan), disk_mb(stage, scan) / 1000.0
+            cpu_s, disk_gb = fix.cpu * scan.cpu_s(rule), scan.disk_mb(rule) / 1000.0
             jobs.append(Job(name, rule, threads, cpu_s, memory_gb, disk_gb, fix.n_benchmarks))
     return jobs
 
@@ -110,11 +106,11 @@ def read_corrections(
     for rule, jobs in read_benchmarks(benchmarks, scans.keys()).items():
         cpu, memory = [], [MEMORY_MARGIN]
         for name, job in jobs.items():
-            stage = scans[name].stages.get(rule)
-            if stage is not None:
-                expected_s = max(cpu_seconds(stage, scans[name]), _LEAST_CPU_S)
+            scan = scans[name]
+            if rule in scan.stages:
+                expected_s = max(scan.cpu_s(rule), _LEAST_CPU_S)
                 cpu.append(max(job.cpu_s, _LEAST_CPU_S) / expected_s)
-                memory.append(job.memory_mb / memory_mb(stage, scans[name]))
+                memory.append(job.memory_mb / scan.memory_mb(rule))
         if len(cpu) >= ENOUGH_BENCHMARKS:
             factor = max(memory) / MEMORY_MARGIN
             corrections[rule] = Correction(statistics.median(cpu), factor, len(cpu))
@@ -157,7 +153,7 @@ def formula_table() -> str:
         "|---|---|---|---|---|---|",
     ]
     for rule in STAGES:
-        stage = cost_of(rule)
+        stage = ScanSize().cost(rule)
         cells = " | ".join((stage.cpu_s, stage.memory_mb, stage.thread_memory_mb, stage.disk_mb))
         lines.append(f"| {rule} | {cells} | {stage.max_threads} |")
     return "\n".join(lines)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping
-
-__all__ = ["take_old_keys"]
+from collections.abc import MutableMapping, Sequence
 
 _MOVED = (  # from `contract` to `skeleton`, names kept
     *("weights", "initial_contraction", "initial_attraction", "attraction_rule", "amplification"),
@@ -20,9 +18,8 @@ def take_old_keys(config: MutableMapping) -> list[str]:
     limbs, `mst`, `paper` and `contract.method: lbc` alone are the contraction. A new key that is
     there wins.
     """
-    keys = ("contract.preset", "contract.method", "graph.method")
-    old = {key: value for key in keys for value in _taken(config, key)}
-    moved = {name: value for name in _MOVED for value in _taken(config, f"contract.{name}")}
+    old = _taken(config, "contract", ("preset", "method")) | _taken(config, "graph", ("method",))
+    moved = _taken(config, "contract", _MOVED)
     if not (old or moved):
         return []
     skeleton = config["skeleton"] = dict(config.get("skeleton") or {})
@@ -36,15 +33,16 @@ def take_old_keys(config: MutableMapping) -> list[str]:
             contraction = old.get("contract.method", "slbc")
             skeleton["method"] = contraction if wanted in ("mst", "paper") else "limbs"
             lines.append(f"{said} is now skeleton.method: {skeleton['method']}")
-    for name, value in moved.items():
+    for key, value in moved.items():
         if value is not None:  # null was the method's own constant
-            lines.append(f"contract.{name} is now skeleton.{name}")
+            name = key.removeprefix("contract.")
+            lines.append(f"{key} is now skeleton.{name}")
             skeleton.setdefault(name, value)
     return [f"{line}; the old key goes with the next release" for line in lines]
 
 
-def _taken(config: MutableMapping, key: str) -> list:
-    """The value of a dotted key, which is taken out, in a list; an empty one where it is not."""
-    section, name = key.split(".")
-    place = config.get(section)
-    return [place.pop(name)] if isinstance(place, MutableMapping) and name in place else []
+def _taken(config: MutableMapping, section: str, names: Sequence[str]) -> dict:
+    """The values of those keys of a section that are there, which are taken out, by dotted key."""
+    there = config.get(section)
+    place = there if isinstance(there, MutableMapping) else {}
+    return {f"{section}.{name}": place.pop(name) for name in names if name in place}

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cherrypicker.files import load_schema
-from cherrypicker.mvs.backends.table import BACKENDS
+from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.ply import PlyError, read_ply_header
 
 # Snakemake itself and the job's shell run beside the stage and count towards its memory
@@ -38,12 +38,6 @@ MOST_POINTS_PER_PIXEL = 0.20
 # How many of them the crop leaves: 0.8 to 0.9; of a cloud with all of its points half at most
 CROPPED_SHARE = 0.85
 MOST_CROPPED_SHARE = 0.5
-_BYTES_PER_TEXT_POINT = 30.0  # three coordinates with their blanks (guess)
-# Sources of a depth map that the stereo's rate holds for
-SOURCES_OF_RATE = 6.0
-# Bytes a pixel of the largest map, as mvs/backends/ and mvs/fusion.py state for what they hold at a
-# time: of the stereo for each source and for the photo itself, of the fusion for each map
-STEREO_SOURCE_BYTES, STEREO_PHOTO_BYTES, FUSION_MAP_BYTES = 38.0, 80.0, 16.0
 
 
 @dataclass(frozen=True)
@@ -58,30 +52,21 @@ class StageCost:
     max_threads: int = 1
 
 
+# Keys that ask for a stage which not every tree gets, by the kind of scan that this makes
+_ASKED_BY = {"light": "enabled", "bearing": "enabled", "pruning": "preset"}
+_PREPARED = "prepared photos"
+
 STAGES = {
     rule: StageCost(**cells)
     for rule, cells in load_schema(Path(__file__).with_name("stage_costs.yaml")).items()
 }
 
 
-def cost_of(rule: str, stereo: str = "cpu") -> StageCost:
-    """Return what a stage costs, the stereo with a backend."""
-    if rule != "estimate_depth":
-        return STAGES[rule]
-    own = BACKENDS[stereo]
-    return replace(
-        STAGES[rule], cpu_s=own.cpu_s, memory_mb=own.memory_mb, max_threads=own.max_threads
-    )
-
-
 @dataclass(frozen=True)
 class ScanSize:
-    """How large a scan is, as far as its cost goes."""
+    """How large a scan is, as far as its cost goes: what the formulas of the costs name."""
 
-    is_photo_scan: bool = False
-    is_labelled: bool = False  # whether it is a ready cloud that came with labels
-    is_prepared: bool = False  # whether stages read prepared photos
-    asked: tuple[str, ...] = ()  # what the config asks for besides, by `asked_for`
+    kinds: tuple[str, ...] = ("clouds", "unlabelled")  # of scans, as `StageCost.of` has them
     stereo: str = "cpu"  # the backend of its depth maps
     photos: int = 0
     pairs: int = 0  # of photos to match
@@ -91,58 +76,65 @@ class ScanSize:
     sift_mp: float = 0.0
     dense_mp: float = 0.0
     kept_mp: float = 0.0
-    # Of the largest photo: as it is, and as features are sought
+    # Of the largest photo: as it is, as features are sought, and as depth is estimated
     largest_photo_mp: float = 0.0
     largest_feature_mp: float = 0.0
-    stereo_mp: float = 0.0  # as `dense_mp`, if each depth map had as many sources as the rate's
-    # What the stereo holds at a time, and the fusion
-    stereo_mb: float = 0.0
-    fusion_mb: float = 0.0
-    # Millions of points to expect in the cloud, and as many as memory must suffice for
+    largest_dense_mp: float = 0.0
+    # Other photos that a depth map is made from, and those that it is checked against
+    sources: int = 0
+    checked: int = 0
+    # Millions of points to expect in the cloud and after the crop; as many as memory must suffice
+    # for, which is what memory is counted from
     points_m: float = 0.0
     most_points_m: float = 0.0
+    cropped_m: float = 0.0
+    most_cropped_m: float = 0.0
 
     @property
-    def stages(self) -> Mapping[str, StageCost]:
-        """The stages that a scan like this goes through."""
-        kinds = ["", "photos" if self.is_photo_scan else "clouds"]
-        kinds += ["labelled" if self.is_labelled else "unlabelled"]
-        kinds += ["prepared photos"] if self.is_prepared else []
-        kinds += self.asked
-        return {rule: cost_of(rule, self.stereo) for rule in STAGES if STAGES[rule].of in kinds}
+    def is_prepared(self) -> bool:
+        """Whether stages read prepared photos."""
+        return _PREPARED in self.kinds
 
-    def value_of(self, formula: str, *, at_most: bool = False) -> float:
-        """Return the value of a formula, with the points to expect or as many as there may be."""
-        points_m = self.most_points_m if at_most else self.points_m
-        cropped = MOST_CROPPED_SHARE if at_most else CROPPED_SHARE
-        quantities = vars(self) | {
-            "photos_squared": self.photos**2,
-            "points_m": points_m,
-            "cropped_m": points_m * (cropped if self.is_photo_scan else 1.0),
-        }
-        total = 0.0
-        for term in filter(None, formula.split(" + ")):
-            *factor, last = term.split()
-            value = quantities[last] if last.isidentifier() else float(last)
-            total += value * (float(factor[0]) if factor else 1.0)
-        return total
+    @property
+    def stages(self) -> list[str]:
+        """The stages that a scan like this goes through, in their order."""
+        return [rule for rule, stage in STAGES.items() if stage.of in ("", *self.kinds)]
+
+    def cost(self, rule: str) -> StageCost:
+        """Return what a stage costs, the stereo with the scan's backend."""
+        if rule != "estimate_depth":
+            return STAGES[rule]
+        own = BACKENDS[self.stereo]
+        return replace(
+            STAGES[rule], cpu_s=own.cpu_s, memory_mb=own.memory_mb, max_threads=own.max_threads
+        )
+
+    def cpu_s(self, rule: str) -> float:
+        """Return the CPU time to expect of a stage, seconds."""
+        return _value(self.cost(rule).cpu_s, vars(self))
+
+    def memory_mb(self, rule: str, threads: int = 1) -> float:
+        """Return the peak resident memory to expect of a stage, MB, without any margin."""
+        most = {"points_m": self.most_points_m, "cropped_m": self.most_cropped_m}
+        stage, known = self.cost(rule), vars(self) | most
+        return _value(stage.memory_mb, known) + threads * _value(stage.thread_memory_mb, known)
+
+    def disk_mb(self, rule: str) -> float:
+        """Return what a stage leaves on disk, MB."""
+        return _value(self.cost(rule).disk_mb, vars(self))
 
 
-def asked_for(settings: Mapping) -> tuple[str, ...]:
-    """What a tree's whole config asks for that not every tree gets."""
-    is_asked = {
-        "light": settings["light"]["enabled"],
-        "bearing": settings["bearing"]["enabled"],
-        "pruning": settings["pruning"]["preset"],
-    }
-    return tuple(kind for kind, value in is_asked.items() if value)
+def _value(formula: str, known: Mapping[str, float]) -> float:
+    """The value of a sum of products of numbers and known names; 0 of an empty one."""
+    terms = [term.split() for term in formula.split(" + ")] if formula else []
+    return sum(math.prod(known[at] if at in known else float(at) for at in term) for term in terms)
 
 
 def size_of_photos(
     sizes: Sequence[tuple[int, int]],
     settings: Mapping,
     *,
-    stereo: str = "cpu",
+    with_cuda: bool | None = None,
     is_prepared: bool = False,
 ) -> ScanSize:
     """Return the size of a scan from photos.
@@ -154,24 +146,22 @@ def size_of_photos(
     settings : mapping
         The tree's whole config; the sections ``photos``, ``sfm``, ``mvs``, ``light``,
         ``bearing``, ``pruning`` and ``keep`` are read.
-    stereo : str, default "cpu"
-        The backend of the depth maps.
+    with_cuda : bool, optional
+        Whether there is CUDA for the depth maps; left out, what is installed tells.
     is_prepared : bool, default False
         Whether stages read prepared photos.
     """
     sfm, mvs = settings["sfm"], settings["mvs"]
-    limit_px, sfm_px = settings["photos"]["max_size_px"], sfm["max_image_size_px"]
+    limit_px = settings["photos"]["max_size_px"] or math.inf  # 0: as it is
     as_is = _megapixels(sizes, limit_px)
-    features = _megapixels(sizes, min(sfm_px or limit_px, limit_px or sfm_px))
+    features = _megapixels(sizes, min(sfm["max_image_size_px"] or math.inf, limit_px))
     dense = _megapixels(sizes, mvs["max_image_size_px"])
-    dense_mp, largest_dense_mp = sum(dense), max(dense, default=0.0)
-    most_sources = max(len(sizes) - 1, 1)
-    sources, checked = min(mvs["n_sources"], most_sources), min(mvs["n_check"], most_sources)
+    dense_mp, n_others = sum(dense), max(len(sizes) - 1, 1)
+    points_m, most_points_m = POINTS_PER_PIXEL * dense_mp, MOST_POINTS_PER_PIXEL * dense_mp
+    kinds = ["photos", "unlabelled", *asked_for(settings)] + [_PREPARED] * is_prepared
     return ScanSize(
-        is_photo_scan=True,
-        is_prepared=is_prepared,
-        asked=asked_for(settings),
-        stereo=stereo,
+        kinds=tuple(kinds),
+        stereo=first_choice(mvs["backend"], with_cuda),
         photos=len(sizes),
         pairs=count_pairs(len(sizes), sfm),
         photo_mp=sum(as_is),
@@ -180,37 +170,44 @@ def size_of_photos(
         kept_mp=dense_mp if settings["keep"]["dense"] else 0.0,
         largest_photo_mp=max(as_is, default=0.0),
         largest_feature_mp=max(features, default=0.0),
-        stereo_mp=dense_mp * sources / SOURCES_OF_RATE,
-        stereo_mb=(STEREO_SOURCE_BYTES * sources + STEREO_PHOTO_BYTES) * largest_dense_mp,
-        fusion_mb=FUSION_MAP_BYTES * (checked + 1) * largest_dense_mp,
-        points_m=POINTS_PER_PIXEL * dense_mp,
-        most_points_m=MOST_POINTS_PER_PIXEL * dense_mp,
+        largest_dense_mp=max(dense, default=0.0),
+        sources=min(mvs["n_sources"], n_others),
+        checked=min(mvs["n_check"], n_others),
+        points_m=points_m,
+        most_points_m=most_points_m,
+        cropped_m=CROPPED_SHARE * points_m,
+        most_cropped_m=MOST_CROPPED_SHARE * most_points_m,
     )
 
 
 def size_of_cloud(
-    path: str | os.PathLike,
-    *,
-    is_labelled: bool = False,
-    asked: tuple[str, ...] = (),
+    path: str | os.PathLike, settings: Mapping, *, is_labelled: bool = False
 ) -> ScanSize:
     """Return the size of a ready cloud; of an unreadable one as if it were empty.
 
     That such a file is refused is the import's work.
     """
     points_m = count_points(path) / 1e6
+    kinds = ("clouds", "labelled" if is_labelled else "unlabelled", *asked_for(settings))
     return ScanSize(
-        is_labelled=is_labelled,
-        asked=asked,
+        kinds,
         points_m=points_m,
         most_points_m=points_m,
+        cropped_m=points_m,
+        most_cropped_m=points_m,
     )
+
+
+def asked_for(settings: Mapping) -> list[str]:
+    """Return what a tree's whole config asks for that not every tree gets."""
+    return [kind for kind, key in _ASKED_BY.items() if settings[kind][key]]
 
 
 def count_points(path: str | os.PathLike) -> int:
     """Return the number of points of a PLY or LAS/LAZ file from its header.
 
-    Text files are estimated from their length; a missing or broken file has none.
+    Text files are estimated from their length and their first lines; a missing or broken file has
+    none.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -220,7 +217,9 @@ def count_points(path: str | os.PathLike) -> int:
             return max(0, sum(one.count for one in elements if one.name == "vertex"))
         if suffix in (".las", ".laz"):
             return _las_points(path)
-        return int(path.stat().st_size / _BYTES_PER_TEXT_POINT)
+        with open(path, "rb") as stream:
+            head = stream.read(4096)
+        return path.stat().st_size * head.count(b"\n") // max(len(head), 1)
     except (OSError, PlyError, struct.error):
         return 0
 
@@ -256,38 +255,21 @@ def count_pairs(n_photos: int, sfm: Mapping) -> int:
     return min(all_pairs, n_photos * per_photo)
 
 
-def cpu_seconds(stage: StageCost, scan: ScanSize) -> float:
-    """Return the CPU time to expect of a stage, seconds."""
-    return scan.value_of(stage.cpu_s)
-
-
-def memory_mb(stage: StageCost, scan: ScanSize, threads: int = 1) -> float:
-    """Return the peak resident memory to expect of a stage, MB, without any margin."""
-    of_threads = threads * scan.value_of(stage.thread_memory_mb, at_most=True)
-    return scan.value_of(stage.memory_mb, at_most=True) + of_threads
-
-
-def disk_mb(stage: StageCost, scan: ScanSize) -> float:
-    """Return what a stage leaves on disk, MB."""
-    return scan.value_of(stage.disk_mb)
-
-
 def threads_to_ask(rule: str, scan: ScanSize) -> int:
     """Return how many threads are worth asking for: two minutes of work each, up to the bound."""
-    stage = cost_of(rule, scan.stereo)
-    wanted = math.ceil(cpu_seconds(stage, scan) / CPU_S_PER_THREAD)
-    return max(1, min(stage.max_threads, wanted))
+    wanted = math.ceil(scan.cpu_s(rule) / CPU_S_PER_THREAD)
+    return max(1, min(scan.cost(rule).max_threads, wanted))
 
 
 def mb_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the memory to ask for, MB: formula and margin, times the attempt."""
-    peak = memory_mb(cost_of(rule, scan.stereo), scan, threads)
+    peak = scan.memory_mb(rule, threads)
     return _round_up(attempt * (SNAKEMAKE_MB + MEMORY_MARGIN * peak), 100)
 
 
 def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the running time to ask for, minutes: formula and margin, times the attempt."""
-    busy_s = cpu_seconds(cost_of(rule, scan.stereo), scan) / speedup(threads)
+    busy_s = scan.cpu_s(rule) / speedup(threads)
     return _round_up(attempt * (START_MINUTES + TIME_MARGIN * busy_s / 60.0), 5)
 
 
@@ -296,14 +278,12 @@ def speedup(threads: int) -> float:
     return 1.0 + THREAD_EFFICIENCY * (max(threads, 1) - 1)
 
 
-def _megapixels(sizes: Sequence[tuple[int, int]], limit_px: int) -> list[float]:
-    """Megapixels of each photo once its longer side is at most ``limit_px`` (0: as it is)."""
-    megapixels = []
-    for width, height in sizes:
-        longer = max(width, height)
-        shrink = min(1.0, limit_px / longer) if limit_px and longer else 1.0
-        megapixels.append(width * height * shrink**2 / 1e6)
-    return megapixels
+def _megapixels(sizes: Sequence[tuple[int, int]], limit_px: float) -> list[float]:
+    """Megapixels of each photo once its longer side is at most ``limit_px``."""
+    return [
+        width * height * min(1.0, limit_px / max(width, height, 1)) ** 2 / 1e6
+        for width, height in sizes
+    ]
 
 
 def _round_up(value: float, step: int) -> int:

@@ -96,9 +96,3 @@ def names_found(scan: str, results: str = "results") -> list[str]:
             *(scan, path, getattr(error, "cause", error)),
         )
         return []
-
-
-def found_time(scan: str) -> float:
-    """Return when the trees of a scan were found, seconds; 0 where nobody has looked yet."""
-    path = Path("results", scan, "trees.json")
-    return path.stat().st_mtime if path.is_file() else 0.0

@@ -8,14 +8,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch
-from cherrypicker.batch.resources import ScanSize, asked_for, size_of_cloud, size_of_photos
+from cherrypicker.batch.resources import ScanSize, size_of_cloud, size_of_photos
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
-from cherrypicker.intake.kinds import are_plain, captures_in
+from cherrypicker.intake.kinds import PHOTOS_COLUMN, are_plain, captures_in
 from cherrypicker.intake.masks import masks_in
 from cherrypicker.intake.prepare import is_too_large, size_of_capture
 from cherrypicker.markers.references import check_scale
-from cherrypicker.mvs.backends.table import first_choice
 
 # Photos that a second of film gives: a slow walk round a tree takes 40 s and gives 40 (guess)
 FRAMES_PER_S = 1.0
@@ -34,17 +33,26 @@ def sizes_of(captures: Iterable[Path]) -> list[tuple[int, int]]:
     return found
 
 
-def size_of_photo_scan(tree: Tree, settings: Mapping) -> ScanSize:
-    """Return how large a scan from photos is; empty where no photo can be read."""
-    captures = captures_in(tree.photos)
+def size_of_scan(row: Tree, settings: Mapping, with_cuda: bool | None = None) -> ScanSize:
+    """Return how large a scan is; empty where no photo can be read.
+
+    Parameters
+    ----------
+    settings : mapping
+        The tree's whole config.
+    with_cuda : bool, optional
+        As for :func:`cherrypicker.batch.resources.size_of_photos`.
+    """
+    if not row.is_photo_scan:
+        return size_of_cloud(row.cloud, settings, is_labelled=row.has_labelled_cloud())
+    captures = captures_in(row.photos)
     sizes, limit = sizes_of(captures), settings["photos"]["max_size_px"]
     is_prepared = (
-        bool(tree.masks)
+        bool(row.masks)
         or not are_plain(captures)
         or any(is_too_large(size, limit) for size in sizes)
     )
-    stereo = first_choice(settings["mvs"]["backend"])
-    return size_of_photos(sizes, settings, stereo=stereo, is_prepared=is_prepared)
+    return size_of_photos(sizes, settings, with_cuda=with_cuda, is_prepared=is_prepared)
 
 
 class Scans:
@@ -53,24 +61,16 @@ class Scans:
     Files that are missing are left out, for the first stage to report.
     """
 
-    def __init__(self, batch: Batch) -> None:
-        self._batch = batch
+    def __init__(self, batch: Batch, with_cuda: bool | None = None) -> None:
+        self._batch, self._with_cuda = batch, with_cuda
         self._known: dict[str, ScanSize] = {}
 
     def size(self, tree: str) -> ScanSize:
-        """Return how large the scan is that a tree is from; empty where no photo can be read."""
+        """Return how large the scan is that a tree is from."""
         scan = self._batch.scan_of(tree)
         if scan not in self._known:
             row, settings = self._batch.trees[scan], self._batch.settings_of[scan]
-            self._known[scan] = (
-                size_of_photo_scan(row, settings)
-                if row.is_photo_scan
-                else size_of_cloud(
-                    row.cloud,
-                    is_labelled=row.has_labelled_cloud(),
-                    asked=asked_for(settings),
-                )
-            )
+            self._known[scan] = size_of_scan(row, settings, self._with_cuda)
         return self._known[scan]
 
     def sizes(self) -> dict[str, ScanSize]:
@@ -79,7 +79,7 @@ class Scans:
 
     def captures(self, tree: str) -> list[str]:
         """Return what lies in the folder of photos."""
-        return list(filter(is_plain, map(str, captures_in(self._batch.row(tree).photos))))
+        return _plain(captures_in(self._batch.row(tree).photos))
 
     def photo_folder(self, tree: str) -> str:
         """Return the folder of the photos that stages read: a user's, or that of prepared ones."""
@@ -95,12 +95,12 @@ class Scans:
 
     def masks(self, tree: str) -> list[str]:
         """Return a tree's own masks."""
-        return list(filter(is_plain, map(str, masks_in(self._batch.row(tree).masks or "-"))))
+        return _plain(masks_in(self._batch.row(tree).masks or "-"))
 
     def cloud(self, tree: str) -> list[str]:
         """Return the ready cloud."""
-        path = self._batch.row(tree).cloud
-        return [path] if Path(path).is_file() and is_plain(path) else []
+        path = Path(self._batch.row(tree).cloud)
+        return _plain([path]) if path.is_file() else []
 
     def problem(self, tree: str) -> dict:
         """Return what is wrong with a scan from photos, for its first stages to refuse it.
@@ -111,10 +111,11 @@ class Scans:
             Arguments of :class:`StageError`; {} if nothing is wrong.
         """
         row, scale = self._batch.row(tree), self._batch.settings_for(tree)["scale"]
-        for path in map(str, captures_in(row.photos)):
-            if not is_plain(path):
-                cause = "Snakemake cannot take a path with {name} or <name> in it; rename the photo"
-                return {"cause": cause, "file": path, "key": "photos in trees.tsv"}
+        captures = captures_in(row.photos)
+        odd = sorted({*map(str, captures)} - {*_plain(captures)})
+        if odd:
+            cause = "Snakemake cannot take a path with {name} or <name> in it; rename the photo"
+            return {"cause": cause, "file": odd[0], "key": PHOTOS_COLUMN}
         columns = row.marker_dictionary, row.marker_sides_m
         try:
             check_scale(row.scale, scale["mode"], *columns, scale["references"])
@@ -125,9 +126,10 @@ class Scans:
         return {}
 
 
-def is_plain(path: str) -> bool:
-    """Whether Snakemake takes a path as it is: it fills in {name} and <name>, with no way out."""
+def _plain(paths: Iterable[Path]) -> list[str]:
+    """Those that Snakemake takes as they are: it fills in {name} and <name>, with no way out."""
     from snakemake.io import contains_wildcard
     from snakemake.pathvars import PATHVAR_REGEX
 
-    return not (contains_wildcard(path) or re.search(PATHVAR_REGEX, path))
+    texts = map(str, paths)
+    return [one for one in texts if not (contains_wildcard(one) or re.search(PATHVAR_REGEX, one))]

@@ -40,10 +40,6 @@ def summarise(
     out_csv: str | os.PathLike,
     out_html: str | os.PathLike,
     benchmarks_dir: str | os.PathLike = "benchmarks",
-    *,
-    measures: str | os.PathLike | None = None,
-    accuracy: str | os.PathLike | None = None,
-    dictionary: str | os.PathLike | None = None,
 ) -> None:
     """Write the tables and the page over all trees of the batch.
 
@@ -56,10 +52,9 @@ def summarise(
     results_dir, logs_dir, benchmarks_dir : path-like
         ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
-        Table of traits and page to write.
-    measures, accuracy, dictionary : path-like, optional
-        Tables of hand measurements, and what says what the columns of all three are; by default
-        ``measures.csv``, ``accuracy.csv`` and ``datapackage.json`` beside the table of traits.
+        Table of traits and page to write. Beside the table come ``measures.csv`` and
+        ``accuracy.csv``, of hand measurements, and ``datapackage.json``, which says what the
+        columns of all three are.
     """
     beside = Path(out_csv).with_name
     results = [result_of(row, results_dir, logs_dir) for row in trees]
@@ -67,13 +62,13 @@ def summarise(
     pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
     tables = {
         Path(out_csv): (TRAIT_COLUMNS, map(trait_row, results)),
-        Path(measures or beside("measures.csv")): (MEASURE_COLUMNS, pairs),
-        Path(accuracy or beside("accuracy.csv")): (ACCURACY_COLUMNS, accuracy_rows(pairs)),
+        beside("measures.csv"): (MEASURE_COLUMNS, pairs),
+        beside("accuracy.csv"): (ACCURACY_COLUMNS, accuracy_rows(pairs)),
     }
     for path, (columns, rows) in tables.items():
         write_text(path, csv_text(columns, rows))
     package = data_package({path.name: columns for path, (columns, _) in tables.items()})
-    write_text(dictionary or beside("datapackage.json"), package)
+    write_text(beside("datapackage.json"), package)
     costs = read_benchmarks(benchmarks_dir, {result.tree for result in results})
     # In the order in which a tree goes through the stages
     ordered = {rule: costs[rule] for rule in (*STAGES, *costs) if rule in costs}
@@ -99,21 +94,19 @@ def result_of(
     record = _failure(status_folder(tree, logs_dir), traits_path if traits else None, is_measured)
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
-    if record is None:
-        if traits:
-            result.status, result.traits = "done", traits
-            pairs, problem = _read_object(folder / "measures.json") if is_measured else ({}, "")
-            result.measures = pairs.get("measures", [])
-            problems = [problem]
-            for kind in row.get("asked", ()):
-                result.found[kind], problem = _read_object(folder / f"{kind}.json")
-                problems.append(problem)
-            for problem in filter(None, problems):
-                logger.warning("%s: %s", folder, problem)
-        return result
-    _note_failure(result, record)
-    if result.stage in _AFTER_TRAITS and traits:
+    if record:
+        _note_failure(result, record)
+    elif traits:
+        result.status = "done"
+    if result.status == "done" or result.stage in _AFTER_TRAITS:
         result.traits = traits
+    if result.status == "done":
+        kinds = [*(["measures"] if is_measured else []), *row.get("asked", ())]
+        for kind in kinds:
+            result.found[kind], problem = _read_object(folder / f"{kind}.json")
+            if problem:
+                logger.warning("%s: %s", folder, problem)
+        result.measures = result.found.pop("measures", {}).get("measures", [])
     return result
 
 

@@ -24,8 +24,7 @@ from typing import Any, NamedTuple
 
 import psutil
 
-from cherrypicker.batch.work_folder import check_writable
-from cherrypicker.command.work_folder import enter, folder_parser
+from cherrypicker.command.work_folder import check_writable, enter, folder_parser
 from cherrypicker.errors import StageError
 from cherrypicker.files import PROJECT
 

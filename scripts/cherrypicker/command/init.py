@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import os
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -152,31 +153,26 @@ def _mask_folders(captures: dict[Path, list[Path]]) -> dict[Path, Path]:
     }
     found: dict[Path, Path] = {}
     for place, pictures in captures.items():
-        are_masks = all(path.suffix.lower() == ".png" and _is_grey(path) for path in pictures)
-        if not (pictures and are_masks):
+        if not (pictures and all(map(_is_grey_png, pictures))):
             continue
+        above = place.parent
         photos = [
             other
-            for other in captures
-            if _is_beside(place, other) and all(path.stem in names[other] for path in pictures)
+            for other in captures.keys() - {place}
+            # tree/masks, or masks beside tree; masks/tree of photos/tree
+            if above in (other, other.parent)
+            or other == above.parent / other.parent.name / place.name
+            if all(path.stem in names[other] for path in pictures)
         ]
         if len(photos) == 1:
             found.setdefault(photos[0], place)
     return found
 
 
-def _is_beside(place: Path, other: Path) -> bool:
-    """Whether a folder lies in or beside another: tree/masks, or masks/tree of photos/tree."""
-    if place == other:
-        return False
-    above = place.parent
-    return other in (above, above.parent / other.parent.name / place.name) or other.parent == above
-
-
-def _is_grey(path: Path) -> bool:
+def _is_grey_png(path: Path) -> bool:
     try:
         with Image.open(path) as image:
-            return image.mode in ("1", "L", "LA", "P")
+            return path.suffix.lower() == ".png" and image.mode in ("1", "L", "LA", "P")
     except UNREADABLE:
         return False
 
@@ -207,10 +203,6 @@ def date_of(photo: Path) -> str:
 def commented_config() -> str:
     """Return the project's common keys, all but the first commented out."""
     shipped = (PROJECT / CONFIG_FILE).read_text(encoding="utf-8")
-    _, _, keys = shipped.partition("\n\n")
-    lines, is_first = [], True
-    for line in keys.splitlines():
-        is_key = bool(line.strip()) and not line.lstrip().startswith("#")
-        lines.append(f"#{line}" if is_key and not is_first else line)
-        is_first &= not is_key
-    return _CONFIG_HEAD + "\n" + "\n".join(lines) + "\n"
+    before_key = re.compile(r"^(?= *[^#\s])", re.MULTILINE)
+    head, first, rest = before_key.split(shipped.partition("\n\n")[2], maxsplit=2)
+    return f"{_CONFIG_HEAD}\n{head}{first}{before_key.sub('#', rest)}"

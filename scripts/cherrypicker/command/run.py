@@ -22,6 +22,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,7 +63,11 @@ def main(arguments: Sequence[str]) -> int:
         return subprocess.run(command, check=False).returncode
     plugins = Path(snakemake_logger_plugin_cherrypicker.__file__).parents[1]
     path = os.pathsep.join(filter(None, [str(plugins), os.environ.get("PYTHONPATH")]))
-    view, start = _View(console, TimeLeft(_forecast())), time.time()
+    try:
+        seconds = seconds_of_stages(batch_here())
+    except (StageError, OSError):  # Snakemake's options may name another table or config
+        seconds = {}
+    view, start = _View(console, TimeLeft(seconds)), time.time()
     # An interrupt reaches Snakemake as well, which then ends in its own time
     on_interrupt = signal.signal(signal.SIGINT, lambda *_: None)
     with subprocess.Popen(
@@ -89,14 +94,6 @@ def main(arguments: Sequence[str]) -> int:
     return process.returncode
 
 
-def _forecast() -> dict[str, float]:
-    """Seconds of the stages; none where Snakemake's options name another table or config."""
-    try:
-        return seconds_of_stages(batch_here())
-    except (StageError, OSError):
-        return {}
-
-
 @dataclass
 class _Job:
     """A job that runs."""
@@ -119,13 +116,11 @@ class _Job:
         others = [value for name, value in self.wildcards.items() if name != "tree"]
         folder = status_folder(self.wildcards.get("tree", NO_TREE))
         note = folder / status_name(self.rule, others)
-        try:
+        with suppress(OSError, StageError):
             told = read_json(note)
             if told["state"] == "failed" and note.stat().st_mtime >= self.start - _CLOCKS_DIFFER_S:
                 failure = StageError(told["cause"], file=told["file"], key=told["key"])
                 return f"{failure.describe()}; log: {told['log']}"
-        except (OSError, StageError):
-            pass
         log = f"; log: {self.log[0]}" if self.log else ""
         return self.last_words or f"it ended without a word (killed, or out of memory?){log}"
 

@@ -19,6 +19,7 @@ from functools import partial
 from http import HTTPStatus
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from cherrypicker.batch.batch import Batch
@@ -36,7 +37,7 @@ _YAML = "text/yaml"
 _PATIENCE_S = 30.0  # for a request that stops in the middle
 
 
-def make_server(batch: Batch, port: int) -> Server:
+def make_server(batch: Batch, port: int) -> ThreadingHTTPServer:
     """Return a server of the current work folder, which listens already.
 
     Parameters
@@ -52,34 +53,25 @@ def make_server(batch: Batch, port: int) -> Server:
         If the port is taken.
     """
     try:
-        server = Server((HOST, port), partial(Handler, directory="results"))
+        return ThreadingHTTPServer((HOST, port), partial(Handler, batch))
     except (OSError, OverflowError) as error:
         raise StageError(f"port {port} cannot be used ({error})", key="--port") from error
-    server.batch = batch
-    return server
-
-
-class Server(ThreadingHTTPServer):
-    """The server, and the batch that it serves."""
-
-    daemon_threads = True
-    batch: Batch
 
 
 class _RefusedError(Exception):
-    """A request that is answered with an error."""
-
-    def __init__(self, status: HTTPStatus, reason: str) -> None:
-        super().__init__(reason)
-        self.status = status
+    """A request that is answered with an error: its status and the reason."""
 
 
 class Handler(SimpleHTTPRequestHandler):
     """Answers one request."""
 
-    server: Server
+    server: ThreadingHTTPServer
     server_version, sys_version = "CherryPicker", ""
     timeout = _PATIENCE_S
+
+    def __init__(self, batch: Batch, *request: Any) -> None:
+        self._batch = batch
+        super().__init__(*request, directory="results")
 
     def do_GET(self) -> None:
         """Send a page, a figure, or a tree's edits."""
@@ -121,12 +113,12 @@ class Handler(SimpleHTTPRequestHandler):
             self._refuse_foreign()
             answer()
         except _RefusedError as refusal:
-            self._send_json(refusal.status, {"error": str(refusal)})
+            self._send_json(*refusal.args)
         except StageError as error:
-            self._send_json(HTTPStatus.UNPROCESSABLE_ENTITY, {"error": error.describe()})
+            self._send_json(HTTPStatus.UNPROCESSABLE_ENTITY, error.describe())
         except OSError as error:
             reason = f"cannot be written or read ({error.strerror})"
-            self._send_json(HTTPStatus.INTERNAL_SERVER_ERROR, {"error": reason})
+            self._send_json(HTTPStatus.INTERNAL_SERVER_ERROR, reason)
 
     def _refuse_foreign(self) -> None:
         """Refuse what is not asked of this host, or by a page of another one."""
@@ -139,29 +131,22 @@ class Handler(SimpleHTTPRequestHandler):
 
     def _get(self) -> None:
         path = urlsplit(self.path).path
-        if path.startswith(API):
-            self._send_edits(self._tree())
-        elif path == "/":
-            self.send_response(HTTPStatus.FOUND)
-            self.send_header("Location", "/summary.html")
-            self.end_headers()
-        else:
+        if path == "/":
+            self._send(HTTPStatus.FOUND, {"Location": "/summary.html"})
+        elif not path.startswith(API):
             super().do_GET()
+        elif (edits := edits_file(self._batch, self._tree())).is_file():
+            kind = {"Content-Type": f"{_YAML}; charset=utf-8"}
+            self._send(HTTPStatus.OK, kind, edits.read_bytes())
+        else:
+            self._send(HTTPStatus.NO_CONTENT)
 
     def _tree(self) -> str:
         """Return the tree of a request for edits."""
         tree = unquote(urlsplit(self.path).path.removeprefix(API))
-        if not self.server.batch.has(tree):
+        if not self._batch.has(tree):
             raise _RefusedError(HTTPStatus.NOT_FOUND, f"there is no tree {tree!r} in the table")
         return tree
-
-    def _send_edits(self, tree: str) -> None:
-        path = edits_file(self.server.batch, tree)
-        if not path.is_file():
-            self.send_response(HTTPStatus.NO_CONTENT)
-            self.end_headers()
-            return
-        self._send(HTTPStatus.OK, f"{_YAML}; charset=utf-8", path.read_bytes())
 
     def _put(self) -> None:
         if not urlsplit(self.path).path.startswith(API):
@@ -172,7 +157,7 @@ class Handler(SimpleHTTPRequestHandler):
             raise _RefusedError(HTTPStatus.FORBIDDEN, reason)
         if self.headers.get_content_type() != _YAML:
             raise _RefusedError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"edits are {_YAML}")
-        self._send_json(HTTPStatus.OK, save_edits(self.server.batch, tree, self._body()))
+        self._send_json(HTTPStatus.OK, save_edits(self._batch, tree, self._body()))
 
     def _body(self) -> bytes:
         length = self.headers.get("Content-Length", "")
@@ -186,12 +171,16 @@ class Handler(SimpleHTTPRequestHandler):
             raise _RefusedError(HTTPStatus.BAD_REQUEST, "the edits end before their length")
         return body
 
-    def _send_json(self, status: HTTPStatus, content: dict) -> None:
-        self._send(status, "application/json", json.dumps(content).encode())
+    def _send_json(self, status: HTTPStatus, told: dict | str) -> None:
+        """Send what was done, or why it was not."""
+        body = json.dumps({"error": told} if isinstance(told, str) else told).encode()
+        self._send(status, {"Content-Type": "application/json"}, body)
 
-    def _send(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+    def _send(self, status: HTTPStatus, headers: dict | None = None, body: bytes = b"") -> None:
         self.send_response(status)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(body)))
+        for name, value in (headers or {}).items():
+            self.send_header(name, value)
+        if body:
+            self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)

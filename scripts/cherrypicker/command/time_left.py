@@ -13,11 +13,7 @@ from cherrypicker.batch.resources import STAGES
 from cherrypicker.batch.scans import Scans
 
 # Rules of another name that do the work of a stage of the forecast
-_SAME = {
-    "import_segmented_cloud": "import_cloud",
-    "solve_graph": "extract_graph",
-}
-_UNKNOWN_S = 5.0  # of a rule that the forecast has not: the start of Python and little work (guess)
+_SAME = {"import_segmented_cloud": "import_cloud", "solve_graph": "extract_graph"}
 # The pace counts from this share of the work on, or a first short stage would tell it (guess)
 _ENOUGH_DONE = 0.05
 
@@ -41,6 +37,8 @@ class TimeLeft:
 
     def __init__(self, seconds: Mapping[str, float]) -> None:
         self._seconds = seconds
+        # Of a rule that the forecast has not, which works little: as of the least stage
+        self._least_s = min(seconds.values(), default=1.0)
         self.waiting: Counter[str] = Counter()
         self.cores = 1
         self._done_s = 0.0
@@ -68,4 +66,4 @@ class TimeLeft:
         return pace * waiting_s
 
     def _of(self, rule: str) -> float:
-        return 0.0 if rule == "all" else self._seconds.get(_SAME.get(rule, rule), _UNKNOWN_S)
+        return 0.0 if rule == "all" else self._seconds.get(_SAME.get(rule, rule), self._least_s)

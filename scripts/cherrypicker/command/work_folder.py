@@ -1,9 +1,10 @@
-"""The work folder that a subcommand is about."""
+"""The work folder that a subcommand or a run is about."""
 
 from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch, read_batch
@@ -38,6 +39,28 @@ def enter(directory: str) -> None:
         os.chdir(directory)
     except OSError as error:
         raise StageError(f"no work folder here ({error.strerror})", file=directory) from error
+
+
+def check_writable(folders: Iterable[str | os.PathLike]) -> None:
+    """Refuse folders that cannot be written; one that is not there yet is judged by its parent.
+
+    Snakemake itself stops with a traceback, and takes the whole batch with it.
+
+    Raises
+    ------
+    StageError
+        Naming the first such folder.
+    """
+    for folder in map(Path, folders):
+        nearest = folder
+        while not nearest.exists() and nearest != nearest.parent:
+            nearest = nearest.parent
+        if not nearest.is_dir():
+            raise StageError("a folder is needed here, and this is none", file=nearest)
+        if not os.access(nearest, os.W_OK | os.X_OK):
+            raise StageError(
+                "the folder cannot be written: it is read-only, or not yours", file=nearest
+            )
 
 
 def batch_here() -> Batch:

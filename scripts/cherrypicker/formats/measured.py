@@ -95,36 +95,34 @@ class MeasuredTree:
     @cached_property
     def cylinders(self) -> Cylinders:
         """The tree as cylinders."""
-        ends_at = np.full(len(self.skeleton), -1)  # row of the cylinder that ends at a node
-        columns: list[tuple] = []
-        n_rows = 0
-        for index, axis in enumerate(self.axis_list):
-            points, radii = self.axis_points(index), self.axis_radii(index)
-            count = len(points) - 1
-            if count == 0:
-                continue
-            thick, thin = radii[:-1], radii[1:]
-            rows = np.arange(n_rows, n_rows + count)
-            nodes = axis.nodes[-count:]
-            ends_at[nodes] = rows
-            parent = rows - 1
-            # What hangs on the root itself goes on from the first cylinder, as there is one root
-            parent[0] = max(ends_at[axis.attach], 0) if n_rows else -1
-            columns.append(
-                (
-                    *(points[:-1], points[1:]),
-                    np.sqrt((thick**2 + thick * thin + thin**2) / 3.0),
-                    parent,
-                    np.full(count, index),
-                    np.full(count, axis.order),
-                    np.arange(count),
-                    nodes,
-                )
-            )
-            n_rows += count
-        if not columns:
+        # An edge ends at each node of an axis, but for the root
+        ends = [axis.nodes[int(axis.attach < 0) :] for axis in self.axis_list]
+        counts = list(map(len, ends))
+        node, branch = np.concatenate(ends), np.repeat(np.arange(len(ends)), counts)
+        if not len(node):
             raise StageError(f"tree {self.name}: the skeleton has no edge", key="graph")
-        return Cylinders(*map(np.concatenate, zip(*columns, strict=True)))
+        above = self.skeleton.parent[node]
+        position = np.arange(len(node)) - np.repeat(np.cumsum(counts) - counts, counts)
+        # What hangs on the root itself goes on from the first cylinder, as there is one root
+        row_of = np.zeros(len(self.skeleton), dtype=np.int64)
+        row_of[node] = np.arange(len(node))
+        parent = row_of[above]
+        parent[0] = -1
+        points, radius = self.skeleton.points, self.skeleton.radius
+        is_first = (position == 0) & np.array([axis.attach >= 0 for axis in self.axis_list])[branch]
+        thick, thin = (
+            self.scale[branch] * radius[at] for at in (np.where(is_first, node, above), node)
+        )
+        return Cylinders(
+            start=points[above],
+            end=points[node],
+            radius=np.sqrt((thick**2 + thick * thin + thin**2) / 3.0),
+            parent=parent,
+            branch=branch,
+            order=np.array([axis.order for axis in self.axis_list])[branch],
+            position=position,
+            node=node,
+        )
 
 
 def read_measured_tree(folder: str | os.PathLike) -> MeasuredTree:

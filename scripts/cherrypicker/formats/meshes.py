@@ -36,41 +36,22 @@ def write_glb(path: str | os.PathLike, tree: MeasuredTree) -> None:
     parts: list[bytes] = []
     views, accessors, meshes, nodes = [], [], [], []
     origin = tree.skeleton.points[0]  # places are float32, told from the root
-    n_bytes = 0
 
-    def add(values: np.ndarray, target: int) -> None:
-        nonlocal n_bytes
-        views.append(
-            {"buffer": 0, "byteOffset": n_bytes, "byteLength": values.nbytes, "target": target}
-        )
+    def add(values: np.ndarray, target: int, number: int, kind: str, **bounds: list) -> int:
+        """Enter an array; return the number of its accessor."""
+        place = {"buffer": 0, "byteOffset": sum(map(len, parts)), "byteLength": values.nbytes}
+        views.append(place | {"target": target})
         parts.append(values.tobytes())
-        n_bytes += values.nbytes
+        accessor = {"bufferView": len(views) - 1, "componentType": number, "count": len(values)}
+        accessors.append(accessor | {"type": kind} | bounds)
+        return len(accessors) - 1
 
     for axis, vertices, faces in axis_tubes(tree):
-        places, indices = (vertices - origin).astype("<f4"), faces.astype("<u4")
-        add(places, _VERTICES)
-        accessors.append(
-            {
-                "bufferView": len(views) - 1,
-                "componentType": _FLOAT,
-                "count": len(places),
-                "type": "VEC3",
-                "min": places.min(axis=0).tolist(),
-                "max": places.max(axis=0).tolist(),
-            }
-        )
-        add(indices, _INDICES)
-        accessors.append(
-            {
-                "bufferView": len(views) - 1,
-                "componentType": _UNSIGNED_INT,
-                "count": indices.size,
-                "type": "SCALAR",
-            }
-        )
+        places = (vertices - origin).astype("<f4")
+        bounds = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
         primitive = {
-            "attributes": {"POSITION": len(accessors) - 2},
-            "indices": len(accessors) - 1,
+            "attributes": {"POSITION": add(places, _VERTICES, _FLOAT, "VEC3", **bounds)},
+            "indices": add(faces.astype("<u4").ravel(), _INDICES, _UNSIGNED_INT, "SCALAR"),
             "material": 0,
         }
         extras = {"branch_id": axis, "order": tree.axis_list[axis].order}
@@ -82,6 +63,7 @@ def write_glb(path: str | os.PathLike, tree: MeasuredTree) -> None:
         "rotation": _Z_UP_TO_Y_UP,
         "extras": {"unit": tree.skeleton.unit, "origin": origin.tolist()},
     }
+    binary = b"".join(parts)
     colour = {"baseColorFactor": _BARK, "metallicFactor": 0.0, "roughnessFactor": 1.0}
     content = {
         "asset": {"version": "2.0", "generator": "CherryPicker"},
@@ -92,12 +74,16 @@ def write_glb(path: str | os.PathLike, tree: MeasuredTree) -> None:
         "materials": [{"name": "bark", "pbrMetallicRoughness": colour}],
         "accessors": accessors,
         "bufferViews": views,
-        "buffers": [{"byteLength": n_bytes}],
+        "buffers": [{"byteLength": len(binary)}],
     }
     text = json.dumps(content, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    size = 12 + 8 + len(text) + 8 + n_bytes
-    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        stream.write(struct.pack("<III", _GLB, _VERSION, size))
-        stream.write(struct.pack("<II", len(text), _JSON_CHUNK) + text)
-        stream.write(struct.pack("<II", n_bytes, _BINARY_CHUNK) + b"".join(parts))
+    size = 12 + 8 + len(text) + 8 + len(binary)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(
+            struct.pack("<III", _GLB, _VERSION, size)
+            + struct.pack("<II", len(text), _JSON_CHUNK)
+            + text
+            + struct.pack("<II", len(binary), _BINARY_CHUNK)
+            + binary
+        )

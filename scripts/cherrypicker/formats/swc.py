@@ -6,10 +6,9 @@ Reference: Cannon et al., J. Neurosci. Methods 84, 1998.
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 from cherrypicker.classes import Label
-from cherrypicker.files import atomic_path
+from cherrypicker.files import write_text
 from cherrypicker.skeleton.model import Skeleton
 
 
@@ -26,16 +25,10 @@ def write_skeleton_swc(path: str | os.PathLike, skeleton: Skeleton) -> None:
         f"# frame={skeleton.frame} unit={skeleton.unit}",
         "# id type x y z radius parent (type 2 = trunk, 3 = any other wood)",
     ]
-    for node, ((x, y, z), radius, label, parent) in enumerate(
-        zip(
-            skeleton.points.tolist(),
-            skeleton.radius.tolist(),
-            skeleton.label.tolist(),
-            skeleton.parent.tolist(),
-        )
-    ):
+    columns = (skeleton.points, skeleton.radius, skeleton.label, skeleton.parent)
+    for node, (place, radius, label, parent) in enumerate(zip(*(c.tolist() for c in columns)), 1):
+        x, y, z = place
         above = parent + 1 if parent >= 0 else -1
         kind = types.get(label, Label.BRANCH.swc)
-        lines.append(f"{node + 1} {kind} {x:.6f} {y:.6f} {z:.6f} {radius:.6f} {above}")
-    with atomic_path(path) as temporary:
-        Path(temporary).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        lines.append(f"{node} {kind} {x:.6f} {y:.6f} {z:.6f} {radius:.6f} {above}")
+    write_text(path, "\n".join(lines) + "\n")

@@ -15,11 +15,6 @@ import numpy as np
 from cherrypicker.files import write_text
 from cherrypicker.formats.measured import MeasuredTree
 
-COLUMNS = (
-    *("radius", "length", "start.x", "start.y", "start.z", "axis.x", "axis.y", "axis.z"),
-    *("parent", "extension", "added", "UnmodRadius", "branch", "SurfCov", "mad"),
-    *("BranchOrder", "PositionInBranch"),
-)
 _FULL_TURN_DEG = 360.0
 
 
@@ -36,24 +31,20 @@ def write_treeqsm_csv(path: str | os.PathLike, tree: MeasuredTree) -> None:
         skeleton.fields.get(name, none)[rows.node] for name in ("arc_deg", "residual", "gap")
     )
     goes_on = np.append(rows.branch[1:] == rows.branch[:-1], False)
-    whole = {
-        "parent": rows.parent + 1,
-        "extension": np.where(goes_on, np.arange(len(rows.node)) + 2, 0),
-        "added": gap.astype(np.int64),
-        "branch": rows.branch + 1,
-        "BranchOrder": rows.order,
-        "PositionInBranch": rows.position + 1,
-    }
-    values = {
+    columns = {
         "radius": rows.radius,
         "length": rows.length,
         **dict(zip(("start.x", "start.y", "start.z"), rows.start.T)),
         **dict(zip(("axis.x", "axis.y", "axis.z"), rows.direction.T)),
+        "parent": rows.parent + 1,
+        "extension": np.where(goes_on, np.arange(len(rows.node)) + 2, 0),
+        "added": gap,
         "UnmodRadius": rows.radius / tree.scale[rows.branch],
+        "branch": rows.branch + 1,
         "SurfCov": arc / _FULL_TURN_DEG,
         "mad": spread,
+        "BranchOrder": rows.order,
+        "PositionInBranch": rows.position + 1,
     }
-    text = {name: list(map(str, column.tolist())) for name, column in whole.items()}
-    text |= {name: [f"{value:.9g}" for value in column.tolist()] for name, column in values.items()}
-    lines = [",".join(COLUMNS), *map(",".join, zip(*(text[name] for name in COLUMNS)))]
-    write_text(path, "\n".join(lines) + "\n")
+    cells = [[f"{value:.9g}" for value in column.tolist()] for column in columns.values()]
+    write_text(path, "\n".join([",".join(columns), *map(",".join, zip(*cells))]) + "\n")

@@ -92,19 +92,16 @@ def _carried(steps: np.ndarray, n_sides: int) -> np.ndarray:
 
 def _faces(n_rings: int, n_sides: int) -> np.ndarray:
     """Triangles of a tube of rings, the middles of its two ends coming last."""
-    here = np.arange(n_sides)
-    further = np.roll(here, -1)
-    first, last = n_rings * n_sides, n_rings * n_sides + 1
-    base = n_sides * np.arange(n_rings - 1)[:, None]
+    corner = np.arange(n_rings * n_sides).reshape(n_rings, n_sides)
+    further = np.roll(corner, -1, axis=1)
     low, low_next, up, up_next = (
-        (base + row).ravel() for row in (here, further, here + n_sides, further + n_sides)
+        of.ravel() for of in (corner[:-1], further[:-1], corner[1:], further[1:])
     )
-    top = (n_rings - 1) * n_sides
-    return np.vstack(
-        [
-            np.column_stack([low, low_next, up_next]),
-            np.column_stack([low, up_next, up]),
-            np.column_stack([np.full(n_sides, first), further, here]),
-            np.column_stack([np.full(n_sides, last), top + here, top + further]),
-        ]
-    )
+    first, last = np.repeat(corner.size + np.arange(2), n_sides).reshape(2, n_sides)
+    triangles = [
+        (low, low_next, up_next),
+        (low, up_next, up),
+        (first, further[0], corner[0]),
+        (last, corner[-1], further[-1]),
+    ]
+    return np.vstack(list(map(np.column_stack, triangles)))

@@ -47,12 +47,12 @@ def captures_in(folder: str | os.PathLike) -> list[Path]:
     the suffix, a raw beside its JPEG or the film of a phone's live photo, the plainest is taken.
     Plain photos of one name are all kept, for the stages to refuse.
     """
-    return [path for path, taken in _with_twins(folder) if taken is None]
+    return [path for path, plainer in _with_twins(folder) if plainer is None]
 
 
 def twins_in(folder: str | os.PathLike) -> dict[str, str]:
     """Return the names of pictures that are left out, each with that of its plainer twin."""
-    return {path.name: taken.name for path, taken in _with_twins(folder) if taken is not None}
+    return {path.name: plainer.name for path, plainer in _with_twins(folder) if plainer}
 
 
 def list_captures(folder: str | os.PathLike) -> list[Path]:
@@ -86,13 +86,12 @@ def are_plain(captures: Iterable[Path]) -> bool:
 
 def _with_twins(folder: str | os.PathLike) -> list[tuple[Path, Path | None]]:
     """Pictures of a folder by name, each with the plainer one of its name, if there is one."""
+
+    def kind(path: Path) -> Kind:
+        return _KIND_OF[path.suffix.lower()]
+
     found = files_with(folder, _KIND_OF)
-    plainest: dict[str, Path] = {}
-    for path in sorted(found, key=lambda one: (_KIND_OF[one.suffix.lower()], one.name)):
-        plainest.setdefault(path.stem.lower(), path)
-    pairs: list[tuple[Path, Path | None]] = []
-    for path in found:
-        best = plainest[path.stem.lower()]
-        is_twin = _KIND_OF[path.suffix.lower()] > _KIND_OF[best.suffix.lower()]
-        pairs.append((path, best if is_twin else None))
-    return pairs
+    # The first of the plainest comes last, and stays
+    plainest = {path.stem.lower(): path for path in sorted(found, key=kind)[::-1]}
+    pairs = [(path, plainest[path.stem.lower()]) for path in found]
+    return [(path, best if kind(path) > kind(best) else None) for path, best in pairs]

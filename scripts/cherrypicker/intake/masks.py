@@ -51,31 +51,25 @@ class UserMasks:
     def __init__(
         self, folder: str | os.PathLike, photos: Collection[str], left_out: Collection[str] = ()
     ) -> None:
-        folder = Path(folder)
-        if not folder.is_dir():
-            raise StageError("the folder of masks is missing", file=folder, key=MASKS_COLUMN)
         masks = masks_in(folder)
         if not masks:
-            raise StageError("the folder holds no mask (.png)", file=folder, key=MASKS_COLUMN)
+            is_there = Path(folder).is_dir()
+            cause = (
+                "the folder holds no mask (.png)" if is_there else "the folder of masks is missing"
+            )
+            raise StageError(cause, file=folder, key=MASKS_COLUMN)
         by_name = {name: name for name in photos} | {Path(name).stem: name for name in photos}
         unused = {*left_out, *(Path(name).stem for name in left_out)}
         self._masks: dict[str, Path] = {}
         for mask in masks:
-            photo = by_name.get(mask.stem)
-            if photo is None and mask.stem in unused:
+            photo = by_name.get(mask.stem, "")
+            if not photo and mask.stem in unused:
                 continue
-            if photo is None:
-                raise StageError(
-                    "the mask belongs to no photo: its name is that of the photo with .png",
-                    file=mask,
-                    key=MASKS_COLUMN,
-                )
+            cause = "the mask belongs to no photo: its name is that of the photo with .png"
             if photo in self._masks:
-                raise StageError(
-                    f"{photo} has two masks, {self._masks[photo].name} the other",
-                    file=mask,
-                    key=MASKS_COLUMN,
-                )
+                cause = f"{photo} has two masks, {self._masks[photo].name} the other"
+            if not photo or photo in self._masks:
+                raise StageError(cause, file=mask, key=MASKS_COLUMN)
             self._masks[photo] = mask
         self.without = sorted(name for name in photos if name not in self._masks)
 
@@ -99,9 +93,7 @@ class UserMasks:
             return np.zeros(shape, bool)
         path = self._masks[photo]
         try:
-            with Image.open(path) as image:
-                check_promise(image, path, MASKS_COLUMN)
-                stored = np.asarray(image.convert("L"))
+            stored = _grey(path)
         except UNREADABLE as error:
             raise StageError(
                 f"the mask cannot be read ({error})", file=path, key=MASKS_COLUMN
@@ -133,11 +125,15 @@ def read_grey(path: str | os.PathLike) -> np.ndarray | None:
     By Pillow: OpenCV takes the memory that a chunk of a PNG promises, up to 4 GB.
     """
     try:
-        with Image.open(path) as image:
-            check_promise(image, path, MASKS_COLUMN)
-            return np.asarray(image.convert("L"))
+        return _grey(path)
     except (StageError, *UNREADABLE):
         return None
+
+
+def _grey(path: str | os.PathLike) -> np.ndarray:
+    with Image.open(path) as image:
+        check_promise(image, path, MASKS_COLUMN)
+        return np.asarray(image.convert("L"))
 
 
 def read_hidden(folder: str | os.PathLike | None, photo: str, shape: tuple[int, int]) -> np.ndarray:

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -24,7 +23,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of, twins_in
 from cherrypicker.intake.masks import MASKS_COLUMN, UserMasks, write_hidden
-from cherrypicker.intake.stills import Still, read_still, still_size
+from cherrypicker.intake.stills import Still, read_still, still_size, unreadable
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
 from cherrypicker.photos import ORIENTATION, UNREADABLE, check_promise, exif_orientation
 from cherrypicker.progress import Progress
@@ -69,9 +68,7 @@ def size_of_capture(path: str | os.PathLike) -> tuple[int, int, float]:
             check_promise(image, path, PHOTOS_COLUMN)
             return *image.size, 0.0
     except UNREADABLE as error:
-        raise StageError(
-            f"the photo cannot be read ({error})", file=path, key=PHOTOS_COLUMN
-        ) from error
+        raise unreadable(path, error) from error
 
 
 def prepare_photos(
@@ -136,7 +133,13 @@ def prepare_photos(
             if isinstance(made, str):
                 left_out[path.name] = made
             else:
-                _refuse_clash(path, made, done)
+                for name in made.keys() & done.keys():
+                    raise StageError(
+                        f"{path.name} and {done[name]['source']} would both become {name}; rename "
+                        "one",
+                        file=path,
+                        key=PHOTOS_COLUMN,
+                    )
                 done |= made
             bar.step()
     for name, reason in left_out.items():
@@ -159,31 +162,23 @@ class _StillFilmError(StageError):
     """A film in which the picture hardly moves."""
 
 
-def _refuse_clash(path: Path, made: dict[str, dict], done: dict[str, dict]) -> None:
-    for name in made.keys() & done.keys():
-        raise StageError(
-            f"{path.name} and {done[name]['source']} would both become {name}; rename one",
-            file=path,
-            key=PHOTOS_COLUMN,
-        )
-
-
 def _prepare(path: Path, folder: Path, options: PrepareOptions) -> dict[str, dict]:
     """Prepare one file; return what its photos are, by their names."""
     if kind_of(path) is Kind.VIDEO:
         return _prepare_film(path, folder, options)
     if kind_of(path) is Kind.PLAIN:
-        size = _plain_size(path)
-        if size is None or not is_too_large(size, options.max_size_px):
-            # What is no photo is for the next stage to refuse
+        try:
+            with Image.open(path) as image:
+                width, height = image.size
+        except UNREADABLE:  # what is no photo is for the next stage to refuse
+            width = height = 0
+        if not is_too_large((width, height), options.max_size_px):
             _link(path, folder / path.name)
-            return {path.name: _entry(path, size or (0, 0), exif_orientation(path), size, True)}
-    still = read_still(path)
-    name = path.with_suffix(".jpg").name
-    height, width = still.pixels.shape[:2]
+            orientation = exif_orientation(path)
+            return {path.name: _entry(path, (height, width), (width, height), orientation, True)}
+    still, name = read_still(path), path.with_suffix(".jpg").name
     size = write_still(folder / name, still, options.max_size_px)
-    entry = _entry(path, size, still.exif[ORIENTATION], (width, height), False)
-    return {name: entry}
+    return {name: _entry(path, still.pixels.shape, size, still.exif[ORIENTATION], False)}
 
 
 def _prepare_film(path: Path, folder: Path, options: PrepareOptions) -> dict[str, dict]:
@@ -195,9 +190,8 @@ def _prepare_film(path: Path, folder: Path, options: PrepareOptions) -> dict[str
     made: dict[str, dict] = {}
     for frame in choose_frames(path, options.video_step):
         name = f"{path.stem}_{frame.number:06d}.jpg"
-        height, width = frame.pixels.shape[:2]
         size = write_still(folder / name, Still(frame.pixels, exif), options.max_size_px)
-        entry = _entry(path, size, header.orientation, (width, height), False)
+        entry = _entry(path, frame.pixels.shape, size, header.orientation, False)
         made[name] = entry | {"frame": frame.number}
     if len(made) < LEAST_FRAMES:
         for name in made:
@@ -213,14 +207,15 @@ def _prepare_film(path: Path, folder: Path, options: PrepareOptions) -> dict[str
 
 
 def _entry(
-    path: Path, size: tuple[int, int], orientation: int, source_size: Any, as_it_came: bool
+    path: Path, came: tuple[int, ...], size: tuple[int, int], orientation: int, as_it_came: bool
 ) -> dict:
+    """What is told of a photo that came with a shape (height, width, ...)."""
     return {
         "source": path.name,
         "width": size[0],
         "height": size[1],
-        "source_width": (source_size or size)[0],
-        "source_height": (source_size or size)[1],
+        "source_width": came[1],
+        "source_height": came[0],
         "exif_orientation": int(orientation),
         "is_as_it_came": as_it_came,
     }
@@ -244,14 +239,6 @@ def write_still(path: Path, still: Still, max_size_px: int) -> tuple[int, int]:
     return pixels.shape[1], pixels.shape[0]
 
 
-def _plain_size(path: Path) -> tuple[int, int] | None:
-    try:
-        with Image.open(path) as image:
-            return image.size
-    except UNREADABLE:
-        return None
-
-
 def _link(path: Path, to: Path) -> None:
     """Give a photo a second name; copy it where that cannot be done."""
     try:
@@ -268,7 +255,8 @@ def _apply_masks(
     mask_folder: Path,
 ) -> list[str]:
     """Write the mask of every photo, enter its hidden share; return the photos that have none."""
-    names = {_mask_name(name, entry): name for name, entry in done.items()}
+    # A mask bears the name of the photo's file, that of a frame the name of the frame
+    names = {name if "frame" in entry else entry["source"]: name for name, entry in done.items()}
     masks = UserMasks(user_masks, list(names), left_out)
     for own, name in names.items():
         entry = done[name]
@@ -286,8 +274,3 @@ def _apply_masks(
             ", ".join(masks.without[:4]),
         )
     return masks.without
-
-
-def _mask_name(name: str, entry: dict) -> str:
-    """The name that a photo's mask goes by: that of its file, of a frame that of the frame."""
-    return name if "frame" in entry else entry["source"]

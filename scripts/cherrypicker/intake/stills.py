@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import io
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -65,10 +66,7 @@ def tags_of(path: str | os.PathLike) -> Image.Exif:
         if kind is Kind.RAW:
             with _open_raw(path) as raw:
                 return _raw_exif(Path(path), raw)
-        if kind is Kind.HEIF:
-            with _open_heif(path) as image:
-                return kept_tags(image.getexif())
-        with Image.open(path) as image:
+        with _open_heif(path) if kind is Kind.HEIF else Image.open(path) as image:
             return kept_tags(image.getexif())
     except (StageError, *UNREADABLE):
         return Image.Exif()
@@ -104,7 +102,8 @@ def _needed(name: str, path: str | os.PathLike) -> ModuleType:
         ) from error
 
 
-def _unreadable(path: str | os.PathLike, error: Exception) -> StageError:
+def unreadable(path: str | os.PathLike, error: Exception) -> StageError:
+    """Return what is told of a photo that cannot be read."""
     return StageError(f"the photo cannot be read ({error})", file=path, key=PHOTOS_COLUMN)
 
 
@@ -115,7 +114,7 @@ def _open_heif(path: str | os.PathLike) -> Image.Image:
     try:
         return Image.open(path)
     except UNREADABLE as error:
-        raise _unreadable(path, error) from error
+        raise unreadable(path, error) from error
 
 
 def _read_heif(path: str | os.PathLike) -> Still:
@@ -124,7 +123,7 @@ def _read_heif(path: str | os.PathLike) -> Still:
             seen = np.asarray(image.convert("RGB"))
             exif = kept_tags(image.getexif())
         except UNREADABLE as error:
-            raise _unreadable(path, error) from error
+            raise unreadable(path, error) from error
         turned = int(image.info.get("original_orientation") or 1)
     orientation = turned if 1 <= turned <= 8 else 1
     exif[ORIENTATION] = orientation
@@ -136,7 +135,7 @@ def _open_raw(path: str | os.PathLike):  # type: ignore[no-untyped-def]  # rawpy
     try:
         return package.imread(os.fspath(path))
     except (package.LibRawError, OSError) as error:
-        raise _unreadable(path, error) from error
+        raise unreadable(path, error) from error
 
 
 def _read_raw(path: str | os.PathLike) -> Still:
@@ -146,7 +145,7 @@ def _read_raw(path: str | os.PathLike) -> Still:
             # As shot: white balance of the camera, no brightening from photo to photo
             pixels = raw.postprocess(use_camera_wb=True, no_auto_bright=True, user_flip=0)
         except _needed("rawpy", path).LibRawError as error:
-            raise _unreadable(path, error) from error
+            raise unreadable(path, error) from error
         exif = _raw_exif(Path(path), raw)
     exif[ORIENTATION] = _ORIENTATION_OF_FLIP.get(flip, 1)
     return Still(pixels, exif)
@@ -154,18 +153,15 @@ def _read_raw(path: str | os.PathLike) -> Still:
 
 def _raw_exif(path: Path, raw) -> Image.Exif:  # type: ignore[no-untyped-def]
     """EXIF tags of a raw photo: of the TIFF that most raws are, else of the JPEG inside."""
-    try:
-        with open(path, "rb") as file:
-            found = Image.Exif()
-            found.load_from_fp(file)
-            return kept_tags(found)
-    except UNREADABLE:
-        pass
-    try:
-        with Image.open(io.BytesIO(raw.extract_thumb().data)) as image:
-            return kept_tags(image.getexif())
-    except (_needed("rawpy", path).LibRawError, *UNREADABLE):
-        pass
+    with suppress(*UNREADABLE), open(path, "rb") as file:
+        found = Image.Exif()
+        found.load_from_fp(file)
+        return kept_tags(found)
+    with (
+        suppress(_needed("rawpy", path).LibRawError, *UNREADABLE),
+        Image.open(io.BytesIO(raw.extract_thumb().data)) as image,
+    ):
+        return kept_tags(image.getexif())
     return Image.Exif()
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import cv2
@@ -63,11 +64,18 @@ def film_header(path: str | os.PathLike) -> FilmHeader:
     StageError
         If it does not open.
     """
-    film = _opened(path)
-    try:
-        return _header_of(film)
-    finally:
-        film.release()
+    with _opened(path) as film:
+        value = {
+            name: float(np.nan_to_num(film.get(getattr(cv2, f"CAP_PROP_{name}"))))
+            for name in ("FRAME_WIDTH", "FRAME_HEIGHT", "FRAME_COUNT", "FPS", "ORIENTATION_META")
+        }
+    return FilmHeader(
+        width=int(value["FRAME_WIDTH"]),
+        height=int(value["FRAME_HEIGHT"]),
+        n_frames=max(int(value["FRAME_COUNT"]), 0),
+        per_second=max(value["FPS"], 0.0),
+        orientation=_ORIENTATION_OF_DEGREES.get(round(value["ORIENTATION_META"]) % 360, 1),
+    )
 
 
 def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
@@ -84,113 +92,84 @@ def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
         If the video does not open or holds no frame. One that breaks off gives what comes before,
         with a warning.
     """
-    film = _opened(path)
-    try:
-        header = _header_of(film)
-        n_read = 0
-        steps = _Steps(step)
-        while True:
-            is_there, frame = film.read()
-            if not is_there:
-                break
-            yield from steps.take(n_read, frame)
+    n_promised, n_read = film_header(path).n_frames, 0
+    corners: _Corners | None = None  # of where a place, or the way to the next, begins
+    best: _Seen | None = None  # the sharpest frame of the place at hand; none on the way
+    with _opened(path) as film:
+        while (taken := film.read())[0]:
+            here = _Seen(n_read, taken[1])
             n_read += 1
-        if not n_read:
-            raise StageError("the video holds no frame", file=path, key=PHOTOS_COLUMN)
-        if n_read < (1.0 - FEW_FRAMES_SHARE) * header.n_frames - 1:
-            logger.warning(
-                "%s breaks off after %d of %d frames: what comes before is used",
-                *(os.path.basename(path), n_read, header.n_frames),
-            )
-        yield from steps.rest()
-    finally:
-        film.release()
+            has_left = corners is None or corners.moved(here.grey) >= 0.5 * step
+            if best and has_left:
+                yield best.frame()
+                corners, best = _Corners(best.grey), None
+                has_left = corners.moved(here.grey) >= 0.5 * step
+            elif best and here.sharpness > best.sharpness:
+                best = here
+            if has_left:
+                corners = _Corners(here.grey)
+                # A black frame is no place: nothing in it could be followed
+                best = here if corners.count else None
+    if not n_read:
+        raise StageError("the video holds no frame", file=path, key=PHOTOS_COLUMN)
+    if n_read < (1.0 - FEW_FRAMES_SHARE) * n_promised - 1:
+        logger.warning(
+            "%s breaks off after %d of %d frames: what comes before is used",
+            *(os.path.basename(path), n_read, n_promised),
+        )
+    if best:
+        yield best.frame()
 
 
-def _opened(path: str | os.PathLike) -> cv2.VideoCapture:
+@contextmanager
+def _opened(path: str | os.PathLike) -> Iterator[cv2.VideoCapture]:
     film = cv2.VideoCapture(os.fspath(path), cv2.CAP_FFMPEG)
     if not film.isOpened():
         raise StageError("the video cannot be opened", file=path, key=PHOTOS_COLUMN)
     film.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
-    return film
+    try:
+        yield film
+    finally:
+        film.release()
 
 
-def _header_of(film: cv2.VideoCapture) -> FilmHeader:
-    value = {
-        name: float(np.nan_to_num(film.get(getattr(cv2, f"CAP_PROP_{name}"))))
-        for name in ("FRAME_WIDTH", "FRAME_HEIGHT", "FRAME_COUNT", "FPS", "ORIENTATION_META")
-    }
-    return FilmHeader(
-        width=int(value["FRAME_WIDTH"]),
-        height=int(value["FRAME_HEIGHT"]),
-        n_frames=max(int(value["FRAME_COUNT"]), 0),
-        per_second=max(value["FPS"], 0.0),
-        orientation=_ORIENTATION_OF_DEGREES.get(round(value["ORIENTATION_META"]) % 360, 1),
-    )
+class _Seen:
+    """A frame (height, width, 3) uint8, BGR, as it is looked at: grey and small enough."""
+
+    def __init__(self, number: int, pixels: np.ndarray) -> None:
+        self._number, self._pixels = number, pixels
+        shrink = min(LOOK_PX / max(pixels.shape[:2]), 1.0)
+        small = cv2.resize(pixels, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+        self.grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
+        # The variance of the Laplacian: what a frame shows matters too, but those of one step show
+        # the same
+        self.sharpness = float(cv2.Laplacian(self.grey, cv2.CV_32F).var())
+
+    def frame(self) -> Frame:
+        return Frame(self._number, self._pixels[:, :, ::-1].copy())
 
 
-class _Steps:
-    """Follows corners from frame to frame, and keeps the sharpest of the place at hand."""
+class _Corners:
+    """Corners of a frame, followed from frame to frame."""
 
-    def __init__(self, step: float) -> None:
-        self._half = 0.5 * step
-        self._last: np.ndarray = np.empty((0, 0), np.uint8)  # grey and reduced
-        self._best_grey = self._last
-        # Corners where a place, or the way to the next, begins, and in the last frame
-        self._start: np.ndarray = np.empty((0, 1, 2), np.float32)
-        self._now = self._start
-        self._n_start = 0
-        self._best: tuple[float, Frame] | None = None  # none on the way to the next place
-
-    def take(self, number: int, frame: np.ndarray) -> Iterator[Frame]:
-        """Look at one frame (height, width, 3) uint8, BGR; yield one where its place is left."""
-        grey = _reduced(frame)
-        has_left = self._has_left(grey)
-        if self._best is not None:
-            if not has_left:
-                self._consider(number, frame, grey)
-                return
-            yield self._best[1]
-            self._best = None
-            self._begin(self._best_grey)
-            has_left = self._has_left(grey)
-        if has_left:
-            self._begin(grey)
-            if self._n_start:  # a black frame is no place: nothing in it could be followed
-                self._consider(number, frame, grey)
-
-    def rest(self) -> Iterator[Frame]:
-        """Yield the sharpest frame of the last place."""
-        if self._best is not None:
-            yield self._best[1]
-
-    def _consider(self, number: int, frame: np.ndarray, grey: np.ndarray) -> None:
-        sharp = sharpness(grey)
-        if self._best is None or sharp > self._best[0]:
-            self._best = (sharp, Frame(number, frame[:, :, ::-1].copy()))
-            self._best_grey = grey
-
-    def _begin(self, grey: np.ndarray) -> None:
+    def __init__(self, grey: np.ndarray) -> None:
         corners = cv2.goodFeaturesToTrack(grey, N_CORNERS, QUALITY, APART_PX)
         self._start = np.empty((0, 1, 2), np.float32) if corners is None else corners
-        self._now, self._n_start = self._start, len(self._start)
-        self._last = grey
+        self._now, self._last, self.count = self._start, grey, len(self._start)
 
-    def _has_left(self, grey: np.ndarray) -> bool:
-        """Whether the picture has moved half a step since the last beginning."""
-        left, moved = self._follow(grey) if self._n_start else (0.0, 0.0)
-        return left < LEAST_LEFT or moved >= self._half
+    def moved(self, grey: np.ndarray) -> float:
+        """How far half of them are from where they began, a share of the longer side.
 
-    def _follow(self, grey: np.ndarray) -> tuple[float, float]:
-        """Share of corners that are left, and how far half of them moved, of the longer side."""
+        Infinitely far where too few are left to tell.
+        """
         if len(self._now):
             there, back = _tracked(self._last, grey, self._now)
             self._start, self._now = self._start[back], there[back]
         self._last = grey
-        if not len(self._now):
-            return 0.0, 0.0
+        if len(self._now) < LEAST_LEFT * self.count or not len(self._now):
+            return np.inf
         away = np.linalg.norm((self._now - self._start).reshape(-1, 2), axis=1)
-        return len(self._now) / self._n_start, float(np.median(away)) / max(grey.shape)
+        return float(np.median(away)) / max(grey.shape)
 
 
 def _tracked(
@@ -203,18 +182,3 @@ def _tracked(
     inside = (there.reshape(-1, 2) >= 0).all(axis=1)
     inside &= (there.reshape(-1, 2) < after.shape[::-1]).all(axis=1)
     return there, (found.ravel() > 0) & (back.ravel() > 0) & (off <= BACK_PX) & inside
-
-
-def _reduced(frame: np.ndarray) -> np.ndarray:
-    """A frame in grey, (height, width) uint8, small enough to look at."""
-    shrink = min(LOOK_PX / max(frame.shape[:2]), 1.0)
-    small = cv2.resize(frame, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
-
-
-def sharpness(grey: np.ndarray) -> float:
-    """Return how sharp a frame (height, width) uint8 is beside others of the same scene.
-
-    The variance of the Laplacian: what it shows matters too, but frames of one step show the same.
-    """
-    return float(cv2.Laplacian(grey, cv2.CV_32F).var())

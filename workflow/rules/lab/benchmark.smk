@@ -25,8 +25,7 @@ rule render_benchmark_scene:
         mem_mb=more_at_each_attempt(4000),
         runtime=240,
     params:
-        **options("render_benchmark_scene"),
-        code=code("lab/render_benchmark_scene"),
+        **stage_params("lab/render_benchmark_scene"),
         preset="{scan}",
     message:
         "{wildcards.scan}: render the scene"
@@ -50,8 +49,7 @@ rule match_benchmark_photos:
         mem_mb=more_at_each_attempt(8000),
         runtime=240,
     params:
-        **options("match_benchmark_photos"),
-        code=code("lab/match_benchmark_photos"),
+        **stage_params("lab/match_benchmark_photos"),
         folder=benchmark_photos,
     message:
         "{wildcards.scan}: match the photos"
@@ -104,8 +102,7 @@ rule place_benchmark_cameras:
         mem_mb=more_at_each_attempt(8000),
         runtime=120,
     params:
-        **options("place_benchmark_cameras"),
-        code=code("lab/place_benchmark_cameras"),
+        **stage_params("lab/place_benchmark_cameras"),
         cameras="{cameras}",
         folder=benchmark_photos,
         poses=lambda wildcards: f"{benchmark_truth(wildcards)}/poses.npz",
@@ -142,8 +139,7 @@ rule measure_stereo:
         runtime=600,
         gpu=lambda wildcards: int(ALL_BACKENDS[wildcards.backend].needs_cuda),
     params:
-        **options("measure_stereo"),
-        code=code("lab/measure_stereo"),
+        **stage_params("lab/measure_stereo"),
         scan="{scan}",
         cameras="{cameras}",
         backend="{backend}",
@@ -176,8 +172,7 @@ rule score_surface:
         mem_mb=more_at_each_attempt(4000),
         runtime=60,
     params:
-        **options("score_surface"),
-        code=code("lab/score_surface"),
+        **stage_params("lab/score_surface"),
         truth=benchmark_truth,
         fit=lambda wildcards: "none" if wildcards.cameras == "true" else "surface",
     message:

@@ -58,8 +58,7 @@ rule make_orchard_scene:
         mem_mb=more_at_each_attempt(2000),
         runtime=20,
     params:
-        **options("make_orchard_scene"),
-        code=code("lab/make_orchard_scene"),
+        **stage_params("lab/make_orchard_scene"),
         seed=lambda wildcards: int(wildcards.scene_seed),
         chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
     message:
@@ -85,8 +84,7 @@ rule render_orchard_scene:
         mem_mb=more_at_each_attempt(4000),
         runtime=240,
     params:
-        **options("render_orchard_scene"),
-        code=code("lab/render_orchard_scene"),
+        **stage_params("lab/render_orchard_scene"),
         seed=lambda wildcards: int(wildcards.scene_seed),
         chosen=lambda wildcards: json.dumps(ORCHARD["chosen"], sort_keys=True),
     message:

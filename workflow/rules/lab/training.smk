@@ -16,8 +16,7 @@ rule train_sky:
         mem_mb=more_at_each_attempt(6000),
         runtime=720,
     params:
-        **options("train_sky"),
-        code=code("lab/train_sky"),
+        **stage_params("lab/train_sky"),
     message:
         "train the sky network on photos with sky masks"
     script:
@@ -39,8 +38,7 @@ rule train_segmentation:
         mem_mb=more_at_each_attempt(8000),
         runtime=720,
     params:
-        **options("train_segmentation"),
-        code=code("lab/train_segmentation"),
+        **stage_params("lab/train_segmentation"),
         # The scenes and the checkpoint outlive a killed run here, so they are no outputs.
         workspace="results/segmentation/training",
     message:

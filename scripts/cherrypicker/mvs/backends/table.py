@@ -78,19 +78,19 @@ BACKENDS = {
         _cuda,
         # A data-centre GPU was not at hand: the rate is assumed, nothing was measured. What the
         # CPU does beside it is reading and writing
-        cpu_s="20 + 1.5 stereo_mp",
-        memory_mb="1500 + 2 stereo_mb",
+        cpu_s="20 + 0.25 sources dense_mp",
+        memory_mb="1500 + 76 sources largest_dense_mp + 160 largest_dense_mp",
         max_threads=2,
         needs_cuda=True,
     ),
     "cpu": Backend(
         "CPU (ours)",
         _cpu,
-        # Per megapixel of a reference photo with six sources. Where a third of the photo is sky,
-        # which is left out, the kernels take 4.3 to 4.8, and the stage took 5.7 on a machine with
-        # other jobs
-        cpu_s="10 + 6 stereo_mp",
-        memory_mb="260 + stereo_mb",
+        # A second a megapixel and source. Where a third of the photo is sky, which is left out, the
+        # kernels take 4.3 to 4.8 with six sources, and the stage took 5.7 on a machine with other
+        # jobs. It holds 38 bytes a pixel for each source and 80 for the photo itself
+        cpu_s="10 + sources dense_mp",
+        memory_mb="260 + 38 sources largest_dense_mp + 80 largest_dense_mp",
         cause="mvs.max_cost, mvs.min_consistent",
     ),
 }
