@@ -21,14 +21,15 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import thin_randomly
-from cherrypicker.placement.directions import angle_deg, rodrigues, tangent_basis
+from cherrypicker.placement.directions import angle_deg, rodrigues, tangent_basis, unit
 from cherrypicker.placement.ground import (
     LOWEST_PERCENTILE,
     MOST_POINTS,
+    N_SPOT,
+    SPOT_CELL,
     AlignOptions,
     find_ground,
-    ground_height,
-    ground_normal,
+    ground_plane,
 )
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.placement.up import Evidence, PhotosUp, photos_up, roll_costs, solve_up
@@ -111,7 +112,9 @@ def align(
         if options.plane != "ransac":  # the ground's true shape refines what the plane says
             turn = rodrigues(normal, [0.0, 0.0, 1.0])
             flat = (points - target) @ turn.T + [0.0, 0.0, ground.height(target)]
-            normal = turn.T @ ground_normal(flat, distance)
+            shape = ground_plane(flat, distance)
+            if shape is not None:
+                normal = turn.T @ unit([-shape[1], -shape[2], 1.0])
         up, angles = _vertical(normal, photos, options, warnings)
     rotation = rodrigues(up, [0.0, 0.0, 1.0])
     upright = (points - target) @ rotation.T
@@ -121,14 +124,14 @@ def align(
         level = -ground.height(target) / max(up @ ground.normal, _LEAST_SLOPE)
     upright[:, 2] -= level
     if options.plane != "ransac":
-        below = ground_height(upright, distance)
+        below = ground_plane(upright, distance, SPOT_CELL, N_SPOT)
         if below is None:
             warnings.append(
                 "no ground seen below what the cameras look at: z = 0 is only approximate"
             )
         else:
-            upright[:, 2] -= below
-            level += below
+            upright[:, 2] -= below[0]
+            level += below[0]
     translation = -(rotation @ target) - [0.0, 0.0, level]
     mass = float(_heights_near(upright, distance).mean())
     costs, _ = roll_costs(poses, [up, -up], stated_turns)
