@@ -123,7 +123,7 @@ def align(
                 "no ground seen below what the cameras look at: z = 0 is only approximate"
             )
         else:
-            level += spot[0]
+            level += float(spot[0])
     translation = -(rotation @ target) - [0.0, 0.0, level]
     mass = float(_heights_near(upright, distance).mean()) - level
     costs, _ = roll_costs(poses, [up, -up], stated_turns)
