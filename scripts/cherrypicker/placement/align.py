@@ -115,7 +115,7 @@ def align(
     if ground is None:
         level = float(np.percentile(_heights_near(upright, distance), LOWEST_PERCENTILE))
     else:  # the foot of the target on the plane
-        level = -ground.height(target) * float(up @ ground.normal)
+        level = -float(ground.height(target) * (up @ ground.normal))
     if options.plane != "ransac":
         spot = ground_plane(upright - [0.0, 0.0, level], distance, SPOT_CELL, N_SPOT)
         if spot is None:

@@ -96,8 +96,8 @@ def find_ground(
     rest, find = points, _papers_plane
     if not is_alone:
         find = _largest_plane
-        near = np.linalg.norm(points - target, axis=1) < REACH * distance
-        rest, *_ = voxel_sample(points[near], threshold)
+        near = points[np.linalg.norm(points - target, axis=1) < REACH * distance]
+        rest, *_ = voxel_sample(near if len(near) else points, threshold)
     ways, planes = (poses.centers + target) / 2, list[Plane]()
     while len(planes) < (1 if is_alone else options.n_planes) and len(rest) > 2:
         normal, offset = find(rest, threshold, seed)
