@@ -207,4 +207,4 @@ def ground_plane(
     if len(cells) < FEWEST_CELLS:
         return None
     cells = cells[np.argsort(np.hypot(cells[:, 0], cells[:, 1]), kind="stable")][:n_nearest]
-    return robust_plane(cells[:, :2], cells[:, 2])[0]
+    return robust_plane(cells[:, :2], cells[:, 2])
