@@ -165,7 +165,6 @@ def align(
         ],
         "warnings": warnings,
     }
-    logger.info("up: %s", {key: value for key, value in report.items() if key.endswith("_deg")})
     for warning in warnings:
         logger.warning("%s", warning)
     return Alignment(rotation, translation, report)
@@ -201,11 +200,17 @@ def _vertical(
         noise_deg = np.sqrt(max(_LEVEL_DEG**2, disagreement**2 - photos.sigma_deg**2))
         level = Evidence(tangent_basis(normal)[None], np.zeros((1, 2)), np.radians(noise_deg))
         up, _ = solve_up([*photos.evidence, level], photos.up)
+    to_ground, to_cameras = angle_deg(up, normal), angle_deg(up, photos.up)
+    logger.info(
+        f"up: ground and cameras (+- {photos.sigma_deg:.2f} deg) differ by {disagreement:.2f} deg; "
+        f"the result is {to_ground:.2f} deg from the ground's normal and {to_cameras:.2f} deg from "
+        "the cameras' up"
+    )
     return up, {
         "ground_normal": normal,
         "ground_to_cameras_deg": disagreement,
-        "up_to_ground_deg": angle_deg(up, normal),
-        "up_to_cameras_deg": angle_deg(up, photos.up),
+        "up_to_ground_deg": to_ground,
+        "up_to_cameras_deg": to_cameras,
     }
 
 
