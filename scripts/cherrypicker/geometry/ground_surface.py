@@ -57,14 +57,11 @@ def ground_level(ground: np.ndarray, at: np.ndarray, radius: float) -> float | N
     count = np.bincount(sector, minlength=N_SECTORS)
     if (count > 0).sum() < FEWEST_SECTORS:
         return float(np.median(ground[:, 2]))
-    plane, _ = robust_plane(offset, ground[:, 2], 1.0 / np.sqrt(count[sector]))
-    return float(plane[0])
+    return float(robust_plane(offset, ground[:, 2], 1.0 / np.sqrt(count[sector]))[0])
 
 
-def robust_plane(
-    xy: np.ndarray, z: np.ndarray, balance: np.ndarray | float = 1.0
-) -> tuple[np.ndarray, float]:
-    """Plane ``z = a + b x + c y`` by Tukey's biweight.
+def robust_plane(xy: np.ndarray, z: np.ndarray, balance: np.ndarray | float = 1.0) -> np.ndarray:
+    """Plane ``z = a + b x + c y`` by Tukey's biweight: a, b, c, shape (3,).
 
     Parameters
     ----------
@@ -72,20 +69,13 @@ def robust_plane(
     z : ndarray of shape (n,)
     balance : ndarray of shape (n,) or float, default 1
         Weights beside those of the residuals.
-
-    Returns
-    -------
-    plane : ndarray of shape (3,)
-        a, b, c.
-    sigma : float
-        Robust standard deviation of the residuals.
     """
     design = np.column_stack([np.ones(len(xy)), xy])
-    weights, plane, sigma = np.broadcast_to(balance, len(xy)), np.zeros(3), 0.0
+    weights, plane = np.broadcast_to(balance, len(xy)), np.zeros(3)
     for _ in range(N_ROUNDS):
         root_weights = np.sqrt(weights)[:, None]
         plane = np.linalg.lstsq(design * root_weights, z * root_weights[:, 0], rcond=None)[0]
         residual = z - design @ plane
-        sigma = max(robust_sigma(residual), LEAST_SIGMA_M)
-        weights = balance * (1.0 - np.clip(np.abs(residual) / (TUKEY * sigma), 0, 1) ** 2) ** 2
-    return plane, sigma
+        limit = TUKEY * max(robust_sigma(residual), LEAST_SIGMA_M)
+        weights = balance * (1.0 - np.clip(np.abs(residual) / limit, 0, 1) ** 2) ** 2
+    return plane

@@ -21,14 +21,15 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import thin_randomly
-from cherrypicker.placement.directions import angle_deg, rodrigues, tangent_basis
+from cherrypicker.placement.directions import angle_deg, rodrigues, tangent_basis, unit
 from cherrypicker.placement.ground import (
     LOWEST_PERCENTILE,
     MOST_POINTS,
+    N_SPOT,
+    SPOT_CELL,
     AlignOptions,
     find_ground,
-    ground_height,
-    ground_normal,
+    ground_plane,
 )
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.placement.up import Evidence, PhotosUp, photos_up, roll_costs, solve_up
@@ -40,7 +41,6 @@ _MIN_POINTS = 100
 # What ground near a tree is off level: as it counts (on the level walks of docs/lab/placement.md
 # up is off by 0.39 degrees; with 1, 2 and 5 by 0.44, 0.53 and 0.58), and remarkably
 _LEVEL_DEG, _SLOPE_DEG = 0.7, 5.0
-_LEAST_SLOPE = 0.3  # keeps a division finite
 _MOST_DEG = 15  # rolls that differ by more, or a less sure up, tell no vertical (guess)
 
 
@@ -102,38 +102,34 @@ def align(
         stated_ups=stated_ups,
         start=None if ground is None else ground.normal,
     )
-    warnings = list(photos.warnings)
-    if ground is None:
-        up = _photos_alone(photos, options, warnings)
-        angles = {"ground_to_cameras_deg": None}
-    else:
-        normal = ground.normal
-        if options.plane != "ransac":  # the ground's true shape refines what the plane says
-            turn = rodrigues(normal, [0.0, 0.0, 1.0])
-            flat = (points - target) @ turn.T + [0.0, 0.0, ground.height(target)]
-            normal = turn.T @ ground_normal(flat, distance)
-        up, angles = _vertical(normal, photos, options, warnings)
+    warnings, normal = list(photos.warnings), None if ground is None else ground.normal
+    if ground is not None and options.plane != "ransac":  # its true shape refines the plane
+        turn = rodrigues(ground.normal, [0.0, 0.0, 1.0])
+        flat = (points - target) @ turn.T + [0.0, 0.0, ground.height(target)]
+        shape = ground_plane(flat, distance)
+        if shape is not None:
+            normal = turn.T @ unit([-shape[1], -shape[2], 1.0])
+    up, angles = _vertical(normal, photos, options, warnings)
     rotation = rodrigues(up, [0.0, 0.0, 1.0])
     upright = (points - target) @ rotation.T
     if ground is None:
         level = float(np.percentile(_heights_near(upright, distance), LOWEST_PERCENTILE))
-    else:  # down the vertical from the target to the plane
-        level = -ground.height(target) / max(up @ ground.normal, _LEAST_SLOPE)
-    upright[:, 2] -= level
+    else:  # the foot of the target on the plane
+        level = -float(ground.height(target) * (up @ ground.normal))
     if options.plane != "ransac":
-        below = ground_height(upright, distance)
-        if below is None:
+        spot = ground_plane(upright - [0.0, 0.0, level], distance, SPOT_CELL, N_SPOT)
+        if spot is None:
             warnings.append(
                 "no ground seen below what the cameras look at: z = 0 is only approximate"
             )
         else:
-            upright[:, 2] -= below
-            level += below
+            level += float(spot[0])
     translation = -(rotation @ target) - [0.0, 0.0, level]
-    mass = float(_heights_near(upright, distance).mean())
+    mass = float(_heights_near(upright, distance).mean()) - level
     costs, _ = roll_costs(poses, [up, -up], stated_turns)
     margin = float(costs[1].mean() - costs[0].mean())
-    if not (mass > 0 and margin > 0):
+    is_upright = mass > 0 and margin > 0
+    if not is_upright:
         warnings.append(
             f"up and down may be swapped: centre of mass at z = {mass:.3g}, and upside down the "
             f"photos fit by {margin:.2f} worse"
@@ -156,7 +152,7 @@ def align(
         "half_turn": {
             "center_of_mass_z": mass,
             "cameras_margin": margin,
-            "agree": mass > 0 and margin > 0,
+            "agree": is_upright,
         },
         "candidates": [
             {
@@ -175,55 +171,47 @@ def align(
 
 
 def _vertical(
-    normal: np.ndarray, photos: PhotosUp, options: AlignOptions, warnings: list[str]
+    normal: np.ndarray | None, photos: PhotosUp, options: AlignOptions, warnings: list[str]
 ) -> tuple[np.ndarray, dict]:
-    """Up direction from the ground's normal and the photos, and the angles between them."""
+    """Up direction from the photos and the ground's normal, if any, and the angles between them."""
+    if normal is None:
+        if options.up_from == "ground":
+            raise StageError("no plane of the cloud can be the ground", key="align.up_from")
+        is_held_askew = photos.roll_std_deg > _MOST_DEG and not photos.gravity["gravity_is_used"]
+        if is_held_askew or photos.sigma_deg > _MOST_DEG:
+            raise StageError(
+                "no plane of the cloud can be the ground, and the cameras do not tell the vertical",
+                key="align.ground_distance_fraction",
+            )
+        warnings.append(
+            "no ground plane found: up is the cameras' mean up direction, z = 0 the lowest part of "
+            "what they look at"
+        )
+        return photos.up, {"ground_to_cameras_deg": None}
     disagreement = angle_deg(normal, photos.up)
-    # What the photos do not allow is a slope: as much of its angle is no error of theirs.
-    noise_deg = np.sqrt(max(_LEVEL_DEG**2, disagreement**2 - photos.sigma_deg**2))
-    level = Evidence(tangent_basis(normal)[None], np.zeros((1, 2)), np.radians(noise_deg))
-    up = {
-        "ground": lambda: normal,
-        "cameras": lambda: photos.up,
-        "auto": lambda: solve_up([*photos.evidence, level], photos.up)[0],
-    }[options.up_from]()
-    angles = {
-        "ground_normal": normal,
-        "ground_to_cameras_deg": disagreement,
-        "up_to_ground_deg": angle_deg(up, normal),
-        "up_to_cameras_deg": angle_deg(up, photos.up),
-    }
-    logger.info(
-        "up: ground and cameras (+- %.2f deg) differ by %.2f deg; the result is %.2f deg from the "
-        "ground's normal and %.2f deg from the cameras' up",
-        photos.sigma_deg,
-        disagreement,
-        angles["up_to_ground_deg"],
-        angles["up_to_cameras_deg"],
-    )
     if disagreement > max(_SLOPE_DEG, 2 * photos.sigma_deg):
         warnings.append(
             f"the ground slopes by {disagreement:.1f} degrees against the cameras' mean up "
             f"direction (align.up_from is {options.up_from})"
         )
-    return up, angles
-
-
-def _photos_alone(photos: PhotosUp, options: AlignOptions, warnings: list[str]) -> np.ndarray:
-    """Up direction where no plane can be the ground."""
-    if options.up_from == "ground":
-        raise StageError("no plane of the cloud can be the ground", key="align.up_from")
-    is_held_askew = photos.roll_std_deg > _MOST_DEG and not photos.gravity["gravity_is_used"]
-    if is_held_askew or photos.sigma_deg > _MOST_DEG:
-        raise StageError(
-            "no plane of the cloud can be the ground, and the cameras do not tell the vertical",
-            key="align.ground_distance_fraction",
-        )
-    warnings.append(
-        "no ground plane found: up is the cameras' mean up direction, z = 0 the lowest part of "
-        "what they look at"
+    up = normal if options.up_from == "ground" else photos.up
+    if options.up_from == "auto":
+        # What the photos do not allow is a slope: as much of its angle is no error of theirs.
+        noise_deg = np.sqrt(max(_LEVEL_DEG**2, disagreement**2 - photos.sigma_deg**2))
+        level = Evidence(tangent_basis(normal)[None], np.zeros((1, 2)), np.radians(noise_deg))
+        up, _ = solve_up([*photos.evidence, level], photos.up)
+    to_ground, to_cameras = angle_deg(up, normal), angle_deg(up, photos.up)
+    logger.info(
+        f"up: ground and cameras (+- {photos.sigma_deg:.2f} deg) differ by {disagreement:.2f} deg; "
+        f"the result is {to_ground:.2f} deg from the ground's normal and {to_cameras:.2f} deg from "
+        "the cameras' up"
     )
-    return photos.up
+    return up, {
+        "ground_normal": normal,
+        "ground_to_cameras_deg": disagreement,
+        "up_to_ground_deg": to_ground,
+        "up_to_cameras_deg": to_cameras,
+    }
 
 
 def _heights_near(upright: np.ndarray, distance: float) -> np.ndarray:

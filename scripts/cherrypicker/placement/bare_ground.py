@@ -21,7 +21,6 @@ from cherrypicker.placement.ground import (
     SPOT_CELL,
     TOLERANCE,
     AlignOptions,
-    Plane,
     find_ground,
     ground_cells,
 )
@@ -69,8 +68,21 @@ def needed_points(
     if plane is None:
         logger.warning("no ground that the cameras stand on: all points are kept")
         return np.ones(len(points), bool)
+    rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
+    origin = region.center - plane.height(region.center) * plane.normal
+    surface = GroundSurface(ground_cells((sample - origin) @ rotation.T, distance))
     n_cells = 2 * int(REACH / SPOT_CELL) + 1  # each way
-    away, cell, height = _over_ground(points, sample, plane, region, n_cells)
+    width, middle = SPOT_CELL * distance, n_cells // 2
+    xy = width * (np.indices((n_cells, n_cells)).reshape(2, -1).T - middle)
+    ground, parts = surface(xy).reshape(n_cells, n_cells), []
+    for block in np.split(points, range(MOST_POINTS, len(points), MOST_POINTS)):  # bounds memory
+        upright = (block - origin) @ rotation.T
+        place = upright[:, :2].T / width + middle
+        off = np.abs(upright[:, 2] - map_coordinates(ground, place, order=1, cval=np.nan))
+        x, y = np.where(np.isnan(off), 0, np.round(place)).astype(int)
+        parts.append((np.hypot(*upright[:, :2].T), x * n_cells + y, off))
+    # From the region's middle; square of the ground; above or below it, NaN beyond the squares
+    away, cell, height = (np.concatenate(part) for part in zip(*parts, strict=True))
     band = options.ground_distance_fraction * distance
     near = height <= TOLERANCE * distance
     n_all = np.bincount(cell[near], minlength=n_cells**2)
@@ -95,30 +107,3 @@ def needed_points(
         f"{len(first):,}",
     )
     return keep
-
-
-def _over_ground(
-    points: np.ndarray, sample: np.ndarray, plane: Plane, region: Region, n_cells: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where points stand over the ground, whose surface is that of a sample of them.
-
-    Returns
-    -------
-    away, cell, height : ndarray of shape (n_points,)
-        Horizontal distance from the region's middle; number of the square cell; distance above or
-        below the ground, NaN beyond the cells.
-    """
-    rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
-    origin = region.center - plane.height(region.center) * plane.normal
-    width, middle = SPOT_CELL * region.distance, n_cells // 2
-    xy = width * (np.indices((n_cells, n_cells)).reshape(2, -1).T - middle)
-    surface = GroundSurface(ground_cells((sample - origin) @ rotation.T, region.distance))
-    heights, parts = surface(xy).reshape(n_cells, n_cells), []
-    for block in np.split(points, range(MOST_POINTS, len(points), MOST_POINTS)):  # bounds memory
-        upright = (block - origin) @ rotation.T
-        place = upright[:, :2].T / width + middle
-        height = np.abs(upright[:, 2] - map_coordinates(heights, place, order=1, cval=np.nan))
-        x, y = np.where(np.isnan(height), 0, np.round(place)).astype(int)
-        parts.append((np.hypot(*upright[:, :2].T), x * n_cells + y, height))
-    away, cell, height = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return away, cell, height

@@ -3,9 +3,9 @@
 The paper (section Region of Interest) takes the axis-aligned x/y box of the camera origins, on the
 assumption that the cameras stand around the tree: the option region "cameras". The default keeps
 the vertical shadow of the region of :mod:`cherrypicker.placement.region`, which is as wide and
-needs no such assumption. Which tree in
-it is the target is decided once, after the labels (:mod:`cherrypicker.wood.target`). Of a scan of
-several trees none stands in the middle, and the paper's box it is.
+needs no such assumption. Which tree in it is the target is decided once, after the labels
+(:mod:`cherrypicker.wood.target`). Of a scan of several trees none stands in the middle, and the
+paper's box it is.
 """
 
 from __future__ import annotations
@@ -70,13 +70,14 @@ def crop_roi(
     search, warnings = thin_randomly(points, MOST_POINTS, seed), list[str]()
     center, distance = look_at_point(poses, search)
     if region == "cameras" and not several:
-        source, footprint = "cameras", _box_of(poses.centers)
+        source, footprint = "cameras", Footprint.of_box(poses.centers[:, :2])
     elif not several and find_region(poses) is not None:
         source, footprint = "region", Footprint(center[:2], distance)
     else:
         # The paper's box, and as far before the cameras as they are from what they look at
         before = poses.centers + distance * poses.forward
-        source, footprint = "camera_box", _box_of(np.concatenate([poses.centers, before]))
+        places = np.concatenate([poses.centers, before])
+        source, footprint = "camera_box", Footprint.of_box(places[:, :2])
         if not several:
             warnings.append(
                 "the cameras look at no common place: the region of interest is the box of the "
@@ -108,12 +109,8 @@ def crop_roi(
         )
     kept = int(keep.sum())
     logger.info(
-        "kept %s of %s points (%.1f %%); %s more inside the region lie below z = %.3g",
-        f"{kept:,}",
-        f"{len(points):,}",
-        100 * kept / len(points),
-        f"{int(inside.sum()) - kept:,}",
-        floor,
+        f"kept {kept:,} of {len(points):,} points ({kept / len(points):.1%}); "
+        f"{inside.sum() - kept:,} more inside the region lie below z = {floor:.3g}"
     )
     for warning in warnings:
         logger.warning("%s", warning)
@@ -129,8 +126,3 @@ def crop_roi(
         "warnings": warnings,
     }
     return keep, report
-
-
-def _box_of(places: np.ndarray) -> Footprint:
-    """The box around places (n, 3), seen from above."""
-    return Footprint.of_box([places[:, :2].min(axis=0), places[:, :2].max(axis=0)])

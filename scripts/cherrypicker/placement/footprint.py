@@ -26,9 +26,9 @@ class Footprint:
     box: np.ndarray | None = None
 
     @classmethod
-    def of_box(cls, box: npt.ArrayLike) -> Footprint:
-        """The footprint of a box of shape (2, 2), lower and upper corner."""
-        box = np.asarray(box, dtype=np.float64)
+    def of_box(cls, places: npt.ArrayLike) -> Footprint:
+        """The footprint of the box around places, (n, 2)."""
+        box = np.stack([np.min(places, axis=0), np.max(places, axis=0)]).astype(np.float64)
         return cls(box.mean(axis=0), float(np.ptp(box, axis=0).max()) / 2, box)
 
     @classmethod

@@ -7,7 +7,7 @@ at.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,7 +23,6 @@ logger = logging.getLogger(__name__)
 # Lengths without a unit are shares of the cameras' distance to what they look at; all are guesses
 N_TRIES, TEST_POINTS = 1500, 3000  # of RANSAC
 MOST_POINTS = 400_000  # of a cloud that are asked: bounds the time
-LEAST_REST = 0.01  # share of the points in which another plane is sought
 # The ground's cells: width, how far around the target, and the fewest that make a plane; heights
 # that may be ground
 CELL, REACH, FEWEST_CELLS, TOLERANCE = 0.1, 2.5, 12, 0.3
@@ -51,9 +50,8 @@ class Plane:
     normal: np.ndarray  # (3,): unit normal, on the side of most cameras
     offset: float
     n_inliers: int  # points within the inlier distance
-    score: float = 0.0  # in [0, 1]
-    # Means over the photos of ``upright``, ``above`` and ``beneath``
-    factors: dict = field(default_factory=dict)
+    score: float  # in [0, 1]
+    factors: dict  # means over the photos of ``upright``, ``above`` and ``beneath``
 
     def height(self, points: np.ndarray) -> np.ndarray:
         """Signed distance of points above the plane, shape (n_points,)."""
@@ -71,6 +69,9 @@ def find_ground(
     seed: int = 0,
 ) -> tuple[Plane | None, list[Plane]]:
     """Find the plane of the ground near what the cameras look at.
+
+    A photo speaks for a plane where its camera is above it, is held upright over it, and has some
+    of the plane's points beneath the way to the tree. A wall, a roof or a hedge fails.
 
     Parameters
     ----------
@@ -92,38 +93,49 @@ def find_ground(
     """
     is_alone = options.plane == "ransac"
     threshold = options.ground_distance_fraction * distance
-    rest, find, n_planes = points, largest_plane, 1
+    rest, find = points, _papers_plane
     if not is_alone:
+        find = _largest_plane
         near = points[np.linalg.norm(points - target, axis=1) < REACH * distance]
         rest, *_ = voxel_sample(near if len(near) else points, threshold)
-        find, n_planes = _largest_plane, options.n_planes
-    least, planes = max(2, LEAST_REST * len(rest)), list[Plane]()
-    while len(planes) < n_planes and len(rest) > least:
-        plane = find(rest, threshold, seed)
-        is_inlier = np.abs(plane.height(rest)) < threshold
-        planes.append(_judged(plane, rest[is_inlier], poses, target, distance, stated_turns))
+    ways, planes = (poses.centers + target) / 2, list[Plane]()
+    while len(planes) < (1 if is_alone else options.n_planes) and len(rest) > 2:
+        normal, offset = find(rest, threshold, seed)
+        if np.median(poses.centers @ normal) < -offset:
+            normal, offset = -normal, -offset
+        is_inlier = np.abs(rest @ normal + offset) < threshold
+        feet = ways - (ways @ normal + offset)[:, None] * normal
+        said = {
+            "upright": 1.0 - roll_costs(poses, normal, stated_turns)[0][0],
+            "above": poses.centers @ normal + offset > 0,
+            "beneath": cKDTree(rest[is_inlier]).query(feet)[0] < 2 * CELL * distance,
+        }
+        score = float(np.mean(said["upright"] * said["above"] * said["beneath"]))
+        factors = {name: float(value.mean()) for name, value in said.items()}
+        planes.append(Plane(normal, offset, int(is_inlier.sum()), score, factors))
+        logger.info("plane of %d points: score %.3f %s", is_inlier.sum(), score, factors)
         rest = rest[~is_inlier]
     planes.sort(key=lambda plane: -plane.score)
     return planes[0] if planes and (is_alone or planes[0].score >= MIN_SCORE) else None, planes
 
 
-def largest_plane(points: np.ndarray, distance: float, seed: int) -> Plane:
-    """The plane with the most of the points (n_points, 3) within `distance`, by Open3D's RANSAC.
-
-    The paper's; the default does without Open3D, which needs libraries that pip cannot bring.
-    """
+def _papers_plane(points: np.ndarray, distance: float, seed: int) -> tuple[np.ndarray, float]:
+    """As `_largest_plane` by Open3D, as in the paper; it needs libraries that pip cannot bring."""
     import open3d
 
     open3d.utility.random.seed(seed)
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     # Any other probability ends the search early, after how many tries the threads decide
-    (*normal, offset), inliers = cloud.segment_plane(distance, 3, N_TRIES, probability=1.0)
-    length = float(np.linalg.norm(normal))
-    return Plane(np.array(normal) / length, offset / length, len(inliers))
+    plane, _ = cloud.segment_plane(distance, 3, N_TRIES, probability=1.0)
+    *normal, offset = plane / np.linalg.norm(plane[:3])
+    return np.array(normal), offset
 
 
-def _largest_plane(points: np.ndarray, distance: float, seed: int) -> Plane:
-    """The best of planes through three points each, refitted to its inliers by least squares."""
+def _largest_plane(points: np.ndarray, distance: float, seed: int) -> tuple[np.ndarray, float]:
+    """Unit normal and offset of the plane with the most points within a distance, by RANSAC.
+
+    The best of planes through three points each, refitted to its inliers by least squares.
+    """
     rng = np.random.default_rng(seed)
     first, second, third = points[rng.integers(len(points), size=(3, N_TRIES))]
     across = np.cross(second - first, third - first)
@@ -134,41 +146,7 @@ def _largest_plane(points: np.ndarray, distance: float, seed: int) -> Plane:
     inliers = points[np.abs((points - first[best]) @ normals[best]) < distance]
     center = inliers.mean(axis=0)
     normal = np.linalg.eigh(np.cov(inliers - center, rowvar=False, bias=True))[1][:, 0]
-    return Plane(normal, float(-normal @ center), len(inliers))
-
-
-def _judged(
-    plane: Plane,
-    inliers: np.ndarray,
-    poses: Poses,
-    target: np.ndarray,
-    distance: float,
-    stated_turns: np.ndarray | None,
-) -> Plane:
-    """Rate how well a plane serves as the ground: by the photos that stand on it.
-
-    A photo speaks for a plane where its camera is above it, is held upright over it, and has some
-    of the plane's points (n_inliers, 3) beneath the way to the tree. A wall, a roof or a hedge
-    fails.
-
-    Returns
-    -------
-    Plane
-        With its normal on the cameras' side, its factors and its score.
-    """
-    side = 1.0 if np.median(plane.height(poses.centers)) > 0 else -1.0
-    plane = Plane(side * plane.normal, side * plane.offset, len(inliers))
-    ways = (poses.centers + target) / 2
-    feet = ways - plane.height(ways)[:, None] * plane.normal
-    said = {
-        "upright": 1.0 - roll_costs(poses, plane.normal, stated_turns)[0][0],
-        "above": plane.height(poses.centers) > 0,
-        "beneath": cKDTree(inliers).query(feet)[0] < 2 * CELL * distance,
-    }
-    plane.factors = {name: float(value.mean()) for name, value in said.items()}
-    plane.score = float(np.mean(said["upright"] * said["above"] * said["beneath"]))
-    logger.info("plane of %d points: score %.3f %s", len(inliers), plane.score, plane.factors)
-    return plane
+    return normal, float(-normal @ center)
 
 
 def ground_cells(points: np.ndarray, distance: float, width: float = CELL) -> np.ndarray:
@@ -204,41 +182,29 @@ def ground_cells(points: np.ndarray, distance: float, width: float = CELL) -> np
     return np.column_stack([middle, low])
 
 
-def ground_normal(points: np.ndarray, distance: float) -> np.ndarray:
-    """Normal of the ground around the z axis; that axis where too little of it was seen.
+def ground_plane(
+    points: np.ndarray, distance: float, width: float = CELL, n_nearest: int | None = None
+) -> np.ndarray | None:
+    """The ground's shape around the z axis: a robust plane ``z = a + b x + c y`` through its cells.
+
+    Cells have equal area, so that far ground counts as much as what many photos show.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3)
-        Cloud with z roughly up, the ground plane near z = 0 and the target on the z axis.
-    distance : float
-        Cameras' median distance to the target.
+        z roughly up, the ground near z = 0.
+    distance, width : float
+        As for :func:`ground_cells`.
+    n_nearest : int, optional
+        Cells to take, those nearest to the axis; all by default.
 
     Returns
     -------
-    ndarray of shape (3,)
-        Unit vector, z positive, of the plane through cells of equal area: far ground counts.
+    ndarray of shape (3,) or None
+        a, b, c; None where too little of the ground was seen.
     """
-    cells = ground_cells(points, distance)
-    if len(cells) < FEWEST_CELLS:
-        return np.array([0.0, 0.0, 1.0])
-    (_, b, c), _ = robust_plane(cells[:, :2], cells[:, 2])
-    return unit([-b, -c, 1.0])
-
-
-def ground_height(points: np.ndarray, distance: float) -> float | None:
-    """Height of the ground on the z axis, from what was seen around it; None where nothing was.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-        z up, ground near z = 0.
-    distance : float
-        Cameras' median distance to the target.
-    """
-    cells = ground_cells(points, distance, SPOT_CELL)
+    cells = ground_cells(points, distance, width)
     if len(cells) < FEWEST_CELLS:
         return None
-    nearest = np.argsort(np.hypot(cells[:, 0], cells[:, 1]), kind="stable")[:N_SPOT]
-    (level, _, _), _ = robust_plane(cells[nearest, :2], cells[nearest, 2])
-    return float(level)
+    cells = cells[np.argsort(np.hypot(cells[:, 0], cells[:, 1]), kind="stable")][:n_nearest]
+    return robust_plane(cells[:, :2], cells[:, 2])

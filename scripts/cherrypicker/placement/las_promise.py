@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import BinaryIO
 
 from cherrypicker.errors import StageError
 
@@ -53,34 +52,27 @@ def check_las_promise(path: Path) -> None:
         if not header.are_points_compressed:
             refuse("points", start + header.point_count * length)
             return
-        table, n_chunks = _chunk_table(stream, start, size)
+        table = 0
+        for place in (start, size - 8):  # who wrote a stream put the table's place at its end
+            stream.seek(max(place, 0))
+            table = table if table > 0 else int.from_bytes(stream.read(8), "little", signed=True)
+        table = min(max(table, 0), size)
+        stream.seek(table + 4)
+        n_chunks = int.from_bytes(stream.read(4), "little")
         refuse("chunks", n_chunks * length)  # the first point of a chunk stands there as it is
-        at, n_layers = start + 8, _count_layers(header.vlrs.get("LasZipVlr")[0].record_data)
-        lengths = struct.Struct(f"<{n_layers}I")
-        while n_layers and at < table:  # without layers a point is read at a time
+        at, lengths = start + 8, _layer_lengths(header.vlrs.get("LasZipVlr")[0].record_data)
+        while lengths.size and at < table:  # without layers a point is read at a time
             stream.seek(at + length + 4)  # after the first point and the number of points
             content = stream.read(lengths.size).ljust(lengths.size, b"\0")
             at += length + 4 + lengths.size + sum(lengths.unpack(content))
         refuse("chunks", at)
 
 
-def _chunk_table(stream: BinaryIO, start: int, size: int) -> tuple[int, int]:
-    """Where the table of chunks is, and how many it promises."""
-    table = 0
-    for place in (start, size - 8):  # who wrote a stream put the table's place at its end
-        stream.seek(max(place, 0))
-        table = int.from_bytes(stream.read(8), "little", signed=True)
-        if table > 0:
-            break
-    table = min(max(table, 0), size)
-    stream.seek(table + 4)
-    return table, int.from_bytes(stream.read(4), "little")
-
-
-def _count_layers(record: bytes) -> int:
-    """Layers of each chunk by LASzip's own record; 0 where it has none."""
+def _layer_lengths(record: bytes) -> struct.Struct:
+    """The lengths of each chunk's layers by LASzip's own record; nothing where it has none."""
     if len(record) < 34 or int.from_bytes(record[:2], "little") != _LAYERED:
-        return 0
+        return struct.Struct("")
     n_items = int.from_bytes(record[32:34], "little")
     items = struct.iter_unpack("<HHH", record[34 : 34 + 6 * min(n_items, (len(record) - 34) // 6)])
-    return sum(n if kind == _BYTES_ITEM else _LAYERS.get(kind, 0) for kind, n, _ in items)
+    n_layers = sum(n if kind == _BYTES_ITEM else _LAYERS.get(kind, 0) for kind, n, _ in items)
+    return struct.Struct(f"<{n_layers}I")

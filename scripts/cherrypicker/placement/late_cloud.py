@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +22,6 @@ logger = logging.getLogger(__name__)
 NORMALISED_HEIGHT = 3.0
 """Height, in arbitrary units, that a cloud without a scale is given."""
 
-_TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
 _MAX_8_BIT, _MAX_16_BIT = 255, 65535
 _LAS_POINTS_AT_A_TIME = 500_000  # some 20 MB; a header that promises more takes none for it
 
@@ -107,7 +107,21 @@ def import_cloud(
         If the file is missing, unreadable, empty, not finite, its labels are out of range, or it is
         too high or too low for a tree.
     """
-    cloud = _read_any(Path(path))
+    file = Path(path)
+    if not file.is_file():
+        raise StageError("the point cloud is missing", file=path, key="cloud in trees.tsv")
+    read = _READERS.get(file.suffix.lower())
+    if read is None:
+        raise StageError(
+            f"unknown kind of point cloud {file.suffix!r} ({', '.join(_READERS)})",
+            file=path,
+            key="cloud in trees.tsv",
+        )
+    cloud = read(file)
+    if len(cloud) == 0:
+        raise StageError("the point cloud is empty", file=path)
+    if not np.isfinite(cloud.points).all():
+        raise StageError("the point cloud has coordinates that are not finite", file=path)
     _check_labels(cloud, path)
     rotation = rodrigues(parse_up_axis(up or "z"), [0.0, 0.0, 1.0])
     if scale == "none":
@@ -127,23 +141,6 @@ def import_cloud(
     column = "scale" if scale else "cloud_unit"
     check_height(imported, heights or HeightOptions(), f"{column} in trees.tsv", path)
     return imported
-
-
-def _read_any(path: Path) -> PointCloud:
-    suffix = path.suffix.lower()
-    if not path.is_file():
-        raise StageError("the point cloud is missing", file=path, key="cloud in trees.tsv")
-    if suffix == ".ply":
-        return read_cloud(path)
-    if suffix in (".las", ".laz"):
-        return _read_las(path)
-    if suffix in _TEXT_SUFFIXES:
-        return _read_text(path)
-    raise StageError(
-        f"unknown kind of point cloud {suffix!r} (PLY, LAS, LAZ, {', '.join(_TEXT_SUFFIXES)})",
-        file=path,
-        key="cloud in trees.tsv",
-    )
 
 
 def _read_las(path: Path) -> PointCloud:
@@ -170,7 +167,7 @@ def _read_las(path: Path) -> PointCloud:
     rgb = np.concatenate(levels).astype(np.float32) if levels else np.zeros((0, 3), np.float32)
     if rgb.size and rgb.max() > 0:
         colors = rgb / (_MAX_16_BIT if rgb.max() > _MAX_8_BIT else _MAX_8_BIT)
-    return _checked(np.concatenate([np.empty((0, 3)), *points]), colors, path)
+    return PointCloud(np.concatenate([np.empty((0, 3)), *points]), colors)
 
 
 def _read_text(path: Path) -> PointCloud:
@@ -191,7 +188,7 @@ def _read_text(path: Path) -> PointCloud:
         rgb = table[:, 3:6]
         if rgb.min() >= 0 and rgb.max() <= _MAX_8_BIT:
             colors = rgb / (_MAX_8_BIT if rgb.max() > 1 else 1.0)
-    return _checked(table[:, :3], colors, path)
+    return PointCloud(table[:, :3], colors)
 
 
 def _is_point(line: str, delimiter: str | None) -> bool:
@@ -200,14 +197,6 @@ def _is_point(line: str, delimiter: str | None) -> bool:
         return len([float(cell) for cell in cells[:3]]) == 3
     except ValueError:
         return False
-
-
-def _checked(points: np.ndarray, colors: np.ndarray | None, path: Path) -> PointCloud:
-    if len(points) == 0:
-        raise StageError("the point cloud is empty", file=path)
-    if not np.isfinite(points).all():
-        raise StageError("the point cloud has coordinates that are not finite", file=path)
-    return PointCloud(points, colors)
 
 
 def _check_labels(cloud: PointCloud, path: str | os.PathLike) -> None:
@@ -227,3 +216,10 @@ def _check_labels(cloud: PointCloud, path: str | os.PathLike) -> None:
     cloud.fields["label"] = labels.astype(np.uint8)
     if "confidence" not in cloud:
         cloud.fields["confidence"] = np.ones(len(cloud), dtype=np.float32)
+
+
+_READERS: dict[str, Callable[[Path], PointCloud]] = {
+    ".ply": read_cloud,
+    **dict.fromkeys((".las", ".laz"), _read_las),
+    **dict.fromkeys((".xyz", ".txt", ".asc", ".csv", ".pts"), _read_text),
+}

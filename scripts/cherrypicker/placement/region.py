@@ -28,15 +28,9 @@ NEAREST = 0.3
 # 6 degrees of spread leave the depth of the crossing open by a third)
 COMMON_SHARE = 1 / 3
 LEAST_SPREAD = 0.01
-# Rounds in search of the crossing; an axis that misses it by so many median misses, or by so much
-# of the cameras' distance, counts half; one that meets it behind its camera so much (guesses)
-N_ROUNDS = 20
-FAR_MISSES, LEAST_MISS, BEHIND_WEIGHT = 1.5, 1e-3, 0.05
-SETTLED = 1e-9  # of the cameras' distance: a move that ends the search
-# A pull far below any angle that counts, for axes that are parallel to the last digit
-RIDGE = 1e-9
-# What a photo's middle shows: its middle half each way, of so many points (guesses)
-MIDDLE, SAMPLE = 0.25, 4000
+N_ROUNDS = 20  # in search of the crossing
+FAR_MISSES = 1.5  # an axis that misses it by so many median misses counts half (guess)
+MIDDLE = 0.25  # of a photo's size each way from its middle: what stands for its view (guess)
 # Samples of the region: 14 cm apart in a ball of 3 m radius
 N_SAMPLES = 3000
 
@@ -72,7 +66,11 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
         None where the cameras look at no common place (a facade, a walk along a row); of several
         trees only where parallel axes leave the depth of all open.
     """
-    center, spread = _crossing(poses)
+    # Across each axis; the least eigenvalue of their mean is the mean squared sine of the axes'
+    # angles to a common direction: 0 for parallel axes
+    projectors = np.eye(3) - poses.forward[:, :, None] * poses.forward[:, None, :]
+    spread = max(0.0, float(np.linalg.eigvalsh(projectors.mean(axis=0))[0]))
+    center = _crossing(poses, projectors)
     away = np.linalg.norm(center - poses.centers, axis=1)
     distance = float(np.median(away))
     share = float(np.mean([frames(poses, i, center[None], 0.0)[0] for i in range(len(poses))]))
@@ -89,35 +87,25 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
     return Region(center, radius, distance, samples)
 
 
-def _crossing(poses: Poses) -> tuple[np.ndarray, float]:
-    """Return where the viewing axes cross, (3,), and how much they spread.
+def _crossing(poses: Poses, projectors: np.ndarray) -> np.ndarray:
+    """Return where the viewing axes cross, (3,), by iteratively reweighted least squares.
 
-    Iteratively reweighted least squares of the distances to the axes. The spread is the least
-    eigenvalue of the mean of the projectors across the axes, the mean squared sine of their angles
-    to a common direction: 0 for parallel axes.
+    What an axis misses it by counts with Cauchy's loss, whose scale follows the median miss.
     """
-    centers, axes = poses.centers, poses.forward
-    projectors = np.eye(3) - axes[:, :, None] * axes[:, None, :]  # (N, 3, 3)
-    spread = max(0.0, float(np.linalg.eigvalsh(projectors.mean(axis=0))[0]))
-    point = middle = centers.mean(axis=0)  # closes a depth that parallel axes leave open
-    weights = np.ones(len(centers))
+    middle = poses.centers.mean(axis=0)  # closes a depth that parallel axes leave open
+    offsets, weights = poses.centers - middle, np.ones(len(poses))
+    point = np.zeros(3)
     for _ in range(N_ROUNDS):
-        ridge = RIDGE * weights.sum()
-        left = np.einsum("n,nij->ij", weights, projectors) + ridge * np.eye(3)
-        right = np.einsum("n,nij,nj->i", weights, projectors, centers) + ridge * middle
-        new_point = np.linalg.solve(left, right)
-        offsets = new_point - centers
-        misses = np.linalg.norm(np.einsum("nij,nj->ni", projectors, offsets), axis=1)
-        ranges = np.median(np.linalg.norm(offsets, axis=1))
+        left = np.einsum("n,nij->ij", weights, projectors)
+        right = np.einsum("n,nij,nj->i", weights, projectors, offsets)
+        point = np.linalg.lstsq(left, right, rcond=None)[0]
+        ways = point - offsets
+        misses = np.linalg.norm(np.einsum("nij,nj->ni", projectors, ways), axis=1)
+        scale = FAR_MISSES * np.median(misses) + np.finfo(float).tiny
         # An axis that meets the point behind its camera says nothing about where it looks
-        behind = np.einsum("ni,ni->n", offsets, axes) <= 0
-        scale = max(FAR_MISSES * np.median(misses), LEAST_MISS * ranges)
-        weights = np.where(behind, BEHIND_WEIGHT, 1.0 / (1.0 + (misses / scale) ** 2))
-        moved = np.linalg.norm(new_point - point)
-        point = new_point
-        if moved < SETTLED * ranges:
-            break
-    return point, spread
+        is_ahead = np.einsum("ni,ni->n", ways, poses.forward) > 0
+        weights = is_ahead / (1.0 + (misses / scale) ** 2)
+    return middle + point
 
 
 def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
@@ -140,14 +128,14 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
     region = find_region(poses)
     if region is not None:
         return region.center, region.distance
-    sample, seen = points[:: max(1, len(points) // SAMPLE)], []
+    seen = []
     for index in range(len(poses)):
-        pixels, depth = poses.project(sample, index)
+        pixels, depth = poses.project(points, index)
         size = np.array([poses.width[index], poses.height[index]])
         central = (depth > 0) & np.all(np.abs(pixels - size / 2) < size * MIDDLE, axis=1)
         if central.any():
             seen.append(poses.centers[index] + np.median(depth[central]) * poses.forward[index])
-    point = np.median(seen if seen else sample, axis=0)
+    point = np.median(seen or points, axis=0)
     return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1)))
 
 
