@@ -178,6 +178,7 @@ def test_pruning_is_told_on_a_sheet_where_it_was_asked_for(build):
     assert "Pruning" not in build()
     target = {"name": "height_m", "limit": 1.0, "before": 1.4, "after": 0.99, "after_se": 0.01}
     told = {"preset": "tall_spindle", "source": "a <book>", "notes": ["no width"]}
+    told["keep"] = []
     told["targets"] = [target | {"is_reached": True}]
     (build.folder / "pruning.json").write_text(json.dumps(told))
     cells = {"cut": "1", "branch_id": "0", "node": "5", "kind": "heading", "n_tips_after": "2"}

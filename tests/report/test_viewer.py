@@ -12,12 +12,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 from test_report import scan, traits
 
+from cherrypicker.batch.config import resolve_config
 from cherrypicker.classes import Removal
+from cherrypicker.files import load_schema
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
+from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.text import page_template, script_json
 from cherrypicker.report.tree import FILES
@@ -348,6 +352,35 @@ def test_what_a_grower_decides_from_has_tabs_units_and_a_copy(opened, spoilt, tm
     page.select_option("#units", "metric")
     assert "bearing length a cm² [m]" in page.locator("#bearing thead").inner_text()
     assert page.locator("#bearing tfoot").inner_text().split()[3] == "2.00"
+
+
+def test_what_is_struck_out_or_wanted_otherwise_is_told_as_config(
+    opened, spoilt, tmp_path, project
+):
+    target = {"before": 2.0, "after": 1.0, "after_se": None, "is_reached": True}
+    limits = {"limb_trunk_ratio": 1.0, "renew_limbs": 0.0}
+    told = {"preset": "own", "source": "config", "notes": [], "keep": [3]}
+    told["targets"] = [target | {"name": name, "limit": limit} for name, limit in limits.items()]
+    cut = {name: 0.5 for name, column in CUT_COLUMNS.items()}
+    cut |= {"kind": "thinning", "reasons": "renewal", "node": 30}
+    cuts = [cut | {"cut": number, "branch_id": axis} for number, axis in [(1, 2), (2, 1), (3, 2)]]
+    page = opened(render(spoilt, tmp_path, pruning=told, cuts=cuts)).page
+    assert not page.locator("#replan").is_visible()
+    keep = page.locator("#pruning input[type=checkbox]")
+    keep.nth(0).check()
+    assert [keep.nth(k).is_checked() for k in range(3)] == [True, False, True]  # of one axis
+    assert page.locator("#targets input").count() == 1
+    page.get_by_label("another limit of: Limb-to-trunk ratio").fill("0.8")
+    text = page.locator("#replan pre").inner_text()
+    assert yaml.safe_load(text) == {
+        "pruning": {"target": {"limb_trunk_ratio": 0.8}, "keep": [2, 3]}
+    }
+    schema = load_schema(project / "workflow/schemas/config.schema.yaml")
+    own = resolve_config(schema, {"pruning": {"preset": "vase"}}, yaml.safe_load(text))
+    assert own["pruning"]["preset"] == "vase" and own["pruning"]["keep"] == [2, 3]
+    page.get_by_label("another limit").fill("")
+    keep.nth(2).uncheck()
+    assert not page.locator("#replan").is_visible()
 
 
 def test_the_table_is_sorted_by_a_click(opened, spoilt_page):

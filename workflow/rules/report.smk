@@ -98,6 +98,7 @@ rule report_tree:
             "report/scaffold.*",
             "report/style.css",
             "report/tabs.js",
+            "report/pruning.js",
             "report/copy.js",
             "report/units.js",
             "report/viewer_js/*.js",

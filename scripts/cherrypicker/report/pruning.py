@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from cherrypicker.pruning.table import CUT_COLUMNS, TARGET_WORDS
+from cherrypicker.pruning.target import TURNS
 from cherrypicker.report.branches import sortable_table
 from cherrypicker.report.figures import tree_box, view_grid
 from cherrypicker.report.raster import side_views
@@ -24,8 +25,9 @@ def pruning_section(pruning: dict | None, rows: list[dict] | None, unit: str) ->
     Returns
     -------
     dict
-        ``cuts`` as of `cherrypicker.report.branches.sortable_table`, ``targets`` (name, limit,
-        before, after, and whether it is reached), ``preset``, ``source`` and ``notes``.
+        ``cuts`` as of `cherrypicker.report.branches.sortable_table`, ``targets`` (texts, whether
+        each is reached, and the name and number of a limit that the page may change), ``preset``,
+        ``source``, ``notes`` and ``keep``, the axes that no cut takes.
     """
     if pruning is None or rows is None:
         return None
@@ -38,6 +40,7 @@ def pruning_section(pruning: dict | None, rows: list[dict] | None, unit: str) ->
         "preset": pruning["preset"].replace("_", " "),
         "source": pruning["source"],
         "notes": pruning["notes"],
+        "keep": pruning["keep"],
         "cuts": sortable_table(columns, rows, unit),
         "targets": [_told(each, unit) for each in pruning["targets"]],
     }
@@ -52,13 +55,21 @@ def cuts_by_axis(rows: Sequence[Mapping]) -> dict[int, str]:
     return {axis: "; ".join(each) for axis, each in told.items()}
 
 
-def _told(target: dict, unit: str) -> tuple[str, str, str, str, bool]:
+def _told(target: dict, unit: str) -> dict:
     end = f" {unit_word(target['name'], unit)}" if target["name"].endswith("_m") else ""
     before, after = (f"{target[when]:.2f}".removesuffix(".00") for when in ("before", "after"))
     error = "" if target["after_se"] is None else f" ± {target['after_se']:.2f}"
     limit = f"{target['limit']:g}"
-    told = (limit + end, before + end, after + error + end)
-    return TARGET_WORDS[target["name"]], *told, target["is_reached"]
+    return {
+        # Of what goes by a limit the told one is of what may be left, not the config's
+        "name": "" if target["name"] in TURNS[1] else target["name"],
+        "number": limit,
+        "words": TARGET_WORDS[target["name"]],
+        "limit": limit + end,
+        "before": before + end,
+        "after": after + error + end,
+        "is_reached": target["is_reached"],
+    }
 
 
 def pruning_figure(skeleton: Skeleton, rows: list[dict], width_px: int) -> Figure:
