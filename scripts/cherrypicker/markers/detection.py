@@ -11,9 +11,9 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from cherrypicker.markers.columns import check_ids
 from cherrypicker.markers.fit import fit_marker
 from cherrypicker.markers.layouts import Sightings
+from cherrypicker.markers.references import check_ids
 from cherrypicker.markers.scan import Scan
 from cherrypicker.photos import read_photo
 

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.markers.columns import SIDES_COLUMN, check_distance, choose_mode
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import (
     Reads,
@@ -27,7 +26,14 @@ from cherrypicker.markers.detection import (
 from cherrypicker.markers.marker_scales import marker_references, measure_marker
 from cherrypicker.markers.reads import SortedReads, sort_reads
 from cherrypicker.markers.reference_scales import measure_reference
-from cherrypicker.markers.references import KEY, Reference, check_scale
+from cherrypicker.markers.references import (
+    KEY,
+    SIDES_COLUMN,
+    Reference,
+    check_distance,
+    check_scale,
+    choose_mode,
+)
 from cherrypicker.markers.scan import Scan
 
 logger = logging.getLogger(__name__)
@@ -53,7 +59,7 @@ def estimate_scale(
     photos : list of path-like
         The tree's photos; those that are not registered are left out.
     cell, mode : str
-        As for :func:`cherrypicker.markers.columns.choose_mode`.
+        As for :func:`cherrypicker.markers.references.choose_mode`.
     dictionary, sides_m : str
         The columns ``marker_dictionary`` and ``marker_sides_m``.
     references : sequence of mapping or str

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker.markers.columns import SIDES_COLUMN
 from cherrypicker.markers.combine import drop
 from cherrypicker.markers.detection import Reads
 from cherrypicker.markers.layouts import Sightings, fit_layout, intersect_rays, lay_over, meet
+from cherrypicker.markers.references import SIDES_COLUMN
 from cherrypicker.markers.scan import Scan
 
 # What no scatter of the sightings shows, root mean squares over nine rendered scenes
@@ -95,37 +95,6 @@ def locate_marker(
         misfit=fit.misfit,
         misfit_dof=fit.misfit_dof,
     )
-
-
-def locate_middle(
-    seen: Sightings, *, max_error_px: float = 2.0, seed: int = 0
-) -> tuple[np.ndarray, float] | None:
-    """Find where most rays through the middles meet, for corners that no square explains.
-
-    Parameters
-    ----------
-    max_error_px : float, default 2
-        As of :func:`locate_marker`, of a middle.
-
-    Returns
-    -------
-    (ndarray of shape (3,), float) or None
-        The middle, and the radius of the print around it with the error of the middle; None where
-        no two photos agree on a position.
-    """
-    middles = replace(seen, places=seen.middles[:, None])
-    met = meet(middles, seen.tolerance(max_error_px), seed)
-    if met is None:
-        return None
-    points, used, middle = met[0], seen.select(met[1]), met[0][0]
-    depth = used.in_cameras(points)[:, 0, 2]
-    reach = np.linalg.norm(used.places - used.middles[:, None], axis=-1).max(axis=1) * depth
-    rays = used.centers - middle
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    weights = (used.focal / (depth * used.noise_px)) ** 2
-    normal = np.einsum("n,nij->ij", weights, np.eye(3) - rays[:, :, None] * rays[:, None, :])
-    error = np.sqrt(1 / np.linalg.eigvalsh(normal)[0])
-    return middle, float(reach.max() + error)
 
 
 def measure_marker(marker_id: int, side_m: float | None, reads: Reads, scan: Scan) -> dict:
