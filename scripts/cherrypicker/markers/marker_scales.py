@@ -71,7 +71,7 @@ def locate_marker(
         if met is None:
             return None
         corners, used = met[0], seen.select(met[1])
-    laid = lay_over(corners, _UNIT_SQUARE, np.zeros(4, int))
+    laid = lay_over(corners, _UNIT_SQUARE)
     if laid is None:
         return None
     fit = fit_layout(used, laid)
