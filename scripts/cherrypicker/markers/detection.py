@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -44,13 +44,8 @@ class Reads(Sightings):
     """Markers as a detector reads them: the places are corners, clockwise from the top left."""
 
     ids: np.ndarray  # (n,) int
-    coarse: np.ndarray  # (n, 4, 2): the corners before the pattern was fitted
     is_matched: np.ndarray  # (n,) bool: whether the pattern is matched
     is_precise: np.ndarray  # (n,) bool: whether the paper is flat too
-
-    def coarsely(self) -> Self:
-        """The same by the corners as they were before the pattern was fitted."""
-        return replace(self, places=self.coarse, std=_coarse_std(self.side_px))
 
 
 # What a photo tells of a read
@@ -58,7 +53,6 @@ _READ = np.dtype(
     [
         ("ids", int),
         ("places", float, (4, 2)),
-        ("coarse", float, (4, 2)),
         ("std", float),
         ("side_px", float),
         ("is_matched", bool),
@@ -149,18 +143,13 @@ def _refine(
     if not np.isfinite(start).all():
         return None
     side = float(np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1)))
-    coarse, coarse_std = start / focal, _coarse_std(side)
+    coarse_std = max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
     fit = fit_marker(grey, corners, pattern, undistorted_px)
     reach = max(_REACH_PX, _REACH_MODULES * side / len(pattern))
     if fit is None or fit.agreement < _MIN_AGREEMENT or np.abs(fit.corners - start).max() >= reach:
-        return coarse, coarse, coarse_std, side, False, False
+        return start / focal, coarse_std, side, False, False
     std = max(fit.corner_std, _LEAST_STD_PX) if fit.is_flat else 0.5 * coarse_std
-    return fit.corners / focal, coarse, std, side, True, fit.is_flat
-
-
-def _coarse_std(side_px: Any) -> Any:
-    """One standard deviation, px, of a corner's coordinate that no pattern was fitted to."""
-    return np.maximum(_COARSE_STD_PX, _COARSE_STD_SIDES * side_px)
+    return fit.corners / focal, std, side, True, fit.is_flat
 
 
 def suggest_dictionaries(photos: Sequence[str | Path], *, n_photos: int = 6) -> str:

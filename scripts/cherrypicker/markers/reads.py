@@ -59,10 +59,7 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
     """
     result = SortedReads()
     how: dict[str, Any] = {"max_error_px": scan.max_reprojection_px, "seed": scan.seed}
-    # Squares to hold others against: by their fitted corners, and by their coarse ones
     squares = [marker for marker in markers.values() if marker.get("is_square")]
-    own = [reads.select(reads.ids == square["id"]).coarsely() for square in squares]
-    coarse = [vars(geometry) for each in own if (geometry := locate_marker(each, **how))]
     for marker_id in np.unique(reads.ids).tolist():
         rest = reads.select(reads.ids == marker_id)
         places = [markers.get(marker_id, {})]
@@ -87,8 +84,8 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
                     result.unsolved.append(_place(square))
                 continue
             # Coarse corners without the pattern may still show that no square is there
-            met = None if here.is_matched.any() else locate_marker(here.coarsely(), **how)
-            if met and coarse and not _fits(vars(met), coarse):
+            met = None if here.is_matched.any() else locate_marker(here, **how)
+            if met and not met.is_square:
                 false += here.photos.tolist()
                 continue
             spot = {"center": middle, "radius": radius, "n_images": len(np.unique(here.photos))}
