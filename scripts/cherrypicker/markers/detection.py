@@ -22,7 +22,6 @@ from cherrypicker.photos import read_photo
 _MIN_AGREEMENT = 0.93
 _COARSE_STD_PX = 1.0  # of corners that no pattern was fitted to (guess), or this many sides
 _COARSE_STD_SIDES = 0.02
-_REACH_MODULES = 1.5  # a fit stays this near to the coarse corners (guess)
 # Photos up to this size are searched at twice the size for small markers (guess)
 _UPSCALE_BELOW_PX = 4_000_000
 _LEAST_SIDE_PX = 12  # of a marker that is searched for
@@ -129,15 +128,9 @@ def detect_markers(scan: Scan, dictionary: cv2.aruco.Dictionary) -> Reads:
                 continue
             side = float(np.mean(np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)))
             std = max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
-            pattern = marker_pattern(dictionary, marker_id)
-            fit = fit_marker(grey, corners, pattern, undistorted_px)
-            reach = _REACH_MODULES * side / len(pattern)
+            fit = fit_marker(grey, corners, marker_pattern(dictionary, marker_id), undistorted_px)
             is_matched = is_precise = False
-            if (
-                fit
-                and fit.agreement >= _MIN_AGREEMENT
-                and np.abs(fit.corners - places).max() < reach
-            ):
+            if fit and fit.agreement >= _MIN_AGREEMENT:
                 places, is_matched, is_precise = fit.corners, True, fit.is_flat
                 std = fit.corner_std if is_precise else 0.5 * std
             found.append((marker_id, places / focal, std, side, is_matched, is_precise))
