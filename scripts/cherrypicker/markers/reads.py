@@ -85,7 +85,7 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
                 continue
             # Coarse corners without the pattern may still show that no square is there
             met = None if here.is_matched.any() else locate_marker(here, **how)
-            if met and not met.is_square:
+            if met and not met["is_square"]:
                 false += here.photos.tolist()
                 continue
             spot = {"center": middle, "radius": radius, "n_images": len(np.unique(here.photos))}
