@@ -8,8 +8,6 @@ are found in turns.
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 
 from cherrypicker.errors import StageError
@@ -18,12 +16,10 @@ from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sections import Section
 from cherrypicker.geometry.stem_slabs import stem_section
 
-logger = logging.getLogger(__name__)
-
 # Guesses, m where a unit is named: half the slab, a gap between things, what a stem
-# may measure; of its section the arc, scatter and lean; rounds of scale and section, and their end
+# may measure; of its section the arc and scatter; rounds of scale and section, and their end
 _HALF_HEIGHT_M, _GAP_M, _RADII_M = 0.05, 0.015, (0.008, 0.5)
-_LEAST_ARC_DEG, _ROUGH, _LEAST_UPRIGHT = 200.0, 0.15, 0.7
+_LEAST_ARC_DEG, _ROUGH = 200.0, 0.15
 _N_ROUNDS, _SETTLED = 12, 1e-4
 _LEAST_POINTS = 60
 
@@ -93,8 +89,6 @@ def _stem_at(points: np.ndarray, height: float, seed: int) -> Section | None:
                 axis /= np.linalg.norm(axis)
         except StageError:
             continue
-        is_round = section.arc_deg >= _LEAST_ARC_DEG and section.noise <= _ROUGH * section.radius
-        is_upright = axis[2] >= _LEAST_UPRIGHT
-        if is_round and is_upright and section.n_inliers >= 0.5 * len(own):
+        if section.arc_deg >= _LEAST_ARC_DEG and section.noise <= _ROUGH * section.radius:
             return section
     return None
