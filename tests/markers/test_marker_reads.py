@@ -41,7 +41,6 @@ def read(scan, photo, marker_id, corners, rng, *, noise_px=0.1, matched=True):
         "side_px": side,
         "is_precise": matched,
         "is_matched": matched,
-        "coarse": coarse,
     }
 
 

@@ -7,13 +7,13 @@ from marker_scene import develop, marker_scan, paint_marker, pattern_of, square
 from scan_scene import look_at_poses, ring, rotation_about
 
 from cherrypicker.errors import StageError
-from cherrypicker.markers.columns import DICTIONARY_SIZES, choose_mode, parse_marker_sides
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import find_markers, marker_dictionary, marker_pattern
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.fit import fit_marker
 from cherrypicker.markers.layouts import Sightings, intersect_rays
 from cherrypicker.markers.marker_scales import locate_marker, marker_references
+from cherrypicker.markers.references import DICTIONARY_SIZES, choose_mode, parse_marker_sides
 from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.footprint import Footprint
@@ -176,10 +176,10 @@ def test_outlier_sightings_are_rejected():
     observations.places[5] += 0.03
     observations.places[7] = rng.normal(0, 0.2, (4, 2))
     geometry = locate_marker(observations)
-    np.testing.assert_array_equal(geometry.sightings.photos, [0, 1, 3, 4, 6, 8, 9, 10, 11])
-    assert geometry.square_side == pytest.approx(0.2, rel=1e-3)
-    assert geometry.is_square
-    np.testing.assert_allclose(geometry.corners, corners, atol=5e-4)
+    np.testing.assert_array_equal(geometry["sightings"].photos, [0, 1, 3, 4, 6, 8, 9, 10, 11])
+    assert geometry["square_side"] == pytest.approx(0.2, rel=1e-3)
+    assert geometry["is_square"]
+    np.testing.assert_allclose(geometry["corners"], corners, atol=5e-4)
 
 
 def test_the_mean_of_the_sides_takes_every_sighting_at_its_word():
@@ -189,14 +189,14 @@ def test_the_mean_of_the_sides_takes_every_sighting_at_its_word():
     corners = square([0.5, 0.2, 0.1], 0.2, normal=(0, -0.4, 1))
     observations = sightings(rng, corners, poses)
     good = locate_marker(observations, by="mean")
-    assert good.square_side == good.side_lengths.mean() == pytest.approx(0.2, rel=2e-3)
+    assert good["square_side"] == good["side_lengths"].mean() == pytest.approx(0.2, rel=2e-3)
     observations.places[5] *= 1.2  # one that does not agree
     mean = locate_marker(observations, by="mean")
     origins = np.repeat(observations.centers[:, None], 4, axis=1).reshape(12, 4, 3)
     expected = [intersect_rays(origins[:, k], observations.rays[:, k]) for k in range(4)]
-    np.testing.assert_allclose(mean.corners, expected, atol=1e-12)
-    assert len(mean.sightings) == 12 and abs(mean.square_side / 0.2 - 1) > 0.01
-    assert locate_marker(observations).square_side == pytest.approx(0.2, rel=1e-3)
+    np.testing.assert_allclose(mean["corners"], expected, atol=1e-12)
+    assert len(mean["sightings"]) == 12 and abs(mean["square_side"] / 0.2 - 1) > 0.01
+    assert locate_marker(observations)["square_side"] == pytest.approx(0.2, rel=1e-3)
 
 
 def test_standard_error_matches_the_scatter():
@@ -204,9 +204,9 @@ def test_standard_error_matches_the_scatter():
     poses = look_at_poses(ring(8, radius=2.5), np.array([0.0, 0.0, 0.3]))
     corners = square([0.3, 0.2, 0.0], 0.2)
     results = [locate_marker(sightings(rng, corners, poses, 0.3)) for _ in range(40)]
-    sides = [result.square_side for result in results]
+    sides = [result["square_side"] for result in results]
     scatter = np.std(sides)
-    claimed = 0.2 * np.median([result.side_std for result in results])
+    claimed = 0.2 * np.median([result["side_std"] for result in results])
     assert 0.5 < claimed / scatter < 2.0
     assert np.mean(sides) == pytest.approx(0.2, abs=3 * scatter / 6)
 
@@ -216,7 +216,7 @@ def test_a_bent_marker_is_flagged():
     poses = look_at_poses(ring(10, radius=2.5), np.array([0.0, 0.0, 0.3]))
     corners = square([0.3, 0.2, 0.0], 0.2)
     corners[0, 2] += 0.03
-    assert not locate_marker(sightings(rng, corners, poses)).is_square
+    assert not locate_marker(sightings(rng, corners, poses))["is_square"]
 
 
 def test_no_agreement_gives_none():

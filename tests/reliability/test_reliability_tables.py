@@ -11,9 +11,8 @@ from cherrypicker.batch.config import read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
-from cherrypicker.markers.columns import parse_marker_sides
 from cherrypicker.markers.estimate_scale import estimate_scale
-from cherrypicker.markers.references import check_scale
+from cherrypicker.markers.references import check_scale, parse_marker_sides
 from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.intervals import Estimate

@@ -36,7 +36,7 @@ def charuco_board(values: Mapping) -> cv2.aruco.CharucoBoard:
     return board
 
 
-def see_charuco(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.ndarray]:
+def see_charuco(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray]:
     """A ChArUco board's inner corners in the photos of a scan.
 
     Returns
@@ -44,23 +44,19 @@ def see_charuco(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.
     seen : Sightings
     layout : ndarray of shape (k, 3)
         Places of the corners, m.
-    parts : ndarray of shape (k,), int
-        Their part, of which there is one.
     """
     layout = np.asarray(charuco_board(values).getChessboardCorners(), float)
     find = partial(find_charuco, values=values)
-    seen = _see(scan, find, len(layout), "a ChArUco board")
-    return seen, layout, np.zeros(len(layout), int)
+    return _see(scan, find, len(layout), "a ChArUco board"), layout
 
 
-def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray, np.ndarray]:
-    """The inner corners of a checker cube's faces: as `see_charuco`, with each face a part."""
+def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray]:
+    """The inner corners of a checker cube's six faces: as `see_charuco`, each face a copy."""
     n = values["cells"] - 1
     side = np.arange(n) * values["length_m"] / values["cells"]
     face = np.dstack([*np.meshgrid(side, side), np.zeros((n, n))]).reshape(-1, 3)
     grids = _see(scan, partial(_find_faces, n=n), len(face), "the checker cube")
-    seen = name_faces(grids, face, scan)
-    return seen, np.tile(face, (6, 1)), np.repeat(np.arange(6), n * n)
+    return name_faces(grids, face, scan), face
 
 
 def _see(scan: Scan, find: Callable[[np.ndarray], list], k: int, what: str) -> Sightings:
@@ -148,7 +144,7 @@ def name_faces(grids: Sightings, face: np.ndarray, scan: Scan) -> Sightings:
             break
         points, rows = met[0], left[met[1]]
         left = left[~np.isin(grid[left], grid[rows])]
-        laid = lay_over(points, face, np.zeros(k, int))
+        laid = lay_over(points, face)
         if laid is None or laid.misfit > _IRREGULAR:
             continue
         size = size or laid.size

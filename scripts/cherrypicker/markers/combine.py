@@ -43,7 +43,24 @@ def combine(references: list[dict], warnings: list[str]) -> tuple[float, float]:
         raise StageError(
             f"no reference gives a scale ({reasons})", key=_keys(references) or "scale in trees.tsv"
         )
-    used = _drop_contradicting(used, warnings)
+    while len(used) > 1:
+        checks = [_check(one, used) for one in used]
+        off = [abs(check["difference"]) for check in checks]
+        errors = np.array(off) / [check["difference_std"] for check in checks]
+        worst = int(np.argmax(errors))
+        if errors[worst] <= MOST_ERRORS:
+            break
+        if len(used) == 2:
+            text = " and ".join(f"{one['name']} ({one['scale']:.5g} m a unit)" for one in used)
+            message = f"{text} contradict each other by {100 * off[0]:.1f} %"
+            if off[0] > _WORST_DISAGREEMENT:
+                raise StageError(f"{message}; check their lengths", key=_keys(used))
+            for one in used:
+                one["flags"].append(f"in doubt: {message}")
+            warnings.append(f"{message}, check {_keys(used)}")
+            break
+        percent = f"{100 * checks[worst]['difference']:+.1f} %"
+        drop(used.pop(worst), f"it differs by {percent} from the scale of the others", warnings)
     value, error, _ = _mean(used)
     for one in references:
         is_checked = one.get("scale") and any(other is not one for other in used)
@@ -74,33 +91,6 @@ def _check(one: dict, used: list[dict]) -> dict:
         "difference_std": float(np.hypot(own_loose, loose)),
         "against": [other["name"] for other in others],
     }
-
-
-def _drop_contradicting(used: list[dict], warnings: list[str]) -> list[dict]:
-    """Leave out references that differ from what three and more give without them."""
-    while len(used) > 1:
-        checks = [_check(one, used) for one in used]
-        off = np.array([abs(check["difference"]) for check in checks])
-        errors = off / [check["difference_std"] for check in checks]
-        worst = int(np.argmax(errors))
-        if errors[worst] <= MOST_ERRORS:
-            break
-        if len(used) == 2:
-            text = " and ".join(f"{one['name']} ({one['scale']:.5g} m a unit)" for one in used)
-            message = f"{text} contradict each other by {100 * off[0]:.1f} %"
-            if off[0] > _WORST_DISAGREEMENT:
-                raise StageError(f"{message}; check their lengths", key=_keys(used))
-            for one in used:
-                one["flags"].append(f"in doubt: {message}")
-            warnings.append(f"{message}, check {_keys(used)}")
-            break
-        one = used[worst]
-        reason = (
-            f"it differs by {100 * checks[worst]['difference']:+.1f} % from the scale of the others"
-        )
-        drop(one, reason, warnings)
-        used = [other for other in used if other is not one]
-    return used
 
 
 def drop(one: dict, reason: str, warnings: list[str]) -> None:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
 
-from cherrypicker.markers.columns import check_ids
 from cherrypicker.markers.fit import fit_marker
 from cherrypicker.markers.layouts import Sightings
+from cherrypicker.markers.references import check_ids
 from cherrypicker.markers.scan import Scan
 from cherrypicker.photos import read_photo
 
@@ -22,8 +22,6 @@ from cherrypicker.photos import read_photo
 _MIN_AGREEMENT = 0.93
 _COARSE_STD_PX = 1.0  # of corners that no pattern was fitted to (guess), or this many sides
 _COARSE_STD_SIDES = 0.02
-_LEAST_STD_PX = 0.02  # no fit is better (guess)
-_REACH_PX, _REACH_MODULES = 1.5, 1.5  # a fit stays this near to the coarse corners (guess)
 # Photos up to this size are searched at twice the size for small markers (guess)
 _UPSCALE_BELOW_PX = 4_000_000
 _LEAST_SIDE_PX = 12  # of a marker that is searched for
@@ -44,13 +42,8 @@ class Reads(Sightings):
     """Markers as a detector reads them: the places are corners, clockwise from the top left."""
 
     ids: np.ndarray  # (n,) int
-    coarse: np.ndarray  # (n, 4, 2): the corners before the pattern was fitted
     is_matched: np.ndarray  # (n,) bool: whether the pattern is matched
     is_precise: np.ndarray  # (n,) bool: whether the paper is flat too
-
-    def coarsely(self) -> Self:
-        """The same by the corners as they were before the pattern was fitted."""
-        return replace(self, places=self.coarse, std=_coarse_std(self.side_px))
 
 
 # What a photo tells of a read
@@ -58,7 +51,6 @@ _READ = np.dtype(
     [
         ("ids", int),
         ("places", float, (4, 2)),
-        ("coarse", float, (4, 2)),
         ("std", float),
         ("side_px", float),
         ("is_matched", bool),
@@ -124,43 +116,29 @@ def detect_markers(scan: Scan, dictionary: cv2.aruco.Dictionary) -> Reads:
     """
 
     def find(grey: np.ndarray, camera: Any) -> list[tuple]:
+        focal = camera.mean_focal_length()
+
+        def undistorted_px(pixels: np.ndarray) -> np.ndarray:
+            return np.asarray(camera.cam_from_img(np.ascontiguousarray(pixels)), float) * focal
+
         found = []
         for marker_id, corners in find_markers(grey, dictionary):
-            read = _refine(corners, grey, camera, marker_pattern(dictionary, marker_id))
-            if read is not None:
-                found.append((marker_id, *read))
+            places = undistorted_px(corners)
+            if not np.isfinite(places).all():  # off the lens
+                continue
+            side = float(np.mean(np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)))
+            std = max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
+            fit = fit_marker(grey, corners, marker_pattern(dictionary, marker_id), undistorted_px)
+            is_matched = is_precise = False
+            if fit and fit.agreement >= _MIN_AGREEMENT:
+                places, is_matched, is_precise = fit.corners, True, fit.is_flat
+                std = fit.corner_std if is_precise else 0.5 * std
+            found.append((marker_id, places / focal, std, side, is_matched, is_precise))
         return found
 
     shown_by, found = scan.search(find, "markers")
     table = np.array(found, _READ)
     return Reads(**shown_by, **{name: table[name] for name in _READ.names or ()})
-
-
-def _refine(
-    corners: np.ndarray, grey: np.ndarray, camera: Any, pattern: np.ndarray
-) -> tuple | None:
-    """A read's columns from its places on, precise where the pattern fits; None off the lens."""
-    focal = camera.mean_focal_length()
-
-    def undistorted_px(pixels: np.ndarray) -> np.ndarray:
-        return np.asarray(camera.cam_from_img(np.ascontiguousarray(pixels)), float) * focal
-
-    start = undistorted_px(corners)
-    if not np.isfinite(start).all():
-        return None
-    side = float(np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1)))
-    coarse, coarse_std = start / focal, _coarse_std(side)
-    fit = fit_marker(grey, corners, pattern, undistorted_px)
-    reach = max(_REACH_PX, _REACH_MODULES * side / len(pattern))
-    if fit is None or fit.agreement < _MIN_AGREEMENT or np.abs(fit.corners - start).max() >= reach:
-        return coarse, coarse, coarse_std, side, False, False
-    std = max(fit.corner_std, _LEAST_STD_PX) if fit.is_flat else 0.5 * coarse_std
-    return fit.corners / focal, coarse, std, side, True, fit.is_flat
-
-
-def _coarse_std(side_px: Any) -> Any:
-    """One standard deviation, px, of a corner's coordinate that no pattern was fitted to."""
-    return np.maximum(_COARSE_STD_PX, _COARSE_STD_SIDES * side_px)
 
 
 def suggest_dictionaries(photos: Sequence[str | Path], *, n_photos: int = 6) -> str:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.markers.columns import SIDES_COLUMN, check_distance, choose_mode
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import (
     Reads,
@@ -27,12 +27,17 @@ from cherrypicker.markers.detection import (
 from cherrypicker.markers.marker_scales import marker_references, measure_marker
 from cherrypicker.markers.reads import SortedReads, sort_reads
 from cherrypicker.markers.reference_scales import measure_reference
-from cherrypicker.markers.references import KEY, Reference, check_scale
+from cherrypicker.markers.references import (
+    KEY,
+    SIDES_COLUMN,
+    Reference,
+    check_distance,
+    check_scale,
+    choose_mode,
+)
 from cherrypicker.markers.scan import Scan
 
 logger = logging.getLogger(__name__)
-
-_MAX_RELATIVE_STD = 0.05  # beyond it more photos of the references are asked for (guess)
 
 
 def estimate_scale(
@@ -53,7 +58,7 @@ def estimate_scale(
     photos : list of path-like
         The tree's photos; those that are not registered are left out.
     cell, mode : str
-        As for :func:`cherrypicker.markers.columns.choose_mode`.
+        As for :func:`cherrypicker.markers.references.choose_mode`.
     dictionary, sides_m : str
         The columns ``marker_dictionary`` and ``marker_sides_m``.
     references : sequence of mapping or str
@@ -95,7 +100,7 @@ def _find_markers(
     for reference in known:
         for marker_id in reference.values.get("markers", ()):
             wanted.setdefault(reference.values["dictionary"], {}).setdefault(marker_id, None)
-    markers, sorted_reads, doubts = {}, SortedReads(), []
+    markers, other, doubts = {}, SortedReads(), []
     for name, ids in wanted.items():
         reads = detect_markers(scan, marker_dictionary(name))
         if not known:
@@ -106,42 +111,30 @@ def _find_markers(
         }
         found = sort_reads(reads, markers[name], scan)
         doubts += found.doubts
-        if name == dictionary:
-            sorted_reads = found
-    sorted_reads.doubts = doubts
-    return markers, sorted_reads
+        other = found if name == dictionary else other
+    return markers, replace(other, doubts=doubts)
 
 
 def _report(
-    scan: Scan,
-    measured: list[dict],
-    markers: list[dict],
-    reads: SortedReads,
-    dictionary: str,
+    scan: Scan, measured: list[dict], markers: list[dict], reads: SortedReads, dictionary: str
 ) -> dict:
     """Join the references and write down what they are."""
-    doubts = reads.doubts
     for one in measured:
         if not one["used"] and "scale" not in one:
-            doubts.append(f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}")
-    scale, scale_std = combine(measured, doubts)
+            reads.doubts.append(
+                f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}"
+            )
+    scale, scale_std = combine(measured, reads.doubts)
+    for doubt in reads.doubts:
+        logger.warning("%s", doubt)
+    used = ", ".join(one["name"] for one in measured if one["used"])
+    line = "scale: %.6g +- %.2g metres per unit (%.2f %%) from %s"
+    logger.info(line, scale, scale_std, 100 * scale_std / scale, used)
     shown = [marker for marker in markers if marker["used"]]
     places = np.concatenate([marker["corners"] for marker in shown]) if shown else scan.centers
     away = np.linalg.norm(scan.centers - places.mean(axis=0), axis=1)
     what, key = ("markers", SIDES_COLUMN) if shown else ("middle of their walk", KEY)
     check_distance(float(scale * np.median(away)), what, key)
-    share = scale_std / scale
-    warnings = list(doubts)
-    if share > _MAX_RELATIVE_STD:
-        warnings.append(
-            f"the scale is known only to {100 * share:.0f} %: show the markers in more photos from "
-            "more directions"
-        )
-    for warning in warnings:
-        logger.warning("%s", warning)
-    used = ", ".join(one["name"] for one in measured if one["used"])
-    line = "scale: %.6g +- %.2g metres per unit (%.2f %%) from %s"
-    logger.info(line, scale, scale_std, 100 * share, used)
     for marker in markers:
         marker.pop("sightings", None)
         marker["images"] = [Path(scan.photos[index]).name for index in marker["images"]]
@@ -170,8 +163,8 @@ def _report(
         ],
         "unsolved_markers": reads.unsolved,
         "false_reads": reads.false,
-        "doubts": doubts,
-        "warnings": warnings,
+        "doubts": reads.doubts,
+        "warnings": reads.doubts,
     }
 
 

@@ -27,15 +27,14 @@ from scipy.special import ndtr
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sampling import thin_randomly
 
-# All guesses. Pixels that a fit uses (the most bound the time), and white margin around the marker
-_MIN_PIXELS, _MAX_PIXELS = 60, 4000
+# All guesses. Pixels that a fit uses (bounds the time), and white margin around the marker
+_MAX_PIXELS = 4000
 _MARGIN_MODULES = 0.5
 # Below this share of well explained pixels the paper is not flat, or a shadow lies across it; that
 # it is where the corners stay so near to where they were: px, and a share of the side
 _MIN_COVERED = 0.9
 _STAYS_PX, _STAYS_SIDES = 1.5, 0.015
-# Percentiles of the grey values that stand for black and white, and their least difference
-_LEVELS, _LEAST_CONTRAST = (5, 95), 4.0
+_LEVELS = (5, 95)  # percentiles of the grey values that stand for black and white
 # Residuals beyond so many deviations do not count, and how often the deviation is asked for again
 _OUTLIER, _N_TRIMMED = 6, 3
 _STEP = 1e-3  # of derivatives: px, of the blur's logarithm, of coverage
@@ -61,7 +60,7 @@ def fit_marker(
     grey: np.ndarray,
     corners: np.ndarray,
     grid: np.ndarray,
-    pixel_map: Callable[[np.ndarray], np.ndarray] | None = None,
+    pixel_map: Callable[[np.ndarray], np.ndarray] = np.asarray,
 ) -> MarkerFit | None:
     """Refine marker corners by fitting the pattern to the grey values around it.
 
@@ -90,18 +89,14 @@ def fit_marker(
     mask = np.zeros(grey.shape, np.uint8)
     cv2.fillConvexPoly(mask, np.round((outline - 0.5) * 16).astype(np.int32), 1, shift=4)
     pixels = thin_randomly(np.argwhere(mask)[:, ::-1], _MAX_PIXELS)
-    if len(pixels) < _MIN_PIXELS:
+    if not len(pixels):
         return None
     values = grey[pixels[:, 1], pixels[:, 0]].astype(float)
-    pixels = pixels + 0.5
-    if pixel_map is not None:
-        mapped = pixel_map(np.concatenate([pixels, start]))
-        if not np.isfinite(mapped).all():
-            return None
-        pixels, start = mapped[:-4], mapped[-4:]
-    levels = np.percentile(values, _LEVELS)
-    if levels[1] - levels[0] < _LEAST_CONTRAST:
+    mapped = pixel_map(np.concatenate([pixels + 0.5, start]))
+    if not np.isfinite(mapped).all():
         return None
+    pixels, start = mapped[:-4], mapped[-4:]
+    levels = np.percentile(values, _LEVELS)
     side = np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1))
     middle = start.mean(axis=0)
     pixels = pixels - middle

@@ -173,9 +173,6 @@ def meet(seen: Sightings, tolerance: np.ndarray, seed: int) -> tuple[np.ndarray,
     )
     # Each row counts less the worse it fits, so that equal counts are told apart.
     best = np.argmax(np.clip(1 - (errors / tolerance) ** 2, 0, None).sum(axis=1))
-    agreeing = seen.photos[errors[best] < tolerance]
-    if len(np.unique(agreeing)) < 2:
-        return None
     points, agree = locate(seen, tolerance, candidates[best], as_one=True)
     rows = np.flatnonzero(agree.all(axis=1))
     return (points, rows) if len(np.unique(seen.photos[rows])) > 1 else None
@@ -222,34 +219,36 @@ def locate(
 
 @dataclass(frozen=True)
 class Similarity:
-    """A layout laid over points that were located, each part turned and shifted by itself."""
+    """A layout laid over points that were located, each copy turned and shifted by itself."""
 
     size: float  # of the layout's unit
     misfit: float  # root mean square distance of the points from the layout, of its extent
-    middles: np.ndarray  # (k, 3): of each point's part; NaN for a point that is not located
-    turned: np.ndarray  # (k, 3): the layout from there, turned but in its own unit
+    middles: np.ndarray  # (n_copies, 3): of the located points; NaN for a copy that is not laid
+    turned: np.ndarray  # (n_copies, k, 3): the layout from there, turned but in its own unit
 
 
-def lay_over(points: np.ndarray, layout: np.ndarray, parts: np.ndarray) -> Similarity | None:
+def lay_over(points: np.ndarray, layout: np.ndarray) -> Similarity | None:
     """Similarity of a layout and located points (Umeyama, TPAMI 1991); None for fewer than two.
 
     Parameters
     ----------
-    points, layout : ndarray of shape (k, 3)
-        NaN for a point that is not located; and places in any frame, of known unit.
-    parts : ndarray of shape (k,), int
-        Points of one part lie as `layout` says; how parts lie to one another is not known.
+    points : ndarray of shape (n_copies * k, 3)
+        In any frame, copy by copy; NaN for a point that is not located. How the copies lie to one
+        another is not known.
+    layout : ndarray of shape (k, 3)
+        Places of the points of a copy, of known unit.
     """
-    middles, turned = np.full_like(points, np.nan), np.full_like(points, np.nan)
+    copies = points.reshape(-1, *layout.shape)
+    middles, turned = np.full((len(copies), 3), np.nan), np.full_like(copies, np.nan)
     gain, extents = 0.0, np.zeros(2)
-    for part in np.unique(parts):
-        rows = (parts == part) & np.isfinite(points).all(axis=1)
-        if rows.sum() < 2:
+    for copy, located in enumerate(np.isfinite(copies).all(axis=2)):
+        if located.sum() < 2:
             continue
-        middles[rows] = points[rows].mean(axis=0)
-        there, here = points[rows] - middles[rows], layout[rows] - layout[rows].mean(axis=0)
+        middles[copy] = copies[copy, located].mean(axis=0)
+        there = copies[copy, located] - middles[copy]
+        here = layout[located] - layout[located].mean(axis=0)
         rotation, trace = best_turn(there.T @ here)
-        turned[rows] = here @ rotation.T
+        turned[copy, located] = here @ rotation.T
         gain += trace
         extents += np.square(there).sum(), np.square(here).sum()
     if gain <= 0:
@@ -276,17 +275,18 @@ def fit_layout(seen: Sightings, laid: Similarity) -> LayoutFit:
     The error is a sandwich estimate that takes each photo as one independent draw, since all points
     of a photo share the error of its pose; with few photos the plain one where larger.
     """
-    located = np.isfinite(laid.turned[:, 0])
-    middles, part = np.unique(laid.middles[located], axis=0, return_inverse=True)
-    part, turned = np.ravel(part), laid.turned[located]
-    seen = replace(seen, places=seen.places[:, located])
+    located = np.isfinite(laid.turned[..., 0])
+    copies, copy = np.unique(np.nonzero(located)[0], return_inverse=True)
+    middles, turned = laid.middles[copies], laid.turned[located]
+    seen = replace(seen, places=seen.places[:, located.ravel()])
     is_shown = np.isfinite(seen.places[..., 0])
+    row = np.nonzero(is_shown)[0]
     noise = seen.noise_px[:, None, None]
 
     def residuals(model: np.ndarray) -> np.ndarray:
         shifts, turns = model[:-1].reshape(2, -1, 3)
-        arms = np.exp(model[-1]) * Rotation.from_rotvec(turns[part]).apply(turned)
-        moved = middles[part] + laid.size * (shifts[part] + arms)
+        arms = np.exp(model[-1]) * Rotation.from_rotvec(turns[copy]).apply(turned)
+        moved = middles[copy] + laid.size * (shifts[copy] + arms)
         return (seen.residuals_px(moved) / noise)[is_shown].ravel()
 
     start = np.zeros(6 * len(middles) + 1)
@@ -294,15 +294,14 @@ def fit_layout(seen: Sightings, laid: Similarity) -> LayoutFit:
     inverse = np.linalg.pinv(found.jac.T @ found.jac)  # scaled by the robust loss
     variance = np.sum(found.fun**2) / max(len(found.fun) - len(start), 1)
     plain = max(variance, _LEAST_VARIANCE) * inverse[-1, -1]
-    photos, photo = np.unique(seen.photos[np.nonzero(is_shown)[0]], return_inverse=True)
-    scores = np.zeros((len(photos), len(start)))
-    np.add.at(scores, np.repeat(photo, 2), found.jac * found.fun[:, None])
-    sandwich = np.sum((scores @ inverse[-1]) ** 2) * len(photos) / max(len(photos) - 1, 1)
-    rows, row = np.unique(np.nonzero(is_shown)[0], return_inverse=True)
+    pulls = (found.jac @ inverse[-1] * found.fun).reshape(-1, 2).sum(axis=1)
+    by_photo = np.bincount(seen.photos[row], pulls)
+    n_photos = len(np.unique(seen.photos[row]))
+    sandwich = np.sum(by_photo**2) * n_photos / max(n_photos - 1, 1)
     own = found.fun.reshape(-1, 2)
-    means = [np.bincount(row, own[:, axis]) / np.bincount(row) for axis in (0, 1)]
-    own = own - np.transpose(means)[row]
-    freedom = max(2 * (len(own) - len(rows)) - 3 * len(middles) - 1, 1)
+    count = np.maximum(np.bincount(row), 1)
+    own = own - np.transpose([np.bincount(row, along) / count for along in own.T])[row]
+    freedom = max(2 * (len(own) - len(np.unique(row))) - 3 * len(middles) - 1, 1)
     size = float(laid.size * np.exp(found.x[-1]))
     error = float(np.sqrt(max(plain, sandwich)))
     return LayoutFit(size, error, float(np.sum(own**2) / freedom), freedom)

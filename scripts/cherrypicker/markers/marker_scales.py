@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from cherrypicker.markers.columns import SIDES_COLUMN
 from cherrypicker.markers.combine import drop
 from cherrypicker.markers.detection import Reads
 from cherrypicker.markers.layouts import Sightings, fit_layout, intersect_rays, lay_over, meet
+from cherrypicker.markers.references import SIDES_COLUMN
 from cherrypicker.markers.scan import Scan
 
 # What no scatter of the sightings shows, root mean squares over nine rendered scenes
@@ -24,29 +24,9 @@ _MAX_OFF, _MAX_OFF_ERRORS = 0.02, 5
 _UNIT_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
 
 
-@dataclass
-class MarkerGeometry:
-    """A marker in the frame of the poses, by the names of scale.json."""
-
-    corners: np.ndarray  # (4, 3): free corners, each from its own rays
-    side_lengths: np.ndarray  # (4,): between neighbouring free corners
-    square_side: float  # of the best square
-    side_std: float  # its relative standard error
-    sightings: Sightings  # that agree on all four corners
-    rms_reprojection_px: float  # root mean square, of the free corners
-    # off_plane, off_square: largest distance of a corner from the common plane, and largest
-    # deviation of a side or of a diagonal (over sqrt 2) from the mean side, both as fractions of
-    # the side
-    off_plane: float
-    off_square: float
-    is_square: bool  # whether both lie within what the noise allows
-    misfit: float  # of the best square, as of `LayoutFit`
-    misfit_dof: int
-
-
 def locate_marker(
     seen: Sightings, *, max_error_px: float = 2.0, by: str = "square", seed: int = 0
-) -> MarkerGeometry | None:
+) -> dict[str, Any] | None:
     """Find a marker's corners and side from its sightings, whatever outliers are among them.
 
     Parameters
@@ -60,8 +40,9 @@ def locate_marker(
 
     Returns
     -------
-    MarkerGeometry or None
-        None where no two photos agree on a position.
+    dict or None
+        The marker in the frame of the poses, by the names of scale.json; None where no two photos
+        agree on a position.
     """
     if by == "mean":
         corners = intersect_rays(seen.centers[None], seen.rays.transpose(1, 0, 2))
@@ -71,7 +52,7 @@ def locate_marker(
         if met is None:
             return None
         corners, used = met[0], seen.select(met[1])
-    laid = lay_over(corners, _UNIT_SQUARE, np.zeros(4, int))
+    laid = lay_over(corners, _UNIT_SQUARE)
     if laid is None:
         return None
     fit = fit_layout(used, laid)
@@ -82,50 +63,23 @@ def locate_marker(
     centered = corners - corners.mean(axis=0)
     off_plane = float(np.abs(centered @ np.linalg.svd(centered)[2][2]).max() / sides.mean())
     off_square = float(np.abs(np.concatenate([sides, diagonals]) / sides.mean() - 1).max())
-    return MarkerGeometry(
-        corners=corners,
-        side_lengths=sides,
-        square_side=float(sides.mean()) if by == "mean" else fit.size,
-        side_std=fit.error,
-        sightings=used,
-        rms_reprojection_px=rms_px,
-        off_plane=off_plane,
-        off_square=off_square,
-        is_square=max(off_plane, off_square) < max(_MAX_OFF, noise),
-        misfit=fit.misfit,
-        misfit_dof=fit.misfit_dof,
-    )
-
-
-def locate_middle(
-    seen: Sightings, *, max_error_px: float = 2.0, seed: int = 0
-) -> tuple[np.ndarray, float] | None:
-    """Find where most rays through the middles meet, for corners that no square explains.
-
-    Parameters
-    ----------
-    max_error_px : float, default 2
-        As of :func:`locate_marker`, of a middle.
-
-    Returns
-    -------
-    (ndarray of shape (3,), float) or None
-        The middle, and the radius of the print around it with the error of the middle; None where
-        no two photos agree on a position.
-    """
-    middles = replace(seen, places=seen.middles[:, None])
-    met = meet(middles, seen.tolerance(max_error_px), seed)
-    if met is None:
-        return None
-    points, used, middle = met[0], seen.select(met[1]), met[0][0]
-    depth = used.in_cameras(points)[:, 0, 2]
-    reach = np.linalg.norm(used.places - used.middles[:, None], axis=-1).max(axis=1) * depth
-    rays = used.centers - middle
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    weights = (used.focal / (depth * used.noise_px)) ** 2
-    normal = np.einsum("n,nij->ij", weights, np.eye(3) - rays[:, :, None] * rays[:, None, :])
-    error = np.sqrt(1 / np.linalg.eigvalsh(normal)[0])
-    return middle, float(reach.max() + error)
+    return {
+        "corners": corners,  # (4, 3): free corners, each from its own rays
+        "side_lengths": sides,  # (4,): between neighbouring free corners
+        "square_side": float(sides.mean()) if by == "mean" else fit.size,
+        "side_std": fit.error,  # relative standard error of the side
+        "sightings": used,  # that agree on all four corners
+        "rms_reprojection_px": rms_px,  # of the free corners
+        # Largest distance of a corner from the common plane, and largest deviation of a side or of
+        # a diagonal (over sqrt 2) from the mean side, both as fractions of the side
+        "off_plane": off_plane,
+        "off_square": off_square,
+        "is_square": max(off_plane, off_square) < max(_MAX_OFF, noise),
+        "misfit": fit.misfit,  # of the best square, as of `LayoutFit`
+        "misfit_dof": fit.misfit_dof,
+        "mean_side": float(sides.mean()),
+        "mean_side_px": float(used.side_px.mean()),
+    }
 
 
 def measure_marker(marker_id: int, side_m: float | None, reads: Reads, scan: Scan) -> dict:
@@ -171,31 +125,27 @@ def measure_marker(marker_id: int, side_m: float | None, reads: Reads, scan: Sca
     found = locate_marker(
         reads, max_error_px=scan.max_reprojection_px, by=scan.side, seed=scan.seed
     )
-    if found is None or len(np.unique(found.sightings.photos)) < scan.min_images:
+    if found is None or len(np.unique(found["sightings"].photos)) < scan.min_images:
         flags.append("its sightings do not agree on a position")
         return report
-    used = found.sightings
+    used = found["sightings"]
     if len(used) < len(reads):
         flags.append(f"{len(reads) - len(used)} of {len(reads)} sightings do not fit")
-    side_px = float(used.side_px.mean())
-    error = np.hypot(found.side_std, np.hypot(2 * _EDGE_PX / side_px, DRIFT))
-    if not found.is_square:
+    error = np.hypot(found.pop("side_std"), np.hypot(2 * _EDGE_PX / found["mean_side_px"], DRIFT))
+    if not found["is_square"]:
         flags.append(
-            f"its corners do not form a flat square (off the plane {100 * found.off_plane:.1f} "
-            f"%, off the square {100 * found.off_square:.1f} % of the side)"
+            f"its corners do not form a flat square (off the plane {100 * found['off_plane']:.1f} "
+            f"%, off the square {100 * found['off_square']:.1f} % of the side)"
         )
-        error = np.hypot(error, 0.5 * found.off_square)
-    report |= vars(found) | {
+        error = np.hypot(error, 0.5 * found["off_square"])
+    report |= found | {
         "n_inliers": len(used),
         "n_rays": 4 * len(used),
         "used": side_m is not None,
         "images": np.unique(used.photos).tolist(),
-        "mean_side": float(found.side_lengths.mean()),
-        "mean_side_px": side_px,
     }
-    del report["side_std"]
     if side_m is not None:
-        scale = side_m / found.square_side
+        scale = side_m / found["square_side"]
         report |= {"scale": scale, "scale_std": float(scale * error)}
     return report
 

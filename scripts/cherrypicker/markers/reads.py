@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,11 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from cherrypicker.markers.columns import SIDES_COLUMN
 from cherrypicker.markers.combine import MOST_ERRORS
 from cherrypicker.markers.detection import Reads
-from cherrypicker.markers.marker_scales import locate_marker, locate_middle, measure_marker
+from cherrypicker.markers.layouts import Sightings, meet
+from cherrypicker.markers.marker_scales import locate_marker, measure_marker
+from cherrypicker.markers.references import SIDES_COLUMN
 from cherrypicker.markers.scan import Scan
 
 logger = logging.getLogger(__name__)
@@ -29,27 +30,17 @@ logger = logging.getLogger(__name__)
 
 @dataclass
 class SortedReads:
-    """What was read beside the markers that were asked for.
+    """What was read beside the markers that were asked for."""
 
-    Attributes
-    ----------
-    squares : list of dict
-        Markers that were not asked for, as of `measure_marker`.
-    again : list of dict
-        Markers that were asked for, where they stand in more places than one.
-    unsolved : list of dict
-        ``id``, ``center`` (3,), ``radius`` and ``n_images`` of places where a marker may be.
-    false : list of dict
-        ``id``, ``n_images`` and ``photos`` of what is no marker.
-    doubts : list of str
-        A line for each marker that stands in several places.
-    """
-
+    # As of `measure_marker`: markers that were not asked for, and those that were, where they stand
+    # in more places than one
     squares: list[dict] = field(default_factory=list)
     again: list[dict] = field(default_factory=list)
+    # ``id``, ``center`` (3,), ``radius`` and ``n_images`` of places where a marker may be
     unsolved: list[dict] = field(default_factory=list)
+    # ``id``, ``n_images`` and ``photos`` of what is no marker
     false: list[dict] = field(default_factory=list)
-    doubts: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)  # of each marker that stands in several places
 
 
 def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedReads:
@@ -68,10 +59,7 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
     """
     result = SortedReads()
     how: dict[str, Any] = {"max_error_px": scan.max_reprojection_px, "seed": scan.seed}
-    # Squares to hold others against: by their fitted corners, and by their coarse ones
     squares = [marker for marker in markers.values() if marker.get("is_square")]
-    own = [reads.select(reads.ids == square["id"]).coarsely() for square in squares]
-    coarse = [vars(geometry) for each in own if (geometry := locate_marker(each, **how))]
     for marker_id in np.unique(reads.ids).tolist():
         rest = reads.select(reads.ids == marker_id)
         places = [markers.get(marker_id, {})]
@@ -96,8 +84,8 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
                     result.unsolved.append(_place(square))
                 continue
             # Coarse corners without the pattern may still show that no square is there
-            met = None if here.is_matched.any() else locate_marker(here.coarsely(), **how)
-            if met and coarse and not _fits(vars(met), coarse):
+            met = None if here.is_matched.any() else locate_marker(here, **how)
+            if met and not met["is_square"]:
                 false += here.photos.tolist()
                 continue
             spot = {"center": middle, "radius": radius, "n_images": len(np.unique(here.photos))}
@@ -153,3 +141,34 @@ def _lie_on(reads: Reads, middle: np.ndarray) -> np.ndarray:
     away = np.linalg.norm(at[:, :2] / at[:, 2:] - reads.middles, axis=1)
     reach = np.linalg.norm(reads.places - reads.middles[:, None], axis=-1).max(axis=1)
     return (away < reach) & (at[:, 2] > 0)
+
+
+def locate_middle(
+    seen: Sightings, *, max_error_px: float = 2.0, seed: int = 0
+) -> tuple[np.ndarray, float] | None:
+    """Find where most rays through the middles meet, for corners that no square explains.
+
+    Parameters
+    ----------
+    max_error_px : float, default 2
+        As of :func:`locate_marker`, of a middle.
+
+    Returns
+    -------
+    (ndarray of shape (3,), float) or None
+        The middle, and the radius of the print around it with the error of the middle; None where
+        no two photos agree on a position.
+    """
+    middles = replace(seen, places=seen.middles[:, None])
+    met = meet(middles, seen.tolerance(max_error_px), seed)
+    if met is None:
+        return None
+    points, used, middle = met[0], seen.select(met[1]), met[0][0]
+    depth = used.in_cameras(points)[:, 0, 2]
+    reach = np.linalg.norm(used.places - used.middles[:, None], axis=-1).max(axis=1) * depth
+    rays = used.centers - middle
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    weights = (used.focal / (depth * used.noise_px)) ** 2
+    normal = np.einsum("n,nij->ij", weights, np.eye(3) - rays[:, :, None] * rays[:, None, :])
+    error = np.sqrt(1 / np.linalg.eigvalsh(normal)[0])
+    return middle, float(reach.max() + error)

@@ -53,13 +53,15 @@ def measure_reference(
         "used": False,
         "flags": [],
     }
+    own = reference.tolerance_m / reference.length_m
     try:
-        if reference.kind == "distance":
-            scale, error = _distance(reference, scan, markers)
-        elif reference.kind == "trunk":
+        if reference.kind == "trunk":
             scale, error = _trunk(reference, scan, guess)
         elif reference.kind == "gps":
             scale, error = _gps(reference, scan)
+            own = 0.0  # that of the positions is in the error
+        elif reference.kind == "distance":
+            scale, error = _by_layout(*_see_distance(reference, markers), scan)
         else:
             see = see_charuco if reference.kind == "charuco" else see_cube
             scale, error = _by_layout(*see(reference.values, scan), scan)
@@ -68,14 +70,13 @@ def measure_reference(
         return report
     except KeyError as missing:  # given by hand, past the config's schema
         raise StageError(f"{reference.kind} needs {missing}", key=reference.key) from missing
-    own = 0.0 if reference.kind == "gps" else reference.tolerance_m / reference.length_m
     std = float(scale * np.sqrt(error**2 + own**2 + DRIFT**2))
     logger.info("%s: %.6g +- %.2g metres per unit", reference.name, scale, std)
     return report | {"used": True, "scale": scale, "scale_std": std}
 
 
-def _distance(reference: Reference, scan: Scan, markers: dict[int, dict]) -> tuple[float, float]:
-    """By the centres of two markers."""
+def _see_distance(reference: Reference, markers: dict[int, dict]) -> tuple[Sightings, np.ndarray]:
+    """The centres of two markers, as `see_charuco` gives the corners of a board."""
     ends = []
     for marker_id in reference.values["markers"]:
         marker = markers[marker_id]
@@ -84,16 +85,13 @@ def _distance(reference: Reference, scan: Scan, markers: dict[int, dict]) -> tup
         if marker["n_places"] > 1:
             raise _NoScale(f"marker {marker_id} stands in {marker['n_places']} places")
         ends.append(marker["sightings"])
-    layout = np.array([[0.0, 0.0, 0.0], [reference.length_m, 0.0, 0.0]])
-    return _by_layout(joined_middles(*ends), layout, np.zeros(2, int), scan)
+    return joined_middles(*ends), np.array([[0.0, 0.0, 0.0], [reference.length_m, 0.0, 0.0]])
 
 
-def _by_layout(
-    seen: Sightings, layout: np.ndarray, parts: np.ndarray, scan: Scan
-) -> tuple[float, float]:
-    """By points of a layout."""
+def _by_layout(seen: Sightings, layout: np.ndarray, scan: Scan) -> tuple[float, float]:
+    """By points of a layout, or of several copies of it."""
     points, agree = locate(seen, seen.tolerance(scan.max_reprojection_px))
-    laid = lay_over(points, layout, parts)
+    laid = lay_over(points, layout)
     n_photos = len(np.unique(seen.photos[agree.any(axis=1)]))
     fewest = max(scan.min_images, _FEWEST_PHOTOS)
     if laid is None or n_photos < fewest:

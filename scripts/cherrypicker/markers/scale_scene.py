@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import is_number
-from cherrypicker.markers.columns import check_distance
+from cherrypicker.markers.references import check_distance
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses

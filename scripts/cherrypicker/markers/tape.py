@@ -8,8 +8,6 @@ are found in turns.
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 
 from cherrypicker.errors import StageError
@@ -18,12 +16,10 @@ from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sections import Section
 from cherrypicker.geometry.stem_slabs import stem_section
 
-logger = logging.getLogger(__name__)
-
 # Guesses, m where a unit is named: half the slab, a gap between things, what a stem
-# may measure; of its section the arc, scatter and lean; rounds of scale and section, and their end
+# may measure; of its section the arc and scatter; rounds of scale and section, and their end
 _HALF_HEIGHT_M, _GAP_M, _RADII_M = 0.05, 0.015, (0.008, 0.5)
-_LEAST_ARC_DEG, _ROUGH, _LEAST_UPRIGHT = 200.0, 0.15, 0.7
+_LEAST_ARC_DEG, _ROUGH = 200.0, 0.15
 _N_ROUNDS, _SETTLED = 12, 1e-4
 _LEAST_POINTS = 60
 
@@ -55,62 +51,44 @@ def scale_of_trunk(
     """
     scale = start
     for _ in range(_N_ROUNDS):
-        section = _stem_at(points, height_m, scale, np.random.default_rng(seed))
-        before, scale = scale, diameter_m / (2 * section.radius)
-        if abs(scale / before - 1) < _SETTLED:
-            break
-    else:
-        raise StageError(f"no scale makes a trunk of {diameter_m:g} m at {height_m:g} m")
-    return scale, float(spread(trunk_terms(section)) / (2 * section.radius))
+        section = _stem_at(scale * points, height_m, seed)
+        if section is None:
+            raise StageError(
+                f"no trunk stands {height_m:g} m over the ground: nothing round is seen from most "
+                f"sides there, with {scale:.4g} metres a unit"
+            )
+        change = diameter_m / (2 * section.radius)
+        scale *= change
+        if abs(change - 1) < _SETTLED:
+            return scale, float(spread(trunk_terms(section)) / (2 * section.radius))
+    raise StageError(f"no scale makes a trunk of {diameter_m:g} m at {height_m:g} m")
 
 
-def _stem_at(
-    points: np.ndarray, height_m: float, scale: float, rng: np.random.Generator
-) -> Section:
-    """Section of the stem nearest to the middle at a height."""
-    height, half = height_m / scale, _HALF_HEIGHT_M / scale
-    slab = points[np.abs(points[:, 2] - height) <= half]
-    thing = link_components(slab * [1.0, 1.0, 0.0], _GAP_M / scale)
-    best, nearest = None, np.inf
-    for name in np.flatnonzero(np.bincount(thing) >= _LEAST_POINTS):
-        own = slab[thing == name, :2]
-        away = float(np.linalg.norm(own.mean(axis=0)))
-        if away < nearest:
-            section = _round_section(own, points, height, half, scale, rng)
-            best, nearest = (section, away) if section else (best, nearest)
-    if best is None:
-        raise StageError(
-            f"no trunk stands {height_m:g} m over the ground: nothing round is seen from most "
-            f"sides there, with {scale:.4g} metres a unit"
-        )
-    return best
-
-
-def _round_section(
-    thing: np.ndarray,
-    points: np.ndarray,
-    height: float,
-    half: float,
-    scale: float,
-    rng: np.random.Generator,
-) -> Section | None:
-    """Section of a thing (n, 2) across its own axis; None for what is no stem."""
-    low, high = thing.min(axis=0), thing.max(axis=0)
-    center, axis = np.append((low + high) / 2, height), np.array([0.0, 0.0, 1.0])
-    reach = (high - low).max()
+def _stem_at(points: np.ndarray, height: float, seed: int) -> Section | None:
+    """Section of the stem nearest to the middle at a height, across its own axis, all in metres."""
+    slab = points[np.abs(points[:, 2] - height) <= _HALF_HEIGHT_M]
+    thing = link_components(slab * [1.0, 1.0, 0.0], _GAP_M)
+    names = np.flatnonzero(np.bincount(thing) >= _LEAST_POINTS)
+    things = [slab[thing == name, :2] for name in names]
     thinnest, thickest = _RADII_M
-    if not 2 * thinnest < scale * reach < 4 * thickest:
-        return None
-    radii = thinnest / scale, min(thickest / scale, reach)
-    for _ in range(2):
-        slab = center, axis, half, reach
+    for own in sorted(things, key=lambda own: float(np.linalg.norm(own.mean(axis=0)))):
+        low, high = own.min(axis=0), own.max(axis=0)
+        reach = (high - low).max()
+        if not 2 * thinnest < reach < 4 * thickest:
+            continue
+        center, axis = np.append((low + high) / 2, height), np.array([0.0, 0.0, 1.0])
+        radii, rng = (thinnest, min(thickest, reach)), np.random.default_rng(seed)
         try:
-            section, frame = stem_section(points, slab, 0.05 * radii[1], radii, _LEAST_POINTS, rng)
+            for _ in range(2):
+                cut = center, axis, _HALF_HEIGHT_M, reach
+                section, frame = stem_section(
+                    points, cut, 0.05 * radii[1], radii, _LEAST_POINTS, rng
+                )
+                center = center + section.parameters[:2] @ frame[:2]
+                axis = np.append(section.parameters[3:5], 1.0) @ frame
+                axis /= np.linalg.norm(axis)
         except StageError:
-            return None
-        center = center + section.parameters[:2] @ frame[:2]
-        axis = np.append(section.parameters[3:5], 1.0) @ frame
-        axis /= np.linalg.norm(axis)
-    is_round = section.arc_deg >= _LEAST_ARC_DEG and section.noise <= _ROUGH * section.radius
-    is_upright = axis[2] >= _LEAST_UPRIGHT
-    return section if is_round and is_upright and section.n_inliers >= 0.5 * len(thing) else None
+            continue
+        if section.arc_deg >= _LEAST_ARC_DEG and section.noise <= _ROUGH * section.radius:
+            return section
+    return None
