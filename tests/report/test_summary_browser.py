@@ -26,6 +26,11 @@ def folder(tmp_path_factory):
         traits |= {"flags": ["gaps_bridged: 2 %"] if i == 3 else []}
         own = root / "results" / tree
         own.mkdir(parents=True)
+        if i == 4:  # spoilt files are of no tree that can be sorted
+            rows[-1]["asked"] = ("pruning", "light", "bearing")
+            (own / "pruning.json").write_text('{"n_cuts": 3, "targets": [{"limit": null}]}')
+            (own / "light.json").write_text('{"sky_share": [')
+            (own / "bearing.json").write_text('{"shoots": {}}')
         if i < 4:  # of those that come after nothing was asked for
             rows[-1]["asked"] = ("pruning", "light", "bearing")
             target = {"name": "limb_trunk_ratio", "limit": 1.0, "before": 0.7 + 0.2 * i}
