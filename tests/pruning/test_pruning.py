@@ -166,6 +166,13 @@ def test_limbs_to_renew_steep_and_shaded_ones_go():
     assert refused.value.key == "light.enabled"
 
 
+def test_a_target_that_leaves_no_limb_is_said_not_to_fit_the_tree():
+    summary, _, _ = proposed(rods(*FOUR), {"steep_deg": 80})
+    assert "no limb is left" in summary["notes"][-1]
+    summary, _, _ = proposed(rods(*FOUR), {"n_limbs": 1})
+    assert summary["notes"] == []
+
+
 def test_of_two_that_touch_the_lesser_goes_and_a_fork_is_no_touch():
     over = (1.0, (1.0, 0.0, 1.0), 0.010)
     under = (0.8, (0.8, 0.0, 1.2), 0.006)  # meets the first where both are half a metre out

@@ -87,7 +87,10 @@ def propose_cuts(
         for aim, amount in zip(aims, was, strict=True)
     ]
     head = {"unit": standing.tree.skeleton.unit, "preset": target.preset, "source": target.source}
-    told_of = {"notes": target.notes, "keep": list(keep), "n_cuts": len(rows)}
+    notes = list(target.notes)
+    if before["n_limbs"] and not after["n_limbs"]:
+        notes.append(f"no limb is left: {target.preset} does not fit the form of this tree")
+    told_of = {"notes": notes, "keep": list(keep), "n_cuts": len(rows)}
     return head | told_of | {"targets": told, "before": before, "after": after}, rows
 
 
