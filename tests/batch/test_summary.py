@@ -81,6 +81,17 @@ def test_a_failed_report_keeps_the_traits(batch):
     assert rows[0]["height_m"] != ""
 
 
+@pytest.mark.parametrize("rule", ["measure_light", "measure_bearing", "propose_pruning"])
+def test_a_failure_of_what_comes_after_the_traits_keeps_them_while_it_is_asked_for(batch, rule):
+    batch.add_traits("tree")
+    batch.add_failure("tree", rule)
+    kind = rule.rpartition("_")[2]
+    folders = batch.root / "results", batch.root / "logs"
+    asked = result_of({"tree": "tree", "asked": (kind,)}, *folders)
+    assert (asked.status, asked.stage, asked.traits["n_tips"]) == ("failed", rule, 31)
+    assert result_of({"tree": "tree"}, *folders).status == "done"
+
+
 def test_an_old_failure_of_a_finished_tree_is_over(batch):
     batch.add_failure("tree", "estimate_scale")
     old = batch.root / "logs/status/tree/estimate_scale.json"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from cherrypicker.batch.benchmarks import read_benchmarks
@@ -29,8 +30,15 @@ from cherrypicker.runner import status_folder, status_name
 
 logger = logging.getLogger(__name__)
 
+# What not every tree is asked for, by the rule that makes it
+_ASKED_OF = {
+    "compare_measures": "measures",
+    "measure_light": "light",
+    "measure_bearing": "bearing",
+    "propose_pruning": "pruning",
+}
 # Their failure says nothing against traits.json, which was finished before they started.
-_AFTER_TRAITS = frozenset({"compare_measures", "report_tree", "summarise_batch"})
+_AFTER_TRAITS = frozenset({*_ASKED_OF, "report_tree", "summarise_batch"})
 
 
 def summarise(
@@ -90,8 +98,8 @@ def result_of(
     result.thumbnail = thumbnail_url(folder / "figures/thumbnail.png")
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
-    is_measured = row.get("is_measured", True)
-    record = _failure(status_folder(tree, logs_dir), traits_path if traits else None, is_measured)
+    kinds = [*(["measures"] if row.get("is_measured", True) else []), *row.get("asked", ())]
+    record = _failure(status_folder(tree, logs_dir), traits_path if traits else None, kinds)
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
     if record:
@@ -101,7 +109,6 @@ def result_of(
     if result.status == "done" or result.stage in _AFTER_TRAITS:
         result.traits = traits
     if result.status == "done":
-        kinds = [*(["measures"] if is_measured else []), *row.get("asked", ())]
         for kind in kinds:
             result.found[kind], problem = _read_object(folder / f"{kind}.json")
             if problem:
@@ -132,10 +139,11 @@ def _failed_series(names: set[str], logs_dir: Path) -> list[TreeResult]:
     return failed
 
 
-def _failure(status_dir: Path, traits_path: Path | None, is_measured: bool) -> dict | None:
+def _failure(status_dir: Path, traits_path: Path | None, kinds: Sequence[str]) -> dict | None:
     """Return the record of the stage that keeps this tree from being done, the earliest failed.
 
-    A record that is older than the tree's traits belongs to a stage that the tree no longer needs.
+    A record that is older than the tree's traits, or of what is none of the kinds that are asked
+    for, belongs to a stage that the tree no longer needs.
     """
     records = []
     for path in sorted(status_dir.glob("*.json")):
@@ -143,7 +151,7 @@ def _failure(status_dir: Path, traits_path: Path | None, is_measured: bool) -> d
         if problem:
             record = {"rule": path.stem, "state": "failed", "cause": problem, "file": str(path)}
         record.setdefault("rule", path.stem)
-        if record["rule"] == "compare_measures" and not is_measured:
+        if _ASKED_OF.get(record["rule"], "") not in {"", *kinds}:
             continue
         written = path.stat().st_mtime
         is_later = traits_path is None or written >= traits_path.stat().st_mtime
