@@ -16,7 +16,12 @@ sys.path.insert(0, str(LIBRARY))
 from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.config import lookup as lookup_key
 from cherrypicker.batch.finished import finished_series, summarise_finished
-from cherrypicker.batch.resources import asked_for, mb_to_ask, minutes_to_ask, threads_to_ask
+from cherrypicker.batch.resources import (
+    asked_for,
+    mb_to_ask,
+    minutes_to_ask,
+    threads_to_ask,
+)
 from cherrypicker.batch.run_lock import begin_start, end_start
 from cherrypicker.batch.scans import Scans
 from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of
