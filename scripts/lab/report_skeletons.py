@@ -14,7 +14,7 @@ import numpy as np
 import lab_path  # noqa: F401
 from cherrypicker.files import read_json, write_text
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.dense.figures import save
+from cherrypicker_lab.outputs import save
 from cherrypicker_lab.skeletons.figures import chamfer_figure, skeleton_figure, time_figure
 from cherrypicker_lab.skeletons.methods import SETTINGS
 from cherrypicker_lab.skeletons.tables import METHOD_NAMES, gather, write_tables
