@@ -13,7 +13,7 @@ def gather(reports):
     Parameters
     ----------
     reports : iterable of dict
-        From `cherrypicker_lab.traits.pairs.measure_tree`, or `references.compare_results`.
+        From `cherrypicker_lab.traits.pairs.measure_tree`.
 
     Returns
     -------
@@ -148,8 +148,6 @@ def _by_form(reports):
 
 def _which(reports):
     """Of which trees a table is."""
-    if "seed" not in reports[0]:
-        return f"{len(reports)} trees ({', '.join(report['name'] for report in reports)})"
     seeds = [report["seed"] for report in reports]
     mean = np.mean([report["n_points"] for report in reports])
     kind = "bearing trees" if reports[0].get("bearing") else "trees"
