@@ -13,8 +13,12 @@ from cherrypicker.contraction.contract_tree import contract_tree
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
-from cherrypicker_lab.skeletons.graph_scores import graph_of, radius_errors, score_graph
-from cherrypicker_lab.skeletons.point_scores import score_points
+from cherrypicker_lab.skeletons.graph_scores import (
+    graph_of,
+    radius_errors,
+    score_graph,
+    score_points,
+)
 
 logger = logging.getLogger(__name__)
 

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker_lab.skeletons.distances import chamfer_cm2
+from cherrypicker_lab.skeletons.graph_scores import chamfer_samples
 from cherrypicker_lab.skeletons.methods import SETTINGS, contract_as_published
 from cherrypicker_lab.skeletons.peer import run_peer
-from cherrypicker_lab.skeletons.point_scores import chamfer_samples
 from cherrypicker_lab.skeletons.tables import PAPER_RATIO, SETTING_NAMES, table_rows
 
 METHODS = ("lbc", "slbc")
@@ -40,7 +40,7 @@ def measure_trunk(cloud, skeleton, rules, *, max_iterations=20, peer_python=""):
         ``uncontracted``: Chamfer distance of the cloud itself, cm2. By rule, and for "pc-skeletor",
         a dict by method of the distances after each iteration (of the peer the last alone).
     """
-    truth, _ = chamfer_samples(skeleton)
+    truth = chamfer_samples(skeleton)
     report = {"n_points": len(cloud), "uncontracted": chamfer_cm2(cloud.points, truth)}
     for rule in rules:
         constants = {"attraction_rule": rule, "max_iterations": max_iterations}

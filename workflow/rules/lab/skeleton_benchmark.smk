@@ -95,8 +95,6 @@ rule time_skeleton:
         runtime=120,
     params:
         code=code("lab/time_skeleton"),
-        peer_python=SKELETON_BENCHMARK["peer_python"],
-        peer_iterations=peer_iterations_of,
     message:
         "time and memory at {wildcards.n} points"
     script:

@@ -74,14 +74,6 @@ def pytlidar_of_kind(wildcards):
     return SKELETON_BENCHMARK["pytlidar_python"] if wildcards.kind == "pytlidar" else ""
 
 
-def peer_iterations_of(wildcards):
-    """Return how many iterations the peer is timed for at one size; 0 for none."""
-    sizes = [str(size) for size in SKELETON_BENCHMARK["peer_sizes"]]
-    if not SKELETON_BENCHMARK["peer_python"] or wildcards.n not in sizes:
-        return 0
-    return 20 if int(wildcards.n) < 100_000 else 2
-
-
 def notes_on_skeletons():
     """Return what the tables have to say about what is left out."""
     section = SKELETON_BENCHMARK
