@@ -107,14 +107,13 @@ def _as_branches(cloud):
     return replace(cloud, fields=fields)
 
 
-def contract_as_published(cloud, method, *, callback=None, **constants):
+def contract_as_published(cloud, method, **constants):
     """Contract all points of a set's cloud as published, neither chosen nor thinned."""
     return contract_tree(
         cloud.points,
         np.asarray(cloud["label"]),
         weights={Label.TRUNK: TRUNK_WEIGHT},
         options=SkeletonOptions(method, **constants),
-        callback=callback,
     )
 
 

@@ -95,7 +95,7 @@ def _table_of(reports):
         cells += ["" if trait.bar is None else f"{trait.bar:g}"]
         cells += [_number(score["bias"], trait.factor, "+"), covered]
         lines.append("| " + " | ".join([*cells, _number(score["width"], trait.factor)]) + " |")
-    return "\n".join([*lines, *_limbs(reports), *_by_form(reports)]) + "\n"
+    return "\n".join([*lines, *_limbs(reports)]) + "\n"
 
 
 def _limbs(reports):
@@ -122,28 +122,6 @@ def _covered(score):
         return "none given"
     held = round(score["coverage"] * score["n_intervals"])
     return f"{held} of {score['n_intervals']} ({100 * score['coverage']:.0f} %)"
-
-
-def _by_form(reports):
-    """Lines of a table of the traits with intervals by the trees' forms; none without forms."""
-    forms = sorted({report["habit"] for report in reports if "habit" in report})
-    if not forms:
-        return []
-    joined = {form: gather(r for r in reports if r.get("habit") == form) for form in forms}
-    names = [name for name in JUDGED if score_pairs(joined[forms[0]][name])["n_intervals"]]
-    lines = [
-        "",
-        "By form, MAE with the intervals that hold the truth:",
-        "",
-        "| form | trees |" + "".join(f" {t.words}, {t.unit} |" for t in map(JUDGED.get, names)),
-        "|---|" + "---:|" * (len(names) + 1),
-    ]
-    for form in forms:
-        scores = [(score_pairs(joined[form][name]), JUDGED[name].factor) for name in names]
-        cells = [f"{_number(score['mae'], factor)}, {_covered(score)}" for score, factor in scores]
-        n_trees = sum(report.get("habit") == form for report in reports)
-        lines.append(f"| {form} | {n_trees} | " + " | ".join(cells) + " |")
-    return lines
 
 
 def _which(reports):

@@ -44,12 +44,6 @@ def scores_of_trunks():
     ]
 
 
-def peer_of_trunk(wildcards):
-    """Return the peer's Python for the first trees; empty for the others."""
-    asked = int(wildcards.number) < SKELETON_BENCHMARK["n_peer"]
-    return SKELETON_BENCHMARK["peer_python"] if asked else ""
-
-
 def times_of_skeletons():
     """Return the timing files of all sizes."""
     return [f"{SKELETON_ROOT}/time/{n}/times.json" for n in SKELETON_BENCHMARK["sizes"]]
