@@ -197,25 +197,7 @@ def branch_pairs(tree, skeleton, rows):
     pairs : dict of str to list of dict
     n_axes, n_matched : int
     """
-    return axis_pairs(true_skeleton(tree.skeleton()), skeleton, rows)
-
-
-def axis_pairs(truth, skeleton, rows):
-    """`branch_pairs` with a true skeleton.
-
-    Parameters
-    ----------
-    truth, skeleton : Skeleton
-        In one frame, metres.
-    rows : list of dict
-        A row an axis of `skeleton`.
-
-    Returns
-    -------
-    pairs : dict of str to list of dict
-    n_axes, n_matched : int
-    """
-    matched, n_axes = matched_rows(truth, skeleton, rows)
+    matched, n_axes = matched_rows(true_skeleton(tree.skeleton()), skeleton, rows)
     pairs = {"base_diameter_m": [], "insertion_angle_deg": []}
     for true, got in matched:
         if true["base_diameter_m"] >= LEAST_DIAMETER_M:
@@ -227,7 +209,12 @@ def axis_pairs(truth, skeleton, rows):
 def matched_rows(truth, skeleton, rows):
     """Rows of the true axes that were found, each with the row of its axis of `skeleton`.
 
-    Parameters as of `axis_pairs`.
+    Parameters
+    ----------
+    truth, skeleton : Skeleton
+        In one frame, metres.
+    rows : list of dict
+        A row an axis of `skeleton`.
 
     Returns
     -------
