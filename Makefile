@@ -10,7 +10,7 @@ PYTEST_OPTIONS ?= -n 2 --dist loadfile --no-loadscope-reorder
 
 REQUIREMENTS := $(TORCH) envs/requirements.txt envs/constraints.txt
 
-.PHONY: install demo test check mutants lint format docs screenshots container clean
+.PHONY: install demo test check mutants lint format docs container clean
 
 install: $(VENV)/.installed
 
@@ -53,10 +53,6 @@ docs: install
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check $(PIP_OPTIONS) \
 		-r envs/requirements-docs.txt -c envs/constraints.txt
 	$(VENV)/bin/mkdocs build --strict --quiet
-
-# The pictures of pages in docs/images, after `make demo`; needs Debian's chromium.
-screenshots: install
-	$(VENV)/bin/python scripts/lab/photograph_pages.py --results results --images docs/images
 
 # The image, built on a bare Debian and tried, as root with Debian's podman, runc and debootstrap.
 container:

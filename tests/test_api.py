@@ -15,7 +15,6 @@ from cherrypicker.limbs.orchard import GrowthOptions
 MODULES = (
     "cherrypicker.api",
     "cherrypicker_lab.skeletons.distances",
-    "cherrypicker_lab.skeletons.timing",
 )
 
 

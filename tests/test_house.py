@@ -40,7 +40,7 @@ LAB_LAYERS = [
         "bearing",
         "training",
     ),
-    *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts", "real_photos"),
+    *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts"),
     *("up_direction", "pruning"),
     *("published", "written_pages"),
 ]

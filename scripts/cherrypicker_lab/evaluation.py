@@ -25,7 +25,7 @@ from cherrypicker.skeleton.samples import densify
 
 logger = logging.getLogger(__name__)
 
-_SAMPLE_M = 0.002
+_SAMPLE_M, _THICK_M = 0.002, 0.005
 _CLASS_REACH_M = 0.03
 
 
@@ -213,18 +213,18 @@ def compare_cameras(found, truth):
     }
 
 
-def compare_skeletons(found, truth, *, tolerance=0.02, min_radius=0.005):
+def compare_skeletons(found, truth, *, tolerance=0.02):
     """Recall and precision of a skeleton, as lengths.
 
-    Both are sampled every 2 mm. Recall: the part of the true wood of `min_radius` and more that has
+    Both are sampled every 2 mm. Recall: the part of the true wood of 5 mm radius and more that has
     the found skeleton within `tolerance`. Precision: the part of the found wood that it gives
-    `min_radius` and more that has the true skeleton, of any radius, within `tolerance`.
+    5 mm and more that has the true skeleton, of any radius, within `tolerance`.
 
     Parameters
     ----------
     found, truth : Skeleton
         In one frame, metres.
-    tolerance, min_radius : float
+    tolerance : float
         Metres.
 
     Returns
@@ -237,7 +237,7 @@ def compare_skeletons(found, truth, *, tolerance=0.02, min_radius=0.005):
     weight, true_weight = samples.length, true.length
     is_hit = samples.nearest(true.points)[0] <= tolerance
     is_true = true.nearest(samples.points)[0] <= tolerance
-    thick, true_thick = samples.radius >= min_radius, true.radius >= min_radius
+    thick, true_thick = samples.radius >= _THICK_M, true.radius >= _THICK_M
     report = {
         "skeleton_recall": _share(is_hit, true_weight, true_thick),
         "skeleton_precision": _share(is_true, weight, thick),

@@ -1,4 +1,4 @@
-"""Two folders of results beside one another, file by file, byte for byte."""
+"""Figures to files, and two folders of results beside one another, byte for byte."""
 
 from __future__ import annotations
 
@@ -9,7 +9,16 @@ from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from cherrypicker.errors import StageError
+from cherrypicker.files import atomic_path
+
+
+def save(figure: Figure, path: str | os.PathLike) -> None:
+    """Write a figure as PNG, atomically and without a date."""
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=100, format="png", metadata={"Software": None})
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from cherrypicker_lab.skeletons.tables import gather, table_rows
 #: Pages with rendered tables, from the project's root.
 _LAB = (
     *("benchmarks", "cameras", "capture", "cluster", "denoising", "dense", "error_budget"),
-    *("photo_check", "placement", "real", "rows", "scale", "segmentation", "series", "skeleton"),
+    *("photo_check", "placement", "rows", "scale", "segmentation", "series", "skeleton"),
     *("sky", "traits"),
 )
 PAGES = ("README.md", *(f"docs/lab/{name}.md" for name in _LAB))

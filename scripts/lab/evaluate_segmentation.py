@@ -1,11 +1,11 @@
 """Measure the segmentation on generated scenes and scans that it was not trained on.
 
 Prints a table (F1 a class and mean IoU a set of clouds), writes it and the confusion matrices as
-JSON, a plot of the matrix of the held-out scenes, and a picture of the scans' labels. Example:
+JSON, and a picture of the scans' labels. Example:
 
     python scripts/lab/evaluate_segmentation.py --weights resources/weights/dgcnn.pt \\
         --workspace work --scan results/cherry_vase=resources/demo/cherry_vase/truth \\
-        --figure confusion.png --labels_figure labels.png
+        --labels_figure labels.png
 """
 
 import logging
@@ -20,8 +20,8 @@ from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import N_CLASSES, choose_device
 from cherrypicker.segmentation.inference import Sampling
+from cherrypicker_lab.outputs import save
 from cherrypicker_lab.training.segmentation.held_out import (
-    confusion_figure,
     judge,
     of_sample,
     of_scan,
@@ -41,7 +41,6 @@ def main(
     workspace,
     *,
     output,
-    figure,
     labels_figure,
     scans,
     colors,
@@ -109,10 +108,8 @@ def main(
             {"weights": Path(weights).name, "table": text}
             | {name: matrix.tolist() for name, matrix in confusions.items()},
         )
-    if figure and "held-out seeds" in confusions:
-        confusion_figure(figure, confusions["held-out seeds"], "held-out seeds")
     if labels_figure and panels:
-        draw_labels(labels_figure, panels, columns=4)
+        save(draw_labels(panels), labels_figure)
 
 
 def _sum(name, clouds, weights, settings):
@@ -140,7 +137,6 @@ parser = stage_parser(__doc__)
 parser.add_argument("--weights", required=True, help="weights to measure")
 parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
 parser.add_argument("--output", default="", help="JSON to write")
-parser.add_argument("--figure", default="", help="PNG of the confusion matrix to write")
 parser.add_argument("--labels_figure", default="", help="PNG of the scans' labels to write")
 parser.add_argument(
     "--colors", choices=("with", "without", "both"), default="both", help="colours of the clouds"

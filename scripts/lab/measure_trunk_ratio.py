@@ -1,6 +1,6 @@
 """Contract a tree of the paper's set with a trunk of a given radius by LBC and S-LBC.
 
-Makes the tree itself; writes the Chamfer distances after each iteration as JSON. Example:
+Makes the tree itself; writes the Chamfer distances as JSON. Example:
 
     python scripts/lab/measure_trunk_ratio.py --number 0 --trunk_radius 0.12 --scores scores.json
 """
@@ -20,14 +20,12 @@ def main(
     trunk_radius,
     rules=ATTRACTION_RULES,
     max_iterations=20,
-    peer_python="",
     seed=0,
 ):
     """Make the tree, measure both settings, save."""
     name, _, clouds, truth = load_set_tree(seed, number, trunk_radius=trunk_radius)
-    options = {"max_iterations": max_iterations, "peer_python": peer_python}
     report = {
-        setting: measure_trunk(cloud, truth.skeleton, rules, **options)
+        setting: measure_trunk(cloud, truth.skeleton, rules, max_iterations=max_iterations)
         for setting, cloud in clouds.items()
     }
     write_json(scores, {"tree": name, "trunk_radius": trunk_radius, "settings": report})
@@ -38,7 +36,6 @@ parser.add_argument("--number", type=int, required=True, help="of the tree in th
 parser.add_argument("--trunk_radius", type=float, required=True, help="above the root flare, m")
 parser.add_argument("--rules", nargs="*", choices=ATTRACTION_RULES, default=ATTRACTION_RULES)
 parser.add_argument("--max_iterations", type=int, default=20)
-parser.add_argument("--peer_python", default="", help="Python that has pc-skeletor")
 parser.add_argument("--seed", type=int, default=0, help="of the set")
 parser.add_argument("--scores", required=True, help="JSON to write")
 run(main, parser, globals().get("snakemake"))

@@ -14,8 +14,8 @@ import numpy as np
 import lab_path  # noqa: F401
 from cherrypicker.files import read_json, write_text
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.dense.figures import save
-from cherrypicker_lab.skeletons.figures import chamfer_figure, skeleton_figure, time_figure
+from cherrypicker_lab.outputs import save
+from cherrypicker_lab.skeletons.figures import skeleton_figure
 from cherrypicker_lab.skeletons.methods import SETTINGS
 from cherrypicker_lab.skeletons.tables import METHOD_NAMES, gather, write_tables
 
@@ -26,9 +26,6 @@ def main(scores, table, *, times=(), notes=()):
     """Read all, write the tables and the figures."""
     found, folder = gather(scores), Path(table).parent
     timed = [read_json(path) for path in times]
-    save(chamfer_figure(found), folder / "chamfer.png")
-    if timed:
-        save(time_figure(timed), folder / "time.png")
     for tree, arrays in _skeletons(scores).items():
         for setting in SETTINGS:
             shown = {

@@ -9,7 +9,7 @@ Reads pairs.json files; writes Markdown and PNG. Example:
 import lab_path  # noqa: F401
 from cherrypicker.files import read_json, write_text
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.dense.figures import save
+from cherrypicker_lab.outputs import save
 from cherrypicker_lab.traits.tables import traits_figure, write_table
 
 

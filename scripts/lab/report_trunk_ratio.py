@@ -10,7 +10,7 @@ from pathlib import Path
 import lab_path  # noqa: F401
 from cherrypicker.files import write_text
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.dense.figures import save
+from cherrypicker_lab.outputs import save
 from cherrypicker_lab.skeletons.trunk_ratio import gather_trunks, ratio_figure, write_ratio_table
 
 

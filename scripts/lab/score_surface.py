@@ -12,25 +12,22 @@ import logging
 
 import lab_path  # noqa: F401
 from cherrypicker.files import write_json
-from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.dense.scoring import describe, score_file
 
 
-def main(cloud, truth, scores="", scored="", poses="", fit="", *, max_photos: int | None = None):
+def main(cloud, truth, scores="", poses="", fit=""):
     """Place the cloud, score it, print and save."""
     fit = fit or ("surface" if poses else "none")
-    report, judged = score_file(cloud, poses, truth, fit=fit, max_photos=max_photos or None)
+    report = score_file(cloud, poses, truth, fit=fit)
     logging.getLogger("cherrypicker").info("%s\n%s", cloud, describe(report))
-    if scored:
-        write_cloud(scored, judged)
     if scores:
         write_json(scores, report)
 
 
 parser = stage_parser(__doc__)
 parser.add_argument("--cloud", required=True, help="cloud to score, PLY")
-parser.add_argument("--poses", default="", help="poses NPZ or dense workspace of its frame")
+parser.add_argument("--poses", default="", help="poses NPZ of its frame")
 parser.add_argument("--truth", required=True, help="SCENE/truth")
 parser.add_argument(
     "--fit",
@@ -40,5 +37,4 @@ parser.add_argument(
     "surface: that, then refined on the surface (default where poses are given)",
 )
 parser.add_argument("--scores", default="", help="JSON to write")
-parser.add_argument("--scored", default="", help="PLY to write: the judged points, their errors")
 run(main, parser, globals().get("snakemake"))

@@ -1,4 +1,4 @@
-"""Measure CPU time and memory from a labelled cloud to its traits, ours and the peer's.
+"""Measure CPU time and memory from a labelled cloud to its traits.
 
 Reads what sample_timing_cloud.py wrote; writes JSON. Example:
 
@@ -11,16 +11,12 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.skeletons.timing import read_timing_cloud, time_stages
 
 
-def main(cloud, times, *, peer_python="", peer_iterations=0):
+def main(cloud, times):
     """Load, measure, save."""
-    points, skeleton = read_timing_cloud(cloud)
-    report = time_stages(points, skeleton, peer_python=peer_python, peer_iterations=peer_iterations)
-    write_json(times, report)
+    write_json(times, time_stages(*read_timing_cloud(cloud)))
 
 
 parser = stage_parser(__doc__)
 parser.add_argument("--cloud", required=True, help="NPZ from sample_timing_cloud.py")
 parser.add_argument("--times", required=True, help="JSON to write")
-parser.add_argument("--peer_python", default="", help="Python that has pc-skeletor")
-parser.add_argument("--peer_iterations", type=int, default=0, help="of its LBC; 0 leaves it out")
 run(main, parser, globals().get("snakemake"))

@@ -3,7 +3,7 @@
 from workspace import Workspace
 
 TARGETS = [
-    *("orchard", "orchard_skeletons", "benchmark_dense", "benchmark_skeleton", "benchmark_traits"),
+    *("orchard", "orchard_skeletons", "benchmark_skeleton", "benchmark_traits"),
     *("benchmark_trunks", "benchmark_series", "error_budget", "fit_intervals", "train_sky"),
     "train_segmentation",
 ]

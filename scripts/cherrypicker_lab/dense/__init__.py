@@ -1,4 +1,1 @@
-"""How good dense stereo is: scores against rendered scenes, a naive floor, the benchmark's report.
-
-Nothing here is part of the pipeline; the rules of ``workflow/rules/lab/benchmark.smk`` use it.
-"""
+"""How good dense stereo is: scores of clouds against rendered scenes, true cameras and depths."""

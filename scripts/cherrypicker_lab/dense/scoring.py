@@ -7,20 +7,11 @@ import os
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.workspace import Workspace
-from cherrypicker.pointcloud import PointCloud, read_cloud
+from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
-from cherrypicker_lab.dense.surface import (
-    CLASSES,
-    THINNED_VOXEL_M,
-    judge_points,
-    refine_similarity,
-    score_cloud,
-    thin,
-)
+from cherrypicker_lab.dense.surface import CLASSES, refine_similarity, score_cloud
 from cherrypicker_lab.dense.truth import TrueSurface, load_true_surface
 from cherrypicker_lab.evaluation import camera_similarity, pair_cameras
 
@@ -35,47 +26,34 @@ def score_file(
     truth: str | os.PathLike,
     *,
     fit: str,
-    max_photos: int | None = None,
-) -> tuple[dict, PointCloud]:
+) -> dict:
     """Score a PLY against ``{scene}/truth``.
 
     Parameters
     ----------
     cloud : path-like
     poses : path-like
-        Poses NPZ, or a dense workspace or its manifest, of the cloud's frame; not read for
-        ``fit="none"``.
+        Poses NPZ of the cloud's frame; not read for ``fit="none"``.
     truth : path-like
     fit : {"none", "cameras", "surface"}
         How the cloud is placed, see :mod:`cherrypicker_lab.dense.surface`.
-    max_photos : int, optional
-        The cloud is from the first so many photos; what they do not see does not count.
 
     Returns
     -------
-    report : dict
+    dict
         As :func:`cherrypicker_lab.dense.surface.score_cloud`, with ``fit`` and the
         similarity's ``scale``, ``rotation`` and ``translation``.
-    scored : PointCloud
-        The judged points in the scene's frame, one a 2.5 mm voxel, with a field ``error`` (float32,
-        m), for pictures.
 
     Raises
     ------
     StageError
         If a file is missing or broken, or the cloud is nowhere near the tree.
     """
-    surface = load_true_surface(truth, max_photos=max_photos)
+    surface = load_true_surface(truth)
     points = read_cloud(cloud).points
     placed, similarity = place(points, poses, truth, surface, fit)
-    report = score_cloud(placed, surface)
-    near = placed[judge_points(placed, surface)]
-    near = near[thin(near, THINNED_VOXEL_M)]
-    error = cKDTree(surface.points).query(near, workers=-1)[0].astype(np.float32)
-    scored = PointCloud(near, fields={"error": error}, frame="metric", unit="m")
-    scale, rotation, translation = similarity
-    report |= {"fit": fit, "scale": scale, "rotation": rotation, "translation": translation}
-    return report, scored
+    placement = dict(zip(("scale", "rotation", "translation"), similarity, strict=True))
+    return score_cloud(placed, surface) | {"fit": fit} | placement
 
 
 def place(points, poses, truth, surface: TrueSurface, fit: str):
@@ -84,9 +62,8 @@ def place(points, poses, truth, surface: TrueSurface, fit: str):
         raise StageError(f"unknown fit {fit!r}, one of {', '.join(FITS)}")
     if fit == "none":
         return points, (1.0, np.eye(3), np.zeros(3))
-    names, centers = _cameras(poses)
-    true = read_poses(Path(truth) / "poses.npz")
-    pairs = pair_cameras(names, centers, true.names, true.centers)
+    own, true = read_poses(poses), read_poses(Path(truth) / "poses.npz")
+    pairs = pair_cameras(own.names, own.centers, true.names, true.centers)
     scale, rotation, translation, _ = camera_similarity(*pairs)
     placed = scale * points @ rotation.T + translation
     if fit == "surface":
@@ -94,15 +71,6 @@ def place(points, poses, truth, surface: TrueSurface, fit: str):
         placed = s * placed @ r.T + t
         scale, rotation, translation = s * scale, r @ rotation, s * r @ translation + t
     return placed, (scale, rotation, translation)
-
-
-def _cameras(poses):
-    poses = Path(poses)
-    if poses.is_dir():
-        views = Workspace(poses).views
-        return [view.name for view in views], np.array([view.center for view in views])
-    read = read_poses(poses)
-    return read.names, read.centers
 
 
 def describe(report: dict) -> str:

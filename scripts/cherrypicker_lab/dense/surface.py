@@ -56,15 +56,13 @@ def classes_of(surface: TrueSurface) -> np.ndarray:
     return np.where(surface.is_trunk, 0, by_radius)
 
 
-def score_cloud(points: np.ndarray, surface: TrueSurface, *, min_views: int = MIN_VIEWS) -> dict:
+def score_cloud(points: np.ndarray, surface: TrueSurface) -> dict:
     """Score a cloud in the scene's frame; see the module for the definitions.
 
     Parameters
     ----------
     points : ndarray of shape (n, 3)
         Metres, the scene's metric frame.
-    min_views : int
-        Photos that must see a piece of surface for it to count.
 
     Returns
     -------
@@ -87,7 +85,7 @@ def score_cloud(points: np.ndarray, surface: TrueSurface, *, min_views: int = MI
     reached = cKDTree(near).query(
         true.points, distance_upper_bound=2 * max(TOLERANCES_M), workers=-1
     )[0]
-    seen = true.n_views >= min_views
+    seen = true.n_views >= MIN_VIEWS
     point_class, true_class = classes_of(surface)[nearest], classes_of(true)
     everything = np.ones(len(near), bool), np.ones(len(reached), bool)
     groups = {"all": everything}

@@ -53,9 +53,7 @@ class TrueSurface:
                            others=self.others)  # fmt: skip
 
 
-def load_true_surface(
-    truth: str | os.PathLike, *, step: float = STEP_M, max_photos: int | None = None
-) -> TrueSurface:
+def load_true_surface(truth: str | os.PathLike, *, step: float = STEP_M) -> TrueSurface:
     """Sample the true surface of a scene and count the photos that see each sample.
 
     Samples within 15 mm of another thing than the ground are left out: a sleeve around the stem
@@ -67,8 +65,6 @@ def load_true_surface(
         ``{scene}/truth`` with ``skeleton.csv``, ``poses.npz`` and ``cloud.ply``.
     step : float
         Distance between samples, m.
-    max_photos : int, optional
-        Count the first so many photos in name order only, where stereo got no others.
 
     Raises
     ------
@@ -87,7 +83,6 @@ def load_true_surface(
         gap = cKDTree(things).query(surface.points, distance_upper_bound=APART_M)[0]
         surface = surface.select(~np.isfinite(gap))
     poses = read_poses(truth / "poses.npz")
-    poses = poses.select(np.argsort(poses.names)[:max_photos])
     surface.n_views = count_views(surface, poses, step=step)
     return surface
 

@@ -39,15 +39,13 @@ HAND_M, HAND_ROLL_DEG = 0.05, 1.2  # how far a hand is off, as on the demo's rin
 TRUTH_POINTS = 600_000
 
 
-def row_scene(seed, habit=None, n_trees=N_TREES, spacing=None, markers=()):
+def row_scene(seed, n_trees=N_TREES, spacing=None, markers=()):
     """Lay out a row without anything but trees and ground.
 
     Parameters
     ----------
     seed : int
-        Decides the trees, and what is left at None.
-    habit : str, optional
-        Form of all trees; the forms of the demo's kind take turns.
+        Decides the trees, whose forms take turns, and what is left at None.
     n_trees : int, default 5
     spacing : float, optional
         Between the stems, m; 0.75 to 0.9 of the width of the first tree's crown by default.
@@ -59,7 +57,7 @@ def row_scene(seed, habit=None, n_trees=N_TREES, spacing=None, markers=()):
     Scene
     """
     forms = sorted(HABITS)
-    habit = habit or forms[seed % len(forms)]
+    habit = forms[seed % len(forms)]
     if spacing is None:
         width = tree_traits(generate_scene(seed, habit=habit, neighbours=0).target)["crown_width_m"]
         spacing = width * np.random.default_rng([int(seed), 211]).uniform(*SPACING_SHARE)
@@ -86,7 +84,7 @@ def alley_poses(scene):
     return numbered_poses(poses, CAMERA)
 
 
-def loop_poses(scene, n_photos=N_PHOTOS, camera=PHOTO_CAMERA):
+def loop_poses(scene, n_photos=N_PHOTOS):
     """Photos of a walk around a row: along one alley, round the end, back along the other.
 
     Two heights in turn, evenly spaced, with a hand's jitter; each photo is aimed at the row beside
@@ -106,7 +104,7 @@ def loop_poses(scene, n_photos=N_PHOTOS, camera=PHOTO_CAMERA):
         aim = np.array([np.clip(x, low, high), 0.0, 0.45 * height])
         aim[0] += 0.5 if number % 3 else -0.5
         poses.append(look_at(center, aim, np.radians(rng.normal() * HAND_ROLL_DEG)))
-    return numbered_poses(poses, camera)
+    return numbered_poses(poses, PHOTO_CAMERA)
 
 
 def _height_and_distance(scene):
@@ -145,7 +143,7 @@ def write_row_truth(folder, scene, poses, name):
     write_json(folder / "trees.json", {"trees": rows})
 
 
-def row_cloud(scene, n_points=300_000, *, rng=None, as_seen=None):
+def row_cloud(scene, n_points=300_000):
     """A row's labelled cloud as stereo would see it from the alleys.
 
     Returns
@@ -154,8 +152,7 @@ def row_cloud(scene, n_points=300_000, *, rng=None, as_seen=None):
         Fields ``label`` and ``tree`` (0 the first of `scene.trees`, 255 no tree).
     """
     reach = float(np.abs(scene.offsets[:, 0]).max()) + 1.5
-    seen = AsSeen() if as_seen is None else as_seen
     return sample_scene(
-        scene, n_points, rng=rng, as_seen=seen, extent=reach, ground_share=0.3,
+        scene, n_points, as_seen=AsSeen(), extent=reach, ground_share=0.3,
         poses=alley_poses(scene),
     )  # fmt: skip

@@ -71,7 +71,7 @@ def voxel_mean(points, labels, size=VOXEL_M):
     return mean, kinds[votes.argmax(axis=0)].astype(np.uint8)
 
 
-def cut_holes(rng, cloud, *, n_holes=N_HOLES, radius=HOLE_RADIUS_M):
+def cut_holes(rng, cloud):
     """Cut spherical holes around random points of the trunk.
 
     Parameters
@@ -79,10 +79,6 @@ def cut_holes(rng, cloud, *, n_holes=N_HOLES, radius=HOLE_RADIUS_M):
     rng : numpy.random.Generator
     cloud : PointCloud
         With a field `label`.
-    n_holes : int
-        Wanted; fewer where the trunk has no room for centres `radius` apart.
-    radius : float
-        m.
 
     Returns
     -------
@@ -93,13 +89,13 @@ def cut_holes(rng, cloud, *, n_holes=N_HOLES, radius=HOLE_RADIUS_M):
     trunk = cloud.points[cloud["label"] == Label.TRUNK]
     centres = []
     for candidate in trunk[rng.permutation(len(trunk))]:
-        if len(centres) == n_holes:
+        if len(centres) == N_HOLES:
             break
-        if all(np.linalg.norm(candidate - c) >= radius for c in centres):
+        if all(np.linalg.norm(candidate - c) >= HOLE_RADIUS_M for c in centres):
             centres.append(candidate)
     centres = np.array(centres).reshape(-1, 3)
     distance = cKDTree(centres).query(cloud.points)[0]
-    return cloud.select(distance > radius), centres
+    return cloud.select(distance > HOLE_RADIUS_M), centres
 
 
 def noisy_surface(rng, tree):

@@ -31,7 +31,7 @@ def numbers_of(wood, dated, frame):
     return np.where(distance <= NEAR_M, dated.node_numbers[row], GHOST)
 
 
-def judge_step(comparison, first, second, later_wood, frame, first_frame=None):
+def judge_step(comparison, first, second, later_wood, frame):
     """Judge a comparison of two generated dates.
 
     Parameters
@@ -42,9 +42,7 @@ def judge_step(comparison, first, second, later_wood, frame, first_frame=None):
     later_wood : Wood
         Of the second scan in its own frame.
     frame : ndarray of shape (4, 4)
-        Brings the tree's frame to the second scan's.
-    first_frame : ndarray of shape (4, 4), optional
-        Brings the tree's frame to the first scan's; the same by default.
+        Brings the tree's frame to the second scan's; the first scan is in the tree's own.
 
     Returns
     -------
@@ -54,8 +52,7 @@ def judge_step(comparison, first, second, later_wood, frame, first_frame=None):
     """
     (step,) = comparison.steps
     wood, later = step.earlier.wood, step.later.wood
-    first_frame = np.eye(4) if first_frame is None else first_frame
-    one = numbers_of(wood, first, first_frame)
+    one = numbers_of(wood, first, np.eye(4))
     two = numbers_of(later_wood, second, frame)
     old = one >= 0
     is_gone = old & ~np.isin(one, second.node_numbers)
@@ -67,7 +64,7 @@ def judge_step(comparison, first, second, later_wood, frame, first_frame=None):
     return {
         "axes": _counts(true, step.match.axes, lengths, 0.0),
         "axes_10cm": _counts(true, step.match.axes, lengths, LEAST_LENGTH_M),
-        "cuts": _cut_counts(cuts, cut_table(comparison), first_frame),
+        "cuts": _cut_counts(cuts, cut_table(comparison)),
         "length_m": float(wood.length.sum()),
         "removed_length_m": float(wood.length[found_gone].sum()),
         "true_removed_length_m": float(sum(cut["length_m"] for cut in cuts)),
@@ -113,11 +110,11 @@ def _counts(true, found, lengths, least):
     return {"n_true": len(kept[0]), "n_found": len(kept[1]), "n_right": len(kept[0] & kept[1])}
 
 
-def _cut_counts(cuts, found, frame):
+def _cut_counts(cuts, found):
     n_right = 0
     if cuts and found:
         places = [[cut["x_m"], cut["y_m"], cut["z_m"]] for cut in found]
-        true = np.array([cut["place"] for cut in cuts]) @ frame[:3, :3].T + frame[:3, 3]
+        true = np.array([cut["place"] for cut in cuts])
         apart = np.linalg.norm(true[:, None] - np.array(places)[None], axis=2)
         rows, columns = linear_sum_assignment(apart)
         n_right = int((apart[rows, columns] <= NEAR_CUT_M).sum())

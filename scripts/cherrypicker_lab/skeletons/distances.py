@@ -63,7 +63,7 @@ def chamfer_cm2(found, truth):
     return round(float(CM2_PER_M2 * (np.square(there).mean() + np.square(back).mean())), 9)
 
 
-def within_rates(found, truth, tolerances, *, asked=None):
+def within_rates(found, truth, tolerances):
     """Precision, recall and F1 of samples within tolerances.
 
     Parameters
@@ -71,8 +71,6 @@ def within_rates(found, truth, tolerances, *, asked=None):
     found, truth : ndarray of shape (n, 3), float64
     tolerances : iterable of float
         In the unit of the points.
-    asked : ndarray of shape (n_truth,), bool, optional
-        True samples that have to be found; precision counts all of `truth`.
 
     Returns
     -------
@@ -80,14 +78,13 @@ def within_rates(found, truth, tolerances, *, asked=None):
         Tolerance in cm (``"1cm"``) to a dict ``precision``, ``recall``, ``f1``.
     """
     there = cKDTree(truth).query(found)[0]
-    wanted = truth if asked is None else truth[asked]
-    back = cKDTree(found).query(wanted)[0] if len(wanted) else np.empty(0)
-    rates = {}
-    for tolerance in tolerances:
-        precision = float((there <= tolerance).mean())
-        recall = float((back <= tolerance).mean()) if len(back) else 0.0
-        rates[f"{100 * tolerance:g}cm"] = _with_f1(precision, recall)
-    return rates
+    back = cKDTree(found).query(truth)[0]
+    return {
+        f"{100 * tolerance:g}cm": _with_f1(
+            float((there <= tolerance).mean()), float((back <= tolerance).mean())
+        )
+        for tolerance in tolerances
+    }
 
 
 def matched_pairs(found, truth, tolerance):
@@ -110,27 +107,22 @@ def matched_pairs(found, truth, tolerance):
     return np.stack([rows, partner[rows]], axis=1).astype(np.int64)
 
 
-def match_rates(found, truth, tolerance, *, asked=None):
+def match_rates(found, truth, tolerance):
     """Precision, recall and F1 of nodes under one-to-one matches.
 
     Parameters
     ----------
     found, truth : ndarray of shape (n, 3), float64
     tolerance : float
-    asked : ndarray of shape (n_truth,), bool, optional
-        True nodes that have to be found. Precision counts matches with any true node, recall those
-        with the true nodes asked for.
 
     Returns
     -------
     dict
-        ``precision``, ``recall``, ``f1``, ``n_found``, ``n_true`` (asked for).
+        ``precision``, ``recall``, ``f1``, ``n_found``, ``n_true``.
     """
-    wanted = truth if asked is None else truth[asked]
-    n_any = len(matched_pairs(found, truth, tolerance))
-    n_wanted = n_any if asked is None else len(matched_pairs(found, wanted, tolerance))
-    rates = _with_f1(n_any / len(found) if len(found) else 0.0, n_wanted / max(len(wanted), 1))
-    return rates | {"n_found": len(found), "n_true": len(wanted)}
+    n_matched = len(matched_pairs(found, truth, tolerance))
+    rates = _with_f1(n_matched / max(len(found), 1), n_matched / max(len(truth), 1))
+    return rates | {"n_found": len(found), "n_true": len(truth)}
 
 
 def _with_f1(precision, recall):

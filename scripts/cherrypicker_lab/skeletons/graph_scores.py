@@ -1,4 +1,4 @@
-"""A graph of a skeleton against the true tree: nodes, edges, ways, axes."""
+"""Contracted points, and a graph, against the true tree: nodes, edges, ways, axes."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,14 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.neighbors import components, sparse_graph
-from cherrypicker_lab.skeletons.distances import match_rates, sample_edges, within_rates
+from cherrypicker_lab.skeletons.distances import (
+    chamfer_cm2,
+    match_rates,
+    sample_edges,
+    within_rates,
+)
 
-SAMPLE_M = 0.001
+SAMPLE_M, CHAMFER_STEP_M = 0.001, 0.005
 TOLERANCES_M = (0.01, 0.02, 0.05)
 NODE_TOLERANCE_M = 0.05
 LEAST_AXIS_M = 0.10
@@ -55,17 +60,27 @@ def graph_of(skeleton):
     return Graph(skeleton.points, np.stack([skeleton.parent[1:], child], axis=1), 0)
 
 
-def score_graph(graph, truth, *, min_radius=0.0):
+def chamfer_samples(skeleton):
+    """Points every 5 mm of a true skeleton, (n, 3), each once."""
+    true = graph_of(skeleton)
+    truth, _, share = sample_edges(true.points, true.edges, CHAMFER_STEP_M)
+    once = share > 0  # an edge's first sample is the last one of the edge below
+    once[0] = True  # the root
+    return truth[once]
+
+
+def score_points(points, skeleton):
+    """Chamfer distance of contracted points (n, 3) to a true skeleton, as ``chamfer_cm2``."""
+    return {"chamfer_cm2": chamfer_cm2(points, chamfer_samples(skeleton))}
+
+
+def score_graph(graph, truth):
     """Compare a graph with a true tree.
 
     Parameters
     ----------
     graph : Graph
     truth : TrueTree
-    min_radius : float, default 0
-        Metres: only wood of this radius and more has to be found; what is found may belong to any
-        wood. An axis counts up to its first thinner place, a tip where the thicker wood ends, a
-        junction where three pieces of it meet.
 
     Returns
     -------
@@ -73,21 +88,25 @@ def score_graph(graph, truth, *, min_radius=0.0):
         ``samples`` (`within_rates` at 1, 2, 5 cm of points every millimetre), ``junctions``,
         ``tips`` (`match_rates` at 5 cm), ``n_components``, ``n_cycles``, ``false_edges``,
         ``length_m``, ``true_length_m``, ``length_error`` (relative, signed), ``ways_within_10pct``
-        (share of all nodes), ``axes`` (share of those longer than 10 cm that were found, their
-        number) and ``by_order``.
+        (share of all nodes) and ``axes`` (share of those longer than 10 cm that were found, their
+        number).
     """
-    thick = _thick(truth.skeleton, min_radius)
     true = graph_of(truth.skeleton)
     samples, _, _ = sample_edges(graph.points, graph.edges, SAMPLE_M)
     true_samples, edge, _ = sample_edges(true.points, true.edges, SAMPLE_M)
-    asked = thick[edge + 1]  # edge i ends in node i + 1
-    wanted = graph_of(truth.skeleton.select(thick))
     n_components = components(len(graph.points), graph.edges)[1]
-    true_length, length = float(wanted.length.sum()), float(graph.length.sum())
+    true_length, length = float(true.length.sum()), float(graph.length.sum())
+    nodes = {
+        kind: match_rates(
+            graph.points[getattr(graph, kind)()],
+            true.points[getattr(true, kind)()],
+            NODE_TOLERANCE_M,
+        )
+        for kind in ("junctions", "tips")
+    }
     return {
-        "samples": within_rates(samples, true_samples, TOLERANCES_M, asked=asked),
-        "junctions": _node_rates(graph, true, wanted, "junctions"),
-        "tips": _node_rates(graph, true, wanted, "tips"),
+        "samples": within_rates(samples, true_samples, TOLERANCES_M),
+        **nodes,
         "n_components": int(n_components),
         "n_cycles": int(len(graph.edges) - len(graph.points) + n_components),
         "false_edges": false_edges(graph, truth),
@@ -95,36 +114,8 @@ def score_graph(graph, truth, *, min_radius=0.0):
         "true_length_m": true_length,
         "length_error": length / true_length - 1.0,
         "ways_within_10pct": float(ways_to_root(graph, truth).mean()),
-        "axes": _axes_summary(axes_found(samples, truth, thick)),
-        "by_order": _by_order(samples, true_samples, edge, graph, truth, thick),
+        "axes": axes_found(samples, true_samples, edge, truth),
     }
-
-
-def _thick(skeleton, min_radius):
-    """Nodes that the root reaches through wood of at least `min_radius`."""
-    thick = skeleton.radius >= min_radius
-    thick[0] = True
-    up = np.maximum(skeleton.parent, 0)
-    while (thick & ~thick[up]).any():
-        thick &= thick[up]
-    return thick
-
-
-def _node_rates(graph, true, wanted, kind):
-    """`match_rates` of junctions or tips: precision against all of any wood, recall of `wanted`."""
-    found = graph.points[getattr(graph, kind)()]
-    everywhere = true.points[getattr(true, kind)()]
-    asked = wanted.points[getattr(wanted, kind)()]
-    if kind == "tips" and len(wanted.points) < len(true.points):
-        # a found tip may stop anywhere on wood that is too thin to be asked for
-        everywhere = np.vstack([everywhere, asked])
-    rates = match_rates(found, everywhere, NODE_TOLERANCE_M)
-    if len(wanted.points) == len(true.points):
-        return rates
-    recall = match_rates(found, asked, NODE_TOLERANCE_M)["recall"]
-    precision = rates["precision"]
-    f1 = 2 * precision * recall / max(precision + recall, 1e-12)
-    return rates | {"recall": recall, "f1": f1, "n_true": len(asked)}
 
 
 def false_edges(graph, truth):
@@ -195,37 +186,31 @@ def ways_to_root(graph, truth):
     return good
 
 
-def axes_found(samples, truth, thick):
-    """Which true axes were found.
+def axes_found(samples, true_samples, edge, truth):
+    """How many true axes were found, of those longer than 10 cm.
 
     Parameters
     ----------
     samples : ndarray of shape (n_samples, 3), float64
         Points along what was found.
+    true_samples : ndarray of shape (n_true, 3), float64
+        Points every millimetre of the true tree.
+    edge : ndarray of shape (n_true,), int64
+        Edge of the true tree that each lies on.
     truth : TrueTree
-    thick : ndarray of shape (n_nodes,), bool
-        Nodes of the true skeleton that count.
 
     Returns
     -------
-    length : ndarray of shape (n_axes,), float64
-        Of what counts of each true axis, metres.
-    share : ndarray of shape (n_axes,), float64
-        Share of it with a sample within 2 cm.
-    order : ndarray of shape (n_axes,), int64
+    dict
+        ``n`` and ``share_found``: those of which 70 % have a sample within 2 cm.
     """
-    true = graph_of(truth.skeleton)
-    places, edge, _ = sample_edges(true.points, true.edges, SAMPLE_M)
-    edge, places = edge[thick[edge + 1]], places[thick[edge + 1]]
-    near = cKDTree(samples).query(places, distance_upper_bound=AXIS_TOLERANCE_M)[0]
-    is_near, axis = np.isfinite(near), truth.axis[edge + 1]
-    n_axes = truth.axis.max() + 1
-    count = np.bincount(axis, minlength=n_axes)
-    share = np.bincount(axis, is_near, minlength=n_axes) / np.maximum(count, 1)
-    counted = np.where(thick[1:], true.length, 0.0)
-    length = np.bincount(truth.axis[1:], counted, minlength=n_axes)
-    first = np.unique(truth.axis, return_index=True)[1]
-    return length, share, truth.skeleton.fields["order"][first]
+    near = cKDTree(samples).query(true_samples, distance_upper_bound=AXIS_TOLERANCE_M)[0]
+    axis_of_edge = truth.axis[1:]  # edge i ends in node i + 1
+    axis, length = axis_of_edge[edge], np.bincount(axis_of_edge, graph_of(truth.skeleton).length)
+    share = np.bincount(axis, np.isfinite(near)) / np.bincount(axis)
+    asked = length > LEAST_AXIS_M
+    n_found = int((asked & (share >= AXIS_SHARE)).sum())
+    return {"n": int(asked.sum()), "share_found": n_found / max(int(asked.sum()), 1)}
 
 
 def radius_errors(points, radius, truth):
@@ -249,38 +234,3 @@ def radius_errors(points, radius, truth):
     error = radius - true
     rows = {name: near & (true >= low) & (true < high) for name, (low, high) in THICK_M.items()}
     return {name: float(np.median(error[own])) for name, own in rows.items() if own.any()}
-
-
-def _axes_summary(found, chosen=True):
-    length, share, _ = found
-    asked = (length > LEAST_AXIS_M) & chosen
-    n_found = int((asked & (share >= AXIS_SHARE)).sum())
-    return {"n": int(asked.sum()), "share_found": n_found / max(int(asked.sum()), 1)}
-
-
-def _by_order(samples, true_samples, edge, graph, truth, thick):
-    """Per true order: length, recall at 1, 2, 5 cm, axes and tips found."""
-    found_axes = axes_found(samples, truth, thick)
-    distance = cKDTree(samples).query(true_samples)[0]
-    order = truth.skeleton.fields["order"]
-    wanted = truth.skeleton.select(thick)
-    wanted_graph = graph_of(wanted)
-    tips = wanted_graph.tips()
-    true_length = graph_of(truth.skeleton).length
-    report = {}
-    for value in np.unique(order[thick]):
-        rows = (order[edge + 1] == value) & thick[edge + 1]
-        if not rows.any():
-            continue
-        tip_rows = wanted.fields["order"][tips] == value
-        rates = match_rates(
-            graph.points[graph.tips()], wanted.points[tips[tip_rows]], NODE_TOLERANCE_M
-        )
-        report[str(value)] = {
-            "true_length_m": float(true_length[thick[1:] & (order[1:] == value)].sum()),
-            "recall": {f"{100 * t:g}cm": float((distance[rows] <= t).mean()) for t in TOLERANCES_M},
-            "axes": _axes_summary(found_axes, found_axes[2] == value),
-            "tip_recall": rates["recall"],
-            "n_tips": rates["n_true"],
-        }
-    return report

@@ -13,8 +13,12 @@ from cherrypicker.contraction.contract_tree import contract_tree
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
-from cherrypicker_lab.skeletons.graph_scores import graph_of, radius_errors, score_graph
-from cherrypicker_lab.skeletons.point_scores import score_points
+from cherrypicker_lab.skeletons.graph_scores import (
+    graph_of,
+    radius_errors,
+    score_graph,
+    score_points,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -103,14 +107,13 @@ def _as_branches(cloud):
     return replace(cloud, fields=fields)
 
 
-def contract_as_published(cloud, method, *, callback=None, **constants):
+def contract_as_published(cloud, method, **constants):
     """Contract all points of a set's cloud as published, neither chosen nor thinned."""
     return contract_tree(
         cloud.points,
         np.asarray(cloud["label"]),
         weights={Label.TRUNK: TRUNK_WEIGHT},
         options=SkeletonOptions(method, **constants),
-        callback=callback,
     )
 
 

@@ -11,9 +11,13 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker_lab.skeletons.cylinders import graph_of_cylinders, places_on_cylinders
-from cherrypicker_lab.skeletons.graph_scores import Graph, radius_errors, score_graph
+from cherrypicker_lab.skeletons.graph_scores import (
+    Graph,
+    radius_errors,
+    score_graph,
+    score_points,
+)
 from cherrypicker_lab.skeletons.methods import TRUNK_WEIGHT
-from cherrypicker_lab.skeletons.point_scores import score_points
 
 logger = logging.getLogger(__name__)
 

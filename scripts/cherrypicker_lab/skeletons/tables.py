@@ -8,7 +8,6 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker_lab.skeletons.graph_scores import THICK_M
 from cherrypicker_lab.skeletons.methods import SETTINGS
-from cherrypicker_lab.skeletons.timing import growth_exponent
 
 METHOD_NAMES = {
     "lbc_paper": "LBC",
@@ -66,8 +65,7 @@ def write_tables(table, times, *, notes=()):
     notes : iterable of str
         Lines on what is left out.
     """
-    parts = [_chamfer_table(table), _ratio_table(table), _template_table(table)]
-    parts += [_point_table(table), _graph_table(table), _order_table(table), _time_table(times)]
+    parts = [_chamfer_table(table), _graph_table(table), _time_table(times)]
     head = "".join(f"- {note}\n" for note in notes)
     return "\n".join(part for part in [head, *parts] if part)
 
@@ -110,75 +108,12 @@ def _chamfer_table(table):
                     f"{len(found)}",
                     f"{_mean(found, _chamfer):.3f}",
                     f"{_mean(on_common, _chamfer):.3f}" if common else "–",
-                    f"{_mean(found, lambda r: r['points']['to_truth_cm2']):.3f}",
-                    f"{_mean(found, lambda r: r['points']['to_points_cm2']):.3f}",
                     f"{_mean(found, lambda r: r['cpu_s']):.1f}",
                 ]
             )
     header = ["cloud", "contraction", "trees", "Chamfer, cm2", "on the trees of all methods",
-              "points to truth", "truth to points", "CPU s a cloud"]  # fmt: skip
+              "CPU s a cloud"]  # fmt: skip
     return "### Chamfer distance\n\n" + table_rows(header, lines, 2)
-
-
-def _ratio_table(table):
-    """S-LBC over LBC beside the paper's ratio, each on its own common trees."""
-    pairs = {
-        "ours, as published": ("lbc_paper", "slbc_paper"),
-        "pc-skeletor": ("peer_lbc", "peer_slbc"),
-    }
-    lines = [["the paper", *(f"{PAPER_RATIO[setting]:.3f}" for setting in SETTINGS), "50"]]
-    for label, (plain, semantic) in pairs.items():
-        cells, n_trees = [], 0
-        for setting in SETTINGS:
-            if (setting, plain) not in table or (setting, semantic) not in table:
-                cells.append("–")
-                continue
-            trees = _common(table, setting, [plain, semantic])
-            n_trees = len(trees)
-            values = [
-                np.mean([_chamfer(table[setting, name][tree]) for tree in trees])
-                for name in (semantic, plain)
-            ]
-            cells.append(f"{values[0] / values[1]:.3f}")
-        if n_trees:
-            lines.append([label, *cells, f"{n_trees}"])
-    header = ["S-LBC / LBC", *(SETTING_NAMES[setting] for setting in SETTINGS), "trees"]
-    return "### Ratio of S-LBC to LBC\n\n" + table_rows(header, lines, 1)
-
-
-def _template_table(table):
-    lines = []
-    for setting in SETTINGS:
-        for name in _methods(table, setting):
-            found = table[setting, name]
-            templates = sorted({report["template"] for report in found.values()})
-            cells = []
-            for template in ("fir", "larch", "pine"):
-                values = [_chamfer(r) for r in found.values() if r["template"] == template]
-                cells.append(f"{np.mean(values):.3f}" if template in templates else "–")
-            lines.append([SETTING_NAMES[setting], METHOD_NAMES[name], *cells])
-    header = ["cloud", "contraction", "fir", "larch", "pine"]
-    return "### Chamfer distance by template, cm2\n\n" + table_rows(header, lines, 2)
-
-
-def _point_table(table):
-    lines = []
-    for setting in SETTINGS:
-        for name in _methods(table, setting):
-            found = table[setting, name]
-            cells = []
-            for tolerance in ("1cm", "2cm", "5cm"):
-                rates = [report["points"]["samples"][tolerance] for report in found.values()]
-                cells += [
-                    f"{np.mean([rate[key] for rate in rates]):.3f}"
-                    for key in ("precision", "recall", "f1")
-                ]
-            lines.append([SETTING_NAMES[setting], METHOD_NAMES[name], *cells])
-    header = ["cloud", "contraction"]
-    header += [f"{what} {size} cm" for size in (1, 2, 5) for what in ("P", "R", "F1")]
-    return "### Contracted points against the true skeleton every millimetre\n\n" + table_rows(
-        header, lines, 2
-    )
 
 
 def _with_graphs(table):
@@ -237,34 +172,9 @@ def _radius_cells(found):
         yield f"{1e3 * np.mean(values):+.2f}" if values else "–"
 
 
-def _order_table(table):
-    lines = []
-    for setting, name, graph, found in _with_graphs(table):
-        orders = sorted({order for report in found.values() for order in report["by_order"]})
-        for order in orders:
-            parts = [r["by_order"][order] for r in found.values() if order in r["by_order"]]
-            lines.append(
-                [
-                    SETTING_NAMES[setting],
-                    METHOD_NAMES[name],
-                    GRAPH_NAMES[graph],
-                    order,
-                    f"{np.mean([part['true_length_m'] for part in parts]):.1f}",
-                    *(f"{np.mean([part['recall'][t] for part in parts]):.3f}"
-                      for t in ("1cm", "2cm", "5cm")),
-                    f"{100 * np.mean([part['axes']['share_found'] for part in parts]):.1f} %",
-                    f"{np.mean([part['tip_recall'] for part in parts]):.3f}",
-                ]
-            )  # fmt: skip
-    header = ["cloud", "contraction", "graph", "order", "true length, m", "R 1 cm", "R 2 cm",
-              "R 5 cm", "axes found", "tip recall 5 cm"]  # fmt: skip
-    return "### Graphs by order\n\n" + table_rows(header, lines, 4) if lines else ""
-
-
 def _time_table(times):
     lines = []
     for t in sorted(times, key=lambda t: t["n_points"]):
-        peer = t["peer"]
         whole = t["contract"] + t["graph"] + t["traits"]
         lines.append(
             [
@@ -277,23 +187,10 @@ def _time_table(times):
                 f"{t['contract_peak_mb']:.0f}",
                 f"{t['peak_mb']:.0f}",
                 f"{t['chamfer_cm2']:.3f}",
-                *(
-                    [f"{peer['cpu_s']:.0f} ({peer['iterations']} iterations)",
-                     f"{peer['peak_mb']:.0f}", f"{peer['chamfer_cm2']:.2f}",
-                     f"1/{peer['cpu_s'] / t['contract']:.0f}"]
-                    if peer
-                    else ["–"] * 4
-                ),
             ]
         )  # fmt: skip
     if not lines:
         return ""
     header = ["points", "contracted", "contraction, CPU s", "graph", "traits", "together",
-              "MB, contraction", "MB, all", "Chamfer, cm2", "pc-skeletor LBC, CPU s", "its MB",
-              "its Chamfer", "ours / its time"]  # fmt: skip
-    text = "### Time and memory\n\n" + table_rows(header, lines, 0)
-    large = [t for t in times if t["n_points"] >= 2e4]
-    if len(large) > 1:
-        exponent = growth_exponent([t["n_points"] for t in large], [t["contract"] for t in large])
-        text += f"\nExponent of the contraction's time from 20 thousand points on: {exponent:.2f}\n"
-    return text
+              "MB, contraction", "MB, all", "Chamfer, cm2"]  # fmt: skip
+    return "### Time and memory\n\n" + table_rows(header, lines, 0)

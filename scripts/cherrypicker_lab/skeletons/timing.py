@@ -12,9 +12,8 @@ from cherrypicker.skeleton.axes import axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.topology import fold
 from cherrypicker.traits.measure import measure_traits
+from cherrypicker_lab.skeletons.graph_scores import score_points
 from cherrypicker_lab.skeletons.methods import START_UP_POINTS, peak_mb
-from cherrypicker_lab.skeletons.peer import run_peer
-from cherrypicker_lab.skeletons.point_scores import score_points
 
 logger = logging.getLogger(__name__)
 
@@ -48,7 +47,7 @@ def read_timing_cloud(path):
     return cloud, skeleton
 
 
-def time_stages(cloud, skeleton, *, peer_python=None, peer_iterations=0):
+def time_stages(cloud, skeleton):
     """CPU seconds and memory from a labelled cloud to its traits, with the default settings.
 
     All stages run on 3000 of the points first, which compiles and loads their functions; the
@@ -59,40 +58,25 @@ def time_stages(cloud, skeleton, *, peer_python=None, peer_iterations=0):
     cloud : PointCloud
     skeleton : Skeleton
         The truth, for the Chamfer distance.
-    peer_python : path-like, optional
-        Python of the peer; without it the peer is not timed.
-    peer_iterations : int, default 0
-        Iterations of the peer's LBC; 0 leaves it out.
 
     Returns
     -------
     dict
         ``n_points``, ``n_contracted``, ``chamfer_cm2``, CPU seconds of ``contract``, ``graph`` and
-        ``traits``, ``contract_peak_mb`` and ``peak_mb`` (of the process so far), ``peer`` (its
-        ``cpu_s``, ``peak_mb``, ``iterations`` and Chamfer) or None.
+        ``traits``, ``contract_peak_mb`` and ``peak_mb`` (of the process so far).
     """
     rng = np.random.default_rng(0)
     rows = np.sort(rng.choice(len(cloud), min(START_UP_POINTS, len(cloud)), replace=False))
     _cloud_to_traits(cloud.select(rows))
     contracted, seconds, contract_peak_mb = _cloud_to_traits(cloud)
-    report = {
+    return {
         "n_points": len(cloud),
         "n_contracted": len(contracted),
-        "chamfer_cm2": score_points(contracted.points, skeleton)["chamfer_cm2"],
+        **score_points(contracted.points, skeleton),
         **seconds,
         "contract_peak_mb": contract_peak_mb,
         "peak_mb": peak_mb(),
-        "peer": None,
     }
-    if peer_python and peer_iterations:
-        theirs, costs = run_peer(peer_python, cloud, "lbc", max_iterations=peer_iterations)
-        report["peer"] = {
-            "cpu_s": costs["cpu_s"],
-            "peak_mb": costs["peak_mb"],
-            "iterations": peer_iterations,
-            "chamfer_cm2": score_points(theirs["contracted"], skeleton)["chamfer_cm2"],
-        }
-    return report
 
 
 def _cloud_to_traits(cloud):
@@ -113,14 +97,3 @@ def _cloud_to_traits(cloud):
     measure_traits(found, cloud, topology)
     lap("traits")
     return contracted, seconds, contract_peak_mb
-
-
-def growth_exponent(n_points, seconds):
-    """Slope of a straight line through log(seconds) over log(n_points), by least squares.
-
-    Examples
-    --------
-    >>> round(growth_exponent([1e4, 1e5, 1e6], [1.0, 10.0, 100.0]), 6)
-    1.0
-    """
-    return float(np.polyfit(np.log(n_points), np.log(seconds), 1)[0])

@@ -8,19 +8,16 @@ from matplotlib.figure import Figure
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker_lab.skeletons.distances import chamfer_cm2
+from cherrypicker_lab.skeletons.graph_scores import chamfer_samples
 from cherrypicker_lab.skeletons.methods import SETTINGS, contract_as_published
-from cherrypicker_lab.skeletons.peer import run_peer
-from cherrypicker_lab.skeletons.point_scores import chamfer_samples
 from cherrypicker_lab.skeletons.tables import PAPER_RATIO, SETTING_NAMES, table_rows
 
 METHODS = ("lbc", "slbc")
-PEER = "pc-skeletor"
-COLORS = {"compound": "#1b7f5c", "pc_skeletor": "#c2571a", "cao": "#3b5bab", PEER: "#111111"}
-STEPS = (1, 2, 3, 5)
+COLORS = {"compound": "#1b7f5c", "pc_skeletor": "#c2571a", "cao": "#3b5bab"}
 
 
-def measure_trunk(cloud, skeleton, rules, *, max_iterations=20, peer_python=""):
-    """Chamfer distances of LBC and S-LBC on a cloud after each iteration.
+def measure_trunk(cloud, skeleton, rules, *, max_iterations=20):
+    """Chamfer distances of LBC and S-LBC on a cloud.
 
     Parameters
     ----------
@@ -31,36 +28,22 @@ def measure_trunk(cloud, skeleton, rules, *, max_iterations=20, peer_python=""):
     rules : iterable of str
         `contract.attraction_rule`.
     max_iterations : int
-    peer_python : str
-        Python that has pc-skeletor; empty leaves it out.
 
     Returns
     -------
     dict
-        ``uncontracted``: Chamfer distance of the cloud itself, cm2. By rule, and for "pc-skeletor",
-        a dict by method of the distances after each iteration (of the peer the last alone).
+        ``uncontracted``: Chamfer distance of the cloud itself, cm2. By rule a dict of the distances
+        by method.
     """
-    truth, _ = chamfer_samples(skeleton)
+    truth = chamfer_samples(skeleton)
     report = {"n_points": len(cloud), "uncontracted": chamfer_cm2(cloud.points, truth)}
     for rule in rules:
         constants = {"attraction_rule": rule, "max_iterations": max_iterations}
-        report[rule] = {method: _steps(cloud, truth, method, constants) for method in METHODS}
-    if peer_python:
-        report[PEER] = {}
-        for method in METHODS:
-            end, _ = run_peer(peer_python, cloud, method, max_iterations=max_iterations)
-            report[PEER][method] = [chamfer_cm2(end["contracted"], truth)]
+        report[rule] = {
+            method: chamfer_cm2(contract_as_published(cloud, method, **constants).points, truth)
+            for method in METHODS
+        }
     return report
-
-
-def _steps(cloud, truth, method, constants):
-    steps = []
-
-    def score(iteration, ratio, points):
-        steps.append(chamfer_cm2(points, truth))
-
-    contract_as_published(cloud, method, callback=score, **constants)
-    return steps
 
 
 def gather_trunks(paths):
@@ -86,19 +69,18 @@ def _with(reports, kind):
     return [report for report in reports if kind in report]
 
 
-def _ratio(reports, kind, step=-1):
-    """Mean Chamfer of S-LBC over that of LBC after so many iterations, or at the end before it."""
-    lbc, slbc = (_mean(reports, kind, method, step) for method in METHODS)
+def _ratio(reports, kind):
+    """Mean Chamfer of S-LBC over that of LBC."""
+    lbc, slbc = (_mean(reports, kind, method) for method in METHODS)
     return slbc / lbc
 
 
-def _mean(reports, kind, method, step=-1):
-    runs = [report[kind][method] for report in reports]
-    return float(np.mean([run[-1 if step < 0 else min(step, len(run)) - 1] for run in runs]))
+def _mean(reports, kind, method):
+    return float(np.mean([report[kind][method] for report in reports]))
 
 
 def write_ratio_table(found):
-    """Table of Markdown from `gather_trunks`; a run that stopped counts on with its end."""
+    """Table of Markdown from `gather_trunks`."""
     lines = []
     for kind in COLORS:
         for setting, radius in sorted(found, key=lambda key: (SETTINGS.index(key[0]), key[1])):
@@ -106,7 +88,6 @@ def write_ratio_table(found):
             if reports:
                 bare = np.mean([report["uncontracted"] for report in reports])
                 ends = [_mean(reports, kind, method) for method in METHODS]
-                steps = ["–" if kind == PEER else f"{_ratio(reports, kind, n):.2f}" for n in STEPS]
                 lines.append(
                     [
                         kind,
@@ -115,11 +96,10 @@ def write_ratio_table(found):
                         f"{len(reports)}",
                         *(f"{value:.2f}" for value in (bare, *ends)),
                         f"{_ratio(reports, kind):.2f}",
-                        *steps,
                     ]
                 )
     header = ["W_H", "cloud", "trunk radius, cm", "trees", "not contracted, cm2", "LBC", "S-LBC",
-              "S-LBC / LBC", *(f"after {n}" for n in STEPS)]  # fmt: skip
+              "S-LBC / LBC"]  # fmt: skip
     return "### Chamfer distance by trunk radius\n\n" + table_rows(header, lines, 2)
 
 

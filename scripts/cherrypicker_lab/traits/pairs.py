@@ -197,27 +197,7 @@ def branch_pairs(tree, skeleton, rows):
     pairs : dict of str to list of dict
     n_axes, n_matched : int
     """
-    return axis_pairs(true_skeleton(tree.skeleton()), skeleton, rows)
-
-
-def axis_pairs(truth, skeleton, rows, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
-    """`branch_pairs` with a true skeleton, and tolerances for those that are none too exact.
-
-    Parameters
-    ----------
-    truth, skeleton : Skeleton
-        In one frame, metres.
-    rows : list of dict
-        A row an axis of `skeleton`.
-    near_m, base_m : float
-        See `match_axes`.
-
-    Returns
-    -------
-    pairs : dict of str to list of dict
-    n_axes, n_matched : int
-    """
-    matched, n_axes = matched_rows(truth, skeleton, rows, near_m=near_m, base_m=base_m)
+    matched, n_axes = matched_rows(true_skeleton(tree.skeleton()), skeleton, rows)
     pairs = {"base_diameter_m": [], "insertion_angle_deg": []}
     for true, got in matched:
         if true["base_diameter_m"] >= LEAST_DIAMETER_M:
@@ -226,10 +206,15 @@ def axis_pairs(truth, skeleton, rows, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
     return pairs, n_axes, len(matched)
 
 
-def matched_rows(truth, skeleton, rows, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
+def matched_rows(truth, skeleton, rows):
     """Rows of the true axes that were found, each with the row of its axis of `skeleton`.
 
-    Parameters as of `axis_pairs`.
+    Parameters
+    ----------
+    truth, skeleton : Skeleton
+        In one frame, metres.
+    rows : list of dict
+        A row an axis of `skeleton`.
 
     Returns
     -------
@@ -243,11 +228,11 @@ def matched_rows(truth, skeleton, rows, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
     wanted = [i for i, row in enumerate(true_rows) if i and row["length_m"] >= LEAST_LENGTH_M]
     lines = [truth.points[axis_polyline(true_axes[i])] for i in wanted]
     found = [skeleton.points[axis_polyline(axis)] for axis in axes(skeleton)[1:]]
-    matched = match_axes(lines, found, near_m=near_m, base_m=base_m)
+    matched = match_axes(lines, found)
     return [(true_rows[wanted[i]], rows[j + 1]) for i, j in matched], len(wanted)
 
 
-def match_axes(true_lines, found_lines, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
+def match_axes(true_lines, found_lines):
     """Match axes one to one by where they run.
 
     A found axis may stand for a true one where 70 % of the true one's length lies within 2 cm of
@@ -258,8 +243,6 @@ def match_axes(true_lines, found_lines, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
     ----------
     true_lines, found_lines : list of ndarray of shape (n, 3), float64
         Polylines from base to tip, metres.
-    near_m, base_m : float
-        Other distances than these 2 cm and 5 cm.
 
     Returns
     -------
@@ -273,8 +256,8 @@ def match_axes(true_lines, found_lines, *, near_m=NEAR_M, base_m=NEAR_BASE_M):
     dense_found = [_dense(line) for line in found_lines]
     for i, line in enumerate(true_lines):
         dense = _dense(line)
-        for j in bases.query_ball_point(line[0], base_m):
-            near[i, j] = (cKDTree(dense_found[j]).query(dense)[0] <= near_m).mean()
+        for j in bases.query_ball_point(line[0], NEAR_BASE_M):
+            near[i, j] = (cKDTree(dense_found[j]).query(dense)[0] <= NEAR_M).mean()
     near[near < NEAR_SHARE] = 0.0
     rows, columns = linear_sum_assignment(-near)
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if near[i, j] > 0]

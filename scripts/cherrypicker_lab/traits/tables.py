@@ -13,7 +13,7 @@ def gather(reports):
     Parameters
     ----------
     reports : iterable of dict
-        From `cherrypicker_lab.traits.pairs.measure_tree`, or `references.compare_results`.
+        From `cherrypicker_lab.traits.pairs.measure_tree`.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def _table_of(reports):
         cells += ["" if trait.bar is None else f"{trait.bar:g}"]
         cells += [_number(score["bias"], trait.factor, "+"), covered]
         lines.append("| " + " | ".join([*cells, _number(score["width"], trait.factor)]) + " |")
-    return "\n".join([*lines, *_limbs(reports), *_by_form(reports)]) + "\n"
+    return "\n".join([*lines, *_limbs(reports)]) + "\n"
 
 
 def _limbs(reports):
@@ -124,32 +124,8 @@ def _covered(score):
     return f"{held} of {score['n_intervals']} ({100 * score['coverage']:.0f} %)"
 
 
-def _by_form(reports):
-    """Lines of a table of the traits with intervals by the trees' forms; none without forms."""
-    forms = sorted({report["habit"] for report in reports if "habit" in report})
-    if not forms:
-        return []
-    joined = {form: gather(r for r in reports if r.get("habit") == form) for form in forms}
-    names = [name for name in JUDGED if score_pairs(joined[forms[0]][name])["n_intervals"]]
-    lines = [
-        "",
-        "By form, MAE with the intervals that hold the truth:",
-        "",
-        "| form | trees |" + "".join(f" {t.words}, {t.unit} |" for t in map(JUDGED.get, names)),
-        "|---|" + "---:|" * (len(names) + 1),
-    ]
-    for form in forms:
-        scores = [(score_pairs(joined[form][name]), JUDGED[name].factor) for name in names]
-        cells = [f"{_number(score['mae'], factor)}, {_covered(score)}" for score, factor in scores]
-        n_trees = sum(report.get("habit") == form for report in reports)
-        lines.append(f"| {form} | {n_trees} | " + " | ".join(cells) + " |")
-    return lines
-
-
 def _which(reports):
     """Of which trees a table is."""
-    if "seed" not in reports[0]:
-        return f"{len(reports)} trees ({', '.join(report['name'] for report in reports)})"
     seeds = [report["seed"] for report in reports]
     mean = np.mean([report["n_points"] for report in reports])
     kind = "bearing trees" if reports[0].get("bearing") else "trees"

@@ -1,4 +1,4 @@
-"""Clouds as stereo sees them: visibility, depth noise, silhouettes, and the measure of a cloud."""
+"""Clouds as stereo sees them: visibility, depth noise and silhouettes."""
 
 import dataclasses
 
@@ -8,11 +8,9 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.poses import Poses
-from cherrypicker_lab.dense.truth import TrueSurface
 from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring, look_at, ring_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.seen.as_seen import AsSeen, see_scene
-from cherrypicker_lab.orchard.seen.as_seen_fit import RADIUS_EDGES_M, describe_cloud
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 from cherrypicker_lab.orchard.seen.visibility import choose_views
 
@@ -159,28 +157,3 @@ def test_as_seen_clouds_are_reproducible_and_labelled():
         assert len(a) > 3_000
         assert np.isfinite(a.points).all()
         assert {Label.GROUND, Label.TRUNK, Label.BRANCH} <= set(np.unique(a["label"]))
-
-
-def test_measure_of_a_cloud_by_hand():
-    """A tube of 3 mm radius, whose points lie 2 mm outside on one half of its length."""
-    z = np.linspace(0.5, 1.5, 1001)
-    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    normals = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(12)])
-    normals = np.tile(normals, (len(z), 1))
-    centres = np.column_stack([np.zeros((len(z), 2)), z]).repeat(12, axis=0)
-    n = len(normals)
-    surface = TrueSurface(
-        centres + 0.003 * normals, normals, np.full(n, 2 * np.pi * 0.003 / n), np.full(n, 0.003),
-        np.zeros(n, bool), np.full(n, 5), np.empty((0, 3)),
-    )  # fmt: skip
-    lower = centres[:, 2] < 1.0
-    low = np.flatnonzero(lower & (centres[:, 2] > 0.62))
-    report = describe_cloud((centres + 0.005 * normals)[low], np.full((len(low), 3), 0.25), surface)
-    mine = int(np.digitize(0.003, RADIUS_EDGES_M) - 1)
-    np.testing.assert_allclose(report["offset_m"][mine], 0.002, atol=1e-6)
-    assert report["beyond_5mm"][mine] == 0.0
-    assert report["complete_1.5mm"][mine] == 0.0
-    # from 12 cm above the lowest sample up to the middle, seen within 3 mm
-    assert report["complete_3mm"][mine] == pytest.approx(0.38, abs=0.005)
-    assert report["lightness"][mine] == pytest.approx([0.25, 0.25, 0.25])
-    assert [v is None for v in report["offset_m"]] == [k != mine for k in range(7)]

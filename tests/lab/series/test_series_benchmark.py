@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import write_json
 from cherrypicker_lab.orchard.grow.seasons import NEW
-from cherrypicker_lab.orchard.scene.layout import generate_scene
-from cherrypicker_lab.orchard.scene.variety import scene_options
 from cherrypicker_lab.series.judge import true_pairs
 from cherrypicker_lab.series.pairs import KINDS, make_date
-from cherrypicker_lab.series.scans import true_target
 from cherrypicker_lab.series.tables import write_table
 
 
@@ -19,22 +14,6 @@ def test_the_dates_of_a_seed_are_those_of_one_tree():
     dates = {kind: make_date(7103, kind)[1] for kind in ("first", "pruned", "both")}
     assert dates["pruned"].cuts == dates["both"].cuts
     assert set(dates["pruned"].node_numbers) < set(dates["first"].node_numbers)
-
-
-def test_a_tree_is_photographed_again_in_another_scene(tmp_path):
-    chosen = {"tree_seed": 8815, "season": "pruned", "walk": "spiral"}
-    options = scene_options(8803, chosen=chosen)
-    assert options["habit"] == scene_options(8815)["habit"]
-    assert options["markers"] == scene_options(8803)["markers"] != scene_options(8815)["markers"]
-    scene = generate_scene(8803, **options)
-    write_json(tmp_path / "scene.json", {"seed": 8803, "options": scene.options})
-    true = true_target(tmp_path)
-    assert len(true.cuts) == 8
-    assert_array_equal(true.tree.skeleton().points, scene.target.skeleton().points)
-    uncut = generate_scene(8815, **scene_options(8815)).target.skeleton().points
-    kept = true.node_numbers[0]
-    assert_array_equal(true.tree.skeleton().points[0], uncut[kept])
-    assert len(true.tree.skeleton().points) < len(uncut)
 
 
 def test_axes_are_the_same_that_share_most_of_their_old_wood():

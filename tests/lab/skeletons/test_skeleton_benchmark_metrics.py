@@ -17,9 +17,9 @@ from cherrypicker_lab.skeletons.graph_scores import (
     graph_of,
     radius_errors,
     score_graph,
+    score_points,
     ways_to_root,
 )
-from cherrypicker_lab.skeletons.point_scores import score_points
 from cherrypicker_lab.skeletons.true_tree import TrueTree, axis_of_each_node
 
 
@@ -65,8 +65,6 @@ def test_rates_within_a_tolerance():
     assert rates["1cm"]["precision"] == 0.5 and rates["1cm"]["recall"] == 0.25
     assert rates["2cm"]["precision"] == 1 and rates["2cm"]["recall"] == 0.5
     assert rates["2cm"]["f1"] == pytest.approx(2 / 3)
-    asked = within_rates(found, truth, (0.02,), asked=np.array([True, False, False, True]))
-    assert asked["2cm"]["recall"] == 0.5 and asked["2cm"]["precision"] == 1
 
 
 def test_matches_are_one_to_one_and_as_many_as_can_be():
@@ -103,7 +101,6 @@ def test_the_truth_itself_scores_full_marks(truth):
     assert report["false_edges"]["n"] == 0 and report["length_error"] == pytest.approx(0)
     assert report["ways_within_10pct"] == 1
     assert report["axes"] == {"n": 3, "share_found": 1.0}
-    assert report["by_order"]["1"]["true_length_m"] == pytest.approx(0.8)
 
 
 def test_a_join_between_branches_is_false_and_closes_a_cycle(truth):
@@ -138,28 +135,14 @@ def test_two_components_are_counted(truth):
     assert report["n_components"] == 2 and report["n_cycles"] == 0
 
 
-def test_a_missing_branch_lowers_recall_of_its_order(truth):
+def test_a_missing_branch_lowers_recall(truth):
     skeleton = fork()
     keep = ~((skeleton.points[:, 0] > 0) & (skeleton.points[:, 2] > 0.55))
     report = score_graph(graph_of(skeleton.select(keep)), truth)
     assert report["axes"]["share_found"] == pytest.approx(2 / 3)
-    assert report["by_order"]["0"]["recall"]["1cm"] == 1
-    assert 0.5 < report["by_order"]["1"]["recall"]["1cm"] < 0.54
-    assert report["by_order"]["1"]["tip_recall"] == 0.5
+    assert report["tips"]["recall"] == pytest.approx(2 / 3)
     assert report["length_error"] == pytest.approx(-0.4 / 1.8)
     assert report["samples"]["1cm"]["precision"] == 1
-
-
-def test_thin_wood_need_not_be_found(truth):
-    skeleton = fork()
-    report = score_graph(
-        graph_of(skeleton.select(skeleton.radius > 0.004)), truth, min_radius=0.004
-    )
-    assert report["samples"]["1cm"]["f1"] == 1 and report["length_error"] == pytest.approx(0)
-    assert report["tips"]["f1"] == 1 and report["junctions"]["f1"] == 1
-    whole = score_graph(graph_of(skeleton), truth, min_radius=0.004)
-    assert whole["samples"]["1cm"]["precision"] == 1  # thin wood is wood
-    assert whole["length_error"] == pytest.approx(0.2 / 1.6)
 
 
 def test_errors_of_the_radius_by_thickness(truth):
@@ -173,9 +156,5 @@ def test_errors_of_the_radius_by_thickness(truth):
 
 def test_points_beside_the_truth():
     skeleton = fork()
-    report = score_points(fork().points + [0, 0.019, 0], skeleton)
-    assert report["to_truth_cm2"] == pytest.approx(3.61)
-    assert report["chamfer_cm2"] == pytest.approx(report["to_truth_cm2"] + report["to_points_cm2"])
-    assert report["samples"]["1cm"]["precision"] == 0
-    assert report["samples"]["2cm"]["precision"] == 1
-    assert sum(part["point_share"] for part in report["by_order"].values()) == pytest.approx(1)
+    (chamfer,) = score_points(skeleton.points + [0, 0.019, 0], skeleton).values()
+    assert 3.61 + 3.61 < chamfer < 3.61 + 3.61 + 5**2  # nodes stand every 10 cm

@@ -10,7 +10,7 @@ from skeleton_shapes import labelled_cloud, small_tree
 from cherrypicker.errors import StageError
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker_lab.skeletons import peer
-from cherrypicker_lab.skeletons.figures import chamfer_figure, skeleton_figure, time_figure
+from cherrypicker_lab.skeletons.figures import skeleton_figure
 from cherrypicker_lab.skeletons.methods import measure_cloud
 from cherrypicker_lab.skeletons.tables import gather, write_tables
 from cherrypicker_lab.skeletons.timing import read_timing_cloud, time_stages, write_timing_cloud
@@ -69,7 +69,7 @@ def scores_file(path, tree, template, settings):
     return path
 
 
-def test_tables_hold_means_ratios_and_what_is_missing(tmp_path, measured):
+def test_tables_hold_means_and_what_is_missing(tmp_path, measured):
     report, _ = measured
     base = report["slbc_default"]
 
@@ -86,12 +86,9 @@ def test_tables_hold_means_ratios_and_what_is_missing(tmp_path, measured):
     ]  # fmt: skip
     text = write_tables(gather(files), [], notes=["pc-skeletor is left out"])
     assert "- pc-skeletor is left out" in text
-    assert "| the paper | 0.675 | 0.516 | 50 |" in text
-    assert "| ours, as published | 0.500 | – | 2 |" in text
     # two trees of the published LBC, one of them common to all methods
     assert "| noise | LBC | 2 | 5.000 | 4.000 |" in text
     assert "| noise | limbs | 1 | 0.500 | 0.500 |" in text
-    assert "| noise | limbs | 0.500 | – | – |" in text
     assert "| limbs |" in text and "spanning tree" in text
     with pytest.raises(StageError, match="nothing was measured"):
         gather([])
@@ -105,20 +102,15 @@ def test_times_of_a_cloud(tmp_path, scene):
     again, skeleton = read_timing_cloud(path)
     np.testing.assert_array_equal(again.points, cloud.points)
     times = time_stages(again, skeleton)
-    assert times["n_points"] == len(cloud) and times["peer"] is None
+    assert times["n_points"] == len(cloud)
     assert min(times[stage] for stage in ("contract", "graph", "traits")) > 0
     assert times["peak_mb"] >= times["contract_peak_mb"] > 50
-    double = times | {"n_points": 2 * 10**5, "contract": 2.0}
-    table = write_tables({}, [times | {"n_points": 10**5, "contract": 1.0}, double])
-    assert "from 20 thousand points on: 1.00" in table
-    assert time_figure([times, double | {"peer": {"cpu_s": 9.0, "iterations": 2}}]).axes
+    assert "| 100,000 |" in write_tables({}, [times | {"n_points": 10**5}])
 
 
-def test_figures_are_drawn(measured, scene):
+def test_the_figure_is_drawn(measured, scene):
     cloud, truth = scene
-    report, keep = measured
-    table = {("noise", "slbc_default"): {"fir_00": report["slbc_default"] | {"template": "fir"}}}
-    assert len(chamfer_figure(table).axes) == 2
+    _, keep = measured
     ends = np.stack([truth.skeleton.parent[1:], np.arange(1, len(truth.skeleton))], axis=1)
     segments = truth.skeleton.points[ends]
     found = {"points": keep["slbc_default"], "graph": keep["slbc_default_tree"]}

@@ -126,13 +126,7 @@ def test_table_and_figure():
     assert "16 of 20 axes" in text
     assert "| height | cm | 4 | 1.50 | 2 | -0.50 | 2 of 4 (50 %) | 3.00 |" in text
     assert "| crown width | cm | 2 | 0.20 |  | +0.20 | none given |  |" in text
-    assert "By form" not in text
     assert len(traits_figure(reports).axes) == 8
-    forms = [report(1) | {"habit": "vase"}, report(2) | {"habit": "leader"}]
-    by_form = write_table(forms).split("By form")[1].splitlines()
-    assert by_form[2] == "| form | trees | height, cm |"
-    assert by_form[4] == "| leader | 1 | 1.50, 1 of 2 (50 %) |"
-    assert by_form[5] == "| vase | 1 | 1.50, 1 of 2 (50 %) |"
     mixed = write_table([report(1), report(9) | {"bearing": True}])
     assert "1 trees, seeds 1 to 1" in mixed and "1 bearing trees, seeds 9 to 9" in mixed
     assert mixed.count("| height | cm | 2 | 1.50 |") == 2

@@ -95,8 +95,6 @@ rule time_skeleton:
         runtime=120,
     params:
         code=code("lab/time_skeleton"),
-        peer_python=SKELETON_BENCHMARK["peer_python"],
-        peer_iterations=peer_iterations_of,
     message:
         "time and memory at {wildcards.n} points"
     script:
@@ -127,8 +125,6 @@ rule report_skeletons:
 
 
 rule measure_trunk_ratio:
-    input:
-        peer_code=str(SCRIPTS / "lab/run_pc_skeletor.py"),
     output:
         scores=ensure(
             "results/benchmark/skeleton/trunks/{millimetres}/{number}/scores.json",
@@ -148,7 +144,6 @@ rule measure_trunk_ratio:
         trunk_radius=lambda wildcards: int(wildcards.millimetres) / 1000,
         rules=SKELETON_BENCHMARK["trunk_rules"],
         max_iterations=SKELETON_BENCHMARK["trunk_iterations"],
-        peer_python=peer_of_trunk,
         seed=SKELETON_BENCHMARK["seed"],
     message:
         "tree {wildcards.number} of the set, trunk of {wildcards.millimetres} mm radius"

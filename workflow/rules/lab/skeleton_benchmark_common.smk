@@ -44,12 +44,6 @@ def scores_of_trunks():
     ]
 
 
-def peer_of_trunk(wildcards):
-    """Return the peer's Python for the first trees; empty for the others."""
-    asked = int(wildcards.number) < SKELETON_BENCHMARK["n_peer"]
-    return SKELETON_BENCHMARK["peer_python"] if asked else ""
-
-
 def times_of_skeletons():
     """Return the timing files of all sizes."""
     return [f"{SKELETON_ROOT}/time/{n}/times.json" for n in SKELETON_BENCHMARK["sizes"]]
@@ -72,14 +66,6 @@ def peer_of_kind(wildcards):
 def pytlidar_of_kind(wildcards):
     """Return PyTLidar's Python for its runs."""
     return SKELETON_BENCHMARK["pytlidar_python"] if wildcards.kind == "pytlidar" else ""
-
-
-def peer_iterations_of(wildcards):
-    """Return how many iterations the peer is timed for at one size; 0 for none."""
-    sizes = [str(size) for size in SKELETON_BENCHMARK["peer_sizes"]]
-    if not SKELETON_BENCHMARK["peer_python"] or wildcards.n not in sizes:
-        return 0
-    return 20 if int(wildcards.n) < 100_000 else 2
 
 
 def notes_on_skeletons():

@@ -12,7 +12,6 @@ from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.grow.dressing import dress_tree, run_wild
 from cherrypicker_lab.orchard.grow.elsewhere import tree_from_skeleton
 from cherrypicker_lab.orchard.grow.growth import HABITS
-from cherrypicker_lab.orchard.grow.seasons import at_date
 from cherrypicker_lab.orchard.grow.templates import grow_any
 from cherrypicker_lab.orchard.scene.appearance import make_light
 from cherrypicker_lab.orchard.scene.boards import (
@@ -166,8 +165,6 @@ def generate_scene(
     wind=0.0,
     background=None,
     tip_radius=None,
-    tree_seed=None,
-    season=None,
     skeleton=None,
 ):
     """Lay out a random orchard scene; every option left at None is drawn from the seed.
@@ -219,10 +216,6 @@ def generate_scene(
         What stands around, see `surroundings`; by default only what lies at infinity.
     tip_radius : tuple of float, optional
         (low, high) of the radii of the target's tips, m, for a template of Weber and Penn.
-    tree_seed : int, optional
-        Seed of the target where it is not the scene's: the same tree on another day.
-    season : {"grown", "pruned", "both"}, optional
-        What has become of the target since, see `seasons.at_date`.
     skeleton : path-like, optional
         File of a tree that we did not grow, see `elsewhere.tree_from_skeleton`: the target, with
         shoots and spurs where its scan ends, in place of one of the habit.
@@ -266,19 +259,16 @@ def generate_scene(
         return _ground_height(xy, ground_seed, slopes, background)
 
     light = make_light(np.random.default_rng([int(seed), 2]), sky)
-    tree_seed = seed if tree_seed is None else tree_seed
     if skeleton:
-        its_own = np.random.default_rng([int(tree_seed), 11])
+        its_own = np.random.default_rng([int(seed), 11])
         target = tree_from_skeleton(skeleton, its_own)
         run_wild(its_own, target, twigs=True)
     else:
         target = grow_any(
-            tree_seed, pick["habit"], height=height, trunk_radius=trunk_radius, density=density,
+            seed, pick["habit"], height=height, trunk_radius=trunk_radius, density=density,
             tip_radius=tip_radius,
         )  # fmt: skip
-    dress_tree(target, tree_seed, stubs=stubs, spurs=spurs)
-    if season:
-        target = at_date(target, season, tree_seed).tree
+    dress_tree(target, seed, stubs=stubs, spurs=spurs)
     others, offsets = _plant_neighbours(
         np.random.default_rng([int(seed), 3]), int(seed), pick["neighbours"],
         pick["row_spacing"], level, pick["habit"],

@@ -30,11 +30,7 @@ CHOSEN = {
     "relief": "relief", "neighbours": "neighbours",
 }  # fmt: skip
 # added later: drawn only where the config says so, so that older seeds keep their scenes
-LATER = ("walk", "background", "tree_seed", "season", "skeleton")
-# of the options: what a tree takes with it to another scene
-OF_THE_TREE = (
-    *("habit", "height", "trunk_radius", "density", "paint", "stubs", "spurs", "relief", "buds"),
-)
+LATER = ("walk", "background", "skeleton")
 CAMERAS = (
     CameraModel(800, 1200, 1050.0, model="Orchard One", sensor_diagonal_mm=9.5),
     CameraModel(1200, 800, 860.0, model="Orchard Three", sensor_diagonal_mm=28.2),
@@ -66,8 +62,7 @@ def scene_options(seed, forms=FORMS, chosen=None):
     chosen : dict, optional
         What is not drawn, by the keys of the config's `orchard.chosen`: `sky`, `ground`, `net`
         ("none" for none), `wind_m`, `buds_per_m`, `relief`, `neighbours`, `background` ("none"
-        for none, as where it is left out), `tree_seed` (the target is that of another scene),
-        `season` (see `seasons.at_date`), `skeleton` (the file of a tree from elsewhere). "drawn",
+        for none, as where it is left out), `skeleton` (the file of a tree from elsewhere). "drawn",
         numbers below 0 and no file choose nothing; `walk` is left to `scene_walk`.
 
     Returns
@@ -127,13 +122,6 @@ def scene_options(seed, forms=FORMS, chosen=None):
             {"dictionary": dictionary, "id": number, "side_m": side, "pose": pose}
         )
     options |= _look(seed, form)
-    tree_seed = int((chosen or {}).get("tree_seed", -1))
-    if tree_seed >= 0:
-        its = scene_options(tree_seed, forms)
-        options |= {name: its[name] for name in OF_THE_TREE} | {"tree_seed": tree_seed}
-    season = (chosen or {}).get("season", "first")
-    if season != "first":
-        options["season"] = season
     skeleton = (chosen or {}).get("skeleton", "")
     if skeleton:
         options |= {"skeleton": skeleton, "stubs": 0, "spurs": 0.0}

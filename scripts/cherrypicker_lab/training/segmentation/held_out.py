@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, Label
-from cherrypicker.files import atomic_path, read_json
+from cherrypicker.files import read_json
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.placement.footprint import Footprint, read_region
 from cherrypicker.pointcloud import PointCloud, read_cloud
@@ -149,58 +150,27 @@ def table(confusions):
     return "\n".join(lines)
 
 
-def confusion_figure(path, confusion, title):
-    """Plot a confusion matrix, rows normalised to 1."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    share = confusion / np.maximum(confusion.sum(axis=1, keepdims=True), 1)
-    names = [label.title for label in CHANNELS]
-    figure, axes = plt.subplots(figsize=(6.4, 5.6))
-    axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
-    for row, values in enumerate(share):
-        for column, value in enumerate(values):
-            if value >= 0.0005:
-                tone = "white" if value > 0.5 else "black"
-                axes.text(column, row, f"{100 * value:.1f}", ha="center", va="center", color=tone)
-    axes.set_xticks(range(N_CLASSES), names, rotation=40, ha="right")
-    axes.set_yticks(range(N_CLASSES), names)
-    axes.set_xlabel("found")
-    axes.set_ylabel("true")
-    axes.set_title(f"{title}: % of the true points of a class")
-    figure.tight_layout()
-    _save(figure, path)
-    plt.close(figure)
-
-
-def labels_figure(path, panels, *, half_width=2.2, most_points=150_000, columns=None):
-    """Side views coloured by label.
+def labels_figure(panels, *, half_width=2.2, most_points=150_000, columns=4):
+    """Side views coloured by label, a `matplotlib.figure.Figure`.
 
     Parameters
     ----------
-    path : path-like
     panels : list of (title, points, labels)
     half_width : float
         Points further than this from the z axis are left out, m.
     most_points : int
         Drawn of each panel, chosen with a fixed seed.
-    columns : int, optional
-        Panels side by side; all by default.
+    columns : int
+        Panels side by side.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     colors = np.full((256, 3), 0.8)
     for label, color in CLASS_COLORS.items():
         colors[int(label)] = color
     colors[int(Label.TRUNK)] = (0.85, 0.35, 0.0)
-    columns = min(columns or len(panels), len(panels))
+    columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(4.2 * columns, 4.6 * rows), squeeze=False)
+    figure = Figure(figsize=(4.2 * columns, 4.6 * rows), layout="tight")
+    axes = figure.subplots(rows, columns, squeeze=False)
     for plot in axes.flat:
         plot.set_axis_off()
     for plot, (title, points, labels) in zip(axes.flat, panels):
@@ -211,14 +181,7 @@ def labels_figure(path, panels, *, half_width=2.2, most_points=150_000, columns=
         plot.scatter(points[rows, 0], points[rows, 2], s=size, c=colors[labels[rows]], lw=0)
         plot.set_aspect("equal")
         plot.set_title(title, fontsize=9)
-    figure.tight_layout()
-    _save(figure, path)
-    plt.close(figure)
-
-
-def _save(figure, path):
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110, format="png")
+    return figure
 
 
 def without_color(labelled):

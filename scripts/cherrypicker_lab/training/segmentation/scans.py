@@ -17,8 +17,10 @@ logger = logging.getLogger(__name__)
 COLUMN = "cloud"
 FIELDS = ("label", "scalar_label", "scalar_Label")  # CloudCompare writes its own prefix
 
+KEY = "train_segment.scans"
 
-def load_scans(table, key="train_segment.scans"):
+
+def load_scans(table):
     """Labelled clouds of a table.
 
     Parameters
@@ -28,8 +30,6 @@ def load_scans(table, key="train_segment.scans"):
         scan each in metres, z up: x y z, red green blue where there are colours, and ``label``
         with the ids of `cherrypicker.classes.Label`; 255 where it is not known, 254 for what
         belongs to no class but is no wood. A file named twice counts twice.
-    key : str
-        Config key to name when something is wrong.
 
     Returns
     -------
@@ -45,10 +45,10 @@ def load_scans(table, key="train_segment.scans"):
     try:
         rows = read_table(table, (COLUMN,), delimiter="\t")
     except StageError as error:
-        raise StageError(error.cause, file=table, key=key) from error
+        raise StageError(error.cause, file=table, key=KEY) from error
     for row, cells in rows:
         name = cells[COLUMN].strip()
-        where = f"{key}, line {row} of {table}"
+        where = f"{KEY}, line {row} of {table}"
         try:
             cloud = read_cloud(name)
         except StageError as error:

@@ -247,7 +247,7 @@ def _train_epoch(run, samples, sampling, schedule, epoch, weights, device, began
     return loss_sum / n_sum, hit_sum / n_sum
 
 
-def evaluate(network, samples, sampling, *, seed=0, use_color=True, device="cpu"):
+def evaluate(network, samples, sampling, *, use_color=True, device="cpu"):
     """Measures on whole clouds, after the clean-up and before the post is split off.
 
     Parameters
@@ -255,7 +255,6 @@ def evaluate(network, samples, sampling, *, seed=0, use_color=True, device="cpu"
     network : Dgcnn
     samples : list of cherrypicker_lab.training.segmentation.augment.Sample
     sampling : Sampling
-    seed : int
     use_color : bool
         False measures on the same clouds without colour.
     device : str
@@ -274,7 +273,7 @@ def evaluate(network, samples, sampling, *, seed=0, use_color=True, device="cpu"
         colors = None
         if use_color and sample.colors is not None:
             colors = voxel_mean(sample.colors, inverse, counts)
-        result = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
+        result = predict_spheres(network, points, colors, sampling, seed=0, device=device)
         result = smooth_probabilities(points, result, sampling.smooth_k)
         total += confusion_matrix(targets, result.argmax(axis=1), N_CLASSES)
     return scores(total)
