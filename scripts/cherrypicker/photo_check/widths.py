@@ -7,8 +7,6 @@ width, however blurred the photo is. What wood takes is learnt from the photo's 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 
@@ -43,25 +41,6 @@ MOST_ROWS = 30_000
 LEAST_SINE = 0.5
 
 
-class Profiles(NamedTuple):
-    """Light lost across branches in one photo.
-
-    Attributes
-    ----------
-    place : ndarray of shape (n,), int64
-        Places that the photo shows between clear sky.
-    area, most : ndarray of shape (n,), float64
-        Sum of the shares of light lost, px, and the largest share.
-    pixel : ndarray of shape (n,), float64
-        Size of a pixel there, in the skeleton's unit.
-    """
-
-    place: np.ndarray
-    area: np.ndarray
-    most: np.ndarray
-    pixel: np.ndarray
-
-
 def silhouette_widths(
     photo: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -83,14 +62,39 @@ def silhouette_widths(
         a place between clear sky.
     """
     width, pixel = np.full((2, len(places.points)), np.nan)
+    in_camera = places.points @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
+    along = places.along @ poses.rotations[i].T
+    depth, focal = in_camera[:, 2], float(poses.K[i, 0, 0])
+    sine = np.linalg.norm(np.cross(in_camera, along), axis=1) / np.linalg.norm(in_camera, axis=1)
+    uv, _ = poses.project(places.points, i)
+    moved = along[:, :2] - along[:, 2:] * in_camera[:, :2] / np.where(depth > 0, depth, 1)[:, None]
+    across = np.stack([-moved[:, 1], moved[:, 0]], axis=1)
+    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
+    reach = places.radius * focal / np.maximum(depth, 1e-9) + BESIDE_PX
+    size = np.array(raster.shape[::-1])
+    inside = ((uv > reach[:, None]) & (uv < size - reach[:, None])).all(axis=1)
+    rows = np.flatnonzero((depth > 0) & (sine >= LEAST_SINE) & inside)
+    if not len(rows):
+        return width, pixel
+    n_samples = int(np.ceil(reach[rows].max() / SAMPLE_PX))
+    offset = SAMPLE_PX * np.arange(-n_samples, n_samples + 1)
+    at = uv[rows, None] + offset[:, None] * across[rows, None]
     light = (photo[..., 2].astype(np.float32) / 255) ** GAMMA
-    found = _profiles(light, raster, poses, i, places)
-    is_full = found.area >= FULL_PX * found.most
+    seen = _sampled(light, at, cv2.INTER_LINEAR)
+    kind = _sampled(raster, at, cv2.INTER_NEAREST)
+    is_sky = kind < CLEAR_BELOW
+    is_used = np.abs(offset) <= reach[rows, None]
+    is_end = is_used & (np.abs(offset) > reach[rows, None] - SKY_PX)
+    free = (is_sky | ~is_end).all(axis=1) & ~is_sky[:, n_samples]  # and wood in the middle
+    free &= ~((kind == HIDDEN) & is_used).any(axis=1)
+    sky = (seen * is_end).sum(axis=1) / is_end.sum(axis=1)
+    lost = np.where(is_used, 1 - seen / np.maximum(sky, 1e-6)[:, None], 0)[free]
+    shown, area, most = rows[free], lost.sum(axis=1) * SAMPLE_PX, lost.max(axis=1)
+    is_full = area >= FULL_PX * most
     if np.count_nonzero(is_full) >= LEAST_FULL:
-        wood = np.full(len(found.most), float(np.median(found.most[is_full])))
-        wood[is_full] = found.most[is_full]
-        width[found.place] = found.area / wood * found.pixel
-        pixel[found.place] = found.pixel
+        wood = np.where(is_full, most, np.median(most[is_full])).astype(np.float64)
+        pixel[shown] = depth[shown] / focal
+        width[shown] = area / wood * pixel[shown]
     return width, pixel
 
 
@@ -144,41 +148,6 @@ def branch_diameters(
             }
         )
     return found
-
-
-def _profiles(
-    light: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places
-) -> Profiles:
-    """Look across every place in one photo; its light is (height, width)."""
-    in_camera = places.points @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
-    along = places.along @ poses.rotations[i].T
-    depth, focal = in_camera[:, 2], float(poses.K[i, 0, 0])
-    sine = np.linalg.norm(np.cross(in_camera, along), axis=1) / np.linalg.norm(in_camera, axis=1)
-    uv, _ = poses.project(places.points, i)
-    moved = along[:, :2] - along[:, 2:] * in_camera[:, :2] / np.where(depth > 0, depth, 1)[:, None]
-    across = np.stack([-moved[:, 1], moved[:, 0]], axis=1)
-    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
-    reach = places.radius * focal / np.maximum(depth, 1e-9) + BESIDE_PX
-    size = np.array(light.shape[::-1])
-    inside = ((uv > reach[:, None]) & (uv < size - reach[:, None])).all(axis=1)
-    rows = np.flatnonzero((depth > 0) & (sine >= LEAST_SINE) & inside)
-    if not len(rows):
-        return Profiles(rows, *np.empty((3, 0)))
-    n_samples = int(np.ceil(reach[rows].max() / SAMPLE_PX))
-    offset = SAMPLE_PX * np.arange(-n_samples, n_samples + 1)
-    at = uv[rows, None] + offset[:, None] * across[rows, None]
-    seen = _sampled(light, at, cv2.INTER_LINEAR)
-    kind = _sampled(raster, at, cv2.INTER_NEAREST)
-    is_sky = kind < CLEAR_BELOW
-    is_used = np.abs(offset) <= reach[rows, None]
-    is_end = is_used & (np.abs(offset) > reach[rows, None] - SKY_PX)
-    free = (is_sky | ~is_end).all(axis=1) & ~is_sky[:, n_samples]  # and wood in the middle
-    free &= ~((kind == HIDDEN) & is_used).any(axis=1)
-    sky = (seen * is_end).sum(axis=1) / is_end.sum(axis=1)
-    lost = np.where(is_used, 1 - seen / np.maximum(sky, 1e-6)[:, None], 0)[free]
-    return Profiles(
-        rows[free], lost.sum(axis=1) * SAMPLE_PX, lost.max(axis=1), depth[rows[free]] / focal
-    )
 
 
 def _sampled(image: np.ndarray, at: np.ndarray, how: int) -> np.ndarray:
