@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.evidence.existence import Existence
+from cherrypicker.evidence.existence import Existence, Witnesses
 from cherrypicker.files import rounded
 from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
@@ -17,7 +17,7 @@ from cherrypicker.photo_check.again import where_to_stand
 from cherrypicker.photo_check.missing import SAME_STEPS, Missing, find_missing
 from cherrypicker.photo_check.pictures import draw_verdict
 from cherrypicker.photo_check.pieces import pieces_of
-from cherrypicker.photo_check.places import Places, ask_photos, places_along, step_of
+from cherrypicker.photo_check.places import STEP_PX, Places, places_along, step_of
 from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
 from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
@@ -80,24 +80,26 @@ def check_photos(
         ``worst`` and ``best``.
     """
     poses, region = photos.poses, _around(skeleton)
-    step = step_of(skeleton, poses)
-    places = places_along(skeleton, step)
+    places = places_along(skeleton, step_of(skeleton, poses))
     wood = cloud.points[wood_mask(cloud["label"])]
-    witnesses = ask_photos(photos, places, step, wood, seed)
+    hung = places.points, places.radius, places.parent
+    witnesses = Witnesses(photos, *hung, places.step / STEP_PX, wood, seed=seed)
     tree = witnesses.tree
     others = _not_this_tree(cloud, skeleton, other_stems)
     lines = gather_lines(photos, witnesses.clear_word)
-    missing = find_missing(photos, witnesses, lines, places, step, region, fused, others, threads)
+    missing = find_missing(photos, witnesses, lines, places, region, fused, others, threads)
     report = _report(skeleton, places, tree, missing)
     wrong = tree.probability < 0.5
     report["refuted_pieces"] = pieces_of(
-        places.points[wrong], places.length[wrong], tree.probability[wrong], step
+        places.points[wrong], places.length[wrong], tree.probability[wrong], places.step
     )
-    is_lost = cKDTree(wood).query(missing.points)[0] > SAME_STEPS * step
+    is_lost = cKDTree(wood).query(missing.points)[0] > SAME_STEPS * places.step
     lost = (missing.length * missing.probability)[is_lost]
     report["missing_from_cloud_length"] = rounded(lost.sum())
     report["before"], dropped = _before(refuted)
-    report["missing_pieces"] = pieces_of(missing.points, missing.length, missing.probability, step)
+    report["missing_pieces"] = pieces_of(
+        missing.points, missing.length, missing.probability, places.step
+    )
     scores = _scores(places, tree, missing)
     report["photos"] = [
         {
@@ -213,12 +215,11 @@ def _report(skeleton: Skeleton, places: Places, tree: Existence, missing: Missin
         "missing_length": rounded(lacking),
         "unseen_length": rounded(unseen),
     }
+    orders = [str(order) for order in range(places.order.max() + 1)]
+    report["by_order"] = _groups(places, tree, places.order, orders)
     rank = np.searchsorted(RADII_M, places.radius, side="right") - 1
     names = [f"{1e3 * low:g}-{1e3 * high:g}" for low, high in zip(RADII_M, RADII_M[1:])]
-    report["by_order"] = _groups(places, tree, places.order, range(places.order.max() + 1))
-    report["by_radius_mm"] = dict(
-        zip(names, _groups(places, tree, rank, range(len(names))).values(), strict=True)
-    )
+    report["by_radius_mm"] = _groups(places, tree, rank, names)
     low, high = float(skeleton.points[:, 2].min()), float(skeleton.points[:, 2].max())
     report["missing_by_height"] = _layers(missing, low, high)
     return report
@@ -242,12 +243,12 @@ def _before(refuted: dict | None) -> tuple[dict | None, np.ndarray]:
     }, np.concatenate([np.empty((0, 7)), *edges])
 
 
-def _groups(places: Places, tree: Existence, group: np.ndarray, ids: range) -> dict[str, dict]:
+def _groups(places: Places, tree: Existence, group: np.ndarray, names: list[str]) -> dict:
     """Length, what of it the photos can judge, and what is expected not to be there."""
     found = {}
-    for one in ids:
+    for one, name in enumerate(names):
         length = np.where(group == one, places.length, 0.0)
-        found[str(one)] = {
+        found[name] = {
             "length": rounded(length.sum()),
             "judged": rounded(float(length @ tree.told)),
             "refuted": rounded(float(length @ (1.0 - tree.probability))),

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from cherrypicker.evidence.existence import Witnesses
 from cherrypicker.files import rounded
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.photo_check.places import Places, ask_photos, places_along, step_of
+from cherrypicker.photo_check.places import STEP_PX, Places, places_along, step_of
 from cherrypicker.skeleton.model import Skeleton
 
 __all__ = ["DropOptions", "drop_refuted", "number_against"]
@@ -59,9 +60,9 @@ def drop_refuted(
         ``pieces``, the longest first: ``length``, ``p_exists``, ``n_photos`` that speak against it
         (the median over its places), and ``edges``, each lower end, upper end, radius.
     """
-    step = step_of(skeleton, photos.poses)
-    places = places_along(skeleton, step)
-    tree = ask_photos(photos, places, step, wood, seed).tree
+    places = places_along(skeleton, step_of(skeleton, photos.poses))
+    hung = places.points, places.radius, places.parent
+    tree = Witnesses(photos, *hung, places.step / STEP_PX, wood, seed=seed).tree
     is_kept = _kept(skeleton, places, tree.probability)
     pieces = _pieces(skeleton, places, tree.probability, number_against(tree.words), is_kept)
     dropped = sum(piece["length"] for piece in pieces)

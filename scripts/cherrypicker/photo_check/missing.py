@@ -59,7 +59,6 @@ def find_missing(
     witnesses: Witnesses,
     lines: Lines,
     places: Places,
-    step: float,
     region: Region,
     fused: np.ndarray,
     others: np.ndarray,
@@ -76,8 +75,6 @@ def find_missing(
         Of its photos; what explains them is entered.
     places : Places
         Of the skeleton, at most two pixels apart.
-    step : float
-        How far they are, see `cherrypicker.photo_check.places.step_of`.
     region : Region
         Where wood is looked for.
     fused : ndarray of shape (n_fused, 3)
@@ -98,7 +95,7 @@ def find_missing(
     if len(found):
         own, row = cKDTree(places.points).query(found)
         kept = hang_together(found, own, JOINED * region.radius)
-        kept &= own > places.radius[row] + SAME_STEPS * step
+        kept &= own > places.radius[row] + SAME_STEPS * places.step
         if len(others):
             kept &= own <= cKDTree(others).query(found)[0]
         found, length = found[kept], length[kept]

@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.evidence.existence import Witnesses
-from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
@@ -30,6 +28,8 @@ class Places(NamedTuple):
         Upper node of the edge that holds it; order of its axis.
     parent : ndarray of shape (n,), int64
         The place below it, always before it; -1 where the root is.
+    step : float
+        How far they lie apart at most.
     """
 
     points: np.ndarray
@@ -39,6 +39,7 @@ class Places(NamedTuple):
     node: np.ndarray
     order: np.ndarray
     parent: np.ndarray
+    step: float
 
 
 def step_of(skeleton: Skeleton, poses: Poses) -> float:
@@ -61,30 +62,5 @@ def places_along(skeleton: Skeleton, step: float) -> Places:
     last[node] = np.arange(len(node))  # of an edge's places, which stand in a row
     is_first = np.diff(node, prepend=-1) != 0
     below = np.where(is_first, last[skeleton.parent[node]], np.arange(len(node)) - 1)
-    return Places(points[rows], along[node], radius[rows], length[rows], node, order[node], below)
-
-
-def ask_photos(
-    photos: ScanPhotos, places: Places, step: float, wood: np.ndarray, seed: int
-) -> Witnesses:
-    """Ask the photos of a skeleton's places.
-
-    Parameters
-    ----------
-    photos : ScanPhotos
-    places : Places
-    step : float
-        From `step_of`.
-    wood : ndarray of shape (n_wood, 3), float64
-        Points of the cloud.
-    seed : int
-    """
-    return Witnesses(
-        photos,
-        places.points,
-        places.radius,
-        places.parent,
-        step / STEP_PX,
-        wood,
-        seed=seed,
-    )
+    wood = radius[rows], length[rows]
+    return Places(points[rows], along[node], *wood, node, order[node], below, step)
