@@ -53,28 +53,34 @@ def measure_coverage(photos: ScanPhotos, region: Region) -> dict[str, Any]:
         many photos frame it, how many depth maps hold something there, and how probable wood is by
         the photos; lengths in units of COLMAP's frame.
     """
-    grid = Grid(region)
-    n_holding = np.zeros(len(grid.centers), dtype=int)
+    size, low = 2.0 * region.radius / N_ACROSS, region.center - region.radius
+    held_in = np.zeros(N_ACROSS**3, dtype=int)
     for i, view in enumerate(photos.views):
         depth = photos.depth(i)
         if depth is not None:
-            n_holding[grid.occupied(_points_of(view, depth[::STEP_PX, ::STEP_PX]))] += 1
+            points = _points_of(view, depth[::STEP_PX, ::STEP_PX])
+            places = np.floor((points - low) / size).astype(int)
+            places = places[((places >= 0) & (places < N_ACROSS)).all(axis=1)]
+            held_in[np.unique(places @ [N_ACROSS**2, N_ACROSS, 1])] += 1
+    cells = np.flatnonzero(region.holds(voxel_centers(region, np.arange(N_ACROSS**3))))
+    n_holding = held_in[cells]
     held = n_holding > 0
-    shown = ask_voxels(photos, grid.centers, grid.size, held, ~held, prior=float(held.mean()))
+    centers = voxel_centers(region, cells)
+    shown = ask_voxels(photos, centers, size, held, ~held, prior=float(held.mean()))
     logger.info(
         "half of the region's %s voxels of %.3g are framed by %d photos or more, %.1f %% are held "
         "by a depth map",
         f"{len(n_holding):,}",
-        grid.size,
+        size,
         np.median(shown.n_framing),
-        100.0 * (n_holding > 0).mean(),
+        100.0 * held.mean(),
     )
     return {
         "region": {"center": region.center, "radius": region.radius},
         "camera_distance": region.distance,
-        "voxel_size": grid.size,
+        "voxel_size": size,
         "n_across": N_ACROSS,
-        "cells": grid.cells,
+        "cells": cells,
         "n_framing": shown.n_framing,
         "n_holding": n_holding,
         "p_wood": shown.p_wood.round(3),
@@ -107,27 +113,6 @@ def ask_voxels(
     learnt = shares(*(count(seen, each.astype(float)) for each in (held, empty)))
     odds = np.exp(summed(words(seen, learnt))) * prior / max(1.0 - prior, 1e-9)
     return Voxels((seen.shown != UNASKED).sum(axis=0), odds / (1.0 + odds))
-
-
-class Grid:
-    """Cubic voxels in a region's ball: their ``cells`` in the cube around it, (n,) int, their
-    middles ``centers``, (n, 3), and their side ``size``."""
-
-    def __init__(self, region: Region):
-        self.size = 2.0 * region.radius / N_ACROSS
-        self._low = region.center - region.radius
-        inside = region.holds(voxel_centers(region, np.arange(N_ACROSS**3)))
-        self.cells = np.flatnonzero(inside)
-        self.centers = voxel_centers(region, self.cells)
-        self._row = np.full(N_ACROSS**3, -1)
-        self._row[self.cells] = np.arange(len(self.cells))
-
-    def occupied(self, points: np.ndarray) -> np.ndarray:
-        """Rows of the voxels that hold any of the points (n, 3)."""
-        cells = np.floor((points - self._low) / self.size).astype(int)
-        cells = cells[((cells >= 0) & (cells < N_ACROSS)).all(axis=1)]
-        rows = self._row[np.unique(cells @ [N_ACROSS**2, N_ACROSS, 1])]
-        return rows[rows >= 0]
 
 
 def voxel_centers(region: Region, cells: np.ndarray, n_across: int = N_ACROSS) -> np.ndarray:

@@ -100,22 +100,23 @@ class Witnesses:
         probability = np.ones(len(points))
         for _ in range(N_ROUNDS):
             there = count(seen, sure * probability)
-            self._learnt = shares(there, away)
-            told = words(seen, self._learnt)
+            learnt = shares(there, away)
+            told = words(seen, learnt)
             # to learn from what is likeliest there, rather than to say how sure that is
             probability = carried(parent, told, WEIGHT)
+        self._by_raster = without_depth(learnt)
         self.tree = Existence(carried(parent, told), told, self._told(seen))
         self.clear_word = clear_words(there, away)
 
     def judge(self, points: np.ndarray, radius: np.ndarray, prior: float = 0.5) -> Existence:
         """What the photos say of other places, each by itself and whatever the depth maps lack."""
         seen = look(self._photos, points, radius)
-        told = words(seen, without_depth(self._learnt))
+        told = words(seen, self._by_raster)
         odds = np.exp(summed(told)) * prior / (1.0 - prior)
         return Existence(odds / (1.0 + odds), told, self._told(seen))
 
     def _told(self, seen: Seen) -> np.ndarray:
-        return 1.0 - np.exp(-information(seen, self._learnt))
+        return 1.0 - np.exp(-information(seen, self._by_raster))
 
 
 def ask_points(

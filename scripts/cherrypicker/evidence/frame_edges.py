@@ -68,7 +68,4 @@ def frame_edges(poses: Poses, wood: np.ndarray) -> list[FrameEdge]:
 
 def framing_photos(poses: Poses, points: np.ndarray) -> np.ndarray:
     """Count the photos in whose frame each point (n_points, 3) lies, hidden or not, (n_points,)."""
-    count = np.zeros(len(points), dtype=np.int64)
-    for photo in range(len(poses)):
-        count += frames(poses, photo, points, 0.0)
-    return count
+    return np.sum([frames(poses, photo, points, 0.0) for photo in range(len(poses))], axis=0)

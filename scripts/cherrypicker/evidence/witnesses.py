@@ -190,15 +190,8 @@ def _mixed(counts: np.ndarray, pooled: np.ndarray, weight: float) -> np.ndarray:
 
 
 def without_depth(learnt: Shares) -> Shares:
-    """The same probabilities of what rasters show, whatever the depth maps say."""
-    summed = []
-    for each in learnt:
-        kinds = each.reshape(-1, N_CELLS, 3, N_KINDS)
-        whole = np.zeros_like(kinds)
-        whole[:, :, OPEN] = kinds.sum(axis=2)
-        # the rest is shown nowhere, and says nothing
-        summed.append(np.maximum(whole, 1e-12).reshape(each.shape))
-    return Shares(*summed)
+    """The same probabilities of what rasters show, of `N_KINDS`, whatever the depth maps say."""
+    return Shares(*(each.reshape(-1, N_CELLS, 3, N_KINDS).sum(axis=2) for each in learnt))
 
 
 def words(seen: Seen, learnt: Shares) -> np.ndarray:
@@ -259,14 +252,12 @@ def bounded(ratio: np.ndarray) -> np.ndarray:
 
 
 def information(seen: Seen, learnt: Shares) -> np.ndarray:
-    """What the photos' rasters are expected to say of wood at places, (n_places,) float64.
+    """What the photos are expected to say of wood at places, (n_places,) float64.
 
     The sum over photos of the divergence (Kullback and Leibler 1951) of what is shown of wood from
-    what is shown without, whatever the depth maps say.
+    what is shown without.
     """
-    by_raster = (len(seen.shown), N_CELLS, 3, N_KINDS)
-    with_wood, without = (each.reshape(by_raster).sum(axis=2) for each in learnt)
-    expected = (with_wood * np.log(with_wood / without)).sum(axis=2)
+    expected = (learnt.there * np.log(learnt.there / learnt.away)).sum(axis=2)
     asked = seen.shown != UNASKED
     rows = np.arange(len(seen.shown))[:, None]
     return np.where(asked, expected[rows, seen.cell], 0.0).sum(axis=0)
