@@ -8,6 +8,7 @@ the sky, as many pixels wide as can be told.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,14 @@ def where_to_stand(
     rows = rows[:: max(len(rows) // MOST_PLACES, 1)]
     left = unsure[rows] * (total / unsure[rows].sum())
     sky = _sky_shares(photos)
-    stands, told = _candidates(photos, root), []
+    off = photos.poses.centers - root
+    usual, height = np.median(np.hypot(off[:, 0], off[:, 1])), np.median(off[:, 2])
+    turn = np.arange(N_AZIMUTHS) * (2.0 * np.pi / N_AZIMUTHS)
+    stands = root + [
+        (far * usual * np.cos(a), far * usual * np.sin(a), up * height)
+        for a, far, up in product(turn, DISTANCES, HEIGHTS)
+    ]
+    told = []
     focal = float(np.median(photos.poses.K[:, 0, 0]))
     for stand in stands:
         way = points[rows] - stand
@@ -91,20 +99,6 @@ def where_to_stand(
         )
         left = left * (1.0 - told[best])
     return chosen
-
-
-def _candidates(photos: ScanPhotos, root: np.ndarray) -> np.ndarray:
-    """Where one may stand, (n, 3)."""
-    off = photos.poses.centers - root
-    distance, height = np.median(np.hypot(off[:, 0], off[:, 1])), np.median(off[:, 2])
-    turn = np.arange(N_AZIMUTHS) * (2.0 * np.pi / N_AZIMUTHS)
-    stands = [
-        [far * distance * np.cos(a), far * distance * np.sin(a), up * height]
-        for a in turn
-        for far in DISTANCES
-        for up in HEIGHTS
-    ]
-    return root + np.array(stands)
 
 
 def _cells(ways: np.ndarray) -> np.ndarray:
