@@ -65,7 +65,7 @@ def ask(photos, pole, centers):
     row = np.arange(len(centers) + 2 * len(known)) - len(centers)
     held, empty = (row >= 0) & (row < len(known)), row >= len(known)
     shown = ask_voxels(photos, np.vstack([centers, known, beside]), 0.05, held, empty)
-    return shown.n_framing[: len(centers)], shown.p_wood[: len(centers)]
+    return tuple(each[: len(centers)] for each in shown)
 
 
 def test_voxels_of_the_pole_are_wood_and_the_sky_beside_it_is_not(scan):

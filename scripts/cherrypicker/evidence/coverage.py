@@ -9,7 +9,7 @@ tell, since a cloud that ends is no error.
 from __future__ import annotations
 
 import logging
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,21 +25,6 @@ logger = logging.getLogger(__name__)
 N_ACROSS = 40
 # Depth maps are looked at by every so many pixels: a voxel is some forty wide
 STEP_PX = 4
-
-
-class Voxels(NamedTuple):
-    """What the photos say of some voxels.
-
-    Attributes
-    ----------
-    n_framing : ndarray of shape (n_voxels,), int64
-        Photos that frame its middle and in which no user hides any of it.
-    p_wood : ndarray of shape (n_voxels,), float64
-        Probability that wood is in it.
-    """
-
-    n_framing: np.ndarray
-    p_wood: np.ndarray
 
 
 def measure_coverage(photos: ScanPhotos, region: Region) -> dict[str, Any]:
@@ -66,13 +51,13 @@ def measure_coverage(photos: ScanPhotos, region: Region) -> dict[str, Any]:
     n_holding = held_in[cells]
     held = n_holding > 0
     centers = voxel_centers(region, cells)
-    shown = ask_voxels(photos, centers, size, held, ~held, prior=float(held.mean()))
+    n_framing, p_wood = ask_voxels(photos, centers, size, held, ~held, prior=float(held.mean()))
     logger.info(
         "half of the region's %s voxels of %.3g are framed by %d photos or more, %.1f %% are held "
         "by a depth map",
         f"{len(n_holding):,}",
         size,
-        np.median(shown.n_framing),
+        np.median(n_framing),
         100.0 * held.mean(),
     )
     return {
@@ -81,9 +66,9 @@ def measure_coverage(photos: ScanPhotos, region: Region) -> dict[str, Any]:
         "voxel_size": size,
         "n_across": N_ACROSS,
         "cells": cells,
-        "n_framing": shown.n_framing,
+        "n_framing": n_framing,
         "n_holding": n_holding,
-        "p_wood": shown.p_wood.round(3),
+        "p_wood": p_wood.round(3),
     }
 
 
@@ -95,7 +80,7 @@ def ask_voxels(
     empty: np.ndarray,
     *,
     prior: float = 0.5,
-) -> Voxels:
+) -> tuple[np.ndarray, np.ndarray]:
     """Ask all photos whether there is wood in voxels.
 
     Parameters
@@ -108,11 +93,18 @@ def ask_voxels(
         Voxels known to hold something and to hold nothing, from which the photos learn.
     prior : float, default 0.5
         Probability of wood in a voxel before a photo is asked.
+
+    Returns
+    -------
+    n_framing : ndarray of shape (n_voxels,), int64
+        Photos that frame its middle and in which no user hides any of it.
+    p_wood : ndarray of shape (n_voxels,), float64
+        Probability that wood is in it.
     """
     seen = look(photos, centers, np.zeros(len(centers)), 0.5 * np.sqrt(3.0) * size)
     learnt = shares(*(count(seen, each.astype(float)) for each in (held, empty)))
     odds = np.exp(summed(words(seen, learnt))) * prior / max(1.0 - prior, 1e-9)
-    return Voxels((seen.shown != UNASKED).sum(axis=0), odds / (1.0 + odds))
+    return (seen.shown != UNASKED).sum(axis=0), odds / (1.0 + odds)
 
 
 def voxel_centers(region: Region, cells: np.ndarray, n_across: int = N_ACROSS) -> np.ndarray:

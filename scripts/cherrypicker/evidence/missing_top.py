@@ -61,8 +61,8 @@ def find_missing_top(photos: ScanPhotos, wood: np.ndarray, foot: np.ndarray) -> 
     centers = low + size * (cells.reshape(-1, 3) + 0.5)
     distance = cKDTree(upper).query(centers, distance_upper_bound=NEAR_VOXELS * size)[0]
     near = distance < np.inf
-    shown = ask_voxels(photos, centers, size, distance < 0.5 * size, ~near)
-    is_wood = shown.p_wood > 0.5
+    n_framing, p_wood = ask_voxels(photos, centers, size, distance < 0.5 * size, ~near)
+    is_wood = p_wood > 0.5
     # What hangs together with the tree; a neighbour's twigs do not
     label = ndimage.label(is_wood.reshape(shape), structure=np.ones((3, 3, 3)))[0].ravel()
     own = is_wood & np.isin(label, np.unique(label[near & is_wood]))
@@ -72,5 +72,5 @@ def find_missing_top(photos: ScanPhotos, wood: np.ndarray, foot: np.ndarray) -> 
     return MissingTop(
         height=float(centers[missing, 2].max() - foot[2]),
         found=height,
-        n_photos=int(np.median(shown.n_framing[missing])),
+        n_photos=int(np.median(n_framing[missing])),
     )
