@@ -81,7 +81,7 @@ def _see_distance(reference: Reference, markers: dict[int, dict]) -> tuple[Sight
     for marker_id in reference.values["markers"]:
         marker = markers[marker_id]
         if "sightings" not in marker:
-            raise _NoScale(f"marker {marker_id} is {', '.join(marker['flags']) or 'not found'}")
+            raise _NoScale(f"marker {marker_id}: {', '.join(marker['flags']) or 'not found'}")
         if marker["n_places"] > 1:
             raise _NoScale(f"marker {marker_id} stands in {marker['n_places']} places")
         ends.append(marker["sightings"])
