@@ -172,6 +172,23 @@ def test_photos_all_sideways_and_from_one_side():
     assert_below_what_is_looked_at(origin)
 
 
+@pytest.mark.parametrize("pitch_deg", [0, 15])
+@pytest.mark.parametrize("yaw_deg", [0.5, 4])
+def test_photos_square_to_a_row_leave_the_way_across_it_to_the_ground(yaw_deg, pitch_deg):
+    """Nearly parallel photos: their rolls tell up along the row, and hardly anything across it."""
+    rng = np.random.default_rng(21)
+    n = 40
+    centers = np.column_stack([np.linspace(-2, 2, n), rng.normal(-3, 0.1, n), np.full(n, 1.5)])
+    yaw, pitch = np.radians(rng.normal(0, yaw_deg, n)), np.radians(rng.normal(pitch_deg, 1, n))
+    ahead = np.column_stack([np.sin(yaw), np.cos(yaw), -np.tan(pitch)])
+    poses = look_at_poses(centers, centers + ahead, roll_deg=rng.normal(0, 2, n))
+    points = np.concatenate([ground_points(rng), tree_points(rng)])
+    tilt, _, result = aligned_errors(points, poses)
+    assert tilt < 1.0
+    assert result.report["cameras_sigma_deg"] > 3.0
+    assert not any("slopes" in warning for warning in result.report["warnings"])
+
+
 def test_what_stands_there_does_not_move_the_origin():
     """A post nearer to the middle than the stem, and a neighbour: no question of the alignment."""
     rng = np.random.default_rng(11)

@@ -39,7 +39,7 @@ logger = logging.getLogger(__name__)
 
 _MIN_POINTS = 100
 # What ground near a tree is off level: as it counts (on the level walks of docs/lab/placement.md
-# up is off by 0.39 degrees; with 1, 2 and 5 by 0.44, 0.53 and 0.58), and remarkably
+# up is off by 0.38 degrees; with 1, 2 and 5 by 0.44, 0.53 and 0.58), and remarkably
 _LEVEL_DEG, _SLOPE_DEG = 0.7, 5.0
 _MOST_DEG = 15  # rolls that differ by more, or a less sure up, tell no vertical (guess)
 
@@ -188,8 +188,8 @@ def _vertical(
             "what they look at"
         )
         return photos.up, {"ground_to_cameras_deg": None}
-    disagreement = angle_deg(normal, photos.up)
-    if disagreement > max(_SLOPE_DEG, 2 * photos.sigma_deg):
+    disagreement, explained = angle_deg(normal, photos.up), 2 * photos.sigma_deg
+    if disagreement > max(_SLOPE_DEG, explained):
         warnings.append(
             f"the ground slopes by {disagreement:.1f} degrees against the cameras' mean up "
             f"direction (align.up_from is {options.up_from})"
@@ -197,9 +197,9 @@ def _vertical(
     up = normal if options.up_from == "ground" else photos.up
     if options.up_from == "auto":
         # What the photos do not allow is a slope: as much of its angle is no error of theirs.
-        noise_deg = np.sqrt(max(_LEVEL_DEG**2, disagreement**2 - photos.sigma_deg**2))
+        noise_deg = np.sqrt(max(_LEVEL_DEG**2, disagreement**2 - explained**2))
         level = Evidence(tangent_basis(normal)[None], np.zeros((1, 2)), np.radians(noise_deg))
-        up, _ = solve_up([*photos.evidence, level], photos.up)
+        up, _ = solve_up([*photos.evidence, level], normal)
     to_ground, to_cameras = angle_deg(up, normal), angle_deg(up, photos.up)
     logger.info(
         f"up: ground and cameras (+- {photos.sigma_deg:.2f} deg) differ by {disagreement:.2f} deg; "

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,12 +39,20 @@ _MEDIAN_OF_RAYLEIGH = 1.1774
 
 @dataclass(frozen=True)
 class Evidence:
-    """Rows whose products with the way up were measured."""
+    """Rows whose products with the way up were measured, or angles to it."""
 
     rows: np.ndarray  # (n, k, 3): of each of n measurements, k components
     values: np.ndarray  # (n, k): what the products are
     noise: float  # standard deviation of each product, rad
     shared: float = 0.0  # of the error that all n have in common, one a component, rad
+    beside: np.ndarray | None = None  # (n, 3): the angle from these axes is measured, not a product
+
+    def of(self, up: np.ndarray) -> np.ndarray:
+        """What would have been measured, (n, k), were the unit vector (3,) the way up."""
+        products = self.rows @ up
+        if self.beside is None:
+            return products
+        return np.arctan2(products, (self.beside @ up)[:, None])
 
 
 @dataclass(frozen=True)
@@ -89,7 +97,7 @@ def solve_up(evidence: Sequence[Evidence], start: ArrayLike) -> tuple[np.ndarray
         parts = [unknown[:2] / np.radians(_PITCH_DEG)]
         for one, end in zip(evidence, ends, strict=True):
             shared = unknown[end - one.rows.shape[1] : end]
-            off = one.rows @ up - one.values - one.shared * shared
+            off = one.of(up) - one.values - one.shared * shared
             parts += [off.ravel() / one.noise, shared]
         return np.concatenate(parts)
 
@@ -154,7 +162,9 @@ def photos_up(
     """Estimate the vertical from how the photos were held and from the gravity that they state.
 
     Every photo contributes its horizontal axis (image x, or y for a portrait photo stored
-    sideways), which ought to be orthogonal to up whatever the pitch. Readings of gravity that
+    sideways), which ought to be orthogonal to up whatever the pitch. What counts is the angle that
+    it was rolled by, about the view: products with the axes would see less roll in photos of one
+    direction, the more of them up looks at. Readings of gravity that
     contradict one another or the rolls by too much count for nothing: a program that turned the
     photos has kept them.
 
@@ -169,18 +179,20 @@ def photos_up(
         Take the solution near this direction (a ground normal, sign included); else search among
         the photos' own.
     """
-    right, up_axes = photographer_axes(poses)
+    right, upward = photographer_axes(poses)
     if start is None:
-        directions = up_axes.reshape(-1, 3)
+        directions = upward.reshape(-1, 3)
         start = directions[roll_costs(poses, directions, stated_turns)[0].mean(axis=1).argmin()]
-    up = unit(start)
+    up = start = unit(start)
     for _ in range(_N_ROUNDS):
         turns = roll_costs(poses, up, stated_turns)[1][0]
-        held = right[np.arange(len(right)), turns]
+        photo = np.arange(len(poses)), turns
+        level = np.zeros((len(poses), 1))
+        rolls = Evidence(right[photo][:, None], level, 1.0, beside=upward[photo])
         # The median of |roll| also feels a shared bias, which is then part of the noise.
-        noise = max(robust_sigma(held @ up), np.radians(_LEAST_NOISE_DEG))
-        evidence = [Evidence(held[:, None], np.zeros((len(held), 1)), noise)]
-        up, sigma_deg = solve_up(evidence, up)
+        noise = max(robust_sigma(rolls.of(up).ravel()), np.radians(_LEAST_NOISE_DEG))
+        evidence = [replace(rolls, noise=noise)]
+        up, sigma_deg = solve_up(evidence, start)
     turns = roll_costs(poses, up, stated_turns)[1][0]
     stated, report, warnings = _stated_gravity(poses, stated_ups, up)
     if stated is not None:
