@@ -11,9 +11,11 @@ import render_scene
 from PIL import Image
 
 from cherrypicker.batch.watched_modules import imported_modules
+from cherrypicker_lab.orchard.grow.tree import Axis
 from cherrypicker_lab.orchard.render import blender, photo
 from cherrypicker_lab.orchard.scene import ground
 from cherrypicker_lab.orchard.scene.appearance import encode_srgb
+from cherrypicker_lab.orchard.scene.boards import stem_ring
 from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring, ring_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.mesh import box
@@ -90,6 +92,13 @@ def test_grounds_differ_and_unknown_ones_are_refused():
         assert (np.abs(gap).max() > 0.03) == in_strip
     with pytest.raises(ValueError, match="ground"):
         ground.ground_color(places, 3, "lava")
+
+
+def test_a_stem_that_forks_at_8_cm_wears_a_ring_below_its_fork():
+    stem = Axis(np.linspace([0, 0, 0], [0.01, 0, 0.08], 5), np.full(5, 0.03), order=0)
+    sleeve = stem_ring(np.random.default_rng(0), 1, stem).mesh.vertices
+    assert np.isfinite(sleeve).all()
+    assert 0.03 < sleeve[:, 2].min() < sleeve[:, 2].max() < 0.1
 
 
 @pytest.mark.slow

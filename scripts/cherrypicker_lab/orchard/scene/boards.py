@@ -161,10 +161,13 @@ def checker_cube(rng, seed, xy, ground_z):
 
 
 def stem_ring(rng, seed, stem):
-    """A white sleeve around the stem, 3 to 6 cm wide, clear of the height of the stem diameter."""
+    """A white sleeve around the stem, 3 to 6 cm wide, clear of the height of the stem diameter.
+
+    Lower and narrower on a stem that forks close to the ground.
+    """
     s = stem.arclength
     middle = min(rng.uniform(0.38, 0.55), 0.8 * s[-1])
-    at = middle + rng.uniform(0.03, 0.06) * np.linspace(-0.5, 0.5, 7)
+    at = middle + min(rng.uniform(0.03, 0.06), 0.4 * s[-1]) * np.linspace(-0.5, 0.5, 7)
     points = np.stack([np.interp(at, s, stem.points[:, i]) for i in range(3)], axis=1)
     radii = np.interp(at, s, stem.reach) + 0.004
     material = {"kind": "plain", "seed": seed + 6, "color": (WHITE, WHITE, 0.95 * WHITE)}
