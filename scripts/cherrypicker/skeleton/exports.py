@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.ply import write_ply_vertices
-from cherrypicker.skeleton.graphml import GraphColumns, parse_long, read_graphml
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.skeleton.topology import Topology, TopologyEdge
+
+if TYPE_CHECKING:
+    import networkx
 
 __all__ = [
     "read_skeleton",
@@ -23,20 +26,35 @@ __all__ = [
 LARGEST_ROUNDING = 1e-5  # float32 is enough while it moves no vertex by more than this
 
 
-def _read_graph(path: str | os.PathLike) -> GraphColumns:
-    """Read a GraphML tree with its `root`, as a user's error where it cannot be one."""
+def _read_graph(path: str | os.PathLike) -> networkx.Graph:
+    """Read a GraphML graph whose `root` names a node, as a user's error where it cannot be one."""
+    import networkx as nx
+
     if not Path(path).is_file():
         raise StageError("the graph is missing", file=path, key="skeleton.method")
     try:
-        graph = read_graphml(path)
-    except (SyntaxError, ValueError) as error:
+        graph = nx.read_graphml(path)
+    except (SyntaxError, ValueError, LookupError, TypeError, nx.NetworkXException) as error:
         raise StageError(f"not a readable GraphML file: {error}", file=path) from error
-    if str(graph.attributes.get("root")) not in graph.ids:
+    if str(graph.graph.get("root")) not in graph:
         raise StageError("the graph has no `root` attribute that names a node", file=path)
-    strangers = {end for edge in graph.edges for end in edge} - set(graph.ids)
-    if strangers:
-        raise StageError(f"an edge ends at {strangers.pop()!r}, which is no node", file=path)
     return graph
+
+
+def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
+    """Columns of the attributes that all of the rows have.
+
+    Raises
+    ------
+    OverflowError
+        If a whole number has more than 64 bits.
+    """
+    names = [name for name in (rows[0] if rows else ()) if all(name in row for row in rows)]
+    columns = {name: [row[name] for row in rows] for name in names}
+    return {
+        name: np.array(values, dtype=np.int64 if type(values[0]) is int else None)
+        for name, values in columns.items()
+    }
 
 
 def read_skeleton(path: str | os.PathLike) -> Skeleton:
@@ -58,33 +76,32 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
         If the file is missing, unreadable, not a tree, or lacks an attribute.
     """
     graph = _read_graph(path)
-    names = graph.ids
-    number = {name: index for index, name in enumerate(names)}
-    edges = np.array([(number[a], number[b]) for a, b in graph.edges], dtype=np.int64)
-    root = number[str(graph.attributes["root"])]
+    number = {name: index for index, name in enumerate(graph)}
+    edges = np.array([(number[a], number[b]) for a, b in graph.edges()], dtype=np.int64)
     try:
-        order, parent = rooted_order(len(names), edges, root)
-        columns = {name: np.array(values) for name, values in graph.nodes.items()}
-        points = np.stack([columns.pop(axis) for axis in "xyz"], axis=1)
-        radius, label = columns.pop("radius"), columns.pop("label")
-        upper = np.full(len(names), -1, dtype=np.int64)  # parents by the file's order of nodes
+        order, parent = rooted_order(len(number), edges, number[str(graph.graph["root"])])
+        columns = _columns([data for _, data in graph.nodes(data=True)])
+        upper = np.full(len(number), -1, dtype=np.int64)  # parents by the file's order of nodes
         upper[order[1:]] = order[parent[1:]]
-        if "gap" in graph.edge_data:
+        of_edges = _columns([data for *_, data in graph.edges(data=True)])
+        if "gap" in of_edges:
             is_child = upper[edges[:, 1]] == edges[:, 0]
-            columns["gap"] = np.zeros(len(names), dtype=np.int64)
-            columns["gap"][np.where(is_child, edges[:, 1], edges[:, 0])] = graph.edge_data["gap"]
-        if names == list(map(str, range(len(names)))) and (upper < np.arange(len(names))).all():
-            order, parent = np.arange(len(names)), upper
+            columns["gap"] = np.zeros(len(number), dtype=np.int64)
+            columns["gap"][np.where(is_child, edges[:, 1], edges[:, 0])] = of_edges["gap"]
+        rows = np.arange(len(number))
+        if list(number) == list(map(str, rows)) and (upper < rows).all():
+            order, parent = rows, upper
+        columns = {name: values[order] for name, values in columns.items()}
         return Skeleton(
-            points[order],
+            np.stack([columns.pop(axis) for axis in "xyz"], axis=1),
             parent,
-            radius[order],
-            label[order],
-            {name: values[order] for name, values in columns.items()},
-            graph.attributes.get("unit", "m"),
-            graph.attributes.get("frame", "metric"),
+            columns.pop("radius"),
+            columns.pop("label"),
+            columns,
+            graph.graph.get("unit", "m"),
+            graph.graph.get("frame", "metric"),
         )
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, OverflowError) as error:
         raise StageError(f"not a skeleton: {error}", file=path) from error
 
 
@@ -106,25 +123,24 @@ def read_topology(path: str | os.PathLike) -> Topology:
     """
     graph = _read_graph(path)
     try:
-        nodes = np.array(list(map(parse_long, graph.ids)), dtype=np.int64)
+        nodes = np.array(list(map(int, graph)), dtype=np.int64)
         order = np.argsort(nodes)
-        points = np.array([graph.nodes[axis] for axis in "xyz"], dtype=np.float64).T[order]
-        data = graph.edge_data
+        rows = [data for _, data in graph.nodes(data=True)]
+        points = np.array([[row[axis] for axis in "xyz"] for row in rows], dtype=np.float64)
+        kinds = [rows[place]["kind"] for place in order]
         edges = []
-        for row, path_text in enumerate(data["path"] if graph.edges else ()):
-            way = np.array(list(map(parse_long, path_text.split())), dtype=np.int64)
+        for *_, data in graph.edges(data=True):
+            way = np.array(list(map(int, data["path"].split())), dtype=np.int64)
             if len(way) < 2:
-                raise ValueError(f"the way {path_text!r} has no two nodes")
-            edge = {name: data[name][row] for name in ("radius_start", "radius_end", "order")}
-            length = data["length"][row]
-            edges.append(TopologyEdge(int(way[0]), int(way[-1]), way, length, **edge))
-        kind = [graph.nodes["kind"][row] for row in order]
-    except (KeyError, ValueError) as error:
+                raise ValueError(f"the way {data['path']!r} has no two nodes")
+            edge = {name: data[name] for name in ("length", "radius_start", "radius_end", "order")}
+            edges.append(TopologyEdge(int(way[0]), int(way[-1]), way, **edge))
+    except (KeyError, ValueError, OverflowError) as error:
         raise StageError(f"not a topology: {error!r}", file=path) from error
     edges.sort(key=lambda edge: edge.child)
-    unit = graph.attributes.get("unit", "m")
-    frame = graph.attributes.get("frame", "metric")
-    return Topology(nodes[order], kind, points, edges, unit, frame)
+    unit = graph.graph.get("unit", "m")
+    frame = graph.graph.get("frame", "metric")
+    return Topology(nodes[order], kinds, points[order], edges, unit, frame)
 
 
 def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:
