@@ -15,7 +15,6 @@ from cherrypicker.formats.swc import write_skeleton_swc
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import (
     axes,
-    fold,
     node_order,
     read_skeleton,
     write_skeleton_graphml,
@@ -36,10 +35,10 @@ def main(
 ) -> None:
     """Load, edit, save."""
     skeleton, details = apply_edits(read_skeleton(solved), read_edits(edits))
-    axis_list = axes(skeleton)
-    write_skeleton_ply(skeleton_ply, skeleton, node_order(skeleton, axis_list))
+    order = node_order(skeleton, axes(skeleton))
+    write_skeleton_ply(skeleton_ply, skeleton, order)
     write_skeleton_swc(skeleton_swc, skeleton)
-    write_topology_graphml(topology, fold(skeleton, axis_list))
+    write_topology_graphml(topology, skeleton, order)
     write_skeleton_graphml(skeleton_graph, skeleton)
     write_json(report, details)
 

@@ -26,13 +26,11 @@ from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import (
     axes,
-    fold,
     node_order,
     write_skeleton_graphml,
     write_skeleton_ply,
     write_topology_graphml,
 )
-from cherrypicker.skeleton.networks import folded, write_network
 
 
 def main(
@@ -76,8 +74,7 @@ def main(
         photos = ScanPhotos(read_poses(cameras), evidence, poses, depth=depth)
         wood = cloud.points[wood_mask(cloud["label"])]
         skeleton, refuted = drop_refuted(skeleton, photos, wood, seed=seed)
-    axis_list = axes(skeleton)
-    order = node_order(skeleton, axis_list)
+    order = node_order(skeleton, axes(skeleton))
     if skeleton_ply:
         write_skeleton_ply(skeleton_ply, skeleton, order)
     if skeleton_swc:
@@ -85,10 +82,8 @@ def main(
     if report:
         write_json(report, {"unit": skeleton.unit, "refuted": refuted})
     write_skeleton_graphml(skeleton_graph, skeleton)
-    if topology and options.method == "limbs":
-        write_topology_graphml(topology, fold(skeleton, axis_list))
-    elif topology:
-        write_network(topology, folded(skeleton, order))
+    if topology:
+        write_topology_graphml(topology, skeleton, order)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -23,7 +23,7 @@ from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.progress import Progress
 from cherrypicker.skeleton import (
     axes,
-    fold,
+    node_order,
     read_skeleton_csv,
     write_skeleton_graphml,
     write_topology_graphml,
@@ -168,7 +168,7 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> list[Path]:
     skeleton = replace(grown, points=(grown.points - translation) @ rotation, frame="metric")
     files = [results / "skeleton.graphml", results / "topology.graphml"]
     write_skeleton_graphml(files[0], skeleton)
-    write_topology_graphml(files[1], fold(skeleton, axes(skeleton)))
+    write_topology_graphml(files[1], skeleton, node_order(skeleton, axes(skeleton)))
     return files
 
 

@@ -29,7 +29,7 @@ from cherrypicker.report.viewer import ShownSkeleton, nearest_nodes, pick_points
 from cherrypicker.skeleton import (
     Skeleton,
     axes,
-    fold,
+    node_order,
     write_skeleton_graphml,
     write_topology_graphml,
 )
@@ -90,7 +90,8 @@ def build(tmp_path):
         skeleton = y_skeleton(unit)
         cloud = scan(skeleton, unit, colors)
         write_skeleton_graphml(tmp_path / "skeleton.graphml", skeleton)
-        write_topology_graphml(tmp_path / "topology.graphml", fold(skeleton))
+        order = node_order(skeleton, axes(skeleton))
+        write_topology_graphml(tmp_path / "topology.graphml", skeleton, order)
         write_cloud(tmp_path / "segmented.ply", cloud)
         write_cloud(tmp_path / "contracted.ply", cloud.select(cloud["label"] > 0))
         (tmp_path / "traits.json").write_text(json.dumps(traits(unit)))

@@ -26,7 +26,8 @@ from cherrypicker.segmentation.dgcnn import Dgcnn, load_weights, save_weights
 from cherrypicker.sfm.database import copy_database
 from cherrypicker.skeleton import (
     Skeleton,
-    fold,
+    axes,
+    node_order,
     read_skeleton,
     read_topology,
     write_skeleton_graphml,
@@ -90,7 +91,8 @@ def _skeletons(folder):
 
 
 def _topologies(folder):
-    write_topology_graphml(folder / "topology.graphml", fold(_skeleton()))
+    order = node_order(_skeleton(), axes(_skeleton()))
+    write_topology_graphml(folder / "topology.graphml", _skeleton(), order)
     return [folder / "topology.graphml"]
 
 

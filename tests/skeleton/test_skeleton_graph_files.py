@@ -70,7 +70,8 @@ def test_fold_keeps_root_junction_and_tips():
 def test_graphml_round_trip_and_attribute_types(tmp_path):
     skeleton = y_tree()
     write_skeleton_graphml(tmp_path / "skeleton.graphml", skeleton)
-    write_topology_graphml(tmp_path / "topology.graphml", fold(skeleton))
+    order = node_order(skeleton, axes(skeleton))
+    write_topology_graphml(tmp_path / "topology.graphml", skeleton, order)
     again = read_skeleton(tmp_path / "skeleton.graphml")
     for name in ("points", "parent", "radius", "label"):
         np.testing.assert_array_equal(getattr(again, name), getattr(skeleton, name))

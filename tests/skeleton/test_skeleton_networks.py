@@ -12,7 +12,7 @@ from cherrypicker.skeleton import (
     read_topology,
     write_topology_graphml,
 )
-from cherrypicker.skeleton.networks import as_networkx, folded, write_network
+from cherrypicker.skeleton.networks import as_networkx, folded
 
 
 @pytest.fixture
@@ -37,9 +37,8 @@ def test_folding_leaves_root_junctions_and_tips(skeleton, tmp_path):
     order = node_order(skeleton, axes(skeleton))
     graph = folded(skeleton, order)
     assert {node for node, degree in graph.degree if degree == 2} <= {0}
-    write_network(tmp_path / "nx.graphml", graph)
-    write_topology_graphml(tmp_path / "ours.graphml", fold(skeleton))
-    found, ours = (read_topology(tmp_path / f"{name}.graphml") for name in ("nx", "ours"))
+    write_topology_graphml(tmp_path / "topology.graphml", skeleton, order)
+    found, ours = read_topology(tmp_path / "topology.graphml"), fold(skeleton)
     np.testing.assert_array_equal(found.nodes, ours.nodes)
     np.testing.assert_array_equal(found.points, ours.points)
     assert (found.kind, found.unit, found.frame) == (ours.kind, ours.unit, ours.frame)

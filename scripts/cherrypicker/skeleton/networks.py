@@ -9,7 +9,6 @@ import numpy as np
 
 from cherrypicker.files import atomic_path
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.topology import Topology
 
 if TYPE_CHECKING:
     import networkx
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 __all__ = [
     "as_networkx",
     "folded",
-    "write_network",
     "write_skeleton_graphml",
     "write_topology_graphml",
 ]
@@ -95,8 +93,7 @@ def folded(skeleton: Skeleton, order: np.ndarray) -> networkx.Graph:
     return graph
 
 
-def write_network(path: str | os.PathLike, graph: networkx.Graph) -> None:
-    """Write a graph as GraphML, as networkx does."""
+def _write(path: str | os.PathLike, graph: networkx.Graph) -> None:
     import networkx as nx
 
     with atomic_path(path) as temporary:
@@ -112,31 +109,16 @@ def write_skeleton_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
     skeleton : Skeleton
         Its `fields` become further node attributes; ``gap`` becomes an edge attribute.
     """
-    write_network(path, as_networkx(skeleton))
+    _write(path, as_networkx(skeleton))
 
 
-def write_topology_graphml(path: str | os.PathLike, topology: Topology) -> None:
-    """Write ``topology.graphml``; node ids are the skeleton's, a path is "0 1 2".
+def write_topology_graphml(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:
+    """Write ``topology.graphml``: the skeleton, `folded`; node ids are its, a path is "0 1 2".
 
     Parameters
     ----------
     path : path-like
-    topology : Topology
+    skeleton, order
+        As in `folded`.
     """
-    import networkx as nx
-
-    graph = nx.Graph(root="0", unit=topology.unit, frame=topology.frame)
-    places = topology.points.tolist()
-    for node, kind, place in zip(topology.nodes.tolist(), topology.kind, places, strict=True):
-        graph.add_node(node, **dict(zip("xyz", place)), kind=kind)
-    for edge in topology.edges:
-        graph.add_edge(
-            edge.parent,
-            edge.child,
-            length=edge.length,
-            radius_start=edge.radius_start,
-            radius_end=edge.radius_end,
-            order=edge.order,
-            path=" ".join(map(str, edge.path.tolist())),
-        )
-    write_network(path, graph)
+    _write(path, folded(skeleton, order))
