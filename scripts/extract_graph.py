@@ -12,7 +12,7 @@ them. Example:
         --skeleton_ply skeleton.ply --skeleton_swc skeleton.swc --topology topology.graphml
 """
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.files import read_json, write_json
@@ -35,13 +35,13 @@ from cherrypicker.skeleton import (
 
 def main(
     contracted: Annotated[str, "contracted points, PLY"],
+    contract_report: Annotated[str, "contract.json: which stem, and its base"],
+    limbs: Annotated[str, "limbs.npz of the cloud's trees"],
     segmented: Annotated[str, "labelled cloud that they come from"],
     skeleton_graph: Annotated[str, "skeleton.graphml"],
     skeleton_ply: Annotated[str | None, "skeleton.ply"] = None,
     skeleton_swc: Annotated[str | None, "skeleton.swc"] = None,
     topology: Annotated[str | None, "topology.graphml"] = None,
-    contract_report: Annotated[str | None, "contract.json: which stem, and its base"] = None,
-    limbs: Annotated[str | None, "limbs.npz of the cloud's trees; else they are grown"] = None,
     cameras: Annotated[str | None, "poses.npz of the undistorted photos"] = None,
     metric_poses: Annotated[str | None, "poses in the labelled cloud's frame"] = None,
     evidence: Annotated[str | None, "folder of what each photo shows"] = None,
@@ -54,20 +54,11 @@ def main(
 ) -> None:
     """Load, extract, drop what the photos refute, save."""
     points = read_cloud(contracted, required=("label", "source"))
-    contraction: dict[str, Any] = {"base": None}
-    if contract_report:
-        contraction = read_json(contract_report)
-    grown = None
-    if limbs and options.method == "limbs":
+    contraction, grown = read_json(contract_report), None
+    if options.method == "limbs":
         grown = read_orchard(limbs).limbs_of(contraction["stem"], points["source"])
     cloud = read_cloud(segmented, required=("label",))
-    skeleton = extract_skeleton(
-        points,
-        cloud,
-        options,
-        base=contraction["base"],
-        limbs=grown,
-    )
+    skeleton = extract_skeleton(points, cloud, options, base=contraction["base"], limbs=grown)
     refuted = None
     if drop.drop_refuted and cameras and metric_poses and evidence:
         poses = read_poses(metric_poses)

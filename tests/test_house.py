@@ -185,7 +185,7 @@ def test_no_module_of_the_report_is_watched_by_another_stage(scripts):
 
 
 def test_a_radius_of_the_graph_does_not_relabel_clouds(scripts):
-    assert _watching(scripts, "graph/radius.py") == {"extract_graph"}
+    assert _watching(scripts, "graph/extract.py") == {"extract_graph"}
     watched = imported_modules(scripts / "segment_cloud.py", scripts)
     rooms = ("graph", "contraction", "traits", "report")
     assert not [file for file in watched if f"/{PRODUCT}/" in file and file.split("/")[-2] in rooms]

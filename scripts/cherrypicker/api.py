@@ -18,7 +18,7 @@ from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_tree import contract_tree
 from cherrypicker.contraction.contract_wood import contract_wood
-from cherrypicker.graph.extract import GraphOptions, extract_skeleton
+from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
@@ -187,9 +187,7 @@ def skeletonize(
         options=SkeletonOptions(method, {"trunk": 10.0} if weights is None else weights),
         target_xy=target_xy,
     )
-    return extract_skeleton(
-        contracted, whole, GraphOptions(method), base=report["base"], limbs=report["limbs"]
-    )
+    return extract_skeleton(contracted, whole, base=report["base"], limbs=report["limbs"])
 
 
 def _renamed(published: str, **old: str) -> str:

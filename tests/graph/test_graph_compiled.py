@@ -11,7 +11,7 @@ from cherrypicker.geometry.tree_walks import (
     sum_from_root,
     window,
 )
-from cherrypicker.graph.radius import isotonic_radii
+from cherrypicker.graph.extract import isotonic_radii
 
 PARENT = np.array([-1, 0, 1, 1, 3, 3, 0])
 LENGTH = np.array([0.0, 1.0, 5.0, 2.0, 1.0, 4.0, 3.0])

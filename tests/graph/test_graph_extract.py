@@ -16,9 +16,10 @@ from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
-from cherrypicker.graph.extract import GraphOptions, extract_skeleton, limb_tree
+from cherrypicker.graph.extract import extract_skeleton, limb_tree
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import read_orchard, write_orchard
+from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
 from cherrypicker.skeleton import axes, fold
 
@@ -96,17 +97,18 @@ def test_too_few_or_coinciding_points():
 
 @pytest.fixture(scope="module")
 def tree_case():
-    """The contracted points of a small tree, its surface cloud and its true axes."""
+    """The contracted points of a small tree, its surface cloud, its limbs and its true axes."""
     points, labels, true_axes = small_tree(3, noise=0.001)
     cloud = labelled_cloud(points, labels)
-    contracted, _ = contract_wood(cloud)
-    return contracted, cloud, true_axes
+    contracted, report = contract_wood(cloud)
+    return contracted, cloud, report["limbs"], true_axes
 
 
 @pytest.mark.parametrize("method", ["slbc", "limbs"])
 def test_extracted_tree_is_the_true_one(tree_case, method):
-    contracted, cloud, true_axes = tree_case
-    skeleton = extract_skeleton(contracted, cloud, GraphOptions(method=method), base=(0, 0, 0))
+    contracted, cloud, limbs, true_axes = tree_case
+    limbs = limbs if method == "limbs" else None
+    skeleton = extract_skeleton(contracted, cloud, base=(0, 0, 0), limbs=limbs)
     assert nx.is_tree(graph_of(skeleton)) and np.isfinite(skeleton.points).all()
     true, found = sample_axes(true_axes), sample_skeleton(skeleton)
     assert (cKDTree(found).query(true)[0] < 0.02).mean() > 0.97
@@ -115,8 +117,8 @@ def test_extracted_tree_is_the_true_one(tree_case, method):
 
 
 def test_tree_solver_finds_the_branches_and_their_radii(tree_case):
-    contracted, cloud, true_axes = tree_case
-    skeleton = extract_skeleton(contracted, cloud, base=(0, 0, 0))
+    contracted, cloud, limbs, true_axes = tree_case
+    skeleton = extract_skeleton(contracted, cloud, limbs=limbs)
     found = axes(skeleton)
     assert sorted(axis.order for axis in found) == [0, 1, 1, 1, 1, 2]
     topology = fold(skeleton, found)
@@ -157,7 +159,7 @@ def test_a_thick_tree_of_rough_bark_has_one_axis_a_limb(voxel_size_m, labels_kno
     points, labels, true_axes = old_cherry()
     cloud = labelled_cloud(points, labels if labels_known else np.full(len(labels), 2))
     contracted, report = contract_wood(cloud, GrowthOptions(voxel_size_m=voxel_size_m))
-    skeleton = extract_skeleton(contracted, cloud, base=report["base"])
+    skeleton = extract_skeleton(contracted, cloud, limbs=report["limbs"])
     topology = fold(skeleton, axes(skeleton))
     assert topology.n_tips == len(true_axes)  # no strand, no whisker
     assert wood_beside_wood(skeleton) == 0
@@ -170,14 +172,14 @@ def test_a_thick_tree_of_rough_bark_has_one_axis_a_limb(voxel_size_m, labels_kno
 
 
 def test_equal_input_gives_equal_skeletons(tree_case):
-    contracted, cloud, _ = tree_case
-    first, second = (extract_skeleton(contracted, cloud, base=(0, 0, 0)) for _ in range(2))
+    contracted, cloud, limbs, _ = tree_case
+    first, second = (extract_skeleton(contracted, cloud, limbs=limbs) for _ in range(2))
     np.testing.assert_array_equal(first.points, second.points)
     np.testing.assert_array_equal(first.radius, second.radius)
 
 
 def test_limbs_are_grown_once_and_joined_from_their_file(tree_case, tmp_path):
-    _, cloud, _ = tree_case
+    _, cloud, *_ = tree_case
     orchard = grow_orchard(cloud)
     contracted, report = contract_wood(cloud, orchard=orchard)
     write_orchard(tmp_path / "limbs.npz", orchard)
@@ -185,26 +187,25 @@ def test_limbs_are_grown_once_and_joined_from_their_file(tree_case, tmp_path):
     stored = read.limbs_of(report["stem"], contracted["source"])
     np.testing.assert_array_equal(read.owner, orchard.owner)
     alone, joined = (
-        extract_skeleton(contracted, cloud, base=report["base"], limbs=limbs)
-        for limbs in (None, stored)
+        extract_skeleton(contracted, cloud, limbs=limbs) for limbs in (report["limbs"], stored)
     )
     np.testing.assert_array_equal(alone.points, joined.points)
     np.testing.assert_array_equal(alone.parent, joined.parent)
     np.testing.assert_array_equal(alone.radius, joined.radius)
     fewer = contracted.select(np.arange(100))
     with pytest.raises(StageError, match="for a tree of 100"):
-        extract_skeleton(fewer, cloud, base=report["base"], limbs=stored)
+        extract_skeleton(fewer, cloud, limbs=stored)
 
 
 def test_a_published_contraction_leaves_the_limbs_to_the_graph(tree_case):
-    _, cloud, _ = tree_case
+    _, cloud, *_ = tree_case
     options = SkeletonOptions("slbc", max_iterations=1)
     _, report = contract_wood(cloud, GrowthOptions(voxel_size_m=0.01), options=options)
     assert report["limbs"] is None
 
 
 def test_a_part_of_a_cloud_keeps_its_limbs(tree_case):
-    _, cloud, _ = tree_case
+    _, cloud, *_ = tree_case
     orchard = grow_orchard(cloud)
     rows = np.flatnonzero(np.arange(len(cloud)) % 3 > 0)
     part = orchard.select(rows)
@@ -220,7 +221,8 @@ def test_trunk_ends_once_and_begins_at_the_root():
     """Wrong labels here and there neither end the trunk early nor begin one on a branch."""
     points, labels, _ = small_tree(5, noise=0.001)
     wrong = np.random.default_rng(1).random(len(labels)) < 0.1
-    skeleton = limb_tree(points, np.where(wrong, 3 - labels, labels), base=(0, 0, 0))
+    labels = np.where(wrong, 3 - labels, labels)
+    skeleton = limb_tree(points, labels, grow_limbs(points, (0, 0, 0), stem=labels == 1))
     trunk = skeleton.label == 1
     assert trunk[0] and not (trunk[1:] & ~trunk[skeleton.parent[1:]]).any()
     aside = np.linalg.norm(skeleton.points[:, :2], axis=1)
@@ -230,14 +232,8 @@ def test_trunk_ends_once_and_begins_at_the_root():
 def test_an_edge_over_missing_data_says_so():
     points, labels, _ = small_tree(5, noise=0.001)
     seen = (points[:, 2] < 0.2) | (points[:, 2] > 0.4)
-    skeleton = limb_tree(points[seen], labels[seen], base=(0, 0, 0))
+    points, labels = points[seen], labels[seen]
+    skeleton = limb_tree(points, labels, grow_limbs(points, (0, 0, 0), stem=labels == 1))
     z = skeleton.points[:, 2]
     assert skeleton.fields["gap"][(z > 0.27) & (z < 0.33)].all()
     assert skeleton.fields["gap"][z > 0.45].mean() < 0.02
-
-
-def test_too_few_points_for_a_tree():
-    with pytest.raises(StageError, match="too few"):
-        limb_tree(np.zeros((2, 3)), np.ones(2, dtype=int))
-    with pytest.raises(StageError, match="no limb"):
-        limb_tree(np.zeros((30, 3)), np.ones(30, dtype=int), base=(0, 0, 0))

@@ -139,7 +139,7 @@ def test_copies_of_points_do_not_change_the_tree():
     lengths = []
     for each in (cloud, tripled):
         contracted, report = contract_wood(each)
-        skeleton = extract_skeleton(contracted, each, base=report["base"])
+        skeleton = extract_skeleton(contracted, each, limbs=report["limbs"])
         lengths.append(skeleton.edge_length.sum())
     assert lengths[1] == pytest.approx(lengths[0], rel=0.02)
 

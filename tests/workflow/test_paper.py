@@ -28,7 +28,7 @@ from cherrypicker.contraction.laplacian_published import (
     solve_contraction,
 )
 from cherrypicker.denoising.denoise import neighbor_means, statistical_filter
-from cherrypicker.files import read_json
+from cherrypicker.files import read_json, write_json
 from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import write_orchard
@@ -201,13 +201,15 @@ def contract(scene, settings, *, has_limbs=True, every=4):
 
 def graph(scene, settings, **files):
     """The skeleton of a tree, of which the photos refute the last branch."""
-    points, labels, _ = small_tree(noise=0.002)
-    cloud = labelled_cloud(points, labels)
+    cloud, orchard = tree_with_strays()
+    report, limbs = scene.out("c.json"), scene.out("limbs.npz")
     segmented, contracted, out = (scene.out(name) for name in ("s.ply", "c.ply", "s.graphml"))
-    rows = np.arange(0, len(cloud), 8)
+    rows = orchard.entered[0]
     fields = {"label": cloud["label"][rows], "source": rows.astype(np.int32)}
     write_cloud(segmented, cloud)
-    write_cloud(contracted, PointCloud(points[rows], fields=fields, frame="metric", unit="m"))
+    write_cloud(contracted, PointCloud(cloud.points[rows], fields=fields, frame="metric", unit="m"))
+    write_json(report, {"stem": 0, "base": orchard.bases[0]})
+    write_orchard(limbs, orchard)
 
     def half(skeleton, *given, **named):
         return skeleton.select(np.arange(len(skeleton)) < len(skeleton) // 2), []
@@ -218,6 +220,7 @@ def graph(scene, settings, **files):
     scene.patch("extract_graph", drop_refuted=half, ScanPhotos=nothing, read_poses=nothing)
     photos = dict.fromkeys(("cameras", "metric_poses", "evidence"), "m/x")
     files = {"contracted": contracted, "segmented": segmented, **photos, **files}
+    files |= {"contract_report": report, "limbs": limbs}
     run_stage("extract_graph", settings, skeleton_graph=out, **files)
     return read_skeleton(out).points.tobytes()
 

@@ -11,19 +11,18 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import median_spacing
-from cherrypicker.graph.radius import isotonic_radii
-from cherrypicker.graph.spanning_tree import FEWEST_NODES, spanning_tree
-from cherrypicker.limbs.growth import Limbs, grow_limbs
+from cherrypicker.graph.spanning_tree import spanning_tree
+from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.axis_radii import measure_radii
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.wood.target_wood import lowest_base
 
-__all__ = ["extract_skeleton", "limb_tree"]
+__all__ = ["GraphOptions", "extract_skeleton", "isotonic_radii", "limb_tree"]
 
 # An edge with no point so near to the surface around it bridges missing data (guess)
 GAP_IN_SPACINGS = 3.0
+UNTOLD = 1e3  # a node without an error errs by so many times the largest: it has no say
 
 
 @dataclass(frozen=True)
@@ -52,13 +51,11 @@ def extract_skeleton(
     cloud : PointCloud
         The labelled cloud that `source` points into.
     options : GraphOptions, optional
-        Its method "limbs" joins the limbs of the points before they were moved
-        (`cherrypicker.limbs`), "slbc" and "lbc" take the minimum spanning tree over the contracted
-        points (paper, section Graph).
     base : array-like of 3 floats, optional
-        Base of the stem.
+        Base of the stem, for the spanning tree.
     limbs : Limbs, optional
-        Of those points, as the contraction grew them; left out, they are grown here.
+        Of the points before they were moved, as the contraction gives them: they are joined. Left
+        out, the minimum spanning tree is taken over the contracted points (paper, section Graph).
 
     Returns
     -------
@@ -67,42 +64,32 @@ def extract_skeleton(
     Raises
     ------
     StageError
-        If there are too few points for a graph.
+        If there are too few points for a graph, or the limbs are not theirs.
     """
-    settings = options or GraphOptions()
+    options = options or GraphOptions()
     labels = np.asarray(contracted["label"])
     entered = cloud.points[contracted["source"]]
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
-    spacing = settings.spacing_m
-    if settings.method != "limbs":
+    spacing = options.spacing_m
+    if limbs is None:
         spacing = max(spacing, median_spacing(entered, cKDTree(entered, balanced_tree=False)))
         skeleton = spanning_tree(
-            contracted.points, labels, spacing_m=spacing, k=settings.n_neighbors, base=base
+            contracted.points, labels, spacing_m=spacing, k=options.n_neighbors, base=base
         )
         widest = 1.5 * float(np.quantile(np.linalg.norm(contracted.points - entered, axis=1), 0.99))
     else:
-        skeleton = limb_tree(entered, labels, spacing_m=spacing, base=base, found=limbs)
+        skeleton = limb_tree(entered, labels, limbs, spacing_m=spacing)
         widest = 1.5 * float(skeleton.radius.max())
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
-    told = measure_radii(
-        skeleton,
-        surface,
-        spacing=spacing,
-        max_radius=max(3 * spacing, widest),
-    )
-    if settings.method != "limbs":
+    told = measure_radii(skeleton, surface, spacing=spacing, max_radius=max(3 * spacing, widest))
+    if limbs is None:
         return told
     radius = isotonic_radii(skeleton.parent, skeleton.radius, told.fields["radius_error"])
     return replace(told, radius=radius)
 
 
 def limb_tree(
-    points: np.ndarray,
-    labels: np.ndarray,
-    *,
-    spacing_m: float = 0.01,
-    base: npt.ArrayLike | None = None,
-    found: Limbs | None = None,
+    points: np.ndarray, labels: np.ndarray, found: Limbs, *, spacing_m: float = 0.01
 ) -> Skeleton:
     """The limbs of a tree's wood, joined and labelled.
 
@@ -111,12 +98,10 @@ def limb_tree(
     points : ndarray of shape (n_points, 3), float64
         Thinned wood of one tree, z up.
     labels : ndarray of shape (n_points,), int
+    found : Limbs
+        Grown from these points.
     spacing_m : float, default 0.01
         Longest edge along an axis.
-    base : array-like of 3 floats, optional
-        Base of the stem; the lowest points if left out.
-    found : Limbs, optional
-        The limbs, where they are known.
 
     Returns
     -------
@@ -126,18 +111,17 @@ def limb_tree(
     Raises
     ------
     StageError
-        If the points make no limb, or the limbs are not theirs.
+        If the limbs are not theirs.
     """
-    if len(points) < FEWEST_NODES:
-        raise StageError(f"{len(points)} points are too few for a graph", key="graph.spacing_m")
-    if found is None:
-        base = lowest_base(points, labels).base if base is None else base
-        found = grow_limbs(points, base, stem=labels == Label.TRUNK)
     if len(found.member) != len(points):
         raise StageError(f"limbs of {len(found.member)} points for a tree of {len(points)}")
     nodes, parent, radius, limb = join_limbs(found.limbs, found.spacing, spacing_m)
     label = _labels(nodes, parent, limb, points, labels, found.member)
-    gap = _bridging(nodes, parent, radius, points, GAP_IN_SPACINGS * found.spacing)
+    up = np.maximum(parent, 0)
+    middle = (nodes + nodes[up]) / 2
+    around = np.maximum(radius, radius[up]) + GAP_IN_SPACINGS * found.spacing
+    gap = (cKDTree(points).query(middle)[0] > around).astype(np.int64)
+    gap[0] = 0
     return Skeleton(nodes, parent, radius, label, {"gap": gap, "limb": limb})
 
 
@@ -166,13 +150,45 @@ def _labels(
     return label
 
 
-def _bridging(
-    nodes: np.ndarray, parent: np.ndarray, radius: np.ndarray, points: np.ndarray, reach: float
-) -> np.ndarray:
-    """Flag of the edges to the parent around which there are no points."""
-    up = np.maximum(parent, 0)
-    middle = (nodes + nodes[up]) / 2
-    away = cKDTree(points).query(middle)[0]
-    gap = (away > np.maximum(radius, radius[up]) + reach).astype(np.int64)
-    gap[0] = 0
-    return gap
+def isotonic_radii(parent: np.ndarray, radius: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Least-squares radii that are nowhere larger than their parent's.
+
+    From the tips to the root every node pools with the child block of the largest mean for as long
+    as that mean is above its own (isotonic regression on a tree, Pardalos and Xue 1999). Each
+    weighs by the inverse of its variance: where a thick limb leaves a fork whose own nodes have few
+    points, the limb says how thick the fork is, and a limb that is seen from one side says little.
+
+    Parameters
+    ----------
+    parent : ndarray of shape (n_nodes,), int64
+        Of a smaller number, -1 for the root.
+    radius, error : ndarray of shape (n_nodes,), float64
+        And the standard error of each, 0 where it is not known.
+
+    Returns
+    -------
+    ndarray of shape (n_nodes,), float64
+    """
+    largest = error.max() or 1.0
+    weight = (largest / np.where(error > 0, error, UNTOLD * largest)) ** 2
+    mass, total, block = weight.tolist(), (weight * radius).tolist(), list(range(len(radius)))
+    beyond: list[list[int]] = [[] for _ in block]  # the child blocks of each
+
+    def mean(one: int) -> float:
+        return total[one] / mass[one]
+
+    for node in reversed(range(len(radius))):  # parents come before children
+        while beyond[node]:
+            best = max(beyond[node], key=mean)
+            if mean(best) <= mean(node):
+                break
+            beyond[node].remove(best)
+            beyond[node] += beyond[best]
+            total[node] += total[best]
+            mass[node] += mass[best]
+            block[best] = node
+        if node:
+            beyond[parent[node]].append(node)
+    for node in range(len(radius)):
+        block[node] = block[block[node]]
+    return np.array([mean(one) for one in block])

@@ -12,7 +12,7 @@ from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_tree import contract_tree
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
-from cherrypicker.graph.extract import GraphOptions, extract_skeleton
+from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker_lab.skeletons.graph_scores import (
     graph_of,
     radius_errors,
@@ -30,7 +30,6 @@ OURS = {
     "bare_default": "limbs",
     "slbc_default": "limbs",
 }
-METHOD_OF_GRAPH = {"tree": "limbs", "mst": "slbc"}
 GRAPHS_OF = {"bare_default": ("tree",), "slbc_default": ("mst", "tree")}
 TRUNK_WEIGHT = 10.0
 START_UP_POINTS = 3000  # enough that every compiled function is called
@@ -122,9 +121,8 @@ def _measure_graph(contracted, cloud, truth, method, details):
     skeleton = extract_skeleton(
         contracted,
         cloud,
-        GraphOptions(METHOD_OF_GRAPH[method]),
         base=details["base"],
-        limbs=details["limbs"],
+        limbs=details["limbs"] if method == "tree" else None,
     )
     cpu_s = time.process_time() - start
     graph = graph_of(skeleton)
