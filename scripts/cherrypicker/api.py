@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import SkeletonOptions
-from cherrypicker.contraction.contract_tree import contract_tree
-from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.contraction.contract_wood import contract_tree, contract_wood
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.pointcloud import PointCloud
@@ -111,7 +110,7 @@ def contract(
     if weights is None:
         weights = {} if labels is None or stem is None else {int(stem): 10.0}
     _check_weights(weights, labels)
-    tree = contract_tree(
+    contracted, source, *_ = contract_tree(
         points,
         labels,
         weights=weights,
@@ -120,7 +119,7 @@ def contract(
         voxel_size=voxel_size,
         callback=callback,
     )
-    return tree.points, tree.source
+    return contracted, source
 
 
 def skeletonize(

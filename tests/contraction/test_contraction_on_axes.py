@@ -13,10 +13,10 @@ from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
 
 from cherrypicker.contraction.contract_points import METHODS, SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_wood
-from cherrypicker.contraction.on_axes import points_on_axes
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.limbs.growth import grow_limbs
+from cherrypicker.limbs.joints import points_on_axes
 from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.wood.feet import find_stems
 from cherrypicker_lab.skeletons.distances import chamfer_cm2
@@ -29,7 +29,7 @@ def test_points_of_a_thick_stem_and_of_a_twig_go_to_their_axes():
     points = np.vstack([stem, twig])
     _, source, _ = voxel_thin(points, 0.008)
     limbs = grow_limbs(points[source], (0, 0, 0))
-    moved = points_on_axes(points[source], limbs)
+    moved = points_on_axes(points[source], limbs.member, limbs.limbs, limbs.spacing)
     assert len(limbs.limbs) == 2
     of_stem, of_twig = moved[source < len(stem)], moved[source >= len(stem)]
     assert of_twig[:, 0].max() > 0.32  # of 0.33
@@ -44,7 +44,8 @@ def test_points_of_a_limb_stand_for_its_axis_inside_the_stem_too():
     limb = tube((0.06, 0, 0.4), (0.5, 0, 0.4), 0.012, 20_000, rng=rng)
     points = np.vstack([stem, limb])
     _, source, _ = voxel_thin(points, 0.01)
-    moved = points_on_axes(points[source], grow_limbs(points[source], (0, 0, 0)))
+    limbs = grow_limbs(points[source], (0, 0, 0))
+    moved = points_on_axes(points[source], limbs.member, limbs.limbs, limbs.spacing)
     inside = np.stack([np.linspace(0, 0.06, 7), np.zeros(7), np.full(7, 0.4)], axis=1)
     assert cKDTree(moved).query(inside)[0].max() < 0.01
 

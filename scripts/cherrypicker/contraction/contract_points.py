@@ -33,7 +33,7 @@ FEWEST_POINTS = 10
 class SkeletonOptions:
     """How wood becomes a skeleton; the fields are config keys of ``skeleton``, described there.
 
-    "limbs" moves every point to the axis of its limb (`cherrypicker.contraction.on_axes`) and reads
+    "limbs" moves every point to the axis of its limb (`cherrypicker.limbs.joints`) and reads
     none of the others; "lbc" is the iteration as published, "slbc" with the weights by class.
     Classes without a weight weigh 1.
     """

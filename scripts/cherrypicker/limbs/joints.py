@@ -1,13 +1,13 @@
-"""The limbs of a tree joined to one rooted tree of nodes."""
+"""The limbs of a tree joined to one rooted tree of nodes, and their points moved to its axes."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.limbs.tubes import Limb, Tube, smooth
+from cherrypicker.limbs.tubes import Limb, Tube, seen_from, smooth
 from cherrypicker.skeleton.model import rooted_order
 
-__all__ = ["back_to", "from_parents", "heading_of", "join_limbs"]
+__all__ = ["back_to", "heading_of", "join_limbs", "points_on_axes"]
 
 HEADING = 6.0  # in spacings: length of a limb's start that tells where it comes from,
 HEADING_IN_RADII = 3.0  # or this many of its radii, where that is more
@@ -62,26 +62,44 @@ def join_limbs(
     return points[order], parent, radius[order], owner[order]
 
 
-def from_parents(limbs: list[Limb], spacing: float) -> list[Tube]:
-    """Each limb from the place where it meets its parent's axis on.
+def points_on_axes(
+    points: np.ndarray, member: np.ndarray, limbs: list[Limb], spacing: float
+) -> np.ndarray:
+    """Each point at the nearest place of its limb's axis.
+
+    Where a limb runs inside its parent it has no surface: the points of a piece as long as that,
+    where it comes out, spread over both.
 
     Parameters
     ----------
+    points : ndarray of shape (n_points, 3), float64
+    member : ndarray of shape (n_points,), int64
+        Limb of each.
     limbs, spacing
         As in `join_limbs`.
 
     Returns
     -------
-    list of Tube
-        With one node more than the limb's own, but for the stem's.
+    ndarray of shape (n_points, 3), float64
     """
+    moved = np.empty((len(points), 3))
     tubes = [limb.tube for limb in limbs]
-    whole = tubes[:]
-    for number, at in _meeting_places(limbs, tubes, spacing).items():
-        own = tubes[number]
-        meeting = _at(tubes[limbs[number].parent].nodes, np.array([at]))
-        whole[number] = Tube(np.vstack([meeting, own.nodes]), np.append(own.radius[0], own.radius))
-    return whole
+    met = _meeting_places(limbs, tubes, spacing)
+    for number, tube in enumerate(tubes):
+        rows = np.flatnonzero(member == number)
+        if not len(rows):
+            continue
+        whole = tube
+        if number in met:
+            meeting = _at(tubes[limbs[number].parent].nodes, np.array([met[number]]))
+            radius = np.append(tube.radius[0], tube.radius)
+            whole = Tube(np.vstack([meeting, tube.nodes]), radius)
+        hidden = whole.length - tube.length
+        piece = min(hidden, tube.length)
+        way = seen_from(tube, points[rows]).way
+        way = np.interp(way, [0.0, piece, tube.length], [0.0, piece + hidden, whole.length])
+        moved[rows] = whole.at(way).nodes
+    return moved
 
 
 def _meeting_places(limbs: list[Limb], tubes: list[Tube], spacing: float) -> dict[int, float]:

@@ -9,8 +9,7 @@ import numpy as np
 
 from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import SkeletonOptions
-from cherrypicker.contraction.contract_tree import contract_tree
-from cherrypicker.contraction.contract_wood import contract_wood
+from cherrypicker.contraction.contract_wood import contract_tree, contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker_lab.skeletons.graph_scores import (
@@ -63,15 +62,16 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
         given = _as_branches(cloud) if name == "bare_default" else cloud
         start = time.process_time()
         if method != "limbs":
-            contracted = contract_as_published(cloud, method)
+            points = contract_as_published(cloud, method)
         else:
             contracted, details = contract_wood(given)
+            points = contracted.points
         found = {
             "cpu_s": time.process_time() - start,
-            "points": score_points(contracted.points, truth.skeleton),
+            "points": score_points(points, truth.skeleton),
         }
         if keep is not None:
-            keep[name] = contracted.points
+            keep[name] = points
         if name in GRAPHS_OF:
             found["graphs"] = {}
             for graph in GRAPHS_OF[name]:
@@ -107,13 +107,13 @@ def _as_branches(cloud):
 
 
 def contract_as_published(cloud, method, **constants):
-    """Contract all points of a set's cloud as published, neither chosen nor thinned."""
+    """All points of a set's cloud contracted as published, neither chosen nor thinned."""
     return contract_tree(
         cloud.points,
         np.asarray(cloud["label"]),
         weights={Label.TRUNK: TRUNK_WEIGHT},
         options=SkeletonOptions(method, **constants),
-    )
+    )[0]
 
 
 def _measure_graph(contracted, cloud, truth, method, details):

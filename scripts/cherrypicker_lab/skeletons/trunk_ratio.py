@@ -40,7 +40,7 @@ def measure_trunk(cloud, skeleton, rules, *, max_iterations=20):
     for rule in rules:
         constants = {"attraction_rule": rule, "max_iterations": max_iterations}
         report[rule] = {
-            method: chamfer_cm2(contract_as_published(cloud, method, **constants).points, truth)
+            method: chamfer_cm2(contract_as_published(cloud, method, **constants), truth)
             for method in METHODS
         }
     return report
