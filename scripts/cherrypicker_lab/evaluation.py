@@ -21,7 +21,7 @@ from cherrypicker.geometry.similarity import best_turn
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
-from cherrypicker.skeleton.samples import densify
+from cherrypicker.skeleton.model import densify
 
 logger = logging.getLogger(__name__)
 

@@ -19,8 +19,7 @@ from cherrypicker.photos import list_photos
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import axes, axis_of_node, read_skeleton, read_skeleton_csv
-from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.samples import densify
+from cherrypicker.skeleton.model import Skeleton, densify
 from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons

@@ -14,8 +14,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import axes, axis_of_node
-from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.samples import densify
+from cherrypicker.skeleton.model import Skeleton, densify
 
 __all__ = ["SIZES", "Spoilt", "spoil"]
 

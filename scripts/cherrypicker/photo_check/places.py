@@ -8,8 +8,7 @@ import numpy as np
 
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, node_order
-from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.samples import densify
+from cherrypicker.skeleton.model import Skeleton, densify
 
 # Places on the skeleton, pixels of the photos apart: a line's point is one pixel
 STEP_PX = 2.0

@@ -9,9 +9,8 @@ from __future__ import annotations
 from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, axis_polyline, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.skeleton.exports import read_skeleton, read_topology, write_skeleton_ply
-from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.model import Skeleton, densify
 from cherrypicker.skeleton.networks import write_skeleton_graphml, write_topology_graphml
-from cherrypicker.skeleton.samples import densify
 from cherrypicker.skeleton.topology import Topology, TopologyEdge, fold
 
 __all__ = [

@@ -11,8 +11,7 @@ from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.robust import MAD_TO_SIGMA
 from cherrypicker.geometry.sections import arc_deg, judge
 from cherrypicker.geometry.tree_walks import child_rows, window
-from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.samples import densify
+from cherrypicker.skeleton.model import Skeleton, densify
 
 __all__ = ["measure_radii", "typical_scatter"]
 
