@@ -226,8 +226,6 @@ class _Growth:
         if tube is None:
             return
         parent = self._owner_before(run[0])
-        if parent >= 0 and not self._ends_beyond_claim(tube, self.limbs[parent].tube):
-            return  # within what its parent claims no fit tells a limb
         tube = self._fitted(tube, own, parent)
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, self.spacing)
@@ -247,12 +245,12 @@ class _Growth:
 
     def finish(self, base: np.ndarray) -> Limbs:
         """All limbs once more, each by the points to whose surface it is the nearest."""
-        noise, claimed = self.noise, float(np.mean(self.owner >= 0))
-        self._drop_hidden(self._refit(noise))
+        claimed = float(np.mean(self.owner >= 0))
+        self._drop_hidden(self._refit())
         self.limbs = join_at_contacts(self.limbs, self.spacing)
-        member = self._refit(noise)
+        member = self._refit()
         while self._drop_hidden(member):  # a fit to fewer points may end inside its parent
-            member = self._refit(noise)
+            member = self._refit()
         for limb in self.limbs[1:]:
             limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube) or limb.tube
         for number, limb in enumerate(self.limbs):
@@ -264,26 +262,24 @@ class _Growth:
             len(self.limbs),
             f"{len(self.points):,}",
             1e3 * self.spacing,
-            1e3 * noise,
+            1e3 * self.noise,
             100 * claimed,
         )
-        return Limbs(self.limbs, member, self.spacing, noise, claimed)
+        return Limbs(self.limbs, member, self.spacing, self.noise, claimed)
 
-    def _refit(self, noise: float) -> np.ndarray:
+    def _refit(self) -> np.ndarray:
         """Fit each limb to its points and return whose each point is."""
         member = self._nearest_limbs()
         rows_of = [np.flatnonzero(member == number) for number in range(len(self.limbs))]
-        of_thin = self._noise_of_thin(rows_of, noise)
+        of_thin = self._noise_of_thin(rows_of)
         for limb, rows in zip(self.limbs, rows_of, strict=True):
             if len(rows) >= LEAST_POINTS:
-                is_sure = np.median(limb.tube.radius) > SURE_RADIUS * noise
-                own = noise if is_sure else of_thin
-                capture = CAPTURE * self.spacing
-                widest = self._radius_of_parent(limb.tube, limb.parent)
-                limb.tube = self._fit(limb.tube, rows, own, capture, widest)[0]
+                is_sure = np.median(limb.tube.radius) > SURE_RADIUS * self.noise
+                own = self.noise if is_sure else of_thin
+                limb.tube = self._fit(limb.tube, rows, own, CAPTURE * self.spacing, limb.parent)[0]
         return member
 
-    def _noise_of_thin(self, rows_of: list[np.ndarray], noise: float) -> float:
+    def _noise_of_thin(self, rows_of: list[np.ndarray]) -> float:
         """The noise of wood too thin to tell its own: that of the thinnest wood that does, if less.
 
         Bark and sections that are no circles make thick wood seem noisier than twigs are, and a
@@ -294,46 +290,31 @@ class _Growth:
             seen = seen_from(limb.tube, self.points[rows])
             off = seen.away - seen.radius
             sure = (np.abs(off) < CAPTURE * self.spacing) & (seen.beyond == 0)
-            sure &= seen.radius > SURE_RADIUS * noise
+            sure &= seen.radius > SURE_RADIUS * self.noise
             residual.append(off[sure])
             radius.append(seen.radius[sure])
         off, by_radius = np.concatenate(residual), np.argsort(np.concatenate(radius))
         thinnest = by_radius[: int(THINNEST * len(off))]
         if len(thinnest) < FEWEST_TOLD:
-            return noise
-        return min(noise, max(robust_sigma(off[thinnest]), LEAST_NOISE * self.spacing))
+            return self.noise
+        return min(self.noise, max(robust_sigma(off[thinnest]), LEAST_NOISE * self.spacing))
 
     def _drop_hidden(self, member: np.ndarray) -> bool:
-        """Drop limbs that hardly leave their parent's tube, now that it fits; children move up.
+        """Drop limbs that their points no longer tell from their parent; children move up.
 
         Whether there were any.
         """
         number, kept = {-1: -1}, list[Limb]()
         for old, limb in enumerate(self.limbs):
             limb.parent = number[limb.parent]
-            if limb.parent >= 0:
-                parent = kept[limb.parent].tube
-                rest = _outside(limb.tube, parent)
-                if (
-                    rest is None
-                    or not self._leaves(limb.tube, parent)
-                    or rest.length < np.median(rest.radius)  # it is longer than thick
-                    or not self._is_told(limb.tube, parent, np.flatnonzero(member == old))
-                ):
-                    number[old] = limb.parent
-                    continue
+            rows = np.flatnonzero(member == old)
+            if limb.parent >= 0 and not self._is_told(limb.tube, kept[limb.parent].tube, rows):
+                number[old] = limb.parent
+                continue
             number[old] = len(kept)
             kept.append(limb)
         self.limbs, n_before = kept, len(self.limbs)
         return len(kept) < n_before
-
-    def _ends_beyond_claim(self, tube: Tube, parent: Tube) -> bool:
-        """Whether a limb ends beyond what its parent claims."""
-        return _outside(tube, self._claim(parent)) is not None
-
-    def _claim(self, tube: Tube) -> Tube:
-        """The tube about a limb in which it claims all points."""
-        return Tube(tube.nodes, claim_radius(tube.radius, self.spacing))
 
     def _claimed(self, tube: Tube) -> tuple[np.ndarray, Seen]:
         """Rows of the points that a limb claims, and as seen from it."""
@@ -346,14 +327,10 @@ class _Growth:
         end = way.max() if len(way) else tube.length
         return stretch(tube, 0.0, end) if 0 < end < tube.length else tube
 
-    def _leaves(self, tube: Tube, parent: Tube) -> bool:
-        """Whether a limb reaches beyond what its parent claims, and does not end on its surface."""
-        leaves_claim = (_way_out(tube, self._claim(parent)) > 0).any()
-        return bool(leaves_claim and _way_out(tube, parent)[-1] > NEAR_SURFACE * self.spacing)
-
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
-        """Whether a limb's points tell it from noise and bumps of its parent."""
-        return self._ends_beyond_claim(tube, parent) and is_supported(
+        """Whether a limb ends beyond what its parent claims, and its points tell it from a bump."""
+        claim = Tube(parent.nodes, claim_radius(parent.radius, self.spacing))
+        return bool(_way_out(tube, claim)[-1] > 0) and is_supported(
             self.points[rows],
             tube,
             parent,
@@ -380,15 +357,13 @@ class _Growth:
             radius = np.repeat(radius, 2)
         return even(Tube(nodes, radius), self.spacing)
 
-    def _radius_of_parent(self, tube: Tube, parent: int) -> float:
-        """Radius of the parent where a limb starts, infinite for the stem."""
-        if parent < 0:
-            return np.inf
-        return float(seen_from(self.limbs[parent].tube, tube.nodes[:1]).radius[0])
-
     def _fit(
-        self, tube: Tube, rows: np.ndarray, noise: float, cutoff: float, widest: float = np.inf
+        self, tube: Tube, rows: np.ndarray, noise: float, cutoff: float, parent: int = -1
     ) -> tuple[Tube, np.ndarray]:
+        """`fit_tube` to some of the points; the parent's radius at its start is the widest."""
+        widest = np.inf
+        if parent >= 0:
+            widest = float(seen_from(self.limbs[parent].tube, tube.nodes[:1]).radius[0])
         return fit_tube(
             self.points[rows],
             tube,
@@ -407,8 +382,7 @@ class _Growth:
         around = self.free(self._near(tube, capture)[0])
         if len(around) < LEAST_POINTS:
             return tube
-        widest = self._radius_of_parent(tube, parent)
-        tube, residual = self._fit(tube, around, self.noise, capture, widest)
+        tube, residual = self._fit(tube, around, self.noise, capture, parent)
         near = np.abs(residual) < capture
         spread = robust_sigma(residual[near]) if near.any() else 0.0
         if spread > 0:

@@ -235,7 +235,6 @@ def fit_tube(
     spacing: float,
     cutoff: float,
     widest: float = np.inf,
-    n_rounds: int = N_ROUNDS,
 ) -> tuple[Tube, np.ndarray]:
     """Fit axis and radii to points.
 
@@ -254,7 +253,6 @@ def fit_tube(
     widest : float
         Radius beyond which the points within the cutoff have to cover the surface, each with the
         square of the spacing: where no points lie no surface is.
-    n_rounds : int
 
     Returns
     -------
@@ -264,8 +262,8 @@ def fit_tube(
     """
     nodes, radius = tube.nodes.copy(), tube.radius.copy()
     least, last = LEAST_RADIUS_SHARE * noise, TUKEY * noise
-    for number in range(n_rounds):
-        limit = max(last, cutoff * (last / cutoff) ** (number / max(1, n_rounds - 2)))
+    for number in range(N_ROUNDS):
+        limit = max(last, cutoff * (last / cutoff) ** (number / (N_ROUNDS - 2)))
         step, off = _newton_step(points, nodes, radius, noise, spacing, limit)
         step *= min(1.0, MOST_STEP * limit / max(np.abs(step).max(), 1e-300))
         nodes += step[:, :3]
