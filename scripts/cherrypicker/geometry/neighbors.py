@@ -12,6 +12,7 @@ from cherrypicker.geometry.sampling import voxel_sample
 __all__ = [
     "component_links",
     "components",
+    "edges_among",
     "knn_edges",
     "link_components",
     "quick_tree",
@@ -120,6 +121,14 @@ def components(n_nodes: int, edges: np.ndarray) -> tuple[np.ndarray, int]:
         sparse_graph(n_nodes, edges, np.ones(len(edges))), directed=False
     )
     return member, n_components
+
+
+def edges_among(rows: np.ndarray, edges: np.ndarray, n_points: int) -> np.ndarray:
+    """Edges with both ends in `rows`, renumbered, (n, 2) int64."""
+    number = np.full(n_points, -1)
+    number[rows] = np.arange(len(rows))
+    own = number[edges]
+    return own[(own >= 0).all(axis=1)]
 
 
 def link_components(points: np.ndarray, gap: float) -> np.ndarray:

@@ -15,7 +15,13 @@ from scipy.sparse import triu
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from cherrypicker.geometry.neighbors import component_links, components, knn_edges, sparse_graph
+from cherrypicker.geometry.neighbors import (
+    component_links,
+    components,
+    edges_among,
+    knn_edges,
+    sparse_graph,
+)
 
 __all__ = ["RingForest", "Ways", "ring_forest", "geodesic_distances", "ways_over_wood"]
 
@@ -122,13 +128,11 @@ def geodesic_distances(
     edges = np.vstack([edges, _bridges(points, edges, component_links(points, edges), spacing)])
     if over is not None:
         edges = np.vstack([edges, over])
-    length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-    price = length * np.maximum(1.0, length / spacing)
+    price = _price(_lengths(points, edges), spacing)
     if stem is not None and stem.any():
         along = _stem_edges(points, touching, np.flatnonzero(stem), spacing)
         edges = np.vstack([edges, along])
-        steps = np.linalg.norm(points[along[:, 0]] - points[along[:, 1]], axis=1)
-        price = np.append(price, steps)
+        price = np.append(price, _lengths(points, along))
     edges, price = _cheapest(edges, price)
     foot, height = _foot(points, base, spacing)
     source = np.full(len(foot), len(points))
@@ -140,6 +144,15 @@ def geodesic_distances(
     way, before = dijkstra(graph, directed=False, indices=len(points), return_predecessors=True)
     way, before = way[:-1], before[:-1].astype(np.int64)
     return way, np.where((before < 0) | (before == len(points)), -1, before), edges
+
+
+def _lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+
+
+def _price(length: np.ndarray, spacing: float) -> np.ndarray:
+    """Of steps: one longer than the spacing costs more than it is long."""
+    return length * np.maximum(1.0, length / spacing)
 
 
 def _bridges(
@@ -236,13 +249,12 @@ def ring_forest(ways: Ways, rows: np.ndarray) -> RingForest:
     -------
     RingForest
     """
-    number = np.full(len(ways.points), -1)
+    number = np.full(len(ways.points) + 1, -1)  # the last is that of no point
     number[rows] = np.arange(len(rows))
-    edges = number[ways.edges]
-    before = np.where(ways.before[rows] < 0, -1, number[ways.before[rows]])
+    before = number[ways.before[rows]]
     height = ways.height[rows]
     band = np.floor(height).astype(np.int64)
-    ring = _pieces_of_bands(height, band, edges[(edges >= 0).all(axis=1)])
+    ring = _pieces_of_bands(height, band, edges_among(rows, ways.edges, len(ways.points)))
     n_rings = ring.max() + 1
     level = np.zeros(n_rings, dtype=np.int64)
     level[ring] = band
@@ -278,7 +290,7 @@ def _gaps_beyond_turns(
     for number in np.unique(turn[turn >= 0]):
         rows = np.flatnonzero(turn == number)
         gap, nearest = around.query(points[rows])
-        beyond = way[rest[nearest]] + gap * np.maximum(1.0, gap / spacing)
+        beyond = way[rest[nearest]] + _price(gap, spacing)
         gain = way[rows] - beyond
         order = np.lexsort((-gain, ring[rows]))
         starts = order[np.unique(ring[rows][order], return_index=True)[1]]
@@ -286,12 +298,8 @@ def _gaps_beyond_turns(
         starts = starts[gain[starts] > 0]
         if not len(starts):
             continue
-        within = np.full(len(points), -1)
-        within[rows] = np.arange(len(rows))
-        own = within[edges]
-        own = own[(own >= 0).all(axis=1)]
-        steps = np.linalg.norm(points[rows[own[:, 0]]] - points[rows[own[:, 1]]], axis=1)
-        graph = sparse_graph(len(rows), own, steps * np.maximum(1.0, steps / spacing))
+        own = edges_among(rows, edges, len(points))
+        graph = sparse_graph(len(rows), own, _price(_lengths(points[rows], own), spacing))
         ways = beyond[starts, None] + dijkstra(graph, directed=False, indices=starts)
         best = starts[np.argmax(np.maximum(way[rows] - ways, 0.0).sum(axis=1))]
         near = np.linalg.norm(points[rows] - points[rows[best]], axis=1) <= gap[best]
@@ -320,8 +328,7 @@ def _in_two_steps(points: np.ndarray, edges: np.ndarray, reach: float) -> np.nda
     one = sparse_graph(len(points), edges, np.ones(len(edges)))
     one = one + one.T
     pairs = np.stack(triu(one @ one, k=1).nonzero(), axis=1)
-    away = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    return np.vstack([edges, pairs[away <= reach]])
+    return np.vstack([edges, pairs[_lengths(points, pairs) <= reach]])
 
 
 def _pieces_of_bands(height: np.ndarray, band: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import (
     component_links,
     components,
+    edges_among,
     sparse_graph,
     touching_edges,
 )
@@ -254,7 +255,7 @@ def _usual_gap(points: np.ndarray, edges: np.ndarray) -> float:
     if is_piece.sum() - 1 <= n_longer:  # a gap joins two
         return 0.0
     rows = np.flatnonzero(is_piece[piece])
-    links = rows[component_links(points[rows], _edges_among(rows, edges, len(points)))]
+    links = _links_among(rows, points, edges)
     length = np.sort(np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1))
     return float(length[-1 - n_longer])
 
@@ -283,7 +284,9 @@ def _bridges(
     ends, and none need point to the stem.
     """
     near = component_links(points, edges, ANY_PIECE_SHARE * gap_m)
-    links = np.vstack([near, _stem_links(points, labels, edges, stem_gap_m)])
+    # a ring around the stem hides all of it
+    in_stem = _links_among(np.flatnonzero(labels == Label.TRUNK), points, edges, stem_gap_m)
+    links = np.vstack([near, in_stem])
     edges = np.vstack([edges, links])
     piece, n_pieces = components(len(points), edges)
     low, high = np.full((n_pieces, 3), np.inf), np.full((n_pieces, 3), -np.inf)
@@ -292,22 +295,9 @@ def _bridges(
     extent = np.linalg.norm(high - low, axis=1)
     # shorter pieces have no gap left that they are long beside, and would lie between long ones
     rows = np.flatnonzero((extent >= ANY_PIECE_SHARE * gap_m)[piece])
-    if not len(rows):
-        return links
-    long = rows[component_links(points[rows], _edges_among(rows, edges, len(points)), gap_m)]
+    long = _links_among(rows, points, edges, gap_m)
     gap = np.linalg.norm(points[long[:, 0]] - points[long[:, 1]], axis=1)
     return np.vstack([links, long[extent[piece[long]].min(axis=1) >= gap]])
-
-
-def _stem_links(
-    points: np.ndarray, labels: np.ndarray, edges: np.ndarray, stem_gap_m: float
-) -> np.ndarray:
-    """Links between the pieces of the stem: a ring around it hides all of it."""
-    trunk = np.flatnonzero(labels == Label.TRUNK)
-    if len(trunk) < 2:
-        return np.empty((0, 2), dtype=np.int64)
-    links = component_links(points[trunk], _edges_among(trunk, edges, len(points)), stem_gap_m)
-    return trunk[links]
 
 
 def _compete(
@@ -351,7 +341,7 @@ def _border_handicap(
     between the border and the stem.
     """
     tree = cKDTree(points)
-    member, _ = components(len(border), _edges_among(border, edges, len(points)))
+    member, _ = components(len(border), edges_among(border, edges, len(points)))
     handicap = np.zeros(len(border))
     for cluster in range(member.max() + 1 if len(border) else 0):
         own = np.flatnonzero(member == cluster)
@@ -367,12 +357,13 @@ def _border_handicap(
     return handicap
 
 
-def _edges_among(rows: np.ndarray, edges: np.ndarray, n_points: int) -> np.ndarray:
-    """Edges with both ends in `rows`, renumbered."""
-    number = np.full(n_points, -1)
-    number[rows] = np.arange(len(rows))
-    own = number[edges]
-    return own[(own >= 0).all(axis=1)]
+def _links_among(
+    rows: np.ndarray, points: np.ndarray, edges: np.ndarray, most: float = np.inf
+) -> np.ndarray:
+    """Shortest links, no longer than `most`, between the pieces of some of the points."""
+    if len(rows) < 2:
+        return np.empty((0, 2), dtype=np.int64)
+    return rows[component_links(points[rows], edges_among(rows, edges, len(points)), most)]
 
 
 def _loose(
