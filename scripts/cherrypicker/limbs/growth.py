@@ -21,7 +21,6 @@ from cherrypicker.limbs.evidence import N_TOGETHER, design_effect, is_supported
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import ring_forest, ways_over_wood
 from cherrypicker.limbs.tubes import (
-    NEAR_SURFACE,
     ROUGHNESS,
     Limb,
     Seen,
@@ -318,7 +317,7 @@ class _Growth:
 
     def _claimed(self, tube: Tube) -> tuple[np.ndarray, Seen]:
         """Rows of the points that a limb claims, and as seen from it."""
-        return self._near(tube, NEAR_SURFACE * self.spacing, ROUGHNESS)
+        return self._near(tube, self.spacing, ROUGHNESS)
 
     def _to_its_points(self, tube: Tube, is_member: np.ndarray) -> Tube:
         """The tube without an end that the last fit has led past all of its points."""

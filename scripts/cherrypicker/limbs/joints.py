@@ -13,8 +13,9 @@ HEADING = 6.0  # in spacings: length of a limb's start that tells where it comes
 HEADING_IN_RADII = 3.0  # or this many of its radii, where that is more
 NEARNESS = 0.3  # of a place's distance from the limb's start, beside that from its continuation
 WINDOW = 2.0  # places within this many times the shortest distance are compared
-SAME_PLACE = 1.5  # in spacings: limbs that meet their parent this near to each other share a node,
-SAME_IN_RADII = 1.0  # or in radii of the parent, where that is more
+# In spacings, or the parent's radius where that is more: limbs that meet it this near to each other
+# share a node
+SAME_PLACE = 1.5
 PLACES = 8  # between two nodes of a fitted axis, where a meeting place is looked for
 
 
@@ -127,9 +128,7 @@ def _brought_together(at: dict[int, float], parent: Tube, spacing: float) -> dic
     places = np.array([at[number] for number in numbers])
     nodes = np.arange(len(parent.nodes))
     along = np.interp(places, nodes, parent.way)
-    reach = np.maximum(
-        SAME_PLACE * spacing, SAME_IN_RADII * np.interp(places, nodes, parent.radius)
-    )
+    reach = np.maximum(SAME_PLACE * spacing, np.interp(places, nodes, parent.radius))
     together: dict[int, float] = {}
     group: list[int] = []
     for k in range(len(numbers)):

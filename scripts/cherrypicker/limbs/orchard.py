@@ -20,13 +20,12 @@ from cherrypicker.limbs.growth import Limbs, grow_limbs
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target_wood import SharedWood, share_cloud
-from cherrypicker.wood.thinned import GrowthOptions, agreed_labels
+from cherrypicker.wood.thinned import FEWEST_WOOD, GrowthOptions, agreed_labels
 
 __all__ = ["GrowthOptions", "Orchard", "grow_orchard"]
 
 logger = logging.getLogger(__name__)
 
-FEWEST_POINTS = 60  # thinned points of a stem; fewer grow no limbs (guess)
 SELECTION_FACTOR = 2  # wood is shared out by up to so many times the points that a tree grows from
 # and of a row by as many points as of ten trees (guess: a walk of a session)
 MOST_POINTS = 2_000_000
@@ -115,7 +114,7 @@ def grow_orchard(
     for number, base in enumerate(shared.bases):
         rows, found = np.flatnonzero(shared.owner == number), None
         entered.append(rows[:0])
-        if n_thin[number] >= FEWEST_POINTS:
+        if n_thin[number] >= FEWEST_WOOD:
             source, found = _grow(cloud.points[rows], labels[rows], base, options)
             entered[-1] = rows[source]
         limbs.append(found)

@@ -33,8 +33,7 @@ __all__ = [
 # In spacings: nodes of an axis are this far apart, or a radius where that is more: no limb bends
 # faster
 STEP = 1.5
-NEAR_SURFACE = 1.0  # in spacings: points this near a surface belong to the limb,
-ROUGHNESS = 0.25  # and this share of its radius more
+ROUGHNESS = 0.25  # of its radius: points this near a surface, and a spacing more, are the limb's
 BANDWIDTH = 11  # nodes of four unknowns, coupled with the next two
 BEND = 5.0  # a limb bends no more than in an arc of this many (radii + spacings); a guess
 TAPER = 0.03  # change of radius by length, one standard deviation; a guess
@@ -100,7 +99,7 @@ class Limb:
 
 def claim_radius(radius: np.ndarray, spacing: float) -> np.ndarray:
     """How far from its axis a limb of these radii claims all points, (n,) float64."""
-    return (1 + ROUGHNESS) * radius + NEAR_SURFACE * spacing
+    return (1 + ROUGHNESS) * radius + spacing
 
 
 def even(tube: Tube, spacing: float) -> Tube | None:
