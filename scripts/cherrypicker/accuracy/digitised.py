@@ -25,7 +25,8 @@ from cherrypicker.formats.mtg import read_mtg_nodes
 from cherrypicker.series.frame import find_frame
 from cherrypicker.series.wood import sample_wood
 from cherrypicker.skeleton import Skeleton, axes
-from cherrypicker.skeleton.csv_table import closed_radii, read_nodes, rooted_skeleton
+from cherrypicker.skeleton.csv_table import read_nodes, rooted_skeleton
+from cherrypicker.skeleton.model import closed_radii
 from cherrypicker.traits.branches import axis_shapes
 
 

@@ -11,7 +11,7 @@ from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.robust import MAD_TO_SIGMA
 from cherrypicker.geometry.sections import arc_deg, judge
 from cherrypicker.geometry.tree_walks import child_rows, window
-from cherrypicker.skeleton.model import Skeleton, densify
+from cherrypicker.skeleton.model import Skeleton, closed_radii, densify
 
 __all__ = ["measure_radii", "typical_scatter"]
 
@@ -68,9 +68,8 @@ def measure_radii(
     tree = skeleton.parent, skeleton.edge_length, *child_rows(skeleton.parent)
     n_points, told = _measured(surface[order], start, tree, reach, skeleton.points, skeleton.radius)
     radius, arc, residual, error = told.T
-    known = radius[radius > 0]
-    for at in np.flatnonzero(radius == 0):
-        radius[at] = radius[skeleton.parent[at]] if at else np.append(known, LEAST_RADIUS_M)[0]
+    radius = np.where(radius > 0, radius, np.nan)
+    radius = closed_radii(radius, skeleton.parent, LEAST_RADIUS_M)
     fields = {"n_points": n_points, "arc_deg": arc, "residual": residual, "radius_error": error}
     return replace(skeleton, radius=radius, fields=skeleton.fields | fields)
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_table
-from cherrypicker.skeleton.model import Skeleton, rooted_order
+from cherrypicker.skeleton.model import Skeleton, closed_radii, rooted_order
 
-__all__ = ["closed_radii", "read_nodes", "read_skeleton_csv", "rooted_skeleton"]
+__all__ = ["read_nodes", "read_skeleton_csv", "rooted_skeleton"]
 
 COLUMNS = ("id", "parent", "x", "y", "z")
 
@@ -117,11 +117,3 @@ def rooted_skeleton(nodes: Mapping[str, np.ndarray], path: str | os.PathLike) ->
         nodes[name][sequence] for name in ("points", "radius", "label", "order")
     )
     return Skeleton(points, new_parent, radius, label, {"order": order})
-
-
-def closed_radii(radius: np.ndarray, parent: np.ndarray) -> np.ndarray:
-    """Radii with those left open filled from the parents; 0 where there are none at all."""
-    radius, known = radius.copy(), radius[np.isfinite(radius)]
-    for node in np.flatnonzero(~np.isfinite(radius)):
-        radius[node] = radius[parent[node]] if node else np.append(known, 0.0)[0]
-    return radius

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.tree_walks import fill_reach, sum_from_root
 
-__all__ = ["Samples", "Skeleton", "densify", "rooted_order"]
+__all__ = ["Samples", "Skeleton", "closed_radii", "densify", "rooted_order"]
 
 
 @dataclass
@@ -193,3 +193,11 @@ def densify(skeleton: Skeleton, step: float) -> Samples:
         np.concatenate([skeleton.radius[:1], radius]),
         np.concatenate([[0.0], np.repeat(length / count, count)]),
     )
+
+
+def closed_radii(radius: np.ndarray, parent: np.ndarray, missing: float = 0.0) -> np.ndarray:
+    """Radii with those left open (NaN) filled from the parents; `missing` where none is known."""
+    radius, known = radius.copy(), radius[np.isfinite(radius)]
+    for node in np.flatnonzero(~np.isfinite(radius)):
+        radius[node] = radius[parent[node]] if node else np.append(known, missing)[0]
+    return radius
