@@ -253,9 +253,12 @@ class _Growth:
         for limb in self.limbs[1:]:
             limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube) or limb.tube
         for number, limb in enumerate(self.limbs):
-            limb.tube = self._to_its_points(limb.tube, member == number)
-        for limb in self.limbs:
-            limb.tube.nodes = limb.tube.nodes + base
+            tube = limb.tube
+            rows, seen = self._claimed(tube)
+            way = seen.way[member[rows] == number]
+            if len(way) and 0 < way.max() < tube.length:  # the last fit led past all of its points
+                tube = stretch(tube, 0.0, way.max())
+            limb.tube = Tube(tube.nodes + base, tube.radius)
         logger.info(
             "%d limbs from %s points %.1f mm apart, noise %.1f mm, %.1f %% of the points claimed",
             len(self.limbs),
@@ -318,13 +321,6 @@ class _Growth:
     def _claimed(self, tube: Tube) -> tuple[np.ndarray, Seen]:
         """Rows of the points that a limb claims, and as seen from it."""
         return self._near(tube, self.spacing, ROUGHNESS)
-
-    def _to_its_points(self, tube: Tube, is_member: np.ndarray) -> Tube:
-        """The tube without an end that the last fit has led past all of its points."""
-        rows, seen = self._claimed(tube)
-        way = seen.way[is_member[rows]]
-        end = way.max() if len(way) else tube.length
-        return stretch(tube, 0.0, end) if 0 < end < tube.length else tube
 
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
         """Whether a limb ends beyond what its parent claims, and its points tell it from a bump."""

@@ -268,7 +268,8 @@ def fit_tube(
         nodes += step[:, :3]
         radius = np.maximum(radius + step[:, 3], least)
         covered = np.count_nonzero(np.abs(off) < cutoff) * spacing**2
-        to_cover = LEAST_COVER * _area(nodes, radius)
+        length = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+        to_cover = LEAST_COVER * (np.pi * ((radius[1:] + radius[:-1]) * length).sum())
         if covered < to_cover:
             thinner = covered / to_cover * radius
             radius = np.maximum(thinner, np.minimum(radius, max(widest, least)))
@@ -291,12 +292,6 @@ def _offsets(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tuple
     away = np.linalg.norm(offset, axis=1)
     own = radius[segment] + inside * (radius[segment + 1] - radius[segment])
     return segment, share, inside, away, offset / np.maximum(away, 1e-12)[:, None], own
-
-
-def _area(nodes: np.ndarray, radius: np.ndarray) -> float:
-    """Area of a tube's surface without its ends."""
-    length = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    return float(np.pi * ((radius[1:] + radius[:-1]) * length).sum())
 
 
 def _newton_step(

@@ -168,7 +168,15 @@ def choose_target(
         # Best first: of stems as near as one another, by what the cloud tells, the best
         nearest = int(np.argmax(np.array(apart) <= min(apart) + voxel))
         choice = Choice(found[nearest], "config", found, apart[nearest])
-    _log(choice)
+    for one in choice.candidates:
+        logger.info(
+            "%s at (%.2f, %.2f): %s voxels of wood, %.2f high, score %.3f",
+            "target" if one is choice.target else "other",
+            *one.base[:2],
+            f"{one.mass:,}",
+            one.height,
+            one.score,
+        )
     return choice
 
 
@@ -207,18 +215,6 @@ def _checked(target_xy: ArrayLike, points: np.ndarray, region: Footprint | None)
             key="crop.target_xy",
         )
     return place
-
-
-def _log(choice: Choice) -> None:
-    for one in choice.candidates:
-        logger.info(
-            "%s at (%.2f, %.2f): %s voxels of wood, %.2f high, score %.3f",
-            "target" if one is choice.target else "other",
-            *one.base[:2],
-            f"{one.mass:,}",
-            one.height,
-            one.score,
-        )
 
 
 def target_report(
