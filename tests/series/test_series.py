@@ -198,7 +198,7 @@ def test_markers_give_the_frame_where_they_stayed():
     later = {("DICT", 7): found["DICT", 7] + [0.1, 0.0, 0.0], ("DICT", 9): corners}
     (start,) = marker_starts(found, later)
     assert_allclose(start[:3, 3], [-0.1, 0.0, 0.0], atol=1e-9)
-    assert moved_by(found, later, np.eye(4)) == {"DICT 7": pytest.approx(0.1)}
+    assert moved_by(found, later) == {"DICT 7": pytest.approx(0.1)}
 
 
 def test_the_tables_and_the_page_say_what_changed(series):

@@ -217,5 +217,5 @@ def compare_two(earlier: Scan, later: Scan, fit: FrameFit) -> Step:
     was_there = (match.to_earlier >= 0) | seen_by(other, before, earlier.cloud, reach)
     gone = reach_back(wood, find_gone(wood, is_there), match.bent, later.cloud, reach)
     new = reach_back(other, find_new(other, was_there, LEAST_NEW_M), before, earlier.cloud, reach)
-    moved = moved_by(earlier.markers, later.markers, np.eye(4))
+    moved = moved_by(earlier.markers, later.markers)
     return Step(earlier, later, fit, match, is_there, gone, new, moved)

@@ -54,13 +54,9 @@ def marker_starts(earlier: dict, later: dict) -> list[np.ndarray]:
     ]
 
 
-def moved_by(earlier: dict, later: dict, frame: np.ndarray) -> dict[str, float]:
-    """How far each common marker lies from where it was, metres, by its id."""
-    return {
-        f"{name[0]} {name[1]}".strip(): float(
-            np.linalg.norm(
-                (later[name] @ frame[:3, :3].T + frame[:3, 3] - earlier[name]).mean(axis=0)
-            )
-        )
-        for name in sorted(earlier.keys() & later)
+def moved_by(earlier: dict, later: dict) -> dict[str, float]:
+    """How far each common marker lies from where it was, metres, by its id; both in one frame."""
+    off = {
+        name: (later[name] - earlier[name]).mean(axis=0) for name in sorted(earlier.keys() & later)
     }
+    return {f"{kind} {id_}".strip(): float(np.linalg.norm(by)) for (kind, id_), by in off.items()}

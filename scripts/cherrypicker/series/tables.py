@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -12,10 +13,10 @@ from cherrypicker.series.changes import Gone
 from cherrypicker.series.compare import Comparison, Scan, Step
 from cherrypicker.series.wood import Wood
 from cherrypicker.traits.intervals import Z90
+from cherrypicker.units import unit_ending
 
 AT_CUT_M = 0.03  # of wood beyond a cut whose median radius is the cut's (guess)
 _DECIMALS = {"_m": 4, "_m3": 8, "_deg": 1}
-_ENDS = ("base_diameter_low_m", "base_diameter_high_m")
 
 
 def branch_table(comparison: Comparison) -> list[dict]:
@@ -24,20 +25,16 @@ def branch_table(comparison: Comparison) -> list[dict]:
     known: set[int] = set()
     for scan, ids in zip(comparison.scans, comparison.ids, strict=True):
         for number, branch in enumerate(scan.branches):
-            parent = int(branch["parent_id"])
-            lasting = int(ids[number])
             rows.append(
                 {
-                    "series_branch_id": lasting,
+                    "series_branch_id": int(ids[number]),
                     "tree": scan.tree,
                     "date": scan.date,
                     "branch_id": number,
-                    "series_parent_id": int(ids[parent]) if parent >= 0 else -1,
+                    "series_parent_id": _bearer(scan, ids, number),
                     "order": int(branch["order"]),
-                    "seen_before": lasting in known,
-                    "length_m": branch["length_m"],
-                    "base_diameter_m": branch["base_diameter_m"],
-                    "base_height_m": branch["base_height_m"],
+                    "seen_before": int(ids[number] in known),
+                    **{name: branch[name] for name in _SIZES},
                 }
             )
         known |= set(ids.tolist())
@@ -47,14 +44,12 @@ def branch_table(comparison: Comparison) -> list[dict]:
 def growth_table(comparison: Comparison) -> list[dict]:
     """A row for each axis that a step found again."""
     rows = []
-    for number, step in enumerate(comparison.steps):
-        ids = comparison.ids[number]
+    for step, ids in zip(comparison.steps, comparison.ids, strict=False):
         at_tip = _tip_growth(step)
-        gone = step.gone.piece >= 0
-        cut = np.bincount(step.earlier.wood.axis, step.earlier.wood.length * gone)
+        wood = step.earlier.wood
+        cut = np.bincount(wood.axis, wood.length * (step.gone.piece >= 0))
         for before, after in sorted(step.match.axes.items()):
             was, now = step.earlier.branches[before], step.later.branches[after]
-            grown = now["base_diameter_m"] - was["base_diameter_m"]
             rows.append(
                 {
                     "series_branch_id": int(ids[before]),
@@ -66,8 +61,7 @@ def growth_table(comparison: Comparison) -> list[dict]:
                     "removed_m": float(cut[before]),
                     "base_diameter_before_m": was["base_diameter_m"],
                     "base_diameter_after_m": now["base_diameter_m"],
-                    "base_diameter_growth_m": grown,
-                    **_interval(was, now, grown),
+                    **_diameter_growth(was, now),
                 }
             )
     return rows
@@ -76,40 +70,26 @@ def growth_table(comparison: Comparison) -> list[dict]:
 def shoot_table(comparison: Comparison) -> list[dict]:
     """A row for each new shoot: wood that hangs on an axis that was there."""
     rows = []
-    for number, step in enumerate(comparison.steps):
-        ids, wood = comparison.ids[number + 1], step.later.wood
-        pieces = _pieces(wood, step.new)
-        for row, piece in zip(step.new.first, pieces, strict=True):
-            if not is_shoot(step, row):
-                continue
-            rows.append(
-                {
-                    "series_branch_id": int(ids[wood.axis[row]]),
-                    **_between(step),
-                    "on_series_branch_id": _bearer(step.later, ids, wood.axis[row]),
-                    **_place(step, wood, row),
-                    # with its foot, which lies in the wood that was there
-                    "length_m": float(
-                        wood.length[piece].sum() + wood.along[row] - wood.length[row]
-                    ),
-                    "base_diameter_m": _diameter(wood, row, piece),
-                }
-            )
+    for step, ids in zip(comparison.steps, comparison.ids[1:], strict=True):
+        wood = step.later.wood
+        for row, piece, about in _pieces(step, step.later, ids, step.new):
+            if is_shoot(step, row):
+                # with its foot, which lies in the wood that was there
+                length = wood.length[piece].sum() + wood.along[row] - wood.length[row]
+                sizes = {"length_m": float(length), "base_diameter_m": _diameter(wood, row, piece)}
+                rows.append(about | sizes)
     return rows
 
 
 def cut_table(comparison: Comparison) -> list[dict]:
     """A row for each cut: its place in the frame of the first scan, and what it took away."""
     rows = []
-    for number, step in enumerate(comparison.steps):
-        ids, wood = comparison.ids[number], step.earlier.wood
-        for row, piece in zip(step.gone.first, _pieces(wood, step.gone), strict=True):
+    for step, ids in zip(comparison.steps, comparison.ids, strict=False):
+        wood = step.earlier.wood
+        for row, piece, about in _pieces(step, step.earlier, ids, step.gone):
             rows.append(
                 {
-                    "series_branch_id": int(ids[wood.axis[row]]),
-                    **_between(step),
-                    "on_series_branch_id": _bearer(step.earlier, ids, wood.axis[row]),
-                    **_place(step, wood, row),
+                    **about,
                     "left_m": float(wood.along[row] - wood.length[row]),
                     "diameter_m": _diameter(wood, row, piece),
                     "length_m": float(wood.length[piece].sum()),
@@ -127,7 +107,6 @@ def totals(comparison: Comparison) -> dict:
     for step in comparison.steps:
         wood, other = step.earlier.wood, step.later.wood
         gone, new = step.gone.piece >= 0, step.new.piece >= 0
-        at_tips = float(_tip_growth(step).sum())
         steps.append(
             {
                 **_between(step),
@@ -138,7 +117,7 @@ def totals(comparison: Comparison) -> dict:
                 **_volume_ends("removed_volume", step.earlier, np.flatnonzero(gone)),
                 "n_shoots": sum(is_shoot(step, row) for row in step.new.first),
                 "new_length_m": float(other.length[new].sum()),
-                "tip_growth_m": at_tips,
+                "tip_growth_m": float(_tip_growth(step).sum()),
                 "unseen_length_m": float(wood.length[step.is_unseen].sum()),
                 "length_before_m": float(wood.length.sum()),
                 "length_after_m": float(other.length.sum()),
@@ -170,9 +149,10 @@ def as_csv(rows: list[dict], columns: tuple[str, ...]) -> str:
 
 _STEP = ("from_tree", "to_tree", "from_date", "to_date")
 _WHERE = ("on_series_branch_id", "x_m", "y_m", "z_m", "height_m", "azimuth_deg")
+_SIZES = ("length_m", "base_diameter_m", "base_height_m")
 BRANCH_COLUMNS = (
     *("series_branch_id", "tree", "date", "branch_id", "series_parent_id", "order"),
-    *("seen_before", "length_m", "base_diameter_m", "base_height_m"),
+    *("seen_before", *_SIZES),
 )
 GROWTH_COLUMNS = (
     *("series_branch_id", *_STEP, "order", "length_before_m", "length_after_m", "tip_growth_m"),
@@ -181,18 +161,8 @@ GROWTH_COLUMNS = (
 )
 SHOOT_COLUMNS = ("series_branch_id", *_STEP, *_WHERE, "length_m", "base_diameter_m")
 CUT_COLUMNS = (
-    *(
-        "series_branch_id",
-        *_STEP,
-        *_WHERE,
-        "left_m",
-        "diameter_m",
-        "length_m",
-        "volume_m3",
-        "n_branches",
-        "volume_low_m3",
-        "volume_high_m3",
-    ),
+    *("series_branch_id", *_STEP, *_WHERE, "left_m", "diameter_m", "length_m"),
+    *("volume_m3", "n_branches", "volume_low_m3", "volume_high_m3"),
 )
 
 
@@ -207,9 +177,20 @@ def _bearer(scan: Scan, ids: np.ndarray, axis: int) -> int:
     return int(ids[parent]) if parent >= 0 else -1
 
 
-def _pieces(wood: Wood, gone: Gone) -> list[np.ndarray]:
-    """Samples of each piece."""
-    return [np.flatnonzero(gone.piece == piece) for piece in range(len(gone.first))]
+def _pieces(step: Step, scan: Scan, ids: np.ndarray, pieces: Gone) -> Iterator[tuple]:
+    """Of each piece of a scan's wood its first sample, all of them, and what both tables tell.
+
+    Heights are above the stem's foot of its own scan.
+    """
+    wood = scan.wood
+    foot = wood.points[0, 2] - scan.branches[0]["base_height_m"]
+    for piece, row in enumerate(pieces.first):
+        x, y, z = wood.points[wood.parent[row]]
+        azimuth = math.degrees(math.atan2(y - wood.points[0, 1], x - wood.points[0, 0])) % 360.0
+        where = _bearer(scan, ids, wood.axis[row]), x, y, z, z - foot, azimuth
+        about = {"series_branch_id": int(ids[wood.axis[row]]), **_between(step)}
+        about |= dict(zip(_WHERE, where, strict=True))
+        yield row, np.flatnonzero(pieces.piece == piece), about
 
 
 def is_shoot(step: Step, row: int) -> bool:
@@ -226,16 +207,6 @@ def _tip_growth(step: Step) -> np.ndarray:
     return grown
 
 
-def _place(step: Step, wood: Wood, row: int) -> dict[str, object]:
-    """Where a piece of wood starts; heights are above the stem's foot of its own scan."""
-    scan = step.earlier if wood is step.earlier.wood else step.later
-    foot = wood.points[0, 2] - scan.branches[0]["base_height_m"]
-    x, y, z = wood.points[wood.parent[row]]
-    out = x - wood.points[0, 0], y - wood.points[0, 1]
-    azimuth = math.degrees(math.atan2(out[1], out[0])) % 360.0
-    return dict(zip(_WHERE[1:], (x, y, z, z - foot, azimuth), strict=True))
-
-
 def _diameter(wood: Wood, row: int, piece: np.ndarray) -> float:
     """Diameter where a piece of wood starts."""
     near = (wood.axis[piece] == wood.axis[row]) & (wood.along[piece] <= wood.along[row] + AT_CUT_M)
@@ -250,41 +221,38 @@ def _volume_ends(name: str, scan: Scan, rows: np.ndarray) -> dict[str, float | N
     axis has no interval.
     """
     names, wood = (f"{name}_low_m3", f"{name}_high_m3"), scan.wood
-    ends = [
-        (branch[_ENDS[0]], branch["base_diameter_m"], branch[_ENDS[1]]) for branch in scan.branches
-    ]
-    if any(value is None for axis in np.unique(wood.axis[rows]) for value in ends[axis]):
+    ends = np.array([_base_ends(branch) for branch in scan.branches], dtype=np.float64)
+    low, middle, high = ends[wood.axis[rows]].T
+    if np.isnan([low, high]).any():
         return dict.fromkeys(names)
-    low, middle, high = np.array(ends, dtype=np.float64).T / 2.0
-    axis, radius, length = wood.axis[rows], wood.radius[rows], wood.length[rows]
-    thin = np.maximum(radius - (middle - low)[axis], 0.0)
-    thick = radius + (high - middle)[axis]
-    off = Z90 * scan.scale_error
+    radius, length, off = wood.radius[rows], wood.length[rows], Z90 * scan.scale_error
+    thin = np.maximum(radius - (middle - low) / 2.0, 0.0)
+    thick = radius + (high - middle) / 2.0
     ends_of = zip(names, (thin, thick), (max(1.0 - off, 0.0), 1.0 + off), strict=True)
     return {each: share * float(np.pi * r**2 @ length) for each, r, share in ends_of}
 
 
-def _interval(was: dict, now: dict, grown: float) -> dict[str, float | None]:
-    """90 % interval of a growth in diameter: the scans' own intervals, which are independent."""
-    ends = [(row[_ENDS[0]], row["base_diameter_m"], row[_ENDS[1]]) for row in (was, now)]
-    names = "base_diameter_growth_low_m", "base_diameter_growth_high_m"
-    if any(value is None for row in ends for value in row):
-        return dict.fromkeys(names)
-    (low_was, mid_was, high_was), (low_now, mid_now, high_now) = ends
-    down = math.hypot(mid_now - low_now, high_was - mid_was)
-    up = math.hypot(high_now - mid_now, mid_was - low_was)
-    return dict(zip(names, (grown - down, grown + up), strict=True))
+def _diameter_growth(was: dict, now: dict) -> dict[str, float | None]:
+    """Growth in diameter and its 90 % interval, from the scans' own, which are independent."""
+    (low_was, mid_was, high_was), (low, mid, high) = _base_ends(was), _base_ends(now)
+    grown, ends = mid - mid_was, (None, None)
+    if None not in (low_was, high_was, low, high):
+        down = math.hypot(mid - low, high_was - mid_was)
+        up = math.hypot(high - mid, mid_was - low_was)
+        ends = grown - down, grown + up
+    names = (f"base_diameter_growth_{end}m" for end in ("", "low_", "high_"))
+    return dict(zip(names, (grown, *ends), strict=True))
+
+
+def _base_ends(branch: dict) -> tuple:
+    """Diameter at the base of an axis, between the ends of its 90 % interval, None without one."""
+    return tuple(branch[f"base_diameter_{end}m"] for end in ("low_", "", "high_"))
 
 
 def _cell(name: str, value: object) -> object:
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return int(value)
     if isinstance(value, float):
-        ends = [decimals for end, decimals in _DECIMALS.items() if name.endswith(end)]
-        return f"{value:.{ends[-1] if ends else 4}f}"
-    return value
+        return f"{value:.{_DECIMALS[unit_ending(name)]}f}"
+    return "" if value is None else value
 
 
 #: Name of a table's file to what makes its rows, and its columns.
