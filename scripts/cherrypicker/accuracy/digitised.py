@@ -32,21 +32,11 @@ from cherrypicker.traits.branches import axis_shapes
 
 @dataclass(frozen=True)
 class Digitised:
-    """A digitised tree.
+    """A digitised tree."""
 
-    Attributes
-    ----------
-    file : path-like
-        That it was read from.
-    skeleton : Skeleton
-        Metres. A node without a diameter has its parent's.
-    is_measured : ndarray of shape (n_nodes,), bool
-        Which nodes have a diameter of their own.
-    """
-
-    file: str | os.PathLike
-    skeleton: Skeleton
-    is_measured: np.ndarray
+    file: str | os.PathLike  # that it was read from
+    skeleton: Skeleton  # metres; a node without a diameter has its parent's
+    is_measured: np.ndarray  # (n_nodes,) bool: which nodes have a diameter of their own
 
 
 def read_digitised(

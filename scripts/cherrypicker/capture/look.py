@@ -32,50 +32,28 @@ _FOCAL_35MM = 0xA405
 
 @dataclass
 class Look:
-    """What one look at a photo tells.
-
-    Attributes
-    ----------
-    path : Path
-    problem : str
-        Why it cannot be read, empty for a good one.
-    width, height : int
-        Upright, px.
-    digest : str
-        Hash of the file, to find copies.
-    camera : str
-    focal_mm : float
-        By EXIF; 0 where not given.
-    blur : float
-        0 sharp to 1.
-    brightness : float
-        Mean of what is neither burnt out nor black, in stops below white.
-    burnt, black : float
-        Shares of the pixels.
-    marker_ids : list of int
-        Markers seen.
-    corners : ndarray of shape (n_features, 2), float32
-        Features, from the photo's middle, in focal lengths.
-    descriptors : ndarray of shape (n_features, 128), float32
-        Unit square-rooted SIFT.
-    thumbnail : ndarray of shape (height, width, 3), uint8
-        RGB, upright.
-    """
+    """What one look at a photo tells."""
 
     path: Path
-    problem: str = ""
+    problem: str = ""  # why it cannot be read, empty for a good one
+    # width, height: upright, px
     width: int = 0
     height: int = 0
-    digest: str = ""
+    digest: str = ""  # hash of the file, to find copies
+    # camera, focal_mm: by EXIF; empty and 0 where not given
     camera: str = ""
     focal_mm: float = 0.0
-    blur: float = 0.0
-    brightness: float = 0.0
+    blur: float = 0.0  # 0 sharp to 1
+    brightness: float = 0.0  # mean of what is neither burnt out nor black, in stops below white
+    # burnt, black: shares of the pixels
     burnt: float = 0.0
     black: float = 0.0
     marker_ids: list[int] = field(default_factory=list)
+    # (n_features, 2) float32: from the photo's middle, in focal lengths
     corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    # (n_features, 128) float32: unit square-rooted SIFT
     descriptors: np.ndarray = field(default_factory=lambda: np.zeros((0, 128), np.float32))
+    # (height, width, 3) uint8: RGB, upright
     thumbnail: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3), np.uint8))
 
 

@@ -23,22 +23,13 @@ _CONFIDENCE, _REACH_PX = 0.999, 1.5  # of the relative pose, in pixels of the re
 
 @dataclass
 class Overlap:
-    """A pair of photos that see the same.
+    """A pair of photos that see the same."""
 
-    Attributes
-    ----------
-    first, second : int
-        Their places in the list.
-    n_matches : int
-        Features that both see and that agree on one motion of the camera.
-    turn : ndarray of shape (3, 3), float64
-        Rotation from the first camera's axes to the second's.
-    """
-
+    # first, second: their places in the list
     first: int
     second: int
-    n_matches: int
-    turn: np.ndarray
+    n_matches: int  # features that both see and that agree on one motion of the camera
+    turn: np.ndarray  # (3, 3) float64: rotation from the first camera's axes to the second's
 
 
 def find_overlaps(looks: Sequence[Look], threads: int) -> list[Overlap]:

@@ -23,21 +23,13 @@ N_MEDIANS = 10  # rounds of a common turn
 
 @dataclass
 class Ring:
-    """Photos round a tree.
+    """Photos round a tree."""
 
-    Attributes
-    ----------
-    group : ndarray of shape (n_photos,), int64
-        Photos that hang together by overlaps have one number; 0 is the largest group.
-    azimuth_deg : ndarray of shape (n_photos,), float64
-        From where the tree is seen, 0 to 360, of the largest group; NaN of the others.
-    is_sure : ndarray of shape (n_photos,), bool
-        Whether parts of the overlaps place the photo alike.
-    """
-
+    # (n_photos,) int64: those that hang together by overlaps have one number, 0 the largest group
     group: np.ndarray
+    # (n_photos,) float64: from where the tree is seen, 0 to 360; NaN but for the largest group
     azimuth_deg: np.ndarray
-    is_sure: np.ndarray
+    is_sure: np.ndarray  # (n_photos,) bool: whether parts of the overlaps place the photo alike
 
     @property
     def is_told(self) -> bool:

@@ -28,42 +28,21 @@ _MOST_NAMES = 4
 
 @dataclass
 class Finding:
-    """Something to know of the photos.
+    """Something to know of the photos."""
 
-    Attributes
-    ----------
-    text : str
-        What, and what to do.
-    photos : list of int
-        Which, as places in the list.
-    is_stop : bool
-        Whether to photograph again; else it is to know.
-    """
-
-    text: str
-    photos: list[int] = field(default_factory=list)
-    is_stop: bool = False
+    text: str  # what, and what to do
+    photos: list[int] = field(default_factory=list)  # which, as places in the list
+    is_stop: bool = False  # whether to photograph again; else it is to know
 
 
 @dataclass
 class Verdict:
-    """The findings on a tree's photos.
-
-    Attributes
-    ----------
-    looks : list of Look
-    ring : Ring
-        Of all photos; unreadable ones belong to no group of more than one.
-    findings : list of Finding
-        Reasons to photograph again first.
-    gaps : list of (float, float)
-        First and last azimuth of each wide gap, degrees.
-    """
+    """The findings on a tree's photos."""
 
     looks: list[Look]
-    ring: Ring
-    findings: list[Finding]
-    gaps: list[tuple[float, float]]
+    ring: Ring  # of all photos; unreadable ones belong to no group of more than one
+    findings: list[Finding]  # reasons to photograph again first
+    gaps: list[tuple[float, float]]  # first and last azimuth of each wide gap, degrees
 
     @property
     def is_go(self) -> bool:

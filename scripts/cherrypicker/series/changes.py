@@ -36,18 +36,10 @@ BEHIND = -0.5  # cosine from which on points lie behind wood (guess)
 
 @dataclass
 class Gone:
-    """Wood that the other date lacks.
+    """Wood that the other date lacks."""
 
-    Attributes
-    ----------
-    first : ndarray of shape (n_cuts,), int64
-        The samples that the gone pieces start with.
-    piece : ndarray of shape (n,), int64
-        Which of them a sample belongs to, -1 for what is there.
-    """
-
-    first: np.ndarray
-    piece: np.ndarray
+    first: np.ndarray  # (n_cuts,) int64: the samples that the gone pieces start with
+    piece: np.ndarray  # (n,) int64: which of them a sample belongs to, -1 for what is there
 
 
 def seen_by(wood: Wood, places: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:

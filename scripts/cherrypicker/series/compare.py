@@ -31,31 +31,17 @@ _WHY = "is it another tree, or wrong scale or up axis?"
 
 @dataclass
 class Scan:
-    """A scan of the series.
+    """A scan of the series."""
 
-    Attributes
-    ----------
-    tree, date : str
-        Its row in the table of trees.
-    wood : Wood
-        Its skeleton in its own frame, metres; in the frame of the first scan once it is compared.
-    branches : list of dict
-        Rows of its ``branches.csv``, by axis.
-    cloud : ndarray of shape (n, 3), float64
-        Its points of wood, as `wood`.
-    markers : dict of tuple to ndarray of shape (4, 3)
-        See `marker_frames.marker_corners`.
-    scale_error : float
-        Relative standard error of its scale.
-    """
-
+    # tree, date: its row in the table of trees
     tree: str
     date: str
-    wood: Wood
-    branches: list[dict]
-    cloud: np.ndarray
-    markers: dict = field(default_factory=dict)
-    scale_error: float = 0.0
+    wood: Wood  # its skeleton in its own frame, metres; in that of the first scan once compared
+    branches: list[dict]  # rows of its ``branches.csv``, by axis
+    cloud: np.ndarray  # (n, 3) float64: its points of wood, as `wood`
+    # See `marker_frames.marker_corners`
+    markers: dict[tuple, np.ndarray] = field(default_factory=dict)
+    scale_error: float = 0.0  # relative standard error of its scale
 
     def moved(self, frame: np.ndarray) -> Scan:
         """The same scan in another frame; `frame` has shape (4, 4)."""
@@ -70,30 +56,17 @@ class Scan:
 
 @dataclass
 class Step:
-    """What happened from one scan to the next, both in the frame of the series.
-
-    Attributes
-    ----------
-    earlier, later : Scan
-    fit : FrameFit
-        Of the later scan's own frame.
-    match : Match
-    is_there : ndarray of shape (n_earlier,), bool
-        Whether the later scan has wood where the earlier has.
-    gone, new : Gone
-        Pieces of the earlier wood that were removed, and of the later that have grown.
-    moved_markers : dict of str to float
-        How far markers lie from where they were, metres.
-    """
+    """What happened from one scan to the next, both in the frame of the series."""
 
     earlier: Scan
     later: Scan
-    fit: FrameFit
+    fit: FrameFit  # of the later scan's own frame
     match: Match
-    is_there: np.ndarray
+    is_there: np.ndarray  # (n_earlier,) bool: where the later scan has wood too
+    # Pieces of the earlier wood that were removed, and of the later that have grown
     gone: Gone
     new: Gone
-    moved_markers: dict[str, float]
+    moved_markers: dict[str, float]  # how far markers lie from where they were, metres
 
     @property
     def is_unseen(self) -> np.ndarray:
@@ -131,24 +104,13 @@ class Step:
 
 @dataclass
 class Comparison:
-    """A series.
+    """A series."""
 
-    Attributes
-    ----------
-    scans : list of Scan
-        By date, in the frame of the first; those that were left out are not among them.
-    steps : list of Step
-        One less.
-    ids : list of ndarray of shape (n_axes,), int64
-        Per scan the lasting id of each axis: the first scan's own numbers, then new ones.
-    left_out : dict of str to str
-        Trees that could not be compared, and why.
-    """
-
-    scans: list[Scan]
-    steps: list[Step]
+    scans: list[Scan]  # by date, in the frame of the first, without those that were left out
+    steps: list[Step]  # one less
+    # Per scan the lasting id of each axis, (n_axes,) int64: the first scan's own numbers, then new
     ids: list[np.ndarray]
-    left_out: dict[str, str]
+    left_out: dict[str, str]  # trees that could not be compared, and why
 
 
 def compare_scans(scans: list[Scan]) -> Comparison:

@@ -31,23 +31,14 @@ N_SAMPLES, N_SEARCHED = 2000, 300
 
 @dataclass(frozen=True)
 class FrameFit:
-    """A frame and how sure it is.
+    """A frame and how sure it is."""
 
-    Attributes
-    ----------
-    matrix : ndarray of shape (4, 4), float64
-        Brings points of the later scan into the earlier one's frame.
-    score, runner_up : float
-        Share of the earlier wood, by its surface, that has wood of the later one near it; the same
-        for the best frame that is another one.
-    source : str
-        ``wood`` or ``markers``: the start that led there.
-    """
-
-    matrix: np.ndarray
+    matrix: np.ndarray  # (4, 4) float64: brings points of the later scan into the earlier's frame
+    # Share of the earlier wood, by its surface, that has wood of the later one near it; the same
+    # for the best frame that is another one
     score: float
     runner_up: float
-    source: str
+    source: str  # ``wood`` or ``markers``: the start that led there
 
 
 def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()) -> FrameFit:

@@ -27,27 +27,13 @@ AXIS_SHARE = 0.5  # least share of the shorter axis's matched length that a pair
 
 @dataclass
 class Match:
-    """The wood that two dates share.
+    """The wood that two dates share."""
 
-    Attributes
-    ----------
-    tolerance : float
-        Within which two samples are the same wood, metres.
-    bent : ndarray of shape (n_earlier, 3), float64
-        Places of the earlier samples at the later date.
-    to_later : ndarray of shape (n_earlier,), int64
-        The later sample that an earlier one is, -1 for none.
-    to_earlier : ndarray of shape (n_later,), int64
-        The same the other way.
-    axes : dict of int to int
-        Earlier axis to later axis.
-    """
-
-    tolerance: float
-    bent: np.ndarray
-    to_later: np.ndarray
-    to_earlier: np.ndarray
-    axes: dict[int, int]
+    tolerance: float  # within which two samples are the same wood, metres
+    bent: np.ndarray  # (n_earlier, 3) float64: places of the earlier samples at the later date
+    to_later: np.ndarray  # (n_earlier,) int64: the later sample that each is, -1 for none
+    to_earlier: np.ndarray  # (n_later,) int64: the same the other way
+    axes: dict[int, int]  # earlier axis to later axis
 
 
 def match_wood(earlier: Wood, later: Wood) -> Match:

@@ -14,27 +14,15 @@ TURN_STEPS = 3  # a direction is taken over so many samples on either side (gues
 
 @dataclass
 class Wood:
-    """Samples of a skeleton, parents before children.
+    """Samples of a skeleton, parents before children."""
 
-    Attributes
-    ----------
-    points, tangent : ndarray of shape (n, 3), float64
-        Metres; unit directions away from the root.
-    radius, length : ndarray of shape (n,), float64
-        Of the wood, and of the stretch from the parent to the sample; metres.
-    parent, axis : ndarray of shape (n,), int64
-        Sample towards the root, -1 for the first; axis of the sample, as `skeleton.axes` lists it.
-    along : ndarray of shape (n,), float64
-        Way along its axis from what it hangs on, metres.
-    """
-
-    points: np.ndarray
-    tangent: np.ndarray
-    radius: np.ndarray
-    length: np.ndarray
-    parent: np.ndarray
-    axis: np.ndarray
-    along: np.ndarray
+    points: np.ndarray  # (n, 3) float64, metres
+    tangent: np.ndarray  # (n, 3) float64: unit directions away from the root
+    radius: np.ndarray  # (n,) float64, metres
+    length: np.ndarray  # (n,) float64: of the stretch from the parent to the sample, metres
+    parent: np.ndarray  # (n,) int64: sample towards the root, -1 for the first
+    axis: np.ndarray  # (n,) int64: as `skeleton.axes` lists them
+    along: np.ndarray  # (n,) float64: way along its axis from what it hangs on, metres
 
     def __len__(self) -> int:
         return len(self.points)
