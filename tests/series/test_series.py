@@ -259,6 +259,11 @@ def test_a_removed_volumes_lengths_end_where_the_scale_does(dates):
     assert numbers["removed_volume_high_m3"] == pytest.approx(volume * (1 + 1.645 * 0.02), rel=1e-3)
 
 
+def test_a_scan_in_another_frame_has_its_scales_error(dates):
+    scan = replace(dates.pruned.scan, scale_error=0.02)
+    assert scan.moved(dates.pruned.frame).scale_error == 0.02
+
+
 def write_results(folder, found):
     folder.mkdir(parents=True)
     write_skeleton_graphml(folder / "skeleton.graphml", found.skeleton)

@@ -51,7 +51,7 @@ class Scan:
 
         markers = {name: there(corners) for name, corners in self.markers.items()}
         wood, cloud = self.wood.moved(frame), there(self.cloud)
-        return Scan(self.tree, self.date, wood, self.branches, cloud, markers)
+        return replace(self, wood=wood, cloud=cloud, markers=markers)
 
 
 @dataclass

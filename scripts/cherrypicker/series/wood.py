@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline
+from cherrypicker.skeleton import Skeleton, axes, axis_polyline
 
 STEP_M = 0.01  # of the samples, as the graph stage sets its nodes
 TURN_STEPS = 3  # a direction is taken over so many samples on either side (guess)
@@ -30,9 +30,8 @@ class Wood:
     def moved(self, frame: np.ndarray) -> Wood:
         """The same wood in another frame; `frame` has shape (4, 4)."""
         turn = frame[:3, :3]
-        points, tangent = self.points @ turn.T + frame[:3, 3], self.tangent @ turn.T
-        rest = self.radius, self.length, self.parent, self.axis, self.along
-        return Wood(points, tangent, *rest)
+        points = self.points @ turn.T + frame[:3, 3]
+        return replace(self, points=points, tangent=self.tangent @ turn.T)
 
     @property
     def feet(self) -> np.ndarray:
@@ -46,20 +45,12 @@ class Wood:
         return np.pi * self.radius**2 * self.length
 
 
-def sample_wood(skeleton: Skeleton, axis_list: list[Axis] | None = None) -> Wood:
-    """Sample a skeleton evenly along its axes.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-    axis_list : list of Axis, optional
-        From `cherrypicker.skeleton.axes`, found here when left out.
-    """
-    axis_list = axes(skeleton) if axis_list is None else axis_list
+def sample_wood(skeleton: Skeleton) -> Wood:
+    """Sample a skeleton evenly along its axes."""
     parts: list[tuple] = []
     nearest = np.zeros(len(skeleton), dtype=np.int64)  # the sample at a node of the skeleton
     n_samples = 0
-    for number, axis in enumerate(axis_list):
+    for number, axis in enumerate(axes(skeleton)):
         line = axis_polyline(axis)
         points = skeleton.points[line]
         way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
