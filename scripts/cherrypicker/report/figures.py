@@ -9,26 +9,18 @@ import os
 from io import BytesIO
 from typing import Any, NamedTuple
 
-import matplotlib
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-
-from cherrypicker.pointcloud import PointCloud
-from cherrypicker.report.raster import View
-from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.topology import Topology
-
-matplotlib.use("Agg")
-
-import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
+from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.colors import CLASS_COLORS
-from cherrypicker.report.raster import side_views, splat
+from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.style import (
     COLOR,
     DPI,
@@ -43,6 +35,8 @@ from cherrypicker.report.style import (
     ORDER_COLORS,
 )
 from cherrypicker.skeleton import axes, node_order
+from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.topology import Topology
 from cherrypicker.units import unit_name
 
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
@@ -133,15 +127,21 @@ def view_grid(
     return figure, panels
 
 
-def wood_grid(
-    cloud: PointCloud, skeleton: Skeleton, grey: float, width_px: int, title: str
+def tree_grid(
+    skeleton: Skeleton,
+    width_px: int,
+    title: str,
+    *,
+    cloud: PointCloud | None = None,
+    grey: float = GREY["wood"],
 ) -> tuple[Figure, list[Panel]]:
-    """A figure with the wood that a skeleton was made from, in grey, from two sides."""
+    """A figure of the tree from two sides, with the wood of a cloud in grey where one is given."""
     views = side_views(tree_box(skeleton), kinds=("front", "side"))
-    figure, panels = view_grid(views, cloud.unit, width_px, title)
-    wood = cloud.points[wood_mask(cloud["label"])]
-    for panel in panels:
-        panel.points(wood, (grey,) * 3)
+    figure, panels = view_grid(views, skeleton.unit, width_px, title)
+    if cloud is not None:
+        wood = cloud.points[wood_mask(cloud["label"])]
+        for panel in panels:
+            panel.points(wood, (grey,) * 3)
     return figure, panels
 
 
@@ -198,14 +198,18 @@ def tree_box(skeleton: Skeleton) -> np.ndarray:
     return np.vstack([skeleton.points - spread, skeleton.points + spread])
 
 
-def cloud_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
-    """The segmented cloud in its own colours: the tree from two sides, the scene from above."""
-    return _scene_figure(cloud, skeleton, cloud_colors(cloud), width_px, "Point cloud")
-
-
-def _scene_figure(
-    cloud: PointCloud, skeleton: Skeleton, colors: np.ndarray, width_px: int, title: str
+def cloud_figure(
+    cloud: PointCloud,
+    skeleton: Skeleton,
+    width_px: int,
+    colors: np.ndarray | None = None,
+    title: str = "Point cloud",
 ) -> Figure:
+    """The segmented cloud, in its own colours if no others are given.
+
+    The tree from two sides, the scene from above.
+    """
+    colors = cloud_colors(cloud) if colors is None else colors
     views = side_views(tree_box(skeleton), margin=MARGIN["scene"], kinds=("front", "side"))
     views += side_views(cloud.points, kinds=("top",))
     figure, panels = view_grid(views, cloud.unit, width_px, title)
@@ -217,7 +221,7 @@ def _scene_figure(
 def label_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The segmented cloud by class."""
     labels = cloud["label"]
-    figure = _scene_figure(cloud, skeleton, class_colors(labels), width_px, "Classes")
+    figure = cloud_figure(cloud, skeleton, width_px, class_colors(labels), "Classes")
     handles = [
         Patch(color=color, label=f"{Label(label).title} ({(labels == label).mean():.1%})")
         for label, color in CLASS_COLORS.items()
@@ -240,8 +244,7 @@ def _legend(figure: Figure, handles: list, n_columns: int) -> None:
 
 def skeleton_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The skeleton over the wood it was made from, its lines as thick as its radii say."""
-    title = "Skeleton over the wood"
-    figure, panels = wood_grid(cloud, skeleton, GREY["wood"], width_px, title)
+    figure, panels = tree_grid(skeleton, width_px, "Skeleton over the wood", cloud=cloud)
     radius = skeleton.radius[1:]
     thick = LINE["least_wood"] + LINE["most_wood"] * radius / max(radius.max(), 1e-9)
     for panel in panels:
@@ -249,13 +252,10 @@ def skeleton_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Fig
     return figure
 
 
-def topology_figure(
-    cloud: PointCloud, skeleton: Skeleton, topology: Topology, width_px: int
-) -> Figure:
+def topology_figure(skeleton: Skeleton, topology: Topology, width_px: int) -> Figure:
     """Branch orders by colour, with root, junctions and tips."""
     orders = node_order(skeleton, axes(skeleton))
-    views = side_views(tree_box(skeleton), kinds=("front", "side"))
-    figure, panels = view_grid(views, cloud.unit, width_px, "Topology by branch order")
+    figure, panels = tree_grid(skeleton, width_px, "Topology by branch order")
     colors = [order_color(order) for order in orders[1:]]
     kinds = np.array(topology.kind)
     for panel in panels:

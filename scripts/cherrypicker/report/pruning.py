@@ -11,8 +11,7 @@ from matplotlib.patheffects import withStroke
 from cherrypicker.pruning.table import CUT_COLUMNS, TARGET_WORDS
 from cherrypicker.pruning.target import TURNS
 from cherrypicker.report.branches import sortable_table
-from cherrypicker.report.figures import tree_box, view_grid
-from cherrypicker.report.raster import side_views
+from cherrypicker.report.figures import tree_grid
 from cherrypicker.report.style import COLOR, FONT, GREY, LINE
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.table import BranchColumn
@@ -79,8 +78,7 @@ def pruning_figure(skeleton: Skeleton, rows: list[dict], width_px: int) -> Figur
     for node in range(1, len(skeleton)):
         gone[node] |= gone[skeleton.parent[node]]
     thick = LINE["least_wood"] + LINE["most_wood"] * skeleton.radius / skeleton.radius.max()
-    views = side_views(tree_box(skeleton), kinds=("front", "side"))
-    figure, panels = view_grid(views, skeleton.unit, width_px, "Cuts by number")
+    figure, panels = tree_grid(skeleton, width_px, "Cuts by number")
     outline = [withStroke(linewidth=2.0, foreground="w")]
     for panel in panels:
         for some, color in ((~gone, str(GREY["wood"] / 2)), (gone, COLOR["fit"])):

@@ -18,12 +18,7 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
-from cherrypicker.report.figures import (
-    cloud_colors,
-    tile_grid,
-    view_grid,
-    wood_grid,
-)
+from cherrypicker.report.figures import cloud_colors, tile_grid, tree_grid, view_grid
 from cherrypicker.report.raster import side_views
 from cherrypicker.report.style import (
     COLOR,
@@ -140,10 +135,8 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
     size = coverage["voxel_size"]
     low = centers.min(axis=0)
     column, row = (np.round((centers[:, k] - low[k]) / size).astype(int) for k in (0, 2))
-    width = width_px / DPI
-    figure = Figure(
-        figsize=(width, LAYOUT["coverage_height"] * width), dpi=DPI, layout="constrained"
-    )
+    figsize = width_px / DPI, LAYOUT["coverage_height"] * width_px / DPI
+    figure = Figure(figsize=figsize, dpi=DPI, layout="constrained")
     titles = {"n_framing": "photos that frame it", "n_holding": "depth maps that hold something"}
     extent = (low[0], low[0] + size * (column.max() + 1), low[2], low[2] + size * (row.max() + 1))
     for panel, (name, title) in zip(figure.subplots(1, 2), titles.items()):
@@ -188,8 +181,8 @@ def contraction_figure(
     cloud: PointCloud, contracted: PointCloud, skeleton: Skeleton, width_px: int
 ) -> Figure:
     """The contracted points over the wood they came from."""
-    title = "Contracted points over the wood"
-    figure, panels = wood_grid(cloud, skeleton, GREY["contracted"], width_px, title)
+    title, grey = "Contracted points over the wood", GREY["contracted"]
+    figure, panels = tree_grid(skeleton, width_px, title, cloud=cloud, grey=grey)
     labels = contracted["label"] if "label" in contracted else np.full(len(contracted), 2)
     for panel in panels:
         for label, color in ((Label.BRANCH, COLOR["branch"]), (Label.TRUNK, COLOR["trunk"])):

@@ -122,7 +122,7 @@ def report_tree(
         "cloud": draw.cloud_figure(cloud, skeleton, width),
         "label": draw.label_figure(cloud, skeleton, width),
         "skeleton": draw.skeleton_figure(cloud, skeleton, width),
-        "topology": draw.topology_figure(cloud, skeleton, data["topology"], width),
+        "topology": draw.topology_figure(skeleton, data["topology"], width),
         "trunk": draw.trunk_figure(cloud, traits, width),
     }
     for name, figure in drawn.items():
