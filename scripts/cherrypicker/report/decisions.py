@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from operator import itemgetter
 
 from cherrypicker.pruning.table import TARGET_WORDS
 
@@ -47,35 +46,25 @@ def decisions_of(found: Mapping[str, Mapping]) -> list[Decision]:
         trees from being listed.
     """
     told: list[Decision] = []
-    for kind, columns_of in _COLUMNS_OF.items():
-        with suppress(LookupError, TypeError, ValueError):
-            told += columns_of(found[kind])
+    with suppress(LookupError, TypeError, ValueError):
+        told += _of_pruning(found["pruning"])
+    with suppress(LookupError, TypeError, ValueError):
+        shoots = float(found["bearing"]["shoots"])
+        told.append(Decision("shoots", "One-year shoots", shoots, f"{shoots:.0f}"))
+    with suppress(LookupError, TypeError, ValueError):
+        share = float(found["light"]["sky_share"])
+        words = "Share of the sky's light"
+        told.append(Decision("sky_share", words, share, f"{100 * share:.0f} %"))
     return told
 
 
 def _of_pruning(pruning: Mapping) -> list[Decision]:
     told = [Decision("n_cuts", "Cuts", float(pruning["n_cuts"]), f"{pruning['n_cuts']:d}")]
-    over = [
-        (each["before"] / each["limit"], TARGET_WORDS[each["name"]], each)
-        for each in pruning["targets"]
-        if each["limit"] > 0  # of what is to be gone altogether the cuts tell
-    ]
-    if over:
-        share, words, target = max(over, key=itemgetter(0))
-        text = f"{words}: {target['before']:.2f}, at most {target['limit']:g}"
-        text = text if share > 1 else "none"
+    # Of what is to be gone altogether the cuts tell
+    limits = [each for each in pruning["targets"] if each["limit"] > 0]
+    if limits:
+        most = max(limits, key=lambda each: each["before"] / each["limit"])
+        share, words = most["before"] / most["limit"], TARGET_WORDS[most["name"]]
+        text = f"{words}: {most['before']:.2f}, at most {most['limit']:g}" if share > 1 else "none"
         told.append(Decision("over_target", "Most over a target", share, text))
     return told
-
-
-def _of_bearing(bearing: Mapping) -> list[Decision]:
-    shoots = float(bearing["shoots"])
-    return [Decision("shoots", "One-year shoots", shoots, f"{shoots:.0f}")]
-
-
-def _of_light(light: Mapping) -> list[Decision]:
-    share = float(light["sky_share"])
-    return [Decision("sky_share", "Share of the sky's light", share, f"{100 * share:.0f} %")]
-
-
-_COLUMNS_OF = {"pruning": _of_pruning, "bearing": _of_bearing, "light": _of_light}

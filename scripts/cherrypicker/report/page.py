@@ -34,19 +34,10 @@ _ZOOM = 1.5  # of a figure's own px that are drawn at most
 _JPEG_QUALITY, _JPEG_PAYS = 85, 0.5  # a figure is a JPEG where it takes under half of its PNG
 _JPEG = b"\xff\xd8"  # how such a file begins
 _FILES = (
-    "traits.json",
-    "branches.csv",
-    "limbs.csv",
-    "skeleton.graphml",
-    "topology.graphml",
-    "skeleton.swc",
-    "skeleton.ply",
-    "segmented.ply",
-    "contracted.ply",
+    *("traits.json", "branches.csv", "limbs.csv"),
+    *("skeleton.graphml", "topology.graphml", "skeleton.swc", "skeleton.ply"),
+    *("segmented.ply", "contracted.ply"),
 )
-_LIGHT_FILES = ("light.csv", "light.json")
-_PRUNING_FILES = ("pruning.csv", "pruning.json")
-_BEARING_FILES = ("bearing.csv", "bearing.json")
 
 
 @dataclass(frozen=True)
@@ -142,9 +133,12 @@ def render_report(
         stages=sections,
         files=[
             *_FILES,
-            *(_LIGHT_FILES if data["light"] else ()),
-            *(_PRUNING_FILES if pruning else ()),
-            *(_BEARING_FILES if data["bearing"] else ()),
+            *(
+                f"{name}.{end}"
+                for name in ("light", "pruning", "bearing")
+                if data[name]
+                for end in ("csv", "json")
+            ),
         ],
         version=cherrypicker.__version__,
     )

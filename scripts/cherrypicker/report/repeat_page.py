@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 
 from cherrypicker.accuracy.quantities import QUANTITIES, Quantity
 from cherrypicker.accuracy.repeatability import Pair, Repeatability, repeatability, trees_to_show
 from cherrypicker.report.bland_altman import bland_altman, limits_cells, mark
 from cherrypicker.report.text import page_template
 
-COLUMNS = (
-    *("trait", "unit", "n_pairs", "mean", "bias", "within_sd", "within_sd_high", "within_cv"),
-    *("repeatability", "low", "high", "n_intervals", "n_covered", "between_cv", "n_trees"),
-)
+COLUMNS = ("trait", "unit", *(field.name for field in fields(Repeatability)), "n_trees")
 
 
 def repeat_rows(pairs: Mapping[str, Sequence[Pair]], difference: float) -> list[dict]:
