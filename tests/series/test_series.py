@@ -218,7 +218,7 @@ def test_the_tables_and_the_page_say_what_changed(series):
     trunk = tables["growth"][0]
     assert trunk["series_branch_id"] == 0
     assert trunk["base_diameter_growth_m"] == pytest.approx(0.0, abs=0.005)
-    page = series_page("row <1>", series, tables)
+    page = series_page("row <1>", series, tables, numbers["steps"])
     assert "row &lt;1&gt;" in page and "row <1>" not in page
     assert "http" not in page.replace("http://www.w3.org", "")
     assert page.count('class="cut"') == 2 * (first["n_cuts"] + second["n_cuts"])
@@ -241,9 +241,9 @@ def test_a_removed_volume_ends_where_its_diameters_do(series, dates):
     assert numbers["removed_volume_high_m3"] == pytest.approx(high)
     rows = TABLES["cuts"][0](found)
     assert sum(row["volume_high_m3"] for row in rows) == pytest.approx(high)
-    assert f"({1e6 * low:.0f} to {1e6 * high:.0f})" in series_page("row", found, {
-        name: make(found) for name, (make, _) in TABLES.items()
-    })  # fmt: skip
+    tables = {name: make(found) for name, (make, _) in TABLES.items()}
+    page = series_page("row", found, tables, [numbers])
+    assert f"({1e6 * low:.0f} to {1e6 * high:.0f})" in page
     assert totals(series)["steps"][0]["removed_volume_low_m3"] is None  # no radius has an error
 
 

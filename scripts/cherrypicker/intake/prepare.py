@@ -190,8 +190,9 @@ def _prepare_film(path: Path, folder: Path, options: PrepareOptions) -> dict[str
     made: dict[str, dict] = {}
     for frame in choose_frames(path, options.video_step):
         name = f"{path.stem}_{frame.number:06d}.jpg"
-        size = write_still(folder / name, Still(frame.pixels, exif), options.max_size_px)
-        entry = _entry(path, frame.pixels.shape, size, header.orientation, False)
+        still = Still(frame.pixels, exif)
+        size = write_still(folder / name, still, options.max_size_px)
+        entry = _entry(path, still.pixels.shape, size, header.orientation, False)
         made[name] = entry | {"frame": frame.number}
     if len(made) < LEAST_FRAMES:
         for name in made:

@@ -37,12 +37,22 @@ FEW_FRAMES_SHARE = 0.05
 _ORIENTATION_OF_DEGREES = {0: 1, 90: 6, 180: 3, 270: 8}
 
 
-@dataclass(frozen=True)
 class Frame:
-    """One frame of a video that was taken for a photo."""
+    """A frame of a video, counted from 0; to be looked at it is grey and small enough."""
 
-    number: int  # from 0
-    pixels: np.ndarray  # (height, width, 3) uint8, RGB, the sensor's grid
+    def __init__(self, number: int, picture: np.ndarray) -> None:
+        self.number, self._picture = number, picture  # BGR, as OpenCV reads it
+        shrink = min(LOOK_PX / max(picture.shape[:2]), 1.0)
+        small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+        self.grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
+        # The variance of the Laplacian: what a frame shows matters too, but those of one step show
+        # the same
+        self.sharpness = float(cv2.Laplacian(self.grey, cv2.CV_32F).var())
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """The picture, (height, width, 3) uint8, RGB, the sensor's grid."""
+        return self._picture[:, :, ::-1].copy()
 
 
 @dataclass(frozen=True)
@@ -94,14 +104,14 @@ def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
     """
     n_promised, n_read = film_header(path).n_frames, 0
     corners: _Corners | None = None  # of where a place, or the way to the next, begins
-    best: _Seen | None = None  # the sharpest frame of the place at hand; none on the way
+    best: Frame | None = None  # the sharpest frame of the place at hand; none on the way
     with _opened(path) as film:
         while (taken := film.read())[0]:
-            here = _Seen(n_read, taken[1])
+            here = Frame(n_read, taken[1])
             n_read += 1
             has_left = corners is None or corners.moved(here.grey) >= 0.5 * step
             if best and has_left:
-                yield best.frame()
+                yield best
                 corners, best = _Corners(best.grey), None
                 has_left = corners.moved(here.grey) >= 0.5 * step
             elif best and here.sharpness > best.sharpness:
@@ -118,7 +128,7 @@ def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
             *(os.path.basename(path), n_read, n_promised),
         )
     if best:
-        yield best.frame()
+        yield best
 
 
 @contextmanager
@@ -131,22 +141,6 @@ def _opened(path: str | os.PathLike) -> Iterator[cv2.VideoCapture]:
         yield film
     finally:
         film.release()
-
-
-class _Seen:
-    """A frame (height, width, 3) uint8, BGR, as it is looked at: grey and small enough."""
-
-    def __init__(self, number: int, pixels: np.ndarray) -> None:
-        self._number, self._pixels = number, pixels
-        shrink = min(LOOK_PX / max(pixels.shape[:2]), 1.0)
-        small = cv2.resize(pixels, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-        self.grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
-        # The variance of the Laplacian: what a frame shows matters too, but those of one step show
-        # the same
-        self.sharpness = float(cv2.Laplacian(self.grey, cv2.CV_32F).var())
-
-    def frame(self) -> Frame:
-        return Frame(self._number, self._pixels[:, :, ::-1].copy())
 
 
 class _Corners:

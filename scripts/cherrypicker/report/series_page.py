@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
+
 import numpy as np
 
 from cherrypicker.report.text import page_template
 from cherrypicker.series.compare import Comparison, Step
-from cherrypicker.series.tables import TABLES, is_shoot, totals
+from cherrypicker.series.tables import TABLES, is_shoot
 
 #: What wood can be, from the bottom of the drawing up, and what it is called there.
 STATES = {
@@ -36,7 +38,7 @@ def series_page(
     series: str,
     comparison: Comparison,
     tables: dict[str, list[dict]],
-    numbers: list[dict] | None = None,
+    numbers: list[dict],
 ) -> str:
     """Render the page.
 
@@ -47,15 +49,14 @@ def series_page(
     comparison : Comparison
     tables : dict of str to list of dict
         Rows by the names of `tables.TABLES`.
-    numbers : list of dict, optional
-        What is told of each step, else as of `tables.totals`; what became of proposed cuts besides.
+    numbers : list of dict
+        What is told of each step as of `tables.totals`; what became of proposed cuts besides.
 
     Returns
     -------
     str
         HTML that needs no network; all text from data is escaped.
     """
-    numbers = numbers or totals(comparison)["steps"]
     steps = [
         _step(step, comparison.ids[index : index + 2], numbers[index], tables)
         for index, step in enumerate(comparison.steps)
@@ -73,12 +74,8 @@ def series_page(
 
 
 def _step(step: Step, ids: list[np.ndarray], numbers: dict, tables: dict) -> dict:
-    between = {name: numbers[name] for name in ("from_tree", "to_tree")}
-    parts = {
-        name: [row for row in rows if between.items() <= row.items()]
-        for name, rows in tables.items()
-        if name in _SHOWN
-    }
+    trees = itemgetter("from_tree", "to_tree")
+    parts = {name: [row for row in tables[name] if trees(row) == trees(numbers)] for name in _SHOWN}
     return {
         "title": f"{numbers['from_date']} to {numbers['to_date']}",
         "warnings": numbers["warnings"],
@@ -120,17 +117,15 @@ def _volume(numbers: dict) -> str:
 
 
 def _table(title: str, columns: tuple[str, ...], rows: list[dict]) -> dict:
-    shown = [_column(name) for name in columns]
+    shown = {name: _column(name) for name in columns}
     made = [
         [
-            f"{factor * value:.{decimals}f}" if isinstance(value, float) else str(value)
-            for value, (_, factor, decimals) in zip(
-                (row[name] for name in columns), shown, strict=True
-            )
+            f"{factor * row[name]:.{decimals}f}" if isinstance(row[name], float) else str(row[name])
+            for name, (_, factor, decimals) in shown.items()
         ]
         for row in rows
     ]
-    return {"title": title, "head": [words for words, _, _ in shown], "rows": made}
+    return {"title": title, "head": [words for words, _, _ in shown.values()], "rows": made}
 
 
 def _column(name: str) -> tuple[str, float, int]:

@@ -8,17 +8,17 @@ import numpy as np
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
-from cherrypicker.files import cell_number, is_number, read_json, read_table
+from cherrypicker.files import cell_number, read_json, read_table
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.series.compare import Scan
 from cherrypicker.series.marker_frames import marker_corners
 from cherrypicker.series.wood import Wood, sample_wood
 from cherrypicker.skeleton import read_skeleton
+from cherrypicker.traits.reports import Reports
 
 _NUMBERS = ("parent_id", "order", "length_m", "base_diameter_m", "base_height_m")
 _MAYBE = ("base_diameter_low_m", "base_diameter_high_m", "mean_diameter_m")
-_MARKER_FILES = ("scale.json", "poses.npz", "metric_poses.npz")
 
 
 def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
@@ -56,7 +56,11 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
     _use_measured_diameters(wood, branches)
     cloud = read_cloud(folder / "segmented.ply", required=("label",))
     points = cloud.points[wood_mask(cloud["label"])]
-    return Scan(tree, date, wood, branches, points, _markers(folder), _scale_error(folder))
+    path, poses = folder / "scale.json", [folder / f"{name}poses.npz" for name in ("", "metric_")]
+    scale = read_json(path) if path.is_file() else {}
+    is_placed = path.is_file() and all(each.is_file() for each in poses)
+    markers = marker_corners(scale, *map(read_poses, poses)) if is_placed else {}
+    return Scan(tree, date, wood, branches, points, markers, Reports(scale=scale).scale_error)
 
 
 def _branches(path: Path) -> list[dict]:
@@ -76,19 +80,3 @@ def _use_measured_diameters(wood: Wood, branches: list[dict]) -> None:
     own = np.bincount(wood.axis, 2.0 * wood.radius * wood.length) / length
     told = np.array([row["mean_diameter_m"] or mean for row, mean in zip(branches, own)])
     wood.radius *= np.where(own > 0, told / np.maximum(own, 1e-9), 1.0)[wood.axis]
-
-
-def _scale_error(folder: Path) -> float:
-    """Relative standard error of a scan's scale; 0 of a ready cloud, and where none is known."""
-    path = folder / "scale.json"
-    told = read_json(path) if path.is_file() else {}
-    scale, error = told.get("scale"), told.get("scale_std")
-    return float(error / scale) if is_number(scale) and scale and is_number(error) else 0.0
-
-
-def _markers(folder: Path) -> dict:
-    """Corners of a scan's markers; none where it has no such files."""
-    paths = [folder / name for name in _MARKER_FILES]
-    if not all(path.is_file() for path in paths):
-        return {}
-    return marker_corners(read_json(paths[0]), read_poses(paths[1]), read_poses(paths[2]))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cherrypicker.geometry.lines import Line
 from cherrypicker.skeleton import Skeleton, axes, axis_polyline
 
 STEP_M = 0.01  # of the samples, as the graph stage sets its nodes
@@ -51,14 +52,13 @@ def sample_wood(skeleton: Skeleton) -> Wood:
     nearest = np.zeros(len(skeleton), dtype=np.int64)  # the sample at a node of the skeleton
     n_samples = 0
     for number, axis in enumerate(axes(skeleton)):
-        line = axis_polyline(axis)
-        points = skeleton.points[line]
-        way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+        nodes = axis_polyline(axis)
+        line = Line(skeleton.points[nodes])
+        way = line.along
         n_steps = max(round(way[-1] / STEP_M), 1)
         first = 0 if axis.attach < 0 else 1  # what it hangs on is another axis's
         at = way[-1] * np.arange(n_steps + 1) / n_steps
-        line_points = np.column_stack([np.interp(at, way, column) for column in points.T])
-        radius = skeleton.radius[line].copy()
+        points, radius = line.at(at), skeleton.radius[nodes]
         if first:
             radius[0] = radius[1]
         parent = n_samples + np.arange(n_steps + 1) - first - 1
@@ -70,8 +70,8 @@ def sample_wood(skeleton: Skeleton) -> Wood:
         )
         parts.append(
             (
-                line_points[first:],
-                _tangents(line_points)[first:],
+                points[first:],
+                _tangents(points)[first:],
                 np.interp(at, way, radius)[first:],
                 np.append(0.0, np.diff(at))[first:],
                 parent[first:],
