@@ -83,24 +83,18 @@ def render_report(
         item["figures"] = [_embedded(width_px, *figure) for figure in item["figures"]]
     sky_shares = data["light_axes"] or {}
     cuts = cuts_by_axis(data["cuts"] or ())
-    branches = [
-        row | {"sky_share": sky_shares.get(row["branch_id"]), "cuts": cuts.get(row["branch_id"])}
-        for row in data["branches"]
-    ]
+    branches = []
+    for row in data["branches"]:
+        light, cut = sky_shares.get(row["branch_id"]), cuts.get(row["branch_id"])
+        facts = branch_facts(row | {"sky_share": light, "cuts": cut}, unit)
+        branches.append({"facts": facts, "there": row.get("p_exists"), "light": light})
+    pieces = data["bearing_pieces"]
     pruning = pruning_section(data["pruning"], data["cuts"], unit)
     if pruning and data["cuts"]:
         drawn = pruning_figure(data["skeleton"], data["cuts"], 2 * width_px // 3)
         pruning["figure"] = _embedded(width_px, drawn, "What goes in red; the numbers of the cuts.")
     viewer = viewer_data(
-        [
-            ShownSkeleton(
-                data["skeleton"],
-                [branch_facts(row, unit) for row in branches],
-                [row.get("p_exists") for row in branches],
-                [row["sky_share"] for row in branches],
-                wood=node_wood(data["skeleton"], data["bearing_pieces"]),
-            )
-        ],
+        [ShownSkeleton(data["skeleton"], branches, node_wood(data["skeleton"], pieces))],
         cloud,
         removed=data["removed"],
         n_points=options.viewer_points,

@@ -106,11 +106,11 @@ def _sparse(data: dict, width_px: int) -> dict:
         columns = {"photo": "{name}", "reason": f"{{{key}}}"}
         columns |= {"features": "{n_features}", "matches": "{n_matches}"}
         tables.append(table(f"{len(found)} {title}", columns, found, is_open=True))
-    figures = []
-    if data["metric_poses"] is not None:
-        figure = camera_figure(data["metric_poses"], data["segmented"], data["foot"], width_px)
-        figures.append((figure, "Registered photos and the way they look; the cross is the stem."))
-    return section("Photos and sparse model", report, facts, tables, figures)
+    figure, poses = None, data["metric_poses"]
+    if poses is not None:
+        figure = camera_figure(poses, data["segmented"], data["foot"], width_px)
+    caption = "Registered photos and the way they look; the cross is the stem."
+    return section("Photos and sparse model", report, facts, tables, [(figure, caption)])
 
 
 def _examples(data: dict, n_examples: int) -> dict:
@@ -132,13 +132,12 @@ def _aligned(data: dict, width_px: int) -> dict:
         "Region of interest": _SOURCES.get(str(crop.get("source")), ""),
         "Points kept by the crop": _share(crop, "n_kept", "n_points"),
     }
-    figures = []
-    if data["aligned"] is not None and data["aligned_poses"] is not None:
+    figure, cloud, poses = None, data["aligned"], data["aligned_poses"]
+    if cloud is not None and poses is not None:
         roi = Footprint.from_dict(crop) if crop else None
-        figure = alignment_figure(data["aligned"], data["aligned_poses"], roi, width_px)
-        caption = "Aligned cloud: ground at z = 0, the region that was kept, cameras."
-        figures.append((figure, caption))
-    return section("Alignment and crop", report, facts, figures=figures)
+        figure = alignment_figure(cloud, poses, roi, width_px)
+    caption = "Aligned cloud: ground at z = 0, the region that was kept, cameras."
+    return section("Alignment and crop", report, facts, figures=[(figure, caption)])
 
 
 def _covered(data: dict, width_px: int) -> dict:
@@ -167,11 +166,11 @@ def _denoised(data: dict, width_px: int) -> dict:
         "Removed as sky": _share(report, "n_removed_sky", "n_input"),
         "Left": _share(report, "n_output", "n_input"),
     }
-    figures = []
-    if data["cropped"] is not None and data["denoised"] is not None:
-        figure = denoise_figure(data["cropped"], data["denoised"], width_px)
-        figures.append((figure, "Points that the filters removed (red)."))
-    return section("Denoising", report, facts, figures=figures)
+    figure, before, after = None, data["cropped"], data["denoised"]
+    if before is not None and after is not None:
+        figure = denoise_figure(before, after, width_px)
+    caption = "Points that the filters removed (red)."
+    return section("Denoising", report, facts, figures=[(figure, caption)])
 
 
 def _share(report: Mapping[str, Any], part: str, whole: str) -> str:
@@ -223,14 +222,14 @@ def _scaled(data: dict) -> dict:
         "remarks": "{remarks}",
     }
     tables.append(table(f"{len(lengths)} known length(s)", columns, lengths, is_open=True))
-    figures = []
-    if data["poses"] is not None and data["cameras"] is not None:
-        lenses = PhotoLenses(data["cameras"], data["poses"].names)
-        figure = marker_figure(scale, data["poses"], lenses, data["photos"])
-        figures.append((figure, "Markers with the corners in 3D drawn back into the photos (red)."))
+    figure, poses = None, data["poses"]
+    if poses is not None and data["cameras"] is not None:
+        lenses = PhotoLenses(data["cameras"], poses.names)
+        figure = marker_figure(scale, poses, lenses, data["photos"])
+    caption = "Markers with the corners in 3D drawn back into the photos (red)."
     # A count of 0 says nothing
     record = {name: value or None for name, value in (scale | ids).items()}
-    return section("Scale", record, facts, tables, figures)
+    return section("Scale", record, facts, tables, [(figure, caption)])
 
 
 def _as_told(one: Mapping[str, Any]) -> dict:

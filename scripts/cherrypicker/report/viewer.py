@@ -12,6 +12,7 @@ import gzip
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -52,12 +53,9 @@ class ShownSkeleton(NamedTuple):
     """A skeleton of the view."""
 
     skeleton: Skeleton
-    #: Name and text of what is known of each branch, by its number
-    facts: Sequence[Sequence[tuple[str, str]]] = ()
-    #: How probable each branch is by the photos, None where nobody knows
-    there: Sequence[float | None] = ()
-    #: Each branch's share of the light of the sky, likewise
-    light: Sequence[float | None] = ()
+    #: What is known of each branch, by its number: ``facts`` (names and texts), how probable it is
+    #: by the photos (``there``) and its share of the sky's ``light``, None where nobody knows
+    branches: Sequence[dict] = ()
     #: Kind and age of the wood at each node, (n_nodes,) uint8 both, 255 where nobody knows
     wood: tuple[np.ndarray, np.ndarray] | None = None
     #: What tells it from others in one view: its name, its one colour
@@ -168,6 +166,7 @@ def _cloud_data(
     # By cells of 256 steps: drawn in half the time, for neighbours share memory
     order = np.lexsort((*(steps >> 8).T, is_later))
     shown, steps = shown.select(order), steps[order]
+    sure = np.nan_to_num(shown["confidence"]) if "confidence" in shown else None
     return {
         "first": len(shown) - int(is_later.sum()),
         "low": (low - origin).tolist(),
@@ -177,16 +176,10 @@ def _cloud_data(
         "positions": _packed(steps.view("u1").reshape(-1, 6).T, "u1"),
         "colors": _packed(np.clip(np.rint(cloud_colors(shown) * 255), 0, 255), "u1"),
         "labels": _packed(_known_labels(shown["label"]), "u1"),
-        "confidence": _confidence(shown),
+        "confidence": None if sure is None else _packed(np.clip(np.rint(sure * 255), 0, 255), "u1"),
         "removed": _packed(shown["removed_by"], "u1") if "removed_by" in shown else None,
         "nodes": _packed(nearest_nodes(shown, skeleton), "<i4"),
     }
-
-
-def _confidence(shown: PointCloud) -> str | None:
-    if "confidence" not in shown:
-        return None
-    return _packed(np.clip(np.rint(np.nan_to_num(shown["confidence"]) * 255), 0, 255), "u1")
 
 
 def nearest_nodes(cloud: PointCloud, skeleton: Skeleton) -> np.ndarray:
@@ -203,9 +196,10 @@ def nearest_nodes(cloud: PointCloud, skeleton: Skeleton) -> np.ndarray:
 
 
 def _skeleton_data(shown: ShownSkeleton, origin: np.ndarray) -> dict:
-    skeleton, facts = shown.skeleton, shown.facts
-    axis_list = axes(skeleton)
+    skeleton, axis_list = shown.skeleton, axes(shown.skeleton)
+    branches = chain(shown.branches, repeat({"facts": [], "there": None, "light": None}))
     error = skeleton.fields.get("radius_error")
+    kind, age = (None, None) if shown.wood is None else (_packed(each, "u1") for each in shown.wood)
     return {
         "name": shown.name,
         "tint": None if shown.tint is None else _bytes_of(shown.tint),
@@ -214,17 +208,12 @@ def _skeleton_data(shown: ShownSkeleton, origin: np.ndarray) -> dict:
         "radius": _packed(skeleton.radius, "<f4"),
         "error": None if error is None else _packed(error, "<f4"),
         "label": _packed(_known_labels(skeleton.label), "u1"),
-        "kind": None if shown.wood is None else _packed(shown.wood[0], "u1"),
-        "age": None if shown.wood is None else _packed(shown.wood[1], "u1"),
+        "kind": kind,
+        "age": age,
         "axis": _packed(axis_of_node(skeleton, axis_list), "<i4"),
         "branches": [
-            {
-                "order": int(axis.order),
-                "facts": list(facts[i]) if i < len(facts) else [],
-                "there": shown.there[i] if i < len(shown.there) else None,
-                "light": shown.light[i] if i < len(shown.light) else None,
-            }
-            for i, axis in enumerate(axis_list)
+            {"order": int(axis.order), **branch}
+            for axis, branch in zip(axis_list, branches, strict=False)
         ],
     }
 
