@@ -24,7 +24,6 @@ _FAR_OFF, _CLOSE = 0.5, 0.2
 # A level half-line that runs through more of a branch than this, m, does not tell the place (guess)
 _LONG_M = 0.2
 _NUMBERS = ("ours", "low", "high")
-_NO_SCALE = "the scan has no scale"
 
 
 class ComparedTree:
@@ -92,7 +91,7 @@ class ComparedTree:
     def _ours(self, measure: Measure) -> dict:
         quantity = measure.quantity
         if self.skeleton.unit != "m" and quantity.unit not in ("1", "deg"):
-            return {"problem": _NO_SCALE}
+            return {"problem": "the scan has no scale"}
         if quantity.is_on_branch:
             return self._on_branch(measure)
         if quantity.name == "trunk_diameter_m" and "height_m" in measure.place:
@@ -113,37 +112,33 @@ class ComparedTree:
         for at, value in self.traits.get("trunk_diameters", {}).items():
             if abs(height - float(at)) <= _SAME_HEIGHT_M:
                 error = self.traits.get("trunk_diameters_se", {}).get(at)
-                half = Z90 * error if error else None
-                return {"ours": value} | ({} if half is None else _around(value, half))
+                return {"ours": value} | (_around(value, Z90 * error) if error else {})
         place = self.places.on_trunk(height)
         if place is None:
             return {"problem": f"the trunk ends below {height:g} m"}
         return self._diameter(place)
 
     def _on_branch(self, measure: Measure) -> dict:
-        place = self._place(measure)
+        quantity, at, order = measure.quantity, measure.place, measure.order
+        if measure.point is not None:
+            place = self.places.at_point(np.array(measure.point), order)
+        else:
+            far = at.get("distance_m")
+            place = self.places.towards(at["height_m"], at["azimuth_deg"], far, order)
         if place is None:
             return {"problem": f"no branch within {100 * TOLERANCE_M:.0f} cm of the place"}
         doubts = []
         if place.rivals:
             others = ", ".join(map(str, place.rivals))
             doubts.append(f"it may be on branch {others} as well; give distance_m, or a point")
-        quantity = measure.quantity
-        if place.stretch > _LONG_M and quantity.at_place:
-            doubts.append("the branch runs along that azimuth; give distance_m, or a point")
         if quantity.at_place:
+            if place.stretch > _LONG_M:
+                doubts.append("the branch runs along that azimuth; give distance_m, or a point")
             return self._diameter(place) | {"doubts": doubts}
         row = self.branches[place.branch]
         low, high = map(row.get, ends_of(quantity.column))
         found = {"ours": row[quantity.column], "low": low, "high": high}
         return found | {"branch_id": place.branch, "doubts": doubts}
-
-    def _place(self, measure: Measure) -> Place | None:
-        place, order = measure.place, measure.order
-        if measure.point is not None:
-            return self.places.at_point(np.array(measure.point), order)
-        distance = place.get("distance_m")
-        return self.places.towards(place["height_m"], place["azimuth_deg"], distance, order)
 
     def _diameter(self, place: Place) -> dict:
         """The skeleton's diameter at a place, as the photos scaled it, with its 90 % interval."""

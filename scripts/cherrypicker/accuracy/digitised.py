@@ -176,17 +176,17 @@ def limb_measures(
         if ours is None or places.order[ours.branch] != axis.order:
             n_left_out += 1
             continue
-        place = dict(zip(("x_m", "y_m", "z_m"), map(rounded, point), strict=True))
-        place |= {"order": axis.order}
+        x, y, z = map(rounded, point)
+        place = {"x_m": x, "y_m": y, "z_m": z, "order": axis.order}
         found += [
             ("branch_diameter_m", diameter, place),
             ("branch_length_m", shapes["length_m"][row], place),
             ("branch_angle_deg", shapes["insertion_angle_deg"][row], place),
         ]
     note = f"digitised: {Path(theirs.file).name}"
-    rows = []
-    for name, value, at in found:
-        quantity = QUANTITIES[name]
-        if quantity.low <= value <= quantity.high:
-            rows.append(Measure(tree, quantity, rounded(value), quantity.unit, who, note, at, 0))
+    rows = [
+        Measure(tree, quantity, rounded(value), quantity.unit, who, note, at, 0)
+        for name, value, at in found
+        if (quantity := QUANTITIES[name]).low <= value <= quantity.high
+    ]
     return rows, n_left_out

@@ -43,8 +43,8 @@ class Places:
     """A skeleton that places are looked up on."""
 
     def __init__(self, skeleton: Skeleton, axis_list: list[Axis], foot_z: float) -> None:
-        self.skeleton, self.foot_z, self.trunk = skeleton, foot_z, axis_list[0]
-        self.stem_radius = float(np.median(skeleton.radius[self.trunk.nodes]))
+        self.foot_z, trunk = foot_z, axis_list[0].nodes
+        self.stem, self.stem_radius = skeleton.points[trunk], np.median(skeleton.radius[trunk])
         self.order = np.array([axis.order for axis in axis_list])
         owner, parent = axis_of_node(skeleton, axis_list), skeleton.parent
         inner = parent[1:]
@@ -89,8 +89,11 @@ class Places:
         order : int, optional
             As for `at_point`.
         """
-        origin, outwards = self._half_line(height, azimuth_deg)
-        share = self._level_share(origin[2])
+        z, angle = self.foot_z + height, np.radians(azimuth_deg)
+        # On the trunk's axis (above its end, over the end)
+        x, y, _ = self.stem[np.argmin(np.abs(self.stem[:, 2] - z))]
+        origin, outwards = np.array([x, y, z]), np.array([np.cos(angle), np.sin(angle), 0.0])
+        share = self._level_share(z)
         offset = self.start + share[:, None] * self.step - origin
         along = offset @ outwards
         gap = np.linalg.norm(offset - along[:, None] * outwards, axis=1) - self._radius(share)
@@ -120,9 +123,7 @@ class Places:
         return self._place(edge, share, np.zeros(len(share))) if rise[edge] < _LEVEL_M else None
 
     def _is_of(self, order: int | None) -> np.ndarray:
-        return (
-            np.full(len(self.branch), True) if order is None else self.order[self.branch] == order
-        )
+        return (self.order[self.branch] == order) | (order is None)
 
     def _from_point(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where each edge is nearest to a point, and how far its surface is, (n_edges,) each."""
@@ -131,14 +132,6 @@ class Places:
         share = np.clip(share, 0.0, 1.0)
         offset = point - self.start - share[:, None] * self.step
         return share, np.linalg.norm(offset, axis=1) - self._radius(share)
-
-    def _half_line(self, height: float, azimuth_deg: float) -> tuple[np.ndarray, np.ndarray]:
-        """Start on the trunk's axis (above its end, over the end) and direction."""
-        points = self.skeleton.points[self.trunk.nodes]
-        z = self.foot_z + height
-        at = points[np.argmin(np.abs(points[:, 2] - z))]
-        angle = np.radians(azimuth_deg)
-        return np.array([at[0], at[1], z]), np.array([np.cos(angle), np.sin(angle), 0.0])
 
     def _level_share(self, z: float) -> np.ndarray:
         """How far along each edge it is nearest to a height, (n_edges,) in [0, 1]."""
