@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from cherrypicker.errors import StageError
+from cherrypicker.intake.stills import shrunk
 from cherrypicker.markers.detection import find_markers
 from cherrypicker.photos import UNREADABLE, check_promise
 from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, PHOTOS_COLUMN, exif_camera
@@ -109,7 +110,7 @@ def _look(path: Path, dictionary: cv2.aruco.Dictionary | None) -> Look:
         marker_ids=sorted({one for one, _ in find_markers(grey, dictionary)}) if dictionary else [],
         corners=(corners - middle).astype(np.float32) / (focal * max(small.shape)),
         descriptors=descriptors,
-        thumbnail=_resized(color, THUMBNAIL_PX),
+        thumbnail=shrunk(color, THUMBNAIL_PX),
     )
 
 
@@ -136,17 +137,10 @@ def blur_of(grey: np.ndarray) -> float:
 
 
 def _features(grey: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    small = _resized(grey, FEATURE_PX)
+    small = shrunk(grey, FEATURE_PX)
     points, found = cv2.SIFT.create(nfeatures=N_FEATURES).detectAndCompute(small, None)
     if found is None:
         return small, np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     corners = np.array([point.pt for point in points]) + 0.5
     share = found / np.maximum(found.sum(axis=1, keepdims=True), 1e-12)
     return small, corners, np.sqrt(share).astype(np.float32)
-
-
-def _resized(picture: np.ndarray, longer_px: int) -> np.ndarray:
-    shrink = longer_px / max(picture.shape[:2])
-    if shrink >= 1.0:
-        return picture
-    return cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)

@@ -39,12 +39,9 @@ def find_overlaps(looks: Sequence[Look], threads: int) -> list[Overlap]:
         pairs = retrieval_pairs(global_descriptors(words), N_ALIKE)
     else:
         pairs = exhaustive_pairs(len(looks))
-
-    def match(pair: tuple[int, int]) -> Overlap | None:
-        return _match(looks, *pair)
-
     with ThreadPoolExecutor(threads) as pool:
-        return [found for found in pool.map(match, pairs.tolist()) if found]
+        found = pool.map(lambda pair: _match(looks, *pair), pairs.tolist())
+        return [overlap for overlap in found if overlap]
 
 
 def _match(looks: Sequence[Look], first: int, second: int) -> Overlap | None:

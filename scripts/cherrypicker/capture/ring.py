@@ -77,8 +77,7 @@ def _placed(n_photos: int, overlaps: Sequence[Overlap]) -> tuple[np.ndarray, np.
     azimuth = np.full(n_photos, np.nan)
     inside = np.flatnonzero(group == 0)
     if len(inside) > 1:
-        place = np.full(n_photos, -1)
-        place[inside] = np.arange(len(inside))
+        place = np.cumsum(group == 0) - 1
         own = [one for one in overlaps if group[one.first] == 0]
         rotations = _synchronised(len(inside), [(place[o.first], place[o.second], o) for o in own])
         azimuth[inside] = _azimuths(rotations)

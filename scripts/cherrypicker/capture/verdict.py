@@ -63,10 +63,13 @@ def judge(looks: Sequence[Look], marker_ids: Collection[int], threads: int) -> V
     """
     looks = list(looks)
     ring = find_ring(len(looks), find_overlaps(looks, threads))
-    blurred = _blurred(looks)
-    findings = [*_files(looks), *_exposure(looks), *_markers(looks, marker_ids)]
+    good = [row for row, look in enumerate(looks) if not look.problem]
+    blur = [looks[row].blur for row in good]
+    most = min(float(np.median(blur)) + MORE_BLUR, MOST_BLUR) if good else MOST_BLUR
+    blurred = [row for row in good if looks[row].blur > most]
+    findings = [*_files(looks), *_exposure(looks, good), *_markers(looks, marker_ids)]
     if blurred:
-        n_sharp = sum(not look.problem for look in looks) - len(blurred)
+        n_sharp = len(good) - len(blurred)
         text = f"blurred: {_names(looks, blurred)}; they count as missing"
         findings.append(Finding(text, blurred, n_sharp < MIN_PHOTOS))
     azimuth = ring.azimuth_deg.copy()
@@ -110,17 +113,7 @@ def _files(looks: Sequence[Look]) -> list[Finding]:
     return found
 
 
-def _blurred(looks: Sequence[Look]) -> list[int]:
-    values = np.array([look.blur for look in looks])
-    good = np.array([not look.problem for look in looks])
-    if not good.any():
-        return []
-    most = min(float(np.median(values[good])) + MORE_BLUR, MOST_BLUR)
-    return np.flatnonzero(good & (values > most)).tolist()
-
-
-def _exposure(looks: Sequence[Look]) -> list[Finding]:
-    good = [row for row, look in enumerate(looks) if not look.problem]
+def _exposure(looks: Sequence[Look], good: Sequence[int]) -> list[Finding]:
     if not good:
         return []
     usual = float(np.median([looks[row].brightness for row in good]))
@@ -163,13 +156,11 @@ def _around(
         text = f"{len(apart)} photos overlap too little with the others"
         text += f" ({_names(looks, apart)}): photograph there again, 10 to 15 degrees apart"
         found.append(Finding(text, apart, is_many))
-    wide = widest_gaps(azimuth, WIDE_GAP_DEG)
-    for width, before, after in wide:
+    for width, before, after in widest_gaps(azimuth, WIDE_GAP_DEG):
         pair = f"{looks[before].path.name} and {looks[after].path.name}"
         if ring.is_told:
-            text = (
-                f"no sharp photo that overlaps for {width:.0f} degrees: photograph between {pair}"
-            )
+            text = f"no sharp photo that overlaps for {width:.0f} degrees: "
+            text += f"photograph between {pair}"
             gaps.append((float(azimuth[before]), float(azimuth[before] + width)))
         else:
             text = f"perhaps no sharp photo between {pair}: look there yourself"

@@ -15,7 +15,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from PIL import ExifTags, Image
 
@@ -23,7 +22,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of, twins_in
 from cherrypicker.intake.masks import MASKS_COLUMN, UserMasks, write_hidden
-from cherrypicker.intake.stills import Still, read_still, still_size, unreadable
+from cherrypicker.intake.stills import Still, read_still, shrunk, still_size, unreadable
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
 from cherrypicker.photos import ORIENTATION, UNREADABLE, check_promise, exif_orientation
 from cherrypicker.progress import Progress
@@ -229,10 +228,7 @@ def is_too_large(size: tuple[int, int], max_size_px: int) -> bool:
 
 def write_still(path: Path, still: Still, max_size_px: int) -> tuple[int, int]:
     """Write a photo as JPEG, reduced where it is too large; return its width and height."""
-    pixels = still.pixels
-    if is_too_large(pixels.shape[:2], max_size_px):
-        shrink = max_size_px / max(pixels.shape[:2])
-        pixels = cv2.resize(pixels, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    pixels = shrunk(still.pixels, max_size_px) if max_size_px else still.pixels
     with atomic_path(path) as temporary:
         Image.fromarray(np.ascontiguousarray(pixels)).save(
             temporary, format="JPEG", quality=JPEG_QUALITY, subsampling=0, exif=still.exif

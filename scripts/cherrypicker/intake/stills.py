@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+import cv2
 import numpy as np
 from PIL import ExifTags, Image
 
@@ -87,6 +88,14 @@ def still_size(path: str | os.PathLike) -> tuple[int, int]:
         return (height, width) if turned > 4 else (width, height)
     with _open_raw(path) as raw:
         return int(raw.sizes.width), int(raw.sizes.height)
+
+
+def shrunk(pixels: np.ndarray, longer_px: int) -> np.ndarray:
+    """Return a picture (height, width, ...) whose longer side has so many px at most."""
+    shrink = longer_px / max(pixels.shape[:2])
+    if shrink >= 1.0:
+        return pixels
+    return cv2.resize(pixels, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
 
 
 def _needed(name: str, path: str | os.PathLike) -> ModuleType:

@@ -19,6 +19,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import PHOTOS_COLUMN
+from cherrypicker.intake.stills import shrunk
 
 logger = logging.getLogger(__name__)
 
@@ -42,9 +43,8 @@ class Frame:
 
     def __init__(self, number: int, picture: np.ndarray) -> None:
         self.number, self._picture = number, picture  # BGR, as OpenCV reads it
-        shrink = min(LOOK_PX / max(picture.shape[:2]), 1.0)
-        small = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-        self.grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
+        grey = cv2.cvtColor(shrunk(picture, LOOK_PX), cv2.COLOR_BGR2GRAY)
+        self.grey = np.asarray(grey, np.uint8)
         # The variance of the Laplacian: what a frame shows matters too, but those of one step show
         # the same
         self.sharpness = float(cv2.Laplacian(self.grey, cv2.CV_32F).var())
