@@ -22,7 +22,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of, twins_in
 from cherrypicker.intake.masks import MASKS_COLUMN, UserMasks, write_hidden
-from cherrypicker.intake.stills import Still, read_still, shrunk, still_size, unreadable
+from cherrypicker.intake.stills import Still, read_still, readable, shrunk, still_size
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
 from cherrypicker.photos import ORIENTATION, UNREADABLE, check_promise, exif_orientation
 from cherrypicker.progress import Progress
@@ -55,7 +55,7 @@ def size_of_capture(path: str | os.PathLike) -> tuple[int, int, float]:
         If it cannot be read, or its sizes make no sense.
     """
     kind = kind_of(path)
-    try:
+    with readable(path):
         if kind is Kind.VIDEO:
             film = film_header(path)
             # A header may promise anything; a frame takes its entry in the list at least
@@ -66,8 +66,6 @@ def size_of_capture(path: str | os.PathLike) -> tuple[int, int, float]:
         with Image.open(path) as image:
             check_promise(image, path, PHOTOS_COLUMN)
             return *image.size, 0.0
-    except UNREADABLE as error:
-        raise unreadable(path, error) from error
 
 
 def prepare_photos(

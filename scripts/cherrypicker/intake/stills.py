@@ -10,7 +10,8 @@ from __future__ import annotations
 import importlib
 import io
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -111,28 +112,30 @@ def _needed(name: str, path: str | os.PathLike) -> ModuleType:
         ) from error
 
 
-def unreadable(path: str | os.PathLike, error: Exception) -> StageError:
-    """Return what is told of a photo that cannot be read."""
-    return StageError(f"the photo cannot be read ({error})", file=path, key=PHOTOS_COLUMN)
+@contextmanager
+def readable(path: str | os.PathLike, *more: type[Exception]) -> Iterator[None]:
+    """Raise what Pillow, or `more`, says of a broken photo as a StageError."""
+    broken: tuple[type[Exception], ...] = (*UNREADABLE, *more)
+    try:
+        yield
+    except broken as error:
+        cause = f"the photo cannot be read ({error})"
+        raise StageError(cause, file=path, key=PHOTOS_COLUMN) from error
 
 
 def _open_heif(path: str | os.PathLike) -> Image.Image:
     """Open a HEIF photo: its pixels come upright, its orientation is in ``info``."""
     heif = _needed("pillow-heif", path)
     heif.register_heif_opener(thumbnails=False)
-    try:
+    with readable(path):
         return Image.open(path)
-    except UNREADABLE as error:
-        raise unreadable(path, error) from error
 
 
 def _read_heif(path: str | os.PathLike) -> Still:
     with _open_heif(path) as image:
-        try:
+        with readable(path):
             seen = np.asarray(image.convert("RGB"))
             exif = kept_tags(image.getexif())
-        except UNREADABLE as error:
-            raise unreadable(path, error) from error
         turned = int(image.info.get("original_orientation") or 1)
     orientation = turned if 1 <= turned <= 8 else 1
     exif[ORIENTATION] = orientation
@@ -141,20 +144,16 @@ def _read_heif(path: str | os.PathLike) -> Still:
 
 def _open_raw(path: str | os.PathLike):  # type: ignore[no-untyped-def]  # rawpy has no types
     package = _needed("rawpy", path)
-    try:
+    with readable(path, package.LibRawError):
         return package.imread(os.fspath(path))
-    except (package.LibRawError, OSError) as error:
-        raise unreadable(path, error) from error
 
 
 def _read_raw(path: str | os.PathLike) -> Still:
     with _open_raw(path) as raw:
-        try:
+        with readable(path, _needed("rawpy", path).LibRawError):
             flip = int(raw.sizes.flip)
             # As shot: white balance of the camera, no brightening from photo to photo
             pixels = raw.postprocess(use_camera_wb=True, no_auto_bright=True, user_flip=0)
-        except _needed("rawpy", path).LibRawError as error:
-            raise unreadable(path, error) from error
         exif = _raw_exif(Path(path), raw)
     exif[ORIENTATION] = _ORIENTATION_OF_FLIP.get(flip, 1)
     return Still(pixels, exif)

@@ -15,14 +15,8 @@ from cherrypicker.units import unit_name
 
 _DECIMALS = 3  # of coordinates on the page
 _FORMS = (
-    "crown_volume_m3",
-    "crown_alpha_volume_m3",
-    "crown_contour_volume_m3",
-    "crown_ellipsoid_volume_m3",
-    "crown_cone_volume_m3",
-    "crown_base_height_m",
-    "tree_row_volume_m3_ha",
-    "branching_index_per_m",
+    *(f"crown_{form}volume_m3" for form in ("", "alpha_", "contour_", "ellipsoid_", "cone_")),
+    *("crown_base_height_m", "tree_row_volume_m3_ha", "branching_index_per_m"),
 )
 # Columns of a limb that the page's script reckons with
 _OF_LIMB = (

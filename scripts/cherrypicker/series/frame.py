@@ -53,16 +53,14 @@ def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()
     """
     search, coarse = _Search(earlier, later, N_SAMPLES), _Search(earlier, later, N_SEARCHED)
     starts, scores = [], []
+    onto = [earlier.points[0] + [0.0, 0.0, height] for height in HEIGHTS_M]
     for turn in 2 * np.pi * np.arange(N_TURNS) / N_TURNS:
-        onto = [earlier.points[0] + [0.0, 0.0, height] for height in HEIGHTS_M]
         tried = [_about_the_foot(turn, later.points[0], place) for place in onto]
         reached = [coarse.score(start, SEARCH_M) for start in tried]
         starts.append(tried[int(np.argmax(reached))])
         scores.append(max(reached))
-    best = [
-        ("wood", starts[row]) for row in np.argsort(-np.array(scores), kind="stable")[:N_REFINED]
-    ]
-    best = [("markers", start) for start in by_markers] + best
+    order = np.argsort(-np.array(scores), kind="stable")[:N_REFINED]
+    best = [("markers", start) for start in by_markers] + [("wood", starts[row]) for row in order]
     refined = [(source, search.refined(start)) for source, start in best]
     found = [search.score(matrix, WIDTHS_M[-1]) for _, matrix in refined]
     top = int(np.argmax(found))
