@@ -32,7 +32,6 @@ class Place:
     """Where a measurement lies on the skeleton."""
 
     branch: int  # number of the axis
-    gap: float  # between the place and the branch's surface, m; negative inside
     diameter: float
     node: int  # outer end of the edge that it lies on
     rivals: tuple[int, ...] = ()  # branches of the same order that the place may mean as well
@@ -67,7 +66,7 @@ class Places:
         share, gap = self._from_point(point)
         gap[~self._is_of(order)] = np.inf
         edge = np.argmin(gap)
-        return self._place(edge, share, gap) if gap[edge] <= TOLERANCE_M else None
+        return self._place(edge, share) if gap[edge] <= TOLERANCE_M else None
 
     def towards(
         self,
@@ -108,11 +107,11 @@ class Places:
         near = near[orders == orders.min()]
         edge = near[np.argmin(gap[near])]
         if distance is not None:
-            return self._place(edge, share, gap)
+            return self._place(edge, share)
         rivals = set(self.branch[near].tolist()) - {int(self.branch[edge])}
         touched &= self.branch == self.branch[edge]
         stretch = float(np.ptp(along[touched])) if touched.any() else 0.0
-        return replace(self._place(edge, share, gap), rivals=tuple(sorted(rivals)), stretch=stretch)
+        return replace(self._place(edge, share), rivals=tuple(sorted(rivals)), stretch=stretch)
 
     def on_trunk(self, height: float) -> Place | None:
         """Return the place on the trunk at a height over its foot; None where it ends below."""
@@ -120,7 +119,7 @@ class Places:
         rise = np.abs(self.start[:, 2] + share * self.step[:, 2] - self.foot_z - height)
         rise[self.order[self.branch] > 0] = np.inf
         edge = np.argmin(rise)
-        return self._place(edge, share, np.zeros(len(share))) if rise[edge] < _LEVEL_M else None
+        return self._place(edge, share) if rise[edge] < _LEVEL_M else None
 
     def _is_of(self, order: int | None) -> np.ndarray:
         return (self.order[self.branch] == order) | (order is None)
@@ -141,6 +140,6 @@ class Places:
     def _radius(self, share: np.ndarray) -> np.ndarray:
         return self.radius_start + share * self.radius_step
 
-    def _place(self, edge: np.integer, share: np.ndarray, gap: np.ndarray) -> Place:
+    def _place(self, edge: np.integer, share: np.ndarray) -> Place:
         diameter = 2.0 * float(self._radius(share)[edge])
-        return Place(int(self.branch[edge]), float(gap[edge]), diameter, int(edge) + 1)
+        return Place(int(self.branch[edge]), diameter, int(edge) + 1)

@@ -53,10 +53,9 @@ class UserMasks:
     ) -> None:
         masks = masks_in(folder)
         if not masks:
-            is_there = Path(folder).is_dir()
-            cause = (
-                "the folder holds no mask (.png)" if is_there else "the folder of masks is missing"
-            )
+            cause = "the folder holds no mask (.png)"
+            if not Path(folder).is_dir():
+                cause = "the folder of masks is missing"
             raise StageError(cause, file=folder, key=MASKS_COLUMN)
         by_name = {name: name for name in photos} | {Path(name).stem: name for name in photos}
         unused = {*left_out, *(Path(name).stem for name in left_out)}
