@@ -59,7 +59,7 @@ def camera_views(
         views.append(
             {
                 "name": name,
-                "center": poses.centers[i].tolist(),
+                "center": poses.centers[i],
                 "rays": np.round(rays / np.linalg.norm(rays, axis=1)[:, None], 4).tolist(),
                 "size": [round(zoom * wide), round(zoom * tall)],
                 "matrix": np.diag([zoom, zoom, 1.0]) @ poses.K[i] @ poses.cam_from_world[i],

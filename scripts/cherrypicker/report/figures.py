@@ -187,8 +187,7 @@ def cloud_colors(cloud: PointCloud) -> np.ndarray:
 def class_colors(labels: np.ndarray) -> np.ndarray:
     """RGB per point by class, (n, 3) float32."""
     table = np.full((256, 3), CLASS_COLORS[Label.UNLABELLED], dtype=np.float32)
-    for label, color in CLASS_COLORS.items():
-        table[label] = color
+    table[list(CLASS_COLORS)] = list(CLASS_COLORS.values())
     return table[labels]
 
 

@@ -6,7 +6,7 @@ the same numbers by ``summary.js``, so that they follow the table's filter.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Any
@@ -118,14 +118,7 @@ def summary_html(
         counts=", ".join(counts),
         failed=[*(r for r in ordered if r.status in ("failed", "interrupted")), *failed_series],
         titles=[*decisions.items(), *((trait.name, trait.title) for trait in _SHOWN)],
-        rows=[
-            (
-                result,
-                [_decided(decided[result.tree].get(name)) for name in decisions]
-                + [_cell(result, trait) for trait in _SHOWN],
-            )
-            for result in ordered
-        ],
+        rows=[(result, _cells(result, decided[result.tree], decisions)) for result in ordered],
         orders={words: order for words, order in ORDERS.items() if order[0] in known},
         most_flags=_MANY_FLAGS,
         outliers=_outlier_rows(apart, lines, results),
@@ -138,16 +131,18 @@ def summary_html(
     return page + "\n"
 
 
-def _decided(decision: Decision | None) -> tuple[str, str]:
-    """The same of what is to be decided."""
-    return (f"{decision.number:g}", decision.text) if decision else ("", "–")
-
-
-def _cell(result: TreeResult, trait: Trait) -> tuple[str, str]:
-    """A trait as it is sorted and as it is shown."""
-    number = result.number(trait)
-    shown = told(result.traits, trait.name, result.unit)
-    return "" if number is None else f"{number:g}", shown
+def _cells(
+    result: TreeResult, decided: Mapping[str, Decision], columns: Iterable[str]
+) -> list[tuple[str, str]]:
+    """What is to be decided, then the traits, as they are sorted and as they are shown."""
+    cells = [
+        (f"{decided[name].number:g}", decided[name].text) if name in decided else ("", "–")
+        for name in columns
+    ]
+    for trait in _SHOWN:
+        number, shown = result.number(trait), told(result.traits, trait.name, result.unit)
+        cells.append(("" if number is None else f"{number:g}", shown))
+    return cells
 
 
 def _outlier_rows(apart: Mapping, lines: Mapping, results: Sequence[TreeResult]) -> list[dict]:

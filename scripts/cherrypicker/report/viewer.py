@@ -220,21 +220,18 @@ def _skeleton_data(shown: ShownSkeleton, origin: np.ndarray) -> dict:
 
 def _moved(camera: dict, origin: np.ndarray) -> dict:
     """A camera whose places are relative to the origin."""
-    matrix = np.asarray(camera["matrix"])
-    offset = matrix[:, 3] + matrix[:, :3] @ origin
-    moved = {
-        "center": (np.asarray(camera["center"]) - origin).tolist(),
-        "matrix": np.column_stack([matrix[:, :3], offset]).ravel().tolist(),
-    }
-    return camera | moved
+    matrix = camera["matrix"].copy()
+    matrix[:, 3] += matrix[:, :3] @ origin
+    center = (camera["center"] - origin).tolist()
+    return camera | {"center": center, "matrix": matrix.ravel().tolist()}
 
 
 def module_map() -> str:
     """The view's modules as the text of an import map, by their names ``viewer/*.js``."""
-    sources = {path.name: path.read_bytes() for path in sorted(_MODULES.glob("*.js"))}
     imports = {
-        f"viewer/{name}": "data:text/javascript;base64," + base64.b64encode(source).decode("ascii")
-        for name, source in sources.items()
+        f"viewer/{path.name}": "data:text/javascript;base64,"
+        + base64.b64encode(path.read_bytes()).decode("ascii")
+        for path in sorted(_MODULES.glob("*.js"))
     }
     return json.dumps({"imports": imports})
 
