@@ -84,14 +84,22 @@ def test_a_wire_through_a_crown_is_found_whole_from_a_limb_that_turns_into_it(cr
     n_wire = len(crown[0])
     assert found[:n_wire].mean() > 0.98
     assert found[n_wire:].mean() < 0.01
-    assert pole.is_free(points)
+    limb = np.repeat([0, 1, 2], [len(part) for part in crown])
+    assert pole.is_free(points, limb)
+    # Where its last points stray they are its own, as long as they are grown as its limb
+    end = crown[0][crown[0][:, 0].argmax()]
+    strays = np.random.default_rng(5).normal(end, [0.004, 0.012, 0.012], (800, 3))
+    points = np.vstack([points, strays])
+    assert pole.is_free(points, np.append(limb, np.zeros(800, int)))
+    assert not pole.is_free(points, np.append(limb, np.full(800, 3)))
 
 
 def test_a_shoot_as_straight_and_even_as_a_wire_hangs_on_its_stem(crown):
     points = np.vstack(crown)
     tube = _tube((0.06, 0.2, 1.311), (0.2, 0.9, 1.7), radii=[0.003, 0.003])
     pole = find_pole(points, tube, SPACING)
-    assert pole is not None and not pole.is_free(points)
+    limb = np.repeat([0, 1, 2], [len(part) for part in crown])
+    assert pole is not None and not pole.is_free(points, limb)
     for radii in ((0.006, 0.002), (0.004, 0.001)):  # as shoots are, it thins
         rng = np.random.default_rng(4)
         thins = np.vstack([crown[1], _surface(rng, (0.02, 0, 1.2), (0.2, 0.9, 1.7), *radii)])

@@ -59,19 +59,22 @@ class Pole:
         """The same with its stray points."""
         return replace(self, reach=HALO * self.reach, slack=HALO * self.reach)
 
-    def is_free(self, points: np.ndarray) -> bool:
+    def is_free(self, points: np.ndarray, limb: np.ndarray) -> bool:
         """Whether both of its ends are in the air: at neither are most of the points (n, 3) others.
 
         A shoot hangs on something; a wire is held far away, and what it passes is between its ends.
+        Points of a limb (n,) that is mostly the pole's are its own, however far they stray.
         """
-        own = self.rows(points)
-        if not len(own):
+        rows = self.rows(points)
+        if not len(rows):
             return False
+        is_own = (2 * np.bincount(limb[rows], minlength=limb.max() + 1) > np.bincount(limb))[limb]
+        is_own[rows] = True
         way = (points - self.middle) @ self.along
-        for end in (way[own].min(), way[own].max()):
+        for end in (way[rows].min(), way[rows].max()):
             away = np.linalg.norm(points - self.middle - end * self.along, axis=1)
             near = (np.abs(way - end) <= 2 * self.reach) & (away <= HALO * self.reach)
-            if 2 * np.count_nonzero(near[own]) < np.count_nonzero(near):
+            if 2 * np.count_nonzero(near & is_own) < np.count_nonzero(near):
                 return False
         return True
 

@@ -153,10 +153,10 @@ def poles_and_wires(
         posts = [each for each in upright if post[each].mean() >= POST_BY_SHAPE]
         left = own & is_limb
         left[np.concatenate([rows[:0], *posts])] = False
-        wood_left = wood[left[entered]]
+        is_left = left[entered]
         for number, pole in enumerate(poles):
             # A wire may end at a post, and hang on its stem as well
-            if pole and not standing[number] and pole.is_free(wood_left):
+            if pole and not standing[number] and pole.is_free(wood[is_left], limbs.member[is_left]):
                 around = anything[pole.halo().rows(everywhere)]
                 grown = limbs.member[near.query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
