@@ -1,13 +1,12 @@
 """Measure a tree's traits on its skeleton and its labelled cloud.
 
-Reads skeleton.graphml, topology.graphml, segmented.ply and target.json, and for a scan from photos
-scale.json, metric_poses.npz, sfm/report.json, photo_check.json, the undistorted photos' cameras
-and what each photo shows (evidence) (with hand corrections edits.json); writes traits.json,
-branches.csv and, where a path is given, limbs.csv and branches.ply, the wood with the branch of
-each point. Example:
+Reads skeleton.graphml, segmented.ply and target.json, and for a scan from photos scale.json,
+metric_poses.npz, sfm/report.json, photo_check.json, the undistorted photos' cameras and what each
+photo shows (evidence) (with hand corrections edits.json); writes traits.json, branches.csv and,
+where a path is given, limbs.csv and branches.ply, the wood with the branch of each point. Example:
 
-    python scripts/measure_traits.py --skeleton skeleton.graphml --topology topology.graphml \\
-        --segmented segmented.ply --traits traits.json --branches branches.csv --limbs limbs.csv
+    python scripts/measure_traits.py --skeleton skeleton.graphml --segmented segmented.ply \\
+        --traits traits.json --branches branches.csv --limbs limbs.csv
 """
 
 from typing import Annotated
@@ -17,7 +16,7 @@ from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.skeleton import axes, read_skeleton, read_topology
+from cherrypicker.skeleton import axes, read_skeleton
 from cherrypicker.traits.branch_points import branch_cloud
 from cherrypicker.traits.branches import branches_csv
 from cherrypicker.traits.measure import TraitOptions, measure_traits
@@ -27,7 +26,6 @@ from cherrypicker.traits.table import LIMB_COLUMNS
 
 def main(
     skeleton: Annotated[str, "skeleton.graphml"],
-    topology: Annotated[str, "topology.graphml"],
     segmented: Annotated[str, "labelled cloud"],
     traits: Annotated[str, "JSON to write"],
     branches: Annotated[str, "CSV of all axes to write"],
@@ -54,7 +52,6 @@ def main(
     numbers, tables = measure_traits(
         tree,
         cloud,
-        read_topology(topology),
         Reports(
             scale=read_json(scale) if scale else {},
             sparse=read_json(sparse) if sparse else {},

@@ -4,8 +4,8 @@ Reads the tree's traits, graphs and clouds and, for a scan from photos, what its
 writes report.html and PNG figures. Example (a ready cloud; a scan from photos adds --sparse etc.):
 
     python scripts/report_tree.py --tree cherry --traits traits.json --branches branches.csv \\
-        --skeleton skeleton.graphml --topology topology.graphml --segmented segmented.ply \\
-        --contracted contracted.ply --report report.html --cloud_figure figures/cloud.png \\
+        --skeleton skeleton.graphml --segmented segmented.ply --contracted contracted.ply \\
+        --report report.html --cloud_figure figures/cloud.png \\
         --label_figure figures/labels.png --skeleton_figure figures/skeleton.png \\
         --topology_figure figures/topology.png --trunk_figure figures/trunk.png \\
         --thumbnail_figure figures/thumbnail.png

@@ -208,9 +208,6 @@ def test_a_cell_longer_than_tables_have_is_refused(tmp_path, caplog, read, head,
     [
         *(("skeleton", f'"{key}">1<', f'"{key}">{2**64}<') for key in ("label", "gap", "n_points")),
         ("skeleton", 'attr.name="x" attr.type="double"', 'attr.name="x" attr.type="string"'),
-        ("topology", ">1 3 4<", f">1 {2**63} 4<"),
-        ("topology", ">1 3 4<", ">4<"),
-        ("topology", ">1 3 4<", "><"),
     ],
 )
 def test_a_graph_whose_numbers_are_none_is_refused(tmp_path, name, old, new):

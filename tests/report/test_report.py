@@ -29,16 +29,13 @@ from cherrypicker.report.viewer import ShownSkeleton, nearest_nodes, pick_points
 from cherrypicker.skeleton import (
     Skeleton,
     axes,
-    node_order,
     write_skeleton_graphml,
-    write_topology_graphml,
 )
 from cherrypicker.traits.branches import branch_rows, branches_csv, read_branches
 from cherrypicker.traits.table import BRANCH_COLUMNS, Trait
 
 READ = {"traits": "traits.json", "branches": "branches.csv", "skeleton": "skeleton.graphml"}
-READ |= {"topology": "topology.graphml", "segmented": "segmented.ply"}
-READ |= {"contracted": "contracted.ply"}
+READ |= {"segmented": "segmented.ply", "contracted": "contracted.ply"}
 PNGS = ("cloud", "label", "skeleton", "topology", "trunk", "thumbnail")
 
 
@@ -90,8 +87,6 @@ def build(tmp_path):
         skeleton = y_skeleton(unit)
         cloud = scan(skeleton, unit, colors)
         write_skeleton_graphml(tmp_path / "skeleton.graphml", skeleton)
-        order = node_order(skeleton, axes(skeleton))
-        write_topology_graphml(tmp_path / "topology.graphml", skeleton, order)
         write_cloud(tmp_path / "segmented.ply", cloud)
         write_cloud(tmp_path / "contracted.ply", cloud.select(cloud["label"] > 0))
         (tmp_path / "traits.json").write_text(json.dumps(traits(unit)))

@@ -96,7 +96,6 @@ def render(
         "traits": traits(),
         "branches": rows,
         "skeleton": skeleton,
-        "topology": fold(skeleton, axis_list),
         "segmented": cloud,
         "contracted": cloud.select(cloud["label"] > 0),
         "photos": [],

@@ -26,12 +26,8 @@ from cherrypicker.segmentation.dgcnn import Dgcnn, load_weights, save_weights
 from cherrypicker.sfm.database import copy_database
 from cherrypicker.skeleton import (
     Skeleton,
-    axes,
-    node_order,
     read_skeleton,
-    read_topology,
     write_skeleton_graphml,
-    write_topology_graphml,
 )
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.sky.colors import SkyColors, read_sky_colors, write_sky_colors
@@ -88,12 +84,6 @@ def _skeleton():
 def _skeletons(folder):
     write_skeleton_graphml(folder / "skeleton.graphml", _skeleton())
     return [folder / "skeleton.graphml"]
-
-
-def _topologies(folder):
-    order = node_order(_skeleton(), axes(_skeleton()))
-    write_topology_graphml(folder / "topology.graphml", _skeleton(), order)
-    return [folder / "topology.graphml"]
 
 
 def _skeleton_tables(folder):
@@ -200,7 +190,6 @@ READERS = [
     Reader("text_cloud", imported, _texts),
     Reader("cloud_at_the_start", size_at_the_start, lambda folder: _plys(folder) + _las(folder)),
     Reader("skeleton", read_skeleton, _skeletons),
-    Reader("topology", read_topology, _topologies),
     Reader("skeleton_table", read_skeleton_csv, _skeleton_tables),
     Reader("digitised", read_digitised, _digitised),
     Reader("poses", read_poses, _poses),

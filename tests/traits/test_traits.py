@@ -14,7 +14,7 @@ from cherrypicker.geometry.neighbors import quick_tree
 from cherrypicker.geometry.sections import fit_section
 from cherrypicker.geometry.stem_slabs import search_circle
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton import Skeleton, axes, fold
+from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.foot import find_foot
 from cherrypicker.traits.measure import TraitOptions, measure_traits
@@ -119,7 +119,7 @@ def y_tree():
 def y_traits(y_tree):
     skeleton = y_tree.skeleton()
     options = TraitOptions(n_bootstrap=60, row_distance_m=4.0)
-    return measure_traits(skeleton, y_tree.scan(), fold(skeleton), options=options)
+    return measure_traits(skeleton, y_tree.scan(), options=options)
 
 
 def test_plain_tree(y_tree, y_traits):
@@ -359,7 +359,7 @@ def test_unsure_cameras_are_flagged(y_tree):
 def test_same_seed_same_traits(y_tree, y_traits):
     skeleton = y_tree.skeleton()
     options = TraitOptions(n_bootstrap=60, row_distance_m=4.0)
-    again = measure_traits(skeleton, y_tree.scan(), fold(skeleton), options=options)
+    again = measure_traits(skeleton, y_tree.scan(), options=options)
     assert again == y_traits
 
 

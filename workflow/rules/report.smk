@@ -7,7 +7,6 @@ rule report_tree:
         branches="results/{tree}/branches.csv",
         limbs="results/{tree}/limbs.csv",
         skeleton="results/{tree}/skeleton.graphml",
-        topology="results/{tree}/topology.graphml",
         segmented="results/{tree}/segmented.ply",
         contracted="results/{tree}/contracted.ply",
         contract_report="results/{tree}/contract.json",

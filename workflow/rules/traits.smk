@@ -4,7 +4,6 @@
 rule measure_traits:
     input:
         skeleton="results/{tree}/skeleton.graphml",
-        topology="results/{tree}/topology.graphml",
         segmented="results/{tree}/segmented.ply",
         target="results/{tree}/target.json",
         scale=photo_only("results/{scan}/scale.json"),

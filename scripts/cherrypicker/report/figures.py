@@ -36,7 +36,7 @@ from cherrypicker.report.style import (
 )
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.topology import Topology
+from cherrypicker.skeleton.topology import fold
 from cherrypicker.units import unit_name
 
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
@@ -251,11 +251,12 @@ def skeleton_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Fig
     return figure
 
 
-def topology_figure(skeleton: Skeleton, topology: Topology, width_px: int) -> Figure:
+def topology_figure(skeleton: Skeleton, width_px: int) -> Figure:
     """Branch orders by colour, with root, junctions and tips."""
     orders = node_order(skeleton, axes(skeleton))
     figure, panels = tree_grid(skeleton, width_px, "Topology by branch order")
     colors = [order_color(order) for order in orders[1:]]
+    topology = fold(skeleton)
     kinds = np.array(topology.kind)
     for panel in panels:
         panel.edges(skeleton, colors=colors, linewidths=LINE["order"])

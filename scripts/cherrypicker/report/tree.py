@@ -20,7 +20,7 @@ from cherrypicker.report.bearing import read_pieces
 from cherrypicker.report.light import read_sky_shares
 from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.style import LAYOUT
-from cherrypicker.skeleton import read_skeleton, read_topology
+from cherrypicker.skeleton import read_skeleton
 from cherrypicker.traits.branches import read_branches
 from cherrypicker.traits.table import LIMB_COLUMNS
 
@@ -41,7 +41,6 @@ FILES = {
     "branches": _File(read_branches, "branches.csv", True),
     "limbs": _File(partial(read_branches, columns=LIMB_COLUMNS), "limbs.csv"),
     "skeleton": _File(read_skeleton, "skeleton.graphml", True),
-    "topology": _File(read_topology, "topology.graphml", True),
     "segmented": _File(partial(read_cloud, required=("label",)), "labelled cloud", True),
     "contracted": _File(read_cloud, "contracted points", True),
     "contract_report": _File(read_json, "contract.json"),
@@ -122,7 +121,7 @@ def report_tree(
         "cloud": draw.cloud_figure(cloud, skeleton, width),
         "label": draw.label_figure(cloud, skeleton, width),
         "skeleton": draw.skeleton_figure(cloud, skeleton, width),
-        "topology": draw.topology_figure(skeleton, data["topology"], width),
+        "topology": draw.topology_figure(skeleton, width),
         "trunk": draw.trunk_figure(cloud, traits, width),
     }
     for name, figure in drawn.items():

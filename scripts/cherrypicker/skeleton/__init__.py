@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, axis_polyline, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
-from cherrypicker.skeleton.exports import read_skeleton, read_topology, write_skeleton_ply
+from cherrypicker.skeleton.exports import read_skeleton, write_skeleton_ply
 from cherrypicker.skeleton.model import Skeleton, densify
 from cherrypicker.skeleton.networks import write_skeleton_graphml, write_topology_graphml
 from cherrypicker.skeleton.topology import Topology, TopologyEdge, fold
@@ -26,7 +26,6 @@ __all__ = [
     "node_order",
     "read_skeleton",
     "read_skeleton_csv",
-    "read_topology",
     "write_skeleton_graphml",
     "write_skeleton_ply",
     "write_topology_graphml",

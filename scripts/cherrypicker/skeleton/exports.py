@@ -1,10 +1,9 @@
-"""Skeletons and topologies from GraphML, and skeletons as PLY."""
+"""Skeletons from GraphML and as PLY."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,33 +11,13 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.ply import write_ply_vertices
 from cherrypicker.skeleton.model import Skeleton, rooted_order
-from cherrypicker.skeleton.topology import Topology, TopologyEdge
-
-if TYPE_CHECKING:
-    import networkx
 
 __all__ = [
     "read_skeleton",
-    "read_topology",
     "write_skeleton_ply",
 ]
 
 LARGEST_ROUNDING = 1e-5  # float32 is enough while it moves no vertex by more than this
-
-
-def _read_graph(path: str | os.PathLike) -> networkx.Graph:
-    """Read a GraphML graph whose `root` names a node, as a user's error where it cannot be one."""
-    import networkx as nx
-
-    if not Path(path).is_file():
-        raise StageError("the graph is missing", file=path, key="skeleton.method")
-    try:
-        graph = nx.read_graphml(path)
-    except (SyntaxError, ValueError, LookupError, TypeError, nx.NetworkXException) as error:
-        raise StageError(f"not a readable GraphML file: {error}", file=path) from error
-    if str(graph.graph.get("root")) not in graph:
-        raise StageError("the graph has no `root` attribute that names a node", file=path)
-    return graph
 
 
 def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
@@ -75,7 +54,16 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
     StageError
         If the file is missing, unreadable, not a tree, or lacks an attribute.
     """
-    graph = _read_graph(path)
+    import networkx as nx
+
+    if not Path(path).is_file():
+        raise StageError("the graph is missing", file=path, key="skeleton.method")
+    try:
+        graph = nx.read_graphml(path)
+    except (SyntaxError, ValueError, LookupError, TypeError, nx.NetworkXException) as error:
+        raise StageError(f"not a readable GraphML file: {error}", file=path) from error
+    if str(graph.graph.get("root")) not in graph:
+        raise StageError("the graph has no `root` attribute that names a node", file=path)
     number = {name: index for index, name in enumerate(graph)}
     edges = np.array([(number[a], number[b]) for a, b in graph.edges()], dtype=np.int64)
     try:
@@ -103,44 +91,6 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
         )
     except (KeyError, ValueError, OverflowError) as error:
         raise StageError(f"not a skeleton: {error}", file=path) from error
-
-
-def read_topology(path: str | os.PathLike) -> Topology:
-    """Read ``topology.graphml``.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    Topology
-
-    Raises
-    ------
-    StageError
-        If the file is missing, unreadable or lacks an attribute.
-    """
-    graph = _read_graph(path)
-    try:
-        nodes = np.array(list(map(int, graph)), dtype=np.int64)
-        order = np.argsort(nodes)
-        rows = [data for _, data in graph.nodes(data=True)]
-        points = np.array([[row[axis] for axis in "xyz"] for row in rows], dtype=np.float64)
-        kinds = [rows[place]["kind"] for place in order]
-        edges = []
-        for *_, data in graph.edges(data=True):
-            way = np.array(list(map(int, data["path"].split())), dtype=np.int64)
-            if len(way) < 2:
-                raise ValueError(f"the way {data['path']!r} has no two nodes")
-            edge = {name: data[name] for name in ("length", "radius_start", "radius_end", "order")}
-            edges.append(TopologyEdge(int(way[0]), int(way[-1]), way, **edge))
-    except (KeyError, ValueError, OverflowError) as error:
-        raise StageError(f"not a topology: {error!r}", file=path) from error
-    edges.sort(key=lambda edge: edge.child)
-    unit = graph.graph.get("unit", "m")
-    frame = graph.graph.get("frame", "metric")
-    return Topology(nodes[order], kinds, points[order], edges, unit, frame)
 
 
 def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:

@@ -22,7 +22,6 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import fold
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.topology import Topology
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker.traits.crown import contour_volume, growth_by, measure_crown, missing_wood
 from cherrypicker.traits.flags import at_least, quality_flags
@@ -73,7 +72,6 @@ class ScannedTree:
         self,
         skeleton: Skeleton,
         cloud: PointCloud,
-        topology: Topology | None,
         reports: Reports,
         options: TraitOptions,
         seed: int,
@@ -87,7 +85,7 @@ class ScannedTree:
                 key="segment",
             )
         self.unit, self.options = cloud.unit, options
-        self.topology = fold(skeleton) if topology is None else topology
+        self.topology = fold(skeleton)
         self.scale_error = reports.scale_error if cloud.unit == "m" else 0.0
         wood, rng = cloud.points[is_wood], np.random.default_rng(seed)
         tree = quick_tree(wood)
@@ -236,7 +234,6 @@ class ScannedTree:
 def measure_traits(
     skeleton: Skeleton,
     cloud: PointCloud,
-    topology: Topology | None = None,
     reports: Reports | None = None,
     *,
     options: TraitOptions | None = None,
@@ -248,8 +245,6 @@ def measure_traits(
     ----------
     cloud : PointCloud
         The segmented cloud, z up, in the skeleton's frame and unit, with a ``label`` field.
-    topology : Topology, optional
-        Counts junctions and tips; the skeleton's own without it.
     reports : Reports, optional
         What earlier stages say of the scan; its scale's standard error enters every uncertainty.
 
@@ -266,7 +261,7 @@ def measure_traits(
         If the skeleton has no edge or the cloud no wood.
     """
     reports, options = reports or Reports(), options or TraitOptions()
-    tree = ScannedTree(skeleton, cloud, topology, reports, options, seed)
+    tree = ScannedTree(skeleton, cloud, reports, options, seed)
     traits: dict[str, Any] = {"unit": cloud.unit}
     terms, outgrown = {}, []
     for name, trait in TRAITS.items():

@@ -8,9 +8,7 @@ import numpy as np
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton.axes import axes
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.topology import fold
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker_lab.skeletons.graph_scores import score_points
 from cherrypicker_lab.skeletons.methods import START_UP_POINTS, peak_mb
@@ -92,8 +90,7 @@ def _cloud_to_traits(cloud):
     lap("contract")
     contract_peak_mb = peak_mb()
     found = extract_skeleton(contracted, cloud, base=details["base"], limbs=details["limbs"])
-    topology = fold(found, axes(found))
     lap("graph")
-    measure_traits(found, cloud, topology)
+    measure_traits(found, cloud)
     lap("traits")
     return contracted, seconds, contract_peak_mb
