@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.compiled import compiled
-from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.rice import rice
 from cherrypicker.geometry.robust import MAD_TO_SIGMA, TUKEY
 
@@ -25,6 +24,7 @@ __all__ = [
     "fit_section",
     "iterate",
     "judge",
+    "median",
 ]
 
 LEAST_NOISE = 1e-4  # of the radius: what a perfect cloud is taken to have
@@ -42,25 +42,15 @@ FIRST_SCATTER = 0.15  # of the radius: of points around the first guess
 class Section:
     """A piece of wood in its slab's frame: axis along w, origin inside.
 
-    Attributes
-    ----------
-    parameters : ndarray of shape (6 + 2 * n_orders,)
-        Centre u, v and radius at w = 0, their slopes along w, then cosine and sine of the outline's
-        waves of `ORDERS` as shares of the radius.
-    covariance : ndarray of shape (6 + 2 * n_orders, 6 + 2 * n_orders)
-    noise : float
-        Robust standard deviation of the points around the surface, in the cloud's unit.
-    weights : ndarray of shape (n_points,)
-        Tukey's, in [0, 1]; 0 is an outlier.
-    offset : ndarray of shape (n_points, 2)
-        Of the points from the axis.
+    The numbers of `parameters` are centre u, v and radius at w = 0, their slopes along w, then
+    cosine and sine of the outline's waves of `ORDERS` as shares of the radius.
     """
 
-    parameters: np.ndarray
-    covariance: np.ndarray
-    noise: float
-    weights: np.ndarray
-    offset: np.ndarray
+    parameters: np.ndarray  # (6 + 2 * n_orders,)
+    covariance: np.ndarray  # (6 + 2 * n_orders, 6 + 2 * n_orders)
+    noise: float  # robust standard deviation of the points around the surface, cloud's unit
+    weights: np.ndarray  # (n_points,): Tukey's, in [0, 1]; 0 is an outlier
+    offset: np.ndarray  # (n_points, 2): of the points from the axis
 
     @property
     def radius(self) -> float:
@@ -228,6 +218,12 @@ def iterate(
         if moved < settled * found[2] and scatter <= 1.01 * spread:
             break
     return found, scatter
+
+
+@compiled
+def median(values: np.ndarray) -> float:
+    """NumPy's median, compiled once and not anew into every function that calls it."""
+    return np.median(values)
 
 
 @compiled

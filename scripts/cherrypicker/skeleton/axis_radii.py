@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from cherrypicker.compiled import compiled
-from cherrypicker.geometry.ordering import median
 from cherrypicker.geometry.robust import MAD_TO_SIGMA
-from cherrypicker.geometry.sections import arc_deg, judge
+from cherrypicker.geometry.sections import arc_deg, judge, median
 from cherrypicker.geometry.tree_walks import child_rows, window
 from cherrypicker.skeleton.model import Skeleton, closed_radii, densify
 
