@@ -5,8 +5,9 @@ import subprocess
 import sys
 
 SHORT = (
-    "import numpy as np; from cherrypicker.geometry.tree_walks import child_rows, fill_reach;"
-    "parent = np.array([-1, 0, 1]); print(child_rows(parent), fill_reach(parent, np.ones(3)))"
+    "import numpy as np; from cherrypicker.geometry.tree_walks import fill_reach, sum_from_root;"
+    "parent, ones = np.array([-1, 0, 1]), np.ones(3);"
+    "print(sum_from_root(parent, ones), fill_reach(parent, ones))"
 )
 
 

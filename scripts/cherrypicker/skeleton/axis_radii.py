@@ -9,7 +9,7 @@ import numpy as np
 from cherrypicker.compiled import compiled
 from cherrypicker.geometry.robust import MAD_TO_SIGMA
 from cherrypicker.geometry.sections import arc_deg, judge, median
-from cherrypicker.geometry.tree_walks import child_rows, window
+from cherrypicker.geometry.tree_walks import window
 from cherrypicker.skeleton.model import Skeleton, closed_radii, densify
 
 __all__ = ["measure_radii", "typical_scatter"]
@@ -64,7 +64,10 @@ def measure_radii(
     order = np.argsort(owner, kind="stable")
     start = np.searchsorted(owner[order], np.arange(len(skeleton) + 1))
     reach = np.maximum(REACH * skeleton.radius, LEAST_EDGES * spacing)
-    tree = skeleton.parent, skeleton.edge_length, *child_rows(skeleton.parent)
+    only_child = np.full(len(skeleton), -1)
+    only_child[skeleton.parent[1:]] = np.arange(1, len(skeleton))
+    only_child[skeleton.n_children > 1] = -1
+    tree = skeleton.parent, skeleton.edge_length, only_child
     n_points, told = _measured(surface[order], start, tree, reach, skeleton.points, skeleton.radius)
     radius, arc, residual, error = told.T
     radius = np.where(radius > 0, radius, np.nan)
@@ -98,9 +101,9 @@ def _measured(
     """Number of points around each node; its radius, covered arc, scatter and standard error.
 
     `surface` is sorted by the node that each point belongs to, whose first rows are `start`;
-    `tree` is parents, lengths of the edges below, and `child_rows`.
+    `tree` is parents, lengths of the edges below, and only children as for `window`.
     """
-    parent, length, child_start, child = tree
+    parent, length, only_child = tree
     n_nodes = len(nodes)
     told, counts = np.zeros((n_nodes, 4)), np.zeros(n_nodes, dtype=np.int64)
     near = np.empty(n_nodes, dtype=np.int64)
@@ -108,7 +111,7 @@ def _measured(
     circle, expected = np.zeros(3), np.full(3, np.inf)
     for node in range(n_nodes):
         told[node, 0] = radius[node]
-        n_near = window(node, parent, length, child_start, child, reach[node], near)
+        n_near = window(node, parent, length, only_child, reach[node], near)
         low = high = node
         for at in range(n_near):
             low, high = min(low, near[at]), max(high, near[at])
