@@ -11,7 +11,7 @@ from PIL import Image, ImageOps
 from cherrypicker.errors import StageError
 from cherrypicker.photos import as_stored, upright
 from cherrypicker.sky import masks, sizes
-from cherrypicker.sky.mask_files import read_mask, read_masks
+from cherrypicker.sky.mask_files import read_masks
 from cherrypicker.sky.masks import MaskOptions, sky_mask
 from cherrypicker.sky.scan import mask_photos, photos_by_stem
 from cherrypicker.sky.unet import SkyUNet, load_weights, save_weights
@@ -169,13 +169,13 @@ def test_folder_of_photos_gives_a_mask_each(tmp_path):
         "three.png",
         "two.png",
     ]
-    assert np.mean(read_mask(tmp_path / "sky/one.png", (240, 320)) == sky) > 0.98
-    assert np.mean(read_mask(tmp_path / "sky/two.png") == as_stored(sky, 6)) > 0.98
-    assert not read_mask(tmp_path / "sky/three.png").any()
+    assert np.mean(read_masks(tmp_path / "sky/one.png", (240, 320))[0] == sky) > 0.98
+    assert np.mean(read_masks(tmp_path / "sky/two.png")[0] == as_stored(sky, 6)) > 0.98
+    assert not read_masks(tmp_path / "sky/three.png")[0].any()
     assert np.array_equal(samples, again) and len(samples) == 200
     assert np.abs(samples.mean(axis=0) - (190, 215, 240)).max() < 5
     with pytest.raises(StageError, match="320 x 240"):
-        read_mask(tmp_path / "sky/one.png", (10, 10))
+        read_masks(tmp_path / "sky/one.png", (10, 10))
 
 
 def test_a_photo_that_cannot_be_read_costs_the_others_nothing(tmp_path, caplog):

@@ -36,9 +36,9 @@ class Bright:
 def test_the_second_look_finds_the_sky_of_a_dark_photo():
     image = np.full((40, 60, 3), 8, np.uint8)
     image[:20] = 80
-    probability = photo_probability(Bright(), image, 60)
+    probability = photo_probability(Bright(), image)
     assert probability[:20].min() > probability[20:].max() + 0.2
-    same = photo_probability(Bright(), np.full((4, 4, 3), 115, np.uint8), 4)
+    same = photo_probability(Bright(), np.full((4, 4, 3), 115, np.uint8))
     assert same == pytest.approx(0.5, abs=0.1)
 
 

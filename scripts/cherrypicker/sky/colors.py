@@ -98,7 +98,7 @@ def cluster_sky_colors(samples: np.ndarray, options: SkyColorOptions, *, seed: i
     """
     n_samples = len(samples)
     if n_samples == 0:
-        return _no_colors()
+        return SkyColors(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0), 0)
     rng = np.random.default_rng(seed)
     jittered = samples / 255.0 + rng.normal(0.0, JITTER, samples.shape)
     # Equal cells are clustered once, with their count as weight. That bounds the neighbour lists,
@@ -110,8 +110,6 @@ def cluster_sky_colors(samples: np.ndarray, options: SkyColorOptions, *, seed: i
     min_samples = max(10, round(options.cluster_min_density * n_samples))
     clustering = DBSCAN(eps=options.cluster_epsilon, min_samples=min_samples, n_jobs=1)
     clustering.fit(cells / 256.0, sample_weight=counts)
-    is_core = np.zeros(len(cells), bool)
-    is_core[clustering.core_sample_indices_] = True
     labels = clustering.labels_
     n_found = int(labels.max()) + 1
     share = np.bincount(labels[inverse] + 1, minlength=n_found + 1)[1:] / n_samples
@@ -121,30 +119,21 @@ def cluster_sky_colors(samples: np.ndarray, options: SkyColorOptions, *, seed: i
         "sky colours: %d clusters in %d samples, %d dominant, %.1f %% noise",
         *(n_found, n_samples, len(dominant), 100 * float(np.mean(labels[inverse] < 0))),
     )
-    if len(dominant) == 0:
-        return _no_colors(n_samples)
-    rows = [np.flatnonzero(is_core & (labels == k)) for k in dominant]
+    rank = np.full(n_found + 1, -1, dtype=np.int32)  # the last one is that of the noise, -1
+    rank[dominant] = np.arange(len(dominant))
+    kept = clustering.core_sample_indices_[rank[labels[clustering.core_sample_indices_]] >= 0]
+    kept = kept[np.argsort(rank[labels[kept]], kind="stable")]
     return SkyColors(
-        colors=np.clip(cells[np.concatenate(rows)] / 256.0, 0, 1).astype(np.float32),
-        cluster=np.repeat(np.arange(len(rows), dtype=np.int32), [len(r) for r in rows]),
+        colors=np.clip(cells[kept] / 256.0, 0, 1).astype(np.float32),
+        cluster=rank[labels[kept]],
         fraction=share[dominant],
         n_sampled=n_samples,
     )
 
 
-def _no_colors(n_sampled: int = 0) -> SkyColors:
-    return SkyColors(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0), n_sampled)
-
-
 def write_sky_colors(path: str | os.PathLike, sky: SkyColors) -> None:
     """Write sky colours as NPZ: ``colors``, ``cluster``, ``fraction``, ``n_sampled``."""
-    write_npz(
-        path,
-        colors=sky.colors,
-        cluster=sky.cluster,
-        fraction=sky.fraction,
-        n_sampled=np.int64(sky.n_sampled),
-    )
+    write_npz(path, **vars(sky) | {"n_sampled": np.int64(sky.n_sampled)})
 
 
 def read_sky_colors(path: str | os.PathLike) -> SkyColors:

@@ -26,14 +26,6 @@ def write_mask(path: Path, mask: np.ndarray) -> None:
             raise StageError("the sky mask cannot be written", file=path)
 
 
-def read_mask(path: Path, shape: tuple[int, int] | None = None) -> np.ndarray:
-    """Read a sky mask, (H, W) bool, True = sky.
-
-    See `read_masks`.
-    """
-    return read_masks(path, shape)[0]
-
-
 def read_masks(path: Path, shape: tuple[int, int] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Read what of a photo is sky and what the user hides, each (H, W) bool.
 

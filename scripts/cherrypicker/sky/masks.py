@@ -70,23 +70,20 @@ class MaskOptions:
     twig_contrast: float = 0.08
 
 
-def sky_probability(net: SkyUNet, image: np.ndarray, working_side: int) -> np.ndarray:
-    """Run the network on one upright photo, reduced to a working size.
+def sky_probability(net: SkyUNet, image: np.ndarray) -> np.ndarray:
+    """Run the network on one upright photo of the working size.
 
     Parameters
     ----------
     net : SkyUNet
         In evaluation mode.
-    image : ndarray of shape (H, W, 3), uint8, RGB
-    working_side : int
-        Longer side in pixels that the network sees; smaller photos are not enlarged.
+    image : ndarray of shape (h, w, 3), uint8, RGB
 
     Returns
     -------
     ndarray of shape (h, w), float32
-        Probability of sky at the working size.
+        Probability of sky.
     """
-    image = reduce_photo(image, working_side)
     height, width = image.shape[:2]
     bottom, right = -height % net.stride, -width % net.stride
     padded = cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_REPLICATE)
@@ -105,15 +102,12 @@ def at_middle_brightness(image: np.ndarray) -> np.ndarray:
     return table[image]
 
 
-def photo_probability(net: SkyUNet, image: np.ndarray, working_side: int) -> np.ndarray:
+def photo_probability(net: SkyUNet, image: np.ndarray) -> np.ndarray:
     """Run the network on a photo as it is and at middle brightness, and take the mean.
 
     Parameters and result as of `sky_probability`; the mean is that of the log odds.
     """
-    image = reduce_photo(image, working_side)
-    looks = [
-        sky_probability(net, seen, working_side) for seen in (image, at_middle_brightness(image))
-    ]
+    looks = [sky_probability(net, seen) for seen in (image, at_middle_brightness(image))]
     return _from_odds(np.mean([_log_odds(look) for look in looks], axis=0))
 
 
@@ -258,7 +252,7 @@ def sky_mask(
     """
     small = reduce_photo(image, options.working_side_px)
     seen = np.ascontiguousarray(upright(small, orientation))
-    probability = photo_probability(net, seen, options.working_side_px)
+    probability = photo_probability(net, seen)
     return mask_from_probability(image, as_stored(probability, orientation), options)
 
 

@@ -32,6 +32,7 @@ from torch.nn import functional as F
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.sky.masks import sky_probability
+from cherrypicker.sky.sizes import reduce_photo
 from cherrypicker.sky.unet import DEFAULT_WIDTHS, SkyUNet, load_weights, to_tensor
 from cherrypicker_lab.training.sky.augment import AugmentOptions, draw_sample
 from cherrypicker_lab.training.sky.data import SkyPhoto
@@ -164,7 +165,7 @@ def evaluate(net: SkyUNet, photos: list[SkyPhoto], working_side: int) -> dict:
     total = Confusion()
     sources: dict[str, Confusion] = {}
     for photo in photos:
-        probability = sky_probability(net, photo.image, working_side)
+        probability = sky_probability(net, reduce_photo(photo.image, working_side))
         if probability.shape != photo.sky.shape:
             size = photo.sky.shape[::-1]
             probability = cv2.resize(probability, size, interpolation=cv2.INTER_LINEAR)
