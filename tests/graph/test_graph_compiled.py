@@ -8,6 +8,7 @@ from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.geometry.tree_walks import (
     fill_reach,
     sum_from_root,
+    sum_from_tips,
     window,
 )
 from cherrypicker.graph.extract import isotonic_radii
@@ -19,6 +20,7 @@ LENGTH = np.array([0.0, 1.0, 5.0, 2.0, 1.0, 4.0, 3.0])
 def test_walks_of_a_tree_that_one_can_count():
     assert fill_reach(PARENT, LENGTH).tolist() == [7, 6, 0, 4, 0, 0, 0]
     assert sum_from_root(PARENT, LENGTH).tolist() == [0, 1, 6, 3, 4, 7, 3]
+    assert sum_from_tips(PARENT, LENGTH).tolist() == [16, 13, 5, 7, 1, 4, 3]
 
 
 @pytest.mark.parametrize(("reach", "nodes"), [(0.5, [3]), (1.5, [3, 2, 4]), (9.0, [3, 2, 4, 5])])

@@ -6,7 +6,7 @@ import numpy as np
 
 from cherrypicker.compiled import compiled
 
-__all__ = ["fill_reach", "sum_from_root", "window"]
+__all__ = ["fill_reach", "sum_from_root", "sum_from_tips", "window"]
 
 
 @compiled
@@ -24,6 +24,15 @@ def sum_from_root(parent: np.ndarray, values: np.ndarray) -> np.ndarray:
     total = values.copy()
     for node in range(1, len(parent)):
         total[node] += total[parent[node]]
+    return total
+
+
+@compiled
+def sum_from_tips(parent: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Sum of a node's value and those of all nodes that hang on it, (n_nodes,) float64."""
+    total = values.copy()
+    for node in range(len(parent) - 1, 0, -1):
+        total[parent[node]] += total[node]
     return total
 
 

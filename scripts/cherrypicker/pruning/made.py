@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cherrypicker.geometry.tree_walks import sum_from_root
 from cherrypicker.series.compare import Step
 
 
@@ -32,9 +33,8 @@ def made_cuts(step: Step, rows: Sequence[Mapping], share: float = 0.5) -> dict:
     asked = np.zeros(len(wood), dtype=bool)
     numbers: dict[bool, list[int]] = {True: [], False: []}
     for row in rows:
-        beyond = (wood.axis == row["branch_id"]) & (wood.along > row["along_m"])
-        for sample in range(1, len(wood)):
-            beyond[sample] |= beyond[wood.parent[sample]]
+        own = (wood.axis == row["branch_id"]) & (wood.along > row["along_m"])
+        beyond = sum_from_root(wood.parent, own.astype(np.float64)) > 0
         gone = wood.length[beyond & (piece >= 0)].sum()
         numbers[bool(gone > share * wood.length[beyond].sum())].append(row["cut"])
         asked |= beyond

@@ -9,6 +9,7 @@ import numpy as np
 
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.geometry.lines import Line
+from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
 from cherrypicker.skeleton import axis_of_node
 from cherrypicker.traits.intervals import Z90
 from cherrypicker.traits.scaffold import BEYOND_M, Scaffold
@@ -113,15 +114,12 @@ class StandingTree:
     def cut(self, node: int) -> None:
         """Take a node and all that hangs on it."""
         self.stands[node] = False
-        for each in range(node + 1, len(self._parent)):  # parents before children
-            self.stands[each] &= self.stands[self._parent[each]]
+        is_cut = (~self.stands).astype(np.float64)
+        self.stands &= sum_from_root(self.tree.skeleton.parent, is_cut) == 0
 
     def beyond(self, values: np.ndarray) -> np.ndarray:
         """Sum of what stands of values over each node and all that hangs on it, (n_nodes,)."""
-        total = np.where(self.stands, values, 0.0).tolist()
-        for node in range(len(total) - 1, 0, -1):
-            total[self._parent[node]] += total[node]
-        return np.array(total)
+        return sum_from_tips(self.tree.skeleton.parent, np.where(self.stands, values, 0.0))
 
     def fork(self, node: int, other: int) -> int:
         """The last node that two nodes both hang on, or are."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.neighbors import link_components, quick_tree
-from cherrypicker.geometry.tree_walks import sum_from_root
+from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
 from cherrypicker.skeleton import Skeleton, densify
 
 # All guesses, looked at on the demo's and on generated trees
@@ -148,14 +148,13 @@ def _gaps(skeleton: Skeleton, bare: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         The run is 0 where none ends; the length beyond is without its own bare parts.
     """
     parent, length = skeleton.parent, skeleton.edge_length
-    run, goes_on, follows = np.zeros(len(parent)), np.zeros(len(parent), bool), length - bare
+    run, goes_on = np.zeros(len(parent)), np.zeros(len(parent), bool)
     for node in range(1, len(parent)):  # parents come before children
         if bare[node] > 0.5 * length[node]:
             run[node] = bare[node] + run[parent[node]]
             goes_on[parent[node]] = True
-    for node in range(len(parent) - 1, 0, -1):
-        follows[parent[node]] += follows[node]
-    return np.where(goes_on, 0.0, run), follows - (length - bare)
+    covered = length - bare
+    return np.where(goes_on, 0.0, run), sum_from_tips(parent, covered) - covered
 
 
 def missed_wood(far: np.ndarray, own: np.ndarray, reach: float) -> tuple[np.ndarray, float]:
