@@ -27,8 +27,6 @@ __all__ = [
 N_SECTORS = 36
 _MAX_BALANCE = 5.0
 _MOST_POINTS = 4000  # of a slab
-# How far off a circle points support it, as a share of its radius and in metres (guesses)
-_TOLERANCE, _TOLERANCE_M = 0.15, (0.002, 0.02)
 _PROMISING = 40  # circles whose sectors are looked at
 
 
@@ -46,11 +44,6 @@ def cut_slab(
     inside = np.abs(local[:, 2]) <= half_height
     inside &= np.hypot(local[:, 0], local[:, 1]) <= reach
     return local[inside], frame
-
-
-def tolerance_of(radius: float) -> float:
-    """How far off a circle of about this radius, m, points support it."""
-    return float(np.clip(_TOLERANCE * radius, *_TOLERANCE_M))
 
 
 def stem_section(

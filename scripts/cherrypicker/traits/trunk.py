@@ -18,7 +18,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.error_terms import Terms, trunk_terms
 from cherrypicker.geometry.lines import Line
-from cherrypicker.geometry.stem_slabs import stem_section, tolerance_of
+from cherrypicker.geometry.stem_slabs import stem_section
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.foot import Foot
 
@@ -28,6 +28,8 @@ logger = logging.getLogger(__name__)
 
 _LYING_DEG = 60.0
 _SPAN_M = 0.15  # of the stem around a height whose median radius is its own there
+# How far off a circle points support it, as a share of its radius and in metres (guesses)
+_TOLERANCE, _TOLERANCE_M = 0.15, (0.002, 0.02)
 TOP_M = 0.02  # below its end a trunk is no longer measured (guess)
 _MOST_SHIFT_M, _STEP_M = 0.2, 0.05  # how far off a height it is measured where that fails there
 
@@ -129,7 +131,8 @@ def measure_diameter(
     span, sizes = max(half_height, 2 * guess), (0.3 * guess, 2.5 * guess + 0.01)
     center, axis = stem.line.at(height), stem.line.direction(height - span, height + span)
     slab = center, axis, half_height, 3.0 * guess + 0.03
-    fit, frame = stem_section(wood, slab, tolerance_of(guess), sizes, min_points, rng)
+    tolerance = float(np.clip(_TOLERANCE * guess, *_TOLERANCE_M))
+    fit, frame = stem_section(wood, slab, tolerance, sizes, min_points, rng)
     if fit.n_inliers < min_points or fit.arc_deg < min_arc_deg:
         raise StageError(
             f"{fit.n_inliers} points over {fit.arc_deg:.0f} degrees fit a stem at height "
