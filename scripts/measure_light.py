@@ -10,9 +10,9 @@ and light.json, the tree and its limbs. Example:
 from pathlib import Path
 from typing import Annotated
 
-from cherrypicker.files import write_json, write_text
+from cherrypicker.files import csv_text, write_json, write_text
 from cherrypicker.formats.measured import read_measured_tree
-from cherrypicker.light.measure import LightOptions, light_csv, measure_light
+from cherrypicker.light.measure import LightOptions, measure_light
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.traits.branches import read_branches
 from cherrypicker.traits.table import LIMB_COLUMNS
@@ -31,7 +31,7 @@ def main(
     tree = read_measured_tree(Path(skeleton).parent)
     starts = [row["branch_id"] for row in read_branches(limbs, LIMB_COLUMNS)]
     totals, of_axes = measure_light(tree, starts, options, seed=seed, threads=threads)
-    write_text(axes, light_csv(of_axes))
+    write_text(axes, csv_text(of_axes, of_axes[0]))
     write_json(light, totals)
 
 

@@ -14,9 +14,9 @@ from workspace import Workspace
 
 from cherrypicker.batch.config import resolve_config
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema, read_json, write_text
+from cherrypicker.files import csv_text, load_schema, read_json, write_text
 from cherrypicker.formats.measured import MeasuredTree, read_measured_tree
-from cherrypicker.light.measure import LightOptions, light_csv, light_sums, measure_light
+from cherrypicker.light.measure import LightOptions, light_sums, measure_light
 from cherrypicker.light.mesh import PartMesh, leaf_mesh, wood_mesh
 from cherrypicker.light.rays import cast_cuts, cast_silhouettes
 from cherrypicker.light.sky import SeasonLight, season_light, sky_directions
@@ -233,7 +233,7 @@ def test_what_has_no_surface_has_no_share_of_the_light():
     leafy, bare = light_sums(mesh, seen, np.zeros(1), None, np.zeros(1, int), 2)
     assert leafy["leaf_sky_share"] == pytest.approx(1.0) and leafy["leaf_star"] > 0
     assert bare["leaf_sky_share"] is None and bare["leaf_star"] is None
-    assert light_csv([bare]).splitlines()[1] == "0.0,0.0,,"
+    assert csv_text([bare], bare).splitlines()[1] == "0.0,0.0,,"
 
 
 def test_leaves_stand_at_equal_ways_within_half_a_metre_of_the_tips():

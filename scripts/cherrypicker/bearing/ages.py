@@ -22,18 +22,10 @@ _LEAST_RADIUS_M = 1e-4  # no wood is thinner
 
 @dataclass
 class Ages:
-    """What is known of the wood at each node, which stands for the edge below it.
+    """What is known of the wood at each node, which stands for the edge below it."""
 
-    Attributes
-    ----------
-    chance : ndarray of shape (n_nodes, 2, n_ages), float64
-        Of each type and age.
-    length : ndarray of shape (n_nodes,), float64
-        Of the edge, beyond the bark of what bears it.
-    """
-
-    chance: np.ndarray
-    length: np.ndarray
+    chance: np.ndarray  # (n_nodes, 2, n_ages) float64: of each type and age
+    length: np.ndarray  # (n_nodes,) float64: of the edge, beyond the bark of what bears it
 
 
 def bare_lengths(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:

@@ -163,9 +163,3 @@ def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:
                 row | {f"p_{name}": rounded(p) for name, p in zip(KINDS, mean, strict=True)}
             )
     return rows
-
-
-def bearing_csv(rows: list[dict]) -> str:
-    """Text of ``bearing.csv``."""
-    lines = [rows[0], *(row.values() for row in rows)]
-    return "".join(",".join(map(str, line)) + "\n" for line in lines)

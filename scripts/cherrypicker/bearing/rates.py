@@ -5,7 +5,6 @@ The numbers of ``rates.yaml`` are counted on grown trees of known years (docs/la
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,35 +25,23 @@ class Rates:
     A state of the wood is (type, age, phase), in this order in vectors of `n_states`. A year's
     increment goes through `phases` of equal rate, so that its length is a gamma variate. What lies
     beyond short wood is short.
-
-    Attributes
-    ----------
-    phases : int
-    increment_m, laterals_a_m, ends_a_m : ndarray of shape (2, n_ages), float64
-        Mean length of a year's increment, and how many laterals, and ends of axes before their
-        last year's wood, a metre has.
-    goes_short : ndarray of shape (n_ages,), float64
-        Chance that beyond long wood of an age the next increment is short.
-    lateral : ndarray of shape (n_ages, 2, n_ages), float64
-        Chance of a lateral's type and age, by the age of the long wood that bears it: always less.
-    log_radius, log_radius_sd : ndarray of shape (2, n_ages), float64
-        Of radii in metres, within a tree.
-    log_radius_tree_sd : float
-        How much a tree, or a scan of it, is thicker as a whole.
-    radius_run_m : float
-        Along which radii tell as much as one.
     """
 
     phases: int
+    # (2, n_ages) float64: mean length of a year's increment, and how many laterals, and ends of
+    # axes before their last year's wood, a metre has
     increment_m: np.ndarray
     laterals_a_m: np.ndarray
     ends_a_m: np.ndarray
+    # (n_ages,) float64: chance that beyond long wood of an age the next increment is short
     goes_short: np.ndarray
+    # (n_ages, 2, n_ages) float64: chance of a lateral's type and age, by the age of the long wood
+    # that bears it: always less
     lateral: np.ndarray
-    log_radius: np.ndarray
+    log_radius: np.ndarray  # (2, n_ages) float64: of radii in metres, within a tree
     log_radius_sd: np.ndarray
-    log_radius_tree_sd: float
-    radius_run_m: float
+    log_radius_tree_sd: float  # how much a tree, or a scan of it, is thicker as a whole
+    radius_run_m: float  # along which radii tell as much as one
 
     @property
     def n_ages(self) -> int:
@@ -129,15 +116,11 @@ class Rates:
         return expm(np.asarray(lengths)[:, None, None] * self.generator)
 
 
-def rates_from(numbers: Mapping) -> Rates:
-    """Rates of the plain numbers of a YAML file."""
+def read_rates() -> Rates:
+    """Read the rates of ``rates.yaml``."""
+    numbers = yaml.safe_load(RATES_FILE.read_text(encoding="utf-8"))
     values: dict[str, Any] = {
         name: np.array(value, dtype=np.float64) if isinstance(value, list) else value
         for name, value in numbers.items()
     }
     return Rates(**values)
-
-
-def read_rates(path: Path = RATES_FILE) -> Rates:
-    """Read rates from a YAML file."""
-    return rates_from(yaml.safe_load(path.read_text(encoding="utf-8")))

@@ -164,11 +164,3 @@ def light_sums(
         }
         for row in range(n_groups)
     ]
-
-
-def light_csv(rows: list[dict]) -> str:
-    """Text of ``light.csv``; the rows hold numbers alone, or None for an empty cell."""
-    lines = [rows[0], *(row.values() for row in rows)]
-    return "".join(
-        ",".join("" if cell is None else str(cell) for cell in line) + "\n" for line in lines
-    )

@@ -5,43 +5,36 @@ Nothing heavy is imported: the pages read it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 
 from cherrypicker.traits.table import BranchColumn
 
-
-@dataclass(frozen=True)
-class CutColumn(BranchColumn):
-    """A column of ``pruning.csv``; one with a title is on the page."""
-
-    decimals: int = 2
-
-
+_column = partial(BranchColumn, decimals=2)  # one with a title is on the page
 _COLUMNS = (
-    CutColumn("cut", "whole", "cut"),
-    CutColumn("branch_id", "whole", "axis"),
-    CutColumn("node", "whole"),
-    CutColumn("kind", "text", "kind"),
-    CutColumn("reasons", "text", "why"),
-    CutColumn("along_m", title="at"),
-    CutColumn("height_m", title="height"),
-    *(CutColumn(name) for name in ("x_m", "y_m", "z_m")),
+    _column("cut", "whole", "cut"),
+    _column("branch_id", "whole", "axis"),
+    _column("node", "whole"),
+    _column("kind", "text", "kind"),
+    _column("reasons", "text", "why"),
+    _column("along_m", title="at"),
+    _column("height_m", title="height"),
+    *(_column(name) for name in ("x_m", "y_m", "z_m")),
     BranchColumn("diameter_m", title="diameter"),
-    CutColumn("diameter_low_m", "maybe"),
-    CutColumn("diameter_high_m", "maybe"),
-    CutColumn("removed_length_m", title="wood off"),
-    CutColumn("removed_volume_m3"),
-    CutColumn("ratio_after", title="ratio after"),
-    CutColumn("ratio_low", "maybe", "from"),
-    CutColumn("ratio_high", "maybe", "to"),
-    CutColumn("n_limbs_after", "whole", "limbs"),
-    CutColumn("length_after_m", title="wood left"),
-    CutColumn("n_tips_after", "whole", "tips"),
-    CutColumn("height_after_m", title="height after"),
+    _column("diameter_low_m", "maybe"),
+    _column("diameter_high_m", "maybe"),
+    _column("removed_length_m", title="wood off"),
+    _column("removed_volume_m3"),
+    _column("ratio_after", title="ratio after"),
+    _column("ratio_low", "maybe", "from"),
+    _column("ratio_high", "maybe", "to"),
+    _column("n_limbs_after", "whole", "limbs"),
+    _column("length_after_m", title="wood left"),
+    _column("n_tips_after", "whole", "tips"),
+    _column("height_after_m", title="height after"),
     BranchColumn("sky_share_after", "maybe", "sky after"),
-    CutColumn("volume_after_m3"),
-    CutColumn("volume_low_m3", "maybe"),
-    CutColumn("volume_high_m3", "maybe"),
+    _column("volume_after_m3"),
+    _column("volume_low_m3", "maybe"),
+    _column("volume_high_m3", "maybe"),
 )
 #: Name to column, in the file's order.
 CUT_COLUMNS = {column.name: column for column in _COLUMNS}

@@ -7,7 +7,6 @@ directions and base diameters are taken beyond the parent's surface.
 from __future__ import annotations
 
 import csv
-import io
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import csv_text
 from cherrypicker.geometry.lines import NEAR, Line
 from cherrypicker.skeleton.axes import Axis, axis_polyline
 from cherrypicker.skeleton.axis_radii import typical_scatter
@@ -226,12 +226,8 @@ def _use_photos(found: dict[str, np.ndarray], each: Mapping, scale_error: float)
 
 def branches_csv(rows: list[dict], columns: Mapping[str, BranchColumn] = BRANCH_COLUMNS) -> str:
     """Return rows as CSV text with a header, the cells as rough as the columns say."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow([column.write(row[name]) for name, column in columns.items()])
-    return stream.getvalue()
+    cells = ({name: each.write(row[name]) for name, each in columns.items()} for row in rows)
+    return csv_text(cells, columns)
 
 
 def read_branches(
