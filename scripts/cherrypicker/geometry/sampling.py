@@ -188,8 +188,9 @@ def median_spacing(points: np.ndarray, tree: cKDTree) -> float:
     return float(np.median(distance[:, 1]))
 
 
+@compiled
 def farthest_point_sample(
-    points: np.ndarray, spacing: float, *, first: int = 0
+    points: np.ndarray, spacing: float, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sample points greedily, each the farthest from those before, until `spacing` covers all.
 
@@ -208,11 +209,6 @@ def farthest_point_sample(
     nearest : ndarray of shape (n_points,), int64
         Position in `samples` of each point's nearest sample.
     """
-    return _farthest(np.ascontiguousarray(points, dtype=np.float64), float(spacing), int(first))
-
-
-@compiled
-def _farthest(points: np.ndarray, spacing: float, first: int) -> tuple[np.ndarray, np.ndarray]:
     samples, nearest = np.empty(len(points), np.int64), np.zeros(len(points), np.int64)
     distance = np.full(len(points), np.inf)
     far, n_samples = first, 0

@@ -121,9 +121,6 @@ def search_circle(
     tolerance: float,
     radius_range: tuple[float, float],
     rng: np.random.Generator,
-    *,
-    n_trials: int = 600,
-    max_points: int = 1500,
 ) -> np.ndarray:
     """Find the circle that explains most of a slice by sampling triples of points.
 
@@ -139,9 +136,6 @@ def search_circle(
     radius_range : tuple of float
         Least and largest radius accepted.
     rng : numpy.random.Generator
-    n_trials : int, default 600
-    max_points : int, default 1500
-        Points that score the candidates.
 
     Returns
     -------
@@ -153,9 +147,9 @@ def search_circle(
     StageError
         If no candidate circle lies in the range.
     """
-    if len(points) > max_points:
-        points = points[rng.choice(len(points), max_points, replace=False)]
-    triples = rng.integers(0, len(points), (n_trials, 3))
+    if len(points) > 1500:  # enough to score the candidates
+        points = points[rng.choice(len(points), 1500, replace=False)]
+    triples = rng.integers(0, len(points), (600, 3))
     circles = circles_through(points[triples])
     low, high = radius_range
     reach = np.hypot(circles[:, 0], circles[:, 1])
@@ -171,9 +165,7 @@ def search_circle(
     return circles[promising[np.argmax(score)]]
 
 
-def steady_levels(
-    local: np.ndarray, fit: Section, *, n_levels: int = 16, min_points: int = 6
-) -> np.ndarray:
+def steady_levels(local: np.ndarray, fit: Section) -> np.ndarray:
     """Points of the levels whose radius goes with the others'.
 
     A ring around the stem, or a knot, moves all points of its levels by a distance that a robust
@@ -190,15 +182,15 @@ def steady_levels(
     -------
     ndarray of shape (n_points,), bool
     """
+    n_levels = 16
     low, high = local[:, 2].min(), local[:, 2].max()
     level = ((local[:, 2] - low) / max(high - low, 1e-12) * n_levels).astype(int)
     level = np.minimum(level, n_levels - 1)
-    turn = np.arctan2(fit.offset[:, 1], fit.offset[:, 0]) / (2 * np.pi) + 0.5
-    sector = np.minimum((12 * turn).astype(int), 11)
+    sector = _sectors(fit.offset, 12)
     residual = np.linalg.norm(fit.offset, axis=1)
     residual -= fit.parameters[2] + fit.parameters[5] * local[:, 2]
     near = np.abs(residual) < 0.4 * fit.radius
-    known = np.flatnonzero(np.bincount(level[near], minlength=n_levels) >= min_points)
+    known = np.flatnonzero(np.bincount(level[near], minlength=n_levels) >= 6)
     if len(known) < 6:
         return np.ones(len(local), dtype=bool)
     cells = level[near], sector[near], residual[near], "median"
@@ -215,8 +207,13 @@ def steady_levels(
 
 def sector_weights(offset: np.ndarray) -> np.ndarray:
     """Weights that even out the number of points per sector, at most by `_MAX_BALANCE`."""
-    turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
-    sector = np.minimum((turn * N_SECTORS).astype(int), N_SECTORS - 1)
+    sector = _sectors(offset, N_SECTORS)
     count = np.bincount(sector)
     balance = np.median(count[count > 0]) / count[sector]
     return np.clip(balance, 1.0 / _MAX_BALANCE, _MAX_BALANCE)
+
+
+def _sectors(offset: np.ndarray, n: int) -> np.ndarray:
+    """Which of n sectors around the origin each place (n_points, 2) lies in, (n_points,) int."""
+    turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
+    return np.minimum((turn * n).astype(int), n - 1)
