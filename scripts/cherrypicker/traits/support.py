@@ -110,17 +110,24 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
     samples = densify(skeleton, _SAMPLE_M)
     node = samples.node
     near = wood.query(samples.points)[0] <= np.maximum(_NEAR_RADII * samples.radius, reach)
+    parent, length = skeleton.parent, skeleton.edge_length
     bare = np.bincount(node[~near], samples.length[~near], len(skeleton))  # of each node's edge
-    gap, follows = _gaps(skeleton, bare)
-    gap[gap <= max_gap] = 0.0
+    gap, goes_on = np.zeros(len(parent)), np.zeros(len(parent), dtype=bool)
+    for each in range(1, len(parent)):  # parents come before children
+        if bare[each] > 0.5 * length[each]:
+            gap[each] = bare[each] + gap[parent[each]]
+            goes_on[parent[each]] = True
+    gap[goes_on | (gap <= max_gap)] = 0.0  # it stands at the node that ends it
+    covered = length - bare
+    follows = sum_from_tips(parent, covered) - covered  # wood beyond each node
     is_rest = follows < follows[0] / 2  # else the foot is what was not seen
     is_stray = (follows < gap) & is_rest
-    kept = sum_from_root(skeleton.parent, is_stray.astype(float)) == 0
+    kept = sum_from_root(parent, is_stray.astype(float)) == 0
 
     owner, away, thick = owning_nodes(wood.data, skeleton)
     point = kept[owner] & (away <= np.maximum(OWN_RADII * thick, reach))
     is_far = away > np.maximum(OWN_RADII * thick, _MISSED_M)
-    missed, length = missed_wood(wood.data[is_far], wood.data[point], reach)
+    missed, extent = missed_wood(wood.data[is_far], wood.data[point], reach)
     return Support(
         kept,
         point,
@@ -130,31 +137,8 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
         float(follows[is_stray].sum()),
         np.vstack([missed, samples.points[near & ~kept[node]]]),
         len(missed) / max(len(missed) + int(point.sum()), 1),
-        length,
+        extent,
     )
-
-
-def _gaps(skeleton: Skeleton, bare: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Length of the bare run of a skeleton that ends at each node, and what follows wood beyond.
-
-    Parameters
-    ----------
-    bare : ndarray of shape (n_nodes,), float64
-        How much of each node's edge runs through no wood.
-
-    Returns
-    -------
-    run, follows : ndarray of shape (n_nodes,), float64
-        The run is 0 where none ends; the length beyond is without its own bare parts.
-    """
-    parent, length = skeleton.parent, skeleton.edge_length
-    run, goes_on = np.zeros(len(parent)), np.zeros(len(parent), bool)
-    for node in range(1, len(parent)):  # parents come before children
-        if bare[node] > 0.5 * length[node]:
-            run[node] = bare[node] + run[parent[node]]
-            goes_on[parent[node]] = True
-    covered = length - bare
-    return np.where(goes_on, 0.0, run), sum_from_tips(parent, covered) - covered
 
 
 def missed_wood(far: np.ndarray, own: np.ndarray, reach: float) -> tuple[np.ndarray, float]:
