@@ -53,9 +53,14 @@ def aims_of(
     section, parent = traits["tcsa_cm2"], np.maximum(standing.tree.skeleton.parent, 0)
     per_ratio = standing.limb_area.sum() / max(traits["limb_trunk_ratio"], 1e-12)
     sides = standing.base[~standing.stem[standing.base]]
-    shares = {row["branch_id"]: _share_of_sky(row) for row in (light or {}).get("limbs", ())}
+    # Of the sky's light what a limb's leaves get, or without leaves its wood
+    shares = {
+        row["branch_id"]: row.get("leaf_sky_share", row["sky_share"])
+        for row in (light or {}).get("limbs", ())
+    }
     angle = np.array([row["crotch_angle_deg"] for row in standing.limbs])
-    share = np.array([shares.get(row["branch_id"], 1.0) for row in standing.limbs])
+    share = np.array([shares.get(row["branch_id"]) for row in standing.limbs], dtype=np.float64)
+    share[np.isnan(share)] = 1.0
 
     def counted(nodes: np.ndarray) -> np.ndarray:
         return np.bincount(nodes, minlength=len(parent)).astype(np.float64)
@@ -97,9 +102,3 @@ def _lesser_of_touching(standing: StandingTree) -> np.ndarray:
         both = allowed if len(allowed) else both
         nodes.append(both[np.argmin(wood[both])])
     return np.array(nodes, dtype=np.int64)
-
-
-def _share_of_sky(row: Mapping) -> float:
-    """Of the sky's light what a limb's leaves get, or without leaves its wood."""
-    share = row.get("leaf_sky_share", row["sky_share"])
-    return 1.0 if share is None else share
