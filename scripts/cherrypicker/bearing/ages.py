@@ -72,7 +72,7 @@ def age_tree(skeleton: Skeleton, axis_list: list[Axis], radius: np.ndarray, rate
     Ages
     """
     length = bare_lengths(skeleton, axis_list)
-    chain = _Chain(axis_list, length, rates)
+    chain = _Chain(skeleton.parent, axis_list, length, rates)
     spread = rates.log_radius_tree_sd
     factors, found = spread * np.linspace(-2.0, 2.0, 9), []
     for thicker in factors:
@@ -91,34 +91,30 @@ def age_tree(skeleton: Skeleton, axis_list: list[Axis], radius: np.ndarray, rate
 class _Chain:
     """The chain on one tree: what follows from what, and what is asked of the ends."""
 
-    def __init__(self, axis_list: list[Axis], length: np.ndarray, rates: Rates) -> None:
-        self.rates, self.order = rates, []
+    def __init__(
+        self, parent: np.ndarray, axis_list: list[Axis], length: np.ndarray, rates: Rates
+    ) -> None:
+        self.rates, self.parent = rates, parent.tolist()
         self.tips = [axis.nodes[-1] for axis in axis_list]
         rounded, which = np.unique(np.round(length / _STEP_M), return_inverse=True)
         steps = rates.steps(rounded * _STEP_M)
         laterals = rates.lateral_rate @ steps
         self.ways = steps[which]  # of each node: how its state follows from the one before
-        for axis in axis_list:
-            before = axis.attach
-            for node in axis.nodes:
-                self.order.append((node, before))
-                before = node
-            if axis.attach >= 0:
-                self.ways[axis.nodes[0]] = laterals[which[axis.nodes[0]]]
+        starts = [axis.nodes[0] for axis in axis_list if axis.attach >= 0]
+        self.ways[starts] = laterals[which[starts]]
 
     def from_the_tips(self, seen: np.ndarray) -> tuple[np.ndarray, float]:
         """Gather what lies beyond each node, (n_nodes, n_states), and the tree's log likelihood."""
         most = seen.max(axis=1, keepdims=True)
         beyond, log = np.exp(seen - most), float(most.sum())
         beyond[self.tips] *= self.rates.end_rate
-        for node, before in reversed(self.order):
+        for node in reversed(range(len(beyond))):
             total = beyond[node].max()
             beyond[node] /= total
             log += np.log(total)
-            if before >= 0:
-                beyond[before] *= self.ways[node] @ beyond[node]
-        root = self.order[0][0]
-        return beyond, log + float(np.log(self._first() @ self.ways[root] @ beyond[root]))
+            if node:
+                beyond[self.parent[node]] *= self.ways[node] @ beyond[node]
+        return beyond, log + float(np.log(self._first() @ self.ways[0] @ beyond[0]))
 
     def _first(self) -> np.ndarray:
         """The foot is long wood of any age, (n_states,) float64."""
@@ -129,14 +125,12 @@ class _Chain:
     def from_the_foot(self, beyond: np.ndarray) -> np.ndarray:
         """Chances (n_nodes, 2, n_ages), see `Ages`."""
         chance = np.zeros_like(beyond)
-        for node, before in self.order:
-            if before < 0:
-                chance[node] = self._first() @ self.ways[node] * beyond[node]
-                chance[node] /= chance[node].sum()
-                continue
+        chance[0] = self._first() @ self.ways[0] * beyond[0]
+        chance[0] /= chance[0].sum()
+        for node in range(1, len(beyond)):  # parents before children
             follows = self.ways[node] * beyond[node]
             total = follows.sum(axis=1, keepdims=True)
             follows /= np.where(total > 0, total, 1.0)
-            chance[node] = chance[before] @ follows
+            chance[node] = chance[self.parent[node]] @ follows
         by_age = chance.reshape(len(beyond), 2, self.rates.n_ages, self.rates.phases)
         return by_age.sum(axis=3)
