@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker.bearing.rates import Rates
+from cherrypicker.bearing.rates import LONG, Rates
 from cherrypicker.skeleton import Axis, Skeleton
 
 _STEP_M = 2e-4  # to which lengths of edges are rounded: a hundredth of the shortest increment
@@ -39,19 +39,6 @@ def bare_lengths(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
     return length
 
 
-def _radius_logs(
-    skeleton: Skeleton, radius: np.ndarray, length: np.ndarray, rates: Rates, thicker: float
-) -> np.ndarray:
-    """Log likelihood of each node's radius by state, (n_nodes, n_states) float64."""
-    spread = rates.of_states(rates.log_radius_sd)
-    error = skeleton.fields.get("radius_error", np.zeros(len(skeleton)))
-    thick = np.maximum(radius, _LEAST_RADIUS_M)
-    variance = spread**2 + (np.nan_to_num(error) / thick)[:, None] ** 2
-    off = np.log(thick)[:, None] - rates.of_states(rates.log_radius) - thicker
-    log = -0.5 * (off**2 / variance + np.log(variance))
-    return log * np.minimum(length / rates.radius_run_m, 1.0)[:, None]
-
-
 def age_tree(skeleton: Skeleton, axis_list: list[Axis], radius: np.ndarray, rates: Rates) -> Ages:
     """Tell the ages of a tree's wood.
 
@@ -73,10 +60,16 @@ def age_tree(skeleton: Skeleton, axis_list: list[Axis], radius: np.ndarray, rate
     """
     length = bare_lengths(skeleton, axis_list)
     chain = _Chain(skeleton.parent, axis_list, length, rates)
+    # Log likelihood of each node's radius by state, (n_nodes, n_states)
+    error = np.nan_to_num(skeleton.fields.get("radius_error", np.zeros(len(skeleton))))
+    thick = np.maximum(radius, _LEAST_RADIUS_M)
+    variance = rates.of_states(rates.log_radius_sd) ** 2 + (error / thick)[:, None] ** 2
+    off = np.log(thick)[:, None] - rates.of_states(rates.log_radius)
+    says = np.minimum(length / rates.radius_run_m, 1.0)[:, None]
     spread = rates.log_radius_tree_sd
     factors, found = spread * np.linspace(-2.0, 2.0, 9), []
     for thicker in factors:
-        seen = _radius_logs(skeleton, radius, length, rates, thicker)
+        seen = -0.5 * ((off - thicker) ** 2 / variance + np.log(variance)) * says
         beyond, log = chain.from_the_tips(seen)
         found.append((log - 0.5 * (thicker / spread) ** 2, beyond))
     logs = np.array([log for log, _ in found])
@@ -118,9 +111,9 @@ class _Chain:
 
     def _first(self) -> np.ndarray:
         """The foot is long wood of any age, (n_states,) float64."""
-        first = np.zeros(len(self.rates.state_age))
-        first[: self.rates.n_ages * self.rates.phases : self.rates.phases] = 1 / self.rates.n_ages
-        return first
+        first = np.zeros((2, self.rates.n_ages, self.rates.phases))
+        first[LONG, :, 0] = 1 / self.rates.n_ages
+        return first.ravel()
 
     def from_the_foot(self, beyond: np.ndarray) -> np.ndarray:
         """Chances (n_nodes, 2, n_ages), see `Ages`."""

@@ -48,19 +48,9 @@ class Rates:
         """Ages that are told apart; the last one is open."""
         return self.increment_m.shape[1]
 
-    @cached_property
-    def state_type(self) -> np.ndarray:
-        """Type of each state, (n_states,) int64."""
-        return np.repeat([LONG, SHORT], self.n_ages * self.phases)
-
-    @cached_property
-    def state_age(self) -> np.ndarray:
-        """Age of each state, (n_states,) int64."""
-        return np.tile(np.repeat(np.arange(1, self.n_ages + 1), self.phases), 2)
-
     def of_states(self, table: np.ndarray) -> np.ndarray:
-        """A table by type and age as a vector over states, (n_states,) float64."""
-        return table[self.state_type, self.state_age - 1]
+        """A table by type and age, (2, n_ages), as a vector over states, (n_states,) float64."""
+        return np.repeat(table, self.phases)
 
     @cached_property
     def generator(self) -> np.ndarray:
@@ -68,48 +58,41 @@ class Rates:
 
         Rows sum to less than 0 by the laterals and the ends that would have been seen.
         """
-        n, ages, phases = len(self.state_age), self.n_ages, self.phases
-        rates = np.zeros((n, n))
-        for state in range(n):
-            kind, age, last = self.state_type[state], self.state_age[state], state % phases + 1
-            rate = phases / self.increment_m[kind, age - 1]
-            rates[state, state] -= (
-                rate + self.laterals_a_m[kind, age - 1] + self.ends_a_m[kind, age - 1]
-            )
-            if last < phases:
+        ages, phases = self.n_ages, self.phases
+        onwards = phases / self.increment_m
+        rates = np.diag(-self.of_states(onwards + self.laterals_a_m + self.ends_a_m))
+        for state, (kind, age, phase) in enumerate(np.ndindex(2, ages, phases)):
+            rate = onwards[kind, age]
+            if phase < phases - 1:
                 rates[state, state + 1] += rate
-            elif age > 1:
+            elif age > 0:
                 # Of wood as old as the last age or older the next increment is as old half the time
-                shares = [(age - 1, 1.0)] if age < ages else [(age - 1, 0.5), (age, 0.5)]
-                short = 1.0 if kind == SHORT else self.goes_short[age - 1]
+                shares = [(age - 1, 1.0)] if age < ages - 1 else [(age - 1, 0.5), (age, 0.5)]
+                short = 1.0 if kind == SHORT else self.goes_short[age]
                 for beyond, share in shares:
                     for to, chance in ((LONG, 1.0 - short), (SHORT, short)):
-                        first = (to * ages + beyond - 1) * phases
-                        rates[state, first] += rate * share * chance
+                        rates[state, (to * ages + beyond) * phases] += rate * share * chance
         return rates
 
     @cached_property
     def end_rate(self) -> np.ndarray:
         """Rate a metre at which an axis ends in each state, (n_states,) float64."""
-        is_last = np.arange(len(self.state_age)) % self.phases == self.phases - 1
-        grown = is_last * (self.state_age == 1) * self.phases / self.of_states(self.increment_m)
-        return grown + self.of_states(self.ends_a_m)
+        rates = self.of_states(self.ends_a_m)
+        rates.reshape(2, self.n_ages, self.phases)[:, 0, -1] += self.phases / self.increment_m[:, 0]
+        return rates
 
     @cached_property
     def lateral_rate(self) -> np.ndarray:
         """Laterals a metre by the states of what bears and of their foot, (n_states, n_states)."""
-        n, phases = len(self.state_age), self.phases
-        rates = np.zeros((n, n))
-        for state in range(n):
-            kind, age = self.state_type[state], self.state_age[state]
-            chance = self.lateral[age - 1].copy()
+        rates = np.zeros((2, self.n_ages, self.phases, 2, self.n_ages, self.phases))
+        for kind, age in np.ndindex(2, self.n_ages):
+            chance = self.lateral[age].copy()
             if kind == SHORT:
                 chance[LONG] = 0.0
-            total = chance.sum()
-            if total > 0:
-                rate = self.laterals_a_m[kind, age - 1] / total
-                rates[state, ::phases] = rate * chance.ravel()
-        return rates
+            if chance.any():
+                rates[kind, age, ..., 0] = self.laterals_a_m[kind, age] / chance.sum() * chance
+        n = 2 * self.n_ages * self.phases
+        return rates.reshape(n, n)
 
     def steps(self, lengths: np.ndarray) -> np.ndarray:
         """Chances from state to state over lengths (n,) in m, (n, n_states, n_states) float64."""
