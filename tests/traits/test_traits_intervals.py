@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.geometry.error_terms import FACTORS, FACTORS_FILE, KNOWN, spread
-from cherrypicker.geometry.hulls import horizontal_width, hull_of
+from cherrypicker.geometry.hulls import hull_of, reach_around, width_of
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv
 from cherrypicker.traits.crown import grown, measure_crown
@@ -173,7 +173,7 @@ def test_a_lost_end_widens_the_crown_and_noise_narrows_it():
     np.testing.assert_allclose(width[:2], plain, rtol=1e-9)
     assert width[3] == pytest.approx(plain - 0.02)
     longer = np.vstack([corners[:, :2], [1.3, 0.0]])
-    assert width[2] == pytest.approx(horizontal_width(longer)) != width[0]
+    assert width[2] == pytest.approx(width_of(reach_around(longer))) != width[0]
     np.testing.assert_allclose(volume, [2.0, 2.0, 2.0 + 0.3 / 3, 2.0 - 10.0 * 0.01], rtol=1e-9)
 
 

@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, Delaunay, QhullError
 
 from cherrypicker.geometry.sampling import voxel_keys
 
-__all__ = ["Hull", "alpha_volume", "horizontal_width", "hull_of", "reach_around", "width_of"]
+__all__ = ["Hull", "alpha_volume", "hull_of", "reach_around", "width_of"]
 
 _FLAT = 1e-12  # of a tetrahedron's largest edge cubed: one of less volume has no circumsphere
 _TURN = np.radians(np.arange(360.0))
@@ -38,18 +38,13 @@ def hull_of(points: np.ndarray) -> Hull:
     return Hull(points[hull.vertices], hull.equations, float(hull.area), float(hull.volume))
 
 
-def horizontal_width(flat: np.ndarray) -> float:
-    """Mean of the widest extent of flat points (n, 2), to whole degrees, and that across it."""
-    return width_of(reach_around(flat))
-
-
 def reach_around(flat: np.ndarray) -> np.ndarray:
     """How far flat points (n, 2) reach in each whole degree, (360,) float64."""
     return (flat @ _WAYS).max(axis=0, initial=-np.inf)
 
 
 def width_of(reach: np.ndarray) -> float:
-    """`horizontal_width` of what reaches so far in each whole degree, (360,)."""
+    """Mean of the widest extent of what reaches so far, (360,), and of that across it."""
     extent = reach[:180] + reach[180:]
     widest = np.argmax(extent)
     return float(extent[widest] + extent[(widest + 90) % 180]) / 2

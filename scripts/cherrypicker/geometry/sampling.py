@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.compiled import compiled
 
@@ -11,7 +10,6 @@ __all__ = [
     "draw_evenly",
     "farthest_point_sample",
     "majority_label",
-    "median_spacing",
     "thin_randomly",
     "thin_to_limit",
     "voxel_keys",
@@ -180,12 +178,6 @@ def majority_label(labels: np.ndarray, member: np.ndarray, n_nodes: int) -> np.n
     votes = np.bincount(member * len(classes) + column, minlength=n_nodes * len(classes))
     votes = votes.reshape(n_nodes, len(classes))
     return classes[np.argmax(votes, axis=1)].astype(np.int64)
-
-
-def median_spacing(points: np.ndarray, tree: cKDTree) -> float:
-    """Median distance of a point to its nearest neighbour, from a k-d tree of the points."""
-    distance, _ = tree.query(points, k=2)
-    return float(np.median(distance[:, 1]))
 
 
 @compiled

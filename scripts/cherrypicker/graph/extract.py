@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.sampling import median_spacing
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
@@ -72,7 +71,8 @@ def extract_skeleton(
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
     spacing = options.spacing_m
     if limbs is None:
-        spacing = max(spacing, median_spacing(entered, cKDTree(entered, balanced_tree=False)))
+        apart = cKDTree(entered, balanced_tree=False).query(entered, k=2)[0][:, 1]
+        spacing = max(spacing, float(np.median(apart)))
         skeleton = spanning_tree(
             contracted.points, labels, spacing_m=spacing, k=options.n_neighbors, base=base
         )

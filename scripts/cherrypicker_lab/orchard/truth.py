@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.files import atomic_path, write_json
-from cherrypicker.geometry.hulls import horizontal_width
+from cherrypicker.geometry.hulls import reach_around, width_of
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.poses import write_poses
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
@@ -51,7 +51,7 @@ def width_of_wood(points, radii):
     angle = np.radians(np.arange(0.0, 360.0, 10.0))
     around = np.column_stack([np.cos(angle), np.sin(angle)])
     outline = points[:, None, :2] + radii[:, None, None] * around
-    return horizontal_width(outline.reshape(-1, 2))
+    return width_of(reach_around(outline.reshape(-1, 2)))
 
 
 def write_skeleton(path, skeleton):

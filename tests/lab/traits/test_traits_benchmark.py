@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.hulls import horizontal_width
+from cherrypicker.geometry.hulls import reach_around, width_of
 from cherrypicker.skeleton import axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker_lab.orchard.grow.growth import grow_tree
@@ -60,7 +60,7 @@ def test_the_true_skeleton_measures_without_error():
 def test_traits_of_the_whole_tree_beside_the_truth():
     tree = grow_tree(3, "vase")
     true = tree_traits(tree)
-    width = horizontal_width(tree.skeleton().points[:, :2])
+    width = width_of(reach_around(tree.skeleton().points[:, :2]))
     found = true | {"crown_width_m": width + 0.1, "height_m_ci90": [1.0, 3.0]}
     found |= {"crown_volume_m3": 1.0, "limb_trunk_ratio": 1.0}
     pairs = tree_pairs(tree, found)
