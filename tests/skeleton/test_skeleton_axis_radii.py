@@ -26,6 +26,14 @@ def test_radii_of_a_tapered_stem(noise):
     assert (told.fields["n_points"][inner] > 20).all()
 
 
+def test_points_without_any_noise_around_a_true_radius_have_next_to_no_error():
+    rng = np.random.default_rng(8)
+    surface = tube((0, 0, 0), (0, 0, 1), 0.03, rng=rng, noise=0.0)
+    told = measure_radii(upright_axis(0.03), surface, spacing=0.015, max_radius=0.08)
+    assert (told.fields["radius_error"][3:-3] < 1e-4).all()
+    np.testing.assert_allclose(told.radius, 0.03, atol=1e-6)
+
+
 def test_a_stretch_without_points_takes_the_radius_below_it():
     rng = np.random.default_rng(8)
     surface = tube((0, 0, 0), (0, 0, 1), 0.03, end_radius=0.015, rng=rng)

@@ -371,6 +371,7 @@ def judge(
     as much as it was expected to.
     """
     n, n_told = len(section), 0
+    scatter = max(scatter, LEAST_NOISE * section[2], 1e-12)
     normals, scores = np.empty((N_CELLS, n, n)), np.empty((N_CELLS, n))
     weights, offset = _sums(local, section, balance, scatter, normals, scores)
     total, covariance = np.zeros((n, n)), np.zeros((n, n))
