@@ -2,8 +2,9 @@
 
 Reads metric.ply and the weights of the network (the shipped ones unless others are given), and for
 a tree from photos scale.json and align.json, which say where its markers stand, and metric.json,
-which says where the cameras looked; writes segmented.ply: the same points in the same order with a
-label and a confidence, and limbs.npz: which wood hangs on which stem, and each stem's limbs.
+which says where the cameras looked and how large a pixel is there; writes segmented.ply: the same
+points in the same order with a label and a confidence, and limbs.npz: which wood hangs on which
+stem, and each stem's limbs.
 Example:
 
     python scripts/segment_cloud.py --cloud metric.ply --segmented segmented.ply --limbs limbs.npz
@@ -52,6 +53,7 @@ def main(
         growth=growth,
         region=read_region(metric),
         is_row=is_row,
+        pixel=read_json(metric).get("pixel") if metric else None,
         markers=known_markers(read_json(scale), read_json(align)) if scale and align else None,
         by=labels,
         seed=seed,

@@ -25,6 +25,28 @@ def test_chains_are_the_heaviest_ways():
     assert [chain.tolist() for chain in chains] == [[0, 1, 3, 4], [5], [2]]
 
 
+def test_twigs_of_a_cloud_from_photos_scatter_by_a_pixel_however_sharp_the_stem_is():
+    rng = np.random.default_rng(3)
+    stem = tube((0, 0, 0), (0, 0, 1.2), 0.03, 20_000, rng=rng, noise=0.0006)
+    twigs = []
+    for number, turn in enumerate(np.linspace(0, 5, 6)):
+        out, up = np.array([np.cos(turn), np.sin(turn), 0]), np.array([0, 0, 0.3 + 0.1 * number])
+        twig = tube(0.03 * out + up, 0.6 * out + up + (0, 0, 0.2), 0.003, 40_000, rng=rng)
+        twigs.append(twig + rng.normal(0, 0.002, twig.shape))
+    points = np.vstack([stem, *twigs])
+
+    def radii(pixel):
+        limbs = grow_limbs(points, FOOT, pixel=pixel).limbs
+        assert len(limbs) == 7
+        return [np.median(limb.tube.radius) for limb in limbs]
+
+    by_stem, by_pixel = radii(None), radii(0.0027)
+    assert by_stem[0] == pytest.approx(0.03, abs=0.0003)
+    assert by_pixel[0] == pytest.approx(0.03, abs=0.0003)
+    assert np.mean(by_stem[1:]) > 0.0036
+    assert np.mean(by_pixel[1:]) == pytest.approx(0.003, abs=0.0006)
+
+
 def test_a_small_tree_has_its_limbs():
     points, labels, axes = small_tree(noise=0.001)
     found, source = grown(points, stem=labels == 1)

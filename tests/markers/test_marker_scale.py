@@ -400,6 +400,7 @@ def test_scale_scene_by_a_factor():
     np.testing.assert_allclose(moved.centers, 1.5 * poses.centers)
     assert (scaled.frame, scaled.unit) == ("metric", "m")
     assert (report["factor"], report["camera_distance"]) == (1.5, 3.0)
+    assert report["pixel"] == pytest.approx(0.003)  # a focal length of 1000 px
     region = Footprint.from_dict(report["region"])
     np.testing.assert_allclose(region.center_xy, [0.15, 0])
     assert (region.radius, region.box) == (3.0, None)

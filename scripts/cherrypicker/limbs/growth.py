@@ -43,8 +43,11 @@ FREE_SHARE = 0.5  # of a ring's points that no tube has claimed, for the ring to
 CAPTURE = 2.0  # in spacings from the surface: where a fit looks for its points
 SURE_RADIUS = 4.0  # in noises: a limb at least this thick tells the noise
 # Share of the points on limbs thick enough to tell their noise, the thinnest of them, whose noise
-# thinner wood is given (guess); fewer points than this tell none (guess)
-THINNEST, FEWEST_TOLD = 0.25, 100
+# thinner wood is given (guess)
+THINNEST = 0.25
+# Pixels by which points of thin wood scatter: 0.72 to 0.87 in four scans of two generators
+# (2026-11-27)
+THIN_PX = 0.75
 LEAST_POINTS = 4
 
 
@@ -128,6 +131,7 @@ def grow_limbs(
     *,
     stem: np.ndarray | None = None,
     count: np.ndarray | None = None,
+    pixel: float | None = None,
 ) -> Limbs:
     """The limbs of one tree.
 
@@ -141,6 +145,8 @@ def grow_limbs(
         What is known to be the stem: gaps that no wood crosses cost no more than they are long.
     count : ndarray of shape (n_points,), optional
         Points of the whole cloud that each stands for: of wood as many as of what bears it.
+    pixel : float, optional
+        Size of a photo's pixel at the tree, for a cloud from photos.
 
     Returns
     -------
@@ -155,7 +161,7 @@ def grow_limbs(
     points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits
     spacing = spacing_of(points) if len(points) >= LEAST_POINTS else 0.0
     if spacing > 0:
-        growth = _Growth(points, spacing, stem, count)
+        growth = _Growth(points, spacing, stem, count, pixel)
         while growth.add_round():  # what no tube claims tells the next
             pass
         if growth.limbs:
@@ -174,8 +180,9 @@ class _Growth:
         spacing: float,
         stem: np.ndarray | None,
         count: np.ndarray | None,
+        pixel: float | None,
     ) -> None:
-        self.points, self.spacing = points, spacing
+        self.points, self.spacing, self.pixel = points, spacing, pixel
         self.ways = ways_over_wood(points, np.zeros(3), spacing, stem)
         self.tree = cKDTree(points)
         self.weight = np.ones(len(points))
@@ -276,17 +283,20 @@ class _Growth:
         of_thin = self._noise_of_thin(rows_of)
         for limb, rows in zip(self.limbs, rows_of, strict=True):
             if len(rows) >= LEAST_POINTS:
-                is_sure = np.median(limb.tube.radius) > SURE_RADIUS * self.noise
+                is_sure = np.median(limb.tube.radius) > SURE_RADIUS * max(self.noise, of_thin)
                 own = self.noise if is_sure else of_thin
                 limb.tube = self._fit(limb.tube, rows, own, CAPTURE * self.spacing, limb.parent)[0]
         return member
 
     def _noise_of_thin(self, rows_of: list[np.ndarray]) -> float:
-        """The noise of wood too thin to tell its own: that of the thinnest wood that does, if less.
+        """The noise of wood too thin to tell its own.
 
-        Bark and sections that are no circles make thick wood seem noisier than twigs are, and a
-        twig fitted with too much noise comes out too thin.
+        A twig fitted with too much noise comes out too thin, with too little too thick. Photos are
+        matched to about a pixel. Without them it is the noise of the thinnest wood that tells its
+        own, if less: bark and sections that are no circles make thick wood seem noisier.
         """
+        if self.pixel is not None:
+            return THIN_PX * self.pixel
         residual, radius = [np.empty(0)], [np.empty(0)]
         for limb, rows in zip(self.limbs, rows_of, strict=True):
             seen = seen_from(limb.tube, self.points[rows])
@@ -297,7 +307,7 @@ class _Growth:
             radius.append(seen.radius[sure])
         off, by_radius = np.concatenate(residual), np.argsort(np.concatenate(radius))
         thinnest = by_radius[: int(THINNEST * len(off))]
-        if len(thinnest) < FEWEST_TOLD:
+        if len(thinnest) < LEAST_POINTS:
             return self.noise
         return min(self.noise, max(robust_sigma(off[thinnest]), LEAST_NOISE * self.spacing))
 

@@ -81,6 +81,7 @@ def grow_orchard(
     *,
     region: Footprint | None = None,
     is_row: bool = False,
+    pixel: float | None = None,
 ) -> Orchard:
     """Share a cloud's wood out to its stems, and grow each stem's limbs.
 
@@ -94,6 +95,8 @@ def grow_orchard(
         trees outside, which are not grown.
     is_row : bool, default False
         Several trees are asked for: as much wood is looked at as ten trees have.
+    pixel : float, optional
+        As of `cherrypicker.limbs.growth.grow_limbs`.
 
     Returns
     -------
@@ -115,7 +118,7 @@ def grow_orchard(
         rows, found = np.flatnonzero(shared.owner == number), None
         entered.append(rows[:0])
         if n_thin[number] >= FEWEST_WOOD:
-            source, found = _grow(cloud.points[rows], labels[rows], base, options)
+            source, found = _grow(cloud.points[rows], labels[rows], base, options, pixel)
             entered[-1] = rows[source]
         limbs.append(found)
         logger.info(
@@ -128,7 +131,11 @@ def grow_orchard(
 
 
 def _grow(
-    points: np.ndarray, labels: np.ndarray, base: np.ndarray, options: GrowthOptions
+    points: np.ndarray,
+    labels: np.ndarray,
+    base: np.ndarray,
+    options: GrowthOptions,
+    pixel: float | None,
 ) -> tuple[np.ndarray, Limbs | None]:
     """Rows of a tree's points that enter, and the limbs grown from them; neither without a limb."""
     thin, source, member, size = thin_to_limit(
@@ -145,7 +152,7 @@ def _grow(
     nearest = cKDTree(points[source]).query(points)[1]
     count = np.bincount(nearest, minlength=len(source))
     try:
-        return source, grow_limbs(points[source], base, stem=stem, count=count)
+        return source, grow_limbs(points[source], base, stem=stem, count=count, pixel=pixel)
     except StageError as error:  # no limb
         logger.warning("stem at (%.2f, %.2f): %s", *base[:2], error.cause)
         return source[:0], None

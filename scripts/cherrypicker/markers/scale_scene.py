@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+import numpy as np
+
 from cherrypicker.errors import StageError
 from cherrypicker.files import is_number
 from cherrypicker.markers.references import check_distance
@@ -42,8 +44,8 @@ def scale_scene(
     poses : Poses
     report : dict
         Content of metric.json: ``unit``, ``factor`` (from the aligned frame), ``scale_mode``, and
-        in the metric frame ``camera_distance`` and ``region`` (see
-        :class:`cherrypicker.placement.footprint.Footprint`).
+        in the metric frame ``camera_distance``, ``pixel``, the size of a photo's there, and
+        ``region`` (see :class:`cherrypicker.placement.footprint.Footprint`).
 
     Raises
     ------
@@ -67,6 +69,7 @@ def scale_scene(
         "factor": factor,
         "scale_mode": scale_report.get("mode"),
         "camera_distance": factor * distance,
+        "pixel": factor * distance / float(np.median(poses.K[:, 0, 0])),
         "region": Footprint.from_dict(crop_report).scaled(factor).as_dict(),
     }
     return scaled, poses.transformed(factor), report

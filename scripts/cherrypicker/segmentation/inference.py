@@ -159,6 +159,7 @@ def segment_cloud(
     growth: GrowthOptions | None = None,
     region: Footprint | None = None,
     is_row: bool = False,
+    pixel: float | None = None,
     markers: KnownMarkers | None = None,
     by: str = "limbs",
     seed: int = 0,
@@ -176,7 +177,7 @@ def segment_cloud(
     growth : cherrypicker.limbs.orchard.GrowthOptions, optional
     region : cherrypicker.placement.footprint.Footprint, optional
         Of the region of interest, for trees from photos.
-    is_row : bool, default False
+    is_row, pixel
         As of `cherrypicker.limbs.orchard.grow_orchard`.
     markers : cherrypicker.segmentation.known_markers.KnownMarkers, optional
         Of the scene, in the frame of the cloud; left out where nothing is known of them.
@@ -215,7 +216,7 @@ def segment_cloud(
 
     def grow(labels: np.ndarray) -> Orchard:
         labelled = cloud.with_fields(label=labels)
-        return grow_orchard(labelled, growth, region=region, is_row=is_row)
+        return grow_orchard(labelled, growth, region=region, is_row=is_row, pixel=pixel)
 
     orchard = grow(labels)
     if not is_alone:
