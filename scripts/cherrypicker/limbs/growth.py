@@ -257,6 +257,8 @@ class _Growth:
         member = self._refit()
         while self._drop_hidden(member):  # a fit to fewer points may end inside its parent
             member = self._refit()
+        if self.pixel is not None:  # now that it is settled which limbs there are
+            member = self._refit(THIN_PX * self.pixel)
         for limb in self.limbs[1:]:
             limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube) or limb.tube
         for number, limb in enumerate(self.limbs):
@@ -276,11 +278,14 @@ class _Growth:
         )
         return Limbs(self.limbs, member, self.spacing, self.noise, claimed)
 
-    def _refit(self) -> np.ndarray:
-        """Fit each limb to its points and return whose each point is."""
+    def _refit(self, of_thin: float | None = None) -> np.ndarray:
+        """Fit each limb to its points, whose noise on thin wood may be known; whose each point is.
+
+        A twig fitted with too much noise comes out too thin, with too little too thick.
+        """
         member = self._nearest_limbs()
         rows_of = [np.flatnonzero(member == number) for number in range(len(self.limbs))]
-        of_thin = self._noise_of_thin(rows_of)
+        of_thin = self._noise_of_thin(rows_of) if of_thin is None else of_thin
         for limb, rows in zip(self.limbs, rows_of, strict=True):
             if len(rows) >= LEAST_POINTS:
                 is_sure = np.median(limb.tube.radius) > SURE_RADIUS * max(self.noise, of_thin)
@@ -289,14 +294,10 @@ class _Growth:
         return member
 
     def _noise_of_thin(self, rows_of: list[np.ndarray]) -> float:
-        """The noise of wood too thin to tell its own.
+        """The noise of wood too thin to tell its own: that of the thinnest wood that does, if less.
 
-        A twig fitted with too much noise comes out too thin, with too little too thick. Photos are
-        matched to about a pixel. Without them it is the noise of the thinnest wood that tells its
-        own, if less: bark and sections that are no circles make thick wood seem noisier.
+        Bark and sections that are no circles make thick wood seem noisier than twigs are.
         """
-        if self.pixel is not None:
-            return THIN_PX * self.pixel
         residual, radius = [np.empty(0)], [np.empty(0)]
         for limb, rows in zip(self.limbs, rows_of, strict=True):
             seen = seen_from(limb.tube, self.points[rows])
