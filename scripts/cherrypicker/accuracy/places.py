@@ -122,7 +122,8 @@ class Places:
         return self._place(edge, share) if rise[edge] < _LEVEL_M else None
 
     def _is_of(self, order: int | None) -> np.ndarray:
-        return (self.order[self.branch] == order) | (order is None)
+        order_of_edge = self.order[self.branch]
+        return np.ones(len(order_of_edge), bool) if order is None else order_of_edge == order
 
     def _from_point(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where each edge is nearest to a point, and how far its surface is, (n_edges,) each."""

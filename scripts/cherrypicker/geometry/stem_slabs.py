@@ -147,9 +147,10 @@ def search_circle(
     StageError
         If no candidate circle lies in the range.
     """
-    if len(points) > 1500:  # enough to score the candidates
-        points = points[rng.choice(len(points), 1500, replace=False)]
-    triples = rng.integers(0, len(points), (600, 3))
+    most_scored, n_candidates = 1500, 600
+    if len(points) > most_scored:
+        points = points[rng.choice(len(points), most_scored, replace=False)]
+    triples = rng.integers(0, len(points), (n_candidates, 3))
     circles = circles_through(points[triples])
     low, high = radius_range
     reach = np.hypot(circles[:, 0], circles[:, 1])

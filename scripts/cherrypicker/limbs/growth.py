@@ -45,8 +45,8 @@ SURE_RADIUS = 4.0  # in noises: a limb at least this thick tells the noise
 # Share of the points on limbs thick enough to tell their noise, the thinnest of them, whose noise
 # thinner wood is given (guess)
 THINNEST = 0.25
-# Pixels by which points of thin wood scatter: 0.72 to 0.87 in four scans of two generators
-# (2026-11-27)
+# Pixels by which points of thin wood scatter: 0.69 to 0.87 in five scans of two generators, 1.0 to
+# 1.3 in a sixth, far from its cameras and under a net (2026-11-27)
 THIN_PX = 0.75
 LEAST_POINTS = 4
 
