@@ -8,7 +8,6 @@ however wrong the mask.
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +15,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cherrypicker.errors import StageError
 from cherrypicker.lens import PhotoLenses
 from cherrypicker.mvs.workspace import View
 from cherrypicker.sky.mask_files import read_masks
@@ -97,22 +95,12 @@ class SkyMasks:
         self._folder = Path(folder)
         self._index = {str(name): i for i, name in enumerate(names)}
         self._lenses = PhotoLenses(model, names)
-        self._with_sky = with_sky
+        self.with_sky = with_sky
         self._maps: tuple[tuple, np.ndarray] | None = None
 
     def path(self, view: View) -> Path:
         """Return the file of a view's mask."""
         return self._folder / f"{Path(view.name).stem}.png"
-
-    def digest(self, view: View) -> str:
-        """Return a digest of a view's mask and of how it is used."""
-        try:
-            content = self.path(view).read_bytes()
-            return hashlib.sha256(content + (b"" if self._with_sky else b"no sky")).hexdigest()
-        except OSError as error:
-            raise StageError(
-                "the sky mask is missing or unreadable", file=self.path(view)
-            ) from error
 
     def both(self, view: View) -> tuple[np.ndarray, np.ndarray]:
         """Return what is sky in a view and what a user hides, each (height, width) bool.
@@ -121,7 +109,7 @@ class SkyMasks:
         """
         i = self._index[view.name]
         sky, hidden = read_masks(self.path(view), self._lenses.shape(i))
-        kinds = (sky & self._with_sky).astype(np.uint8) + 2 * hidden.astype(np.uint8)
+        kinds = (sky & self.with_sky).astype(np.uint8) + 2 * hidden.astype(np.uint8)
         at = self._photo_pixels(i, view)
         seen = cv2.remap(kinds, at, None, cv2.INTER_NEAREST, borderValue=0)  # type: ignore[call-overload]
         return seen == 1, seen == 2

@@ -19,12 +19,11 @@ import pycolmap
 
 from cherrypicker.compiled import in_parallel
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.map_keys import GEOMETRIC
 from cherrypicker.mvs.kernels.fusion import Group, fuse_rows
 from cherrypicker.mvs.kernels.level import ROWS_AT_A_TIME
 from cherrypicker.mvs.kernels.projection import relative_projection
 from cherrypicker.mvs.views import plan_views
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.workspace import GEOMETRIC, Workspace
 from cherrypicker.photos import read_photo
 from cherrypicker.pointcloud import PointCloud, joined, read_cloud
 from cherrypicker.progress import Progress

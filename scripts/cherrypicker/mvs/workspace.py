@@ -16,12 +16,13 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
+from cherrypicker.files import atomic_path, read_json, write_json
 from cherrypicker.lens import read_model
 from cherrypicker.placement.region import Region, find_region
 from cherrypicker.poses import Poses, project
 from cherrypicker.sfm.export import poses_of
 
+PHOTOMETRIC, GEOMETRIC = "photometric", "geometric"
 # More than the header of a map can have
 _HEADER_BYTES = 64
 
@@ -153,10 +154,18 @@ class Workspace:
         write_map(self.normal_path(view, kind), normals)
         write_map(self.depth_path(view, kind), depth)
 
-    def remove_maps(self, view: View, kind: str) -> None:
-        """Remove a photo's maps of a kind."""
-        self.depth_path(view, kind).unlink(missing_ok=True)
-        self.normal_path(view, kind).unlink(missing_ok=True)
+    def keep_maps_of(self, settings: str) -> None:
+        """Remove the maps that were made with other settings, and note these for those that come.
+
+        Whole maps of a workspace in which nobody noted any are another program's, and stay.
+        """
+        path = self.folder / "stereo" / "keys.json"
+        if path.exists() and read_json(path).get("settings") != settings:
+            for view in self.views:
+                for kind in (PHOTOMETRIC, GEOMETRIC):
+                    self.depth_path(view, kind).unlink(missing_ok=True)
+                    self.normal_path(view, kind).unlink(missing_ok=True)
+        write_json(path, {"settings": settings})
 
     def write_fusion_config(self) -> None:
         """Write ``stereo/fusion.cfg``, the photos that COLMAP's fusion goes through."""

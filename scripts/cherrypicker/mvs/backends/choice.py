@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
 import shutil
 from dataclasses import asdict
@@ -12,14 +14,16 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.map_keys import GEOMETRIC, PHOTOMETRIC
-from cherrypicker.mvs.backends.table import AUTO, BACKENDS, Backend, first_choice, has_cuda
+from cherrypicker.mvs.backends.table import AUTO, BACKENDS, first_choice, has_cuda
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.depth_rasters import write_depth_raster
 from cherrypicker.mvs.estimate import StereoOptions
-from cherrypicker.mvs.workspace import Workspace
+from cherrypicker.mvs.workspace import GEOMETRIC, Workspace
 
 logger = logging.getLogger(__name__)
+
+# Bump when a backend's results change, so that what a killed run left is not taken up
+VERSION = 6
 
 
 def choose_backend(wanted: str) -> str:
@@ -51,10 +55,12 @@ def estimate_workspace(
 ) -> dict:
     """Write photometric and geometric depth and normal maps of every view.
 
-    Whole maps that were made with the same settings, photos and poses are not computed again, nor
-    whole maps that another program put there. In memory at a time, whatever the number of photos:
-    the photos of ``2 * n_sources`` views (6 bytes a pixel each, pyramid and lines included), the
-    packed pixels, the depths and the splatted depths of a reference's sources, and its field.
+    Whole maps that were made with the same settings, photos, model and masks are not computed
+    again, nor whole maps that another program put there.
+
+    In memory at a time, whatever the number of photos: the photos of ``2 * n_sources`` views (6
+    bytes a pixel each, pyramid and lines included), the packed pixels, the depths and the splatted
+    depths of a reference's sources, and its field.
     On the CPU: 38 ``n_sources`` + 80 bytes per pixel of one photo on top of 190 MB (0.56 GB at 1.2
     megapixels and 6 sources).
 
@@ -75,18 +81,15 @@ def estimate_workspace(
     """
     workspace = Workspace(folder, several=several)
     chosen = choose_backend(backend)
-    shares = run_backend(BACKENDS[chosen], workspace, options, threads, sky_masks)
+    shares = _run(chosen, workspace, options, threads, sky_masks)
     if backend == AUTO and BACKENDS[chosen].needs_cuda and not any(shares.values()):
         logger.warning(
             "COLMAP's CUDA stereo left all %d depth maps empty, as on some GPUs (COLMAP "
             "issue 4090): the CPU computes them instead",
             len(shares),
         )
-        for view in workspace.views:
-            for kind in (PHOTOMETRIC, GEOMETRIC):
-                workspace.remove_maps(view, kind)
         chosen = first_choice(AUTO, with_cuda=False)
-        shares = run_backend(BACKENDS[chosen], workspace, options, threads, sky_masks)
+        shares = _run(chosen, workspace, options, threads, sky_masks)
     share = float(np.mean(list(shares.values()))) if shares else 0.0
     logger.info("%s backend: depth at %.1f %% of the pixels", chosen, 100.0 * share)
     if share == 0.0:
@@ -134,15 +137,25 @@ def estimate_apart(folder: Path, depth: Path, *args: Any, **options: Any) -> dic
     return manifest
 
 
-def run_backend(
-    backend: Backend,
+def _run(
+    name: str,
     workspace: Workspace,
     options: StereoOptions,
-    threads: int = 1,
-    sky_masks: SkyMasks | None = None,
+    threads: int,
+    sky_masks: SkyMasks | None,
 ) -> dict[str, float]:
     """Run one backend; return the share of the pixels with a depth of each photo with a map."""
-    names = backend.run(workspace, options, threads, sky_masks)
+    with_sky = None if sky_masks is None else sky_masks.with_sky
+    settings = json.dumps([VERSION, name, asdict(options), workspace.several, with_sky])
+    digest = hashlib.sha256(settings.encode())
+    files = sorted((workspace.folder / "sparse").iterdir())
+    for view in workspace.views:
+        files += [workspace.photo_path(view)] + ([sky_masks.path(view)] if sky_masks else [])
+    for path in files:
+        if path.is_file():  # who reads one that is missing says so
+            digest.update(path.read_bytes())
+    workspace.keep_maps_of(digest.hexdigest())
+    names = BACKENDS[name].run(workspace, options, threads, sky_masks)
     return {
         view.name: float((workspace.read_depth(view, GEOMETRIC) > 0).mean())
         for view in workspace.views

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
-
 import numpy as np
 import pycolmap
 
-from cherrypicker.mvs.backends.map_keys import GEOMETRIC, PHOTOMETRIC, MapKeys
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
-from cherrypicker.mvs.workspace import View, Workspace
+from cherrypicker.mvs.workspace import GEOMETRIC, View, Workspace
 
 
 def run_cuda(
@@ -20,12 +17,6 @@ def run_cuda(
 
     It knows no masks: what a user hides loses its depth afterwards.
     """
-    keys = MapKeys(workspace)
-    key = hashlib.sha256(f"cuda:{options.n_sources}".encode()).hexdigest()
-    for view in workspace.views:
-        for kind in (PHOTOMETRIC, GEOMETRIC):
-            if not keys.is_current(view, kind, key):
-                keys.announce(view, kind, key)
     config = workspace.folder / "stereo" / "patch-match.cfg"
     config.write_text(
         "".join(f"{view.name}\n__auto__, {options.n_sources}\n" for view in workspace.views),
@@ -44,9 +35,7 @@ def run_cuda(
 def _forget_hidden(workspace: Workspace, view: View, hidden: np.ndarray) -> None:
     """Take the depth of hidden pixels (height, width) out of a view's last maps."""
     if hidden.any():
-        depth, normals = (
-            workspace.read_depth(view, GEOMETRIC),
-            workspace.read_normals(view, GEOMETRIC),
-        )
+        depth = workspace.read_depth(view, GEOMETRIC)
+        normals = workspace.read_normals(view, GEOMETRIC)
         depth[hidden], normals[hidden] = 0.0, 0.0
         workspace.write_maps(view, GEOMETRIC, depth, normals)
