@@ -21,7 +21,7 @@ def crown_walk():
 def places_of(views, low, high):
     region = find_region(look_at_poses(np.concatenate([low.centers, high.centers]), TARGET))
     framed = np.concatenate([framing(poses, region) for poses in (low, high)])
-    return Places(region.samples, framed.mean(axis=0), framed.astype(np.float32), framed)
+    return Places(region.samples, framed.mean(axis=0), framed.astype(np.float32))
 
 
 def test_a_photo_of_the_top_gets_sources_that_frame_the_top():
@@ -41,7 +41,7 @@ def test_every_part_in_frame_is_seen_by_three_sources_where_three_exist():
     for i in range(len(views)):
         sources = choose_sources(views, i, places, 6, COVER)
         seen = places.shown[list(sources)].sum(axis=0)
-        short.append((places.worth * places.own[i] * (seen < 3)).sum() / places.worth.sum())
+        short.append((places.worth * places.shown[i] * (seen < 3)).sum() / places.worth.sum())
     assert max(short) < 0.05
 
 
@@ -70,5 +70,5 @@ def test_a_source_that_sees_as_large_goes_before_one_that_stands_far_off():
     centers = np.column_stack([distance * np.cos(turn), distance * np.sin(turn), np.full(3, 1.2)])
     views = [view_of(look_at_poses(centers, TARGET), i) for i in range(3)]
     shown = np.ones((3, 1), np.float32)
-    places = Places(TARGET[None], np.ones(1), shown, shown > 0)
+    places = Places(TARGET[None], np.ones(1), shown)
     assert choose_sources(views, 0, places, 1, COVER) == (2,)

@@ -15,7 +15,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.workspace import View, Workspace
-from cherrypicker.placement.region import Region, framing
+from cherrypicker.placement.region import Region, frames, framing
 
 logger = logging.getLogger(__name__)
 
@@ -71,9 +71,8 @@ class Places:
     # (n,): what covering a place is worth: for the region the share of the photos that frame it
     worth: np.ndarray
     # (n_views, n) float32: what a view shows of a place: 0 outside its frame, else 1, or less where
-    # that is unsure
+    # that is unsure. It is to measure those that it is sure of.
     shown: np.ndarray
-    own: np.ndarray  # (n_views, n) bool: the places that a view is to measure
 
 
 def plan_views(
@@ -104,10 +103,14 @@ def plan_views(
     """
     views = workspace.views
     sparse, seen = _observations(workspace)
+    framed = np.stack([frames(workspace.poses, i, sparse, 0.0) for i in range(len(views))])
     region = workspace.region
-    places = _sparse_places(views, sparse, seen)
     if region is not None:
-        places = _region_places(workspace, region)
+        shown = framing(workspace.poses, region).astype(np.float32)
+        places = Places(region.samples, shown.mean(axis=0, dtype=float), shown)
+    else:
+        shown = np.where(seen, 1.0, UNMATCHED_WEIGHT * framed).astype(np.float32)
+        places = Places(sparse, np.ones(len(sparse)), shown)
     problems = []
     for i, view in enumerate(views):
         own = np.flatnonzero(seen[i])
@@ -119,18 +122,20 @@ def plan_views(
             logger.warning("%s: no other photo sees what it shows, no depth map", view.name)
             continue
         uv, depth = view.project(sparse[own])
-        near = _depths_in_frame(view, sparse[seen[list(sources)].any(axis=0)])
-        depth_min, depth_max = _depth_range(depth, near)
+        # Of its own points, and of those that its sources see in its frame
+        near = view.project(sparse[seen[list(sources)].any(axis=0) & framed[i]])[1]
+        low, high = np.percentile(np.concatenate([depth, near]), DEPTH_PERCENTILES)
+        depth_min = NEARER * min(low, np.percentile(depth, DEPTH_PERCENTILES[0]))
+        depth_max = FARTHER * high
         if region is not None:
-            through = view.project(region.samples[places.own[i]])[1]
-            depth_min = min(depth_min, float(through.min()))
-            depth_max = max(depth_max, float(through.max()))
+            through = view.project(region.samples[shown[i] == 1])[1]
+            depth_min, depth_max = min(depth_min, through.min()), max(depth_max, through.max())
         problems.append(
             StereoProblem(
                 view=i,
                 sources=sources,
-                depth_min=depth_min,
-                depth_max=depth_max,
+                depth_min=float(depth_min),
+                depth_max=float(depth_max),
                 sparse_uv=uv.astype(np.float32),
                 sparse_depth=depth.astype(np.float32),
                 region=region,
@@ -156,42 +161,19 @@ def _observations(workspace: Workspace) -> tuple[np.ndarray, np.ndarray]:
     ids = np.array(sorted(workspace.model.points3D), dtype=np.int64)
     points = np.array([workspace.model.points3D[int(i)].xyz for i in ids]).reshape(-1, 3)
     seen = np.zeros((len(workspace.views), len(ids)), dtype=bool)
+    images = {image.name: image for image in workspace.model.images.values()}
     for row, view in enumerate(workspace.views):
-        points2D = workspace.image(view).points2D
-        observed = [point.point3D_id for point in points2D if point.has_point3D()]
+        observed = [p.point3D_id for p in images[view.name].points2D if p.has_point3D()]
         seen[row, np.searchsorted(ids, np.array(observed, dtype=np.int64))] = True
         seen[row] &= view.project(points)[1] > 0.0
     return points, seen
-
-
-def _sparse_places(views: list[View], points: np.ndarray, seen: np.ndarray) -> Places:
-    """Take all that the photos share as the places to cover."""
-    shown = np.stack([_in_frame(view, *view.project(points)) for view in views])
-    shown = np.where(seen, 1.0, UNMATCHED_WEIGHT * shown).astype(np.float32)
-    return Places(points, np.ones(len(points)), shown, seen)
-
-
-def _region_places(workspace: Workspace, region: Region) -> Places:
-    """Take the region of interest as the places to cover, by how many photos frame each."""
-    framed = framing(workspace.poses, region)
-    return Places(region.samples, framed.mean(axis=0), framed.astype(np.float32), framed)
-
-
-def _in_frame(view: View, uv: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    inside = (uv >= 0.0).all(axis=1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
-    return inside & (depth > 0.0)
-
-
-def _depths_in_frame(view: View, points: np.ndarray) -> np.ndarray:
-    uv, depth = view.project(points)
-    return depth[_in_frame(view, uv, depth)]
 
 
 def choose_sources(
     views: list[View], i: int, places: Places, n_sources: int, cover: float
 ) -> tuple[int, ...]:
     """Cover what view ``i`` shows with at most ``n_sources`` other views, the most useful first."""
-    own = np.flatnonzero(places.own[i])
+    own = np.flatnonzero(places.shown[i] == 1)
     worth = places.worth[own]
     weights = _weights(views, i, places.points[own]) * places.shown[:, own]
     weights[i] = 0.0
@@ -211,26 +193,12 @@ def choose_sources(
 
 def _weights(views: list[View], i: int, points: np.ndarray) -> np.ndarray:
     """Weight of every view as a source of view ``i`` at points (n, 3), (n_views, n) in [0, 1]."""
-    to_reference = views[i].center - points
-    distance = np.linalg.norm(to_reference, axis=1)
-    pixel_size = distance / views[i].K[0, 0]
-    weights = np.zeros((len(views), len(points)))
-    for j, other in enumerate(views):
-        if j == i:
-            continue
-        to_other = other.center - points
-        other_distance = np.linalg.norm(to_other, axis=1)
-        cosine = np.einsum("ij,ij->i", to_reference, to_other) / (distance * other_distance)
-        angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        spread = np.where(angle < BEST_ANGLE_DEG, SPREAD_BELOW_DEG, SPREAD_ABOVE_DEG)
-        ratio = other_distance / other.K[0, 0] / pixel_size
-        weights[j] = np.exp(-0.5 * ((angle - BEST_ANGLE_DEG) / spread) ** 2)
-        weights[j] *= np.minimum(ratio, 1.0 / ratio) ** 2
-    return weights
-
-
-def _depth_range(own: np.ndarray, near: np.ndarray) -> tuple[float, float]:
-    """Depth range from the view's own points and those its sources see in its frame."""
-    low, high = np.percentile(np.concatenate([own, near]), DEPTH_PERCENTILES)
-    low = min(low, np.percentile(own, DEPTH_PERCENTILES[0]))
-    return NEARER * float(low), FARTHER * float(high)
+    rays = np.array([view.center for view in views])[:, None] - points  # (n_views, n, 3)
+    distance = np.linalg.norm(rays, axis=2)
+    cosine = np.einsum("vni,ni->vn", rays, rays[i]) / (distance * distance[i])
+    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    spread = np.where(angle < BEST_ANGLE_DEG, SPREAD_BELOW_DEG, SPREAD_ABOVE_DEG)
+    pixel_size = distance / np.array([[view.K[0, 0]] for view in views])
+    ratio = pixel_size / pixel_size[i]
+    likeness = np.minimum(ratio, 1.0 / ratio) ** 2
+    return np.exp(-0.5 * ((angle - BEST_ANGLE_DEG) / spread) ** 2) * likeness

@@ -13,7 +13,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path, read_json, write_json
@@ -117,10 +116,6 @@ class Workspace:
     def region(self) -> Region | None:
         """The scan's region of interest; None where its cameras look at no common place."""
         return find_region(self.poses, several=self.several)
-
-    def image(self, view: View) -> pycolmap.Image:
-        """Return a view's photo in the sparse model, with the points that it observes."""
-        return next(each for each in self.model.images.values() if each.name == view.name)
 
     def photo_path(self, view: View) -> Path:
         """Return the undistorted photo's path."""
