@@ -21,8 +21,6 @@ from cherrypicker.placement.region import Region
 
 logger = logging.getLogger(__name__)
 
-# Most levels of the pyramid: from the coarsest on, eight pixels are one (guess)
-MOST_LEVELS = 4
 # A pixel of a level is left out where more of it shows clear sky: all but what rounding leaves
 NOTHING_BUT_SKY = 0.999
 # What a sweep tries at the coarsest level, at those between, first and further ones, and at full
@@ -91,14 +89,6 @@ def pyramid(photo: np.ndarray, n_levels: int) -> list[np.ndarray]:
     return levels
 
 
-def count_levels(width: int, height: int, min_level_px: int) -> int:
-    """Return how often the shorter side can be halved before it falls below ``min_level_px``."""
-    n = 1
-    while n < MOST_LEVELS and min(width, height) / 2**n >= min_level_px:
-        n += 1
-    return n
-
-
 def make_level(
     problem: StereoProblem,
     views: list[View],
@@ -106,7 +96,6 @@ def make_level(
     index: int,
     options: StereoOptions,
     depths: dict[int, np.ndarray] | None = None,
-    geometric_weight: float = 0.0,
 ) -> Level:
     """Gather what the kernels need for one reference at one pyramid level.
 
@@ -117,26 +106,22 @@ def make_level(
     index : int
         Pyramid level, 0 the finest.
     depths : dict, optional
-        View index to inverse depth map at level 0, 0 where unknown, of the sources.
+        View index to inverse depth map at level 0, 0 where unknown, of the sources; without them
+        consistency costs nothing.
     """
     photo = photos[problem.view][index]
     height, width = photo.shape[:2]
     reference = views[problem.view]
     pose = reference.kernel_camera(width, height)
     K = pose[0]
-    packed, sizes, project, back, maps = [], [], [], [], []
-    for j in problem.sources:
-        source = photos[j][index]
-        view = views[j]
-        size = (source.shape[1], source.shape[0])
-        other = view.kernel_camera(*size)
-        packed.append(pack_bilinear(cv2.cvtColor(source, cv2.COLOR_RGB2GRAY)))
-        sizes.append(size)
-        project.append(relative_projection(pose, other))
-        back.append(relative_projection(other, pose))
-        if depths is not None:
-            maps.append(depths[j].ravel())
-    starts = np.cumsum([0] + [len(pixels) for pixels in packed[:-1]])
+    sources = [photos[j][index] for j in problem.sources]
+    sizes = [source.shape[1::-1] for source in sources]
+    others = [views[j].kernel_camera(*size) for j, size in zip(problem.sources, sizes)]
+    starts = np.cumsum([0, *(width * height for width, height in sizes[:-1])])
+    packed = [pack_bilinear(cv2.cvtColor(source, cv2.COLOR_RGB2GRAY)) for source in sources]
+    maps = [np.zeros(1, dtype=np.float32)]
+    if depths is not None:
+        maps = [depths[j].ravel() for j in problem.sources]
     baselines = [np.linalg.norm(views[j].center - reference.center) for j in problem.sources]
     samples = window(options.window_radius)
     return Level(
@@ -149,11 +134,11 @@ def make_level(
         inv_color=np.float32(1.0 / options.color_spread**2),
         packed=np.concatenate(packed),
         layout=np.array([(start, *size) for start, size in zip(starts, sizes)], dtype=np.int64),
-        project=np.array(project, dtype=np.float32),
-        depth=np.concatenate(maps) if maps else np.zeros(1, dtype=np.float32),
-        back=np.array(back, dtype=np.float32),
+        project=np.array([relative_projection(pose, other) for other in others], np.float32),
+        depth=np.concatenate(maps),
+        back=np.array([relative_projection(other, pose) for other in others], np.float32),
         n_best=min(options.n_best, len(problem.sources)),
-        geometric_weight=np.float32(geometric_weight),
+        geometric_weight=np.float32(0.0 if depths is None else options.geometric_weight),
         w_min=np.float32(1.0 / problem.depth_max),
         w_max=np.float32(1.0 / problem.depth_min),
         w_px=np.float32(1.0 / (K[0, 0] * np.median(baselines))),
@@ -202,21 +187,31 @@ def estimate_photometric(
     """
     view = views[problem.view]
     seed = view_seed(options.seed, view.name, 0)
+    if skip is None:
+        skip = np.zeros((view.height, view.width), dtype=bool)
     n_levels = len(photos[problem.view])
     coarse: State | None = None
     coarse_color = None
     for index in reversed(range(n_levels)):
         level = make_level(problem, views, photos, index, options)
-        matchable = _to_match(skip, level)
+        size = (level.width, level.height)
+        skipped = cv2.resize(skip.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        matchable = (skipped < NOTHING_BUT_SKY).astype(np.uint8)
         initial.find_texture(level, threads, matchable, np.float32(options.min_texture**2))
-        state = _unknown(level, matchable.copy())
+        state = State(
+            field=np.full((level.height, level.width, 4), (0, 0, 0, INVALID_COST), np.float32),
+            chosen=np.zeros((level.height, level.width), dtype=np.uint16),
+            active=matchable.copy(),
+        )
         if coarse is None:
             prior = _sparse_prior(problem, view, level.width, level.height)
             initial.start_randomly(level, threads, state, prior, seed)
         else:
             beyond = _enlarged(find_beyond(problem.region, view, coarse.field), level)
             if index == 0:
-                state.field[beyond] = _as_coarse(coarse.field, level)[beyond]
+                above = cv2.resize(coarse.field, size, interpolation=cv2.INTER_NEAREST)
+                above[..., 1:3] *= np.divide(coarse.field.shape[1::-1], size, dtype=np.float32)
+                state.field[beyond] = above[beyond]
                 state.active[beyond] = 0
             # At a size between, what does not match once it is seen better is matched anew
             initial.start_from_coarse(level, threads, state, coarse, coarse_color)
@@ -226,7 +221,10 @@ def estimate_photometric(
             ball = np.array([*center, CROWN_REACH * problem.region.radius], dtype=np.float32)
             own, *others = (lines[i] for i in problem.photos)
             started = start_from_lines(level, state, matchable, own, others, ball, threads)
-            state.active[_around_lines(started) & (matchable > 0)] = 1
+            twigs = cv2.dilate(
+                started.astype(np.uint8), np.ones((2 * LINE_REACH + 1,) * 2, np.uint8)
+            )
+            state.active[(twigs > 0) & (matchable > 0)] = 1
         for i, turn in enumerate(_turns(index, n_levels, options.n_iterations)):
             _sweep_twice(level, threads, state, turn, seed, MOST_SWEEPS * index + i)
         coarse, coarse_color = state, level.color
@@ -240,12 +238,6 @@ def _sweep_twice(
     for parity in (0, 1):
         draw = seed + ((2 * number + parity + 1) << SWEEP_BITS)
         patchmatch.sweep(level, threads, state, parity, turn, draw)
-
-
-def _around_lines(started: np.ndarray) -> np.ndarray:
-    """Return the pixels that a started line's twig may cover, bool."""
-    around = np.ones((2 * LINE_REACH + 1,) * 2, np.uint8)
-    return cv2.dilate(started.astype(np.uint8), around) > 0
 
 
 def find_beyond(region: Region | None, view: View, field: np.ndarray) -> np.ndarray:
@@ -274,30 +266,6 @@ def _enlarged(beyond: np.ndarray, level: Level) -> np.ndarray:
     sure = cv2.erode(beyond.astype(np.uint8), around, borderValue=1)
     size = (level.width, level.height)
     return cv2.resize(sure, size, interpolation=cv2.INTER_NEAREST) > 0
-
-
-def _as_coarse(coarse: np.ndarray, level: Level) -> np.ndarray:
-    """Return a coarser level's field at a level's size."""
-    field = cv2.resize(coarse, (level.width, level.height), interpolation=cv2.INTER_NEAREST)
-    field[..., 1] *= coarse.shape[1] / level.width
-    field[..., 2] *= coarse.shape[0] / level.height
-    return field
-
-
-def _to_match(skip: np.ndarray | None, level: Level) -> np.ndarray:
-    """Return the pixels of a level to be matched, (height, width) uint8: not skipped as a whole."""
-    if skip is None:
-        return np.ones((level.height, level.width), dtype=np.uint8)
-    share = cv2.resize(
-        skip.astype(np.float32), (level.width, level.height), interpolation=cv2.INTER_AREA
-    )
-    return (share < NOTHING_BUT_SKY).astype(np.uint8)
-
-
-def _unknown(level: Level, active: np.ndarray) -> State:
-    field = np.zeros((level.height, level.width, 4), dtype=np.float32)
-    field[..., 3] = INVALID_COST
-    return State(field, np.zeros((level.height, level.width), dtype=np.uint16), active)
 
 
 def _turns(index: int, n_levels: int, n_iterations: int) -> list[Turn]:
@@ -341,9 +309,9 @@ def estimate_geometric(
     """
     view = views[problem.view]
     seed = view_seed(options.seed, view.name, 1)
-    level = make_level(problem, views, photos, 0, options, depths, options.geometric_weight)
+    level = make_level(problem, views, photos, 0, options, depths)
     active = (start[..., 0] > 0.0).astype(np.uint8)
-    state = _unknown(level, active)._replace(field=start.copy())
+    state = State(start.copy(), np.zeros(active.shape, dtype=np.uint16), active)
     initial.evaluate_field(level, threads, state)
     # A twig that was given the hill's depth disagrees with the sources' maps, and stays active
     active[_enlarged(find_beyond(problem.region, view, state.field), level)] = 0
@@ -380,11 +348,10 @@ def field_to_maps(field: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndar
     known = w > 0.0
     depth = np.zeros_like(w)
     np.divide(1.0, w, out=depth, where=known)
-    x = (np.arange(width, dtype=np.float32) + np.float32(0.5 - K[0, 2])) / np.float32(K[0, 0])
-    y = (np.arange(height, dtype=np.float32) + np.float32(0.5 - K[1, 2])) / np.float32(K[1, 1])
+    x, y = _rays(width, height, K)
     m1 = gx * np.float32(K[0, 0])
     m2 = gy * np.float32(K[1, 1])
-    m3 = w - x[None, :] * m1 - y[:, None] * m2
+    m3 = w - x * m1 - y * m2
     normals = -np.stack([m1, m2, m3], axis=-1)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     np.divide(normals, length, out=normals, where=length > 0.0)
@@ -392,12 +359,18 @@ def field_to_maps(field: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndar
     return depth, normals
 
 
+def _rays(width: int, height: int, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the rays of a row (width,) and of a column (height, 1) of pixels go."""
+    x = (np.arange(width, dtype=np.float32) + np.float32(0.5 - K[0, 2])) / np.float32(K[0, 0])
+    y = (np.arange(height, dtype=np.float32) + np.float32(0.5 - K[1, 2])) / np.float32(K[1, 1])
+    return x, y[:, None]
+
+
 def maps_to_field(depth: np.ndarray, normals: np.ndarray, K: np.ndarray) -> np.ndarray:
     """Turn depth (height, width) and normals (height, width, 3) into a field with cost zero."""
     height, width = depth.shape
-    x = (np.arange(width, dtype=np.float32) + np.float32(0.5 - K[0, 2])) / np.float32(K[0, 0])
-    y = (np.arange(height, dtype=np.float32) + np.float32(0.5 - K[1, 2])) / np.float32(K[1, 1])
-    along = normals[..., 0] * x[None, :] + normals[..., 1] * y[:, None] + normals[..., 2]
+    x, y = _rays(width, height, K)
+    along = normals[..., 0] * x + normals[..., 1] * y + normals[..., 2]
     known = (depth > 0.0) & (along < 0.0)
     field = np.zeros((height, width, 4), dtype=np.float32)
     w = field[..., 0]

@@ -20,6 +20,9 @@ from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
 
+# Most levels of the pyramid: from the coarsest on, eight pixels are one (guess)
+MOST_LEVELS = 4
+
 
 def run_cpu(
     workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
@@ -27,8 +30,8 @@ def run_cpu(
     """Compute the maps that are not there yet."""
     views = workspace.views
     problems = plan_views(workspace, options.n_sources)
-    sizes = [min(view.width, view.height) for view in views]
-    n_levels = estimate.count_levels(min(sizes), min(sizes), options.min_level_px)
+    least = min(min(view.width, view.height) for view in views)
+    n_levels = sum(least / 2**n >= options.min_level_px for n in range(1, MOST_LEVELS)) + 1
 
     # Only as many photos as are in use at a time
     @lru_cache(2 * options.n_sources)
