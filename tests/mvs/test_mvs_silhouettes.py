@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scan_scene import look_at_poses
 
-from cherrypicker.mvs.lines.lines import seen_lines
 from cherrypicker.mvs.lines.sky_lines import find_sky_lines
 from cherrypicker.mvs.raster import make_raster
 from cherrypicker.mvs.silhouettes import add_silhouettes
@@ -90,9 +89,9 @@ def added(
     return out.select(out["from_silhouette"] == 1)
 
 
-def lines_of(photo):
-    """The lines of a photo whose mask is all sky."""
-    return find_sky_lines(photo, make_raster(photo, ~NOTHING, NOTHING), 1.0)
+def lines_of(photo, hidden=NOTHING):
+    """The lines of a photo whose mask is all sky, but for what a user hides."""
+    return find_sky_lines(photo, make_raster(photo, ~hidden, hidden), 1.0)
 
 
 def distance_to(twig, points):
@@ -102,11 +101,12 @@ def distance_to(twig, points):
 
 
 def test_lines_on_or_beside_what_a_user_hides_are_none():
-    found = lines_of(draw(ring(8), 0, [TWIG]))
+    photo = draw(ring(8), 0, [TWIG])
+    found = lines_of(photo)
     row = int(np.median(found.uv[:, 1]))
     hidden = np.zeros((SIDE, SIDE), bool)
     hidden[row:] = True
-    left = seen_lines(found, hidden)
+    left = lines_of(photo, hidden)
     assert 0.2 * len(found.uv) < len(left.uv) < 0.6 * len(found.uv)
     assert left.uv[:, 1].max() < row and not left.clear[row:].any()
     assert len(left.across) == len(left.share) == len(left.uv)

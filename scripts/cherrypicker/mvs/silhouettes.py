@@ -91,27 +91,6 @@ def _place(lines: Lines, sight: Sight, row: Num, depth: Num) -> tuple[Num, Num, 
 
 
 @inlined
-def _meet(lines: Lines, own: Num, x: Num, y: Num, z: Num, met: np.ndarray) -> tuple[Num, Num]:
-    """Enter the lines of other photos that a place lies on; return their number, and what the
-    photos that show clear sky say together, until it is more than lines can outweigh."""
-    n = 0
-    against = 0.0
-    for k in range(lines.order.shape[0]):
-        i = lines.order[k]
-        if i == own:
-            continue
-        line = line_shown(lines, i, x, y, z)
-        if line == CLEAR:
-            against += lines.clear_word[i]
-            if against < MOST_AGAINST:
-                return 0, against
-        if line >= 0:
-            met[n] = line
-            n += 1
-    return n, against
-
-
-@inlined
 def _is_apart(
     lines: Lines, i: Num, own: Num, kept: np.ndarray, n: Num, x: Num, y: Num, z: Num
 ) -> bool:
@@ -166,16 +145,31 @@ def _consent(
 
 @inlined
 def _ask(lines: Lines, sight: Sight, row: Num, depth: Num, scratch: Scratch) -> tuple[Num, Num]:
-    """Ask all photos about a place; return how surprising their consent is, 0 without any."""
+    """Ask the other photos about a place; return how surprising their consent is, and their number.
+
+    The word of those that show clear sky counts against it, and ends the search where it is more
+    than lines can outweigh.
+    """
     x, y, z = _place(lines, sight, row, depth)
-    n, against = _meet(lines, sight.own, x, y, z, scratch.met)
-    surprise, n_kept = 0.0, 0
-    if n >= LEAST_WITNESSES:
-        line = lines.first[sight.own] + row
-        surprise, n_kept = _consent(lines, line, n, x, y, z, scratch)
-        if n_kept < LEAST_WITNESSES:
-            surprise, n_kept = 0.0, 0
-    return surprise + against, n_kept
+    n, against = 0, 0.0
+    for k in range(lines.order.shape[0]):
+        i = lines.order[k]
+        if i == sight.own:
+            continue
+        line = line_shown(lines, i, x, y, z)
+        if line == CLEAR:
+            against += lines.clear_word[i]
+            if against < MOST_AGAINST:
+                return against, 0
+        if line >= 0:
+            scratch.met[n] = line
+            n += 1
+    if n < LEAST_WITNESSES:
+        return against, 0
+    surprise, n = _consent(lines, lines.first[sight.own] + row, n, x, y, z, scratch)
+    if n < LEAST_WITNESSES:
+        return against, 0
+    return surprise + against, n
 
 
 @inlined
@@ -185,16 +179,6 @@ def _span(sight: Sight, row: Num) -> tuple[Num, Num]:
     middle, square = cross_ball(rays[row, 0], rays[row, 1], rays[row, 2], sight.ball)
     half = np.sqrt(max(square, 0.0))
     return max(middle - half, sight.nearest), max(middle + half, sight.nearest)
-
-
-@inlined
-def _least_surprise(sight: Sight, row: Num) -> Num:
-    """Surprise at which a ray has less than `CHANCE` places by chance.
-
-    Places two tolerances apart show other pixels, so that many may each be one by chance.
-    """
-    low, high = _span(sight, row)
-    return np.log(np.log(high / low) / (2.0 * TOLERANCE_PX * sight.pixel * CHANCE))
 
 
 @inlined
@@ -221,28 +205,7 @@ def _refined(
 
 
 @kernel
-def _search(
-    lines: Lines, sight: Sight, first: Num, last: Num, scratch: Scratch, depths: np.ndarray
-) -> None:
-    """Enter the depth of most consent on rays ``first`` to ``last``, 0 where it may be chance."""
-    for row in range(first, last):
-        depths[row] = 0.0
-        if lines.explained[lines.first[sight.own] + row] > 0.0:
-            continue
-        depth, high = _span(sight, row)
-        if high <= depth:
-            continue
-        most = _least_surprise(sight, row)
-        while depth < high:
-            surprise, _ = _ask(lines, sight, row, depth, scratch)
-            if surprise > most:
-                most = surprise
-                depths[row] = depth
-            depth *= 1.0 + STEP_PX * sight.pixel
-
-
-@kernel
-def _settle(
+def _follow(
     lines: Lines,
     sight: Sight,
     first: Num,
@@ -252,26 +215,42 @@ def _settle(
     axes: np.ndarray,
     counts: np.ndarray,
 ) -> None:
-    """Fit the depths found to the lines that meet there, and ask again.
+    """Enter the depth of most consent on rays ``first`` to ``last``, fitted to the lines there.
 
-    ``counts`` takes the number of photos, 0 where the place does not hold, ``axes`` (n, 3) the
-    direction of the twig.
+    ``counts`` takes the number of photos, 0 where the place may be chance or does not hold once it
+    is fitted, ``axes`` (n, 3) the direction of the twig.
     """
     for row in range(first, last):
         counts[row] = 0
-        if depths[row] <= 0.0:
+        low, high = _span(sight, row)
+        if high <= low or lines.explained[lines.first[sight.own] + row] > 0.0:
+            continue
+        # At this surprise a ray has less than `CHANCE` places by chance: those two tolerances apart
+        # show other pixels, so that many may each be one
+        least = np.log(np.log(high / low) / (2.0 * TOLERANCE_PX * sight.pixel * CHANCE))
+        most = least
+        found = 0.0
+        depth = low
+        while depth < high:
+            surprise, _ = _ask(lines, sight, row, depth, scratch)
+            if surprise > most:
+                most = surprise
+                found = depth
+            depth *= 1.0 + STEP_PX * sight.pixel
+        if found <= 0.0:
             continue
         unsure = 0.0
         for turn in range(N_ROUNDS + 1):
-            surprise, n = _ask(lines, sight, row, depths[row], scratch)
-            if surprise < _least_surprise(sight, row) or unsure > MOST_DEPTH_PX:
+            surprise, n = _ask(lines, sight, row, found, scratch)
+            if surprise < least or unsure > MOST_DEPTH_PX:
                 break
-            if turn == N_ROUNDS:
+            if turn < N_ROUNDS:
+                found, unsure = _refined(lines, sight, row, found, n, scratch.kept)
+            else:
+                depths[row] = found
                 counts[row] = 1 + n
                 for c in range(3):
                     axes[row, c] = scratch.axis[c]
-                break
-            depths[row], unsure = _refined(lines, sight, row, depths[row], n, scratch.kept)
 
 
 def add_silhouettes(
@@ -307,41 +286,38 @@ def add_silhouettes(
     lines = gather_lines(photos, clear_word)
     explain(lines, cloud.points, threads)
     n_open = int((lines.explained == 0.0).sum())
-    parts = follow_lines(photos, lines, region, threads)
+    parts = [cloud.with_fields(from_silhouette=np.zeros(len(cloud), np.uint8))]
+    with Progress(len(photos.views), "photos' twigs followed") as bar:
+        for i in range(len(photos.views)):
+            parts.append(_twigs_of(photos, lines, i, region, threads))
+            explain(lines, parts[-1].points, threads)  # so that each place is found once
+            bar.step()
     logger.info(
         "of %s pixels on thin lines before the sky the cloud lacks %s: %s points added",
         f"{len(lines.owner):,}",
         f"{n_open:,}",
-        f"{sum(map(len, parts)):,}",
+        f"{sum(map(len, parts[1:])):,}",
     )
-    return joined([_marked(cloud, 0), *(_marked(part, 1) for part in parts)])
-
-
-def follow_lines(
-    photos: ScanPhotos, lines: Lines, region: Region, threads: int
-) -> list[PointCloud]:
-    """Return the twigs that the photos' lines show and nothing explains yet, one cloud a photo.
-
-    They are entered in ``lines.explained``, so that each place is found once.
-    """
-    parts = []
-    with Progress(len(photos.views), "photos' twigs followed") as bar:
-        for i in range(len(photos.views)):
-            parts.append(_twigs_of(photos, lines, i, region, threads))
-            explain(lines, parts[-1].points, threads)
-            bar.step()
-    return parts
+    return joined(parts)
 
 
 def _twigs_of(photos: ScanPhotos, lines: Lines, i: int, region: Region, threads: int) -> PointCloud:
-    """Return the places of one photo's lines."""
+    """Return the places that one photo's lines show and nothing explains yet."""
     view = photos.views[i]
     uv = lines.uv[lines.first[i] : lines.first[i + 1]]
     rays = np.column_stack([uv, np.ones(len(uv))]) @ np.linalg.inv(view.K).T @ view.R
     offset = region.center - view.center
     nearest = NEAREST * float(np.linalg.norm(offset))
     sight = Sight(i, rays, np.array([*offset, region.radius]), nearest, 1.0 / view.K[0, 0])
-    depths, axes, counts = _follow(lines, sight, threads)
+    n, n_views = len(rays), len(photos.views)
+    depths, axes, counts = np.zeros(n), np.zeros((n, 3)), np.zeros(n, dtype=np.int64)
+
+    def work(first: int) -> None:
+        met, kept = np.empty(n_views, np.int64), np.empty((2, n_views), np.int64)
+        last = min(first + LINES_AT_A_TIME, n)
+        _follow(lines, sight, first, last, Scratch(met, kept, np.empty(3)), depths, axes, counts)
+
+    in_parallel(work, range(0, n, LINES_AT_A_TIME), threads)
     kept = np.flatnonzero(counts)
     points = view.center + depths[kept, None] * rays[kept]
     at = np.floor(uv[kept]).astype(int)
@@ -349,25 +325,11 @@ def _twigs_of(photos: ScanPhotos, lines: Lines, i: int, region: Region, threads:
         points,
         colors=photos.photo(i)[at[:, 1], at[:, 0]] / 255.0,
         normals=_across(view.center - points, axes[kept]),
-        fields={"n_views": np.minimum(counts[kept], 255).astype(np.uint8)},
+        fields={
+            "n_views": np.minimum(counts[kept], 255).astype(np.uint8),
+            "from_silhouette": np.ones(len(kept), np.uint8),
+        },
     )
-
-
-def _follow(lines: Lines, sight: Sight, threads: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return depths (n,), axes (n, 3) and numbers of photos (n,) of a photo's line points."""
-    n, n_views = len(sight.rays), len(lines.starts)
-    depths, axes, counts = np.zeros(n), np.zeros((n, 3)), np.zeros(n, dtype=np.int64)
-
-    def work(first: int) -> None:
-        scratch = Scratch(
-            np.empty(n_views, np.int64), np.empty((2, n_views), np.int64), np.empty(3)
-        )
-        last = min(first + LINES_AT_A_TIME, n)
-        _search(lines, sight, first, last, scratch, depths)
-        _settle(lines, sight, first, last, scratch, depths, axes, counts)
-
-    in_parallel(work, range(0, n, LINES_AT_A_TIME), threads)
-    return depths, axes, counts
 
 
 def _across(directions: np.ndarray, axes: np.ndarray) -> np.ndarray:
@@ -375,7 +337,3 @@ def _across(directions: np.ndarray, axes: np.ndarray) -> np.ndarray:
     along = np.einsum("ni,ni->n", directions, axes)
     across = directions - along[:, None] * axes
     return across / np.linalg.norm(across, axis=1, keepdims=True)
-
-
-def _marked(cloud: PointCloud, is_new: int) -> PointCloud:
-    return cloud.with_fields(from_silhouette=np.full(len(cloud), is_new, np.uint8))

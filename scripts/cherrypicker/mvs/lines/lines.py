@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from cherrypicker.compiled import Num, in_parallel, inlined, kernel
-from cherrypicker.mvs.lines.sky_lines import FLANK_PX, SkyLines, find_sky_lines
-from cherrypicker.mvs.raster import HIDDEN
+from cherrypicker.mvs.lines.sky_lines import SkyLines, find_sky_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.workspace import View
 from cherrypicker.progress import Progress
@@ -135,9 +133,7 @@ def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
     first = np.zeros(len(views) + 1, dtype=np.int64)
     with Progress(len(views), "photos searched for twigs before the sky") as bar:
         for i in range(len(views)):
-            raster = photos.raster(i)
-            own = find_sky_lines(photos.photo(i), raster, TOLERANCE_PX)
-            own = seen_lines(own, raster == HIDDEN)
+            own = find_sky_lines(photos.photo(i), photos.raster(i), TOLERANCE_PX)
             maps[starts[i] : starts[i + 1]] = _line_map(own, first[i]).ravel()
             clear.append(own.clear.mean())
             found.append(own._replace(clear=None))  # type: ignore[arg-type]  # as large as the photo
@@ -160,17 +156,6 @@ def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
         surprise=-np.log(np.clip(share, LEAST_SHARE, 1.0)),
         explained=np.zeros(len(share)),
     )
-
-
-def seen_lines(own: SkyLines, hidden: np.ndarray) -> SkyLines:
-    """Lines less those on or beside what a user hides (height, width), whose edge is no twig."""
-    if not hidden.any():
-        return own
-    around = 2 * int(FLANK_PX[1]) + 1
-    near = cv2.dilate(hidden.astype(np.uint8), np.ones((around, around), np.uint8)) > 0
-    x, y = np.floor(own.uv).astype(int).T
-    seen = ~near[y, x]
-    return SkyLines(own.uv[seen], own.across[seen], own.share[seen], own.clear & ~hidden)
 
 
 def _line_map(own: SkyLines, count: int) -> np.ndarray:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from cherrypicker.mvs.lines.ridges import DARK, line_points, slopes_of
-from cherrypicker.mvs.raster import CLEAR_BELOW, SOLID
+from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN, SOLID
 
 # How far aside of a line its sky is looked for, px: past the blur and the border of a mask
 # (guess)
@@ -52,10 +52,14 @@ def find_sky_lines(photo: np.ndarray, raster: np.ndarray, tolerance_px: float) -
     flanked = _has_sky_aside(sky, centers, across)
     centers, across = centers[flanked], across[flanked]
     share = _line_share(sky, centers, tolerance_px)
-    size = 2 * CLEARANCE_PX + 1
+    # The edge of what a user hides is no twig
+    around = np.ones((2 * int(FLANK_PX[1]) + 1,) * 2, np.uint8)
+    near_hidden = cv2.dilate((raster == HIDDEN).astype(np.uint8), around)
+    x, y = np.floor(centers).astype(int).T
+    seen = near_hidden[y, x] == 0
     pixels = (raster < CLEAR_BELOW).astype(np.uint8)
-    clear = np.asarray(cv2.erode(pixels, np.ones((size, size), np.uint8))) > 0
-    return SkyLines(centers, across, share, clear)
+    clear = cv2.erode(pixels, np.ones((2 * CLEARANCE_PX + 1,) * 2, np.uint8)) > 0
+    return SkyLines(centers[seen], across[seen], share[seen], clear)
 
 
 def _has_sky_aside(sky: np.ndarray, centers: np.ndarray, across: np.ndarray) -> np.ndarray:
