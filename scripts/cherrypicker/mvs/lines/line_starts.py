@@ -93,15 +93,16 @@ def _count_lines(
     grey: np.ndarray,
     lines: np.ndarray,
     greys: np.ndarray,
+    most: Num,
 ) -> Num:
     """Count the sources that show a line of the same sign and of like grey where (x, y, w) lies.
 
-    Gives up once fewer than the ``n_best`` of the matching cost can come together.
+    Gives up once no more than ``most`` can come together.
     """
     n = level.layout.shape[0]
     count = 0
     for s in range(n):
-        if count + n - s < level.n_best:
+        if count + n - s <= most:
             break
         z = depth_in(level.project, s, x, y, w)
         if z <= BEHIND:
@@ -140,11 +141,12 @@ def _collect(
     w, w_high = _span(level, x, y, ball)
     run = -1
     while w < w_high:
-        count = _count_lines(level, np.float32(x), np.float32(y), w, sign, grey, lines, greys)
         place = N_TRIED - 1
         if run >= 0 and w - depths[run] < RUN_STEPS * step:
             place = run
-        if count > counts[place]:
+        most = counts[place]
+        count = _count_lines(level, np.float32(x), np.float32(y), w, sign, grey, lines, greys, most)
+        if count > most:
             while place > 0 and counts[place - 1] < count:
                 counts[place] = counts[place - 1]
                 depths[place] = depths[place - 1]
