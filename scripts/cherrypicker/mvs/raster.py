@@ -14,14 +14,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
-from cherrypicker.intake.masks import read_grey
 from cherrypicker.mvs.clear_sky import MIN_CONTRAST, SkyMasks, thin_contrast, thin_window
 from cherrypicker.mvs.workspace import view_of
 from cherrypicker.photos import read_photo
 from cherrypicker.poses import Poses
 from cherrypicker.progress import Progress
+from cherrypicker.sky.mask_files import write_mask
 
 # Contrasts of a thin structure, grey levels of 255, at which the next level begins: a ladder of
 # root-two steps from what sensor noise and JPEG leave of plain sky
@@ -63,32 +61,5 @@ def write_rasters(images: Path, poses: Poses, masks: SkyMasks, folder: Path) -> 
     with Progress(len(views), "photos asked for sky, thin and solid") as bar:
         for view in views:
             raster = make_raster(read_photo(images / view.name), *masks.both(view))
-            write_raster(folder / f"{Path(view.name).stem}.png", raster)
+            write_mask(folder / f"{Path(view.name).stem}.png", raster)
             bar.step()
-
-
-def write_raster(path: Path, raster: np.ndarray) -> None:
-    """Write a raster as PNG with one channel."""
-    with atomic_path(path) as temporary:
-        if not cv2.imwrite(str(temporary), raster, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-            raise StageError("the raster of what a photo shows cannot be written", file=path)
-
-
-def read_raster(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """Read a raster, (height, width) uint8.
-
-    Raises
-    ------
-    StageError
-        When it is missing, unreadable or not of the expected shape.
-    """
-    raster = read_grey(path)
-    if raster is None:
-        raise StageError("what the photo shows is missing or unreadable", file=path)
-    if raster.shape != shape:
-        raise StageError(
-            f"what the photo shows has {raster.shape[1]} x {raster.shape[0]} pixels, its camera "
-            f"{shape[1]} x {shape[0]}",
-            file=path,
-        )
-    return raster

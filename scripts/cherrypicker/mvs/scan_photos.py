@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.intake.masks import read_grey
 from cherrypicker.mvs.depth_rasters import read_depth_raster
-from cherrypicker.mvs.raster import read_raster
 from cherrypicker.mvs.workspace import view_of
 from cherrypicker.poses import Poses
 
@@ -78,7 +78,11 @@ class ScanPhotos:
         """What photo ``i`` shows, (height, width) uint8."""
         view = self.views[i]
         path = self._evidence / f"{Path(view.name).stem}.png"
-        return read_raster(path, (view.height, view.width))
+        raster = read_grey(path)
+        if raster is None:
+            raise StageError("what the photo shows is missing or unreadable", file=path)
+        view.check_size(raster, path)
+        return raster
 
     def photo(self, i: int) -> np.ndarray:
         """Photo ``i`` itself, (height, width, 3) uint8."""

@@ -22,8 +22,6 @@ from cherrypicker.poses import Poses, project
 from cherrypicker.sfm.export import poses_of
 
 PHOTOMETRIC, GEOMETRIC = "photometric", "geometric"
-# More than the header of a map can have
-_HEADER_BYTES = 64
 
 
 @dataclass(frozen=True)
@@ -50,18 +48,18 @@ class View:
         K[:2, 2] -= 0.5
         return K, self.R, self.t
 
-    def check_size(self, photo: np.ndarray, file: str | os.PathLike) -> None:
-        """Refuse a photo (height, width, 3) that is not as large as the camera's.
+    def check_size(self, picture: np.ndarray, file: str | os.PathLike) -> None:
+        """Refuse a photo or a map of it, (height, width, ...), of another size than the camera's.
 
         Raises
         ------
         StageError
             Naming the file.
         """
-        if photo.shape[:2] != (self.height, self.width):
+        if picture.shape[:2] != (self.height, self.width):
             raise StageError(
-                f"the undistorted photo {self.name} is {photo.shape[1]} x {photo.shape[0]} px, its "
-                f"camera {self.width} x {self.height} px",
+                f"what belongs to the undistorted photo {self.name} is {picture.shape[1]} x "
+                f"{picture.shape[0]} px, its camera {self.width} x {self.height} px",
                 file=file,
             )
 
@@ -138,11 +136,15 @@ class Workspace:
 
     def read_depth(self, view: View, kind: str) -> np.ndarray:
         """Read a depth map, (height, width) float32, 0 where unknown."""
-        return self._checked(self.depth_path(view, kind), view)
+        depth = read_map(self.depth_path(view, kind))
+        view.check_size(depth, self.depth_path(view, kind))
+        return depth
 
     def read_normals(self, view: View, kind: str) -> np.ndarray:
         """Read a normal map, (height, width, 3) float32, camera frame, towards the camera."""
-        return self._checked(self.normal_path(view, kind), view)
+        normals = read_map(self.normal_path(view, kind))
+        view.check_size(normals, self.normal_path(view, kind))
+        return normals
 
     def write_maps(self, view: View, kind: str, depth: np.ndarray, normals: np.ndarray) -> None:
         """Write depth (height, width) and normals (height, width, 3), each atomically."""
@@ -167,17 +169,6 @@ class Workspace:
         path = self.folder / "stereo" / "fusion.cfg"
         with atomic_path(path) as temporary:
             temporary.write_text("".join(f"{view.name}\n" for view in self.views), encoding="utf-8")
-
-    @staticmethod
-    def _checked(path: Path, view: View) -> np.ndarray:
-        array = read_map(path)
-        if array.shape[:2] != (view.height, view.width):
-            raise StageError(
-                f"the map is {array.shape[1]} x {array.shape[0]} px, "
-                f"the photo {view.width} x {view.height} px",
-                file=path,
-            )
-        return array
 
 
 def workspace_of(**parts: str | os.PathLike) -> Path:
@@ -207,15 +198,6 @@ def view_of(poses: Poses, i: int) -> View:
     )
 
 
-def _parse_header(content: bytes, path: Path) -> tuple[int, int, int, int]:
-    """Return width, height and channels of a map, and where its numbers begin."""
-    found = re.match(rb"([1-9]\d{0,8})&([1-9]\d{0,8})&([1-9]\d{0,8})&", content)
-    if found is None:
-        raise StageError("not a COLMAP map: no width&height&channels& header", file=path)
-    width, height, channels = map(int, found.groups())
-    return width, height, channels, found.end()
-
-
 def read_map(path: str | os.PathLike) -> np.ndarray:
     """Read a COLMAP depth (height, width) or normal map (height, width, 3), float32.
 
@@ -229,7 +211,11 @@ def read_map(path: str | os.PathLike) -> np.ndarray:
         content = path.read_bytes()
     except FileNotFoundError as error:
         raise StageError("the depth or normal map is missing", file=path) from error
-    width, height, channels, start = _parse_header(content, path)
+    header = re.match(rb"([1-9]\d{0,8})&([1-9]\d{0,8})&([1-9]\d{0,8})&", content)
+    if header is None:
+        raise StageError("not a COLMAP map: no width&height&channels& header", file=path)
+    width, height, channels = map(int, header.groups())
+    start = header.end()
     if len(content) - start != 4 * width * height * channels:
         raise StageError(
             f"the map is cut short: {len(content) - start} bytes of data, "
@@ -258,11 +244,10 @@ def write_map(path: str | os.PathLike, array: np.ndarray) -> None:
 
 def is_valid_map(path: str | os.PathLike, size: tuple[int, int], channels: int) -> bool:
     """Whether a file is a whole map of ``size`` (width, height); reads the header only."""
-    path = Path(path)
+    header = f"{size[0]}&{size[1]}&{channels}&".encode("ascii")
     try:
         with open(path, "rb") as file:
-            width, height, found, start = _parse_header(file.read(_HEADER_BYTES), path)
-    except (OSError, StageError):
+            begins = file.read(len(header)) == header
+        return begins and os.stat(path).st_size == len(header) + 4 * size[0] * size[1] * channels
+    except OSError:
         return False
-    expected = start + 4 * width * height * found
-    return (width, height) == size and found == channels and path.stat().st_size == expected

@@ -19,11 +19,11 @@ HIDDEN = 64
 
 
 def write_mask(path: Path, mask: np.ndarray) -> None:
-    """Write a mask as PNG with one channel."""
+    """Write a mask, (H, W) uint8, as PNG with one channel."""
     with atomic_path(path) as tmp:
         # Level 1: masks are large flat areas, more effort costs seconds and saves kilobytes.
         if not cv2.imwrite(str(tmp), mask, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-            raise StageError("the sky mask cannot be written", file=path)
+            raise StageError("the mask cannot be written", file=path)
 
 
 def read_masks(path: Path, shape: tuple[int, int] | None = None) -> tuple[np.ndarray, np.ndarray]:

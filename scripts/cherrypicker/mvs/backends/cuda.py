@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pycolmap
 
 from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
-from cherrypicker.mvs.workspace import GEOMETRIC, View, Workspace
+from cherrypicker.mvs.workspace import GEOMETRIC, Workspace
 
 
 def run_cuda(
@@ -28,14 +27,10 @@ def run_cuda(
     made = [view for view in workspace.views if workspace.has_maps(view, GEOMETRIC)]
     if sky_masks is not None:
         for view in made:
-            _forget_hidden(workspace, view, sky_masks.both(view)[1])
+            hidden = sky_masks.both(view)[1]
+            if hidden.any():
+                depth = workspace.read_depth(view, GEOMETRIC)
+                normals = workspace.read_normals(view, GEOMETRIC)
+                depth[hidden], normals[hidden] = 0.0, 0.0
+                workspace.write_maps(view, GEOMETRIC, depth, normals)
     return {view.name for view in made}
-
-
-def _forget_hidden(workspace: Workspace, view: View, hidden: np.ndarray) -> None:
-    """Take the depth of hidden pixels (height, width) out of a view's last maps."""
-    if hidden.any():
-        depth = workspace.read_depth(view, GEOMETRIC)
-        normals = workspace.read_normals(view, GEOMETRIC)
-        depth[hidden], normals[hidden] = 0.0, 0.0
-        workspace.write_maps(view, GEOMETRIC, depth, normals)
