@@ -13,9 +13,8 @@ from typing import Annotated
 
 from cherrypicker.files import write_json
 from cherrypicker.mvs.backends.choice import estimate_apart
-from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
-from cherrypicker.mvs.workspace import Workspace, workspace_of
+from cherrypicker.mvs.workspace import workspace_of
 from cherrypicker.runner import run, stage_parser
 
 
@@ -25,21 +24,15 @@ def main(
     maps: Annotated[str, "folder of the maps to write, beside it"],
     depth: Annotated[str, "folder of the depths to write"],
     report: Annotated[str, "JSON to write: which photos have maps"],
-    lenses: Annotated[str | None, "cameras.bin of the photos as stored, for the sky masks"] = None,
-    sky_masks: Annotated[str | None, "folder of sky masks; what they cover is left out"] = None,
+    evidence: Annotated[str | None, "folder of what each photo shows, to leave out sky"] = None,
     several: Annotated[bool, "whether the scan is of several trees"] = False,
     *,
     options: StereoOptions,
     backend: str = "auto",
-    use_sky_masks: bool = True,
     threads: int = 2,
 ) -> None:
     """Estimate the maps, then write their depths and which photos have any."""
     folder = workspace_of(images=images, sparse=sparse, stereo=maps)
-    masks = None
-    if sky_masks and lenses:
-        names = Workspace(folder).poses.names
-        masks = SkyMasks(sky_masks, Path(lenses).parent, names, with_sky=use_sky_masks)
     content = estimate_apart(
         folder,
         Path(depth),
@@ -47,7 +40,7 @@ def main(
         several=several,
         backend=backend,
         threads=threads,
-        sky_masks=masks,
+        evidence=Path(evidence) if evidence else None,
     )
     write_json(report, content)
 

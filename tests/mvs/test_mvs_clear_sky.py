@@ -7,8 +7,9 @@ from stereo_scene import Surface, write_scene
 
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.choice import estimate_workspace
-from cherrypicker.mvs.clear_sky import SkyMasks, clear_sky
+from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
+from cherrypicker.mvs.raster import CLEAR_BELOW, make_raster, write_rasters
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.sky.mask_files import HIDDEN
 
@@ -24,6 +25,11 @@ def cloudy_sky(height=240, width=320, seed=0):
     noise = rng.normal(size=(height, width, 3)) * 2.0
     photo = np.array([190, 205, 230]) + 25.0 * (clouds / clouds.std())[..., None] + noise
     return np.clip(photo, 0, 255).astype(np.uint8)
+
+
+def clear_sky(photo, sky):
+    """Where a photo shows clear sky, by its mask."""
+    return make_raster(photo, sky, np.zeros_like(sky)) < CLEAR_BELOW
 
 
 def test_clouds_are_left_out_and_thin_twigs_are_not_however_wrong_the_mask():
@@ -52,13 +58,20 @@ def write_masks(folder, masks):
         cv2.imwrite(str(folder / f"view{i}.png"), np.where(mask, 255, 0).astype(np.uint8))
 
 
+def evidence_of(folder):
+    """Say what the photos of a scene show by its masks; return the folder of the rasters."""
+    poses = Workspace(folder / "scene").poses
+    masks = SkyMasks(folder / "sky", folder / "scene/sparse", poses.names)
+    write_rasters(folder / "scene/images", poses, masks, folder / "evidence")
+    return folder / "evidence"
+
+
 def test_masks_of_all_sky_keep_the_twig_and_clear_the_rest(tmp_path):
     scene = tmp_path / "scene"
     _, _, depths = write_scene(scene, TWIG, n_points=3000)
     write_masks(tmp_path / "sky", [np.ones_like(d, dtype=bool) for d in depths])
-    names = [view.name for view in Workspace(scene).views]
-    masks = SkyMasks(tmp_path / "sky", scene / "sparse", names)
-    estimate_workspace(scene, StereoOptions(min_texture=0.0), backend="cpu", sky_masks=masks)
+    options = StereoOptions(min_texture=0.0)
+    estimate_workspace(scene, options, backend="cpu", evidence=evidence_of(tmp_path))
     workspace = Workspace(scene)
     found = workspace.read_depth(workspace.views[2], "photometric")
     twig = depths[2] > 0.0
@@ -73,11 +86,11 @@ def test_maps_of_other_masks_are_computed_again(tmp_path):
     _, _, depths = write_scene(scene, TWIG, n_points=3000)
     write_masks(tmp_path / "sky", [d == 0.0 for d in depths])
     workspace = Workspace(scene)
-    masks = SkyMasks(tmp_path / "sky", scene / "sparse", [v.name for v in workspace.views])
     paths = [workspace.depth_path(view, "photometric") for view in workspace.views]
 
     def times():
-        estimate_workspace(scene, StereoOptions(), backend="cpu", sky_masks=masks)
+        evidence = evidence_of(tmp_path)
+        estimate_workspace(scene, StereoOptions(), backend="cpu", evidence=evidence)
         return [path.stat().st_mtime_ns for path in paths]
 
     before = times()
@@ -95,9 +108,8 @@ def test_what_a_user_hides_gets_no_depth(tmp_path, with_sky):
     write_masks(tmp_path / "sky", [np.zeros(d.shape, bool) for d in depths])
     cv2.imwrite(str(tmp_path / "sky" / "view2.png"), kinds)
     workspace = Workspace(scene)
-    names = [view.name for view in workspace.views]
-    masks = SkyMasks(tmp_path / "sky", scene / "sparse", names, with_sky=with_sky)
-    estimate_workspace(scene, StereoOptions(), backend="cpu", sky_masks=masks)
+    options = StereoOptions(use_sky_masks=with_sky)
+    estimate_workspace(scene, options, backend="cpu", evidence=evidence_of(tmp_path))
     for kind in ("photometric", "geometric"):
         found = workspace.read_depth(workspace.views[2], kind) > 0
         assert not found[:, :40].any()

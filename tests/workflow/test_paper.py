@@ -274,10 +274,9 @@ def fuse(scene, settings):
 
 
 def stereo(scene, settings):
-    names = Stand(poses=Stand(names=[]))
-    scene.patch("estimate_depth", Workspace=lambda folder: names, SkyMasks=taken)
+    scene.patch("estimate_depth", estimate_apart=taken)
     files = {"images": "d/images", "sparse": "d/sparse", "maps": "d/stereo", "depth": "e"}
-    files |= {"report": "d.json", "lenses": "m/c", "sky_masks": "m"}
+    files |= {"report": "d.json", "evidence": "m"}
     with pytest.raises(Taken) as caught:
         run_stage("estimate_depth", settings, **files)
     return str(caught.value)

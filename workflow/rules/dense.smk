@@ -57,9 +57,8 @@ rule estimate_depth:
     input:
         images="results/{tree}/dense/images",
         sparse="results/{tree}/dense/sparse",
-        lenses="results/{tree}/sfm/model/cameras.bin",
-        sky_masks=lambda wildcards: (
-            "results/{tree}/sky"
+        evidence=lambda wildcards: (
+            "results/{tree}/evidence"
             if cfg("mvs.use_sky_masks")(wildcards) or row("masks")(wildcards)
             else []
         ),

@@ -1,10 +1,4 @@
-"""Pixels that show nothing but sky, which stereo leaves out.
-
-A sky mask alone would cost twigs: a network calls some of them sky. So a pixel counts as clear sky
-only where its mask says so and the photo itself shows no thin structure there, darker or brighter
-than what surrounds it. Haze, clouds and plain sky pass; a twig and its blurred border do not,
-however wrong the mask.
-"""
+"""What tells clear sky from twigs before it: a photo's thin structures, and its sky mask."""
 
 from __future__ import annotations
 
@@ -55,14 +49,6 @@ def thin_window(shape: tuple[int, ...]) -> np.ndarray:
     return np.ones((side, side), np.uint8)
 
 
-def clear_sky(photo: np.ndarray, sky: np.ndarray) -> np.ndarray:
-    """Return where a photo (height, width, 3) uint8 shows sky and no thin structure, bool.
-
-    ``sky`` (height, width) bool is the photo's mask, True = sky.
-    """
-    return sky & (thin_contrast(photo) < MIN_CONTRAST)
-
-
 class SkyMasks:
     """The sky masks of the photos as stored, seen through the undistorted cameras.
 
@@ -74,8 +60,6 @@ class SkyMasks:
         One mask per photo, ``{stem}.png``, in the pixels of the photo as stored.
     model : path-like
         Sparse model of the photos as stored, for the lenses.
-    with_sky : bool, default True
-        Whether sky counts; else only what a user hides does.
 
     Raises
     ------
@@ -89,18 +73,11 @@ class SkyMasks:
         folder: str | os.PathLike,
         model: str | os.PathLike,
         names: Sequence[str] | np.ndarray,
-        *,
-        with_sky: bool = True,
     ):
         self._folder = Path(folder)
         self._index = {str(name): i for i, name in enumerate(names)}
         self._lenses = PhotoLenses(model, names)
-        self.with_sky = with_sky
         self._maps: tuple[tuple, np.ndarray] | None = None
-
-    def path(self, view: View) -> Path:
-        """Return the file of a view's mask."""
-        return self._folder / f"{Path(view.name).stem}.png"
 
     def both(self, view: View) -> tuple[np.ndarray, np.ndarray]:
         """Return what is sky in a view and what a user hides, each (height, width) bool.
@@ -108,8 +85,9 @@ class SkyMasks:
         Undistorted pixels; what lies outside the photo as stored is neither.
         """
         i = self._index[view.name]
-        sky, hidden = read_masks(self.path(view), self._lenses.shape(i))
-        kinds = (sky & self.with_sky).astype(np.uint8) + 2 * hidden.astype(np.uint8)
+        path = self._folder / f"{Path(view.name).stem}.png"
+        sky, hidden = read_masks(path, self._lenses.shape(i))
+        kinds = sky.astype(np.uint8) + 2 * hidden.astype(np.uint8)
         at = self._photo_pixels(i, view)
         seen = cv2.remap(kinds, at, None, cv2.INTER_NEAREST, borderValue=0)  # type: ignore[call-overload]
         return seen == 1, seen == 2

@@ -59,6 +59,7 @@ class StereoOptions:
     side (px) of the pyramid's coarsest level.
     """
 
+    use_sky_masks: bool = True
     n_sources: int = 6
     n_best: int = 3
     n_iterations: int = 1

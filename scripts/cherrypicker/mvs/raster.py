@@ -28,7 +28,9 @@ LEVELS = (4, 6, 8, 12, 16, 24, 32)
 # whose pixels a place of wood finds more than in the solid; or what a user hides
 SOLID, THIN, HIDDEN = len(LEVELS) + 1, len(LEVELS) + 2, 255
 N_KINDS = THIN + 1
-# From this level on a pixel of the mask's sky is no clear sky to who takes every pixel by itself
+# From this level on a pixel of the mask's sky is no clear sky to who takes every pixel by itself.
+# Stereo does, and leaves clear sky out: haze, clouds and plain sky pass; a twig and its blurred
+# border do not, however wrong the mask
 CLEAR_BELOW = LEVELS.index(MIN_CONTRAST) + 1
 
 

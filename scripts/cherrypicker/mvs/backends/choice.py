@@ -15,9 +15,9 @@ import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.table import AUTO, BACKENDS, first_choice, has_cuda
-from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.depth_rasters import write_depth_raster
 from cherrypicker.mvs.estimate import StereoOptions
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.workspace import GEOMETRIC, Workspace
 
 logger = logging.getLogger(__name__)
@@ -51,11 +51,11 @@ def estimate_workspace(
     several: bool = False,
     backend: str = AUTO,
     threads: int = 1,
-    sky_masks: SkyMasks | None = None,
+    evidence: Path | None = None,
 ) -> dict:
     """Write photometric and geometric depth and normal maps of every view.
 
-    Whole maps that were made with the same settings, photos, model and masks are not computed
+    Whole maps that were made with the same settings, photos, model and evidence are not computed
     again, nor whole maps that another program put there.
 
     In memory at a time, whatever the number of photos: the photos of ``2 * n_sources`` views (6
@@ -71,8 +71,9 @@ def estimate_workspace(
     backend : str, default "auto"
         A name of `BACKENDS`; ``auto`` takes the first that can run, and where all its maps come
         out empty the CPU.
-    sky_masks : SkyMasks, optional
-        The CPU backend leaves out what they call sky, see :mod:`cherrypicker.mvs.clear_sky`.
+    evidence : Path, optional
+        Folder of what each photo shows, see :mod:`cherrypicker.mvs.raster`: what a user hides gets
+        no depth, nor, on the CPU and with ``use_sky_masks``, clear sky.
 
     Returns
     -------
@@ -81,7 +82,7 @@ def estimate_workspace(
     """
     workspace = Workspace(folder, several=several)
     chosen = choose_backend(backend)
-    shares = _run(chosen, workspace, options, threads, sky_masks)
+    shares = _run(chosen, workspace, options, threads, evidence)
     if backend == AUTO and BACKENDS[chosen].needs_cuda and not any(shares.values()):
         logger.warning(
             "COLMAP's CUDA stereo left all %d depth maps empty, as on some GPUs (COLMAP "
@@ -89,7 +90,7 @@ def estimate_workspace(
             len(shares),
         )
         chosen = first_choice(AUTO, with_cuda=False)
-        shares = _run(chosen, workspace, options, threads, sky_masks)
+        shares = _run(chosen, workspace, options, threads, evidence)
     share = float(np.mean(list(shares.values()))) if shares else 0.0
     logger.info("%s backend: depth at %.1f %% of the pixels", chosen, 100.0 * share)
     if share == 0.0:
@@ -142,20 +143,20 @@ def _run(
     workspace: Workspace,
     options: StereoOptions,
     threads: int,
-    sky_masks: SkyMasks | None,
+    evidence: Path | None,
 ) -> dict[str, float]:
     """Run one backend; return the share of the pixels with a depth of each photo with a map."""
-    with_sky = None if sky_masks is None else sky_masks.with_sky
-    settings = json.dumps([VERSION, name, asdict(options), workspace.several, with_sky])
+    settings = json.dumps([VERSION, name, asdict(options), workspace.several])
     digest = hashlib.sha256(settings.encode())
-    files = sorted((workspace.folder / "sparse").iterdir())
-    for view in workspace.views:
-        files += [workspace.photo_path(view)] + ([sky_masks.path(view)] if sky_masks else [])
+    images = [workspace.photo_path(view) for view in workspace.views]
+    rasters = sorted(evidence.iterdir()) if evidence else []
+    files = [*sorted((workspace.folder / "sparse").iterdir()), *images, *rasters]
     for path in files:
         if path.is_file():  # who reads one that is missing says so
             digest.update(path.read_bytes())
     workspace.keep_maps_of(digest.hexdigest())
-    names = BACKENDS[name].run(workspace, options, threads, sky_masks)
+    shown = ScanPhotos(workspace.poses, evidence) if evidence else None
+    names = BACKENDS[name].run(workspace, options, threads, shown)
     return {
         view.name: float((workspace.read_depth(view, GEOMETRIC) > 0).mean())
         for view in workspace.views

@@ -10,9 +10,10 @@ from functools import lru_cache
 import numpy as np
 
 from cherrypicker.mvs import estimate
-from cherrypicker.mvs.clear_sky import SkyMasks, clear_sky
 from cherrypicker.mvs.estimate import StereoOptions
 from cherrypicker.mvs.lines.line_starts import PhotoLines, find_lines
+from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.views import StereoProblem, plan_views
 from cherrypicker.mvs.workspace import GEOMETRIC, PHOTOMETRIC, Workspace
 from cherrypicker.photos import read_photo
@@ -25,7 +26,7 @@ MOST_LEVELS = 4
 
 
 def run_cpu(
-    workspace: Workspace, options: StereoOptions, threads: int, sky_masks: SkyMasks | None
+    workspace: Workspace, options: StereoOptions, threads: int, shown: ScanPhotos | None
 ) -> set[str]:
     """Compute the maps that are not there yet."""
     views = workspace.views
@@ -50,9 +51,11 @@ def run_cpu(
         photos = {i: pyramid_of(i) for i in problem.photos}
         lines = {i: lines_of(i) for i in problem.photos}
         skip = None
-        if sky_masks is not None:
-            sky, hidden = sky_masks.both(views[problem.view])
-            skip = clear_sky(photos[problem.view][0], sky) | hidden
+        if shown is not None:
+            raster = shown.raster(problem.view)
+            skip = raster == HIDDEN
+            if options.use_sky_masks:
+                skip |= raster < CLEAR_BELOW
         return estimate.estimate_photometric(problem, views, photos, lines, options, threads, skip)
 
     _each_view(workspace, problems, PHOTOMETRIC, photometric)

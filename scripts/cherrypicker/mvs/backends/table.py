@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cherrypicker.mvs.clear_sky import SkyMasks
     from cherrypicker.mvs.estimate import StereoOptions
+    from cherrypicker.mvs.scan_photos import ScanPhotos
     from cherrypicker.mvs.workspace import Workspace
 
 
@@ -24,10 +24,10 @@ class Backend:
     """A program that computes depth maps."""
 
     title: str  # its name on pages
-    # Takes a `Workspace`, `StereoOptions`, the number of threads and `SkyMasks` or None; writes the
-    # geometric depth and normal maps of the workspace, and COLMAP's config of their fusion; returns
-    # the names of the photos that have maps
-    run: Callable[[Workspace, StereoOptions, int, SkyMasks | None], set[str]]
+    # Takes a `Workspace`, `StereoOptions`, the number of threads and the `ScanPhotos` of the
+    # workspace or None; writes its geometric depth and normal maps, and COLMAP's config of their
+    # fusion; returns the names of the photos that have maps
+    run: Callable[[Workspace, StereoOptions, int, ScanPhotos | None], set[str]]
     # cpu_s, memory_mb: what the stage costs with it, see `batch/stage_costs.yaml`
     cpu_s: str = ""
     memory_mb: str = ""
