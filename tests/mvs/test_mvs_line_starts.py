@@ -109,7 +109,8 @@ def test_lines_bring_a_twig_below_a_pixel_into_the_photometric_map(tmp_path):
     """With and without, all else equal."""
     problem, views, photos, depth = middle_photo(tmp_path, 0.009)
     all_lines = {i: find_lines(p[0]) for i, p in photos.items()}
-    none = {i: PhotoLines(np.zeros_like(p[0][..., 0]), p[0][..., 0]) for i, p in photos.items()}
+    nothing = np.zeros(depth.shape, np.uint8)
+    none = {i: PhotoLines(nothing, nothing, p[0][..., 0]) for i, p in photos.items()}
     twig = depth < 4.0
     shares = []
     for lines in (all_lines, none):

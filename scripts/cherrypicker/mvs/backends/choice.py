@@ -58,7 +58,7 @@ def estimate_workspace(
     Whole maps that were made with the same settings, photos, model and evidence are not computed
     again, nor whole maps that another program put there.
 
-    In memory at a time, whatever the number of photos: the photos of ``2 * n_sources`` views (6
+    In memory at a time, whatever the number of photos: the photos of ``2 * n_sources`` views (7
     bytes a pixel each, pyramid and lines included), the packed pixels, the depths and the splatted
     depths of a reference's sources, and its field.
     On the CPU: 38 ``n_sources`` + 80 bytes per pixel of one photo on top of 190 MB (0.56 GB at 1.2

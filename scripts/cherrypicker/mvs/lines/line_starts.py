@@ -44,6 +44,7 @@ class PhotoLines(NamedTuple):
     """Thin lines of a photo."""
 
     sign: np.ndarray  # (height, width) uint8: DARK or BRIGHT on the lines, else 0
+    near: np.ndarray  # (height, width) uint8: signs of the lines within a pixel, bits
     grey: np.ndarray  # (height, width) uint8: the photo, smoothed by a pixel
 
 
@@ -55,17 +56,11 @@ def find_lines(photo: np.ndarray) -> PhotoLines:
     for sign in (DARK, BRIGHT):
         x, y = np.floor(line_points(slopes, sign)[0]).astype(int).T
         found[y, x] = sign
-    return PhotoLines(found, cv2.GaussianBlur(grey, (0, 0), 1.0))
-
-
-def _widened(photo: PhotoLines) -> np.ndarray:
-    """Return the signs of the lines within a pixel, bits DARK and BRIGHT, (height * width,)."""
-    around = np.ones((3, 3), np.uint8)
-    dark, bright = (
-        np.asarray(cv2.dilate((photo.sign == sign).astype(np.uint8), around), np.uint8)
-        for sign in (DARK, BRIGHT)
-    )
-    return (dark * DARK | bright * BRIGHT).ravel()
+    near = np.zeros_like(found)
+    for sign in (DARK, BRIGHT):
+        around = cv2.dilate((found == sign).astype(np.uint8), np.ones((3, 3), np.uint8))
+        near |= np.where(around > 0, np.uint8(sign), np.uint8(0))
+    return PhotoLines(found, near, cv2.GaussianBlur(grey, (0, 0), 1.0))
 
 
 @inlined
@@ -85,15 +80,7 @@ def _span(level: Level, x: Num, y: Num, ball: np.ndarray) -> tuple[Num, Num]:
 
 @inlined
 def _count_lines(
-    level: Level,
-    x: Num,
-    y: Num,
-    w: Num,
-    sign: Num,
-    grey: np.ndarray,
-    lines: np.ndarray,
-    greys: np.ndarray,
-    most: Num,
+    level: Level, x: Num, y: Num, w: Num, sign: Num, grey: Num, others: PhotoLines, most: Num
 ) -> Num:
     """Count the sources that show a line of the same sign and of like grey where (x, y, w) lies.
 
@@ -113,7 +100,7 @@ def _count_lines(
         if u < 0 or v < 0 or u >= level.layout[s, 1] or v >= level.layout[s, 2]:
             continue
         at = np.uint64(level.layout[s, 0] + v * level.layout[s, 1] + u)
-        if lines[at] & sign and abs(np.int64(greys[at]) - grey) < GREY_DIFFERENCE:
+        if others.near[at] & sign and abs(np.int64(others.grey[at]) - grey) < GREY_DIFFERENCE:
             count += 1
     return count
 
@@ -123,10 +110,8 @@ def _collect(
     level: Level,
     x: Num,
     y: Num,
-    sign: Num,
-    grey: np.ndarray,
-    lines: np.ndarray,
-    greys: np.ndarray,
+    own: PhotoLines,
+    others: PhotoLines,
     ball: np.ndarray,
     depths: np.ndarray,
     counts: np.ndarray,
@@ -135,6 +120,8 @@ def _collect(
 
     ``counts`` is ``n_best - 1`` where there are fewer.
     """
+    sign = np.int64(own.sign[y, x])
+    grey = np.int64(own.grey[y, x])
     step = STEP_PX * level.w_px
     for i in range(N_TRIED):
         counts[i] = level.n_best - 1
@@ -145,7 +132,7 @@ def _collect(
         if run >= 0 and w - depths[run] < RUN_STEPS * step:
             place = run
         most = counts[place]
-        count = _count_lines(level, np.float32(x), np.float32(y), w, sign, grey, lines, greys, most)
+        count = _count_lines(level, np.float32(x), np.float32(y), w, sign, grey, others, most)
         if count > most:
             while place > 0 and counts[place - 1] < count:
                 counts[place] = counts[place - 1]
@@ -164,9 +151,8 @@ def _start_rows(
     last: Num,
     state: State,
     line: np.ndarray,
-    grey: np.ndarray,
-    lines: np.ndarray,
-    greys: np.ndarray,
+    own: PhotoLines,
+    others: PhotoLines,
     ball: np.ndarray,
     best: np.ndarray,
     scratch: Scratch,
@@ -178,9 +164,7 @@ def _start_rows(
         for x in range(level.width):
             if line[y, x] == 0:
                 continue
-            sign = np.int64(line[y, x])
-            own = np.int64(grey[y, x])
-            _collect(level, x, y, sign, own, lines, greys, ball, depths, counts)
+            _collect(level, x, y, own, others, ball, depths, counts)
             line[y, x] = 0
             if counts[0] < level.n_best:
                 continue
@@ -226,8 +210,7 @@ def start_from_lines(
     """
     unmatched = (state.field[..., 3] > UNMATCHED_COST) & (active > 0)
     line = np.where(unmatched, reference.sign, 0).astype(np.uint8)
-    lines = np.concatenate([_widened(source) for source in sources])
-    greys = np.concatenate([source.grey.ravel() for source in sources])
+    others = PhotoLines(*(np.concatenate([*map(np.ravel, each)]) for each in zip(*sources)))
     best = np.zeros((level.height, 2, N_TRIED), dtype=np.float32)
-    _start_rows(level, threads, state, line, reference.grey, lines, greys, ball, best)
+    _start_rows(level, threads, state, line, reference, others, ball, best)
     return line > 0
