@@ -345,18 +345,16 @@ def field_to_maps(field: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndar
         Unit vectors in the camera frame, towards the camera; 0 where unknown.
     """
     height, width = field.shape[:2]
-    w, gx, gy = (field[..., i] for i in range(3))
-    known = w > 0.0
-    depth = np.zeros_like(w)
-    np.divide(1.0, w, out=depth, where=known)
-    x, y = _rays(width, height, K)
+    known = field[..., 0] > 0.0
+    w, gx, gy = field[known, :3].T
+    x, y = (np.broadcast_to(ray, known.shape)[known] for ray in _rays(width, height, K))
     m1 = gx * np.float32(K[0, 0])
     m2 = gy * np.float32(K[1, 1])
-    m3 = w - x * m1 - y * m2
-    normals = -np.stack([m1, m2, m3], axis=-1)
-    length = np.linalg.norm(normals, axis=-1, keepdims=True)
-    np.divide(normals, length, out=normals, where=length > 0.0)
-    normals[~known] = 0.0
+    outward = np.stack([m1, m2, w - x * m1 - y * m2], axis=-1)
+    depth = np.zeros(known.shape, dtype=np.float32)
+    depth[known] = 1.0 / w
+    normals = np.zeros((*known.shape, 3), dtype=np.float32)
+    normals[known] = -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
     return depth, normals
 
 

@@ -54,16 +54,15 @@ def pack_bilinear(grey: np.ndarray) -> np.ndarray:
     ndarray of shape (height * width,), int32
         Bytes from the lowest: (y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1); edges repeated.
     """
-    padded = np.pad(grey, ((0, 1), (0, 1)), mode="edge").astype(np.uint32)
-    packed = padded[:-1, :-1] | padded[:-1, 1:] << 8 | padded[1:, :-1] << 16 | padded[1:, 1:] << 24
-    return packed.ravel().view(np.int32)
+    padded = np.pad(grey, ((0, 1), (0, 1)), mode="edge")
+    corners = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
+    return cv2.merge(corners).view("<i4").ravel()
 
 
 def pack_color(rgb: np.ndarray) -> np.ndarray:
     """Pack red, green, blue and grey of each pixel, (height, width, 3) uint8 to (h * w,) int32."""
-    grey = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2GRAY).astype(np.uint32)
-    red, green, blue = (rgb[..., c].astype(np.uint32) for c in range(3))
-    return (red | green << 8 | blue << 16 | grey << 24).ravel().view(np.int32)
+    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    return cv2.merge((*cv2.split(rgb), grey)).view("<i4").ravel()
 
 
 def window(radius: int) -> np.ndarray:
