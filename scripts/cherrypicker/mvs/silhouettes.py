@@ -173,15 +173,6 @@ def _ask(lines: Lines, sight: Sight, row: Num, depth: Num, scratch: Scratch) -> 
 
 
 @inlined
-def _span(sight: Sight, row: Num) -> tuple[Num, Num]:
-    """Return the depths between which a ray passes through the region; equal where it misses."""
-    rays = sight.rays
-    middle, square = cross_ball(rays[row, 0], rays[row, 1], rays[row, 2], sight.ball)
-    half = np.sqrt(max(square, 0.0))
-    return max(middle - half, sight.nearest), max(middle + half, sight.nearest)
-
-
-@inlined
 def _refined(
     lines: Lines, sight: Sight, row: Num, depth: Num, n: Num, kept: np.ndarray
 ) -> tuple[Num, Num]:
@@ -222,7 +213,10 @@ def _follow(
     """
     for row in range(first, last):
         counts[row] = 0
-        low, high = _span(sight, row)
+        x, y, z = sight.rays[row, 0], sight.rays[row, 1], sight.rays[row, 2]
+        middle, square = cross_ball(x, y, z, sight.ball)
+        half = np.sqrt(max(square, 0.0))
+        low, high = max(middle - half, sight.nearest), max(middle + half, sight.nearest)
         if high <= low or lines.explained[lines.first[sight.own] + row] > 0.0:
             continue
         # At this surprise a ray has less than `CHANCE` places by chance: those two tolerances apart
@@ -321,19 +315,14 @@ def _twigs_of(photos: ScanPhotos, lines: Lines, i: int, region: Region, threads:
     kept = np.flatnonzero(counts)
     points = view.center + depths[kept, None] * rays[kept]
     at = np.floor(uv[kept]).astype(int)
+    to_camera, axes = view.center - points, axes[kept]
+    normals = to_camera - np.einsum("ni,ni->n", to_camera, axes)[:, None] * axes
     return PointCloud(
         points,
         colors=photos.photo(i)[at[:, 1], at[:, 0]] / 255.0,
-        normals=_across(view.center - points, axes[kept]),
+        normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
         fields={
             "n_views": np.minimum(counts[kept], 255).astype(np.uint8),
             "from_silhouette": np.ones(len(kept), np.uint8),
         },
     )
-
-
-def _across(directions: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Unit vectors (n, 3) of directions (n, 3) without their part along unit axes (n, 3)."""
-    along = np.einsum("ni,ni->n", directions, axes)
-    across = directions - along[:, None] * axes
-    return across / np.linalg.norm(across, axis=1, keepdims=True)
