@@ -5,12 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from subprocess import PIPE, Popen
 
 import pycolmap
 
@@ -20,7 +18,7 @@ from cherrypicker.progress import Progress
 
 # Prefix of the temporary folders beside the databases
 SCRATCH = ".sfm."
-# Between two counts of the rows of a table
+# Between two counts of what is done
 POLL_INTERVAL_S = 1.0
 
 
@@ -51,57 +49,30 @@ def publish_database(working: Path, final: str | os.PathLike) -> None:
             connection.execute("VACUUM INTO ?", (str(temporary),))
 
 
-def count_rows(database: Path, table: str) -> int:
-    """Return the number of rows of one of COLMAP's tables; not while pycolmap has it open."""
-    with closing(sqlite3.connect(_read_only(database), uri=True, timeout=5)) as connection:
-        return connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0]
-
-
 @contextmanager
-def watched_table(database: Path, table: str, total: int, what: str) -> Iterator[None]:
-    """Report progress while COLMAP fills ``table``; its own loops offer no callback.
+def watched(
+    database: Path, count: Callable[[pycolmap.Database], int], total: int, what: str
+) -> Iterator[None]:
+    """Report progress by ``count`` while COLMAP fills a database: its loops offer no callback.
 
-    The rows are counted by a process of its own: pycolmap has its own copy of SQLite, and two
-    copies in one process break each other's file locks, which ends in a crash.
+    pycolmap counts, not Python's sqlite3: two copies of SQLite in one process break each other's
+    file locks, which ends in a crash.
     """
-    before = count_rows(database, table)
-    command = [sys.executable, "-c", _COUNTER, _read_only(database), table, str(POLL_INTERVAL_S)]
+    finished = threading.Event()
+    with Progress(total, what) as bar, pycolmap.Database.open(database) as opened:
 
-    def watch() -> None:
-        for line in counter.stdout or ():
-            step_to(int(line))
+        def watch() -> None:
+            while not finished.wait(POLL_INTERVAL_S):
+                bar.step(count(opened) - bar.done)
 
-    def step_to(n_rows: int) -> None:
-        bar.step(max(n_rows - before - bar.done, 0))
-
-    with Progress(total, what) as bar:
-        with Popen(command, stdin=PIPE, stdout=PIPE, text=True, bufsize=1) as counter:
-            watcher = threading.Thread(target=watch, daemon=True)
-            watcher.start()
-            try:
-                yield
-            finally:
-                counter.kill()
-                watcher.join()
-        step_to(count_rows(database, table))
-
-
-# Ends with its parent, whose end closes its standard input.
-_COUNTER = """
-import select, sqlite3, sys
-uri, table, interval = sys.argv[1:]
-while not select.select([sys.stdin], [], [], float(interval))[0]:
-    try:
-        connection = sqlite3.connect(uri, uri=True, timeout=5)
-        print(*connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone(), flush=True)
-        connection.close()
-    except sqlite3.Error:
-        pass
-"""
-
-
-def _read_only(database: Path) -> str:
-    return f"{database.absolute().as_uri()}?mode=ro"
+        watcher = threading.Thread(target=watch, daemon=True)
+        watcher.start()
+        try:
+            yield
+        finally:
+            finished.set()
+            watcher.join()
+        bar.step(count(opened) - bar.done)
 
 
 def rename_images(database: Path, new_names: dict[str, str]) -> None:

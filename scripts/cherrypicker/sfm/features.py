@@ -22,8 +22,9 @@ from cherrypicker.files import temporary_folder, write_json
 from cherrypicker.sfm.database import (
     SCRATCH,
     feature_counts,
+    image_ids,
     publish_database,
-    watched_table,
+    watched,
 )
 from cherrypicker.sfm.photo_files import PhotoInfo, check_photos, group_by_camera
 
@@ -202,18 +203,20 @@ def _search(
     """Search photos in place of the features that they have: COLMAP passes over such photos."""
     if not names:
         return
+    known = image_ids(database)
+    ids = [known[name] for name in names]
     with closing(sqlite3.connect(database)) as connection, connection:
         for table in ("keypoints", "descriptors"):
-            connection.executemany(
-                f"DELETE FROM {table} WHERE image_id IN "
-                "(SELECT image_id FROM images WHERE name = ?)",
-                [(name,) for name in names],
-            )
+            connection.executemany(f"DELETE FROM {table} WHERE image_id = ?", [(i,) for i in ids])
     wanted.sift.first_octave = first_octave
     reader = pycolmap.ImageReaderOptions()
     if masks is not None:
         reader.mask_path = masks
-    with watched_table(database, "descriptors", len(names), "features of photos"):
+
+    def count(opened: pycolmap.Database) -> int:
+        return sum(map(opened.exists_descriptors, ids))
+
+    with watched(database, count, len(names), "features of photos"):
         pycolmap.extract_features(
             database,
             photos,

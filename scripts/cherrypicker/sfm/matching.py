@@ -22,7 +22,7 @@ from cherrypicker.sfm.database import (
     rename_images,
     verified_inliers,
     verified_pairs,
-    watched_table,
+    watched,
 )
 from cherrypicker.sfm.features import SearchOptions, find_features
 from cherrypicker.sfm.guided import read_features, tight_guided_matches
@@ -251,7 +251,8 @@ def _match(
     matching.use_gpu = False
     matching.num_threads = threads
     matching.sift.max_ratio = options.max_match_ratio
-    with watched_table(database, "two_view_geometries", n_pairs, "pairs of photos matched"):
+    count = pycolmap.Database.num_verified_image_pairs
+    with watched(database, count, n_pairs, "pairs of photos matched"):
         verification = options.verification(seed)
         match(database, matching, pairing, verification, device=pycolmap.Device.cpu)
 
