@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 import pycolmap
 
-from cherrypicker.geometry.similarity import best_turn
 from cherrypicker.placement.region import find_region
 from cherrypicker.sfm.export import poses_of
 from cherrypicker.sfm.refine import RefineOptions, adjust_robustly
@@ -24,8 +23,6 @@ from cherrypicker.sfm.refine import RefineOptions, adjust_robustly
 N_HALVES, N_ADJUSTMENTS = 8, 10
 # The tree stands round the point looked at, up to this share of the way to the cameras (guess)
 TREE_SHARE = 0.5
-# Rounds of the alignment; lengths below count as none
-N_ALIGNMENTS, TINY = 20, 1e-12
 # Added to the diagonal of the reduced normal equations, so that a change without any resistance
 # comes out as metres instead of as a failure; a ring of 66 photos does not notice 1e-2
 DAMPING = 1e-6
@@ -85,7 +82,7 @@ def tree_errors(
         near = region.center + near[np.linalg.norm(near, axis=1) <= TREE_SHARE * region.radius]
     places = {image_id: _places(model, image_id, near) for image_id in ids}
     shown = {image_id: _shown(model, image_id, places[image_id]) for image_id in ids}
-    point_ids = np.array(sorted(model.points3D))
+    point_ids, centers = np.array(sorted(model.points3D)), _centers(model, ids)
     rng = np.random.default_rng(seed)
     squares = np.zeros(len(ids))
     for _ in range(N_HALVES):
@@ -93,9 +90,11 @@ def tree_errors(
         for point_id in rng.permutation(point_ids)[: len(point_ids) // 2]:
             half.delete_point3D(int(point_id))
         adjust_robustly(half, replace(options, n_adjustments=N_ADJUSTMENTS), threads)
-        turn, shift = _onto(_centers(model, ids), _centers(half, ids))
+        # Two cameras the adjustment itself holds
+        if len(ids) > 2 and (back := pycolmap.estimate_sim3d(_centers(half, ids), centers)):
+            half.transform(back)
         for row, image_id in enumerate(ids):
-            moved = _shown(half, image_id, places[image_id] @ turn.T + shift) - shown[image_id]
+            moved = _shown(half, image_id, places[image_id]) - shown[image_id]
             apart = np.nan_to_num(np.linalg.norm(moved, axis=1), nan=np.inf)
             squares[row] += np.median(apart) ** 2 if len(apart) else np.inf
     errors = np.sqrt(squares / N_HALVES)
@@ -121,24 +120,6 @@ def _shown(model: pycolmap.Reconstruction, image_id: int, points: np.ndarray) ->
     pixels = np.array(model.cameras[image.camera_id].img_from_cam(local)).reshape(-1, 2)
     pixels[local[:, 2] <= 0] = np.nan
     return pixels
-
-
-def _onto(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scaled turn (3, 3) and shift (3,) that lay cameras (n, 3) over others, Cauchy weights.
-
-    So that a camera that is off does not drag the rest.
-    """
-    weight = np.ones(len(source))
-    for _ in range(N_ALIGNMENTS):
-        weight = weight / weight.sum()
-        here, there = weight @ source, weight @ target
-        spread = weight[:, None] * (source - here)
-        rotation, gain = best_turn((target - there).T @ spread)
-        turn = gain / max(float((spread * (source - here)).sum()), TINY) * rotation
-        shift = there - turn @ here
-        left = np.linalg.norm(source @ turn.T + shift - target, axis=1)
-        weight = 1.0 / (1.0 + (left / max(float(np.median(left)), TINY)) ** 2)
-    return turn, shift
 
 
 def _centers(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray:
