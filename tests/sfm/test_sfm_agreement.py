@@ -1,11 +1,10 @@
-"""A bent model is found out by the verified pairs; policies follow the kind of failure."""
+"""A bent model is found out by the verified pairs."""
 
 import numpy as np
 import pycolmap
 import pytest
 
 from cherrypicker.sfm.agreement import measure_agreement, read_verified_pairs
-from cherrypicker.sfm.mapping import further_policies
 
 
 @pytest.fixture(scope="module")
@@ -51,15 +50,3 @@ def test_pairs_of_unregistered_photos_do_not_count(ring):
     assert empty.median_error_px is None, "the report is JSON, which holds no infinity"
     few = read_verified_pairs(path, min_inliers=10**6)
     assert not few
-
-
-def test_policies_follow_the_failure():
-    missing = further_policies("incremental", too_few=True, has_exif_focal=True)
-    assert [policy.name for policy in missing[:2]] == ["guided", "pooled"]
-    assert missing[1].pooled and missing[0].mapper == "incremental"
-    assert missing[-1].trust_exif_focal is False
-    bent = further_policies("incremental", too_few=False, has_exif_focal=False)
-    assert all(policy.trust_exif_focal and not policy.pooled for policy in bent)
-    assert any(policy.mapper == "global" for policy in bent)
-    names = [policy.name for policy in bent]
-    assert len(set(names)) == len(names)

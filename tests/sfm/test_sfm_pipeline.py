@@ -16,7 +16,7 @@ from cherrypicker.poses import read_poses
 from cherrypicker.sfm.database import copy_database, image_ids
 from cherrypicker.sfm.export import MODEL_FILES
 from cherrypicker.sfm.features import FeatureOptions, extract_features
-from cherrypicker.sfm.mapping import MappingOptions, forget_focal_lengths, largest_error_px
+from cherrypicker.sfm.mapping import MappingOptions, largest_error_px
 from cherrypicker.sfm.matching import (
     MatchingOptions,
     add_guided_matches,
@@ -143,16 +143,6 @@ def test_equal_input_gives_equal_databases(scan, tmp_path):
         "features.db",
         "photos.json",
     ]
-
-
-def test_forget_focal_lengths(scan, tmp_path):
-    database = tmp_path / "features.db"
-    shutil.copy(scan["folder"] / "features.db", database)
-    forget_focal_lengths(database)
-    with pycolmap.Database.open(database) as opened:
-        camera = opened.read_all_cameras()[0]
-    assert not camera.has_prior_focal_length
-    assert camera.focal_length == pytest.approx(1.2 * 320)
 
 
 def test_guided_matching_adds_matches(scan, tmp_path):

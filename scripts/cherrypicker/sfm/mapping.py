@@ -1,11 +1,11 @@
-"""From verified matches to one model, in several attempts if need be."""
+"""From verified matches to one model, and once more for photos that it does not place."""
 
 from __future__ import annotations
 
 import logging
 import os
 import shutil
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from cherrypicker.sfm.agreement import Agreement, measure_agreement, read_verifi
 from cherrypicker.sfm.database import image_ids
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
-from cherrypicker.sfm.matching import PairOptions, add_guided_matches, match_pooled
+from cherrypicker.sfm.matching import PairOptions, match_pooled
 from cherrypicker.sfm.photo_files import MIN_PHOTOS
 from cherrypicker.sfm.refine import (
     RefineOptions,
@@ -29,8 +29,7 @@ from cherrypicker.sfm.uncertainty import tree_errors
 
 logger = logging.getLogger(__name__)
 
-# Scores that differ by less are as good: the earlier attempt stays, and so does the refined model
-# (guess)
+# By how much less of the matches a refined model may explain (guess)
 SCORE_MARGIN = 0.01
 
 
@@ -40,34 +39,25 @@ class MappingOptions(PairOptions, SearchOptions):
 
     mapper: str = "incremental"
     min_registered_fraction: float = 0.5
-    wanted_registered_fraction: float = 0.95
+    wanted_registered_fraction: float = 1.0
     wanted_pair_agreement: float = 0.9
-    max_attempts: int = 5
+    max_attempts: int = 2
     max_camera_error_px: float = 1.5
 
 
 @dataclass(frozen=True)
-class Policy:
-    """One way to build a model from the verified matches."""
+class Attempt:
+    """The largest model of one way to build it."""
 
     name: str
+    reason: str  # what is done differently, for the log
     mapper: str  # {"incremental", "global"}
-    reason: str  # what the policy does differently, for the log
-    pooled: bool = False  # match the photos that are missing anew first, by pooled descriptors
-    trust_exif_focal: bool = True  # false starts every focal length from 1.2 times the longer side
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """The largest model of one attempt."""
-
-    policy: Policy
     model: pycolmap.Reconstruction  # without photos where nothing registered
     agreement: Agreement
     other_models: list[list[str]]  # photo names of the smaller models
     n_photos: int  # photos in the database
     database: Path  # the matches that it was built from
-    # Of the chosen one: errors of the cameras at the tree, px, and of those that it lost for theirs
+    # Errors of the cameras at the tree, px, and of those that the chosen one lost for theirs
     errors: Mapping[str, float] = field(default_factory=dict)
     left_out: Mapping[str, float] = field(default_factory=dict)
 
@@ -79,11 +69,6 @@ class Attempt:
     def fraction(self) -> float:
         return self.n_registered / max(self.n_photos, 1)
 
-    @property
-    def score(self) -> float:
-        """Share of photos times share of matches that the model explains."""
-        return self.fraction * self.agreement.matches
-
     def __str__(self) -> str:
         return (
             f"{self.n_registered} of {self.n_photos} photos registered, "
@@ -94,7 +79,7 @@ class Attempt:
 
 @dataclass
 class Mapper:
-    """Build a model of one scan, in other ways where it lacks photos or contradicts the matches."""
+    """Build a model of one scan; photos whose cameras are not known are tried a second time."""
 
     database: Path  # with verified matches. COLMAP changes it: pass a copy
     photos: Path  # folder of the photos, for pooled descriptors and the colours of the points
@@ -106,154 +91,117 @@ class Mapper:
     threads: int = 1
 
     def __post_init__(self) -> None:
-        # They judge every model. Guided matches, which may be added later, are twice as many, but
-        # some pairs have wrong ones only
+        # They judge every model. Those of photos matched again are more, but some pairs have wrong
+        # ones only
         self.pairs = read_verified_pairs(self.database)
         # Error of a camera that is allowed, px of the photo as stored
         self.limit_px = largest_error_px(self.database, self.options)
 
     def run(self) -> list[Attempt]:
-        """Return all attempts, the chosen one first, the others in the order tried."""
-        attempts = [
-            self._attempt(Policy(self.options.mapper, self.options.mapper, "as configured"))
-        ]
-        if not self._is_good(attempts[0]):
-            self._try_further(attempts)
-        best = attempts[0]
-        for attempt in attempts[1:]:
-            if attempt.score > best.score + SCORE_MARGIN:
-                best = attempt
-        if len(attempts) > 1:
-            logger.warning("kept the model of attempt '%s': %s", best.policy.name, best)
-        others = [attempt for attempt in attempts if attempt is not best]
-        if not best.n_registered:
-            return [best, *others]
-        # Poses that took several attempts guide worse
-        best = self._refine(best, n_rounds=1 if len(attempts) == 1 else 2)
-        logger.info("after the last adjustment: %s", best)
-        again = self._try_unknown_again(best) if self.options.max_attempts > 1 else None
-        if again is not None:
-            best, others = again, [*others, best]
-        return [self._leave_out(best), *others]
+        """Return both attempts, or the only one, the chosen one first."""
+        options = self.options
+        first = self._attempt(options.mapper, options.mapper, "as configured", self.database)
+        attempts = [first]
+        known = self._known(first) if self._fits(first) else set()
+        n_wanted = options.wanted_registered_fraction * first.n_photos
+        if options.max_attempts > 1 and len(known) < n_wanted:
+            attempts.append(self._register_again(first, known))
+        best = max(attempts, key=lambda attempt: (self._fits(attempt), len(self._known(attempt))))
+        return [self._leave_out(best), *(attempt for attempt in attempts if attempt is not best)]
 
-    def _is_good(self, attempt: Attempt) -> bool:
-        return (
-            attempt.n_registered > 0
-            and attempt.fraction >= self.options.wanted_registered_fraction
-            and attempt.agreement.pairs >= self.options.wanted_pair_agreement
-        )
-
-    def _try_further(self, attempts: list[Attempt]) -> None:
-        """Add attempts by other policies until one is good."""
-        first = attempts[0]
-        with pycolmap.Database.open(self.database) as opened:
-            has_exif_focal = any(cam.has_prior_focal_length for cam in opened.read_all_cameras())
-        further = further_policies(
-            self.options.mapper,
-            too_few=first.fraction < self.options.wanted_registered_fraction,
-            has_exif_focal=has_exif_focal,
-        )
-        # From here on: "guided" is the first attempt again over what this adds
-        add_guided_matches(self.database, self.options, seed=self.seed, threads=self.threads)
-        for policy in further[: self.options.max_attempts - 1]:
-            logger.warning(
-                "%s (sfm.wanted_registered_fraction %g, sfm.wanted_pair_agreement %g); "
-                "trying again: %s",
-                attempts[-1],
-                self.options.wanted_registered_fraction,
-                self.options.wanted_pair_agreement,
-                policy.reason,
-            )
-            attempts.append(
-                self._attempt(policy, [image.name for image in registered_photos(first.model)])
-            )
-            if self._is_good(attempts[-1]):
-                break
-
-    def _attempt(self, policy: Policy, registered: Collection[str] = ()) -> Attempt:
-        """Run one policy on a database of its own and keep the largest model.
-
-        Parameters
-        ----------
-        registered : collection of str
-            Photos that need no further matches.
-        """
-        logger.info("mapping attempt '%s': %s", policy.name, policy.reason)
-        folder = self.scratch / policy.name
+    def _attempt(
+        self,
+        name: str,
+        mapper: str,
+        reason: str,
+        database: Path,
+        start: pycolmap.Reconstruction | None = None,
+    ) -> Attempt:
+        """Map a copy of a database, from a model on where one is given; refine the largest."""
+        logger.info("mapping attempt '%s': %s", name, reason)
+        folder = self.scratch / name
         folder.mkdir()
-        working = folder / "database.db"
-        shutil.copyfile(self.database, working)
-        names = set(image_ids(working))
-        if not policy.trust_exif_focal:
-            forget_focal_lengths(working)
-        if policy.pooled:
-            self._match_pooled(working, names - set(registered))
+        working = Path(shutil.copyfile(database, folder / "database.db"))
         pycolmap.set_random_seed(self.seed)
-        run = self._run_incremental if policy.mapper == "incremental" else self._run_global
-        models = run(working, folder) or [pycolmap.Reconstruction()]
+        if mapper == "incremental":
+            models = self._run_incremental(working, folder, start)
+        else:
+            models = self._run_global(working, folder)
+        models = [each for each in models if each.num_reg_images() >= MIN_PHOTOS]
         models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
-        others = [[image.name for image in registered_photos(each)] for each in models[1:]]
-        attempt = Attempt(policy, models[0], self._judge(models[0]), others, len(names), working)
-        logger.info("attempt '%s': %s", policy.name, attempt)
-        return attempt
+        model, *others = models or [pycolmap.Reconstruction()]
+        attempt = Attempt(
+            name,
+            reason,
+            mapper,
+            model,
+            self._judge(model),
+            other_models=[[image.name for image in registered_photos(each)] for each in others],
+            n_photos=len(image_ids(working)),
+            database=working,
+        )
+        logger.info("attempt '%s': %s", name, attempt)
+        return self._refine(attempt) if attempt.n_registered else attempt
+
+    def _fits(self, attempt: Attempt) -> bool:
+        """Whether the verified pairs fit a model, so that it is not bent."""
+        return attempt.agreement.pairs >= self.options.wanted_pair_agreement
+
+    def _known(self, attempt: Attempt) -> set[str]:
+        """Photos whose cameras are known."""
+        return {name for name, error in attempt.errors.items() if error <= self.limit_px}
 
     def _judge(self, model: pycolmap.Reconstruction) -> Agreement:
         """How well the verified pairs fit a model."""
         return measure_agreement(model, self.pairs, self.options.max_epipolar_error_px)
 
-    def _refine(self, attempt: Attempt, n_rounds: int) -> Attempt:
-        """Refine the chosen model, unless the verified pairs then fit it less well."""
+    def _refine(self, attempt: Attempt) -> Attempt:
+        """Refine a model, unless the verified pairs then fit it less well."""
         adjusted = pycolmap.Reconstruction(attempt.model)
         adjust(adjusted, self.refining, threads=self.threads)
         before = self._judge(adjusted)
-        model, limit = adjusted, self.options.max_epipolar_error_px
+        limit = self.options.max_epipolar_error_px
         how = self.refining, self.seed, self.threads
-        for _ in range(n_rounds):
-            model = refine_model(model, attempt.database, limit, *how)
+        model = refine_model(adjusted, attempt.database, limit, *how)
         agreement = self._judge(model)
         if agreement.matches < before.matches - SCORE_MARGIN:
             logger.warning("matching by poses took the model off the verified pairs: left out")
             model, agreement = adjusted, before
         drop_short_tracks(model)
-        errors = self._errors(model)
-        return replace(attempt, model=model, agreement=agreement, errors=errors)
+        refined = replace(attempt, model=model, agreement=agreement, errors=self._errors(model))
+        logger.info("after the last adjustment: %s", refined)
+        return refined
 
-    def _try_unknown_again(self, best: Attempt) -> Attempt | None:
-        """Match anew the photos whose cameras are not known, and register them once more.
-
-        Returns
-        -------
-        Attempt or None
-            None where all are known, or where no more are known afterwards.
-        """
-        known = {name for name, error in best.errors.items() if error <= self.limit_px}
-        database = self.scratch / "again.db"
-        shutil.copyfile(best.database, database)
-        unknown = set(image_ids(database)) - known
-        if not unknown:
-            return None
+    def _register_again(self, first: Attempt, known: set[str]) -> Attempt:
+        """Match anew the photos whose cameras are not known, and register them once more."""
+        database = Path(shutil.copyfile(first.database, self.scratch / "again.db"))
+        unknown = image_ids(database).keys() - known
         logger.warning(
-            "the cameras of %d photos are not known within %g px; matching these again: %s",
+            "%s; %d cameras do not fit or are not known within %g px; matching these again: %s",
+            first,
             len(unknown),
             self.limit_px,
             ", ".join(sorted(unknown)),
         )
-        self._match_pooled(database, unknown)
-        start = pycolmap.Reconstruction(best.model)
-        drop_photos(start, unknown)
-        adjust(start, self.refining, threads=self.threads)
-        policy = Policy("again", "incremental", "photos not known matched and registered again")
-        folder = self.scratch / policy.name
-        folder.mkdir()
-        models = self._run_incremental(database, folder, start if known else None)
-        if not models:
-            return None
-        model = max(models, key=lambda each: each.num_reg_images())
-        again = replace(best, policy=policy, database=database, model=model)
-        again = self._refine(again, n_rounds=1)
-        n_known = sum(error <= self.limit_px for error in again.errors.values())
-        logger.info("known are %d cameras, before %d", n_known, len(known))
-        return again if n_known > len(known) else None
+        match_pooled(
+            database,
+            self.photos,
+            unknown,
+            self.options,
+            self.options,
+            masks=self.masks,
+            seed=self.seed,
+            threads=self.threads,
+        )
+        start = None
+        if len(known) >= MIN_PHOTOS:
+            start = pycolmap.Reconstruction(first.model)
+            drop_photos(start, unknown)
+            adjust(start, self.refining, threads=self.threads)
+        reason = "photos not known matched and registered again"
+        again = self._attempt("again", "incremental", reason, database, start)
+        logger.info("known are %d cameras, before %d", len(self._known(again)), len(known))
+        return again
 
     def _leave_out(self, best: Attempt) -> Attempt:
         """Take out cameras that are not known, the worst first, until all that are left are.
@@ -280,18 +228,6 @@ class Mapper:
 
     def _errors(self, model: pycolmap.Reconstruction) -> dict[str, float]:
         return tree_errors(model, self.refining, seed=self.seed, threads=self.threads)
-
-    def _match_pooled(self, database: Path, names: Collection[str]) -> None:
-        match_pooled(
-            database,
-            self.photos,
-            names,
-            self.options,
-            self.options,
-            masks=self.masks,
-            seed=self.seed,
-            threads=self.threads,
-        )
 
     def _run_incremental(
         self, database: Path, folder: Path, start: pycolmap.Reconstruction | None = None
@@ -341,31 +277,6 @@ class Mapper:
         return list(pycolmap.global_mapping(database, self.photos, folder, options).values())
 
 
-def further_policies(mapper: str, *, too_few: bool, has_exif_focal: bool) -> list[Policy]:
-    """Return what to try when the configured way fails, the most promising first.
-
-    Parameters
-    ----------
-    too_few : bool
-        True where photos are missing from the model, False where the model contradicts the matches.
-    has_exif_focal : bool
-        Whether some focal length came from EXIF, which may be wrong.
-    """
-    if too_few:
-        reason = "the missing photos matched anew by pooled descriptors"
-        policies = [
-            Policy("guided", mapper, "verified pairs matched again along their epipolar lines"),
-            Policy("pooled", mapper, reason, pooled=True),
-        ]
-    else:
-        other = "global" if mapper == "incremental" else "incremental"
-        policies = [Policy(other, other, f"the {other} mapper")]
-    if has_exif_focal:
-        reason = "EXIF focal lengths ignored"
-        policies.append(Policy("no_exif_focal", mapper, reason, trust_exif_focal=False))
-    return policies
-
-
 def largest_error_px(database: Path, options: MappingOptions) -> float:
     """Error of a camera that is allowed, px of the photo as stored.
 
@@ -375,16 +286,3 @@ def largest_error_px(database: Path, options: MappingOptions) -> float:
         longest = max(max(camera.width, camera.height) for camera in opened.read_all_cameras())
     size = options.max_image_size_px or longest
     return options.max_camera_error_px * max(1.0, longest / size)
-
-
-def forget_focal_lengths(database: Path) -> None:
-    """Set every focal length to COLMAP's guess without EXIF, 1.2 times the longer side."""
-    factor = pycolmap.ImageReaderOptions().default_focal_length_factor
-    with pycolmap.Database.open(database) as opened:
-        for camera in opened.read_all_cameras():
-            params = list(camera.params)
-            for index in camera.focal_length_idxs():
-                params[index] = factor * max(camera.width, camera.height)
-            camera.params = params
-            camera.has_prior_focal_length = False
-            opened.update_camera(camera)

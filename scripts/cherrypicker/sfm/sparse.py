@@ -123,13 +123,13 @@ def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
         "n_points": model.num_points3D(),
         "mean_track_length": model.compute_mean_track_length(),
         "mean_reprojection_error_px": fit.get("mean_reprojection_error_px"),
-        "mapper": best.policy.mapper,
-        "attempt": best.policy.name,
+        "mapper": best.mapper,
+        "attempt": best.name,
         "attempts": [
             {
-                "name": attempt.policy.name,
-                "what": attempt.policy.reason,
-                "mapper": attempt.policy.mapper,
+                "name": attempt.name,
+                "what": attempt.reason,
+                "mapper": attempt.mapper,
                 "n_registered": attempt.n_registered,
                 "n_other_models": len(attempt.other_models),
                 **_fit(attempt),
