@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,7 +21,6 @@ from cherrypicker.sfm.photo_files import MIN_PHOTOS
 from cherrypicker.sfm.refine import (
     RefineOptions,
     adjust,
-    drop_photos,
     drop_short_tracks,
     refine_model,
 )
@@ -117,16 +116,15 @@ class Mapper:
         database: Path,
         start: pycolmap.Reconstruction | None = None,
     ) -> Attempt:
-        """Map a copy of a database, from a model on where one is given; refine the largest."""
+        """Map a database, from a model on where one is given, and refine the largest model."""
         logger.info("mapping attempt '%s': %s", name, reason)
         folder = self.scratch / name
         folder.mkdir()
-        working = Path(shutil.copyfile(database, folder / "database.db"))
         pycolmap.set_random_seed(self.seed)
         if mapper == "incremental":
-            models = self._run_incremental(working, folder, start)
+            models = self._run_incremental(database, folder, start)
         else:
-            models = self._run_global(working, folder)
+            models = self._run_global(database, folder)
         models = [each for each in models if each.num_reg_images() >= MIN_PHOTOS]
         models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
         model, *others = models or [pycolmap.Reconstruction()]
@@ -137,8 +135,8 @@ class Mapper:
             model,
             self._judge(model),
             other_models=[[image.name for image in registered_photos(each)] for each in others],
-            n_photos=len(image_ids(working)),
-            database=working,
+            n_photos=len(image_ids(database)),
+            database=database,
         )
         logger.info("attempt '%s': %s", name, attempt)
         return self._refine(attempt) if attempt.n_registered else attempt
@@ -195,9 +193,7 @@ class Mapper:
         )
         start = None
         if len(known) >= MIN_PHOTOS:
-            start = pycolmap.Reconstruction(first.model)
-            drop_photos(start, unknown)
-            adjust(start, self.refining, threads=self.threads)
+            start = self._without(first.model, unknown)
         reason = "photos not known matched and registered again"
         again = self._attempt("again", "incremental", reason, database, start)
         logger.info("known are %d cameras, before %d", len(self._known(again)), len(known))
@@ -209,7 +205,7 @@ class Mapper:
         One that is off drags others along, so errors are told anew after those were left out that
         are at least half as unsure as the worst.
         """
-        model, errors = pycolmap.Reconstruction(best.model), dict(best.errors)
+        model, errors = best.model, dict(best.errors)
         left_out: dict[str, float] = {}
         while errors and max(errors.values()) > self.limit_px:
             least = max(self.limit_px, max(errors.values()) / 2)
@@ -220,11 +216,22 @@ class Mapper:
                 break
             for name, error in sorted(worst.items()):
                 logger.warning("left out: %s: its camera is known within %.1f px", name, error)
-            drop_photos(model, worst)
-            adjust(model, self.refining, threads=self.threads)
+            model = self._without(model, worst)
             errors = self._errors(model)
         agreement = self._judge(model)
         return replace(best, model=model, agreement=agreement, errors=errors, left_out=left_out)
+
+    def _without(
+        self, model: pycolmap.Reconstruction, names: Collection[str]
+    ) -> pycolmap.Reconstruction:
+        """A model without some photos and what they alone hold, adjusted."""
+        rest = pycolmap.Reconstruction(model)
+        for image in registered_photos(rest):
+            if image.name in names:
+                rest.deregister_frame(image.frame_id)
+        rest.tear_down()
+        adjust(rest, self.refining, threads=self.threads)
+        return rest
 
     def _errors(self, model: pycolmap.Reconstruction) -> dict[str, float]:
         return tree_errors(model, self.refining, seed=self.seed, threads=self.threads)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -281,11 +280,3 @@ def drop_short_tracks(model: pycolmap.Reconstruction) -> None:
             element.image_id for element in point.track.elements
         ):
             model.delete_point3D(point_id)
-
-
-def drop_photos(model: pycolmap.Reconstruction, names: Collection[str]) -> None:
-    """Take photos out of a model in place, with what they alone hold."""
-    for image in registered_photos(model):
-        if image.name in names:
-            model.deregister_frame(image.frame_id)
-    model.tear_down()
