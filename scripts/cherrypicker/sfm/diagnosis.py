@@ -10,9 +10,6 @@ from cherrypicker.sfm.database import verified_inliers
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.mapping import Attempt
 
-# Features below which a photo counts as blurred or blank, and as a share of the median (guesses)
-FEW_FEATURES = 200
-FEW_SHARE = 0.1
 # What holds a camera
 _HOLD = {"n_features": "features", "n_partners": "partners", "n_matches": "matches"}
 
@@ -62,15 +59,14 @@ def diagnose_photos(
             "exif_orientation": info["exif_orientation"],
         }
     medians = {key: float(np.median([each[key] for each in report.values()])) for key in _HOLD}
-    usual = [each["n_features"] for each in listing["photos"].values() if not each["problem"]]
-    for name, info in listing["photos"].items():
-        facts, error = report[name], known_px.get(name)
+    for name, facts in report.items():
+        error, problem = facts["error_px"], listing["photos"][name]["problem"]
         known = "" if error is None else f"known within {error:.1f} px, {_cause(facts, medians)}"
         if name in attempt.left_out:
             facts["reason"] = f"left out: its camera is {known}"
         elif name not in registered:
-            facts["reason"] = info["problem"] or _reason(
-                name, facts, registered, attempt.other_models, float(np.median(usual))
+            facts["reason"] = problem or _reason(
+                name, facts, registered, attempt.other_models, medians["n_features"]
             )
         elif error is not None and error > doubtful_px:
             facts["doubt"] = known
@@ -95,12 +91,11 @@ def _reason(
     median_features: float,
 ) -> str:
     n_features = facts["n_features"]
-    few = n_features < max(FEW_FEATURES, FEW_SHARE * median_features)
-    hint = f" ({n_features} features; median {median_features:.0f}: blurred or blank?)"
-    if few and not facts["n_partners"]:
-        return f"too few features{hint}"
+    if not facts["n_partners"] and 2 * n_features < median_features:
+        hint = f"{n_features} features; median {median_features:.0f}: blurred or blank?"
+        return f"too few features ({hint})"
     if not facts["n_partners"]:
-        return "no match: no other photo shows the same points" + (hint if few else "")
+        return "no match: no other photo shows the same points"
     for i, names in enumerate(other_models, start=2):
         if name in names:
             return f"in a separate model (number {i}, {len(names)} photos) that nothing joins"
