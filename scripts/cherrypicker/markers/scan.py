@@ -14,6 +14,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.markers.layouts import camera_centers
 from cherrypicker.photos import read_photo
 from cherrypicker.progress import in_threads
+from cherrypicker.sfm.export import registered_photos
 
 T = TypeVar("T")
 
@@ -42,18 +43,14 @@ class Scan:
             If they are fewer than two.
         """
         paths = {Path(path).name: path for path in photos}
-        images = [
-            image
-            for image in sorted(reconstruction.images.values(), key=lambda image: image.name)
-            if image.has_pose and Path(image.name).name in paths
-        ]
+        images = [each for each in registered_photos(reconstruction) if each.name in paths]
         if len(images) < 2:
             raise StageError(
                 f"only {len(images)} of the photos are registered in the sparse model",
                 key="sfm.min_registered_fraction",
             )
         return cls(
-            [paths[Path(image.name).name] for image in images],
+            [paths[image.name] for image in images],
             [reconstruction.cameras[image.camera_id] for image in images],
             np.array([image.cam_from_world().matrix() for image in images]),
             **options,
