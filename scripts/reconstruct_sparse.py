@@ -13,7 +13,6 @@ from typing import Annotated
 from cherrypicker.photos import photo_files
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.sfm.mapping import MappingOptions
-from cherrypicker.sfm.refine import RefineOptions
 from cherrypicker.sfm.sparse import reconstruct_sparse
 
 
@@ -27,7 +26,6 @@ def main(
     photo_masks: Annotated[str | None, "folder of the photos' masks by a user"] = None,
     *,
     options: MappingOptions,
-    refining: RefineOptions,
     seed: int = 0,
     threads: int = 2,
 ) -> None:
@@ -39,7 +37,6 @@ def main(
         report,
         poses,
         options,
-        refining,
         masks=photo_masks or None,
         seed=seed,
         threads=threads,

@@ -7,7 +7,6 @@ from scan_scene import look_at_poses
 from sfm_scene import similarity_errors
 
 from cherrypicker.sfm.refine import (
-    RefineOptions,
     drop_short_tracks,
     match_by_poses,
     overlapping_pairs,
@@ -89,7 +88,7 @@ def centers_in(model):
 
 
 def test_pairs_that_see_the_same_from_similar_sides(moved):
-    pairs = set(overlapping_pairs(moved[0], RefineOptions()))
+    pairs = set(overlapping_pairs(moved[0]))
     assert (1, 2) in pairs and (1, 4) in pairs
     assert (1, 6) not in pairs, "60 degrees apart"
 
@@ -97,7 +96,7 @@ def test_pairs_that_see_the_same_from_similar_sides(moved):
 def test_match_by_poses_finds_pairs_that_were_not_verified(moved, tmp_path):
     model, path, _ = moved
     before = path.read_bytes()
-    n_matches = match_by_poses(model, path, tmp_path / "out.db", 4.0, RefineOptions(), 2)
+    n_matches = match_by_poses(model, path, tmp_path / "out.db", 4.0, 2)
     assert path.read_bytes() == before
     with pycolmap.Database.open(tmp_path / "out.db") as database:
         geometries = database.read_two_view_geometries()[1]
@@ -112,7 +111,7 @@ def test_pair_that_contradicts_the_poses_keeps_its_matches(moved, tmp_path):
     image = model.images[1]
     turn = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.15, 0.0, 0.0])), np.zeros(3))
     image.frame.rig_from_world = turn * image.frame.rig_from_world
-    match_by_poses(model, path, tmp_path / "out.db", 4.0, RefineOptions(), 1)
+    match_by_poses(model, path, tmp_path / "out.db", 4.0, 1)
     with pycolmap.Database.open(tmp_path / "out.db") as database:
         kept = np.array(database.read_two_view_geometry(1, 2).inlier_matches)
     np.testing.assert_array_equal(kept, np.arange(40).repeat(2).reshape(-1, 2))
@@ -121,7 +120,7 @@ def test_pair_that_contradicts_the_poses_keeps_its_matches(moved, tmp_path):
 def test_refined_cameras_are_nearer_the_truth(moved, tmp_path):
     model, path, centers = moved
     start = centers_in(model)
-    refined = refine_model(model, path, 4.0, RefineOptions())
+    refined = refine_model(model, path, 4.0)
     before = similarity_errors(start, centers)
     after = similarity_errors(centers_in(refined), centers)
     assert np.median(after) < 0.5 * np.median(before)

@@ -8,7 +8,7 @@ from test_sfm_refine import FOCAL, SIZE, pose_of
 
 from cherrypicker.errors import StageError
 from cherrypicker.sfm import sparse
-from cherrypicker.sfm.refine import RefineOptions, adjust
+from cherrypicker.sfm.refine import adjust
 from cherrypicker.sfm.uncertainty import camera_uncertainty, tree_errors
 
 N_CAMERAS = 12
@@ -50,7 +50,7 @@ def test_the_error_foretold_is_the_error_found():
     found, foretold = [], []
     for seed in range(3):
         model, centers = ring_model(groups, NOISE_PX, seed)
-        adjust(model, RefineOptions())
+        adjust(model)
         errors = camera_uncertainty(model)
         foretold += errors.values()
         at = np.array([model.images[i + 1].projection_center() for i in range(N_CAMERAS)])
@@ -67,11 +67,11 @@ def test_wrong_matches_scatter_where_the_covariance_is_sure():
     for point in model.images[N_CAMERAS].points2D:  # of the ring's end, which two groups hold
         if rng.random() < 0.4:
             point.xy = point.xy + [3.0, 2.0]
-    adjust(model, RefineOptions())
+    adjust(model)
     at = np.array([model.images[i + 1].projection_center() for i in range(N_CAMERAS)])
     size = np.median(np.linalg.norm(centers - centers.mean(axis=0), axis=1))
     found = similarity_errors(at, centers) / size
-    told = tree_errors(model, RefineOptions())
+    told = tree_errors(model)
     assert found.argmax() == N_CAMERAS - 1
     last = f"{N_CAMERAS - 1:02d}"
     assert max(told, key=lambda name: told[name]) == last
@@ -85,14 +85,14 @@ def test_a_camera_that_a_small_part_of_the_tree_holds_is_told():
     """Those points it shows where they are; where it shows the rest of the tree they leave open."""
     groups = [range(i, i + 4) for i in range(N_CAMERAS - 3)]
     model, _ = ring_model(groups, NOISE_PX)
-    adjust(model, RefineOptions())
-    sure = tree_errors(model, RefineOptions())
+    adjust(model)
+    sure = tree_errors(model)
     last = model.images[N_CAMERAS]
     seen = [point.point3D_id for point in last.points2D if point.has_point3D()]
     at = np.array([model.points3D[i].xyz for i in seen])
     for point_id in np.array(seen)[np.argsort(np.linalg.norm(at - at[0], axis=1))[8:]]:
         model.delete_observation(N_CAMERAS, element_of(model, point_id))
-    loose = tree_errors(model, RefineOptions())
+    loose = tree_errors(model)
     assert loose[last.name] > 2 * sure[last.name]
 
 

@@ -18,12 +18,7 @@ from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
 from cherrypicker.sfm.matching import PairOptions, match_pooled
 from cherrypicker.sfm.photo_files import MIN_PHOTOS
-from cherrypicker.sfm.refine import (
-    RefineOptions,
-    adjust,
-    drop_short_tracks,
-    refine_model,
-)
+from cherrypicker.sfm.refine import adjust, drop_short_tracks, refine_model
 from cherrypicker.sfm.uncertainty import tree_errors
 
 logger = logging.getLogger(__name__)
@@ -84,7 +79,6 @@ class Mapper:
     photos: Path  # folder of the photos, for pooled descriptors and the colours of the points
     scratch: Path  # folder for temporary files
     options: MappingOptions
-    refining: RefineOptions
     masks: str | os.PathLike | None = None  # folder of prepared masks
     seed: int = 0
     threads: int = 1
@@ -156,11 +150,10 @@ class Mapper:
     def _refine(self, attempt: Attempt) -> Attempt:
         """Refine a model, unless the verified pairs then fit it less well."""
         adjusted = pycolmap.Reconstruction(attempt.model)
-        adjust(adjusted, self.refining, threads=self.threads)
+        adjust(adjusted, threads=self.threads)
         before = self._judge(adjusted)
         limit = self.options.max_epipolar_error_px
-        how = self.refining, self.seed, self.threads
-        model = refine_model(adjusted, attempt.database, limit, *how)
+        model = refine_model(adjusted, attempt.database, limit, self.seed, self.threads)
         agreement = self._judge(model)
         if agreement.matches < before.matches - SCORE_MARGIN:
             logger.warning("matching by poses took the model off the verified pairs: left out")
@@ -230,11 +223,11 @@ class Mapper:
             if image.name in names:
                 rest.deregister_frame(image.frame_id)
         rest.tear_down()
-        adjust(rest, self.refining, threads=self.threads)
+        adjust(rest, threads=self.threads)
         return rest
 
     def _errors(self, model: pycolmap.Reconstruction) -> dict[str, float]:
-        return tree_errors(model, self.refining, seed=self.seed, threads=self.threads)
+        return tree_errors(model, seed=self.seed, threads=self.threads)
 
     def _run_incremental(
         self, database: Path, folder: Path, start: pycolmap.Reconstruction | None = None

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import shutil
-from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
@@ -30,41 +29,15 @@ N_POINTS = 3000
 LEAST_ERROR_PX = 1e-3
 
 
-@dataclass(frozen=True)
-class RefineOptions:
-    """How the chosen model is matched once more, triangulated and adjusted."""
-
-    # Half width of the band around an epipolar line, in mean reprojection errors and at least in
-    # px: on the thinned rings 1.5 px where the mean error was 0.3 to 0.4 px
-    band_errors: float = 4.0
-    min_band_px: float = 1.5
-    # Largest ratio of best to second best descriptor angle in a band, where few others lie: 0.6,
-    # 0.7, 0.8 and 0.9 left cameras of the thinned rings 2.9, 2.3, 3.6 and 4.4 mm off
-    rematch_ratio: float = 0.7
-    # Angle at which two photos may see a point (SIFT hardly matches beyond 45; 70 cost a third more
-    # and gave no better cameras), and the share of the points that they must see so
-    max_pair_angle_deg: float = 45.0
-    min_shared: float = 0.02
-    # Photos that each is tried with, those that share most points: 30 are more than nearly all have
-    # in a scan of 66, so that pairs grow with the photos, not with their square
-    n_partners: int = 30
-    # Scale of the Cauchy loss; largest error of an observation that stays (guesses)
-    loss_scale_px: float = 1.0
-    filter_px: float = 2.0
-    # That error in mean reprojection errors, of the last filter: on the thinned rings 1 px where
-    # the mean was 0.3 px took the largest error of a camera from 10 to 8 mm
-    filter_errors: float = 3.0
-    min_ray_angle_deg: float = 1.5  # least angle between the rays of a point, as COLMAP's mapper
-    # Largest error of a ray that founds or joins a track; narrower cost observations
-    max_ray_error_px: float = 3.0
-    n_adjustments: int = 30  # iterations; the gain is in the first, the loss is flat near the end
+# Largest error of an observation that stays, px (guess)
+FILTER_PX = 2.0
+_MAPPER = pycolmap.IncrementalMapperOptions()
 
 
 def refine_model(
     model: pycolmap.Reconstruction,
     database: Path,
     max_error_px: float,
-    options: RefineOptions,
     seed: int = 0,
     threads: int = 1,
 ) -> pycolmap.Reconstruction:
@@ -84,13 +57,15 @@ def refine_model(
     """
     refined = pycolmap.Reconstruction(model)
     matched = database.with_name("by_poses.db")
-    match_by_poses(refined, database, matched, max_error_px, options, threads)
-    _triangulate(refined, matched, options, seed)
+    match_by_poses(refined, database, matched, max_error_px, threads)
+    _triangulate(refined, matched, seed)
     matched.unlink()
     # A point triangulated from poses not yet adjusted may be off by more.
     manager = pycolmap.ObservationManager(refined)
-    manager.filter_all_points3D(2 * options.filter_px, options.min_ray_angle_deg)
-    adjust(refined, options, options.filter_errors, threads)
+    manager.filter_all_points3D(_MAPPER.filter_max_reproj_error, _MAPPER.filter_min_tri_angle)
+    # On the thinned rings 1 px where the mean was 0.3 px took the largest error of a camera from
+    # 10 to 8 mm
+    adjust(refined, filter_errors=3.0, threads=threads)
     return refined
 
 
@@ -99,7 +74,6 @@ def match_by_poses(
     source: Path,
     target: Path,
     max_error_px: float,
-    options: RefineOptions,
     threads: int,
 ) -> int:
     """Copy a database with the matches that a model's poses allow in place of its own.
@@ -120,8 +94,8 @@ def match_by_poses(
         Number of matches in ``target``.
     """
     shutil.copyfile(source, target)
-    band = options.band_errors * model.compute_mean_reprojection_error()
-    band = min(max(band, options.min_band_px), max_error_px)
+    # On the thinned rings 1.5 px where the mean error was 0.3 to 0.4 px
+    band = min(max(4.0 * model.compute_mean_reprojection_error(), 1.5), max_error_px)
     registered = set(model.reg_image_ids())
     with pycolmap.Database.open(target) as database:
         verified = {
@@ -129,7 +103,7 @@ def match_by_poses(
             for pair, geometry in verified_pairs(database).items()
             if registered.issuperset(pair)
         }
-        pairs = sorted(overlapping_pairs(model, options) | set(verified))
+        pairs = sorted(overlapping_pairs(model) | set(verified))
         cameras = {i: model.cameras[model.images[i].camera_id] for pair in pairs for i in pair}
         features = {i: read_features(database, i, camera) for i, camera in cameras.items()}
         database.clear_two_view_geometries()
@@ -141,7 +115,9 @@ def match_by_poses(
             guided.cam2_from_cam1 = second * first.inverse()
             guided.E = pycolmap.essential_matrix_from_pose(guided.cam2_from_cam1)
             sides = features[pair[0]], features[pair[1]]
-            guided.inlier_matches = guided_matches(*sides, guided, band, options.rematch_ratio)
+            # Few others lie in a band: ratios of 0.6, 0.7, 0.8 and 0.9 left cameras of the thinned
+            # rings 2.9, 2.3, 3.6 and 4.4 mm off
+            guided.inlier_matches = guided_matches(*sides, guided, band, max_ratio=0.7)
             own = verified.get(pair, guided)
             contradicts = 2 * len(guided.inlier_matches) < len(own.inlier_matches)
             return own if contradicts else guided
@@ -163,12 +139,12 @@ def match_by_poses(
     return n_matches
 
 
-def overlapping_pairs(
-    model: pycolmap.Reconstruction, options: RefineOptions
-) -> set[tuple[int, int]]:
-    """Choose pairs of photo ids that see enough of the model's points from similar sides.
+def overlapping_pairs(model: pycolmap.Reconstruction) -> set[tuple[int, int]]:
+    """Choose pairs of photo ids that see 2 % of the model's points or more from similar sides.
 
-    Of those, each photo's ``n_partners`` that share most points.
+    SIFT hardly matches beyond 45 degrees; 70 cost a third more and gave no better cameras. Of those
+    each photo's 30 that share most points, which are more than nearly all have in a scan of 66: so
+    pairs grow with the photos, not with their square.
     """
     points = np.array([point.xyz for _, point in sorted(model.points3D.items())]).reshape(-1, 3)
     points = points[:: max(len(points) // N_POINTS, 1)]
@@ -177,14 +153,13 @@ def overlapping_pairs(
     seen = [frames(poses, i, points, 0.0) for i in range(len(poses))]
     rays = points - poses.centers[:, None]  # (n_photos, n_points, 3)
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    least = max(options.min_shared * len(points), 1)
-    cosine = np.cos(np.radians(options.max_pair_angle_deg))
+    least, cosine = max(0.02 * len(points), 1), np.cos(np.radians(45.0))
     shared = np.zeros((len(ids), len(ids)), dtype=np.int64)
     for a, b in combinations(range(len(ids)), 2):
         both = np.flatnonzero(seen[a] & seen[b])
         shared[a, b] = (np.einsum("ni,ni->n", rays[a][both], rays[b][both]) > cosine).sum()
     shared += shared.T
-    partners = np.argsort(-shared, axis=1, kind="stable")[:, : options.n_partners]
+    partners = np.argsort(-shared, axis=1, kind="stable")[:, :30]
     return {
         (int(ids[min(a, b)]), int(ids[max(a, b)]))
         for a, row in enumerate(partners)
@@ -193,12 +168,7 @@ def overlapping_pairs(
     }
 
 
-def adjust(
-    model: pycolmap.Reconstruction,
-    options: RefineOptions,
-    filter_errors: float = np.inf,
-    threads: int = 1,
-) -> None:
+def adjust(model: pycolmap.Reconstruction, filter_errors: float = np.inf, threads: int = 1) -> None:
     """Adjust with a Cauchy loss; drop what does not fit or is seen from one side; adjust again.
 
     Mapping ends with a least-squares adjustment over observations of up to 4 px, which wrong
@@ -209,16 +179,15 @@ def adjust(
     model : pycolmap.Reconstruction
         Changed in place.
     filter_errors : float
-        Largest error of an observation that stays, in mean reprojection errors; ``filter_px`` at
-        most.
+        Largest error of an observation that stays, in mean reprojection errors; 2 px at most.
     """
     before = model.compute_num_observations()
-    adjust_robustly(model, options, threads)
+    adjust_robustly(model, threads)
     error = max(model.compute_mean_reprojection_error(), LEAST_ERROR_PX)
-    limit = min(options.filter_px, filter_errors * error)
+    limit = min(FILTER_PX, filter_errors * error)
     manager = pycolmap.ObservationManager(model)
-    n_dropped = manager.filter_all_points3D(limit, options.min_ray_angle_deg)
-    adjust_robustly(model, options, threads)
+    n_dropped = manager.filter_all_points3D(limit, _MAPPER.filter_min_tri_angle)
+    adjust_robustly(model, threads)
     logger.info(
         "adjusted: dropped %s of %s observations (%.1f %%), beyond %.1f px",
         f"{n_dropped:,}",
@@ -228,22 +197,22 @@ def adjust(
     )
 
 
-def adjust_robustly(model: pycolmap.Reconstruction, options: RefineOptions, threads: int) -> None:
-    """Adjust poses, points and cameras in place, with a Cauchy loss."""
+def adjust_robustly(model: pycolmap.Reconstruction, threads: int, n_iterations: int = 30) -> None:
+    """Adjust poses, points and cameras in place, with a Cauchy loss of 1 px.
+
+    The gain is in the first iterations, the loss is flat near the end.
+    """
     wanted = pycolmap.BundleAdjustmentOptions()
     wanted.print_summary = False
     wanted.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    wanted.ceres.loss_function_scale = options.loss_scale_px
     wanted.ceres.use_gpu = False
-    wanted.ceres.solver_options.max_num_iterations = options.n_adjustments
+    wanted.ceres.solver_options.max_num_iterations = n_iterations
     wanted.ceres.solver_options.num_threads = threads
     pycolmap.bundle_adjustment(model, wanted)
     model.update_point_3d_errors()
 
 
-def _triangulate(
-    model: pycolmap.Reconstruction, database: Path, options: RefineOptions, seed: int
-) -> None:
+def _triangulate(model: pycolmap.Reconstruction, database: Path, seed: int) -> None:
     """Replace the points by those that the database's matches and the poses give."""
     for point_id in list(model.points3D):
         model.delete_point3D(point_id)
@@ -251,9 +220,9 @@ def _triangulate(
     wanted.random_seed = seed
     wanted.ignore_two_view_tracks = False
     focal = np.median([camera.mean_focal_length() for camera in model.cameras.values()])
-    angle = float(np.degrees(options.max_ray_error_px / focal))
+    angle = float(np.degrees(3.0 / focal))  # px of a ray; narrower cost observations
     wanted.create_max_angle_error = wanted.continue_max_angle_error = angle
-    wanted.merge_max_reproj_error = wanted.complete_max_reproj_error = options.filter_px
+    wanted.merge_max_reproj_error = wanted.complete_max_reproj_error = FILTER_PX
     loading = pycolmap.DatabaseCacheOptions()
     loading.load_all_images = True
     loading.min_num_matches = 1

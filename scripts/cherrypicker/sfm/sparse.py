@@ -17,7 +17,6 @@ from cherrypicker.sfm.diagnosis import diagnose_photos
 from cherrypicker.sfm.export import registered_photos, undistorted_poses, write_model
 from cherrypicker.sfm.gps import compare_places, stated_places
 from cherrypicker.sfm.mapping import Attempt, Mapper, MappingOptions
-from cherrypicker.sfm.refine import RefineOptions
 from cherrypicker.sfm.uncertainty import camera_uncertainty
 
 logger = logging.getLogger(__name__)
@@ -37,7 +36,6 @@ def reconstruct_sparse(
     report: str | os.PathLike,
     poses: str | os.PathLike,
     options: MappingOptions | None = None,
-    refining: RefineOptions | None = None,
     *,
     masks: str | os.PathLike | None = None,
     seed: int = 0,
@@ -79,9 +77,7 @@ def reconstruct_sparse(
     found, folder = read_json(listing), Path(photos[0]).parent
     with temporary_folder(Path(model_folder).parent, SCRATCH) as scratch:
         working = copy_database(database, scratch / "database.db")
-        mapper = Mapper(
-            working, folder, scratch, options, refining or RefineOptions(), masks, seed, threads
-        )
+        mapper = Mapper(working, folder, scratch, options, masks, seed, threads)
         best, *others = mapper.run()
         explained = diagnose_photos(
             best,

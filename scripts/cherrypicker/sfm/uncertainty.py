@@ -9,14 +9,12 @@ points, adjusted by themselves, then disagree.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pycolmap
 
 from cherrypicker.placement.region import find_region
 from cherrypicker.sfm.export import poses_of
-from cherrypicker.sfm.refine import RefineOptions, adjust_robustly
+from cherrypicker.sfm.refine import adjust_robustly
 
 # Random halves of the points (guess: their largest scatter moves by a quarter with the seed), and
 # iterations of each: 30 take 2.6 times the time, and the errors of 86 photos are the same to 1 %
@@ -57,7 +55,7 @@ def camera_uncertainty(model: pycolmap.Reconstruction) -> dict[str, float] | Non
 
 
 def tree_errors(
-    model: pycolmap.Reconstruction, options: RefineOptions, *, seed: int = 0, threads: int = 1
+    model: pycolmap.Reconstruction, *, seed: int = 0, threads: int = 1
 ) -> dict[str, float]:
     """Estimate by the delete-half jackknife how far each photo shows the tree beside its place.
 
@@ -89,7 +87,7 @@ def tree_errors(
         half = pycolmap.Reconstruction(model)
         for point_id in rng.permutation(point_ids)[: len(point_ids) // 2]:
             half.delete_point3D(int(point_id))
-        adjust_robustly(half, replace(options, n_adjustments=N_ADJUSTMENTS), threads)
+        adjust_robustly(half, threads, N_ADJUSTMENTS)
         # Two cameras the adjustment itself holds
         if len(ids) > 2 and (back := pycolmap.estimate_sim3d(_centers(half, ids), centers)):
             half.transform(back)
