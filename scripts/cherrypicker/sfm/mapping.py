@@ -23,9 +23,6 @@ from cherrypicker.sfm.uncertainty import tree_errors
 
 logger = logging.getLogger(__name__)
 
-# By how much less of the matches a refined model may explain (guess)
-SCORE_MARGIN = 0.01
-
 
 @dataclass(frozen=True)
 class MappingOptions(PairOptions, SearchOptions):
@@ -52,7 +49,7 @@ class Attempt:
     n_photos: int  # photos in the database
     database: Path  # the matches that it was built from
     # Errors of the cameras at the tree, px, and of those that the chosen one lost for theirs
-    errors: Mapping[str, float] = field(default_factory=dict)
+    errors: Mapping[str, float]
     left_out: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -122,6 +119,12 @@ class Mapper:
         models = [each for each in models if each.num_reg_images() >= MIN_PHOTOS]
         models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
         model, *others = models or [pycolmap.Reconstruction()]
+        if models:
+            logger.info("attempt '%s': %d photos registered", name, model.num_reg_images())
+            adjust(model, threads=self.threads)
+            limit = self.options.max_epipolar_error_px
+            model = refine_model(model, database, limit, self.seed, self.threads)
+            drop_short_tracks(model)
         attempt = Attempt(
             name,
             reason,
@@ -131,9 +134,10 @@ class Mapper:
             other_models=[[image.name for image in registered_photos(each)] for each in others],
             n_photos=len(image_ids(database)),
             database=database,
+            errors=self._errors(model) if models else {},
         )
-        logger.info("attempt '%s': %s", name, attempt)
-        return self._refine(attempt) if attempt.n_registered else attempt
+        logger.info("attempt '%s' after the last adjustment: %s", name, attempt)
+        return attempt
 
     def _fits(self, attempt: Attempt) -> bool:
         """Whether the verified pairs fit a model, so that it is not bent."""
@@ -146,22 +150,6 @@ class Mapper:
     def _judge(self, model: pycolmap.Reconstruction) -> Agreement:
         """How well the verified pairs fit a model."""
         return measure_agreement(model, self.pairs, self.options.max_epipolar_error_px)
-
-    def _refine(self, attempt: Attempt) -> Attempt:
-        """Refine a model, unless the verified pairs then fit it less well."""
-        adjusted = pycolmap.Reconstruction(attempt.model)
-        adjust(adjusted, threads=self.threads)
-        before = self._judge(adjusted)
-        limit = self.options.max_epipolar_error_px
-        model = refine_model(adjusted, attempt.database, limit, self.seed, self.threads)
-        agreement = self._judge(model)
-        if agreement.matches < before.matches - SCORE_MARGIN:
-            logger.warning("matching by poses took the model off the verified pairs: left out")
-            model, agreement = adjusted, before
-        drop_short_tracks(model)
-        refined = replace(attempt, model=model, agreement=agreement, errors=self._errors(model))
-        logger.info("after the last adjustment: %s", refined)
-        return refined
 
     def _register_again(self, first: Attempt, known: set[str]) -> Attempt:
         """Match anew the photos whose cameras are not known, and register them once more."""
