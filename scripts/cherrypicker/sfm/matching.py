@@ -91,7 +91,11 @@ def match_features(
     pycolmap.set_random_seed(seed)
     with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = copy_database(features, scratch / "database.db")
-        pairing = _choose_pairing(options, len(image_ids(working)))
+        pairing, n_photos = options.pairing, len(image_ids(working))
+        if pairing == "auto" and n_photos <= options.exhaustive_max_photos:
+            pairing = "exhaustive"
+        elif pairing == "auto":
+            pairing = "vocab_tree" if options.vocab_tree_path else "retrieval"
         if pairing == "vocab_tree":
             _match_by_vocabulary_tree(working, options, seed, threads)
         else:
@@ -104,7 +108,7 @@ def match_features(
         n_verified = sum(n >= options.min_inliers for n in n_inliers)
         if n_verified == 0:
             raise StageError(
-                f"no two of {len(image_ids(working))} photos match (no overlap, or blurred?)",
+                f"no two of {n_photos} photos match (no overlap, or blurred?)",
                 file=features,
                 key="photos in trees.tsv, sfm.max_features or sfm.max_match_ratio",
             )
@@ -220,21 +224,6 @@ def add_guided_matches(
         "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(pairs), f"{after:,}"
     )
     return after - before
-
-
-def _choose_pairing(options: MatchingOptions, n_photos: int) -> str:
-    if options.pairing != "auto":
-        return options.pairing
-    if n_photos <= options.exhaustive_max_photos:
-        return "exhaustive"
-    chosen = "vocab_tree" if options.vocab_tree_path else "retrieval"
-    logger.info(
-        "%d photos are more than sfm.exhaustive_max_photos = %d: %s matching",
-        n_photos,
-        options.exhaustive_max_photos,
-        chosen,
-    )
-    return chosen
 
 
 def _match(
