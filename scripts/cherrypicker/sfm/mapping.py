@@ -18,7 +18,7 @@ from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
 from cherrypicker.sfm.matching import PairOptions, match_pooled
 from cherrypicker.sfm.photo_files import MIN_PHOTOS
-from cherrypicker.sfm.refine import adjust, drop_short_tracks, refine_model
+from cherrypicker.sfm.refine import adjust, refine_model
 from cherrypicker.sfm.uncertainty import tree_errors
 
 logger = logging.getLogger(__name__)
@@ -121,10 +121,8 @@ class Mapper:
         model, *others = models or [pycolmap.Reconstruction()]
         if models:
             logger.info("attempt '%s': %d photos registered", name, model.num_reg_images())
-            adjust(model, threads=self.threads)
             limit = self.options.max_epipolar_error_px
             model = refine_model(model, database, limit, self.seed, self.threads)
-            drop_short_tracks(model)
         attempt = Attempt(
             name,
             reason,

@@ -43,8 +43,8 @@ def refine_model(
 ) -> pycolmap.Reconstruction:
     """Match once more by the poses, triangulate all points anew, adjust all with a Cauchy loss.
 
-    Two-view tracks take part in the adjustment, since on twigs they are most of what there is;
-    :func:`drop_short_tracks` takes them out afterwards.
+    Two-view tracks take part in the adjustment, since on twigs they are most of what there is; they
+    go afterwards.
 
     Parameters
     ----------
@@ -56,6 +56,7 @@ def refine_model(
         Largest epipolar error of a match, px.
     """
     refined = pycolmap.Reconstruction(model)
+    adjust(refined, threads=threads)
     matched = database.with_name("by_poses.db")
     match_by_poses(refined, database, matched, max_error_px, threads)
     _triangulate(refined, matched, seed)
@@ -66,6 +67,7 @@ def refine_model(
     # On the thinned rings 1 px where the mean was 0.3 px took the largest error of a camera from
     # 10 to 8 mm
     adjust(refined, filter_errors=3.0, threads=threads)
+    drop_short_tracks(refined)
     return refined
 
 
