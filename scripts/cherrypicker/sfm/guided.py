@@ -103,48 +103,6 @@ def guided_matches(
     return np.column_stack([rows, columns])[clear & (angle <= MAX_ANGLE)].astype(np.uint32)
 
 
-def tight_guided_matches(
-    first: PhotoFeatures,
-    second: PhotoFeatures,
-    geometry: pycolmap.TwoViewGeometry,
-    verification: pycolmap.TwoViewGeometryOptions,
-    max_ratio: float,
-) -> pycolmap.TwoViewGeometry | None:
-    """Match along wide epipolar bands, estimate the geometry again, match along bands half as wide.
-
-    A geometry from a few matches is not good enough to guide by: of 347,000 matches guided once by
-    4 px 6.4 % were wrong on rendered photos; unguided ones 1 %.
-
-    Parameters
-    ----------
-    geometry : pycolmap.TwoViewGeometry
-        Verified geometry of the pair.
-    verification : pycolmap.TwoViewGeometryOptions
-        Those of the second estimate; its largest error is half the width of the first bands.
-    max_ratio : float
-        As in :func:`guided_matches`.
-
-    Returns
-    -------
-    pycolmap.TwoViewGeometry or None
-        The second estimate with its guided matches; None if it contradicts the first.
-    """
-    width = verification.ransac.max_error
-    wide = guided_matches(first, second, geometry, 2 * width, max_ratio)
-    if len(wide) < verification.min_num_inliers:
-        return None
-    again = pycolmap.estimate_two_view_geometry(
-        first.camera, first.pixels, second.camera, second.pixels, wide, verification
-    )
-    if len(again.inlier_matches) < max(verification.min_num_inliers, 0.5 * len(wide)):
-        return None
-    narrow = guided_matches(first, second, again, width, max_ratio)
-    if len(narrow) < len(geometry.inlier_matches):
-        return None
-    again.inlier_matches = narrow
-    return again
-
-
 @compiled(nogil=True)
 def _best_two(
     points1: np.ndarray,

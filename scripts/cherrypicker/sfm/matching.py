@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from cherrypicker.sfm.database import (
     watched,
 )
 from cherrypicker.sfm.features import SearchOptions, find_features
-from cherrypicker.sfm.guided import read_features, tight_guided_matches
+from cherrypicker.sfm.guided import guided_matches, read_features
 from cherrypicker.sfm.pairs import choose_pairs
 
 logger = logging.getLogger(__name__)
@@ -139,7 +139,7 @@ def match_pooled(
     photos : Path
         Folder of the photos.
     names : collection of str
-        Photos that need more matches.
+        Photos of the database that need more matches.
     masks : path-like, optional
         As of :func:`cherrypicker.sfm.features.extract_features`.
 
@@ -148,8 +148,7 @@ def match_pooled(
     int
         Number of pairs that took new matches.
     """
-    ids = image_ids(database)
-    pairs = likely_partners(database, [name for name in sorted(names) if name in ids])
+    pairs = likely_partners(database, names)
     working = Path(shutil.copyfile(database, database.with_name("pooled.db")))
     both = sorted({name for pair in pairs for name in pair})
     find_features(working, photos, both, search, masks=masks, threads=threads, pooled=True)
@@ -177,7 +176,7 @@ def match_pooled(
     return n_taken
 
 
-def likely_partners(database: Path, names: Sequence[str]) -> list[tuple[str, str]]:
+def likely_partners(database: Path, names: Collection[str]) -> list[tuple[str, str]]:
     """Pair photos with those that they share most matches with, then those next in name order."""
     order = list(image_ids(database))
     inliers = verified_inliers(database, 1)
@@ -198,6 +197,10 @@ def add_guided_matches(
 ) -> int:
     """Replace the matches of each verified pair by guided ones where that gives more.
 
+    A geometry from a few matches is not good enough to guide by: of 347,000 matches guided once by
+    4 px 6.4 % were wrong on rendered photos; unguided ones 1 %. So a pair is matched along wide
+    epipolar bands, its geometry estimated again, and matched along bands half as wide.
+
     Returns
     -------
     int
@@ -211,8 +214,20 @@ def add_guided_matches(
         before = after = 0
 
         def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry | None:
-            sides = features[pair[0]], features[pair[1]]
-            return tight_guided_matches(*sides, pairs[pair], verification, options.max_match_ratio)
+            """The second estimate with its matches; None where it contradicts the first."""
+            sides = first, second = features[pair[0]], features[pair[1]]
+            width, ratio = verification.ransac.max_error, options.max_match_ratio
+            wide = guided_matches(*sides, pairs[pair], 2 * width, ratio)
+            if len(wide) < options.min_inliers:
+                return None
+            again = pycolmap.estimate_two_view_geometry(
+                first.camera, first.pixels, second.camera, second.pixels, wide, verification
+            )
+            if len(again.inlier_matches) < max(options.min_inliers, 0.5 * len(wide)):
+                return None
+            again.inlier_matches = guided_matches(*sides, again, width, ratio)
+            is_more = len(again.inlier_matches) >= len(pairs[pair].inlier_matches)
+            return again if is_more else None
 
         results = in_threads(search, pairs, threads, "pairs matched again, guided")
         for (pair, geometry), found in zip(pairs.items(), results):
