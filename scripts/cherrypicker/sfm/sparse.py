@@ -90,7 +90,6 @@ def reconstruct_sparse(
         centers = {each.name: each.projection_center() for each in registered_photos(best.model)}
         content["gps"] = compare_places(centers, stated_places(map(Path, photos)))
     write_json(report, content)
-    _log_missing(explained)
     _enforce(content, options.min_registered_fraction, folder)
     _enforce_one_scale(content, folder)
     write_model(best.model, model_folder)
@@ -171,26 +170,20 @@ def describe(errors: Mapping[str, float] | None) -> dict | None:
     return {"median": float(np.median([*errors.values()])), "max": errors[worst], "worst": worst}
 
 
-def _log_missing(explained: dict) -> None:
-    missing = {
-        name: facts["reason"] for name, facts in explained.items() if not facts["registered"]
-    }
-    for name, reason in missing.items():
-        logger.info("not in the model: %s: %s", name, reason)
-    for name, facts in explained.items():
-        if facts["doubt"]:
+def _enforce(content: dict, least: float, folder: Path) -> None:
+    """Tell which photos are missing or in doubt; fail where too little registered, and why most."""
+    missing = []
+    for name, facts in content["photos"].items():
+        if not facts["registered"]:
+            logger.info("not in the model: %s: %s", name, facts["reason"])
+            missing.append(facts["reason"].split(":")[0].split("(")[0].strip())
+        elif facts["doubt"]:
             logger.info("doubtful: %s: %s", name, facts["doubt"])
     if missing:
-        logger.warning("%d of %d photos are not in the model", len(missing), len(explained))
-
-
-def _enforce(content: dict, least: float, folder: Path) -> None:
-    """Fail where too little registered, naming the most frequent kind of reason."""
+        logger.warning("%d of %d photos are not in the model", len(missing), content["n_photos"])
     if content["n_registered"] and content["registered_fraction"] >= least:
         return
-    missing = [facts["reason"] for facts in content["photos"].values() if not facts["registered"]]
-    kinds = [reason.split(":")[0].split("(")[0].strip() for reason in missing]
-    common = max(sorted(set(kinds)), key=kinds.count)
+    common = max(sorted(set(missing)), key=missing.count)
     raise StageError(
         f"{content['n_registered']} of {content['n_usable']} photos registered, "
         f"{100 * least:g} % are required; most frequent reason: {common}",
