@@ -12,7 +12,6 @@ import logging
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -58,7 +57,6 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
     SortedReads
     """
     result = SortedReads()
-    how: dict[str, Any] = {"max_error_px": scan.max_reprojection_px, "seed": scan.seed}
     squares = [marker for marker in markers.values() if marker.get("is_square")]
     for marker_id in np.unique(reads.ids).tolist():
         rest = reads.select(reads.ids == marker_id)
@@ -70,7 +68,7 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
             if not places[0]["is_square"]:
                 result.unsolved.append(_place(places[0]))
         false: list[int] = []
-        while found := locate_middle(rest, **how):
+        while found := locate_middle(rest, scan):
             middle, radius = found
             is_here = _lie_on(rest, middle)
             if not is_here.any():
@@ -84,7 +82,9 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
                     result.unsolved.append(_place(square))
                 continue
             # Coarse corners without the pattern may still show that no square is there
-            met = None if here.is_matched.any() else locate_marker(here, **how)
+            met = None
+            if not here.is_matched.any():
+                met = locate_marker(here, max_error_px=scan.max_reprojection_px, seed=scan.seed)
             if met and not met["is_square"]:
                 false += here.photos.tolist()
                 continue
@@ -143,15 +143,8 @@ def _lie_on(reads: Reads, middle: np.ndarray) -> np.ndarray:
     return (away < reach) & (at[:, 2] > 0)
 
 
-def locate_middle(
-    seen: Sightings, *, max_error_px: float = 2.0, seed: int = 0
-) -> tuple[np.ndarray, float] | None:
+def locate_middle(seen: Sightings, scan: Scan) -> tuple[np.ndarray, float] | None:
     """Find where most rays through the middles meet, for corners that no square explains.
-
-    Parameters
-    ----------
-    max_error_px : float, default 2
-        As of :func:`locate_marker`, of a middle.
 
     Returns
     -------
@@ -160,7 +153,7 @@ def locate_middle(
         no two photos agree on a position.
     """
     middles = replace(seen, places=seen.middles[:, None])
-    met = meet(middles, seen.tolerance(max_error_px), seed)
+    met = meet(middles, seen.tolerance(scan.max_reprojection_px), scan.seed)
     if met is None:
         return None
     points, used, middle = met[0], seen.select(met[1]), met[0][0]
