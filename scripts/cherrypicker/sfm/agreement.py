@@ -16,9 +16,8 @@ import pycolmap
 
 from cherrypicker.sfm.database import verified_pairs
 
-# Matches of a pair that is asked: fewer may all be wrong (guess; COLMAP registers a photo by 30)
-LEAST_MATCHES = 30
-
+# Matches of a pair that is asked, as many as COLMAP registers a photo by: fewer may all be wrong
+LEAST_MATCHES = pycolmap.IncrementalMapperOptions().abs_pose_min_num_inliers
 
 # COLMAP's ids of two photos, and where in each their verified matches lie, px, (n, 2) float64
 VerifiedPairs = dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]
