@@ -31,10 +31,10 @@ LAYERS = [
 LAB_LAYERS = [
     *(
         "outputs",
-        "evaluation",
-        "dense",
         "orchard",
         "skeletons",
+        "evaluation",
+        "dense",
         "traits",
         "series",
         "bearing",

@@ -257,8 +257,13 @@ _DEMO: tuple[tuple[str, str, Callable[[Mapping], str]], ...] = (
         lambda f: f"{f['skeleton_recall_all']:.2f}",
     ),
     (
+        "F1 of tips within 3 cm",
+        "0.80",
+        lambda f: f"{f['tips_f1']:.2f}",
+    ),
+    (
         "tips / total length over the true",
-        "10 % / 3 %",
+        "- / 3 %",
         lambda f: f"{f['n_tips_ratio']:.2f} / {f['total_length_m_ratio']:.2f}",
     ),
     (

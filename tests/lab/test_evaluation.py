@@ -160,6 +160,14 @@ def test_thin_wood_does_not_count_for_recall():
     assert report["skeleton_recall_all"] < 0.8
 
 
+def test_a_false_tip_does_not_fill_in_for_a_missed_one():
+    truth, moved = y_skeleton(), y_skeleton()
+    assert compare_skeletons(moved, truth)["tips_f1"] == 1.0
+    moved.points[76:, 1] += 0.1
+    assert compare_skeletons(moved, truth)["tips_f1"] == 0.5
+    assert compare_skeletons(truth.select(np.arange(101) < 76), truth)["tips_f1"] == 2 / 3
+
+
 def test_one_lost_camera_does_not_move_the_rest():
     found = ring()
     found.cam_from_world[3, :, 3] += 0.8
