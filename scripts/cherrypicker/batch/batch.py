@@ -35,35 +35,32 @@ class Batch:
 
     def scan_of(self, tree: str) -> str:
         """Return the row of the table that a tree is from; most trees are one themselves."""
-        whose = split_name(tree, self.places)
-        return whose[0] if whose else tree
+        return split_name(tree, self.places)[0]
 
     def has(self, tree: str) -> bool:
         """Whether a name can be one of a tree with results: a scan of several has none itself."""
-        whose = split_name(tree, self.places)
-        if whose is None:
-            return tree in self.trees and tree not in self.places
-        places = self.places[whose[0]]
-        return places == ALL or whose[1] <= len(places)
+        scan, number = split_name(tree, self.places)
+        if scan not in self.places:
+            return tree in self.trees
+        places = self.places[scan]
+        return number > 0 and (places == ALL or number <= len(places))
 
     def row(self, tree: str) -> Tree:
         """Return a tree's row: that of its scan, with its own name and series."""
-        whose = split_name(tree, self.places)
-        if whose is None:
-            return self.trees[tree]
-        row = self.trees[whose[0]]
-        return replace(row, tree=tree, series=row.series and f"{row.series}_{whose[1]}")
+        scan, number = split_name(tree, self.places)
+        row = self.trees[scan]
+        series = f"{row.series}_{number}" if row.series and number else row.series
+        return replace(row, tree=tree, series=series)
 
     def settings_for(self, tree: str) -> dict:
         """Return a tree's config: that of its scan, less the places of the scan's trees.
 
         Of what is no tree, that of the batch.
         """
-        scan = self.scan_of(tree)
+        scan, number = split_name(tree, self.places)
         settings = self.settings_of.get(scan, self.settings)
-        if tree == scan:
-            return settings
-        return settings | {"crop": settings["crop"] | {"target_xy": None}}
+        place = {"crop": settings["crop"] | {"target_xy": None}} if number else {}
+        return settings | place
 
     def names(self, scan: str) -> list[str]:
         """Return the trees of a row as far as they are known."""

@@ -32,10 +32,10 @@ def places_of(settings: Mapping) -> str | list | None:
     return value if value == ALL or (value and isinstance(value[0], list)) else None
 
 
-def split_name(tree: str, scans: Collection[str]) -> tuple[str, int] | None:
-    """Return the scan of several trees that a name is of, and the number of the tree; else None."""
+def split_name(tree: str, scans: Collection[str]) -> tuple[str, int]:
+    """Return the row that a tree is from, and its number in a scan of several; 0 of the row."""
     found = _NUMBERED.fullmatch(tree)
-    return (found[1], int(found[2])) if found and found[1] in scans else None
+    return (found[1], int(found[2])) if found and found[1] in scans else (tree, 0)
 
 
 def scans_of_several(
@@ -62,10 +62,10 @@ def scans_of_several(
     several = {name: places for name, places in asked.items() if places is not None}
     folded = {scan.casefold(): scan for scan in several}
     for name, row in trees.items():
-        whose = split_name(name.casefold(), folded)
-        if whose:
+        scan, number = split_name(name.casefold(), folded)
+        if number:
             raise StageError(
-                f"tree {name!r} bears the name of a tree of the scan {folded[whose[0]]!r}, whose "
+                f"tree {name!r} bears the name of a tree of the scan {folded[scan]!r}, whose "
                 f"{KEY} asks for several; give one of them another id",
                 file=table,
                 key="tree",
