@@ -12,7 +12,6 @@ import re
 from functools import cache
 from pathlib import Path
 
-PACKAGES = ("cherrypicker", "cherrypicker_lab")
 # One statement a line, or names in brackets. Parsing took half a second of every start;
 # tests/test_house.py holds that the text tells as much as its syntax
 _IMPORT = re.compile(
@@ -32,7 +31,7 @@ def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list
     Raises
     ------
     FileNotFoundError
-        If the script, or a module that it imports from a package, does not exist.
+        If the script does not exist.
     """
     root = Path(root).resolve()
     found: set[Path] = set()
@@ -76,19 +75,11 @@ def _content(path: Path) -> bytes:
 @cache
 def _imports_of(path: Path, root: Path) -> set[Path]:
     """The files behind a file's imports, the parents' ``__init__`` included."""
-    modules: set[str] = set()
-    members: set[str] = set()
-    for package, names, module in _IMPORT.findall(path.read_text(encoding="utf-8")):
-        modules.add(package or module)
-        members.update(f"{package}.{name}" for name in re.findall(r"\w+", names))
-    found: set[Path] = set()
-    for name in modules | members:
+    names: set[str] = set()
+    for package, members, module in _IMPORT.findall(path.read_text(encoding="utf-8")):
+        names |= {package or module, *(f"{package}.{each}" for each in re.findall(r"\w+", members))}
+    files = {root.joinpath(*name.split(".")).with_suffix(".py") for name in names}
+    for name in names:
         parts = name.split(".")
-        if parts[0] not in PACKAGES:
-            continue
-        place = root.joinpath(*parts)
-        if name in modules and not (place.is_dir() or place.with_suffix(".py").is_file()):
-            raise FileNotFoundError(f"{place} is imported by {path} but does not exist")
-        files = [root.joinpath(*parts[:depth], "__init__.py") for depth in range(1, len(parts) + 1)]
-        found.update(filter(Path.is_file, [*files, place.with_suffix(".py")]))
-    return found - {path}
+        files |= {root.joinpath(*parts[: i + 1], "__init__.py") for i in range(len(parts))}
+    return set(filter(Path.is_file, files)) - {path}
