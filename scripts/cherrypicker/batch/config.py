@@ -170,30 +170,22 @@ def _merge(target: dict, layer: Mapping) -> None:
 
 def _fill(schema: Mapping, value: Any, method: str) -> Any:
     """Return ``value`` with a method's defaults and strings read as the type that is asked for."""
-    if schema.get("type") == "object" and "properties" in schema:
-        value = {} if value is None else value
-        if not isinstance(value, Mapping):
-            return value
-        filled = dict(value)
-        for key, subschema in schema["properties"].items():
-            if key in filled or "default" in subschema:
-                default = subschema.get(method, subschema.get("default"))
-                filled[key] = _fill(subschema, filled.get(key, copy.deepcopy(default)), method)
-        return filled
-    if isinstance(value, Mapping) and isinstance(schema.get("additionalProperties"), Mapping):
-        return {
-            key: _fill(schema["additionalProperties"], item, method) for key, item in value.items()
+    known, others = schema.get("properties", {}), schema.get("additionalProperties") or {}
+    if isinstance(value, Mapping) or (value is None and known):
+        given = dict(value or {})
+        missing = {
+            key: copy.deepcopy(each.get(method, each["default"]))
+            for key, each in known.items()
+            if "default" in each and key not in given
         }
-    if isinstance(value, list) and isinstance(schema.get("items"), Mapping):
-        return [_fill(schema["items"], item, method) for item in value]
-    return _read_string(schema, value)
-
-
-def _read_string(schema: Mapping, value: object) -> object:
+        whole = (given | missing).items()
+        return {key: _fill(known.get(key, others), item, method) for key, item in whole}
+    if isinstance(value, list):
+        return [_fill(schema.get("items", {}), item, method) for item in value]
     types = schema.get("type", [])
     types = [types] if isinstance(types, str) else types
     is_text = "string" in types and re.search(schema.get("pattern", ""), str(value))
-    if isinstance(value, str) and not is_text and types:
+    if isinstance(value, str) and types and not is_text and "object" not in types:
         with suppress(ValueError):
             parsed = parse_yaml(value)
             value = float(parsed) if isinstance(parsed, str) else parsed
