@@ -103,6 +103,16 @@ def photo_only(path):
     return branch(row("is_photo_scan"), then=shared_file(path))
 
 
+def figure(path, what):
+    """A figure of a tree, which Snakemake's own report shows with the caption of its name."""
+    return report(
+        path,
+        caption=f"../report/{Path(path).stem}.rst",
+        category="Trees",
+        labels={"tree": "{tree}", "what": what},
+    )
+
+
 def is_in(trees):
     """Whether the tree at hand is one of these."""
     return lambda wildcards: wildcards.tree in trees

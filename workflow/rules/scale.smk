@@ -1,11 +1,8 @@
 rule estimate_scale:
     input:
         photos=photos_of,
+        # One file of the model stands for all: one job writes them
         cameras="results/{tree}/sfm/model/cameras.bin",
-        images="results/{tree}/sfm/model/images.bin",
-        points="results/{tree}/sfm/model/points3D.bin",
-        frames="results/{tree}/sfm/model/frames.bin",
-        rigs="results/{tree}/sfm/model/rigs.bin",
         cloud=lambda wildcards: (
             "results/{tree}/denoised.ply"
             if "trunk" in [one["kind"] for one in cfg("scale.references")(wildcards)]
