@@ -15,8 +15,6 @@ from cherrypicker.files import cell_number, read_table
 from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline, read_skeleton
 from cherrypicker.traits.branches import axis_shapes
 
-_LEAST_LENGTH = 1e-9  # a shorter step has no direction
-
 
 @dataclass
 class Cylinders:
@@ -54,8 +52,8 @@ class Cylinders:
     def direction(self) -> np.ndarray:
         """Unit vector from start to end, (n, 3) float64; up where both are one place."""
         steps, length = self.end - self.start, self.length[:, None]
-        is_none = length < _LEAST_LENGTH
-        return np.where(is_none, [0.0, 0.0, 1.0], steps / np.where(is_none, 1.0, length))
+        up = np.zeros_like(steps) + [0.0, 0.0, 1.0]
+        return np.divide(steps, length, out=up, where=length > 0)
 
 
 @dataclass
