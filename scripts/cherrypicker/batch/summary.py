@@ -118,13 +118,12 @@ def result_of(
 
 
 def _note_failure(result: TreeResult, record: dict) -> None:
-    result.status = "interrupted" if record.get("state") == "running" else "failed"
-    result.stage = str(record.get("rule") or "")
-    result.cause = str(record.get("cause") or "")
-    if result.status == "interrupted":
-        result.cause = "the stage was stopped before it finished (killed, or out of memory)"
-    for name in ("file", "key", "log"):
+    result.status, result.stage = "failed", str(record.get("rule") or "")
+    for name in ("cause", "file", "key", "log"):
         setattr(result, name, str(record.get(name) or ""))
+    if record.get("state") == "running":
+        result.status = "interrupted"
+        result.cause = "the stage was stopped before it finished (killed, or out of memory)"
 
 
 def _failed_series(names: set[str], logs_dir: Path) -> list[TreeResult]:

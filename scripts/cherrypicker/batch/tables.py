@@ -6,8 +6,6 @@ Tabular Data Package (https://specs.frictionlessdata.io/tabular-data-package/).
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -16,6 +14,7 @@ from pathlib import Path
 import cherrypicker
 from cherrypicker.accuracy.agreement import PUBLISHED, agreement, by_trait
 from cherrypicker.accuracy.quantities import QUANTITIES
+from cherrypicker.files import csv_text as plain_csv_text
 from cherrypicker.files import load_schema
 from cherrypicker.report.summary_page import TreeResult
 from cherrypicker.traits.table import TRAITS, Trait
@@ -84,11 +83,8 @@ def accuracy_rows(pairs: Sequence[dict]) -> list[dict]:
 
 def csv_text(columns: Sequence[Field], rows: Iterable[Mapping]) -> str:
     """Return a table as CSV with a header."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([column["name"] for column in columns])
-    writer.writerows([_cell(column, row) for column in columns] for row in rows)
-    return stream.getvalue()
+    cells = ({each["name"]: _cell(each, row) for each in columns} for row in rows)
+    return plain_csv_text(cells, [each["name"] for each in columns])
 
 
 def _cell(column: Field, row: Mapping) -> str:
