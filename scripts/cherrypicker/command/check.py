@@ -22,7 +22,7 @@ from cherrypicker.batch.batch import Batch
 from cherrypicker.batch.trees import Tree
 from cherrypicker.capture.contact_sheet import write_contact_sheet
 from cherrypicker.capture.look import LOOK_PX, look_at
-from cherrypicker.capture.verdict import Verdict, judge
+from cherrypicker.capture.verdict import judge
 from cherrypicker.command.work_folder import batch_here, enter, folder_parser
 from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
@@ -76,7 +76,10 @@ def _check(batch: Batch, tree: str, cores: int) -> bool:
     verdict = judge(looks, list(sides), cores)
     sheet = Path("check") / f"{tree}.jpg"
     write_contact_sheet(sheet, tree, verdict)
-    print(report(tree, verdict, sheet), flush=True)
+    title = "go" if verdict.is_go else "photograph again"
+    lines = [f"{tree}: {title}, {len(verdict.looks)} photos, {sheet}"]
+    lines += [f"  {'-' if one.is_stop else 'note:'} {one.text}" for one in verdict.findings]
+    print("\n".join(lines), flush=True)
     return verdict.is_go
 
 
@@ -107,11 +110,3 @@ def photos_to_look_at(row: Tree, settings: Mapping, cores: int) -> Iterator[list
         for name, reason in sorted(made["left_out"].items()):
             print(f"{name} is left out: {reason}", flush=True)
         yield [folder / "photos" / name for name in sorted(made["photos"])]
-
-
-def report(tree: str, verdict: Verdict, sheet: Path) -> str:
-    """Return what there is to say of a tree, a line a finding."""
-    title = "go" if verdict.is_go else "photograph again"
-    lines = [f"{tree}: {title}, {len(verdict.looks)} photos, {sheet}"]
-    lines += [f"  {'-' if one.is_stop else 'note:'} {one.text}" for one in verdict.findings]
-    return "\n".join(lines)

@@ -109,8 +109,13 @@ class Handler(SimpleHTTPRequestHandler):
         logger.info(format, *args)
 
     def _answer(self, answer: Callable[[], object]) -> None:
+        """Answer what is asked of this host, and not by a page of another one."""
+        own = {f"{name}:{self.server.server_port}" for name in _OWN_NAMES}
         try:
-            self._refuse_foreign()
+            if self.headers.get("Host") not in own:
+                raise _RefusedError(HTTPStatus.FORBIDDEN, "this server answers to localhost alone")
+            if self.headers.get("Origin") not in {None, *(f"http://{name}" for name in own)}:
+                raise _RefusedError(HTTPStatus.FORBIDDEN, "the request comes from another site")
             answer()
         except _RefusedError as refusal:
             self._send_json(*refusal.args)
@@ -119,15 +124,6 @@ class Handler(SimpleHTTPRequestHandler):
         except OSError as error:
             reason = f"cannot be written or read ({error.strerror})"
             self._send_json(HTTPStatus.INTERNAL_SERVER_ERROR, reason)
-
-    def _refuse_foreign(self) -> None:
-        """Refuse what is not asked of this host, or by a page of another one."""
-        own = {f"{name}:{self.server.server_port}" for name in _OWN_NAMES}
-        if self.headers.get("Host") not in own:
-            raise _RefusedError(HTTPStatus.FORBIDDEN, "this server answers to localhost alone")
-        origin = self.headers.get("Origin")
-        if origin is not None and origin not in {f"http://{name}" for name in own}:
-            raise _RefusedError(HTTPStatus.FORBIDDEN, "the request comes from another site")
 
     def _get(self) -> None:
         path = urlsplit(self.path).path
@@ -157,9 +153,6 @@ class Handler(SimpleHTTPRequestHandler):
             raise _RefusedError(HTTPStatus.FORBIDDEN, reason)
         if self.headers.get_content_type() != _YAML:
             raise _RefusedError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"edits are {_YAML}")
-        self._send_json(HTTPStatus.OK, save_edits(self._batch, tree, self._body()))
-
-    def _body(self) -> bytes:
         length = self.headers.get("Content-Length", "")
         if not (length.isascii() and length.isdigit()):
             raise _RefusedError(HTTPStatus.LENGTH_REQUIRED, "the length of the edits is missing")
@@ -169,7 +162,7 @@ class Handler(SimpleHTTPRequestHandler):
         body = self.rfile.read(int(length))
         if len(body) < int(length):
             raise _RefusedError(HTTPStatus.BAD_REQUEST, "the edits end before their length")
-        return body
+        self._send_json(HTTPStatus.OK, save_edits(self._batch, tree, body))
 
     def _send_json(self, status: HTTPStatus, told: dict | str) -> None:
         """Send what was done, or why it was not."""
