@@ -10,7 +10,6 @@ from workspace import PROJECT, small_tree
 
 from cherrypicker.batch.config import resolve_config
 from cherrypicker.batch.resources import (
-    ENLARGED_BELOW_MP,
     ScanSize,
     count_pairs,
     count_points,
@@ -24,7 +23,6 @@ from cherrypicker.batch.scans import size_of_scan, sizes_of
 from cherrypicker.batch.trees import Tree
 from cherrypicker.files import load_schema
 from cherrypicker.pointcloud import write_cloud
-from cherrypicker.sfm.features import PLAIN_FIRST_MP
 
 SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
 # Largest resident MB of single stages, by size and number of the photos and by threads
@@ -147,7 +145,6 @@ def test_pruning_is_paid_for_where_the_config_names_a_preset():
 
 
 def test_photos_are_taken_as_enlarged_where_the_features_are_sought_so():
-    assert ENLARGED_BELOW_MP == PLAIN_FIRST_MP
     large, small = scan(10, (4000, 3000)), scan(10, (800, 1200))
     assert large.sift_mp == pytest.approx(43.2)
     assert small.sift_mp == pytest.approx(4 * 10 * small.largest_feature_mp)

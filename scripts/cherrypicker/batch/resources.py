@@ -16,6 +16,7 @@ from pathlib import Path
 from cherrypicker.files import load_schema
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.ply import PlyError, read_ply_header
+from cherrypicker.sfm.photo_files import PLAIN_FIRST_MP
 
 # Snakemake itself and the job's shell run beside the stage and count towards its memory
 SNAKEMAKE_MB = 250
@@ -28,8 +29,6 @@ START_MINUTES = 5
 CPU_S_PER_THREAD = 120.0
 # How much of further threads is used, assumed: two cores were all there was to measure on
 THREAD_EFFICIENCY = 0.8
-# Photos below this size are enlarged fourfold for their features, see sfm/features.py
-ENLARGED_BELOW_MP = 2.0
 # Points of the cloud per pixel of all depth maps: 0.013 to 0.017 were measured on 48 to 86 photos;
 # this leaves room. At most, where bare ground keeps its points: 0.048 to 0.099, and 0.19 on the
 # rehearsal's 250 photos
@@ -165,7 +164,7 @@ def size_of_photos(
         photos=len(sizes),
         pairs=count_pairs(len(sizes), sfm),
         photo_mp=sum(as_is),
-        sift_mp=sum(mp if mp >= ENLARGED_BELOW_MP else 4.0 * mp for mp in features),
+        sift_mp=sum(mp if mp >= PLAIN_FIRST_MP else 4.0 * mp for mp in features),
         dense_mp=dense_mp,
         kept_mp=dense_mp if settings["keep"]["dense"] else 0.0,
         largest_photo_mp=max(as_is, default=0.0),

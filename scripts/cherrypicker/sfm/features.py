@@ -26,14 +26,15 @@ from cherrypicker.sfm.database import (
     publish_database,
     watched,
 )
-from cherrypicker.sfm.photo_files import PhotoInfo, check_photos, group_by_camera
+from cherrypicker.sfm.photo_files import (
+    PLAIN_FIRST_MP,
+    PhotoInfo,
+    check_photos,
+    group_by_camera,
+)
 
 logger = logging.getLogger(__name__)
 
-# Photos from this size on are searched without enlarging them first. The largest features are kept,
-# so where there are enough without it, what the enlarged photo shows would be thrown away: on 12
-# megapixels, searched at 4.3, that was two thirds of the time.
-PLAIN_FIRST_MP = 2.0
 _ENLARGED, _PLAIN = -1, 0  # COLMAP's first_octave
 
 

@@ -21,6 +21,10 @@ logger = logging.getLogger(__name__)
 MIN_PHOTOS = 3
 # Longest focal length that is taken for one, mm
 LONGEST_FOCAL_MM = 1e4
+# Photos from this size on are searched for features without enlarging them first. The largest are
+# kept, so where there are enough without it, what the enlarged photo shows would be thrown away: on
+# 12 megapixels, searched at 4.3, that was two thirds of the time.
+PLAIN_FIRST_MP = 2.0
 PHOTOS_COLUMN = "photos in trees.tsv"
 
 
