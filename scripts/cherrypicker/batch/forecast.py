@@ -119,29 +119,27 @@ def read_corrections(
 
 def forecast_text(jobs: Sequence[Job], cores: int) -> str:
     """Return the forecast as a table to read, with the hours that so many cores need at least."""
+
+    def line(name: str, some: Sequence[Job], threads: object = "", minutes: str = "") -> str:
+        return (
+            f"{name:20s}{len(some):6d}{threads:>9}{sum(job.cpu_s for job in some) / 3600.0:9.2f}"
+            f"{minutes:>11s}{max((job.memory_gb for job in some), default=0.0):10.1f}"
+            f"{sum(job.disk_gb for job in some):9.1f}"
+        )
+
     lines = [
         f"{len({job.scan for job in jobs})} scans",
         f"{'stage':20s}{'jobs':>6s}{'threads':>9s}{'CPU h':>9s}{'min a job':>11s}"
         f"{'GB a job':>10s}{'disk GB':>9s}  rates",
     ]
     for rule in STAGES:
-        of_rule = [job for job in jobs if job.rule == rule]
-        if not of_rule:
-            continue
-        found = of_rule[0].n_benchmarks
-        lines.append(
-            f"{rule:20s}{len(of_rule):6d}{max(job.threads for job in of_rule):9d}"
-            f"{sum(job.cpu_s for job in of_rule) / 3600.0:9.2f}"
-            f"{max(job.seconds for job in of_rule) / 60.0:11.1f}"
-            f"{max(job.memory_gb for job in of_rule):10.1f}"
-            f"{sum(job.disk_gb for job in of_rule):9.1f}  "
-            + (f"{found} benchmarks here" if found else "shipped")
-        )
-    lines.append(
-        f"{'all':20s}{len(jobs):6d}{'':9s}{sum(job.cpu_s for job in jobs) / 3600.0:9.2f}{'':11s}"
-        f"{max((job.memory_gb for job in jobs), default=0.0):10.1f}"
-        f"{sum(job.disk_gb for job in jobs):9.1f}"
-    )
+        if of_rule := [job for job in jobs if job.rule == rule]:
+            minutes = f"{max(job.seconds for job in of_rule) / 60.0:.1f}"
+            found = of_rule[0].n_benchmarks
+            rates = f"{found} benchmarks here" if found else "shipped"
+            threads = max(job.threads for job in of_rule)
+            lines.append(f"{line(rule, of_rule, threads, minutes)}  {rates}")
+    lines.append(line("all", jobs))
     lines.append(f"{cores} cores: at least {duration(3600.0 * least_hours(jobs, cores))}")
     return "\n".join(lines)
 
