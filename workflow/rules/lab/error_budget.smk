@@ -35,10 +35,10 @@ rule measure_error_budget:
     params:
         code=code("lab/measure_error_budget"),
         tree="{tree}",
-        found=results_of,
+        found=of_tree(lambda tree: f"results/{tree}"),
         truth=truth_of,
-        row=whole_row,
-        settings=settings_of_tree,
+        row=of_tree(lambda tree: vars(TREES[tree])),
+        settings=of_tree(lambda tree: BATCH.settings_of[tree]),
         snakefile=str(PROJECT / "Snakefile"),
     message:
         "{wildcards.tree}: what each stage costs"

@@ -1,7 +1,5 @@
 # What the rules of the error budget share.
 
-import dataclasses
-
 TRUTH_FILES = ("poses.npz", "skeleton.csv", "cloud.ply", "traits.json")
 
 
@@ -13,21 +11,6 @@ def truth_of(wildcards):
 def truth_files_of(wildcards):
     """Return the files of the truth of a tree's scene."""
     return [f"{truth_of(wildcards)}/{name}" for name in TRUTH_FILES]
-
-
-def results_of(wildcards):
-    """Return the folder of a tree's results."""
-    return f"results/{wildcards.tree}"
-
-
-def whole_row(wildcards):
-    """Return a tree's row of ``trees.tsv``."""
-    return dataclasses.asdict(TREES[wildcards.tree])
-
-
-def settings_of_tree(wildcards):
-    """Return a tree's config, all keys."""
-    return BATCH.settings_of[wildcards.tree]
 
 
 TREES_WITH_TRUTH = [

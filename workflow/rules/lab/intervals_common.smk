@@ -32,13 +32,8 @@ def of_scan(column, file=""):
 def interval_cases():
     """Files of cases of all grown trees and scans."""
     numbers = {
-        "thin": range(
-            INTERVALS["first_seed"], INTERVALS["first_seed"] + INTERVALS["n_thin"]
-        ),
-        "bearing": range(
-            INTERVALS["first_bearing_seed"],
-            INTERVALS["first_bearing_seed"] + INTERVALS["n_bearing"],
-        ),
+        "thin": seeds_of(INTERVALS, n="n_thin"),
+        "bearing": seeds_of(INTERVALS, "first_bearing_seed", "n_bearing"),
         "conifer": range(INTERVALS["n_conifers"]),
         "scans": INTERVAL_SCANS,
     }

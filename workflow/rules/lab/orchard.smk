@@ -32,20 +32,18 @@ rule make_orchard_scene:
         as_seen=ensure(
             "results/orchard/scenes/{scene_seed}/as_seen.ply", non_empty=True
         ),
-        poses=ensure(
-            "results/orchard/scenes/{scene_seed}/truth/poses.npz", non_empty=True
-        ),
-        skeleton=ensure(
-            "results/orchard/scenes/{scene_seed}/truth/skeleton.csv", non_empty=True
-        ),
-        cloud=ensure(
-            "results/orchard/scenes/{scene_seed}/truth/cloud.ply", non_empty=True
-        ),
-        traits=ensure(
-            "results/orchard/scenes/{scene_seed}/truth/traits.json", non_empty=True
-        ),
-        scene=ensure(
-            "results/orchard/scenes/{scene_seed}/truth/scene.json", non_empty=True
+        truth=ensure(
+            multiext(
+                "results/orchard/scenes/{scene_seed}/truth/",
+                *(
+                    "poses.npz",
+                    "skeleton.csv",
+                    "cloud.ply",
+                    "traits.json",
+                    "scene.json",
+                ),
+            ),
+            non_empty=True,
         ),
     log:
         "logs/make_orchard_scene/{scene_seed}.log",

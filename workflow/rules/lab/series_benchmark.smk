@@ -43,10 +43,7 @@ rule report_series_benchmark:
         pairs=expand(
             "results/benchmark/series/{walk}/{tree_seed}/pairs.json",
             walk=SERIES_BENCHMARK["walks"],
-            tree_seed=range(
-                SERIES_BENCHMARK["first_seed"],
-                SERIES_BENCHMARK["first_seed"] + SERIES_BENCHMARK["n_trees"],
-            ),
+            tree_seed=seeds_of(SERIES_BENCHMARK),
         ),
     output:
         table=ensure("results/benchmark/series/table.md", non_empty=True),

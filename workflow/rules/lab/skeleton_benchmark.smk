@@ -47,8 +47,8 @@ rule measure_skeletons:
         code=code("lab/measure_skeletons"),
         number=lambda wildcards: int(wildcards.number),
         methods=methods_of_kind,
-        peer_python=peer_of_kind,
-        pytlidar_python=pytlidar_of_kind,
+        peer_python=python_of("peer"),
+        pytlidar_python=python_of("pytlidar"),
         seed=SKELETON_BENCHMARK["seed"],
     message:
         "tree {wildcards.number} of the set: skeletons, {wildcards.kind}"

@@ -1,7 +1,14 @@
-# What the rules of the benchmark of skeletons share.
+# What the rules of the benchmarks share.
 
 SKELETON_BENCHMARK = SETTINGS["benchmark"]["skeleton"]
 SKELETON_ROOT = "results/benchmark/skeleton"
+# Kind of run of another program to the key of its Python
+SKELETON_PEERS = {"peer": "peer_python", "pytlidar": "pytlidar_python"}
+
+
+def seeds_of(section, first="first_seed", n="n_trees"):
+    """Return the seeds that two keys of a benchmark's section ask for."""
+    return range(section[first], section[first] + section[n])
 
 
 def first_trees(key):
@@ -11,8 +18,7 @@ def first_trees(key):
 
 def kinds_of_peers():
     """Return the kinds of runs of other programs whose Python is given."""
-    keys = {"peer": "peer_python", "pytlidar": "pytlidar_python"}
-    return [kind for kind, key in keys.items() if SKELETON_BENCHMARK[key]]
+    return [kind for kind, key in SKELETON_PEERS.items() if SKELETON_BENCHMARK[key]]
 
 
 def scores_of_peers():
@@ -51,21 +57,17 @@ def times_of_skeletons():
 
 def methods_of_kind(wildcards):
     """Return the methods of one kind of run; none stands for another program."""
-    if wildcards.kind in ("peer", "pytlidar"):
-        return []
-    if wildcards.kind == "paper":
-        return ["lbc_paper", "slbc_paper"]
-    return ["bare_default", "slbc_default"]
+    ours = {
+        "paper": ["lbc_paper", "slbc_paper"],
+        "default": ["bare_default", "slbc_default"],
+    }
+    return ours.get(wildcards.kind, [])
 
 
-def peer_of_kind(wildcards):
-    """Return pc-skeletor's Python for its runs."""
-    return SKELETON_BENCHMARK["peer_python"] if wildcards.kind == "peer" else ""
-
-
-def pytlidar_of_kind(wildcards):
-    """Return PyTLidar's Python for its runs."""
-    return SKELETON_BENCHMARK["pytlidar_python"] if wildcards.kind == "pytlidar" else ""
+def python_of(kind):
+    """Return another program's Python for its runs."""
+    key = SKELETON_PEERS[kind]
+    return lambda wildcards: SKELETON_BENCHMARK[key] if wildcards.kind == kind else ""
 
 
 def notes_on_skeletons():

@@ -1,14 +1,7 @@
 # The benchmark of traits, see docs/lab/traits.md. Only `snakemake benchmark_traits` runs it.
 
 TRAITS_BENCHMARK = SETTINGS["benchmark"]["traits"]
-TRAITS_BENCHMARK_SEEDS = range(
-    TRAITS_BENCHMARK["first_seed"],
-    TRAITS_BENCHMARK["first_seed"] + TRAITS_BENCHMARK["n_trees"],
-)
-BEARING_TREE_SEEDS = range(
-    TRAITS_BENCHMARK["first_bearing_seed"],
-    TRAITS_BENCHMARK["first_bearing_seed"] + TRAITS_BENCHMARK["n_bearing_trees"],
-)
+BEARING_TREE_SEEDS = seeds_of(TRAITS_BENCHMARK, "first_bearing_seed", "n_bearing_trees")
 
 
 wildcard_constraints:
@@ -48,7 +41,7 @@ rule report_traits_benchmark:
     input:
         pairs=expand(
             "results/benchmark/traits/{tree_seed}/pairs.json",
-            tree_seed=sorted({*TRAITS_BENCHMARK_SEEDS, *BEARING_TREE_SEEDS}),
+            tree_seed=sorted({*seeds_of(TRAITS_BENCHMARK), *BEARING_TREE_SEEDS}),
         ),
     output:
         table=ensure("results/benchmark/traits/table.md", non_empty=True),
