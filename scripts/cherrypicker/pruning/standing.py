@@ -62,7 +62,7 @@ class StandingTree:
         row_azimuth_deg: float = 0.0,
     ) -> None:
         skeleton = tree.skeleton
-        self.tree, self.branches, self.limbs, self.traits = tree, branches, limbs, traits
+        self.tree, self.limbs, self.traits = tree, limbs, traits
         self.stands = np.ones(len(skeleton), dtype=bool)
         self.owner = axis_of_node(skeleton, tree.axis_list)
         self.stem = np.isin(self.owner, Scaffold(skeleton, least=BEYOND_M).stem)
@@ -84,6 +84,10 @@ class StandingTree:
         azimuth = np.radians(row_azimuth_deg)
         self.height = offset[:, 2]
         self.across = np.abs(offset[:, :2] @ [-np.sin(azimuth), np.cos(azimuth)])
+        names = [f"base_diameter_{each}m" for each in ("low_", "high_", "")]
+        ends = np.array([[row[name] for name in names] for row in branches], dtype=np.float64)
+        # 90 % interval of each axis's radii over themselves; NaN without one
+        self._ends = ends[:, :2] / ends[:, 2:]
 
     def _nodes_beyond(self, stub: float) -> np.ndarray:
         """First node of each axis that is more than a stub beyond its bearer's surface.
@@ -146,7 +150,9 @@ class StandingTree:
         traits, stands = self.traits, self.stands
         ratio, area = traits["limb_trunk_ratio"], self.limb_area.sum()
         length, n_tips = (float(v[stands].sum()) for v in (self.length, self.is_tip))
-        low, high = self._volume_ends()
+        # All radii at the same end of their interval: they err together
+        low, high = self._ends[self.owner[stands]].T ** 2 @ self.volume[stands]
+        is_known = not np.isnan(self._ends).any()
         return {
             "limb_trunk_ratio": ratio * self.limb_area[stands].sum() / area if area else 0.0,
             "limb_trunk_ratio_se": self._ratio_error(),
@@ -160,8 +166,8 @@ class StandingTree:
             "row_width_m": 2.0 * float(self.across[stands].max()),
             "row_width_m_se": traits.get("crown_width_m_se"),
             "volume_m3": float(self.volume[stands].sum()),
-            "volume_low_m3": low,
-            "volume_high_m3": high,
+            "volume_low_m3": float(low) if is_known else None,
+            "volume_high_m3": float(high) if is_known else None,
         }
 
     def _ratio_error(self) -> float | None:
@@ -185,26 +191,12 @@ class StandingTree:
         of_stem = stem / traits["tcsa_cm2"] * area[self.stands[self.limb_node]].sum()
         return float(ratio * np.hypot(of_limbs, of_stem))
 
-    def _volume_ends(self) -> tuple[float | None, float | None]:
-        """90 % interval of the volume, all radii at the same end of theirs: they err together."""
-        ends = [(row["base_diameter_low_m"], row["base_diameter_high_m"]) for row in self.branches]
-        if any(None in pair for pair in ends):
-            return None, None
-        thick = np.array([row["base_diameter_m"] for row in self.branches])
-        share = (np.array(ends) / thick[:, None]) ** 2
-        low, high = share[self.owner[self.stands]].T @ self.volume[self.stands]
-        return float(low), float(high)
-
     def cut_diameter(self, node: int) -> tuple[float, float | None, float | None]:
         """Diameter of a cut and its 90 % interval: as a limb's beside the stem, or its axis's."""
         axis = int(self.owner[node])
         for row in self.limbs:
             if row["branch_id"] == axis and self.base[axis] == node:
                 return row["diameter_m"], row["diameter_low_m"], row["diameter_high_m"]
-        row = self.branches[axis]
         found = 2.0 * float(self.tree.scale[axis] * self.tree.skeleton.radius[node])
-        low, high = row["base_diameter_low_m"], row["base_diameter_high_m"]
-        if low is None or high is None:
-            return found, None, None
-        share = found / row["base_diameter_m"]
-        return found, share * low, share * high
+        low, high = (None if np.isnan(end) else float(end) for end in found * self._ends[axis])
+        return found, low, high
