@@ -20,8 +20,6 @@ from cherrypicker.batch.trees import Tree
 
 logger = logging.getLogger(__name__)
 
-RULES = ("all", "summarise_batch", "compare_series")
-
 
 def summarise_finished(workflow: Any) -> None:
     """Run the rules of the summary and the series over what is finished, in the current folder.
@@ -39,7 +37,8 @@ def summarise_finished(workflow: Any) -> None:
     command += ["--config", *(f"{key}={json.dumps(value)}" for key, value in keys.items())]
     command += ["--profile", "none", "--workflow-profile", "none", "--cores", "1", "--nolock"]
     command += ["--keep-going"]  # a comparison that fails keeps no summary back
-    command += ["--quiet", "all", "--allowed-rules", *RULES, "--forcerun", "summarise_batch"]
+    command += ["--quiet", "all", "--forcerun", "summarise_batch"]
+    command += ["--allowed-rules", "all", "summarise_batch", "compare_series"]
     own = {key: value for key, value in os.environ.items() if not key.startswith("SNAKEMAKE")}
     if subprocess.run(command, env=own, check=False).returncode:
         logger.warning("the summary of what is finished could not be made")

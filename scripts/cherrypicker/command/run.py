@@ -83,8 +83,9 @@ def main(arguments: Sequence[str]) -> int:
             for line in process.stdout:
                 view.take(line.rstrip("\n"))
     signal.signal(signal.SIGINT, on_interrupt)
-    view.close()
-    if view.has_run:
+    if not view.has_run:
+        console.print("\n".join(view.head))
+    else:
         log = max(LOGS.glob("*.log"), default=LOGS)
         console.print(f"Snakemake's own log: {log.absolute()}")
         # A run for some files alone does not write it
@@ -142,7 +143,7 @@ class _View:
         self._all = self.progress.add_task("stages", total=None, said="")
         self._jobs: dict[int, _Job] = {}
         self._failed: set[int] = set()
-        self._head: list[str] = []
+        self.head: list[str] = []  # what Snakemake says beside the jobs
         self._last = ""
 
     def take(self, line: str) -> None:
@@ -186,12 +187,7 @@ class _View:
         if told["event"] in ("", "error") and told["level"] >= logging.WARNING:
             self.console.print(told["text"])
         else:
-            self._head.append(told["text"])
-
-    def close(self) -> None:
-        """Show what Snakemake said where it ran nothing."""
-        if not self.has_run:
-            self.console.print("\n".join(self._head))
+            self.head.append(told["text"])
 
     def _end(self, number: int) -> _Job | None:
         job = self._jobs.pop(number, None)
