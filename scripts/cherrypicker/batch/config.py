@@ -83,7 +83,7 @@ def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None)
     StageError
         For an unknown key (naming the nearest valid one) or a value out of bounds.
     """
-    merged, method, _ = _merged(layers)
+    merged, method, _ = _merged(schema, layers)
     resolved = _fill(schema, merged, method)
     refusal = first_refusal(schema, resolved)
     if refusal:
@@ -125,7 +125,7 @@ def config_notes(schema: Mapping, *layers: Mapping) -> list[str]:
     A key is read while every key that its schema's ``needs`` names has one of the values there. The
     layers are those of a valid config.
     """
-    merged, method, notes = _merged(layers)
+    merged, method, notes = _merged(schema, layers)
     resolved, unset = _fill(schema, merged, method), _fill(schema, {}, method)
     for section, keys in merged.items():
         for name in keys if isinstance(keys, Mapping) else ():
@@ -143,7 +143,7 @@ def config_notes(schema: Mapping, *layers: Mapping) -> list[str]:
     return notes
 
 
-def _merged(layers: Sequence[Mapping]) -> tuple[dict, str, list[str]]:
+def _merged(schema: Mapping, layers: Sequence[Mapping]) -> tuple[dict, str, list[str]]:
     """The layers as one, with old keys renamed, and what is to be said of those.
 
     Between them the schema's keyword that holds the method's defaults.
@@ -152,7 +152,8 @@ def _merged(layers: Sequence[Mapping]) -> tuple[dict, str, list[str]]:
     for layer in layers:
         _merge(merged, layer)
     method = "paper" if merged.get("method") == "paper" else "default"
-    return merged, method, take_old_keys(merged)
+    new = schema["properties"].get("skeleton", {}).get("properties", ())
+    return merged, method, take_old_keys(merged, new)
 
 
 def lookup(config: Mapping, key: str) -> Any:

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping, Sequence
-
-_MOVED = (  # from `contract` to `skeleton`, names kept
-    *("weights", "initial_contraction", "initial_attraction", "attraction_rule", "amplification"),
-    *("max_contraction", "max_attraction", "min_weight", "termination_ratio", "max_iterations"),
-    *("n_neighbors", "mollify_factor"),
-)
+from collections.abc import Iterable, MutableMapping
 
 
-def take_old_keys(config: MutableMapping) -> list[str]:
+def take_old_keys(config: MutableMapping, new: Iterable[str]) -> list[str]:
     """Rename old keys in place, and say in a line each what replaces them.
 
+    The `new` keys are those of `skeleton`; but the method, all were in `contract` by these names.
     `skeleton.method` follows from three: `graph.method: tree` and `contract.preset: default` are
     limbs, `mst`, `paper` and `contract.method: lbc` alone are the contraction. A new key that is
     there wins.
     """
     old = _taken(config, "contract", ("preset", "method")) | _taken(config, "graph", ("method",))
-    moved = _taken(config, "contract", _MOVED)
+    moved = _taken(config, "contract", new)
     if not (old or moved):
         return []
     skeleton = config["skeleton"] = dict(config.get("skeleton") or {})
@@ -41,7 +36,7 @@ def take_old_keys(config: MutableMapping) -> list[str]:
     return [f"{line}; the old key goes with the next release" for line in lines]
 
 
-def _taken(config: MutableMapping, section: str, names: Sequence[str]) -> dict:
+def _taken(config: MutableMapping, section: str, names: Iterable[str]) -> dict:
     """The values of those keys of a section that are there, which are taken out, by dotted key."""
     there = config.get(section)
     place = there if isinstance(there, MutableMapping) else {}
