@@ -20,9 +20,7 @@ LARGEST_STRETCH = 2.0
 _LEAST_STEP = 1e-9
 
 
-def axis_tubes(
-    tree: MeasuredTree, n_sides: int = N_SIDES
-) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+def axis_tubes(tree: MeasuredTree) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Yield the tube of every axis that has a length.
 
     Yields
@@ -39,7 +37,7 @@ def axis_tubes(
         moves = np.linalg.norm(np.diff(points, axis=0), axis=1) > _LEAST_STEP
         keep = np.append(True, moves)
         if keep.sum() > 1:
-            yield index, *tube(points[keep], radii[keep], n_sides)
+            yield index, *tube(points[keep], radii[keep], N_SIDES)
 
 
 def tube(points: np.ndarray, radii: np.ndarray, n_sides: int) -> tuple[np.ndarray, np.ndarray]:
