@@ -103,7 +103,7 @@ class Batch:
 
     def series(self) -> dict[str, list[Tree]]:
         """Return the series of two scans or more, by the name of their folder."""
-        return series_of(row for row in self.rows() if self.has(row.tree))
+        return series_of(self.rows())
 
     def edits_of(self, tree: str) -> str:
         """Return the file of a tree's hand corrections, whether it is there or not."""

@@ -52,7 +52,7 @@ class StageCost:
 
 
 # Keys that ask for a stage which not every tree gets, by the kind of scan that this makes
-_ASKED_BY = {"light": "enabled", "bearing": "enabled", "pruning": "preset"}
+ASKED_BY = {"light": "enabled", "bearing": "enabled", "pruning": "preset"}
 _PREPARED = "prepared photos"
 
 STAGES = {
@@ -199,7 +199,7 @@ def size_of_cloud(
 
 def asked_for(settings: Mapping) -> list[str]:
     """Return what a tree's whole config asks for that not every tree gets."""
-    return [kind for kind, key in _ASKED_BY.items() if settings[kind][key]]
+    return [kind for kind, key in ASKED_BY.items() if settings[kind][key]]
 
 
 def count_points(path: str | os.PathLike) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch
@@ -62,16 +63,14 @@ class Scans:
     """
 
     def __init__(self, batch: Batch, with_cuda: bool | None = None) -> None:
-        self._batch, self._with_cuda = batch, with_cuda
-        self._known: dict[str, ScanSize] = {}
+        self._batch = batch
+        self._size = cache(
+            lambda scan: size_of_scan(batch.trees[scan], batch.settings_of[scan], with_cuda)
+        )
 
     def size(self, tree: str) -> ScanSize:
         """Return how large the scan is that a tree is from."""
-        scan = self._batch.scan_of(tree)
-        if scan not in self._known:
-            row, settings = self._batch.trees[scan], self._batch.settings_of[scan]
-            self._known[scan] = size_of_scan(row, settings, self._with_cuda)
-        return self._known[scan]
+        return self._size(self._batch.scan_of(tree))
 
     def sizes(self) -> dict[str, ScanSize]:
         """Return how large each scan of the table is."""

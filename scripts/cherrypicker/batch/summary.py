@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cherrypicker.batch.benchmarks import read_benchmarks
-from cherrypicker.batch.resources import STAGES
+from cherrypicker.batch.resources import ASKED_BY, STAGES
 from cherrypicker.batch.tables import (
     ACCURACY_COLUMNS,
     MEASURE_COLUMNS,
@@ -31,12 +31,8 @@ from cherrypicker.runner import status_folder, status_name
 logger = logging.getLogger(__name__)
 
 # What not every tree is asked for, by the rule that makes it
-_ASKED_OF = {
-    "compare_measures": "measures",
-    "measure_light": "light",
-    "measure_bearing": "bearing",
-    "propose_pruning": "pruning",
-}
+_ASKED_OF = {rule: stage.of for rule, stage in STAGES.items() if stage.of in ASKED_BY}
+_ASKED_OF["compare_measures"] = "measures"
 # Their failure says nothing against traits.json, which was finished before they started.
 _AFTER_TRAITS = frozenset({*_ASKED_OF, "report_tree", "summarise_batch"})
 
