@@ -15,7 +15,6 @@ from cherrypicker.batch.resources import (
     count_points,
     mb_to_ask,
     minutes_to_ask,
-    size_of_cloud,
     size_of_photos,
     threads_to_ask,
 )
@@ -212,7 +211,8 @@ def test_points_of_a_cloud_come_from_its_header(tmp_path):
     write_cloud(tmp_path / "a.ply", small_tree(n_points=3000))
     n_points = len(small_tree(n_points=3000).points)
     assert count_points(tmp_path / "a.ply") == n_points
-    assert size_of_cloud(tmp_path / "a.ply", SETTINGS).points_m == pytest.approx(n_points / 1e6)
+    ready = size_of_scan(Tree("a", cloud=str(tmp_path / "a.ply")), SETTINGS)
+    assert ready.points_m == ready.most_cropped_m == pytest.approx(n_points / 1e6)
     (tmp_path / "broken.ply").write_bytes(b"ply\nno header")
     (tmp_path / "empty.ply").write_bytes(b"")
     for name in ("broken.ply", "empty.ply", "missing.ply", "missing.xyz"):

@@ -179,24 +179,6 @@ def size_of_photos(
     )
 
 
-def size_of_cloud(
-    path: str | os.PathLike, settings: Mapping, *, is_labelled: bool = False
-) -> ScanSize:
-    """Return the size of a ready cloud; of an unreadable one as if it were empty.
-
-    That such a file is refused is the import's work.
-    """
-    points_m = count_points(path) / 1e6
-    kinds = ("clouds", "labelled" if is_labelled else "unlabelled", *asked_for(settings))
-    return ScanSize(
-        kinds,
-        points_m=points_m,
-        most_points_m=points_m,
-        cropped_m=points_m,
-        most_cropped_m=points_m,
-    )
-
-
 def asked_for(settings: Mapping) -> list[str]:
     """Return what a tree's whole config asks for that not every tree gets."""
     return [kind for kind, key in ASKED_BY.items() if settings[kind][key]]

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch
-from cherrypicker.batch.resources import ScanSize, size_of_cloud, size_of_photos
+from cherrypicker.batch.resources import ScanSize, asked_for, count_points, size_of_photos
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import PHOTOS_COLUMN, are_plain, captures_in
@@ -35,7 +35,7 @@ def sizes_of(captures: Iterable[Path]) -> list[tuple[int, int]]:
 
 
 def size_of_scan(row: Tree, settings: Mapping, with_cuda: bool | None = None) -> ScanSize:
-    """Return how large a scan is; empty where no photo can be read.
+    """Return how large a scan is; empty where no photo, or the cloud's header, can be read.
 
     Parameters
     ----------
@@ -45,7 +45,9 @@ def size_of_scan(row: Tree, settings: Mapping, with_cuda: bool | None = None) ->
         As for :func:`cherrypicker.batch.resources.size_of_photos`.
     """
     if not row.is_photo_scan:
-        return size_of_cloud(row.cloud, settings, is_labelled=row.has_labelled_cloud())
+        kind = "labelled" if row.has_labelled_cloud() else "unlabelled"
+        kinds, n = ("clouds", kind, *asked_for(settings)), count_points(row.cloud) / 1e6
+        return ScanSize(kinds, points_m=n, most_points_m=n, cropped_m=n, most_cropped_m=n)
     captures = captures_in(row.photos)
     sizes, limit = sizes_of(captures), settings["photos"]["max_size_px"]
     is_prepared = (
