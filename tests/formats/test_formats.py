@@ -24,7 +24,7 @@ def tree(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results") / "small"
     skeleton = write_finished_tree(folder)
     for name, kind in FORMATS.items():
-        kind.write(folder / f"{name}{kind.suffix}", folder)
+        kind.write(folder / f"{name}{kind.suffix}", read_measured_tree(folder))
     return folder, skeleton, json.loads((folder / "traits.json").read_text())
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from cherrypicker.command.work_folder import enter, folder_parser, results_of
 from cherrypicker.errors import StageError
+from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.formats.table import FORMATS
 
 parser = folder_parser(__doc__)
@@ -31,10 +32,10 @@ def main(arguments: Sequence[str]) -> int:
     output = Path(args.output).absolute() if args.output else None
     enter(args.directory)
     for tree in args.trees:
-        folder = results_of(tree)
+        measured = read_measured_tree(results_of(tree))
         for name in args.to:
             kind = FORMATS[name]
-            path = output or folder / "export" / f"{tree}{kind.suffix}"
-            kind.write(path, folder)
+            path = output or measured.folder / "export" / f"{tree}{kind.suffix}"
+            kind.write(path, measured)
             print(f"{path}: {kind.title}")
     return 0

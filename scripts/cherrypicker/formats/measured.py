@@ -71,6 +71,8 @@ class MeasuredTree:
         By what the traits multiply an axis's radii: the photos may know them better.
     made : str
         When the skeleton was made, ISO date and time, UTC.
+    folder : Path
+        Of the tree's results.
     """
 
     name: str
@@ -78,6 +80,7 @@ class MeasuredTree:
     axis_list: list[Axis]
     scale: np.ndarray
     made: str = ""
+    folder: Path = Path()
 
     def axis_radii(self, axis: int) -> np.ndarray:
         """Radii along an axis's polyline; at the node that it hangs on it has its own first."""
@@ -147,4 +150,4 @@ def read_measured_tree(folder: str | os.PathLike) -> MeasuredTree:
     scale = np.divide(reported, plain, out=np.ones(len(plain)), where=plain > 0)
     made = time.gmtime((folder / "skeleton.graphml").stat().st_mtime)
     stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", made)
-    return MeasuredTree(folder.resolve().name, skeleton, axis_list, scale, stamp)
+    return MeasuredTree(folder.resolve().name, skeleton, axis_list, scale, stamp, folder)

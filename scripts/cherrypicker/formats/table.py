@@ -10,7 +10,7 @@ import numpy as np
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.formats.las import write_las
-from cherrypicker.formats.measured import MeasuredTree, read_measured_tree
+from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.formats.meshes import write_glb, write_obj
 from cherrypicker.formats.mtg import write_mtg
 from cherrypicker.formats.qsm import write_qsm
@@ -22,22 +22,16 @@ from cherrypicker.traits.branch_points import NO_BRANCH, branch_cloud
 
 @dataclass(frozen=True)
 class Format:
-    """A format: what it is, its file's suffix, and what writes it from a tree's results."""
+    """A format: what it is, its file's suffix, and what writes a tree in it."""
 
     title: str
     suffix: str
-    write: Callable[[Path, Path], None]
+    write: Callable[[Path, MeasuredTree], None]
 
 
-def _of_tree(write: Callable[[Path, MeasuredTree], None]) -> Callable[[Path, Path], None]:
-    """Return a writer that reads the measured tree first."""
-    return lambda path, folder: write(path, read_measured_tree(folder))
-
-
-def _write_cloud(path: Path, folder: Path) -> None:
+def _write_cloud(path: Path, tree: MeasuredTree) -> None:
     """Write the whole labelled cloud, with the branch of what is wood."""
-    tree = read_measured_tree(folder)
-    cloud = read_cloud(folder / "segmented.ply", required=("label",))
+    cloud = read_cloud(tree.folder / "segmented.ply", required=("label",))
     branch = np.full(len(cloud), NO_BRANCH, dtype=np.int32)
     if wood_mask(cloud["label"]).any():
         wood = branch_cloud(cloud, tree.skeleton, tree.axis_list)
@@ -46,13 +40,11 @@ def _write_cloud(path: Path, folder: Path) -> None:
 
 
 FORMATS = {
-    "mtg": Format("multiscale tree graph of OpenAlea", ".mtg", _of_tree(write_mtg)),
-    "qsm": Format("nodes and cylinders of libqsm", ".qsm", _of_tree(write_qsm)),
-    "treeqsm-csv": Format(
-        "cylinders as TreeQSM's, for rTwig", "_cylinders.csv", _of_tree(write_treeqsm_csv)
-    ),
-    "treefile": Format("tree file of RayCloudTools", "_trees.txt", _of_tree(write_treefile)),
-    "gltf": Format("closed tubes, a node a branch, glTF 2.0", ".glb", _of_tree(write_glb)),
-    "obj": Format("closed tubes, an object a branch", ".obj", _of_tree(write_obj)),
+    "mtg": Format("multiscale tree graph of OpenAlea", ".mtg", write_mtg),
+    "qsm": Format("nodes and cylinders of libqsm", ".qsm", write_qsm),
+    "treeqsm-csv": Format("cylinders as TreeQSM's, for rTwig", "_cylinders.csv", write_treeqsm_csv),
+    "treefile": Format("tree file of RayCloudTools", "_trees.txt", write_treefile),
+    "gltf": Format("closed tubes, a node a branch, glTF 2.0", ".glb", write_glb),
+    "obj": Format("closed tubes, an object a branch", ".obj", write_obj),
     "las": Format("labelled cloud with branch_id", ".las", _write_cloud),
 }
