@@ -15,7 +15,7 @@ from cherrypicker.pruning.standing import StandingTree
 class Aim(NamedTuple):
     """One limit."""
 
-    name: str  # of `cherrypicker.pruning.target.LIMITS`
+    name: str  # of `cherrypicker.pruning.target.TURNS`
     weight: np.ndarray  # (n_nodes,) float64: what each node adds to what is limited
     allowed: float  # of that
     cuts: np.ndarray  # (n_cuts,) int64: nodes to cut at
@@ -33,7 +33,7 @@ class Aim(NamedTuple):
 def aims_of(
     standing: StandingTree, limits: Mapping[str, float], light: Mapping | None = None
 ) -> list[Aim]:
-    """The aims of limits, by the names of `cherrypicker.pruning.target.LIMITS`.
+    """The aims of limits, by the names of `cherrypicker.pruning.target.TURNS`.
 
     Too much height or width is the length of wood beyond it, so that every cut there helps.
 

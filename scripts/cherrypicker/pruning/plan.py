@@ -68,7 +68,7 @@ def propose_cuts(
             node, served = found
             # A cut on wood that a later one takes is none
             chosen = {cut: why for cut, why in chosen.items() if standing.fork(node, cut) != node}
-            chosen[node] = [turn[name] for name in served]
+            chosen[node] = [turn[name][0] for name in served]
             standing.cut(node)
     standing.stands[:] = True
     in_turn = sorted(chosen, key=lambda node: -standing.cut_diameter(node)[0])

@@ -1,7 +1,4 @@
-"""Every column of ``pruning.csv``, and the words for targets.
-
-Nothing heavy is imported: the pages read it.
-"""
+"""Every column of ``pruning.csv``; nothing heavy is imported, since the pages read it."""
 
 from __future__ import annotations
 
@@ -38,16 +35,3 @@ _COLUMNS = (
 )
 #: Name to column, in the file's order.
 CUT_COLUMNS = {column.name: column for column in _COLUMNS}
-#: Words for what is limited, or goes by a limit.
-TARGET_WORDS = {
-    "limb_trunk_ratio": "Limb-to-trunk ratio",
-    "n_limbs": "Limbs",
-    "length_m_per_cm2": "Wood per cm² of the stem's section [m]",
-    "tips_per_cm2": "Tips per cm² of the stem's section",
-    "height_m": "Height",
-    "row_width_m": "Width across the row",
-    "renew_limbs": "Limbs to renew",
-    "steep_deg": "Steep limbs",
-    "shaded_share": "Shaded limbs",
-    "crossing": "Axes that touch",
-}

@@ -9,27 +9,28 @@ import yaml
 
 from cherrypicker.errors import StageError
 
-#: Name of a limit to why a cut that serves it is made, as ``pruning.csv`` spells it. In turn: where
-#: wood may stand, which of it goes, how much may be left, and what may touch.
+#: Name of a limit to why a cut that serves it is made, as ``pruning.csv`` spells it, and its words
+#: on pages. In turn: where wood may stand, which of it goes, how much may be left, what may touch.
 TURNS = (
     {
-        "height_m": "over_height",
-        "row_width_m": "over_width",  # twice the farthest reach across the row
+        "height_m": ("over_height", "Height"),
+        # Twice the farthest reach across the row
+        "row_width_m": ("over_width", "Width across the row"),
     },
     {
-        "renew_limbs": "renewal",  # so many of the thickest limbs go
-        "steep_deg": "steep",  # limbs go whose crotch angle is less
-        "shaded_share": "shaded",  # limbs go that get less of the sky's light
+        "renew_limbs": ("renewal", "Limbs to renew"),  # so many of the thickest limbs go
+        "steep_deg": ("steep", "Steep limbs"),  # limbs go whose crotch angle is less
+        "shaded_share": ("shaded", "Shaded limbs"),  # limbs go that get less of the sky's light
     },
     {
-        "limb_trunk_ratio": "over_ratio",
-        "n_limbs": "too_many_limbs",
-        "length_m_per_cm2": "too_much_wood",  # of the stem's section
-        "tips_per_cm2": "too_many_tips",
+        "limb_trunk_ratio": ("over_ratio", "Limb-to-trunk ratio"),
+        "n_limbs": ("too_many_limbs", "Limbs"),
+        "length_m_per_cm2": ("too_much_wood", "Wood per cm² of the stem's section [m]"),
+        "tips_per_cm2": ("too_many_tips", "Tips per cm² of the stem's section"),
     },
-    {"crossing": "crossing"},  # so many pairs of axes that touch are let be
+    {"crossing": ("crossing", "Axes that touch")},  # so many pairs of axes that touch are let be
 )
-LIMITS = {name: reason for turn in TURNS for name, reason in turn.items()}
+LIMIT_WORDS = {name: words for turn in TURNS for name, (_, words) in turn.items()}
 SHARES = {"renew_share", "height_to_row_distance"}  # limits that become others
 PRESETS_FILE = Path(__file__).with_name("presets.yaml")
 OWN = "own"  # the preset that has no limits
@@ -53,7 +54,7 @@ class Target:
 
     preset: str
     source: str
-    limits: dict[str, float]  # by the names of `LIMITS`
+    limits: dict[str, float]  # by the names in `TURNS`
     stub: float  # that a thinning cut leaves beyond the bearer's surface
     notes: list[str]  # what was left out, and why
 
@@ -76,7 +77,7 @@ def resolve_target(options: PruningOptions, n_limbs: int, unit: str) -> Target:
         raise StageError(f"no preset {options.preset!r}", key="pruning.preset")
     preset = presets.get(options.preset, {"source": "config", "stub_m": 0.0, "target": {}})
     limits, notes = preset["target"] | options.target, []
-    unknown = sorted(limits.keys() - LIMITS.keys() - SHARES)
+    unknown = sorted(limits.keys() - LIMIT_WORDS.keys() - SHARES)
     if unknown or not limits:
         cause = f"no limit is named {', '.join(unknown)}" if unknown else "no limit is given"
         raise StageError(cause, key="pruning.target")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
-from cherrypicker.pruning.table import TARGET_WORDS
+from cherrypicker.pruning.target import LIMIT_WORDS
 
 __all__ = ["ORDERS", "Decision", "decisions_of"]
 
@@ -64,7 +64,7 @@ def _of_pruning(pruning: Mapping) -> list[Decision]:
     limits = [each for each in pruning["targets"] if each["limit"] > 0]
     if limits:
         most = max(limits, key=lambda each: each["before"] / each["limit"])
-        share, words = most["before"] / most["limit"], TARGET_WORDS[most["name"]]
+        share, words = most["before"] / most["limit"], LIMIT_WORDS[most["name"]]
         text = f"{words}: {most['before']:.2f}, at most {most['limit']:g}" if share > 1 else "none"
         told.append(Decision("over_target", "Most over a target", share, text))
     return told

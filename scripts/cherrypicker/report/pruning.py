@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from cherrypicker.pruning.table import CUT_COLUMNS, TARGET_WORDS
-from cherrypicker.pruning.target import TURNS
+from cherrypicker.pruning.table import CUT_COLUMNS
+from cherrypicker.pruning.target import LIMIT_WORDS, TURNS
 from cherrypicker.report.branches import sortable_table
 from cherrypicker.report.figures import tree_grid
 from cherrypicker.report.style import COLOR, FONT, GREY, LINE
@@ -63,7 +63,7 @@ def _told(target: dict, unit: str) -> dict:
         # Of what goes by a limit the told one is of what may be left, not the config's
         "name": "" if target["name"] in TURNS[1] else target["name"],
         "number": limit,
-        "words": TARGET_WORDS[target["name"]],
+        "words": LIMIT_WORDS[target["name"]],
         "limit": limit + end,
         "before": before + end,
         "after": after + error + end,
