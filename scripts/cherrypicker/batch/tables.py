@@ -15,7 +15,7 @@ import cherrypicker
 from cherrypicker.accuracy.agreement import PUBLISHED, agreement, by_trait
 from cherrypicker.accuracy.quantities import QUANTITIES
 from cherrypicker.files import csv_text as plain_csv_text
-from cherrypicker.files import load_schema
+from cherrypicker.files import is_number, load_schema
 from cherrypicker.report.summary_page import TreeResult
 from cherrypicker.traits.table import TRAITS, Trait
 
@@ -90,7 +90,7 @@ def csv_text(columns: Sequence[Field], rows: Iterable[Mapping]) -> str:
 def _cell(column: Field, row: Mapping) -> str:
     value = row.get(column["name"])
     if column["type"] in ("integer", "number"):
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if not is_number(value):
             return ""
         return str(value) if isinstance(value, int) else f"{value:.6g}"
     text = "; ".join(value) if isinstance(value, list) else str(value)

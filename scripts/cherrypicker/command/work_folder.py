@@ -52,9 +52,7 @@ def check_writable(folders: Iterable[str | os.PathLike]) -> None:
         Naming the first such folder.
     """
     for folder in map(Path, folders):
-        nearest = folder
-        while not nearest.exists() and nearest != nearest.parent:
-            nearest = nearest.parent
+        nearest = next(filter(Path.exists, (folder, *folder.parents)), folder)
         if not nearest.is_dir():
             raise StageError("a folder is needed here, and this is none", file=nearest)
         if not os.access(nearest, os.W_OK | os.X_OK):
