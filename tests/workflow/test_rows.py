@@ -1,5 +1,7 @@
 """A scan of several trees, as a user runs it: its trees are trees like any other."""
 
+import csv
+
 import numpy as np
 import pytest
 from workspace import PROJECT, Workspace, small_tree
@@ -97,3 +99,13 @@ def test_a_listed_tree_has_its_scans_row_and_config(tmp_path, monkeypatch):
     status.mkdir(parents=True)
     (status / "segment_cloud.json").write_text("{}", encoding="utf-8")
     assert batch.rows_to_tell()[0].tree == "row"  # a scan that failed is told
+
+
+def test_a_scan_that_failed_is_told_beside_the_other_trees(tmp_path):
+    space = Workspace(tmp_path / "work")
+    space.configure({"crop": {"target_xy": "all"}}, "row.yaml")
+    space.table("tree | cloud | config", "row | gone.ply | config/row.yaml", "lone | gone.ply | ")
+    space.run(fails=True)
+    with open(space.folder / "results/traits.csv", newline="") as stream:
+        told = {row["tree"]: row["failed_stage"] for row in csv.DictReader(stream)}
+    assert told == {"row": "import_cloud", "lone": "import_cloud"}

@@ -158,10 +158,10 @@ def row(column):
     return lambda wildcards: getattr(BATCH.row(wildcards.tree), column)
 
 
-def of_known_trees(column):
-    """A column of the table for every tree that is known, with failed scans once some ended."""
+def of_known_trees(tell):
+    """What a function tells of the row of every known tree, with failed scans once some ended."""
     rows = BATCH.rows_to_tell if ONLY_FINISHED else BATCH.rows
-    return lambda wildcards: [getattr(row, column) for row in rows()]
+    return lambda wildcards: list(map(tell, rows()))
 
 
 def code(script, *files):

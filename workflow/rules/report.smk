@@ -131,15 +131,15 @@ rule summarise_batch:
             "report/style.css",
             "report/copy.js",
         ),
-        trees=of_known_trees("tree"),
-        dates=of_known_trees("date"),
-        series=of_known_trees("series"),
+        trees=of_known_trees(lambda row: row.tree),
+        dates=of_known_trees(lambda row: row.date),
+        series=of_known_trees(lambda row: row.series),
         measured=lambda wildcards: [
             name for name in BATCH.known() if name in MEASURED_TREES
         ],
-        asked=lambda wildcards: [
-            " ".join(asked_for(BATCH.settings_for(name))) for name in BATCH.known()
-        ],
+        asked=of_known_trees(
+            lambda row: " ".join(asked_for(BATCH.settings_for(row.tree)))
+        ),
     message:
         "Summarise the batch"
     script:
