@@ -243,15 +243,15 @@ def threads_to_ask(rule: str, scan: ScanSize) -> int:
 
 
 def mb_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
-    """Return the memory to ask for, MB: formula and margin, times the attempt."""
+    """Return the memory to ask for: formula and margin, times the attempt; MB, in hundreds."""
     peak = scan.memory_mb(rule, threads)
-    return _round_up(attempt * (SNAKEMAKE_MB + MEMORY_MARGIN * peak), 100)
+    return 100 * math.ceil(attempt * (SNAKEMAKE_MB + MEMORY_MARGIN * peak) / 100)
 
 
 def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
-    """Return the running time to ask for, minutes: formula and margin, times the attempt."""
+    """Return the time to ask for: formula and margin, times the attempt; minutes, in fives."""
     busy_s = scan.cpu_s(rule) / speedup(threads)
-    return _round_up(attempt * (START_MINUTES + TIME_MARGIN * busy_s / 60.0), 5)
+    return 5 * math.ceil(attempt * (START_MINUTES + TIME_MARGIN * busy_s / 60.0) / 5)
 
 
 def speedup(threads: int) -> float:
@@ -265,7 +265,3 @@ def _megapixels(sizes: Sequence[tuple[int, int]], limit_px: float) -> list[float
         width * height * min(1.0, limit_px / max(width, height, 1)) ** 2 / 1e6
         for width, height in sizes
     ]
-
-
-def _round_up(value: float, step: int) -> int:
-    return step * math.ceil(value / step)
