@@ -238,7 +238,14 @@ def test_a_record_without_a_key_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["{", '{"trees": [{"n": 1}]}', '{"trees": [{"number": 1e999}]}', '{"trees": 3}']
+    "text",
+    [
+        "{",
+        '{"trees": [{"n": 1}]}',
+        '{"trees": [{"number": 1e999}]}',
+        '{"trees": [{"number": 0}]}',
+        '{"trees": 3}',
+    ],
 )
 def test_a_broken_list_of_trees_stops_its_own_scan_alone(tmp_path, caplog, text):
     (tmp_path / "row").mkdir()

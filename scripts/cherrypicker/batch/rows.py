@@ -89,7 +89,10 @@ def names_found(scan: str, results: str = "results") -> list[str]:
     if not path.is_file():
         return []
     try:
-        return [f"{scan}_{int(one['number'])}" for one in read_json(path).get("trees", [])]
+        names = [f"{scan}_{int(one['number'])}" for one in read_json(path).get("trees", [])]
+        if not all(split_name(name, [scan])[1] for name in names):
+            raise ValueError("its trees count from 1")
+        return names
     except (StageError, TypeError, ValueError, OverflowError) as error:
         logger.warning(
             "tree %s: %s is broken; delete it, and the next run looks for the trees again: %s",
