@@ -1,7 +1,6 @@
 """The orchard's floor: its albedo at any place, and baked into textures for the renderer.
 
-Both come from one function of the place, so clouds and photos show the same ground. A texture is
-a regular grid, on which the lattice noise of whole rows shares its random numbers.
+Both come from one function of the place, so clouds and photos show the same ground.
 """
 
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from cherrypicker_lab.orchard.scene.appearance import encode_srgb
-from cherrypicker_lab.orchard.scene.noise import hash_cell, value_noise
+from cherrypicker_lab.orchard.scene.noise import fbm_at, hash_cell
 
 
 @dataclass(frozen=True)
@@ -48,10 +47,8 @@ _LITTER = (
     (15.0, 0.28, 67, (0.16, 0.085, 0.04), (0.42, 0.25, 0.11)),
 )
 _COVER_SEED = 73
-# axis-aligned noise: cells a metre, octaves, gain, shift of the seed
-_TONE, _FINE, _PICK, _BARE = (2.5, 5, 0.7, 0), (42.0, 4, 0.8, 11), (18.0, 1, 0.55, 31), (
-    1.6, 5, 0.65, 41,
-)  # fmt: skip
+# noise of tone, grain, patches of blades and bare earth: cells a metre, octaves, gain, seed's shift
+_NOISES = ((2.5, 5, 0.7, 0), (42.0, 4, 0.8, 11), (18.0, 1, 0.55, 31), (1.6, 5, 0.65, 41))
 _LEVELS = 8192  # of the table from linear light to sRGB
 
 
@@ -80,18 +77,6 @@ def _draw(seed, kind):
 
 
 @njit(cache=True)
-def _noise_at(x, y, octaves, gain, seed):
-    """`noise.fbm` at one place of the plane."""
-    amplitude, total, norm = 1.0, 0.0, 0.0
-    for octave in range(octaves):
-        total += amplitude * (value_noise(x, y, 0.0, seed + octave) - 0.5)
-        norm += amplitude * amplitude
-        amplitude *= gain
-        x, y = 2.03 * x + 17.1, 2.03 * y + 5.3
-    return min(max(0.5 + total / np.sqrt(norm), 0.0), 1.0)
-
-
-@njit(cache=True)
 def _piece_at(x, y, density, seed):
     """`noise.spots` at one place of the plane: strength and tint."""
     i, j = np.int64(np.floor(x)), np.int64(np.floor(y))
@@ -117,14 +102,20 @@ def _limited(value, low, high):
 
 
 @njit(cache=True)
-def _color_at(x, y, tone, fine, pick, bare_noise, lattice, palette, pieces, out):
-    """Albedo (3,) at a place where the axis-aligned noises are known."""
+def _color_at(x, y, lattice, palette, pieces, noises, out):
+    """Albedo (3,) at a place."""
+    field = np.empty(4)
+    for k in range(4):
+        cells, octaves, gain, shift = noises[k]
+        seed = lattice + int(shift)
+        field[k] = fbm_at(cells * x, cells * y, 0.0, int(octaves), gain, seed)
+    tone, fine, pick, bare_noise = field
     # blades: noise stretched along two crossing directions, chosen patch by patch
     u, v = x + 0.6 * y, y - 0.6 * x
     if pick > 0.5:
-        blades = _noise_at(220.0 * u, 38.0 * v, 2, 0.7, lattice + 23)
+        blades = fbm_at(220.0 * u, 38.0 * v, 0.0, 2, 0.7, lattice + 23)
     else:
-        blades = _noise_at(34.0 * u, 200.0 * v, 2, 0.7, lattice + 29)
+        blades = fbm_at(34.0 * u, 200.0 * v, 0.0, 2, 0.7, lattice + 29)
     bare, strip, dead = palette[0], palette[1], palette[2]
     on_strip = 1.0 - abs(y) / strip if strip > 0 else -1.0
     cover = _limited((bare - bare_noise) / 0.05, -4.0, 4.0) + 5.0 * on_strip
@@ -162,80 +153,8 @@ def _color_at(x, y, tone, fine, pick, bare_noise, lattice, palette, pieces, out)
 
 @njit(cache=True)
 def _colors(xy, lattice, palette, pieces, noises, out):
-    field = np.empty(4)
     for n in range(len(xy)):
-        x, y = xy[n, 0], xy[n, 1]
-        for k in range(4):
-            cells, octaves, gain, shift = noises[k]
-            field[k] = _noise_at(cells * x, cells * y, int(octaves), gain, lattice + int(shift))
-        _color_at(x, y, field[0], field[1], field[2], field[3], lattice, palette, pieces, out[n])
-
-
-@njit(cache=True)
-def _lattice_row(j, first, n, seed, out):
-    for i in range(n):
-        out[i] = hash_cell(first + i, j, 0, seed)
-
-
-@njit(cache=True)
-def _add_octave(x, ys, amplitude, seed, out):
-    """Add one octave of noise on a grid with columns x and rows ys, in lattice cells."""
-    first = np.int64(np.floor(x[0]))
-    n_cells = np.int64(np.floor(x[-1])) - first + 2
-    low, high = np.empty(n_cells), np.empty(n_cells)
-    column = np.empty(len(x), np.int64)
-    share = np.empty(len(x))
-    for c in range(len(x)):
-        column[c] = np.int64(np.floor(x[c])) - first
-        f = x[c] - np.floor(x[c])
-        share[c] = f * f * (3 - 2 * f)
-    known = np.int64(np.floor(ys[0])) - 2
-    for r in range(len(ys)):
-        j = np.int64(np.floor(ys[r]))
-        if j != known:
-            _lattice_row(j, first, n_cells, seed, low)
-            _lattice_row(j + 1, first, n_cells, seed, high)
-            known = j
-        f = ys[r] - np.floor(ys[r])
-        f = f * f * (3 - 2 * f)
-        for c in range(len(x)):
-            i, g = column[c], share[c]
-            a = low[i] * (1 - g) + low[i + 1] * g
-            b = high[i] * (1 - g) + high[i + 1] * g
-            out[r, c] += amplitude * (a * (1 - f) + b * f - 0.5)
-
-
-@njit(cache=True)
-def _grid_noise(x, ys, cells, octaves, gain, seed, out):
-    """`noise.fbm` of the plane on a grid."""
-    out[:] = 0.0
-    x, ys = x * cells, ys * cells
-    amplitude, norm = 1.0, 0.0
-    for octave in range(octaves):
-        _add_octave(x, ys, amplitude, seed + octave, out)
-        norm += amplitude * amplitude
-        amplitude *= gain
-        x, ys = 2.03 * x + 17.1, 2.03 * ys + 5.3
-    scale = 1.0 / np.sqrt(norm)
-    for r in range(out.shape[0]):
-        for c in range(out.shape[1]):
-            out[r, c] = min(max(0.5 + out[r, c] * scale, 0.0), 1.0)
-
-
-@njit(cache=True)
-def _bake(x, ys, lattice, palette, pieces, noises, table, fields, out):
-    color = np.empty(3)
-    for k in range(4):
-        cells, octaves, gain, shift = noises[k]
-        _grid_noise(x, ys, cells, int(octaves), gain, lattice + int(shift), fields[k])
-    for r in range(len(ys)):
-        for c in range(len(x)):
-            _color_at(
-                x[c], ys[r], fields[0, r, c], fields[1, r, c], fields[2, r, c], fields[3, r, c],
-                lattice, palette, pieces, color,
-            )  # fmt: skip
-            for k in range(3):
-                out[r, c, k] = table[int(color[k] * len(table))]
+        _color_at(xy[n, 0], xy[n, 1], lattice, palette, pieces, noises, out[n])
 
 
 def ground_color(xy, seed, kind="meadow"):
@@ -264,7 +183,7 @@ def ground_color(xy, seed, kind="meadow"):
     """
     xy = np.ascontiguousarray(xy, dtype=np.float64)
     out = np.empty((len(xy), 3))
-    _colors(xy, *_draw(seed, kind), np.array([_TONE, _FINE, _PICK, _BARE]), out)
+    _colors(xy, *_draw(seed, kind), np.array(_NOISES), out)
     return out
 
 
@@ -287,12 +206,8 @@ def bake_ground(seed, half, size, kind="meadow"):
     """
     axis = (np.arange(size) + 0.5) / size * 2 * half - half
     table = np.round(255 * encode_srgb((np.arange(_LEVELS) + 0.5) / _LEVELS)).astype(np.uint8)
-    noises = np.array([_TONE, _FINE, _PICK, _BARE])
     image = np.empty((size, size, 3), np.uint8)
-    rows = max(1, min(size, 1_000_000 // size))
-    fields = np.empty((4, rows, size))
-    for start in range(0, size, rows):
-        ys = -axis[start : start + rows]
-        _bake(axis, ys, *_draw(seed, kind), noises, table, fields[:, : len(ys)],
-              image[start : start + rows])  # fmt: skip
+    for row, y in enumerate(-axis):
+        color = ground_color(np.column_stack([axis, np.full(size, y)]), seed, kind)
+        image[row] = table[(color * _LEVELS).astype(int)]
     return image

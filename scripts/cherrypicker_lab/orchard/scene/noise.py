@@ -44,36 +44,40 @@ def value_noise(x, y, z, seed):
 
 
 @njit(cache=True)
-def _fbm(points, octaves, gain, seed, out):
-    for n in range(len(points)):
-        x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        amplitude, total, norm = 1.0, 0.0, 0.0
-        for octave in range(octaves):
-            total += amplitude * (value_noise(x, y, z, seed + octave) - 0.5)
-            norm += amplitude * amplitude
-            amplitude *= gain
-            # a factor off 2 and a shift keep the lattices of the octaves apart
-            x, y = 2.03 * x + 17.1, 2.03 * y + 5.3
-            if z != 0.0:
-                z = 2.03 * z + 9.7
-        out[n] = min(max(0.5 + total / np.sqrt(norm), 0.0), 1.0)
+def fbm_at(x, y, z, octaves, gain, seed):
+    """`fbm` at one point."""
+    amplitude, total, norm = 1.0, 0.0, 0.0
+    for octave in range(octaves):
+        total += amplitude * (value_noise(x, y, z, seed + octave) - 0.5)
+        norm += amplitude * amplitude
+        amplitude *= gain
+        # a factor off 2 and a shift keep the lattices of the octaves apart
+        x, y = 2.03 * x + 17.1, 2.03 * y + 5.3
+        if z != 0.0:
+            z = 2.03 * z + 9.7
+    return min(max(0.5 + total / np.sqrt(norm), 0.0), 1.0)
 
 
 @njit(cache=True)
-def _spots(points, density, seed, flat, strength, tint):
-    depth = 0 if flat else 1
+def _fbm(points, octaves, gain, seed, out):
+    for n in range(len(points)):
+        out[n] = fbm_at(points[n, 0], points[n, 1], points[n, 2], octaves, gain, seed)
+
+
+@njit(cache=True)
+def _spots(points, density, seed, strength, tint):
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         i, j, k = np.int64(np.floor(x)), np.int64(np.floor(y)), np.int64(np.floor(z))
         best, best_tint = 0.0, 0.0
         for a in range(i - 1, i + 2):
             for b in range(j - 1, j + 2):
-                for c in range(k - depth, k + depth + 1):
+                for c in range(k - 1, k + 2):
                     if hash_cell(a, b, c, seed) >= density:
                         continue
                     dx = x - a - hash_cell(a, b, c, seed + 1)
                     dy = y - b - hash_cell(a, b, c, seed + 2)
-                    dz = 0.0 if flat else z - c - hash_cell(a, b, c, seed + 3)
+                    dz = z - c - hash_cell(a, b, c, seed + 3)
                     radius = 0.25 + 0.55 * hash_cell(a, b, c, seed + 4)
                     value = 1.0 - np.sqrt(dx * dx + dy * dy + dz * dz) / radius
                     if value > best:
@@ -108,8 +112,8 @@ def fbm(points, *, octaves=4, gain=0.55, seed=0):
     return out
 
 
-def spots(points, *, density=0.5, seed=0, flat=False):
-    """Randomly placed round spots: lichen, lenticels, pebbles, leaves.
+def spots(points, *, density=0.5, seed=0):
+    """Randomly placed round spots: lichen, lenticels, knots.
 
     Parameters
     ----------
@@ -119,8 +123,6 @@ def spots(points, *, density=0.5, seed=0, flat=False):
         Share of the cells that hold a spot.
     seed : int, default 0
         Seed of the lattice.
-    flat : bool, default False
-        Ignore the third coordinate (spots on a plane).
 
     Returns
     -------
@@ -131,5 +133,5 @@ def spots(points, *, density=0.5, seed=0, flat=False):
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     strength, tint = np.empty(len(points)), np.empty(len(points))
-    _spots(points, float(density), int(seed), bool(flat), strength, tint)
+    _spots(points, float(density), int(seed), strength, tint)
     return strength, tint
