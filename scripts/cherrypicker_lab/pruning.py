@@ -26,7 +26,6 @@ from cherrypicker.traits.table import LIMB_COLUMNS
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.series.judge import numbers_of
 from cherrypicker_lab.series.pairs import as_scan, find_skeleton, make_date, see_date
-from cherrypicker_lab.skeletons.set_tree import true_skeleton
 from cherrypicker_lab.traits.cases import scan_and_truth, whole_truth
 from cherrypicker_lab.traits.pairs import make_tree, skeleton_of
 from cherrypicker_lab.traits.table import true_scaffold
@@ -111,7 +110,7 @@ def measure_pruning(seed, n_points, *, bearing=False):
         told and what is true.
     """
     tree, cloud = make_tree(seed, n_points, bearing=bearing)
-    true = true_skeleton(tree.skeleton())
+    true = tree.skeleton()
     seen, target = skeleton_of(cloud)
     reports = Reports(target=target)
     stem = tree_traits(tree)["trunk_diameter_m"]

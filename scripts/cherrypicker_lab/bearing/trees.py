@@ -33,9 +33,8 @@ class AgedTree:
 def year_tree(form, seed, *, years=None):
     """A grown tree (`Tree`), and its own skeleton as an `AgedTree`."""
     tree = grow_years(seed, form, years=years)
-    own = tree.skeleton()
-    skeleton = Skeleton(own.points, own.parents, own.radii, own.labels)
-    return tree, AgedTree(f"{form}_{seed}", skeleton, node_ages(tree), node_is_spur(tree))
+    ages, is_spur = node_ages(tree), node_is_spur(tree)
+    return tree, AgedTree(f"{form}_{seed}", tree.skeleton(), ages, is_spur)
 
 
 def as_seen_tree(tree, true, seed, *, seen=None):

@@ -20,8 +20,9 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton.model import Skeleton
 from cherrypicker_lab.orchard.grow.templates import CONIFERS, grow_any
-from cherrypicker_lab.orchard.grow.tree import Skeleton, Tree
+from cherrypicker_lab.orchard.grow.tree import Tree
 from cherrypicker_lab.orchard.seen.tubes import sample_tubes
 
 DENSITY = 100_000.0
@@ -41,7 +42,7 @@ class SetTree:
     noise: PointCloud  # field `label` uint8 (trunk or branch); frame ``metric``, unit m
     holes: PointCloud  # the same cloud without what lies in the holes
     hole_centres: np.ndarray  # (n, 3): m
-    skeleton: Skeleton  # the truth: nodes, parents, radii, orders and labels
+    skeleton: Skeleton  # the truth, with ``order``
     tree: Tree  # what it all comes from
 
 
@@ -98,8 +99,8 @@ def cut_holes(rng, cloud):
     return cloud.select(distance > HOLE_RADIUS_M), centres
 
 
-def noisy_surface(rng, tree):
-    """Sample a tree's surface with the set's density and noise.
+def noisy_surface(rng, tree, density=DENSITY):
+    """Sample a tree's surface with so many points a square metre and the set's noise.
 
     Returns
     -------
@@ -108,7 +109,7 @@ def noisy_surface(rng, tree):
     labels : ndarray of shape (n,), uint8
         Trunk or branch.
     """
-    surface = sample_tubes(rng, tree, DENSITY)
+    surface = sample_tubes(rng, tree, density)
     kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
     return surface.points + rng.normal(0.0, NOISE_M, surface.points.shape), kinds[surface.axis]
 

@@ -27,22 +27,19 @@ def tree_traits(tree):
         `length_by_order_m`, `crown_width_m`.
     """
     skeleton = tree.skeleton()
-    lengths = skeleton.edge_lengths()
-    children = np.bincount(skeleton.parents[1:], minlength=len(lengths))
+    lengths, children, orders = skeleton.edge_length, skeleton.n_children, skeleton.fields["order"]
     stem = tree.axes[0]
     up = np.maximum.accumulate(stem.points[:, 2])
     return {
-        "height_m": float((skeleton.points[:, 2] + skeleton.radii).max()),
+        "height_m": float((skeleton.points[:, 2] + skeleton.radius).max()),
         "trunk_diameter_m": float(2 * np.interp(TRUNK_HEIGHT_M, up, stem.radii)),
         "trunk_height_m": TRUNK_HEIGHT_M,
         "total_length_m": float(lengths.sum()),
-        "total_length_5mm_m": float(lengths[skeleton.radii >= 0.005].sum()),
+        "total_length_5mm_m": float(lengths[skeleton.radius >= 0.005].sum()),
         "n_tips": int((children == 0).sum()),
         "n_junctions": int((children > 1).sum()),
-        "crown_width_m": width_of_wood(skeleton.points, skeleton.radii),
-        "length_by_order_m": {
-            str(k): float(lengths[skeleton.orders == k].sum()) for k in np.unique(skeleton.orders)
-        },
+        "crown_width_m": width_of_wood(skeleton.points, skeleton.radius),
+        "length_by_order_m": {str(k): float(lengths[orders == k].sum()) for k in np.unique(orders)},
     }
 
 
@@ -55,13 +52,12 @@ def width_of_wood(points, radii):
 
 
 def write_skeleton(path, skeleton):
-    """Write a `growth.Skeleton` as the table that `skeleton.read_skeleton_csv` reads."""
+    """Write a `Skeleton` with ``order`` as the table that `skeleton.read_skeleton_csv` reads."""
     with atomic_path(path) as partial, open(partial, "w", newline="") as handle:
         out = csv.writer(handle, lineterminator="\n")
         out.writerow(["id", "parent", "x", "y", "z", "radius", "order", "label"])
-        for i, (parent, p, r, order, label) in enumerate(
-            zip(skeleton.parents, skeleton.points, skeleton.radii, skeleton.orders, skeleton.labels)
-        ):
+        nodes = skeleton.parent, skeleton.points, skeleton.radius, skeleton.fields["order"]
+        for i, (parent, p, r, order, label) in enumerate(zip(*nodes, skeleton.label)):
             xyz = [f"{v:.5f}" for v in p]
             out.writerow([i, parent, *xyz, f"{r:.5f}", order, label])
 

@@ -57,7 +57,7 @@ def judge_step(comparison, first, second, later_wood, frame):
     old = one >= 0
     is_gone = old & ~np.isin(one, second.node_numbers)
     found_gone, found_new = step.gone.piece >= 0, step.new.piece >= 0
-    true_new = second.tree.skeleton().edge_lengths()[second.node_numbers == NEW].sum()
+    true_new = second.tree.skeleton().edge_length[second.node_numbers == NEW].sum()
     true = true_pairs(wood.axis, one, later.axis, two)
     lengths = np.bincount(wood.axis, wood.length), np.bincount(later.axis, later.length)
     cuts = second.cuts

@@ -3,19 +3,11 @@
 import numpy as np
 
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton.model import Skeleton
 from cherrypicker_lab.orchard.seen.tubes import sample_tubes
-from cherrypicker_lab.orchard.skeleton_set import NOISE_M, make_set_tree, voxel_mean
+from cherrypicker_lab.orchard.skeleton_set import make_set_tree, noisy_surface, voxel_mean
 from cherrypicker_lab.skeletons.true_tree import TrueTree
 
 SIZE_TOLERANCE = 0.02
-
-
-def true_skeleton(grown):
-    """`Skeleton` with the field ``order`` from a grown tree's own skeleton."""
-    return Skeleton(
-        grown.points, grown.parents, grown.radii, grown.labels, {"order": np.asarray(grown.orders)}
-    )
 
 
 def load_set_tree(seed, number, *, trunk_radius=None):
@@ -29,7 +21,7 @@ def load_set_tree(seed, number, *, trunk_radius=None):
     truth : TrueTree
     """
     tree = make_set_tree(seed, number, trunk_radius=trunk_radius)
-    truth = TrueTree(true_skeleton(tree.skeleton))
+    truth = TrueTree(tree.skeleton)
     return tree.name, tree.template, {"noise": tree.noise, "holes": tree.holes}, truth
 
 
@@ -51,10 +43,7 @@ def cloud_of_size(seed, number, n_points):
     tree = make_set_tree(seed, number)
     rng = np.random.default_rng([int(seed), int(number), int(n_points), 911])
     area = len(sample_tubes(np.random.default_rng(0), tree.tree, 1e4)) / 1e4
-    surface = sample_tubes(rng, tree.tree, max(1e5, 1.5 * n_points / area))
-    kinds = np.array([int(axis.label) for axis in tree.tree.axes], np.uint8)
-    points = surface.points + rng.normal(0.0, NOISE_M, surface.points.shape)
-    labels = kinds[surface.axis]
+    points, labels = noisy_surface(rng, tree.tree, max(1e5, 1.5 * n_points / area))
     low, high = 1e-4, 0.2
     for _ in range(14):
         size = np.sqrt(low * high)
@@ -66,4 +55,4 @@ def cloud_of_size(seed, number, n_points):
         chosen = np.sort(rng.choice(len(points), min(n_points, len(points)), replace=False))
         thin, thin_labels = points[chosen], labels[chosen]
     cloud = PointCloud(thin, fields={"label": thin_labels}, frame="metric", unit="m")
-    return cloud, TrueTree(true_skeleton(tree.skeleton))
+    return cloud, TrueTree(tree.skeleton)

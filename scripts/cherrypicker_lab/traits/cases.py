@@ -18,7 +18,7 @@ from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.evaluation import compare_cameras
 from cherrypicker_lab.orchard.truth import TRUNK_HEIGHT_M, width_of_wood
-from cherrypicker_lab.skeletons.set_tree import load_set_tree, true_skeleton
+from cherrypicker_lab.skeletons.set_tree import load_set_tree
 from cherrypicker_lab.traits.pairs import (
     LEAST_DIAMETER_M,
     branch_pair,
@@ -84,7 +84,7 @@ def grown_cases(source, number, n_points):
         cloud, true = clouds["holes" if number % 2 else "noise"], truth.skeleton
     else:
         tree, cloud = make_tree(number, n_points, bearing=source == "bearing")
-        true = true_skeleton(tree.skeleton())
+        true = tree.skeleton()
     skeleton, target = skeleton_of(cloud)
     traits, tables = measure_traits(skeleton, cloud, reports=Reports(target=target))
     rows = tables["branches"]

@@ -20,7 +20,6 @@ from cherrypicker_lab.orchard.grow.templates import BEARING
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
-from cherrypicker_lab.skeletons.set_tree import true_skeleton
 from cherrypicker_lab.traits.table import JUDGED, SCALARS, true_scaffold
 
 LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
@@ -123,7 +122,7 @@ def judge_limbs(tree, skeleton, rows):
         true ones, `are_three_to_2mm` whether they are three that no true limb outdoes by more than
         2 mm; `diameters`, a list of the pairs of the limbs that were matched.
     """
-    limbs = true_scaffold(true_skeleton(tree.skeleton())).limbs
+    limbs = true_scaffold(tree.skeleton()).limbs
     limbs = sorted(limbs, key=lambda limb: -limb.diameter)
     place_of = {limb.axis: limb.place for limb in true_scaffold(skeleton).limbs}
     places = [place_of.get(row["branch_id"], np.full(3, np.inf)) for row in rows]
@@ -197,7 +196,7 @@ def branch_pairs(tree, skeleton, rows):
     pairs : dict of str to list of dict
     n_axes, n_matched : int
     """
-    matched, n_axes = matched_rows(true_skeleton(tree.skeleton()), skeleton, rows)
+    matched, n_axes = matched_rows(tree.skeleton(), skeleton, rows)
     pairs = {"base_diameter_m": [], "insertion_angle_deg": []}
     for true, got in matched:
         if true["base_diameter_m"] >= LEAST_DIAMETER_M:

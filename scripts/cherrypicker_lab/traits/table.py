@@ -14,7 +14,6 @@ from cherrypicker.traits.measure import TraitOptions
 from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.table import TRAITS
 from cherrypicker_lab.orchard.truth import tree_traits
-from cherrypicker_lab.skeletons.set_tree import true_skeleton
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ def true_scaffold(skeleton):
 
 def _true_ratio(tree):
     """Sum of the limbs' sections over the stem's, by the generator's radii."""
-    limbs = true_scaffold(true_skeleton(tree.skeleton())).limbs
+    limbs = true_scaffold(tree.skeleton()).limbs
     stem = tree_traits(tree)["trunk_diameter_m"]
     return sum(limb.diameter**2 for limb in limbs) / stem**2
 
@@ -58,7 +57,7 @@ def true_volume(skeleton):
 
 
 def _true_volume(tree):
-    return true_volume(true_skeleton(tree.skeleton()))
+    return true_volume(tree.skeleton())
 
 
 def _whole(name, unit, factor, bar=None, *, words="", truth=None, is_share=False):

@@ -58,8 +58,7 @@ def test_samples_lie_on_the_tubes_and_cover_their_area(surface):
 
 def test_sampled_surface_is_that_of_the_rendered_mesh():
     scene = generate_scene(3, habit="vase", height=1.0, density=0.5, neighbours=0, markers=[])
-    tree = scene.target.skeleton()
-    skeleton = Skeleton(tree.points, tree.parents, tree.radii, tree.labels, {"order": tree.orders})
+    skeleton = scene.target.skeleton()
     made = sample_skeleton(skeleton)
     (thing,) = scene.tree_objects(row_step=0.002, side_step=0.002, max_sides=160)
     mesh = cKDTree(thing.mesh.vertices)

@@ -30,15 +30,15 @@ def straight_axis(length, radii, order=0):
 @pytest.mark.parametrize("habit", HABITS)
 def test_skeleton_is_one_rooted_tree(habit):
     skeleton = grow_tree(5, habit).skeleton()
-    assert (skeleton.parents == -1).sum() == 1
-    assert skeleton.parents[0] == -1
-    assert (skeleton.parents[1:] < np.arange(1, len(skeleton.parents))).all()
+    assert (skeleton.parent == -1).sum() == 1
+    assert skeleton.parent[0] == -1
+    assert (skeleton.parent[1:] < np.arange(1, len(skeleton.parent))).all()
     assert np.isfinite(skeleton.points).all()
-    assert (skeleton.radii > 0.0018).all()
+    assert (skeleton.radius > 0.0018).all()
     np.testing.assert_allclose(skeleton.points[0], 0.0)
     # nodes are a centimetre apart, so no edge may jump
-    assert skeleton.edge_lengths().max() < 0.02
-    assert skeleton.orders.max() >= 2
+    assert skeleton.edge_length.max() < 0.02
+    assert skeleton.fields["order"].max() >= 2
 
 
 @pytest.mark.parametrize("habit", HABITS)
@@ -57,8 +57,8 @@ def test_a_leader_is_trunk_to_its_tip_and_a_vase_to_its_fork():
     assert leader.axes[0].points[-1, 2] > 0.85 * leader.skeleton().points[:, 2].max()
     assert vase.axes[0].points[-1, 2] < 1.0
     assert {a.order for a in vase.axes if a.parent == 0} == {1}
-    labels = vase.skeleton().labels
-    orders = vase.skeleton().orders
+    labels = vase.skeleton().label
+    orders = vase.skeleton().fields["order"]
     np.testing.assert_array_equal(labels == Label.TRUNK, orders == 0)
 
 
@@ -100,7 +100,7 @@ def test_exact_cloud_lies_on_the_wood():
     wood = cloud.select(cloud["tree"] == 0)
     skeleton = scene.target.skeleton()
     distance, node = cKDTree(skeleton.points).query(wood.points)
-    gap = distance - skeleton.radii[node]
+    gap = distance - skeleton.radius[node]
     # facets and the centimetre between nodes leave a few millimetres; at a junction the nearest
     # node may be the child's, which starts inside the parent
     assert np.median(np.abs(gap)) < 0.001
@@ -216,7 +216,7 @@ def test_truth_is_written_and_agrees_with_itself(tmp_path):
     assert table["parent"][0] == -1
     assert len(table) == len(scene.target.skeleton().points)
     assert traits["total_length_m"] == pytest.approx(
-        scene.target.skeleton().edge_lengths().sum(), rel=1e-6
+        scene.target.skeleton().edge_length.sum(), rel=1e-6
     )
     assert sum(traits["length_by_order_m"].values()) == pytest.approx(traits["total_length_m"])
     assert traits["height_m"] == pytest.approx(2.2, rel=0.05)

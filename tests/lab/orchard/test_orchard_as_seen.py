@@ -37,9 +37,9 @@ def gap_to_wood(scene, cloud):
     """Signed distance of wood points to the tubes of the tree, (n,), m."""
     points = cloud["points"][cloud["tree"] == 0]
     skeleton = scene.target.skeleton()
-    child = np.flatnonzero(skeleton.parents >= 0)
-    a, b = skeleton.points[skeleton.parents[child]], skeleton.points[child]
-    radii = np.maximum(skeleton.radii[child], 0.0)
+    child = np.flatnonzero(skeleton.parent >= 0)
+    a, b = skeleton.points[skeleton.parent[child]], skeleton.points[child]
+    radii = np.maximum(skeleton.radius[child], 0.0)
     edges = cKDTree(0.5 * (a + b)).query(points, k=24, workers=1)[1]
     d = (b - a)[edges]
     t = np.einsum("nmi,nmi->nm", points[:, None] - a[edges], d) / (d**2).sum(2)

@@ -64,9 +64,9 @@ def test_a_limb_thins_at_a_fork_by_what_the_branch_carries(trees):
 
 def test_equal_seeds_give_equal_bearing_trees():
     one, same, other = (grow_any(seed, "bearing_vase") for seed in (4, 4, 5))
-    np.testing.assert_array_equal(one.skeleton().radii, same.skeleton().radii)
+    np.testing.assert_array_equal(one.skeleton().radius, same.skeleton().radius)
     np.testing.assert_array_equal(one.axes[0].section, same.axes[0].section)
-    assert len(other.skeleton().radii) != len(one.skeleton().radii)
+    assert len(other.skeleton().radius) != len(one.skeleton().radius)
 
 
 def test_radii_are_those_of_circles_of_the_sections_area(trees):

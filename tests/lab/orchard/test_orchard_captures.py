@@ -209,7 +209,7 @@ def test_presets_of_walks_can_be_registered_and_scaled(name):
     assert n_pieces(poses) == 1
     nodes = scene.target.skeleton()
     assert 2.5 < nodes.points[:, 2].max() < 3.8
-    assert nodes.radii.min() <= 0.0021
+    assert nodes.radius.min() <= 0.0021
     _, is_framed = pixels_of(nodes.points, poses)
     assert is_framed.sum(axis=0).min() >= 5
     assert (is_framed.mean(axis=1) > 0.99).mean() < 0.25

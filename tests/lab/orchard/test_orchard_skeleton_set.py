@@ -7,7 +7,6 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label
 from cherrypicker.skeleton import axes
 from cherrypicker.skeleton.axes import node_order
-from cherrypicker.skeleton.model import Skeleton
 from cherrypicker_lab.orchard.grow.growth import Axis, Tree, trunk_end_node
 from cherrypicker_lab.orchard.grow.templates import TEMPLATES, grow_any
 from cherrypicker_lab.orchard.grow.weber_penn import shape_ratio
@@ -40,10 +39,10 @@ def trees():
 def test_template_is_one_rooted_tree_of_falling_radii(trees, name):
     for tree in trees[name]:
         skeleton = tree.skeleton()
-        assert (skeleton.parents == -1).sum() == 1
-        assert (skeleton.parents[1:] < np.arange(1, len(skeleton.parents))).all()
+        assert (skeleton.parent == -1).sum() == 1
+        assert (skeleton.parent[1:] < np.arange(1, len(skeleton.parent))).all()
         assert np.isfinite(skeleton.points).all()
-        assert skeleton.edge_lengths().max() < 0.02
+        assert skeleton.edge_length.max() < 0.02
         for axis in tree.axes[1:]:
             parent = tree.axes[axis.parent]
             np.testing.assert_array_equal(axis.points[0], parent.points[axis.parent_node])
@@ -58,10 +57,10 @@ def test_template_has_the_asked_size_and_tips(trees, name):
     low, high = TEMPLATES[name].tip_radius
     for tree in trees[name]:
         skeleton = tree.skeleton()
-        n_children = np.bincount(skeleton.parents[1:], minlength=len(skeleton.parents))
+        n_children = np.bincount(skeleton.parent[1:], minlength=len(skeleton.parent))
         cuts = [axis.points[-1] for axis in tree.axes if axis.is_cut]
         is_tip = (n_children == 0) & ~np.isin(skeleton.points[:, 0], [p[0] for p in cuts])
-        tips = skeleton.radii[is_tip]
+        tips = skeleton.radius[is_tip]
         assert low <= tips.min()
         assert tips.max() <= high
         assert 0.9 < skeleton.points[:, 2].max() < 6.0
@@ -94,11 +93,11 @@ def test_trunk_and_orders_are_those_that_the_skeleton_stage_finds(trees, name):
         assert trunk_end_node(stem, [a.parent_node for a in children], children) == (
             len(stem.points) - 1
         )
-        truth = tree.skeleton()
-        skeleton = Skeleton(truth.points, truth.parents, truth.radii, truth.labels)
-        order, length = node_order(skeleton, axes(skeleton)), truth.edge_lengths()
-        assert ((order == 0) == (truth.orders == 0)) @ length > 0.99 * length.sum()
-        assert (order == truth.orders) @ length > 0.95 * length.sum()
+        skeleton = tree.skeleton()
+        order, length = node_order(skeleton, axes(skeleton)), skeleton.edge_length
+        true = skeleton.fields["order"]
+        assert ((order == 0) == (true == 0)) @ length > 0.99 * length.sum()
+        assert (order == true) @ length > 0.95 * length.sum()
 
 
 def test_shapes_of_the_paper():
@@ -180,9 +179,9 @@ def test_noise_has_three_times_the_spacing():
 def test_set_tree_has_its_size_classes_and_tips(set_tree):
     assert 15_000 < len(set_tree.noise) < 60_000
     assert set(np.unique(set_tree.noise["label"])) == {Label.TRUNK, Label.BRANCH}
-    assert set_tree.skeleton.orders.max() >= 3
-    n_children = np.bincount(set_tree.skeleton.parents[1:], minlength=len(set_tree.skeleton.radii))
-    tips = set_tree.skeleton.radii[n_children == 0]
+    assert set_tree.skeleton.fields["order"].max() >= 3
+    n_children = np.bincount(set_tree.skeleton.parent[1:], minlength=len(set_tree.skeleton.radius))
+    tips = set_tree.skeleton.radius[n_children == 0]
     assert tips.min() >= TIP_RADIUS_M[0]
     assert tips.max() <= TIP_RADIUS_M[1]
 

@@ -245,10 +245,10 @@ def test_pruning_and_spurs_keep_one_rooted_tree():
         assert axis.order == parent.order + 1
         assert axis.radii[0] <= parent.radii[axis.parent_node]
     skeleton = dressed.skeleton()
-    assert (skeleton.parents[1:] < np.arange(1, len(skeleton.parents))).all()
+    assert (skeleton.parent[1:] < np.arange(1, len(skeleton.parent))).all()
     pruned = generate_scene(4, habit="leader", neighbours=0, stubs=4).target
     assert len(pruned.axes) < len(plain.axes)
-    assert pruned.skeleton().edge_lengths().sum() < plain.skeleton().edge_lengths().sum()
+    assert pruned.skeleton().edge_length.sum() < plain.skeleton().edge_length.sum()
     spurred = generate_scene(4, habit="leader", neighbours=0, spurs=8.0).target
     new = spurred.axes[len(plain.axes) :]
     assert len(new) > 20

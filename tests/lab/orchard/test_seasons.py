@@ -9,7 +9,7 @@ from cherrypicker_lab.orchard.grow.templates import grow_any
 
 
 def length_of(dated, only=slice(None)):
-    return dated.tree.skeleton().edge_lengths()[only].sum()
+    return dated.tree.skeleton().edge_length[only].sum()
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def test_pruning_takes_what_it_notes(first):
     assert length_of(first) - length_of(pruned) == pytest.approx(taken)
     assert set(pruned.node_numbers) < set(first.node_numbers)
     wood = [
-        np.pi * tree.tree.skeleton().radii ** 2 @ tree.tree.skeleton().edge_lengths()
+        np.pi * tree.tree.skeleton().radius ** 2 @ tree.tree.skeleton().edge_length
         for tree in (first, pruned)
     ]
     volume = sum(cut["volume_m3"] for cut in pruned.cuts)
@@ -51,9 +51,9 @@ def test_a_year_adds_wood_and_keeps_what_there_was(habit):
     assert 1.1 < length_of(grown) / length_of(first) < 1.8
     foot = grown.tree.axes[0].radii[0] / first.tree.axes[0].radii[0]
     assert 1.03 < foot < 1.11
-    by_number = dict(zip(first.node_numbers, first.tree.skeleton().radii))
+    by_number = dict(zip(first.node_numbers, first.tree.skeleton().radius))
     radii = [by_number[n] for n in numbers if n != NEW]
-    assert (grown.tree.skeleton().radii[numbers != NEW] > 0.9 * np.array(radii)).all()
+    assert (grown.tree.skeleton().radius[numbers != NEW] > 0.9 * np.array(radii)).all()
     for axis in grown.tree.axes[1:]:
         mother = grown.tree.axes[axis.parent]
         np.testing.assert_allclose(axis.points[0], mother.points[axis.parent_node], atol=1e-9)

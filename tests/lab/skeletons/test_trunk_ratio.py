@@ -53,6 +53,6 @@ def test_the_set_grows_trunks_of_the_radius_asked_for():
     thin, thick = (make_set_tree(0, 1, trunk_radius=radius) for radius in (0.05, 0.12))
     assert len(thick.noise) > len(thin.noise)
     widths = [
-        np.median(t.skeleton.radii[np.asarray(t.skeleton.labels) == 1]) for t in (thin, thick)
+        np.median(t.skeleton.radius[np.asarray(t.skeleton.label) == 1]) for t in (thin, thick)
     ]
     assert widths[1] / widths[0] == pytest.approx(2.4, rel=0.1)

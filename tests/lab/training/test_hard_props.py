@@ -67,7 +67,7 @@ def test_a_foreign_skeleton_keeps_its_course_and_gets_radii_of_what_it_bears(ske
         assert np.allclose(axis.points[0], stem.points[axis.parent_node])
         assert axis.radii[0] <= stem.radii[axis.parent_node]
     # thickest at the foot, never thicker upwards
-    assert (np.diff(stem.radii) <= 1e-12).all() and joined.radii.min() >= 0.001
+    assert (np.diff(stem.radii) <= 1e-12).all() and joined.radius.min() >= 0.001
     again = tree_from_skeleton(skeleton, np.random.default_rng(1))
     assert np.array_equal(again.skeleton().points, joined.points)
 
@@ -119,7 +119,7 @@ def test_wild_trees_bear_more_and_stay_one_piece_above_the_ground(filled):
     assert np.median([len(scene.target.axes) for scene in filled]) > 40
     for scene in filled:
         joined = scene.target.skeleton()
-        assert (joined.parents[1:] >= 0).all() and (joined.radii > 0).all()
+        assert (joined.parent[1:] >= 0).all() and (joined.radius > 0).all()
         assert joined.points[:, 2].min() > -0.05
         for axis in scene.target.axes[1:]:
             assert np.allclose(

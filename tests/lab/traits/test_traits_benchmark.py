@@ -10,7 +10,6 @@ from cherrypicker.skeleton import axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker_lab.orchard.grow.growth import grow_tree
 from cherrypicker_lab.orchard.truth import tree_traits
-from cherrypicker_lab.skeletons.set_tree import true_skeleton
 from cherrypicker_lab.traits.pairs import branch_pairs, make_tree, match_axes, tree_pairs
 from cherrypicker_lab.traits.tables import gather, score_pairs, traits_figure, write_table
 
@@ -46,7 +45,7 @@ def test_one_found_axis_stands_for_one_true_axis():
 
 def test_the_true_skeleton_measures_without_error():
     tree = grow_tree(3, "spindle")
-    skeleton = true_skeleton(tree.skeleton())
+    skeleton = tree.skeleton()
     rows = branch_rows(skeleton, axes(skeleton), 0.0)
     pairs, n_axes, n_matched = branch_pairs(tree, skeleton, rows)
     assert n_axes == n_matched == sum(row["length_m"] >= 0.1 for row in rows[1:])

@@ -58,8 +58,7 @@ class DatedTree:
     @property
     def node_numbers(self):
         """Numbers of the nodes of ``tree.skeleton()``, in its order."""
-        kept = [n if a.parent < 0 else n[1:] for n, a in zip(self.numbers, self.tree.axes)]
-        return np.concatenate(kept)
+        return self.tree.at_nodes(self.numbers)
 
 
 def first_date(tree):

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cherrypicker.classes import Label
+from cherrypicker.skeleton.model import Skeleton
 
 
 @dataclass
@@ -90,23 +91,6 @@ def relative_radius(section, row, share, angle):
 
 
 @dataclass
-class Skeleton:
-    """Exact skeleton: per node the parent (-1 root), position and radius (m), order, label."""
-
-    parents: np.ndarray
-    points: np.ndarray
-    radii: np.ndarray
-    orders: np.ndarray
-    labels: np.ndarray
-
-    def edge_lengths(self):
-        """Length of the edge from each node to its parent, shape (n,), m; 0 for the root."""
-        lengths = np.linalg.norm(self.points - self.points[self.parents], axis=1)
-        lengths[self.parents < 0] = 0.0
-        return lengths
-
-
-@dataclass
 class Tree:
     """A grown tree: its habit's name, its axes (parents before children) and its bark's seed.
 
@@ -128,7 +112,7 @@ class Tree:
                 "relief": self.relief}  # fmt: skip
 
     def skeleton(self):
-        """Join the axes into one rooted skeleton whose junctions share a node."""
+        """Join the axes into one rooted `Skeleton` whose junctions share a node, with ``order``."""
         parents, first = [], []
         total = 0
         for axis in self.axes:
@@ -140,15 +124,15 @@ class Tree:
             parents.append(link)
             total += len(ids)
 
-        def joined(values):
-            kept = [v if a.parent < 0 else v[1:] for v, a in zip(values, self.axes)]
-            return np.concatenate(kept)
-
         n = [len(a.points) for a in self.axes]
         return Skeleton(
-            parents=np.concatenate(parents),
-            points=joined([a.points for a in self.axes]),
-            radii=joined([a.radii for a in self.axes]),
-            orders=joined([np.full(k, a.order) for k, a in zip(n, self.axes)]),
-            labels=joined([np.full(k, int(a.label)) for k, a in zip(n, self.axes)]),
+            self.at_nodes([a.points for a in self.axes]),
+            np.concatenate(parents),
+            self.at_nodes([a.radii for a in self.axes]),
+            self.at_nodes([np.full(k, int(a.label)) for k, a in zip(n, self.axes)]),
+            {"order": self.at_nodes([np.full(k, a.order) for k, a in zip(n, self.axes)])},
         )
+
+    def at_nodes(self, values):
+        """What the axes have at their nodes, an array each, by the nodes of `skeleton`."""
+        return np.concatenate([v if a.parent < 0 else v[1:] for v, a in zip(values, self.axes)])

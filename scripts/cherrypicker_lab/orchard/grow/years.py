@@ -234,8 +234,7 @@ def _thicken(growing, last):
 def node_ages(tree):
     """Age of each node of ``tree.skeleton()`` in years, 1 for this year's wood, (n,) int64."""
     last = max(int(axis.years[-1]) for axis in tree.axes)
-    kept = [a.years if a.parent < 0 else a.years[1:] for a in tree.axes]
-    return last + 1 - np.concatenate(kept)
+    return last + 1 - tree.at_nodes([axis.years for axis in tree.axes])
 
 
 def node_is_spur(tree):
@@ -251,5 +250,4 @@ def node_is_spur(tree):
             short[rows] &= not bears_long
         if axis.parent >= 0 and not short[min(1, len(short) - 1)]:
             flags[axis.parent][: axis.parent_node + 1] = False
-    kept = [f if a.parent < 0 else f[1:] for f, a in zip(flags, tree.axes)]
-    return np.concatenate(kept)
+    return tree.at_nodes(flags)

@@ -244,7 +244,7 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     nodes = np.concatenate([s.points + o for s, o in zip(skeletons, scene.offsets)])
     n_views, photo = choose_views(
         rng, cloud["points"], cloud["normals"], poses, nodes,
-        np.concatenate([s.radii for s in skeletons]),
+        np.concatenate([s.radius for s in skeletons]),
     )  # fmt: skip
     keep = n_views >= seen.min_views
     if not keep.any():

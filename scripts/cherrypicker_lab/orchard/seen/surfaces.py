@@ -55,7 +55,7 @@ def _inside_sibling(tree, points, s):
     near = np.flatnonzero(s < 0.12)
     distance, node = cKDTree(skeleton.points).query(points[near], k=24, workers=1)
     inside = np.zeros(len(points), bool)
-    inside[near] = (distance < 0.9 * skeleton.radii[node]).any(1)
+    inside[near] = (distance < 0.9 * skeleton.radius[node]).any(1)
     return inside
 
 
