@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker_lab.orchard.scene.mesh import Mesh
+from cherrypicker_lab.orchard.scene.mesh import Mesh, circles, grid_faces
 
 LENGTH_M, WIDTH = (0.005, 0.009), (0.20, 0.28)  # radius of a bud per length
 YOUNG_M = 0.0055  # radius of the wood that bears buds
@@ -83,10 +83,8 @@ def bud_mesh(buds):
     """Mesh of all buds, with the attributes of `mesh.tree_mesh`."""
     n, rows = len(buds.points), len(PROFILE)
     along, wide = np.array(PROFILE).T
-    angle = np.arange(SIDES) * 2 * np.pi / SIDES
     u = _across(buds.directions, np.zeros(n))
-    v = np.cross(buds.directions, u)
-    ring = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+    ring = circles(u, np.cross(buds.directions, u), SIDES)
     reach = buds.length[:, None] * along  # (n, rows)
     spread = buds.radius[:, None] * wide
     vertices = (
@@ -94,11 +92,8 @@ def bud_mesh(buds):
         + reach[:, :, None, None] * buds.directions[:, None, None]
         + spread[:, :, None, None] * ring[:, None]
     )  # (n, rows, sides, 3)
-    a = np.arange(rows - 1)[:, None] * SIDES + np.arange(SIDES)
-    b = np.arange(rows - 1)[:, None] * SIDES + (np.arange(SIDES) + 1) % SIDES
-    faces = np.stack([np.stack([a, b, b + SIDES], -1), np.stack([a, b + SIDES, a + SIDES], -1)], 2)
-    faces = faces.reshape(-1, 3) + (np.arange(n) * rows * SIDES)[:, None, None]
     each = rows * SIDES
+    faces = grid_faces(rows, SIDES) + (np.arange(n) * each)[:, None, None]
     attributes = {
         "rest": vertices.reshape(-1, 3).copy(),
         "axis": np.repeat(buds.axis, each).astype(np.int32),

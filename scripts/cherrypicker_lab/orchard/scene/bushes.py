@@ -3,7 +3,7 @@
 import numpy as np
 
 from cherrypicker.classes import Label
-from cherrypicker_lab.orchard.scene.mesh import Mesh, SceneObject, join
+from cherrypicker_lab.orchard.scene.mesh import Mesh, SceneObject, grid_faces, join
 from cherrypicker_lab.orchard.scene.noise import fbm
 
 # leaves from dark to light, linear RGB: evergreen, privet, a hornbeam's dead leaves kept in winter
@@ -157,9 +157,6 @@ def _hedge_core(length, width, height, placed):
                         [inner, -0.2]])  # fmt: skip
     s = np.repeat(np.linspace(0.15, length - 0.15, n), 4)
     points = placed(np.column_stack([s, np.tile(profile, (n, 1))]))
-    row = 4 * np.arange(n - 1)[:, None]
-    a, b = row + np.arange(4), row + (np.arange(4) + 1) % 4
-    faces = np.stack([np.stack([a, b, b + 4], -1), np.stack([a, b + 4, a + 4], -1)], 2)
     ends = np.array([[0, 2, 1], [0, 3, 2]])
     last = 4 * (n - 1) + ends[:, ::-1]
-    return Mesh(points, np.concatenate([faces.reshape(-1, 3), ends, last]).astype(np.int32))
+    return Mesh(points, np.concatenate([grid_faces(n, 4), ends, last]).astype(np.int32))

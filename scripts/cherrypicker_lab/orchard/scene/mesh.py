@@ -66,7 +66,7 @@ def join(meshes):
 
 
 @njit(cache=True)
-def transported(tangents, first):
+def _transported(tangents, first):
     """Unit vectors (n, 3) across the tangents of one axis, carried along it without twist."""
     normals = np.empty_like(tangents)
     n = first.copy()
@@ -78,12 +78,28 @@ def transported(tangents, first):
     return normals
 
 
-def _frames(tangents):
-    """Two unit vectors across each tangent, transported along the curve without twist."""
+def across(tangents):
+    """Unit vectors (n, 3) across the tangents of one axis, see `_transported`."""
     t = tangents[0]
     ref = np.array([1.0, 0.0, 0.0]) if abs(t[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
-    normals = transported(np.ascontiguousarray(tangents), np.cross(t, ref))
-    return normals, np.cross(tangents, normals)
+    return _transported(np.ascontiguousarray(tangents), np.cross(t, ref))
+
+
+def circles(u, v, sides):
+    """Unit vectors all around, (n, sides, 3), from two across one another, (n, 3) each."""
+    angle = np.arange(sides) * 2 * np.pi / sides
+    return np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+
+
+def grid_faces(rows, columns, *, wrap=True):
+    """Triangles (n, 3) of a grid of vertices, row by row; columns close to rings where `wrap`."""
+    r = np.arange(rows - 1)[:, None] * columns
+    c = np.arange(columns if wrap else columns - 1)
+    a, b = r + c, r + (c + 1) % columns
+    faces = np.stack(
+        [np.stack([a, b, b + columns], -1), np.stack([a, b + columns, a + columns], -1)], axis=2
+    )
+    return faces.reshape(-1, 3).astype(np.int32)
 
 
 def _tube(points, radii, tangents, sides, arclength, rest_offset, *, section=None, is_cut=False):
@@ -91,7 +107,8 @@ def _tube(points, radii, tangents, sides, arclength, rest_offset, *, section=Non
 
     `section` has the surface's distance from the axis at its angles, a row a point.
     """
-    u, v = _frames(tangents)
+    u = across(tangents)
+    v = np.cross(tangents, u)
     # two shrinking rows past the last node round the tip off
     tip, r, t = points[-1], radii[-1], tangents[-1]
     beyond = np.zeros(2) if is_cut else r * np.array([0.6, 1.0])
@@ -101,23 +118,17 @@ def _tube(points, radii, tangents, sides, arclength, rest_offset, *, section=Non
     u, v = np.vstack([u, u[-1:], u[-1:]]), np.vstack([v, v[-1:], v[-1:]])
     angle = np.arange(sides) * 2 * np.pi / sides
     c, s = np.cos(angle), np.sin(angle)
-    across = c[None, :, None] * u[:, None] + s[None, :, None] * v[:, None]  # (n, sides, 3)
     outline = radii[:, None] * np.ones(sides)
     if section is not None:
         row = np.minimum(np.arange(len(points)), len(section) - 2)
         share = np.minimum(np.arange(len(points)) - row, 1)
         outline *= relative_radius(section, row[:, None], share[:, None], angle)[0]
-    vertices = points[:, None] + outline[..., None] * across
+    vertices = points[:, None] + outline[..., None] * circles(u, v, sides)
     rest = np.empty_like(vertices)
     rest[..., 0], rest[..., 1] = radii[:, None] * c, radii[:, None] * s
     rest[..., 2] = arclength[:, None]
-    row = np.arange(len(points) - 1)[:, None] * sides
-    a, b = row + np.arange(sides), row + (np.arange(sides) + 1) % sides
-    faces = np.stack(
-        [np.stack([a, b, b + sides], -1), np.stack([a, b + sides, a + sides], -1)], axis=2
-    )
-    n = len(points) * sides
-    return vertices.reshape(n, 3), faces.reshape(-1, 3), rest.reshape(n, 3) + rest_offset
+    faces = grid_faces(len(points), sides)
+    return vertices.reshape(-1, 3), faces, rest.reshape(-1, 3) + rest_offset
 
 
 def tree_mesh(tree, *, row_step=0.01, side_step=0.006, max_sides=48, min_sides=8):
@@ -166,18 +177,8 @@ def tree_mesh(tree, *, row_step=0.01, side_step=0.006, max_sides=48, min_sides=8
             "radius": np.repeat(np.append(radii, radii[[-1, -1]]), sides),
             "s": np.repeat(np.append(rows, rows[[-1, -1]]), sides),
         }
-        parts.append(Mesh(vertices, faces.astype(np.int32), attributes))
+        parts.append(Mesh(vertices, faces, attributes))
     return join(parts)
-
-
-def _grid_faces(rows, columns, wrap):
-    r = np.arange(rows - 1)[:, None] * columns
-    c = np.arange(columns if wrap else columns - 1)
-    a, b = r + c, r + (c + 1) % columns
-    faces = np.stack(
-        [np.stack([a, b, b + columns], -1), np.stack([a, b + columns, a + columns], -1)]
-    )
-    return np.moveaxis(faces, 0, 2).reshape(-1, 3).astype(np.int32)
 
 
 def ground_disc(height, *, outer=40.0, rings=90, sectors=128):
@@ -203,16 +204,10 @@ def ground_disc(height, *, outer=40.0, rings=90, sectors=128):
         [radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)], axis=-1
     ).reshape(-1, 2)
     vertices = np.column_stack([xy, height(xy)])
-    faces = _grid_faces(rings, sectors, wrap=True)
+    faces = grid_faces(rings, sectors)
     centre = np.array([[0, 0, height(np.zeros((1, 2)))[0]]])
-    fan = np.stack(
-        [
-            np.full(sectors, len(vertices)),
-            np.arange(sectors),
-            (np.arange(sectors) + 1) % sectors,
-        ],
-        axis=1,
-    )
+    first = np.arange(sectors)
+    fan = np.column_stack([np.full(sectors, len(vertices)), first, (first + 1) % sectors])
     return Mesh(np.vstack([vertices, centre]), np.vstack([faces, fan]).astype(np.int32))
 
 
@@ -223,7 +218,7 @@ def cylinder(base, top, radius, *, sides=32, rows=16):
     t = np.repeat([(top - base) / s[-1]], rows, axis=0)
     points = base + s[:, None] * t
     vertices, faces, rest = _tube(points, np.full(rows, radius), t, sides, s, base * 7.3)
-    return Mesh(vertices, faces.astype(np.int32), {"rest": rest})
+    return Mesh(vertices, faces, {"rest": rest})
 
 
 def ring(points, radii, *, sides=48):
@@ -235,12 +230,11 @@ def ring(points, radii, *, sides=48):
     points = np.vstack([points[:1], points, points[-1:]])
     radii = np.concatenate([[0.8 * radii[0]], radii, [0.8 * radii[-1]]])
     t, s = np.vstack([t[:1], t, t[-1:]]), np.concatenate([s[:1], s, s[-1:]])
-    u, v = _frames(t)
-    angle = np.arange(sides) * 2 * np.pi / sides
-    across = np.cos(angle)[None, :, None] * u[:, None] + np.sin(angle)[None, :, None] * v[:, None]
-    vertices = (points[:, None] + radii[:, None, None] * across).reshape(-1, 3)
-    rest = np.column_stack([vertices[:, :2], np.repeat(s, sides)]) * 1.0
-    return Mesh(vertices, _grid_faces(len(points), sides, wrap=True), {"rest": rest})
+    u = across(t)
+    out = circles(u, np.cross(t, u), sides)
+    vertices = (points[:, None] + radii[:, None, None] * out).reshape(-1, 3)
+    rest = np.column_stack([vertices[:, :2], np.repeat(s, sides)])
+    return Mesh(vertices, grid_faces(len(points), sides), {"rest": rest})
 
 
 def quad_board(width, height, thickness):
@@ -252,16 +246,9 @@ def quad_board(width, height, thickness):
     front = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
     uv = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     back = box((width, height, thickness), skip_top=True).moved((0, 0, -thickness / 2))
-    return join(
-        [
-            Mesh(front, np.array([[0, 1, 2], [0, 2, 3]], np.int32), {"uv": uv, "rest": front}),
-            Mesh(
-                back.vertices,
-                back.faces,
-                {"uv": np.full((len(back.vertices), 2), -1.0), "rest": back.attributes["rest"]},
-            ),
-        ]
-    )
+    back.attributes["uv"] = np.full((len(back.vertices), 2), -1.0)
+    faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    return join([Mesh(front, faces, {"uv": uv, "rest": front}), back])
 
 
 def box(size, *, skip_top=False):

@@ -5,7 +5,7 @@ Each has `rest` (m, for textures of wood and dirt) and `uv` in [0, 1] (for image
 
 import numpy as np
 
-from cherrypicker_lab.orchard.scene.mesh import Mesh, join
+from cherrypicker_lab.orchard.scene.mesh import Mesh, circles, grid_faces, join
 
 
 def _with_uv(vertices, faces, uv):
@@ -15,16 +15,9 @@ def _with_uv(vertices, faces, uv):
 
 
 def _grid(places, uv, *, wrap=False):
-    """Faces of a grid (rows, columns, 3), its columns closed to a ring where `wrap`."""
-    rows, columns = places.shape[:2]
-    a = np.arange(rows - 1)[:, None] * columns + np.arange(columns - (not wrap))
-    b = a + 1
-    if wrap:
-        b[:, -1] -= columns
-    faces = np.stack(
-        [np.stack([a, b, b + columns], -1), np.stack([a, b + columns, a + columns], -1)], axis=2
-    )
-    return _with_uv(places.reshape(-1, 3), faces.reshape(-1, 3), uv.reshape(-1, 2))
+    """A surface through a grid (rows, columns, 3), its columns closed to a ring where `wrap`."""
+    faces = grid_faces(*places.shape[:2], wrap=wrap)
+    return _with_uv(places.reshape(-1, 3), faces, uv.reshape(-1, 2))
 
 
 def both_sides(mesh):
@@ -61,13 +54,8 @@ def turned(radii, heights, sides=24):
     u = np.arange(sides + 1) / sides  # a seam, so that images close
     angle = 2 * np.pi * (u + 0.5 / sides)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
-    places = np.concatenate(
-        [
-            radii[:, None, None] * ring,
-            np.broadcast_to(heights[:, None, None], (len(radii), sides + 1, 1)),
-        ],
-        axis=2,
-    )
+    rise = np.broadcast_to(heights[:, None, None], (len(radii), sides + 1, 1))
+    places = np.concatenate([radii[:, None, None] * ring, rise], axis=2)
     v = (heights - heights.min()) / max(np.ptp(heights), 1e-9)
     uv = np.stack(np.broadcast_arrays(u[None], v[:, None]), axis=-1)
     return _grid(places, uv)
@@ -93,9 +81,7 @@ def tube(points, radius, sides=8):
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across = np.cross(along, np.array([0.31, 0.52, 0.79]))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    angle = 2 * np.pi * np.arange(sides) / sides
-    other = np.cross(along, across)
-    outward = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * other[:, None]
+    outward = circles(across, np.cross(along, across), sides)
     places = points[:, None] + np.broadcast_to(radius, len(points))[:, None, None] * outward
     s = np.linspace(0, 1, len(points))
     return _grid(places, np.stack(np.meshgrid(np.arange(sides) / sides, s), -1), wrap=True)

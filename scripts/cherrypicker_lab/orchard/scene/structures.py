@@ -3,7 +3,14 @@
 import numpy as np
 
 from cherrypicker.classes import Label
-from cherrypicker_lab.orchard.scene.mesh import Mesh, SceneObject, cylinder, join, quad_board
+from cherrypicker_lab.orchard.scene.mesh import (
+    Mesh,
+    SceneObject,
+    cylinder,
+    grid_faces,
+    join,
+    quad_board,
+)
 
 NETS = ("over", "along")
 WIRE_RADIUS_M = 0.0015
@@ -65,10 +72,7 @@ def _threads(lines, radius):
     v = np.cross(along, u)
     ring = np.stack([u, v, -u, -v], axis=2)  # (k, n, 4, 3)
     vertices = (lines[:, :, None] + radius * ring).reshape(-1, 3)
-    a = 4 * np.arange(n - 1)[:, None] + np.arange(4)
-    b = 4 * np.arange(n - 1)[:, None] + (np.arange(4) + 1) % 4
-    faces = np.stack([np.stack([a, b, b + 4], -1), np.stack([a, b + 4, a + 4], -1)], axis=2)
-    faces = faces.reshape(-1, 3) + (4 * n * np.arange(k))[:, None, None]
+    faces = grid_faces(n, 4) + (4 * n * np.arange(k))[:, None, None]
     return Mesh(vertices, faces.reshape(-1, 3).astype(np.int32), {"rest": vertices.copy()})
 
 

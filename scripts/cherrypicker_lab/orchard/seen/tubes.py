@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from cherrypicker_lab.orchard.grow.tree import relative_radius
-from cherrypicker_lab.orchard.scene.mesh import transported
+from cherrypicker_lab.orchard.scene.mesh import across
 
 INSIDE = 0.98  # nearer to another axis than this share of its radius is inside its wood
 
@@ -40,11 +40,9 @@ def _segments(tree):
     n_nodes = 0
     for i, axis in enumerate(tree.axes):
         t = axis.tangents
-        reference = np.array([1.0, 0.0, 0.0] if abs(t[0, 2]) > 0.7 else [0.0, 0.0, 1.0])
-        u = transported(t, np.cross(t[0], reference))
-        for key, values in (("", axis.points), ("r", axis.radii), ("u", u), ("t", t)):
-            table[f"{key}a" if key else "a"].append(values[:-1])
-            table[f"{key}b" if key else "b"].append(values[1:])
+        for key, values in (("", axis.points), ("r", axis.radii), ("u", across(t)), ("t", t)):
+            table[f"{key}a"].append(values[:-1])
+            table[f"{key}b"].append(values[1:])
         table["s"].append(axis.arclength[:-1])
         table["axis"].append(np.full(len(t) - 1, i))
         table["row"].append(n_nodes + np.arange(len(t) - 1))
@@ -119,20 +117,19 @@ def sample_tubes(rng, tree, density, *, widen=0.0):
     def blend(name):
         return (1 - t)[:, None] * g[f"{name}a"][at] + t[:, None] * g[f"{name}b"][at]
 
-    tangent, u = blend("t"), blend("u")
+    centre, tangent, u = blend(""), blend("t"), blend("u")
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     u -= np.einsum("ij,ij->i", u, tangent)[:, None] * tangent
     u /= np.linalg.norm(u, axis=1, keepdims=True)
-    across = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(tangent, u)
+    out = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(tangent, u)
     radius = ra + t * difference
     outline, slant_around = relative_radius(_sections(tree), g["row"][at], t, angle)
-    around = np.cross(tangent, across)
-    centre = (1 - t)[:, None] * g["a"][at] + t[:, None] * g["b"][at]
+    around = np.cross(tangent, out)
     slope = (difference / np.maximum(length[at], 1e-9))[:, None]
-    normals = across - (slant_around / outline)[:, None] * around - slope * tangent
+    normals = out - (slant_around / outline)[:, None] * around - slope * tangent
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     tubes = TubeSample(
-        centre + (radius * outline)[:, None] * across, normals, g["axis"][at], radius,
+        centre + (radius * outline)[:, None] * out, normals, g["axis"][at], radius,
         g["s"][at] + t * length[at], angle, tangent,
     )  # fmt: skip
     domes = _domes(rng, tree, density)
