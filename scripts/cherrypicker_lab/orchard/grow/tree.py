@@ -47,6 +47,12 @@ class Axis:
         """Farthest distance of the surface from the axis at each node, shape (n,), m."""
         return self.radii if self.section is None else self.radii * self.section.max(axis=1)
 
+    def at(self, s):
+        """Points (n, 3) on the axis and its `reach` (n,) at arc lengths (n,), m."""
+        way = self.arclength
+        points = np.stack([np.interp(s, way, self.points[:, i]) for i in range(3)], axis=1)
+        return points, np.interp(s, way, self.reach)
+
     def part(self, rows):
         """The axis without the nodes outside a slice."""
         section = None if self.section is None else self.section[rows]

@@ -5,7 +5,14 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from cherrypicker.classes import Label
-from cherrypicker_lab.orchard.scene.mesh import SceneObject, box, cylinder, quad_board, ring
+from cherrypicker_lab.orchard.scene.mesh import (
+    SceneObject,
+    box,
+    cylinder,
+    quad_board,
+    ring,
+    turn_about,
+)
 
 WHITE, BLACK = 0.58, 0.025
 MARGIN_MODULES = 1.5
@@ -150,9 +157,7 @@ def board_on_post(rng, seed, spec, azimuth, ground_z):
 def checker_cube(rng, seed, xy, ground_z):
     """A cube with a black and white checker pattern on every face."""
     edge, cells = rng.uniform(0.10, 0.20), int(rng.integers(3, 6))
-    azimuth = rng.uniform(0, np.pi / 2)
-    c, s = np.cos(azimuth), np.sin(azimuth)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turn = turn_about(rng.uniform(0, np.pi / 2))
     board = np.indices((cells, cells)).sum(0) % 2 == 0
     image = np.where(board[..., None], WHITE, BLACK) * np.ones(3)
     mesh = box((edge, edge, edge)).moved((*xy, ground_z + edge / 2 + 0.005), turn)
@@ -165,10 +170,9 @@ def stem_ring(rng, seed, stem):
 
     Lower and narrower on a stem that forks close to the ground.
     """
-    s = stem.arclength
-    middle = min(rng.uniform(0.38, 0.55), 0.8 * s[-1])
-    at = middle + min(rng.uniform(0.03, 0.06), 0.4 * s[-1]) * np.linspace(-0.5, 0.5, 7)
-    points = np.stack([np.interp(at, s, stem.points[:, i]) for i in range(3)], axis=1)
-    radii = np.interp(at, s, stem.reach) + 0.004
+    length = stem.arclength[-1]
+    middle = min(rng.uniform(0.38, 0.55), 0.8 * length)
+    at = middle + min(rng.uniform(0.03, 0.06), 0.4 * length) * np.linspace(-0.5, 0.5, 7)
+    points, reach = stem.at(at)
     material = {"kind": "plain", "seed": seed + 6, "color": (WHITE, WHITE, 0.95 * WHITE)}
-    return SceneObject("ring", int(Label.CALIBRATION_UNIT), ring(points, radii), material)
+    return SceneObject("ring", int(Label.CALIBRATION_UNIT), ring(points, reach + 0.004), material)

@@ -91,6 +91,12 @@ def circles(u, v, sides):
     return np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
 
 
+def turn_about(angle):
+    """Rotation by an angle about z, (3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+
 def grid_faces(rows, columns, *, wrap=True):
     """Triangles (n, 3) of a grid of vertices, row by row; columns close to rings where `wrap`."""
     r = np.arange(rows - 1)[:, None] * columns

@@ -10,7 +10,7 @@ from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.grow.templates import grow_any
 from cherrypicker_lab.orchard.scene.buildings import barn, garden_wall, shed
 from cherrypicker_lab.orchard.scene.bushes import bush, hedge
-from cherrypicker_lab.orchard.scene.mesh import SceneObject, join, tree_mesh
+from cherrypicker_lab.orchard.scene.mesh import SceneObject, join, tree_mesh, turn_about
 from cherrypicker_lab.orchard.scene.noise import fbm
 
 BACKGROUNDS = ("hills", "hedges", "buildings", "rows")
@@ -159,13 +159,10 @@ def _rows(rng, seed, scene, ground):
                 continue
             if row == 0 and min(abs(x - taken) for taken in rest) < 0.8 * spacing:
                 continue
-            pick, angle = int(rng.integers(N_FORMS)), rng.uniform(0, 2 * np.pi)
-            c, s = np.cos(angle), np.sin(angle)
+            pick, turn = int(rng.integers(N_FORMS)), turn_about(rng.uniform(0, 2 * np.pi))
             is_near = np.hypot(*xy) < NEAR_ROW_M
-            turned = meshes[pick][0 if is_near else 1].moved(
-                _foot(xy, ground) - [0, 0, 0.01], np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-            )
-            made.append((pick, turned))
+            mesh = meshes[pick][0 if is_near else 1]
+            made.append((pick, mesh.moved(_foot(xy, ground) - [0, 0, 0.01], turn)))
     joined = []
     for pick, tree in enumerate(forms):
         parts = [mesh for number, mesh in made if number == pick]

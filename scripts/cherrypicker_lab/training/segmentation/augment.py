@@ -11,6 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker_lab.orchard.scene.mesh import turn_about
+from cherrypicker_lab.training.segmentation.props import log_uniform
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,6 @@ class Sample:
         return replace(self, points=np.asarray(self.points, np.float64), colors=colors)
 
 
-def _log_uniform(rng, low, high):
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
 def isolate(sample, rng, probability=0.2):
     """Leave the target tree alone, with or without a little ground, as in a single-tree scan."""
     if rng.random() >= probability:
@@ -63,7 +61,7 @@ def cut_free(sample, rng, probability=0.4):
     if (sample.labels == Label.GROUND).any() or rng.random() >= probability:
         return sample
     centre = sample.points[rng.integers(len(sample.points))]
-    near = np.linalg.norm(sample.points - centre, axis=1) < _log_uniform(rng, 0.3, 1.5)
+    near = np.linalg.norm(sample.points - centre, axis=1) < log_uniform(rng, 0.3, 1.5)
     if near.sum() < 500:
         return sample
     turn = Rotation.random(random_state=rng).as_matrix()
@@ -83,7 +81,7 @@ def crop(sample, rng, probability=0.5):
 
 def thin(sample, rng, max_points=120_000):
     """Drop points at random, unevenly over space; at most about `max_points` stay."""
-    fraction = _log_uniform(rng, 0.15, 1.0)
+    fraction = log_uniform(rng, 0.15, 1.0)
     fraction = min(fraction, max_points / max(len(sample.points), 1))
     wave = rng.normal(0.0, 1.0, 3)
     wave *= rng.uniform(0.0, 2.0) / np.linalg.norm(wave)
@@ -100,14 +98,14 @@ def punch_holes(sample, rng, n_max=8):
     for _ in range(int(rng.integers(0, n_max + 1))):
         pool = wood if len(wood) and rng.random() < 0.7 else None
         center = pool[rng.integers(len(pool))] if pool is not None else rng.integers(len(keep))
-        radius = _log_uniform(rng, 0.03, 0.3)
+        radius = log_uniform(rng, 0.03, 0.3)
         keep &= np.linalg.norm(sample.points - sample.points[center], axis=1) > radius
     return sample.select(keep) if keep.any() else sample
 
 
 def add_noise(sample, rng):
     """Depth-like noise: normal, with a share of far heavier tails."""
-    sigma = _log_uniform(rng, 0.0005, 0.010)
+    sigma = log_uniform(rng, 0.0005, 0.010)
     noise = rng.normal(0.0, sigma, sample.points.shape)
     tail = rng.random(len(noise)) < rng.uniform(0.0, 0.08)
     noise[tail] *= rng.uniform(2.0, 6.0)
@@ -149,9 +147,7 @@ def add_floaters(sample, rng):
 
 def move(sample, rng, extra_scale=1.0):
     """Turn about z, mirror, tilt a few degrees, scale by +-20 % times `extra_scale`."""
-    angle = rng.uniform(0, 2 * np.pi)
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    turn = turn_about(rng.uniform(0, 2 * np.pi))
     if rng.random() < 0.5:
         turn[0] *= -1
     axis = rng.uniform(0, 2 * np.pi)
@@ -168,7 +164,7 @@ def recolor(sample, rng, dropout=0.25):
     if sample.colors is None or rng.random() < dropout:
         return replace(sample, colors=None)
     colors = np.asarray(sample.colors, np.float64)
-    colors = colors ** _log_uniform(rng, 0.6, 1.6)
+    colors = colors ** log_uniform(rng, 0.6, 1.6)
     colors = 0.5 + (colors - 0.5) * rng.uniform(0.6, 1.3)
     colors = colors * rng.uniform(0.6, 1.4) * (1.0 + rng.normal(0.0, 0.08, 3))
     gray = colors.mean(axis=1, keepdims=True)
@@ -196,7 +192,7 @@ def augment(sample, rng, color_dropout=0.25):
     # A single-tree scan is often a laser scan: without colour more often than not.
     dropout = color_dropout if alone is sample else max(color_dropout, 0.7)
     # Alone, a tree's size is anybody's guess: nothing of known size stands beside it.
-    extra_scale = 1.0 if alone is sample else _log_uniform(rng, 0.6, 1.8)
+    extra_scale = 1.0 if alone is sample else log_uniform(rng, 0.6, 1.8)
     sample = crop(alone if alone is sample else cut_free(alone, rng), rng)
     sample = punch_holes(sample, rng)
     sample = recolor(add_fringes(sample, rng), rng, dropout)

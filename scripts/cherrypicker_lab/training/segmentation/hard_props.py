@@ -12,14 +12,16 @@ from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.grow.dressing import run_wild
 from cherrypicker_lab.orchard.grow.elsewhere import tree_from_skeleton
 from cherrypicker_lab.orchard.scene.boards import board_turn, marker_image
-from cherrypicker_lab.orchard.scene.mesh import ring
+from cherrypicker_lab.orchard.scene.mesh import turn_about
 from cherrypicker_lab.orchard.scene.shapes import bar, plate, tube
 from cherrypicker_lab.training.segmentation import random_props as props
 from cherrypicker_lab.training.segmentation.props import (
     MARKER_DICTIONARIES,
     add_post,
     beside,
+    foot_at,
     log_uniform,
+    put,
 )
 
 HOLLOW_TEXELS = 64  # at least, of the map of what stereo finds
@@ -91,17 +93,17 @@ def _board_at_stem(rng, scene, taken):
     away = reach + thick + gap + 0.5 * height * abs(np.sin(slope))
     centre = middle * [1, 1, 0] + away * out
     taken.append(centre[:2])
-    foot = props.foot_at(scene, centre[:2])
+    foot = foot_at(scene, centre[:2])
     centre[2] = foot[2] + lift + 0.5 * height * np.cos(slope) + 0.005
     turn = board_turn(azimuth + np.pi + rng.normal() * (0.5 if stands else 0.1), np.pi / 2 - slope)
-    props.put(scene, name, label, mesh.moved(centre, turn), _print(rng, label))
+    put(scene, name, label, mesh.moved(centre, turn), _print(rng, label))
     if stands:
         wide = log_uniform(rng, 0.008, 0.04)
         below = foot - [0, 0, 0.05] - 0.5 * (thick + wide) * out * [1, 1, 0]
         stake = bar(
             below, centre - 0.5 * (thick + wide) * out, wide, sides=int(rng.choice([4, 12]))
         )
-        props.put(scene, f"{name}_post", label, stake, props.simple(rng))
+        put(scene, f"{name}_post", label, stake, props.simple(rng))
 
 
 def _solid_at_stem(rng, scene, taken):
@@ -112,13 +114,13 @@ def _solid_at_stem(rng, scene, taken):
     mesh = props.solid(rng, size)
     c, s = np.cos(tip), np.sin(tip)
     mesh = mesh.moved(np.zeros(3), np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]))
-    mesh = mesh.moved(np.zeros(3), props.turn_about(rng.uniform(-np.pi, np.pi)))
+    mesh = mesh.moved(np.zeros(3), turn_about(rng.uniform(-np.pi, np.pi)))
     inward = -(mesh.vertices @ out).min()
     at = (middle * [1, 1, 0] + (reach + inward + rng.uniform(0, 0.02)) * out)[:2]
     taken.append(at)
-    at = props.foot_at(scene, at) - [0, 0, mesh.vertices[:, 2].min() - 0.003]
+    at = foot_at(scene, at) - [0, 0, mesh.vertices[:, 2].min() - 0.003]
     look = _print(rng, Label.CALIBRATION_UNIT)
-    props.put(scene, "target", Label.CALIBRATION_UNIT, mesh.moved(at), look)
+    put(scene, "target", Label.CALIBRATION_UNIT, mesh.moved(at), look)
 
 
 def _tag(rng, scene, taken):
@@ -139,10 +141,10 @@ def _tag(rng, scene, taken):
     name = "marker" if label == Label.MARKER else "sign"
     mesh = plate(width, height, log_uniform(rng, 0.001, 0.005), int(rng.choice([4, 4, 4, 24])))
     turn = board_turn(angle + np.pi + 0.4 * rng.normal(), np.pi / 2 + 0.15 * rng.normal())
-    props.put(scene, name, label, mesh.moved(centre, turn), _print(rng, label))
+    put(scene, name, label, mesh.moved(centre, turn), _print(rng, label))
     if string > 0.01:
         line = bar(on_bark, centre + [0, 0, 0.5 * height], 0.002, sides=6)
-        props.put(scene, f"{name}_string", label, line, props.simple(rng), radius=0.001)
+        put(scene, f"{name}_string", label, line, props.simple(rng), radius=0.001)
 
 
 def _stake(rng, scene, taken):
@@ -152,7 +154,7 @@ def _stake(rng, scene, taken):
     height = rng.uniform(0.4, 2.6)
     azimuth, out, middle, reach = _at_stem(rng, scene, 0.3)
     gap = max(rng.uniform(-0.004, 0.04), 0.0)
-    foot = props.foot_at(scene, (middle + (reach + radius + gap) * out)[:2])
+    foot = foot_at(scene, (middle + (reach + radius + gap) * out)[:2])
     stem = scene.target.axes[0]
     tall = min(height, float(stem.points[:, 2].max()))
     above, reach_above = props.along_stem(stem, scene.offsets[0], tall, 0.0, 1)
@@ -164,12 +166,12 @@ def _stake(rng, scene, taken):
         node = int(rng.integers(len(axis.points)))
         top = axis.points[node] + scene.offsets[0] + (axis.reach[node] + radius) * out
         top = top + [0, 0, rng.uniform(0.0, 0.3)]
-        foot = props.foot_at(scene, beside(rng, taken, 0.05, 0.7, gap=0.05)[0])
+        foot = foot_at(scene, beside(rng, taken, 0.05, 0.7, gap=0.05)[0])
     elif rng.random() < 0.3:  # it leans across
         top = top + np.append(rng.normal(size=2) * 0.12, 0.0)
     mesh = bar(foot - [0, 0, 0.05], top, 2 * radius, sides=12 if thin else int(rng.choice([4, 12])))
     look = props.simple(rng)
-    props.put(scene, "support_post", Label.SUPPORT_POST, mesh, look, radius=radius)
+    put(scene, "support_post", Label.SUPPORT_POST, mesh, look, radius=radius)
     if rng.random() < 0.6:
         for level in rng.uniform(0.15, 0.95, int(rng.integers(1, 4))):
             _tie(rng, scene, foot + level * (top - foot), radius)
@@ -191,19 +193,17 @@ def _tie(rng, scene, place, radius):
     loop = middle + half * np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * aside
     band = tube(loop, log_uniform(rng, 0.002, 0.012))
     look = props.simple(rng) | {"kind": "plain"}
-    props.put(scene, "tie", Label.SUPPORT_POST, band, look, radius=0.01)
+    put(scene, "tie", Label.SUPPORT_POST, band, look, radius=0.01)
 
 
 def _guy(rng, scene, taken):
     """A wire from the stem down to a peg, or on to somewhere beside the tree."""
     _, out, middle, _ = _at_stem(rng, scene, rng.uniform(0.5, 2.2))
     end = middle + rng.uniform(0.5, 2.5) * out
-    end[2] = (
-        props.foot_at(scene, end[:2])[2] if rng.random() < 0.5 else middle[2] + rng.normal() * 0.1
-    )
+    end[2] = foot_at(scene, end[:2])[2] if rng.random() < 0.5 else middle[2] + rng.normal() * 0.1
     radius = log_uniform(rng, 0.001, 0.004)
     wire = bar(middle, end, 2 * radius, sides=6)
-    props.put(scene, "wire", Label.SUPPORT_POST, wire, props.simple(rng), radius=radius)
+    put(scene, "wire", Label.SUPPORT_POST, wire, props.simple(rng), radius=radius)
 
 
 def _white_ring(rng, scene, number):
@@ -215,11 +215,8 @@ def _white_ring(rng, scene, number):
     if high <= low + 0.05:
         return
     middle = rng.uniform(low, high)
-    points, radii = props.along_stem(stem, scene.offsets[number], middle, width, 7)
     tone = rng.uniform(0.42, 0.78) * np.array([1.0, 1.0, rng.uniform(0.85, 1.0)])
-    look = {"kind": "plain", "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
-    sleeve = ring(points, radii + rng.uniform(0.001, 0.01))
-    props.put(scene, "ring", Label.CALIBRATION_UNIT, sleeve, look)
+    props.sleeve(rng, scene, number, middle, width, tone)
 
 
 def add_hard(scene, rng, skeletons=()):

@@ -22,6 +22,14 @@ def log_uniform(rng, low, high):
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
+def put(scene, name, label, mesh, look, radius=0.05):
+    scene.objects.append(SceneObject(name, int(label), mesh, look, radius=radius))
+
+
+def foot_at(scene, xy):
+    return np.append(xy, scene.ground_height(np.asarray(xy)[None])[0])
+
+
 def marker_spec(rng, low, high, poses):
     return {
         "dictionary": str(rng.choice(MARKER_DICTIONARIES)),
@@ -103,23 +111,18 @@ def add_post(rng, scene, taken):
     tone = np.array(POST_TONES[rng.integers(len(POST_TONES))]) * rng.uniform(0.6, 1.3)
     kind = "wood" if rng.random() < 0.6 else "plain"
     look = {"kind": kind, "seed": int(rng.integers(1 << 30)), "color": tuple(tone.clip(0, 0.9))}
-    scene.objects.append(SceneObject("support_post", int(Label.SUPPORT_POST), mesh, look))
+    put(scene, "support_post", Label.SUPPORT_POST, mesh, look)
 
 
 def _ring(rng, scene, number):
     """A white sleeve of 2 to 8 cm around the stem of one of the row's trees."""
-    stem, offset = scene.trees[number].axes[0], scene.offsets[number]
-    s = stem.arclength
-    width = rng.uniform(0.02, 0.08)
-    middle = rng.uniform(0.10, max(min(0.9, 0.6 * s[-1]), 0.12))
-    at = middle + width * np.linspace(-0.5, 0.5, 7)
-    points = np.stack([np.interp(at, s, stem.points[:, i]) for i in range(3)], axis=1) + offset
-    radii = np.interp(at, s, stem.reach) + rng.uniform(0.001, 0.008)
+    stem, width = scene.trees[number].axes[0], rng.uniform(0.02, 0.08)
+    middle = rng.uniform(0.10, max(min(0.9, 0.6 * stem.arclength[-1]), 0.12))
+    points, reach = stem.at(middle + width * np.linspace(-0.5, 0.5, 7))
+    sleeve = ring(points + scene.offsets[number], reach + rng.uniform(0.001, 0.008))
     tone = rng.uniform(0.45, 0.72) * np.array([1.0, 1.0, rng.uniform(0.85, 1.0)])
     look = {"kind": "plain", "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
-    scene.objects.append(
-        SceneObject("ring", int(Label.CALIBRATION_UNIT), ring(points, radii), look)
-    )
+    put(scene, "ring", Label.CALIBRATION_UNIT, sleeve, look)
 
 
 def add_confusable(scene, rng):

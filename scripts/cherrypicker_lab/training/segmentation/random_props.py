@@ -15,7 +15,7 @@ from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.scene.appearance import encode_srgb
 from cherrypicker_lab.orchard.scene.boards import board_turn, marker_image
 from cherrypicker_lab.orchard.scene.ground import GROUNDS
-from cherrypicker_lab.orchard.scene.mesh import SceneObject, box, join, ring
+from cherrypicker_lab.orchard.scene.mesh import box, join, ring, turn_about
 from cherrypicker_lab.orchard.scene.noise import fbm
 from cherrypicker_lab.orchard.scene.shapes import (
     bar,
@@ -30,8 +30,10 @@ from cherrypicker_lab.training.segmentation.props import (
     MARKER_DICTIONARIES,
     add_post,
     beside,
+    foot_at,
     log_uniform,
     marker_spec,
+    put,
 )
 
 NO_WOOD = 254  # things of no class: the loss asks of the network only that it calls them no wood
@@ -139,20 +141,6 @@ def simple(rng):
     """Weathered wood, or one colour with dirt."""
     kind, tone = ("wood", "plain")[rng.integers(2)], _color(rng)
     return {"kind": kind, "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
-
-
-def put(scene, name, label, mesh, look, radius=0.05):
-    scene.objects.append(SceneObject(name, int(label), mesh, look, radius=radius))
-
-
-def turn_about(angle):
-    """Turn by an angle about z, (3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-
-
-def foot_at(scene, xy):
-    return np.append(xy, scene.ground_height(np.asarray(xy)[None])[0])
 
 
 # Boards: signs and markers
@@ -372,20 +360,24 @@ def _shelter(rng, scene):
 
 
 def along_stem(stem, offset, middle, width, n):
-    at = np.clip(middle + width * np.linspace(-0.5, 0.5, n), 0, stem.arclength[-1])
-    points = np.stack([np.interp(at, stem.arclength, stem.points[:, i]) for i in range(3)], axis=1)
-    return points + offset, np.interp(at, stem.arclength, stem.reach)
+    points, reach = stem.at(middle + width * np.linspace(-0.5, 0.5, n))
+    return points + offset, reach
+
+
+def sleeve(rng, scene, number, middle, width, tone):
+    """Put a sleeve around a stem."""
+    points, radii = along_stem(scene.trees[number].axes[0], scene.offsets[number], middle, width, 7)
+    look = {"kind": "plain", "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
+    mesh = ring(points, radii + rng.uniform(0.001, 0.01))
+    put(scene, "ring", Label.CALIBRATION_UNIT, mesh, look)
 
 
 def _ring(rng, scene, number):
     """A sleeve of any colour and 1 to 12 cm anywhere on a stem."""
     stem, width = scene.trees[number].axes[0], log_uniform(rng, 0.012, 0.12)
     middle = rng.uniform(0.05, max(0.7 * stem.arclength[-1], 0.06))
-    points, radii = along_stem(stem, scene.offsets[number], middle, width, 7)
     tone = rng.uniform(0.4, 0.75) * np.ones(3) if rng.random() < 0.6 else _color(rng)
-    look = {"kind": "plain", "seed": int(rng.integers(1 << 30)), "color": tuple(tone)}
-    sleeve = ring(points, radii + rng.uniform(0.001, 0.01))
-    put(scene, "ring", Label.CALIBRATION_UNIT, sleeve, look)
+    sleeve(rng, scene, number, middle, width, tone)
 
 
 def patch(rng, scene, number):
@@ -412,10 +404,10 @@ def ivy(rng, scene, number):
     stem, height = scene.trees[number].axes[0], rng.uniform(0.1, 1.2)
     n = int(rng.uniform(100, 900) * height)
     s = height * rng.random(n) ** rng.uniform(1.0, 2.0)
-    points = np.stack([np.interp(s, stem.arclength, stem.points[:, i]) for i in range(3)], axis=1)
+    points, reach = stem.at(s)
     angle = rng.normal(size=n) * rng.uniform(0.8, 3.0)
     out = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
-    reach = np.interp(s, stem.arclength, stem.reach) + rng.uniform(0.002, 0.025, n)
+    reach = reach + rng.uniform(0.002, 0.025, n)
     points = points + scene.offsets[number] + reach[:, None] * out
     ways = rng.normal(size=(n, 3)) * rng.uniform(0.015, 0.04)
     leaves = blades(points - 0.5 * ways, ways, rng.uniform(0.02, 0.05))
