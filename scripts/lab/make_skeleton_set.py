@@ -22,7 +22,7 @@ from cherrypicker_lab.orchard.skeleton_set import (
     NOISE_M,
     SIGMA_D_M,
     VOXEL_M,
-    skeleton_set,
+    make_set_tree,
 )
 from cherrypicker_lab.orchard.truth import tree_traits, write_skeleton
 
@@ -32,7 +32,8 @@ def main(index, *, seed=0, n_trees=50):
     folder = Path(index).parent
     names = []
     with Progress(n_trees, "trees of the set") as bar:
-        for made in skeleton_set(seed, n_trees):
+        for number in range(n_trees):
+            made = make_set_tree(seed, number)
             here = folder / made.name
             here.mkdir(parents=True, exist_ok=True)
             for kind, cloud in (("noise", made.noise), ("holes", made.holes)):

@@ -27,10 +27,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 import lab_path  # noqa: F401
 from cherrypicker.errors import StageError
+from cherrypicker.progress import Progress
 from cherrypicker_lab.orchard.render.blender import BlenderScene
 from cherrypicker_lab.orchard.render.photo import (
     PhotoEffects,
@@ -95,9 +95,13 @@ def render(scene, poses, camera, folder, args):
     start = time.perf_counter()
     options = {"samples": args.samples, "threads": args.threads}
     distance = float(np.linalg.norm(poses.centers[:, :2], axis=1).mean())
-    with BlenderScene(scene, wide, distance=distance, **options) as stage:
+    missing = sorted({*no_photo, *no_maps})
+    with (
+        BlenderScene(scene, wide, distance=distance, **options) as stage,
+        Progress(len(missing), "photos") as bar,
+    ):
         logger.info("scene built in %.0f s", time.perf_counter() - start)
-        for i in counted(sorted({*no_photo, *no_maps}), "photo"):
+        for i in missing:
             name, pose = str(poses.names[i]), poses.cam_from_world[i]
             if scene.wind_m > 0:
                 stage.blow(i)
@@ -107,30 +111,12 @@ def render(scene, poses, camera, folder, args):
                 maps = maps if lens is None else maps_through(lens, *maps)
                 write_maps(Path(folder) / "truth", name, *maps)
             if i in no_photo:
-                linear, sky = compose(*stage.colors(pose), scene, wide_poses, i)
+                linear = compose(*stage.colors(pose), scene, wide_poses, i)
                 if lens is not None:
                     linear = distorted(linear, lens)
-                    sky = distorted(sky.astype(np.uint8), lens, nearest=True) > 0
-                if args.masks:
-                    write_sky_mask(Path(args.masks) / Path(name).with_suffix(".png"), sky)
                 rng = np.random.default_rng([scene.seed, 81, i])
                 write_jpeg(photos / name, develop(linear, rng, effects), camera, args.quality)
-
-
-def write_sky_mask(path, sky):
-    """Write a mask (h, w), true where sky is, as 255 and 0."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.where(sky, 255, 0).astype(np.uint8)).save(path)
-
-
-def counted(items, what):
-    """The items one by one, logging how long each took and how long the rest will."""
-    start = time.perf_counter()
-    for count, item in enumerate(items, start=1):
-        yield item
-        each = (time.perf_counter() - start) / count
-        left = each * (len(items) - count)
-        logger.info("%s %d of %d, %.1f s each, %.0f s left", what, count, len(items), each, left)
+            bar.step()
 
 
 def poses_of(poses, camera):
@@ -171,7 +157,6 @@ def parse_arguments():
         help="depth, normals and semantic mask of each photo, in truth/",
     )
     parser.add_argument("--only", type=int, nargs="+", help="render only these photos, from 0")
-    parser.add_argument("--masks", help="folder for exact sky masks (none written by default)")
     parser.add_argument("--truth_only", action="store_true", help="write the truth, no photos")
     return parser.parse_args()
 

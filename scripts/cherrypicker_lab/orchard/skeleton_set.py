@@ -12,7 +12,6 @@ Meyer et al., "CherryPicker" (CVPR workshops 2023), section 4.2; what it leaves 
   gone. The points are at least 8 cm apart, so that there are six holes.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,20 +136,3 @@ def make_set_tree(seed, number, *, trunk_radius=None):
     holes, centres = cut_holes(rng, noise)
     name = f"{template}_{number:02d}"
     return SetTree(name, template, noise, holes, centres, tree.skeleton(), tree)
-
-
-def skeleton_set(seed=0, n=50) -> Iterator[SetTree]:
-    """Make the set's trees one after the other.
-
-    Parameters
-    ----------
-    seed : int, default 0
-        Equal seeds give equal trees, each independent of `n`.
-    n : int, default 50
-
-    Yields
-    ------
-    SetTree
-    """
-    for number in range(n):
-        yield make_set_tree(seed, number)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.render import blender
-from cherrypicker_lab.orchard.render.photo import SKY_ID, decode_srgb, read_maps
+from cherrypicker_lab.orchard.render.photo import SKY_ID, decode_srgb
 from cherrypicker_lab.orchard.render.wind import sway
 from cherrypicker_lab.orchard.scene.backdrop import backdrop
 from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring, ring_poses
@@ -60,7 +60,10 @@ class Rendered:
         return np.asarray(Image.open(self.folder / "photos" / self.poses.names[i]))
 
     def maps(self, i):
-        return read_maps(self.folder / "truth", self.poses.names[i])
+        truth, stem = self.folder / "truth", Path(self.poses.names[i]).stem
+        with np.load(truth / "depth" / f"{stem}.npz") as stored:
+            maps = dict(stored)
+        return maps | {"semantic": np.asarray(Image.open(truth / "semantic" / f"{stem}.png"))}
 
     def seen(self, i, points, *, distortion=True):
         """COLMAP's RADIAL model by hand: pixels of points (n, 3)."""

@@ -19,7 +19,6 @@ from cherrypicker_lab.orchard.skeleton_set import (
     TIP_RADIUS_M,
     make_set_tree,
     noisy_surface,
-    skeleton_set,
     voxel_mean,
 )
 
@@ -198,7 +197,7 @@ def test_holes_are_holes_and_nothing_else_changes(set_tree):
 
 
 def test_set_is_reproducible_and_turns_through_the_templates():
-    trees = list(skeleton_set(7, 3))
+    trees = [make_set_tree(7, number) for number in range(3)]
     assert [t.name for t in trees] == ["fir_00", "larch_01", "pine_02"]
     again = make_set_tree(7, 1)
     assert again.noise.points.tobytes() == trees[1].noise.points.tobytes()

@@ -6,6 +6,7 @@ import make_orchard_scene
 import make_skeleton_set
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
@@ -25,7 +26,6 @@ from cherrypicker_lab.orchard.render.photo import (
     lens_map,
     lens_margin,
     maps_through,
-    read_maps,
     write_maps,
 )
 from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring, default_rings, ring_poses
@@ -211,11 +211,9 @@ def test_maps_survive_the_disk_and_know_the_sky(tmp_path):
     assert (mask == FAR_ID).any()
     depth = np.random.default_rng(0).random((90, 60)).astype(np.float32)
     write_maps(tmp_path, "IMG_0001.jpg", depth, np.zeros((90, 60, 3)), mask, label)
-    maps = read_maps(tmp_path, "IMG_0001.jpg")
-    np.testing.assert_array_equal(maps["depth"], depth)
-    np.testing.assert_array_equal(maps["semantic"], mask)
-    with pytest.raises(StageError):
-        read_maps(tmp_path, "IMG_0002.jpg")
+    with np.load(tmp_path / "depth/IMG_0001.npz") as maps:
+        np.testing.assert_array_equal(maps["depth"], depth)
+    np.testing.assert_array_equal(Image.open(tmp_path / "semantic/IMG_0001.png"), mask)
 
 
 def test_set_of_skeletons_on_disk(tmp_path):

@@ -9,8 +9,7 @@ import numpy as np
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path, read_npz
+from cherrypicker.files import atomic_path
 from cherrypicker_lab.orchard.scene.appearance import encode_srgb
 from cherrypicker_lab.orchard.scene.backdrop import backdrop
 
@@ -72,20 +71,16 @@ def compose(linear, alpha, scene, poses, i):
 
     Returns
     -------
-    linear : ndarray of shape (h, w, 3), float64
-    sky : ndarray of shape (h, w), bool
-        Pixels most of which is sky.
+    ndarray of shape (h, w, 3), float64
     """
     height, width = alpha.shape
     alpha, linear = alpha.reshape(-1), linear.reshape(-1, 3).copy()
     behind = np.flatnonzero(alpha < 1.0)
     rays = pixel_rays(poses.K[i], poses.cam_from_world[i], width, height)[behind]
-    radiance, is_sky = backdrop(rays, scene.light.sky, scene.seed)
+    radiance, _ = backdrop(rays, scene.light.sky, scene.seed)
     a = alpha[behind, None]
     linear[behind] = a * linear[behind] + (1.0 - a) * radiance
-    mask = np.zeros(len(alpha), bool)
-    mask[behind] = is_sky & (alpha[behind] < 0.5)
-    return linear.reshape(height, width, 3), mask.reshape(height, width)
+    return linear.reshape(height, width, 3)
 
 
 def behind_all(label, scene, poses, i):
@@ -264,29 +259,3 @@ def write_maps(folder, name, depth, normals, mask, tree):
         np.savez_compressed(
             file, depth=depth.astype(np.float32), normals=normals.astype(np.float16), tree=tree
         )
-
-
-def read_maps(folder, name):
-    """Read what `write_maps` wrote.
-
-    Returns
-    -------
-    dict of str to ndarray
-        `depth` (h, w) float32 (m, 0 none), `normals` (h, w, 3) float16, `tree` and `semantic`
-        (h, w) uint8.
-
-    Raises
-    ------
-    StageError
-        If a file is missing or broken, or they differ in size.
-    """
-    folder, stem = Path(folder), Path(name).stem
-    maps = read_npz(folder / "depth" / f"{stem}.npz", required=("depth", "normals", "tree"))
-    path = folder / "semantic" / f"{stem}.png"
-    try:
-        maps["semantic"] = np.asarray(Image.open(path))
-    except OSError as error:
-        raise StageError(f"the semantic mask cannot be read ({error})", file=path) from error
-    if maps["semantic"].shape != maps["depth"].shape:
-        raise StageError("mask and depth map differ in size", file=path)
-    return maps

@@ -1,4 +1,4 @@
-"""Named scenes: the demo trees, those to measure dense stereo on, a held-out and a small one."""
+"""Named scenes: the demo trees, and captures as people walk them."""
 
 from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring
 
@@ -40,64 +40,6 @@ PRESETS = {
             Ring(8, 0.60, 2.45, 1.15, 0.1),
         ],
     },
-    "heldout": {
-        "scene": {
-            "seed": 3307, "habit": "spindle", "height": 2.5, "trunk_radius": 0.04,
-            "density": 0.8, "sky": "clear", "neighbours": 2, "row_spacing": 3.4,
-            "sign": True, "ring": False, "cube": False, "post": True, "roof": False,
-            "markers": [
-                {"dictionary": "DICT_APRILTAG_36h11", "id": 5, "side_m": 0.28, "pose": "lying",
-                 "xy": (0.3, 0.68), "azimuth": -1.9, "tilt": 0.15},
-            ],
-        },
-        "camera": CameraModel(width=1200, height=800, focal_px=860.0, model="Orchard Three",
-                              sensor_diagonal_mm=28.2),
-        "rings": [
-            Ring(20, 1.0, 2.75, 1.10),
-            Ring(20, 1.7, 2.75, 1.10, 0.16),
-            Ring(20, 2.3, 2.6, 1.05, 0.08),
-        ],
-    },
-    "stereo_vase": {
-        "scene": {
-            "seed": 5501, "habit": "vase", "height": 2.9, "trunk_radius": 0.06,
-            "density": 0.8, "sky": "broken", "neighbours": 2, "row_spacing": 4.0,
-            "sign": True, "ring": False, "cube": False, "post": False, "roof": False,
-            "markers": [
-                {"dictionary": "DICT_6X6_250", "id": 11, "side_m": 0.26, "pose": "lying",
-                 "xy": (0.55, -0.62), "azimuth": 0.7, "tilt": 0.1},
-            ],
-        },
-        "camera": CameraModel(width=960, height=1280, focal_px=1130.0, model="Orchard Four"),
-        "rings": [
-            Ring(18, 1.05, 3.05, 1.35),
-            Ring(18, 2.00, 3.00, 1.45, 0.17),
-            Ring(8, 0.60, 2.90, 1.55, 0.3),
-        ],
-    },
-    "stereo_spindle": {
-        "scene": {
-            "seed": 5612, "habit": "spindle", "height": 2.8, "trunk_radius": 0.05,
-            "density": 0.85, "sky": "overcast", "neighbours": 1, "row_spacing": 3.6,
-            "sign": False, "ring": True, "cube": False, "post": False, "roof": False,
-            "markers": [
-                {"dictionary": "DICT_APRILTAG_36h11", "id": 3, "side_m": 0.24, "pose": "lying",
-                 "xy": (-0.5, -0.55), "azimuth": 2.2, "tilt": 0.12},
-            ],
-        },
-        "camera": CameraModel(width=1280, height=960, focal_px=960.0, model="Orchard Five",
-                              sensor_diagonal_mm=12.1),
-        "rings": [
-            Ring(18, 1.10, 3.00, 1.30, 0.1),
-            Ring(18, 2.10, 3.05, 1.40, 0.27),
-            Ring(8, 0.70, 2.80, 1.45),
-        ],
-    },
-    "small": {
-        "scene": {"seed": 4403, "sky": "broken", "neighbours": 2},
-        "camera": CameraModel(width=600, height=400, focal_px=480.0, model="Orchard Small"),
-        "rings": [Ring(20, 1.0, 2.7, 1.1, 0.0), Ring(20, 1.8, 2.6, 1.1, 0.15)],
-    },
 }  # fmt: skip
 
 
@@ -108,19 +50,11 @@ def _walk_preset(walk, background, n_photos, camera, marker, **scene):
         "dictionary": dictionary, "id": number, "side_m": side, "pose": "lying", "xy": (x, y),
         "azimuth": azimuth, "tilt": 0.15,
     }  # fmt: skip
-    plain = {
-        "cube": False,
-        "post": False,
-        "roof": False,
-        "ring": False,
-        "sign": True,
-        "relief": 0.6,
-        "spurs": 5.0,
-    }
+    things = dict.fromkeys(("cube", "post", "roof", "ring"), False) | {"sign": True}
     return {
         "scene": {
-            **plain, "tip_radius": (0.0015, 0.0022), "background": background, "markers": [lying],
-            **scene,
+            **things, "relief": 0.6, "spurs": 5.0, "tip_radius": (0.0015, 0.0022),
+            "background": background, "markers": [lying], **scene,
         },
         "camera": camera, "walk": walk, "n_photos": n_photos,
     }  # fmt: skip
