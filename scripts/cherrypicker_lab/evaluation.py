@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import CLASS_NAMES, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
-from cherrypicker.geometry.similarity import best_turn
+from cherrypicker.geometry.similarity import best_turn, fit_rigid
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
@@ -27,7 +27,7 @@ from cherrypicker_lab.skeletons.distances import match_rates
 logger = logging.getLogger(__name__)
 
 _SAMPLE_M, _THICK_M = 0.002, 0.005
-_CLASS_REACH_M = 0.03
+REACH_M = 0.03  # a point farther from all true surface has no true class
 _TIP_REACH_M = 0.03
 
 
@@ -89,9 +89,7 @@ def evaluate(results, truth):
     report = {}
     rotation, translation = np.eye(3), np.zeros(3)
     if (results / "metric_poses.npz").is_file():
-        cameras = compare_cameras(
-            read_poses(results / "metric_poses.npz"), read_poses(truth / "poses.npz")
-        )
+        cameras = cameras_beside_truth(results, truth)
         rotation, translation = cameras.pop("rotation"), cameras.pop("translation")
         report |= cameras
     skeleton = read_skeleton(results / "skeleton.graphml")
@@ -116,14 +114,12 @@ def missed_bars(report):
     ]
 
 
-def fit_similarity(source, target, *, with_scale=True):
+def fit_similarity(source, target):
     """Least-squares similarity ``target = s R source + t`` (Umeyama 1991).
 
     Parameters
     ----------
     source, target : ndarray of shape (n, 3), float64
-    with_scale : bool, default True
-        Fit s, else s = 1.
 
     Returns
     -------
@@ -134,7 +130,7 @@ def fit_similarity(source, target, *, with_scale=True):
     middle_source, middle_target = source.mean(axis=0), target.mean(axis=0)
     a, b = source - middle_source, target - middle_target
     rotation, gain = best_turn(b.T @ a)
-    scale = gain / float((a**2).sum()) if with_scale else 1.0
+    scale = gain / float((a**2).sum())
     return scale, rotation, middle_target - scale * rotation @ middle_source
 
 
@@ -200,7 +196,8 @@ def compare_cameras(found, truth):
     """
     a, b = pair_cameras(found.names, found.centers, truth.names, truth.centers)
     scale, _, _, keep = camera_similarity(a, b)
-    _, rotation, translation = fit_similarity(a[keep], b[keep], with_scale=False)
+    moved = fit_rigid(a[keep], b[keep], np.ones(keep.sum()))
+    rotation, translation = moved[:3, :3], moved[:3, 3]
     off = np.linalg.norm(a @ rotation.T + translation - b, axis=1)
     return {
         "n_photos": len(truth.names),
@@ -213,6 +210,19 @@ def compare_cameras(found, truth):
         "rotation": rotation,
         "translation": translation,
     }
+
+
+def cameras_beside_truth(results, truth):
+    """`compare_cameras` of a tree's results, ``results/{tree}``, and ``{scene}/truth``, Paths."""
+    return compare_cameras(
+        read_poses(results / "metric_poses.npz"), read_poses(truth / "poses.npz")
+    )
+
+
+def at_surface(points, surface, values, missing):
+    """What the nearest of surface points (m, 3) has, (n,); `missing` where `REACH_M` has none."""
+    _, nearest = cKDTree(surface).query(points, distance_upper_bound=REACH_M, workers=-1)
+    return np.append(values, values.dtype.type(missing))[nearest]
 
 
 def compare_skeletons(found, truth, *, tolerance=0.02):
@@ -300,7 +310,7 @@ def compare_labels(points, labels, true_points, true_labels):
         ``label_f1`` by class name, ``wood_f1`` (trunk and branch as one), ``trunk_f1``,
         ``branch_f1``, and ``label_matched``, the share of points with a true class.
     """
-    distance, nearest = cKDTree(true_points).query(points, distance_upper_bound=_CLASS_REACH_M)
+    distance, nearest = cKDTree(true_points).query(points, distance_upper_bound=REACH_M)
     known = np.isfinite(distance)
     found, true = labels[known], true_labels[nearest[known]]
     scores = {

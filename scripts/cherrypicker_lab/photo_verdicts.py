@@ -18,12 +18,13 @@ from cherrypicker.photo_check.drop import drop_refuted
 from cherrypicker.photos import list_photos
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
-from cherrypicker.skeleton import axes, axis_of_node, read_skeleton, read_skeleton_csv
+from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton, densify
 from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
-from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
+from cherrypicker_lab.evaluation import compare_skeletons
 from cherrypicker_lab.spoilt_skeletons import Spoilt
+from cherrypicker_lab.traits.cases import scan_and_truth
 
 TOLERANCE_M, SAMPLE_M = 0.01, 0.002
 # Bins of probability in which what is told is held against what is true
@@ -54,12 +55,9 @@ class FinishedScan:
             read_photo=photos.read,
         )
         self.fused = self.photos.placed(read_cloud(results / "cloud.ply").points)
-        self.skeleton = read_skeleton(results / "skeleton.graphml")
+        self.skeleton, self.true = scan_and_truth(results, truth)
         self.cloud = read_cloud(results / "segmented.ply", required=("label",))
         self.others = np.array(read_json(results / "target.json")["other_stems_xy"]).reshape(-1, 2)
-        moved = compare_cameras(poses, read_poses(truth / "poses.npz"))
-        self.true = read_skeleton_csv(truth / "skeleton.csv")
-        self.true.points = (self.true.points - moved["translation"]) @ moved["rotation"]
 
     @property
     def as_it_is(self) -> Spoilt:

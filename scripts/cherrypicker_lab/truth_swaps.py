@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.errors import StageError
@@ -31,12 +30,10 @@ from cherrypicker.skeleton import (
 from cherrypicker_lab.dense.true_cameras import triangulate_true_cameras
 from cherrypicker_lab.dense.true_depth import TrueScene
 from cherrypicker_lab.dense.truth import sample_skeleton
-from cherrypicker_lab.evaluation import compare_cameras
+from cherrypicker_lab.evaluation import at_surface, cameras_beside_truth
 
 #: Distance between samples of the true tree's surface, m.
 SURFACE_STEP_M = 0.003
-#: A point further from every true surface has no true class, m.
-CLASS_REACH_M = 0.03
 
 _MODEL = ("cameras.bin", "images.bin", "points3D.bin", "frames.bin", "rigs.bin")
 #: Gigabytes that no rung needs: depth maps are made anew or replaced, and fused before later rungs.
@@ -121,7 +118,7 @@ def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) 
 def place_true_labels(before: Path, results: Path, truth: Path) -> list[Path]:
     """Give every point of ``metric.ply`` the class of the true surface that it lies on.
 
-    Points further than `CLASS_REACH_M` from all of them are unlabelled.
+    Points further than `evaluation.REACH_M` from all of them are unlabelled.
 
     Parameters
     ----------
@@ -137,12 +134,8 @@ def place_true_labels(before: Path, results: Path, truth: Path) -> list[Path]:
     cloud = read_cloud(results / "metric.ply")
     rotation, translation = _to_truth(results, truth)
     surface, labels = _true_classes(truth)
-    gap, nearest = cKDTree(surface).query(
-        cloud.points @ rotation.T + translation, distance_upper_bound=CLASS_REACH_M, workers=-1
-    )
-    is_known = np.isfinite(gap)
-    label = np.full(len(cloud), Label.UNLABELLED, np.uint8)
-    label[is_known] = labels[nearest[is_known]]
+    placed = cloud.points @ rotation.T + translation
+    label = at_surface(placed, surface, labels, Label.UNLABELLED)
     fields = {"label": label, "confidence": np.ones(len(cloud), np.float32)}
     cloud.fields = {**cloud.fields, **fields}
     write_cloud(results / "segmented.ply", cloud)
@@ -174,10 +167,9 @@ def place_true_skeleton(before: Path, results: Path, truth: Path) -> list[Path]:
 
 def _to_truth(results: Path, truth: Path) -> tuple[np.ndarray, np.ndarray]:
     """Rotation and translation from the tree's metric frame to the scene's."""
-    found = read_poses(results / "metric_poses.npz")
     if read_json(results / "metric.json").get("unit", "m") != "m":
         raise StageError("the tree has no scale in metres", file=results / "metric.json")
-    cameras = compare_cameras(found, read_poses(truth / "poses.npz"))
+    cameras = cameras_beside_truth(results, truth)
     return cameras["rotation"], cameras["translation"]
 
 

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.files import read_json
-from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.traits.branches import axis_shapes, read_branches
 from cherrypicker.traits.intervals import branch_terms
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.reports import Reports
-from cherrypicker_lab.evaluation import compare_cameras
+from cherrypicker_lab.evaluation import cameras_beside_truth
 from cherrypicker_lab.orchard.truth import TRUNK_HEIGHT_M, width_of_wood
 from cherrypicker_lab.skeletons.set_tree import load_set_tree
 from cherrypicker_lab.traits.pairs import (
@@ -59,8 +58,7 @@ def scan_cases(source, results, truth):
 def scan_and_truth(results, truth):
     """Skeleton of a finished scan from photos and the true one in its frame, as of `scan_cases`."""
     true = read_skeleton_csv(truth / "skeleton.csv")
-    found = read_poses(results / "metric_poses.npz")
-    moved = compare_cameras(found, read_poses(truth / "poses.npz"))
+    moved = cameras_beside_truth(results, truth)
     true.points = (true.points - moved["translation"]) @ moved["rotation"]
     return read_skeleton(results / "skeleton.graphml"), true
 

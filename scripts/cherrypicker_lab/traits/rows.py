@@ -10,7 +10,6 @@ are held against the truth: there labels, cameras and scale are the workflow's t
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.contraction.contract_wood import contract_wood
@@ -19,19 +18,16 @@ from cherrypicker.files import read_json, read_npz
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.limbs.orchard import MOST_POINTS, GrowthOptions
 from cherrypicker.pointcloud import PointCloud, read_cloud
-from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.wood.row import FoundTrees, find_trees, rows_of_tree
 from cherrypicker.wood.target_wood import share_cloud
-from cherrypicker_lab.evaluation import compare_cameras, compare_skeletons
+from cherrypicker_lab.evaluation import at_surface, cameras_beside_truth, compare_skeletons
 from cherrypicker_lab.orchard.rows import row_cloud, row_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.truth import tree_traits
 
 MEASURED = ("height_m", "trunk_diameter_m", "total_length_m")
-# A point farther from all true surface has no true tree, m; as in `evaluation.compare_labels`
-REACH_M = 0.03
 # What a row from photos must reach (issue 19)
 LEAST_IOU, MOST_WRONG, MOST_TRUNK_MAE_M = 0.9, 0.03, 0.003
 
@@ -99,16 +95,11 @@ def measure_scanned_row(results, scan, truth):
     """
     results, truth = Path(results), Path(truth)
     folder, true_trees = results / scan, read_json(truth / "trees.json")["trees"]
-    cameras = compare_cameras(
-        read_poses(folder / "metric_poses.npz"), read_poses(truth / "poses.npz")
-    )
+    cameras = cameras_beside_truth(folder, truth)
     rotation, shift = cameras.pop("rotation"), cameras.pop("translation")
     cloud = read_cloud(folder / "segmented.ply", required=("label",))
     exact = read_cloud(truth / "cloud.ply", required=("tree",))
-    away, nearest = cKDTree(exact.points).query(
-        cloud.points @ rotation.T + shift, distance_upper_bound=REACH_M
-    )
-    tree = np.append(exact["tree"], np.uint8(NO_TREE))[nearest]  # the last: nothing within reach
+    tree = at_surface(cloud.points @ rotation.T + shift, exact.points, exact["tree"], NO_TREE)
     found = read_json(folder / "trees.json")
     if not found["trees"]:
         raise StageError("no tree was found", file=folder / "trees.json")

@@ -9,24 +9,20 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, Label
 from cherrypicker.files import read_json
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.placement.footprint import Footprint, read_region
 from cherrypicker.pointcloud import PointCloud, read_cloud
-from cherrypicker.poses import read_poses
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.segmentation.dgcnn import N_CLASSES
 from cherrypicker.segmentation.inference import segment_cloud
 from cherrypicker.segmentation.known_markers import KnownMarkers, known_markers
-from cherrypicker_lab.evaluation import compare_cameras
+from cherrypicker_lab.evaluation import REACH_M, at_surface, cameras_beside_truth
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores
 from cherrypicker_lab.training.segmentation.scenes import hidden_bark
 from cherrypicker_lab.training.segmentation.training import network_labels
-
-REACH_M = 0.03  # a point further than this from the true surface has no true class
 
 
 @dataclass(frozen=True)
@@ -82,14 +78,9 @@ def of_scan(results, truth):
     cloud = read_cloud(results / "metric.ply")
     surface = read_cloud(truth / "cloud.ply", required=("label",))
     surface = surface.select(~hidden_bark(surface.points, surface["label"]))
-    moved = compare_cameras(
-        read_poses(results / "metric_poses.npz"), read_poses(truth / "poses.npz")
-    )
+    moved = cameras_beside_truth(results, truth)
     points = cloud.points @ moved["rotation"].T + moved["translation"]
-    distance, nearest = cKDTree(surface.points).query(points, distance_upper_bound=REACH_M)
-    labels = np.full(len(cloud), int(Label.UNLABELLED), np.uint8)
-    known = np.isfinite(distance)
-    labels[known] = surface["label"][nearest[known]]
+    labels = at_surface(points, surface.points, surface["label"], Label.UNLABELLED)
     files = [results / "scale.json", results / "align.json"]
     markers = None
     if all(file.is_file() for file in files):
