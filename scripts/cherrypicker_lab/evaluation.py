@@ -314,14 +314,15 @@ def compare_labels(points, labels, true_points, true_labels):
     known = np.isfinite(distance)
     found, true = labels[known], true_labels[nearest[known]]
     scores = {
-        CLASS_NAMES.get(int(label), str(label)): _f1(found == label, true == label)
+        CLASS_NAMES.get(int(label), str(label)): f1(found == label, true == label)
         for label in np.unique(true)
     }
     bars = {f"{name}_f1": scores[name] for name in ("trunk", "branch") if name in scores}
-    bars["wood_f1"] = _f1(wood_mask(found), wood_mask(true))
+    bars["wood_f1"] = f1(wood_mask(found), wood_mask(true))
     return {"label_f1": scores, "label_matched": float(known.mean()), **bars}
 
 
-def _f1(found, true):
+def f1(found, true):
+    """F1 of what was found, both bool (n,)."""
     n_both = np.count_nonzero(found & true)
     return float(2 * n_both / max(np.count_nonzero(found) + np.count_nonzero(true), 1))

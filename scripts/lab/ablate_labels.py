@@ -23,7 +23,8 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation import inference, stems
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
-from cherrypicker_lab.training.segmentation.held_out import of_sample, of_scan
+from cherrypicker_lab.evaluation import f1
+from cherrypicker_lab.training.segmentation.held_out import of_sample, of_scans
 from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, load_samples
 
 logger = logging.getLogger("cherrypicker")
@@ -54,12 +55,7 @@ PASSES = {
 
 def main(weights, workspace, *, output, scans, n_scenes, n_random, n_hard, seed, threads):
     folder, device = Path(workspace), choose_device(threads, 0)
-    clouds = []
-    for pair in scans:
-        results, _, truth = pair.partition("=")
-        if not truth:
-            raise StageError("a scan is given as RESULTS=TRUTH", file=pair, key="--scan")
-        clouds.append(of_scan(results, truth))
+    clouds = of_scans(scans)
     sets = ((100, n_scenes, "common"), (700, n_random, "random"), (800, n_hard, "hard"))
     for first, n, things in sets:
         seeds = range(HELD_OUT_SEED + first, HELD_OUT_SEED + first + n)
@@ -109,9 +105,9 @@ def _measure(labelled, weights, off, **settings):
     known = labelled.truth <= max(CLASS_NAMES.keys() - {Label.UNLABELLED})
     truth, found = labelled.truth[known], np.asarray(cloud["label"])[known]
     row = {"cloud": labelled.name, "off": "all" if len(off) > 1 else "".join(off) or "none"}
-    row["wood"] = _f1(wood_mask(truth), wood_mask(found))
+    row["wood"] = f1(wood_mask(truth), wood_mask(found))
     for label in np.unique(truth):
-        row[CLASS_NAMES[int(label)]] = _f1(truth == label, found == label)
+        row[CLASS_NAMES[int(label)]] = f1(truth == label, found == label)
     try:
         contracted, report = contract_wood(cloud, region=labelled.region, orchard=orchard)
         skeleton = extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
@@ -121,11 +117,6 @@ def _measure(labelled, weights, off, **settings):
     except StageError as error:
         logger.warning("%s without %s: %s", labelled.name, row["off"], error)
     return row
-
-
-def _f1(truth, found):
-    both = np.count_nonzero(truth & found)
-    return float(2 * both / max(np.count_nonzero(truth) + np.count_nonzero(found), 1))
 
 
 COLUMNS = ("wood", "trunk", "branch", "sign", "marker", "calibration_unit", "roof", "support_post")

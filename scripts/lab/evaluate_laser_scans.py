@@ -13,24 +13,20 @@ from pathlib import Path
 import numpy as np
 
 import lab_path  # noqa: F401
-from cherrypicker.classes import CLASS_NAMES, WOOD
+from cherrypicker.classes import CLASS_NAMES, WOOD, wood_mask
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores
 from cherrypicker_lab.training.segmentation.training import network_labels
-from cherrypicker_lab.training.segmentation.weak_labels import SCANS, read_scan, wood_share
+from cherrypicker_lab.training.segmentation.weak_labels import SCANS, read_scan
 
 logger = logging.getLogger("cherrypicker")
 
 
 def main(weights, clouds, *, output, seed, threads):
-    settings = {
-        "sampling": Sampling(),
-        "seed": seed,
-        "device": choose_device(threads, 0),
-    }
+    settings = {"sampling": Sampling(), "seed": seed, "device": choose_device(threads, 0)}
     rows = []
     for scan in SCANS:
         cloud, truth = read_scan(scan, clouds)
@@ -50,7 +46,7 @@ def _row(name, cloud, labels, truth):
         "scan": name,
         "n_points": len(cloud),
         "height_m": float(np.ptp(cloud.points[:, 2])),
-        "wood": wood_share(labels),
+        "wood": float(wood_mask(labels).mean()),
         "others": others,
     }
     if truth is not None:

@@ -15,7 +15,6 @@ import numpy as np
 
 import lab_path  # noqa: F401
 from cherrypicker.classes import wood_mask
-from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import N_CLASSES, choose_device
@@ -24,7 +23,7 @@ from cherrypicker_lab.outputs import save
 from cherrypicker_lab.training.segmentation.held_out import (
     judge,
     of_sample,
-    of_scan,
+    of_scans,
     table,
     without_color,
 )
@@ -55,41 +54,27 @@ def main(
     threads,
     gpu,
 ):
-    settings = {
-        "sampling": Sampling(),
-        "seed": seed,
-        "device": choose_device(threads, gpu),
-    }
+    settings = {"sampling": Sampling(), "seed": seed, "device": choose_device(threads, gpu)}
     folder = Path(workspace)
-    seeds = range(first_seed, first_seed + n_scenes)
-    others = range(first_seed + 500, first_seed + 500 + n_templates)
+    generated = {
+        "held-out seeds": (0, n_scenes, {}),
+        "held-out forms": (500, n_templates, {"habits": TEMPLATES}),
+        "things at random": (600, n_random, {"things": "random"}),
+        "hard things": (750, n_hard, {"things": "hard"}),
+    }
     sets = {}
-    if n_scenes:
-        known = [of_sample("held-out", s) for s in load_samples(seeds, folder, scene_points)]
-        sets["held-out seeds"] = known
-    if n_templates:
-        samples = load_samples(others, folder, scene_points, habits=TEMPLATES)
-        sets["held-out forms"] = [of_sample("template", sample) for sample in samples]
-    if n_random:
-        strange = range(first_seed + 600, first_seed + 600 + n_random)
-        samples = load_samples(strange, folder, scene_points, things="random")
-        sets["things at random"] = [of_sample("random", sample) for sample in samples]
-    if n_hard:
-        hard = range(first_seed + 750, first_seed + 750 + n_hard)
-        samples = load_samples(hard, folder, scene_points, things="hard")
-        sets["hard things"] = [of_sample("hard", sample) for sample in samples]
+    for name, (shift, n, options) in generated.items():
+        if n:
+            seeds = range(first_seed + shift, first_seed + shift + n)
+            samples = load_samples(seeds, folder, scene_points, **options)
+            sets[name] = [of_sample(name, sample) for sample in samples]
     if trees:
         sets["trees from elsewhere"] = []
         for number, skeleton in enumerate(2 * sorted(trees)):
             options = {"things": "elsewhere", "skeletons": [skeleton]}
             samples = load_samples([first_seed + 700 + number], folder, scene_points, **options)
             sets["trees from elsewhere"] += [of_sample("elsewhere", each) for each in samples]
-    for pair in scans:
-        results, _, truth = pair.partition("=")
-        if not truth:
-            raise StageError("a scan is given as RESULTS=TRUTH", file=pair, key="--scan")
-        one = of_scan(results, truth)
-        sets[f"{one.name}, through photos"] = [one]
+    sets |= {f"{one.name}, through photos": [one] for one in of_scans(scans)}
     confusions, panels = {}, []
     for name, clouds in sets.items():
         if colors != "without":
@@ -103,11 +88,8 @@ def main(
     text = table(confusions)
     logger.info("F1 a class\n%s", text)
     if output:
-        write_json(
-            output,
-            {"weights": Path(weights).name, "table": text}
-            | {name: matrix.tolist() for name, matrix in confusions.items()},
-        )
+        found = {name: matrix.tolist() for name, matrix in confusions.items()}
+        write_json(output, {"weights": Path(weights).name, "table": text} | found)
     if labels_figure and panels:
         save(draw_labels(panels), labels_figure)
 

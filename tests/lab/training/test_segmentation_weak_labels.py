@@ -6,7 +6,6 @@ import pytest
 from cherrypicker.classes import Label
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.skeleton import read_skeleton_csv
-from cherrypicker_lab.training.segmentation import weak_labels
 from cherrypicker_lab.training.segmentation.weak_labels import Scan, read_scan, wood_by_order
 
 # a stem of 40 mm radius to 1 m, a thin lateral at 0.5 m; children before their parents, one
@@ -40,8 +39,3 @@ def test_a_scan_comes_in_metres_from_its_own_corner(tmp_path):
     assert np.ptp(cloud.points[:, 2]) == pytest.approx(0.8)
     assert labels.tolist() == [Label.TRUNK, Label.BRANCH, Label.TRUNK]
     assert read_scan(Scan("t.ply"), tmp_path)[1] is None
-
-
-def test_a_post_is_no_wood_of_a_tree():
-    labels = np.array([Label.TRUNK, Label.BRANCH, Label.SUPPORT_POST, Label.ROOF])
-    assert weak_labels.wood_share(labels) == 0.5

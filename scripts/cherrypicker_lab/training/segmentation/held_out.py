@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cherrypicker.classes import CHANNELS, Label
+from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.placement.footprint import Footprint, read_region
@@ -52,6 +53,23 @@ def of_sample(name, sample, *, color=True):
         places.append([*middle, np.linalg.norm(own - middle, axis=1).max()])
     markers = KnownMarkers([], np.reshape(places, (-1, 4)))
     return LabelledCloud(name, cloud, sample.labels, markers)
+
+
+def of_scans(pairs):
+    """`of_scan` of each of the texts RESULTS=TRUTH that a script is given.
+
+    Raises
+    ------
+    StageError
+        If one has no truth, or see `of_scan`.
+    """
+    clouds = []
+    for pair in pairs:
+        results, _, truth = pair.partition("=")
+        if not truth:
+            raise StageError("a scan is given as RESULTS=TRUTH", file=pair, key="--scan")
+        clouds.append(of_scan(results, truth))
+    return clouds
 
 
 def of_scan(results, truth):

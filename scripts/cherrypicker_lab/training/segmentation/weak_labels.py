@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label, wood_mask
+from cherrypicker.classes import Label
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.skeleton.axes import axes, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
@@ -89,8 +89,3 @@ def read_scan(scan, folder):
     if not scan.truth:
         return metric, None
     return metric, wood_by_order(points, read_skeleton_csv(folder / scan.truth, scan.unit_m))
-
-
-def wood_share(labels):
-    """Share of points that are trunk or branch, in a cloud that is all wood of trees."""
-    return float(wood_mask(labels).mean())
